@@ -71,7 +71,8 @@ def synthetic(structure: Structure, joint: Joint | Joints, true: np.ndarray, por
     rng = np.random.default_rng(1)
     noise = rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)
     frf = jb.FrfSet(ports.frequency_hz, exact + np.sqrt(variance / 2) * noise, ports.outputs, ports.inputs)
-    return likelihood_of(structure, joint, FrfData(frf, variance, synthetic=True))
+    data = FrfData(frf, variance, synthetic=True)
+    return likelihood_of(data, jb.Test("", structure, joint, data))
 
 
 def rod(law: str, dofs_per_node: int = 2) -> Structure:

@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike
 
 from jointbayes.case.case import Case, case_from_text
 from jointbayes.case.case_text import read_case_text
+from jointbayes.frf import AnyStructure
 from jointbayes.identification import MapEstimate, ModeSearch
-from jointbayes.inference import LogPosterior, Problem
-from jointbayes.joint import Joint, LogStiffness
+from jointbayes.inference import Likelihood, LogPosterior, Problem, Test, likelihood_of
+from jointbayes.joint import AnyJoint, Joint, LogStiffness
+from jointbayes.measurement import Data
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.information import knowledge
 from jointbayes.report import ReportInputs, figures
@@ -83,6 +85,11 @@ def rod(
         shear_coefficient=shear_coefficient,
         dofs_per_node=dofs_per_node,
     )
+
+
+def lone_likelihood(structure: AnyStructure, joint: AnyJoint, data: Data, **stated: object) -> Likelihood:
+    """Likelihood of the data of one test without a name."""
+    return likelihood_of(data, Test("", structure, joint, data, **stated))  # type: ignore[arg-type]
 
 
 def shipped_text(name: str) -> str:

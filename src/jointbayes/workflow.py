@@ -24,7 +24,6 @@ from jointbayes.identification import (
     why_not_iterated,
 )
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.run_record import run_fingerprint, sampler_figures
@@ -84,7 +83,7 @@ def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHisto
     part = part_to_iterate(problem)
     if part is None:
         raise ModelError(f"{problem.name}: {why_not_iterated(problem)}; use find_map instead")
-    assert isinstance(part.test.data, FrfData)
+    assert part.test.data.frfs is not None
     assert part.test.joint_frf is not None
     start = part.first_guess if initial is None else np.asarray(initial, dtype=float)
     part.parametrisation.check(start)
@@ -92,7 +91,7 @@ def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHisto
         part.test.structures,
         part.test.joints,
         part.test.joint_frf,
-        part.test.data.frf.outputs,
+        part.test.data.frfs.frf.outputs,
         start,
         parametrisation=part.parametrisation,
         **(whole.spec.identification.model_dump() if whole is not None else {}),
@@ -150,10 +149,10 @@ def find_map(
     problem.parametrisation.check(guess)
     starts: dict[str, Array] = {"first guess": guess}
     for part in problem.parts:
-        own = part.parametrisation
-        if not isinstance(part.test.data, FrfData) or part.test.joints.size != _PAIR or own.unused or own.damped:
+        own, frfs = part.parametrisation, part.test.data.frfs
+        if frfs is None or part.test.joints.size != _PAIR or own.unused or own.damped:
             continue
-        fitted = compliance_start(part.test.structure, part.test.joints, part.test.data)
+        fitted = compliance_start(part.test.structure, part.test.joints, frfs)
         name = "compliance fit without a guess"
         starts[f"{part.test.name}: {name}" if part.test.name else name] = own.from_matrix(fitted)
     iteration = identify(whole or problem, guess) if part_to_iterate(problem) is not None else None
@@ -231,9 +230,8 @@ def sample(
         with UnfinishedRun(checkpoint, resume=resume, tell=tell or (lambda _line: None)) as unfinished:
             return sample(case, settings=settings, seed=seed, progress=progress, tell=tell, checkpoint=unfinished)
     problem, whole = _problem_and_case(case)
-    for part in problem.parts:
-        if isinstance(part.test.data, FrfData):
-            part.test.data.require_lines()
+    for test in problem.tests:
+        test.data.require_enough()
     seed = _seed(whole, seed)
     tell = tell or (lambda _line: None)
     dimension = len(problem.prior.names)

@@ -33,9 +33,7 @@ MODULUS, DENSITY = "youngs_modulus_gpa = 210.0", "density_kg_m3 = 7800.0"
 def warnings_of(*changes, text=None):
     text = edited(text or cheap_text(), *changes)
     spec = parse_case(text, "case")
-    return [
-        str(w) for w in plausibility.input_warnings(spec, case_text(text, "case"), plausibility.stated_band_hz(spec))
-    ]
+    return [str(w) for w in plausibility.input_warnings(spec, case_text(text, "case"), spec.data.band_hz)]
 
 
 # ---- slips

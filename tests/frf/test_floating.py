@@ -131,10 +131,10 @@ def test_modes_as_data_have_no_rigid_body_motions_among_them():
     frequency = np.sqrt(lam) / (2 * np.pi)
     ratio = ModeShapes(("4:x",), "1:x", Observed((shapes[3] / shapes[0])[:2, None], 0.01))
     measured = ModeData(Observed(frequency[None, :2], 0.1), shapes=ratio)
-    found = ModePrediction(as_family(structure), joint, measured).modal_values(matrix[None])
+    found = ModePrediction(measured, as_family(structure), joint).predicted_values(matrix[None])
     assert_allclose(np.sort(found), np.sort(np.hstack([frequency[:2], (shapes[3] / shapes[0])[:2]])[None]), rtol=1e-8)
     by_shape = replace(measured, match="shape")
-    again = ModePrediction(as_family(structure), joint, by_shape).modal_values(matrix[None])
+    again = ModePrediction(by_shape, as_family(structure), joint).predicted_values(matrix[None])
     assert_allclose(again, found, rtol=1e-8)
 
 

@@ -10,11 +10,11 @@ from scipy.integrate import cumulative_trapezoid
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, Ports, receptance_model
-from jointbayes.inference import JointPrior, LogPosterior, Normal, Nuisance, Problem, Uniform, likelihood_of
+from jointbayes.inference import JointPrior, LogPosterior, Normal, Nuisance, Problem, Uniform
 from jointbayes.joint import LogStiffness, SignedCoupling
 from jointbayes.measurement import FrequencyData, FrfData, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor
-from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
+from tests.conftest import CLAMP, TABLE_3, lone_likelihood, pair_matrix, rod
 
 ROD = rod(elements=4)
 LINES = np.linspace(50.0, 2400.0, 60)
@@ -165,7 +165,7 @@ def test_the_frf_likelihood_is_that_of_independent_normal_parts():
     sd = np.sqrt(measured.variance / 2)
     by_hand = stats.norm.logpdf(frf.values.real, predicted.real, sd).sum()
     by_hand += stats.norm.logpdf(frf.values.imag, predicted.imag, sd).sum()
-    likelihood = likelihood_of(ROD, CLAMP, measured)
+    likelihood = lone_likelihood(ROD, CLAMP, measured)
     assert likelihood.log_likelihood(stiffness[None])[0] == pytest.approx(by_hand, rel=1e-11)
     assert likelihood.n_data == 60 * 2 * 2
 
@@ -174,7 +174,7 @@ def test_the_frequency_likelihood_is_that_of_independent_normals():
     measured = frequency_measurement()
     predicted = Problem(structure=ROD, joint=CLAMP, data=measured, prior=NORMAL).natural_frequencies_hz(TABLE_3, 3)[0]
     by_hand = stats.norm.logpdf(measured.frequency_hz, predicted, measured.sd_hz).sum()
-    likelihood = likelihood_of(ROD, CLAMP, measured)
+    likelihood = lone_likelihood(ROD, CLAMP, measured)
     assert likelihood.log_likelihood(pair_matrix(TABLE_3)[None])[0] == pytest.approx(by_hand, rel=1e-11)
     assert likelihood.n_data == 3
 
@@ -183,7 +183,7 @@ def test_the_frequency_likelihood_is_that_of_independent_normals():
 def test_a_rigid_clamp_explains_the_measured_frequencies_as_well_as_it_does_in_an_independent_code(
     length, expected, tolerance
 ):
-    likelihood = likelihood_of(rod(length), CLAMP, frequency_measurement())
+    likelihood = lone_likelihood(rod(length), CLAMP, frequency_measurement())
     rigid = pair_matrix([1e18, 0.0, 1e16])
     assert likelihood.log_likelihood(rigid[None])[0] == pytest.approx(expected, abs=tolerance)
 
@@ -196,7 +196,7 @@ def test_likelihood_differences_do_not_depend_on_the_quantity(quantity):
         receptance.frf.converted(quantity), receptance.variance * factor[:, None, None] ** 2, synthetic=True
     )
     joints = pair_matrix(TABLE_3 * np.random.default_rng(1).uniform(0.5, 2.0, (20, 3)))
-    here, there = (likelihood_of(ROD, CLAMP, m).log_likelihood(joints) for m in (receptance, converted))
+    here, there = (lone_likelihood(ROD, CLAMP, m).log_likelihood(joints) for m in (receptance, converted))
     assert np.ptp(here) > 100.0
     assert_allclose(there - there[0], here - here[0], rtol=1e-8, atol=1e-8)
     assert there[0] - here[0] == pytest.approx(-2 * 4 * np.log(factor).sum(), rel=1e-10)
@@ -217,10 +217,10 @@ def test_the_likelihood_belongs_to_the_joint_and_not_to_its_coordinates():
 def test_a_measured_dof_that_does_not_exist_is_refused():
     frf = FrfSet([100.0], np.ones((1, 1, 1)), ("12:y",), ("5:y",))
     with pytest.raises(ModelError, match="found DOF '12:y'"):
-        likelihood_of(ROD, CLAMP, FrfData(frf, np.ones((1, 1, 1))))
+        lone_likelihood(ROD, CLAMP, FrfData(frf, np.ones((1, 1, 1))))
     many = np.arange(1.0, 12.0)
     with pytest.raises(ModelError, match="expected 1 to 10"):
-        likelihood_of(ROD, CLAMP, FrequencyData(many, np.ones(11)))
+        lone_likelihood(ROD, CLAMP, FrequencyData(many, np.ones(11)))
 
 
 # ---- posterior density

@@ -18,12 +18,11 @@ from jointbayes.inference import (
     ScaledNoise,
     StudentNoise,
     Uniform,
-    likelihood_of,
 )
 from jointbayes.joint import LogStiffness
 from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.structure import BeamFamily, BeamRecipe, LossFactor, Section
-from tests.conftest import STEEL
+from tests.conftest import STEEL, lone_likelihood
 from tests.frf.test_measured_body import K_PAIR, LINES, TAPER, measured_spindle, tool
 
 KNOWN = np.array([2e8, 3e6, 1e5])
@@ -69,7 +68,7 @@ def test_the_likelihood_is_the_dense_gaussian_of_data_and_body_errors(quantity):
     measurement = data(quantity=quantity)
     factor = np.abs(measurement.frf.values / data().frf.values)[:, :, 0]
     ports = Ports(LINES, ("7:y", "s4:y"), ("7:y",))
-    found = likelihood_of(whole(), TAPER, measurement)
+    found = lone_likelihood(whole(), TAPER, measurement)
     for k in (K_PAIR, 1.3 * K_PAIR):
         added = numerical_covariance(ports, measured_spindle(), k)
         predicted = receptance_model(whole(), TAPER, ports).receptance(k)[0, :, :, 0]
@@ -84,9 +83,9 @@ def test_the_likelihood_is_the_dense_gaussian_of_data_and_body_errors(quantity):
 
 
 def test_without_errors_of_the_body_the_likelihood_is_the_usual_one():
-    ignored = likelihood_of(whole(propagate=False), TAPER, data())
-    exact = likelihood_of(whole(sd=0.0), TAPER, data())
-    usual = likelihood_of(whole(), TAPER, data())
+    ignored = lone_likelihood(whole(propagate=False), TAPER, data())
+    exact = lone_likelihood(whole(sd=0.0), TAPER, data())
+    usual = lone_likelihood(whole(), TAPER, data())
     k = np.stack([K_PAIR, 1.2 * K_PAIR])
     assert exact.log_likelihood(k) == pytest.approx(ignored.log_likelihood(k), rel=1e-12)
     assert (np.abs(usual.log_likelihood(k) - ignored.log_likelihood(k)) > 1).all()
@@ -101,19 +100,18 @@ def test_a_gain_multiplies_what_the_errors_of_the_body_make():
     theta = np.append(np.log(KNOWN), np.log(1.1))
     scaled = data()
     scaled = replace(scaled, frf=replace(scaled.frf, values=scaled.frf.values / 1.1), variance=scaled.variance / 1.21)
-    want = likelihood_of(whole(), TAPER, scaled).log_likelihood(K_PAIR[None])[0] - 2 * scaled.frf.values.size * np.log(
-        1.1
-    )
+    (want,) = lone_likelihood(whole(), TAPER, scaled).log_likelihood(K_PAIR[None])
+    want -= 2 * scaled.frf.values.size * np.log(1.1)
     assert log_posterior.log_likelihood(theta)[0] == pytest.approx(want, abs=1e-8)
 
 
 def test_noise_models_take_the_whole_noise_for_the_stated_one():
     k, measurement = K_PAIR[None], data()
-    usual = likelihood_of(whole(), TAPER, measurement)
-    scaled = likelihood_of(whole(), TAPER, measurement, noise=ScaledNoise(2))
+    usual = lone_likelihood(whole(), TAPER, measurement)
+    scaled = lone_likelihood(whole(), TAPER, measurement, noise=ScaledNoise(2))
     assert scaled.log_likelihood(k, [[1.0]]) == pytest.approx(usual.log_likelihood(k))
     assert scaled.log_likelihood(k, [[1.5]])[0] != pytest.approx(usual.log_likelihood(k)[0], abs=1)
-    many = likelihood_of(whole(), TAPER, measurement, noise=StudentNoise(2, 1e7))
+    many = lone_likelihood(whole(), TAPER, measurement, noise=StudentNoise(2, 1e7))
     assert many.log_likelihood(k) == pytest.approx(usual.log_likelihood(k), abs=1e-3)
 
 
@@ -132,7 +130,7 @@ def test_whitened_residuals_of_replicated_data_are_white():
         noise = rng.standard_normal((*truth.shape, 2)) @ [1, 1j] * np.sqrt(variance / 2)
         noisy = Substructures(tool(), (replace(body, receptance=body.receptance + delta),))
         measurement = FrfData(FrfSet(LINES, truth + noise, ports.outputs, ports.inputs), variance)
-        z.append(likelihood_of(noisy, TAPER, measurement).standardised(K_PAIR[None])[0])
+        z.append(lone_likelihood(noisy, TAPER, measurement).standardised(K_PAIR[None])[0])
     second = np.einsum("nlp,nlq->pq", z, np.conj(z)) / (60 * len(LINES))
     assert np.abs(second - np.eye(2)).max() < 4 / np.sqrt(60 * len(LINES))
 
@@ -161,20 +159,20 @@ def test_residuals_of_one_point_are_those_of_the_batch_and_their_jacobian_is_of_
 
 def test_pointwise_values_add_up_and_are_refused_where_frfs_share_the_noise():
     one = data(outputs=("7:y",))
-    found = likelihood_of(whole(), TAPER, one)
+    found = lone_likelihood(whole(), TAPER, one)
     assert found.pointwise(K_PAIR[None]).sum() == pytest.approx(found.log_likelihood(K_PAIR[None])[0])
     with pytest.raises(ModelError, match="share the noise of a measured body"):
-        likelihood_of(whole(), TAPER, data()).pointwise(K_PAIR[None])
+        lone_likelihood(whole(), TAPER, data()).pointwise(K_PAIR[None])
 
 
 def test_the_variance_is_that_of_the_data_and_the_propagated_one():
     measurement = data(quantity="accelerance")
-    found = likelihood_of(whole(), TAPER, measurement).variance(K_PAIR[None])[0, :, :, 0]
+    found = lone_likelihood(whole(), TAPER, measurement).variance(K_PAIR[None])[0, :, :, 0]
     added = numerical_covariance(Ports(LINES, ("7:y", "s4:y"), ("7:y",)), measured_spindle(), K_PAIR)
     omega = 2 * np.pi * LINES[:, None]
     want = measurement.variance[:, :, 0] + np.diagonal(added, axis1=1, axis2=2).real * omega**4
     assert found == pytest.approx(want, rel=1e-5)
-    ignored = likelihood_of(whole(propagate=False), TAPER, measurement).variance(K_PAIR[None])
+    ignored = lone_likelihood(whole(propagate=False), TAPER, measurement).variance(K_PAIR[None])
     assert (ignored[0] == measurement.variance).all()
 
 
@@ -194,7 +192,7 @@ def test_a_problem_with_a_measured_body_has_no_modes_and_says_what_it_ignores():
 )
 def test_noise_beside_which_the_body_cannot_be_propagated_is_refused(noise, kind):
     with pytest.raises(ModelError, match="expected complex ones with Gaussian or Student-t noise"):
-        likelihood_of(whole(), TAPER, data(), noise=noise, kind=kind)
+        lone_likelihood(whole(), TAPER, data(), noise=noise, residual_kind=kind)
 
 
 def test_natural_frequencies_are_no_data_beside_a_measured_body():

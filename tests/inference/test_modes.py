@@ -7,12 +7,11 @@ import pytest
 from scipy import linalg, stats
 
 from jointbayes.frf import AssembledShapes
-from jointbayes.inference import likelihood_of
 from jointbayes.inference.modal_likelihood import ModePrediction, mac
 from jointbayes.joint import Joint
 from jointbayes.measurement import ModeData, ModeShapes, Observed
 from jointbayes.structure import LossFactor, ModalDamping, Structure, as_family
-from tests.conftest import CLAMP, rod
+from tests.conftest import CLAMP, lone_likelihood, rod
 
 NAN = float("nan")
 MASSES = np.diag([2.0, 1.0, 1.5])
@@ -38,7 +37,7 @@ def test_ln_l_is_the_sum_of_the_normal_log_densities_of_every_observed_value():
     components[1, 0, 1] = NAN
     shapes = ModeShapes(("3:x", "1:x"), ("2:x", "2:x", "2:x"), Observed(components, 0.1))
     measured = ModeData(frequency, damping, shapes)
-    likelihood = likelihood_of(CHAIN, GROUND, measured)
+    likelihood = lone_likelihood(CHAIN, GROUND, measured)
     for k in (300.0, 4e4):
         lam, phi = modes(k)
         expected = stats.norm.logpdf(frequency.values, np.sqrt(lam) / (2 * np.pi), frequency.sd).sum()
@@ -52,7 +51,7 @@ def test_ln_l_is_the_sum_of_the_normal_log_densities_of_every_observed_value():
 def test_eigenvalues_are_compared_as_eigenvalues():
     lam, _ = modes(900.0)
     measured = ModeData(Observed(1.1 * lam, 0.2 * lam), eigenvalues=True)
-    likelihood = likelihood_of(CHAIN, GROUND, measured)
+    likelihood = lone_likelihood(CHAIN, GROUND, measured)
     np.testing.assert_allclose(likelihood.standardised([[[900.0]]])[0], -0.5, rtol=1e-9)
 
 
@@ -60,7 +59,7 @@ def test_a_mode_is_compared_with_the_one_of_its_number():
     lam, _ = modes(900.0)
     f = np.sqrt(lam) / (2 * np.pi)
     measured = ModeData(Observed(f[[2, 0]], 0.1), numbers=(3, 1))
-    likelihood = likelihood_of(CHAIN, GROUND, measured)
+    likelihood = lone_likelihood(CHAIN, GROUND, measured)
     np.testing.assert_allclose(likelihood.predicted([[[900.0]]])[0], f[[2, 0]], rtol=1e-9)
 
 
@@ -70,7 +69,7 @@ def test_modes_are_matched_by_shape_where_the_joint_changes_their_order():
     shapes = ModeShapes(("1:x",), "2:x", Observed(np.array([[1e-3], [2e3]]), 1.0))
     frequency = Observed(np.sqrt([400.0, 900.0]) / (2 * np.pi), 0.1)
     measured = ModeData(frequency, shapes=shapes, match="shape")
-    prediction = ModePrediction(as_family(apart), Joint(("1:x",)), measured)
+    prediction = ModePrediction(measured, as_family(apart), Joint(("1:x",)))
     for k, order in ((900.0, [0, 1]), (100.0, [1, 0])):
         modal, places = prediction.matched([[[k]]])
         assert places.tolist() == [order]
@@ -88,7 +87,7 @@ def test_a_reference_that_does_not_move_is_infinitely_unlikely_and_no_error():
     alike = Structure(np.array([[5.0, 0.0], [0.0, 5.0]]), np.eye(2), ModalDamping((0.0,)), ("1:x", "2:x"))
     shapes = ModeShapes(("1:x",), "2:x", Observed(np.array([[0.5], [0.5]]), 0.1))
     measured = ModeData(Observed(np.array([0.3, 0.4]), 0.1), shapes=shapes)
-    likelihood = likelihood_of(alike, Joint(("1:x",)), measured)
+    likelihood = lone_likelihood(alike, Joint(("1:x",)), measured)
     assert likelihood.log_likelihood([[[1.0]]])[0] < -1e30
 
 
@@ -106,7 +105,7 @@ def test_the_jacobian_of_the_residuals_is_that_of_differences(match, eigenvalues
         match=match,
         eigenvalues=eigenvalues,
     )
-    likelihood = likelihood_of(structure, CLAMP, measured)
+    likelihood = lone_likelihood(structure, CLAMP, measured)
     directions = np.array([[[1e6, 0], [0, 0]], [[0, 1e4], [1e4, 0]], [[0, 0], [0, 1e3]]])
     residual, jacobian = likelihood.residuals(STIFF, directions, np.ones(0))
     np.testing.assert_allclose(residual, likelihood.standardised(STIFF[None])[0], rtol=1e-12)

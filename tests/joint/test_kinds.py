@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.inference import JointPrior, LogPosterior, Uniform
-from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.joint import (
     COORDINATES,
     HYPOTHESES,
@@ -27,7 +26,7 @@ from jointbayes.joint import (
     under_hypothesis,
 )
 from jointbayes.measurement import FrequencyData
-from tests.conftest import CLAMP, PAIR, TABLE_3, best_of, pair_matrix, rod
+from tests.conftest import CLAMP, PAIR, TABLE_3, best_of, lone_likelihood, pair_matrix, rod
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 SPRINGS = parametrisation_named("springs", ("x", "rz"))
@@ -318,7 +317,7 @@ def test_the_mode_search_finds_the_springs_that_made_the_data(springs):
     prior = JointPrior(springs, tuple(marginals[name] for name in springs.names))
     assert prior.sample(np.random.default_rng(1), 5).shape == (5, theta.size)
     assert [end.shape for end in prior.support] == [(theta.size,)] * 2
-    posterior = LogPosterior(prior, likelihood_of(rod(elements=4), CLAMP, measurement))
+    posterior = LogPosterior(prior, lone_likelihood(rod(elements=4), CLAMP, measurement))
     found = best_of(posterior, {"paper": [1e8, 0.0, 0.0], "stiff": [1e10, 1e6, 1e6]})
     np.testing.assert_allclose(found.theta, theta, atol=1e-6)
     assert found.covariance.shape == (theta.size, theta.size)

@@ -39,10 +39,10 @@ def test_natural_frequencies_are_weighted_means_over_repetitions():
 
 
 def test_which_modes_are_the_lowest_is_known():
-    assert FrequencyData(np.array([1.0, 2.0]), np.array([0.1, 0.1])).lowest
-    assert ModeData(FREQUENCY).lowest
-    assert not ModeData(FREQUENCY, numbers=(1, 3)).lowest
-    assert not ModeData(FREQUENCY, shapes=SHAPES, match="shape").lowest
+    assert FrequencyData(np.array([1.0, 2.0]), np.array([0.1, 0.1])).lowest_hz
+    assert ModeData(FREQUENCY).lowest_hz
+    assert ModeData(FREQUENCY, numbers=(1, 3)).lowest_hz is None
+    assert ModeData(FREQUENCY, shapes=SHAPES, match="shape").lowest_hz is None
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def scaled(index, factor):
 
 def at_true_joint(text, change=None, seed=1):
     problem = problem_of(text, change)
-    return diagnose(problem, np.log(TABLE_3), np.random.default_rng(seed))
+    return diagnose(problem.test.data, problem, np.log(TABLE_3), np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("text", [TIP, BOTH, THREE], ids=["one", "two", "three"])
@@ -99,15 +99,17 @@ def test_the_size_of_a_fault_is_stated():
 )
 def test_a_fault_is_named_after_the_joint_has_taken_up_what_it_can(text, change, cause):
     case = replace(case_from_text("diagnosis", text), problem=problem_of(text, change))
-    found = diagnose(case.problem, find_map(case, seed=1).theta, np.random.default_rng(1))
+    found = diagnose(case.problem.test.data, case.problem, find_map(case, seed=1).theta, np.random.default_rng(1))
     assert [name.split(",")[0] for name in found.causes] == [cause]
 
 
 def test_gain_and_other_uncertain_quantities_are_applied_before_anything_is_compared():
     problem = problem_of(with_truth(TIP, "gain = 1.1") + "\n[uncertain.gain]\nsd_percent = 20.0\n")
     right = np.append(np.log(TABLE_3), np.log(1.1))
-    assert diagnose(problem, right, np.random.default_rng(1)).causes == ()
-    assert diagnose(problem, np.append(np.log(TABLE_3), 0.0), np.random.default_rng(1)).causes == ("level",)
+    assert diagnose(problem.test.data, problem, right, np.random.default_rng(1)).causes == ()
+    assert diagnose(problem.test.data, problem, np.append(np.log(TABLE_3), 0.0), np.random.default_rng(1)).causes == (
+        "level",
+    )
 
 
 def test_the_fit_of_a_resonance_is_exact_for_one_mode():

@@ -14,12 +14,11 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledModes, DirectSolve, FrfSet, LowRankCoupling, Ports
 from jointbayes.frf.kernels.secular import springs
 from jointbayes.frf.modal import JoinedModes
-from jointbayes.inference import JointPrior, LogPosterior, Normal
-from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of
+from jointbayes.inference import FrfLikelihood, JointPrior, LogPosterior, Normal
 from jointbayes.joint import Joint, Joints, LogStiffness
 from jointbayes.measurement import FrfData, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh, Structure
-from tests.conftest import CLAMP, CONFIGS, TABLE_3, pair_matrix, rod
+from tests.conftest import CLAMP, CONFIGS, TABLE_3, lone_likelihood, pair_matrix, rod
 
 LAWS = {"loss factor": LossFactor(0.02), "Rayleigh": Rayleigh(2.0, 1e-7), "modal": ModalDamping((0.01,))}
 
@@ -152,7 +151,7 @@ def test_the_gradient_of_the_posterior_is_that_of_its_residuals():
         structure, CLAMP, pair_matrix(TABLE_3), ports, RelativeNoise(0.03, 0.01), rng=np.random.default_rng(1)
     )
     prior = JointPrior(LogStiffness(), tuple(Normal(np.log(k), 2.0) for k in TABLE_3))
-    posterior = LogPosterior(prior, likelihood_of(structure, CLAMP, measurement))
+    posterior = LogPosterior(prior, lone_likelihood(structure, CLAMP, measurement))
     theta = np.log(TABLE_3 * [1.3, 0.9, 1.02])
     residual, jacobian = posterior.residuals(theta)
     np.testing.assert_allclose(posterior.gradient(theta), -jacobian.T @ residual, rtol=1e-8)

@@ -7,7 +7,6 @@ from scipy import linalg
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, receptance_model
-from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.joint import Joint
 from jointbayes.measurement import FrfData
 from jointbayes.structure import (
@@ -20,6 +19,7 @@ from jointbayes.structure import (
     ViscousMatrix,
     chain,
 )
+from tests.conftest import lone_likelihood
 
 LAW = ModalDamping((0.01,))
 PORTS = Ports(np.linspace(3.0, 80.0, 7), ("1:x", "2:x"), ("2:x",))
@@ -136,7 +136,7 @@ def test_errors_of_natural_frequencies_that_frfs_do_not_depend_on_are_refused(la
     values = np.ones((7, 2, 1), dtype=complex)
     measured = FrfData(FrfSet(PORTS.frequency_hz, values, PORTS.outputs, PORTS.inputs), np.ones(values.shape))
     with pytest.raises(ModelError, match=r"found mode_frequency_1 for FRFs.*; expected modal damping"):
-        likelihood_of(family, Joint(("1:x",)), measured)
+        lone_likelihood(family, Joint(("1:x",)), measured)
 
 
 @pytest.mark.parametrize(("tiny", "spring"), [(1e-6, 1e9), (1e-7, 1e10), (1e-9, 1e12)])

@@ -22,8 +22,7 @@ from jointbayes.case.combined import (
     require_lowest,
 )
 from jointbayes.case.doubts import find_numbering, numbering_warnings, sign_warnings, truth_warnings
-from jointbayes.case.plausibility import input_warnings, stated_band_hz
-from jointbayes.case.spec.measured_table import MeasuredSpec
+from jointbayes.case.plausibility import input_warnings
 from jointbayes.case.spec.parse import needs_files, parse_planned, parse_setups
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import KeyPath, fault_start
@@ -31,7 +30,7 @@ from jointbayes.errors import CaseError, JointBayesError, MeasurementError, Mode
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Joint, Joints, as_joints
-from jointbayes.measurement import Data, FrfData, ModalData
+from jointbayes.measurement import Data
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import StructureRecipe
@@ -113,9 +112,9 @@ class Case:
     @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:
         """Measured natural frequencies, if the data of the one test, or the reference, hold any, Hz."""
-        measured = None if len(self.problem.tests) > 1 else self.problem.test.data
-        if isinstance(measured, ModalData):
-            return tuple(measured.frequency_hz.tolist()) if measured.lowest else None
+        modes = None if len(self.problem.tests) > 1 else self.problem.test.data.modes
+        if modes is not None:
+            return modes.lowest_hz
         reference = self.spec.reference
         return reference.natural_frequencies_hz if reference else None
 
@@ -126,8 +125,7 @@ class Case:
         texts = setup_texts(self.source)
         for (name, spec), part in zip(parse_setups(self.source).items(), self.problem.parts, strict=False):
             measured = part.test.data
-            lines = measured.frequency_hz if isinstance(measured, ModalData) else measured.frf.frequency_hz
-            warnings += input_warnings(spec, texts[name], (float(lines.min()), float(lines.max())))
+            warnings += input_warnings(spec, texts[name], measured.band_hz)
             warnings += sign_warnings(measured.provenance, texts[name])
             warnings += numbering_warnings(find_numbering(part), texts[name], measured.provenance is not None)
         for setup in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
@@ -289,13 +287,13 @@ def _setup(
         tell(joints)
         joint = as_joints(spec.joint_objects)
         _require_dofs_of_offsets(spec, place)
-        if isinstance(spec.data, MeasuredSpec):
+        if spec.data.files is not None:
             from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
 
             tell("data")
             if data is None and not allow_outside:
-                require_inside(directory, spec.data.file, lambda number: place(("data", "file", number)))
-            data = data or read_measurement(spec.data.file, directory, plan_of(spec))
+                require_inside(directory, spec.data.files.file, lambda number: place(("data", "file", number)))
+            data = data or read_measurement(spec.data.files.file, directory, plan_of(spec))
             spec = as_measured(spec, data)
             tell("structure")
             recipe = recipe_of(spec.structure, spec.data, data)
@@ -313,12 +311,11 @@ def _setup(
             from jointbayes.case.case_files import measured_bodies
 
             tell("bodies")
-            named = (*joint.labels, *_ports(data))
+            named = (*joint.labels, *data.dofs)
             bodies = measured_bodies(spec, named, directory, allow_outside, place)
         tell("data")
         require_lowest(stated, recipe, joint, data)
-        if isinstance(data, FrfData):
-            data.require_lines()
+        data.require_enough()
     return CaseSetup(name, source, spec, recipe, bodies, joint, data, noise, of_noise)
 
 
@@ -359,11 +356,6 @@ def _require_dofs_of_offsets(spec: CaseSpec, place: Callable[[KeyPath], str]) ->
                 )
 
 
-def _ports(data: Data) -> tuple[str, ...]:
-    """DOFs of the data."""
-    return data.frf.outputs + data.frf.inputs if isinstance(data, FrfData) else ()
-
-
 @contextmanager
 def _told_of(source: CaseText, spec: CaseSpec) -> Iterator[Callable[[str], None]]:
     """Name file, line and key in errors of what is built from a case, yielding what is called with each table's turn.
@@ -383,7 +375,7 @@ def _told_of(source: CaseText, spec: CaseSpec) -> Iterator[Callable[[str], None]
     except (JointBayesError, ArithmeticError, np.linalg.LinAlgError, MemoryError) as error:
         place, path = source.place((table,)), source.written((table,))
         key = ".".join(map(str, path)) if (table,) in source.places else ".".join(map(str, path[:-1])) or "file"
-        slips = () if isinstance(error, MeasurementError) else input_warnings(spec, source, stated_band_hz(spec))
+        slips = () if isinstance(error, MeasurementError) else input_warnings(spec, source, spec.data.band_hz)
         if slips:
             place, key = (slips[0].file, slips[0].line), slips[0].key
         message = str(error)

@@ -10,22 +10,18 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.case.spec.measured_table import (
     MeasuredBodySpec,
-    MeasuredFrequenciesSpec,
-    MeasuredFrfSpec,
     MeasuredSpec,
-    RotationSpec,
     VarianceSpec,
 )
 from jointbayes.case.spec.prior_tables import FactorPriorSpec
-from jointbayes.case.spec.structure_kinds import BeamSpec, MatricesSpec, MatrixDampingSpec, asymmetry
-from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase
+from jointbayes.case.spec.structure_kinds import MatricesSpec, MatrixDampingSpec, asymmetry
+from jointbayes.case.spec.structure_table import ModalDampingSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, MeasurementError, printable
 from jointbayes.frf import MeasuredBody
 from jointbayes.joint import as_joints
-from jointbayes.measurement.data import FrfData
-from jointbayes.measurement.measurement_plan import Channel, FrequencyPlan, MeasurementPlan, VarianceSource
-from jointbayes.measurement.mode_data import Data
+from jointbayes.measurement.data import Data
+from jointbayes.measurement.measurement_plan import Channel, MeasurementPlan, VarianceSource
 from jointbayes.measurement.rotations import Rotation
 from jointbayes.measurement.signals.hits import HitSettings
 from jointbayes.measurement.signals.impact import ImpactSettings
@@ -43,24 +39,13 @@ _DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from t
 
 
 def plan_of(spec: CaseSpec) -> MeasurementPlan:
-    """What a case with data of kind ``"measured_frf"`` or ``"measured_frequencies"`` asks for of its files."""
-    data = spec.data
-    assert isinstance(data, MeasuredFrfSpec | MeasuredFrequenciesSpec)
-    frf = data if isinstance(data, MeasuredFrfSpec) else None
-    frequencies = data if isinstance(data, MeasuredFrequenciesSpec) else None
-    return replace(
-        plan_of_files(data),
-        outputs=frf.outputs if frf else (),
-        inputs=frf.inputs if frf else (),
-        rotations=tuple(_rotation(label, one, spec.structure) for label, one in frf.rotations.items()) if frf else (),
-        joint_dofs=as_joints(spec.joint_objects).labels,
-        frequencies=(
-            FrequencyPlan(frequencies.modes, frequencies.sd_relative, frequencies.sd_hz) if frequencies else None
-        ),
-    )
+    """What a case with data in measurement files asks for of these."""
+    files, joints = spec.data.files, as_joints(spec.joint_objects)
+    assert files is not None
+    return replace(plan_of_files(files), joint_dofs=joints.labels, **files.asked_for(spec.structure))
 
 
-def plan_of_files(data: MeasuredFrfSpec | MeasuredFrequenciesSpec | MeasuredBodySpec) -> MeasurementPlan:
+def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
     """What all tables of measurement files ask for of these."""
     return MeasurementPlan(
         {name: Channel(c.label, c.sign, c.gain, c.accelerometer_mass_g * _G) for name, c in data.channels.items()},
@@ -89,16 +74,6 @@ def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:
         return ShakerSettings(spec.block_s, spec.overlap, spec.window, spec.estimator, *band)
     hits = HitSettings(spec.block_s, spec.pretrigger_s, force_range_n=spec.force_range_n)
     return ImpactSettings(hits, spec.force_window_s, spec.exponential_end, spec.estimator, *band)
-
-
-def _rotation(label: str, spec: RotationSpec, structure: StructureBase) -> Rotation:
-    """A rotation with the distance of its stations, negative where they run backwards."""
-    first, second, *_ = (int(station.split(":")[0]) for station in spec.stations)
-    assert isinstance(structure, BeamSpec)  # as the rules of the tables ask
-    spacing = (second - first) * structure.length_mm / structure.elements
-    if spec.spacing_mm is not None:
-        spacing = float(np.copysign(spec.spacing_mm, spacing))
-    return Rotation(label, spec.stations, spacing * _MM, spec.scheme, spec.in_likelihood, spec.axis)
 
 
 def require_inside(
@@ -156,7 +131,7 @@ def _with_estimated_variance(spec: CaseSpec, measured: Data) -> CaseSpec:
     dof/(dof − 2) on average, not 1. Only where the case does not choose a distribution itself, and nothing else
     forbids it.
     """
-    dof = measured.variance_dof if isinstance(measured, FrfData) else None
+    dof = measured.variance_dof
     noise = spec.noise
     free = "distribution" not in noise.model_fields_set and noise.discrepancy is None and noise.scale != "integrated"
     if dof is None or dof >= _NEARLY_GAUSSIAN or not free or noise.residuals != "complex":
@@ -188,7 +163,7 @@ def _with_measured_damping(spec: CaseSpec, measured: Data) -> CaseSpec:
         )
     structure = spec.structure.model_copy(update={"damping": damping.model_copy(update={"ratio": ratios})})
     uncertain = spec.uncertain
-    if uncertain.damping_ratio is None and isinstance(measured, FrfData):
+    if uncertain.damping_ratio is None and measured.frfs is not None:
         high = max(min(_DAMPING_FACTOR, 0.9 / max(ratios)), 1.0)
         prior = FactorPriorSpec(low_factor=1 / _DAMPING_FACTOR, high_factor=high, own=True)
         uncertain = uncertain.model_copy(update={"damping_ratio": prior})
@@ -239,8 +214,8 @@ def measured_bodies(
 def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: Path) -> MeasuredBody:
     from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
 
-    measured = read_measurement(spec.file, directory, plan_of_files(spec))
-    assert isinstance(measured, FrfData)
+    measured = read_measurement(spec.file, directory, plan_of_files(spec)).frfs
+    assert measured is not None
     assert measured.provenance is not None  # as of all that is read
     whole = MeasuredBody.of(measured.frf, measured.variance, name)
     motions = {label: {label: 1.0} for label in whole.dofs if label in wanted}

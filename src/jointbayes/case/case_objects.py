@@ -7,8 +7,8 @@ from importlib import import_module
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.case.spec.data_table import DataSpec, NaturalFrequenciesSpec, NoiseSpec, SyntheticFrfSpec
-from jointbayes.case.spec.mode_data_table import ModesSpec
+from jointbayes.case.spec.data_table import NoiseSpec, SyntheticFrfSpec
+from jointbayes.case.spec.fields import DataTable
 from jointbayes.case.spec.settings_tables import NoiseModelSpec
 from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase
 from jointbayes.case.spec.whole import CaseSpec
@@ -19,35 +19,35 @@ from jointbayes.joint import AnyJoint
 from jointbayes.measurement import (
     CoherenceNoise,
     Data,
-    FrequencyData,
-    FrfData,
-    ModeData,
-    ModeShapes,
     NoiseLaw,
-    Observed,
     RelativeNoise,
     synthesise_frf,
 )
 from jointbayes.structure import StructureFamily, StructureRecipe, family_of_recipe
 
 
-def recipe_of(spec: StructureBase, data: DataSpec, measurement: Data | None = None) -> StructureRecipe:
+def recipe_of(spec: StructureBase, data: DataTable, measurement: Data | None = None) -> StructureRecipe:
     """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
-    loaded = data.outputs if isinstance(data, SyntheticFrfSpec) else data.dofs if isinstance(data, ModesSpec) else ()
+    loaded = () if data.files else data.loaded
     if measurement is not None and measurement.provenance is not None:
         loaded = tuple(label for label in measurement.provenance.loaded if spec.absent(label) is None)
     return spec.recipe(loaded)
 
 
+def _synthetic(spec: CaseSpec) -> SyntheticFrfSpec:
+    """The table of data that a truth makes, of a case that has one."""
+    assert spec.data.synthetic is not None
+    return spec.data.synthetic
+
+
 def true_stiffness(spec: CaseSpec) -> Array:
     """Quantities of the joints that make the data, shape (q,)."""
-    assert isinstance(spec.data, SyntheticFrfSpec)
-    return np.array([spec.data.truth.by_name[name] for name in spec.all_quantities])
+    return np.array([_synthetic(spec).truth.by_name[name] for name in spec.all_quantities])
 
 
 def noise_of(spec: NoiseModelSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """Distribution of the residuals, and the priors of its parameters; its module has the name of the distribution."""
-    complex_frf = isinstance(data, FrfData) and spec.residuals == "complex"
+    complex_frf = data.frfs is not None and spec.residuals == "complex"
     d = spec.discrepancy
     choice = NoiseChoice(
         spec.scale,
@@ -66,13 +66,10 @@ def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Data:
 
     Of several set-ups each has noise of its own, by its name.
     """
-    spec = case.data
-    assert isinstance(spec, SyntheticFrfSpec | NaturalFrequenciesSpec | ModesSpec)
-    if isinstance(spec, ModesSpec):
-        return modes_of(spec)
-    if isinstance(spec, NaturalFrequenciesSpec):
-        frequency = np.array(spec.frequencies_hz)
-        return FrequencyData(frequency, np.hypot(spec.sd_relative * frequency, spec.sd_hz))
+    stated = case.data.stated()
+    if stated is not None:
+        return stated
+    spec = _synthetic(case)
     parametrisation, truth = case.parametrisation, true_stiffness(case)
     parametrisation.check(truth)
     # one virtual test: the joint's own DOFs come last, so that they leave the noise of the others as it is
@@ -101,8 +98,7 @@ def generator_of(seed: int, setup: str) -> np.random.Generator:
 
 def true_family(spec: CaseSpec) -> StructureFamily:
     """The structure that makes the data: as analysed, but for what the truth states otherwise."""
-    assert isinstance(spec.data, SyntheticFrfSpec)
-    truth, structure = spec.data.truth, spec.structure
+    truth, structure = _synthetic(spec).truth, spec.structure
     keys = {"youngs_modulus_gpa", "density_kg_m3", "length_mm", "accelerometer_mass_g"}
     stated: dict[str, object] = {key: getattr(truth, key) for key in keys & type(structure).model_fields.keys()}
     if truth.damping_ratio is not None:
@@ -116,28 +112,3 @@ def noise_law(spec: NoiseSpec) -> NoiseLaw:
     if spec.coherence is not None and spec.averages is not None:
         return CoherenceNoise(spec.coherence, spec.averages, spec.floor)
     return RelativeNoise(spec.relative, spec.floor)
-
-
-def modes_of(spec: ModesSpec) -> ModeData:
-    """The modes that a case states."""
-    damping = shapes = None
-    if spec.damping_ratios is not None:
-        damping = _observed(spec.damping_ratios, spec.damping_sd_relative, spec.damping_sd)
-    if (stated := spec.shapes) is not None:
-        reference = stated.reference[0] if len(stated.reference) == 1 else stated.reference
-        shapes = ModeShapes(stated.dofs, reference, Observed(np.array(stated.components), np.array(stated.sd)[:, None]))
-    rows = spec.frequencies_hz or spec.eigenvalues
-    assert rows is not None
-    of_eigenvalues = spec.eigenvalues is not None
-    frequency = _observed(rows, spec.sd_relative, spec.eigenvalue_sd if of_eigenvalues else spec.sd_hz)
-    return ModeData(frequency, damping, shapes, spec.numbers or (), spec.match, of_eigenvalues)
-
-
-def _observed(
-    rows: tuple[tuple[float, ...], ...], relative: tuple[float, ...], absolute: tuple[float, ...]
-) -> Observed:
-    values = np.array(rows)
-    # a fraction of the mean over repetitions: the spread does not depend on what one of them happened to give
-    seen = ~np.isnan(values)
-    mean = np.where(seen, values, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    return Observed(values, np.hypot(np.array(relative) * mean, absolute))

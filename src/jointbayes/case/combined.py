@@ -13,7 +13,6 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.case.case_text import CaseText
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec
-from jointbayes.case.spec.measured_table import MeasuredFrequenciesSpec
 from jointbayes.case.spec.prior_tables import FactorPriorSpec
 from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase
 from jointbayes.case.spec.whole import CaseSpec
@@ -23,7 +22,7 @@ from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, Level, Marginal, NoiseModel, Nuisance, Problem, Test, Uniform
 from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, as_joints, blocks_of
 from jointbayes.joint.quantities import prefixed
-from jointbayes.measurement import Data, FrfData, ModalData
+from jointbayes.measurement import Data
 from jointbayes.structure import StructureRecipe, family_of_recipe
 
 #: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses.
@@ -212,8 +211,7 @@ def own_stiffnesses(
     if not sides:
         return {}
     shown = resonances_hz(data)
-    lines = data.frf.frequency_hz if isinstance(data, FrfData) else shown
-    lowest = float((shown if shown.size else lines).min())
+    lowest = float(shown.min()) if shown.size else data.band_hz[0]
     sizes = {}
     for quantity in joint.quantities:
         if quantity.unit == "1":
@@ -293,7 +291,7 @@ def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, Fac
     if "length_offset" in stated:  # the error of the length is stated
         usual.pop("length", None)
     damping = spec.structure.damping
-    if isinstance(damping, ModalDampingSpec) and min(damping.ratio) > 0 and isinstance(data, FrfData):
+    if isinstance(damping, ModalDampingSpec) and min(damping.ratio) > 0 and data.frfs is not None:
         widest = min(10.0, 0.9 / largest)
         usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
     return {name: prior for name, prior in usual.items() if name not in stated}
@@ -322,10 +320,10 @@ def quantities_of(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> list[t
 
 def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> int:
     """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
-    if isinstance(data, ModalData):
-        return max(data.numbers)
+    if data.modes is not None:
+        return max(data.modes.numbers)
     rigid = rigid_frequencies_hz(recipe, as_joints(spec.joint_objects), _MOST_MODES)
-    return max(1, int((rigid < 1.1 * data.frf.frequency_hz[-1]).sum()))
+    return max(1, int((rigid < 1.1 * data.top_hz).sum()))
 
 
 def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) -> Array:
@@ -351,7 +349,7 @@ def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, mea
     damping = spec.structure.damping
     ratios = isinstance(damping, ModalDampingSpec) and damping.measured
     modes = measured.provenance.modes if measured.provenance else ()
-    if not modes or not (ratios or isinstance(spec.data, MeasuredFrequenciesSpec)):
+    if not modes or not (ratios or measured.modes is not None):
         return
     rigid = rigid_frequencies_hz(recipe, joint, len(modes))
     for number, (mode, highest) in enumerate(zip(modes, rigid, strict=False), 1):

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.case.case_text import CaseText, InputWarning
-from jointbayes.case.spec.data_table import SyntheticFrfSpec
 from jointbayes.case.spec.fields import Finding
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import JointPrior, Problem
-from jointbayes.measurement import ModalData, ModeData
+from jointbayes.measurement import ModalData
 
 if TYPE_CHECKING:
     from jointbayes.measurement.provenance import Provenance
@@ -58,9 +57,8 @@ def find_numbering(problem: Problem) -> Renumbered | None:
     problem
         One test.
     """
-    measured, prior = problem.test.data, problem.prior
-    by_shape = isinstance(measured, ModeData) and measured.match == "shape"
-    if by_shape or not isinstance(measured, ModalData) or not prior.marginals:
+    measured, prior = problem.test.data.modes, problem.prior
+    if measured is None or measured.match == "shape" or not prior.marginals:
         return None
     numbers, most = np.array(measured.numbers), problem.test.most_modes
     draws = np.tile(prior.mean, (_DRAWS, 1))
@@ -155,10 +153,10 @@ def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: boo
 
 def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding]:
     """Yield stiffnesses of the truth that have no coordinates, or coordinates of it that the prior excludes."""
-    if not isinstance(spec.data, SyntheticFrfSpec):
+    if spec.data.synthetic is None:
         return
-    joint, loc = prior.parametrisation, ("data", "truth")
-    truth = [spec.data.truth.by_name[_without(setup, name)] for name in joint.stiffness_names]
+    joint, loc, stated = prior.parametrisation, ("data", "truth"), spec.data.synthetic.truth
+    truth = [stated.by_name[_without(setup, name)] for name in joint.stiffness_names]
     if not joint.describes(truth):
         each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))
         kinds = " and ".join(dict.fromkeys(joint_spec.parametrisation for joint_spec in spec.all_joints.values()))
@@ -172,7 +170,7 @@ def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding
             found = f"found a truth with {axis.name} = {shown:.4g}, which the prior excludes"
             expected = f"{axis.name} from {least:.4g} to {most:.4g}, so that the analysis can find it"
             of_truth = _without(setup, axis.quantity)
-            place = (of_truth,) if spec.data.truth.stiffness is None else ("stiffness", *of_truth.split("."))
+            place = (of_truth,) if stated.stiffness is None else ("stiffness", *of_truth.split("."))
             own, _, name = _without(setup, axis.name).rpartition(".")
             table = f"joints.{own}.prior.{name}" if own else f"prior.{name}"
             yield Finding((*loc, *place), found, expected, f"widen [{table}] or correct the truth")

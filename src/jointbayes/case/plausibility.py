@@ -6,11 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from jointbayes.case.case_text import CaseText, InputWarning
-from jointbayes.case.spec.data_table import SyntheticFrfSpec
 from jointbayes.case.spec.fields import Finding
 from jointbayes.case.spec.frame_table import FrameSpec
-from jointbayes.case.spec.measured_table import MeasuredSpec
-from jointbayes.case.spec.mode_data_table import ModesSpec
 from jointbayes.case.spec.structure_kinds import BeamSpec
 from jointbayes.case.spec.structure_table import StructureBase
 from jointbayes.case.spec.whole import CaseSpec
@@ -58,18 +55,6 @@ _USUAL_MODULUS, _USUAL_DENSITY = (0.5, 1300.0), (200.0, 23_000.0)  # that a slip
 _USUAL_LENGTH, _USUAL_THICKNESS, _USUAL_SLENDERNESS = (5.0, 1e5), (0.5, 3000.0), (2.0, 200.0)  # mm
 _SHORT_MM, _LOW_HZ = 20.0, 100.0  # a length and a band below these may be in m and in kHz
 _CANTILEVER = 1.8751040687  # first root of cos λ cosh λ = −1
-
-
-def stated_band_hz(spec: CaseSpec) -> tuple[float, float] | None:
-    """Lowest and highest frequency of the data that a case states, Hz; None where they are in a measurement file."""
-    data = spec.data
-    if isinstance(data, MeasuredSpec):
-        return None
-    if isinstance(data, ModesSpec):
-        seen = [f for row in data.frequencies for f in row if not math.isnan(f)]
-        return min(seen), max(seen)
-    lines = data.lines_hz() if isinstance(data, SyntheticFrfSpec) else data.frequencies_hz
-    return lines[0], lines[-1]
 
 
 def input_warnings(spec: CaseSpec, text: CaseText, band_hz: tuple[float, float] | None) -> tuple[InputWarning, ...]:
@@ -212,14 +197,8 @@ def _band(spec: CaseSpec, structure: BeamSpec, band_hz: tuple[float, float]) -> 
 
 def _end_of_band(spec: CaseSpec, value: float, key: str) -> tuple[tuple[str, ...], float]:
     """Key that states an end of the band, and its value."""
-    data = spec.data
-    if isinstance(data, SyntheticFrfSpec | MeasuredSpec) and getattr(data, key) is not None:
-        return ("data", key), getattr(data, key)
-    if isinstance(data, MeasuredSpec):
-        return ("data", "file"), value
-    if isinstance(data, SyntheticFrfSpec) and data.f_step_hz is not None:
-        return ("data", "f_step_hz"), value  # the lowest line, where no f_min_hz is stated
-    return ("data", "frequencies_hz"), value
+    stated = getattr(spec.data, key, None)
+    return (("data", spec.data.band_key), value) if stated is None else (("data", key), stated)
 
 
 def _speed(modulus_gpa: float, density: float) -> float:

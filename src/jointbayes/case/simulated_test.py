@@ -70,11 +70,11 @@ class Truth:
     @cached_property
     def data(self) -> SyntheticFrfSpec:
         """The case's `[data]`."""
-        data = self.of.spec.data
-        if not isinstance(data, SyntheticFrfSpec):
+        data = self.of.spec.data.synthetic
+        if data is None:
             loc, source = ("data", "kind"), self.of.source
             expected = 'expected "synthetic_frf", whose [data.truth] a virtual test can measure'
-            words = f'found "{data.kind}"', expected, "state a truth"
+            words = f'found "{self.of.spec.data.kind}"', expected, "state a truth"
             raise CaseError(source.fault(loc, show_key(source.written(loc)), *words))
         return data
 

@@ -55,7 +55,7 @@ def outside_allowed() -> bool:
 def load(config: Path) -> "Case":
     """Read a case file; what in it is probably a slip is said on standard error, before any work where possible."""
     from jointbayes.case.case_text import read_case_text, setup_texts
-    from jointbayes.case.plausibility import input_warnings, stated_band_hz
+    from jointbayes.case.plausibility import input_warnings
     from jointbayes.case.spec.parse import parse_setups
     from jointbayes.case.toml_text import fault_line
     from jointbayes.cli.progress import show_phase
@@ -63,7 +63,7 @@ def load(config: Path) -> "Case":
     # what is wrong with the file itself is said before anything heavy is loaded
     text = read_case_text(config, outside_allowed())
     specs, texts = parse_setups(text), setup_texts(text)
-    each = (input_warnings(spec, texts[name], stated_band_hz(spec)) for name, spec in specs.items())
+    each = (input_warnings(spec, texts[name], spec.data.band_hz) for name, spec in specs.items())
     early = tuple(dict.fromkeys(warning for warnings in each for warning in warnings))
 
     def tell(warnings: "Iterable[InputWarning]") -> None:

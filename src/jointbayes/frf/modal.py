@@ -175,7 +175,7 @@ class NaturalFrequencies:
         return off * frequency, off * slope / (8 * np.pi**2 * np.maximum(frequency, np.finfo(float).tiny))
 
     # as data of modes they are all there is
-    modal_frequencies, modal_values, modal_tangent = frequency_hz, frequency_hz, tangent
+    modal_frequencies = predicted_values = frequency_hz
 
 
 class AssembledModes:

@@ -10,7 +10,6 @@ from jointbayes.identification.mode_search import Images, ModeSearch
 from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.starting_points import frequency_starts, screened_draws
 from jointbayes.inference import LogPosterior, Problem
-from jointbayes.measurement import FrfData
 
 #: Squared residuals this many standard deviations above their expectation are far more than the noise allows.
 FAR = 8.0
@@ -130,8 +129,8 @@ def _weights(problem: Problem) -> list[Array]:
     """
     ratios: list[Array] = []
     for part in problem.parts:
-        measured = part.test.data
-        if isinstance(measured, FrfData) and part.test.residual_kind == "complex":
+        measured = part.test.data.frfs
+        if measured is not None and part.test.residual_kind == "complex":
             ratios.append(np.repeat((np.abs(measured.frf.values) ** 2 / measured.variance).ravel(), 2))
         else:
             ratios.append(np.zeros(part.log_posterior.likelihood.n_data))

@@ -16,7 +16,6 @@ from jointbayes.arrays import Array
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Parametrisation, parametrisation_named
-from jointbayes.measurement import FrfData
 from jointbayes.structure import Structure, StructureFamily
 
 ComplexArray = NDArray[np.complex128]
@@ -236,6 +235,6 @@ def why_not_iterated(problem: Problem) -> str:
         )
     if problem.parametrisation.damped:
         return "found damping of the joint; the paper's iteration expects stiffnesses alone"
-    if not any(isinstance(test.data, FrfData) for test in problem.tests):
-        return "found natural frequencies as data; the paper's iteration expects FRFs"
+    if not any(test.data.frfs for test in problem.tests):
+        return f"found {problem.tests[0].data.words} as data; the paper's iteration expects FRFs"
     return missing_for_iteration(problem) or "found no FRFs at the joint; the paper's iteration expects joint_frf"

@@ -29,7 +29,6 @@ from jointbayes.identification.compliance_fit import FreeReceptance, measured_re
 from jointbayes.identification.least_squares import MANY_UNKNOWNS
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.joint import JointMatrix
-from jointbayes.measurement import FrfData
 
 ComplexArray = NDArray[np.complex128]
 
@@ -70,7 +69,7 @@ def reconstructed_starts(problem: Problem, rng: np.random.Generator, effort: int
         How many times as many points, a power of 2; above 1 twice as many ends.
     """
     count = len(problem.parametrisation.names)
-    with_frfs = [part for part in problem.parts if isinstance(part.test.data, FrfData)]
+    with_frfs = [part for part in problem.parts if part.test.data.frfs]
     if count < MANY_UNKNOWNS or not with_frfs:
         return np.empty((0, len(problem.names)))
     misfit = _Misfit(problem, [_TestData.from_problem(part) for part in with_frfs])
@@ -139,9 +138,10 @@ class _TestData:
 
     @classmethod
     def from_problem(cls, part: Problem) -> "_TestData":
-        assert isinstance(part.test.data, FrfData)
-        measured, sigma, free = measured_receptances(part.test.structure, part.test.joints, part.test.data)
-        lines = part.test.data.frf.frequency_hz
+        data = part.test.data.frfs
+        assert data is not None
+        measured, sigma, free = measured_receptances(part.test.structure, part.test.joints, data)
+        lines = data.frf.frequency_hz
         some = slice(None, None, max(1, lines.size // _LINES))
         free = FreeReceptance(free.jj[some], free.oj[some], free.ji[some], free.oi[some])
         variance = (sigma[some] ** 2 + (_MODEL_ERROR * np.abs(measured[some])) ** 2).mean(axis=2)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.measurement import Data, FrfData, ModalData
+from jointbayes.measurement import Data, FrfData
 from jointbayes.measurement.modal_problem import prominent_peaks
 
 Complex = NDArray[np.complex128]
@@ -39,19 +39,19 @@ def resonances_hz(data: Data) -> Array:
     Parameters
     ----------
     data
-        FRFs with variances, natural frequencies, or modes.
+        FRFs with variances, natural frequencies, or modes; of other data there are none.
     """
-    if isinstance(data, ModalData):
-        return np.sort(data.frequency_hz)
-    frequency = data.frf.frequency_hz
-    if frequency.size < 3:
+    if data.modes is not None:
+        return np.sort(data.modes.frequency_hz)
+    frfs = data.frfs
+    if frfs is None or frfs.frf.n_lines < 3:
         return np.empty(0)
-    receptances = data.frf.converted("receptance").values
+    frequency, receptances = frfs.frf.frequency_hz, frfs.frf.converted("receptance").values
     roots = [
         peak
-        for output in range(len(data.frf.outputs))
-        for input_ in range(len(data.frf.inputs))
-        for peak in _peaks(data, receptances[:, output, input_], output, input_)
+        for output in range(len(frfs.frf.outputs))
+        for input_ in range(len(frfs.frf.inputs))
+        for peak in _peaks(frfs, receptances[:, output, input_], output, input_)
     ]
     return _merged(np.array(roots).reshape(-1, 2), float(np.median(np.diff(frequency))))
 

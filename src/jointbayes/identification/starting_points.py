@@ -12,8 +12,7 @@ from jointbayes.arrays import Array
 from jointbayes.frf import NaturalFrequencies, rigid_body_modes
 from jointbayes.identification.least_squares import climb_all
 from jointbayes.identification.resonances import resonances_hz
-from jointbayes.inference import JointPrior, LogPosterior, Problem
-from jointbayes.measurement import ModalData
+from jointbayes.inference import JointPrior, LogPosterior, Problem, Test
 from jointbayes.structure import is_mode_frequency
 from jointbayes.structure.recipe import is_damping_ratio
 
@@ -43,11 +42,11 @@ _SWEEPS = 2  # each mode is looked for with the others where they were last foun
 
 def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
     """Predicts the natural frequencies up to the end of the band of the problem's structures with its joint."""
-    structures, measured = problem.test.structures, problem.test.data
-    if isinstance(measured, ModalData):
-        most = max(max(measured.numbers), min(measured.most_modes, problem.test.most_modes))
+    structures, modes = problem.test.structures, problem.test.data.modes
+    if modes is not None:
+        most = max(max(modes.numbers), min(modes.most_modes, problem.test.most_modes))
         return NaturalFrequencies(structures, problem.test.joints, most)
-    top = _SPARE * measured.top_hz
+    top = _SPARE * problem.test.data.top_hz
     free = structures.at(problem.test.joints.labels, top).nominal
     most = free.n_dofs - rigid_body_modes(free, problem.test.joints)
     return NaturalFrequencies(structures, problem.test.joints, min(most, _MOST_MODES), top)
@@ -56,7 +55,7 @@ def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
 class FrequencyMatch:
     """How well predicted natural frequencies agree with the resonances of the data, in every set-up.
 
-    But for set-ups with a body that is given by its FRFs, whose modes nobody knows.
+    But for set-ups with a body that is given by its FRFs, whose modes nobody knows, and for static tests.
 
     Parameters
     ----------
@@ -73,7 +72,7 @@ class FrequencyMatch:
         self.prior: JointPrior = problem.prior
         #: A few frequencies cost no more at one point further.
         self.linearised = None
-        self._tests = [_SetupMatch(part) for part in problem.parts if not part.test.measured_bodies]
+        self._tests = [_SetupMatch(part) for part in problem.parts if _has_modes(part.test)]
         self.columns: Indices = np.unique(np.concatenate([test.columns for test in self._tests]))
 
     @property
@@ -100,6 +99,11 @@ class FrequencyMatch:
         return theta
 
 
+def _has_modes(test: Test) -> bool:
+    """Whether natural frequencies of the model could show in the data of a test."""
+    return not test.measured_bodies and test.data.top_hz > 0
+
+
 class _SetupMatch:
     """The same of one set-up.
 
@@ -116,13 +120,12 @@ class _SetupMatch:
     def __init__(self, problem: Problem) -> None:
         self.prior: JointPrior = problem.prior
         self._problem = problem
-        measured = problem.test.data
+        data = problem.test.data
         #: Resonances of the data, Hz.
-        self.resonances_hz = resonances_hz(measured)
+        self.resonances_hz = resonances_hz(data)
         # measured natural frequencies, and modes without other numbers, are the lowest ones, each of them
-        self._complete = isinstance(measured, ModalData) and measured.lowest
-        lines = measured.frequency_hz if isinstance(measured, ModalData) else measured.frf.frequency_hz
-        self._band = float(lines.min()), float(lines.max())
+        self._complete = data.lowest_hz is not None
+        self._band = data.band_hz
         names, joint = problem.names, len(problem.parametrisation.names)
         quantities = problem.test.structures.names
         self._errors = [i for i, name in enumerate(names) if is_mode_frequency(name)]
@@ -244,7 +247,7 @@ def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1
     Computational Mathematics and Mathematical Physics 7(4), 86-112. DOI 10.1016/0041-5553(67)90144-9
     """
     prior = problem.prior
-    if all(test.measured_bodies for test in problem.tests):
+    if not any(map(_has_modes, problem.tests)):
         return np.empty((0, prior.mean.size))
     match = FrequencyMatch(problem)
     if not (match.resonances_hz.size and match.columns.size):

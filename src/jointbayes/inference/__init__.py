@@ -1,10 +1,10 @@
 """Priors, likelihoods and the posterior density of a joint's coordinates."""
 
-from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of
+from jointbayes.inference.likelihood import FrfLikelihood
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.marginals import Distribution, Marginal, Normal, OfStiffness, OwnMarginal, Uniform
-from jointbayes.inference.modal_likelihood import ModalLikelihood, ModePrediction, mac, modal_model
+from jointbayes.inference.modal_likelihood import GaussianLikelihood, ModePrediction, ValueModel, mac, modal_model
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.noise.correlated import CorrelatedNoise
 from jointbayes.inference.noise.gaussian import GaussianNoise, IntegratedScale, ScaledNoise
@@ -12,7 +12,7 @@ from jointbayes.inference.noise.proportional import ProportionalNoise
 from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.inference.prior import JointPrior, Nuisance
 from jointbayes.inference.problem import Problem
-from jointbayes.inference.test import Level, Test
+from jointbayes.inference.test import Level, Test, likelihood_of
 
 __all__ = [
     # prior
@@ -26,9 +26,10 @@ __all__ = [
     "Uniform",
     # likelihood
     "FrfLikelihood",
+    "GaussianLikelihood",
     "Likelihood",
-    "ModalLikelihood",
     "ModePrediction",
+    "ValueModel",
     "likelihood_of",
     "mac",
     "modal_model",

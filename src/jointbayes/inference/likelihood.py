@@ -14,6 +14,7 @@ Mathematical Statistics 34(1), 152-177. DOI 10.1214/aoms/1177704250
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,24 +22,28 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf import (
-    AnyStructure,
-    FrfSet,
     LowRankCoupling,
     NoisePropagation,
     Ports,
     ReceptanceModel,
     quantity_factor,
-    receptance_model,
 )
 from jointbayes.frf.kernels.by_line import noise_roots
 from jointbayes.frf.measured_body import substructures
 from jointbayes.frf.ports import as_factors
-from jointbayes.inference.likelihood_base import STEP, Likelihood, ResidualKind, moved_factors, residual_of
-from jointbayes.inference.modal_likelihood import ModalLikelihood, modal_model
+from jointbayes.inference.likelihood_base import (
+    PURE_NOISE,
+    STEP,
+    Likelihood,
+    ResidualKind,
+    moved_factors,
+    residual_of,
+)
 from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
-from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix
-from jointbayes.measurement import Data, FrfData, ModalData
+from jointbayes.inference.test import Test, likelihood_of
+from jointbayes.joint import AnyJointMatrix, JointMatrix, as_joint_matrix
+from jointbayes.measurement import FrfData
 from jointbayes.structure import is_mode_frequency
 
 ComplexArray = NDArray[np.complex128]
@@ -141,7 +146,7 @@ class FrfLikelihood(Likelihood):
         self._n_structure = len(self.names) - self.hyper_count - self._gain
         # receptance and its measured counterpart carry the same factor (jω)ⁿ: residual/σ does not depend on it
         factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
-        self._model, self._factor, self._stated = model, factor, data.variance
+        self._model, self._factor, self._data = model, factor, data
         variance = data.variance / np.abs(factor) ** 2
         self._measured = frf.values / factor
         self._residual = residual_of(kind, self._measured, variance)
@@ -203,7 +208,7 @@ class FrfLikelihood(Likelihood):
     def variance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """σ² of the measured FRFs with what measured bodies add, in their quantity, (batch, lines, outputs, inputs)."""
         joints = as_joint_matrix(matrices)
-        stated = self._stated
+        stated = self._data.variance
         if self.propagated is None:
             return np.broadcast_to(stated, (len(joints), *stated.shape))
         roots = self._roots(joints, as_factors(factors, len(joints)))
@@ -214,6 +219,13 @@ class FrfLikelihood(Likelihood):
         """FRFs in the measured quantity, gain included, shape (batch, lines, outputs, inputs)."""
         joints = as_joint_matrix(matrices)
         return self._predicted(joints, as_factors(factors, len(joints))) * self._factor
+
+    def with_noise(self, predicted: ComplexArray, z: NDArray[Any]) -> ComplexArray:
+        """What would be measured: predicted FRFs of one joint and noise z, both (lines, outputs, inputs)."""
+        if self.kind == "complex":
+            return predicted + np.sqrt(self._data.variance) * z
+        spread = np.minimum(self._data.variance / (2 * np.abs(self._data.frf.values) ** 2), PURE_NOISE)
+        return predicted * np.exp(np.sqrt(2 * spread) * z.real)
 
     def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
         """Scores of the noise model, shape (batch, m)."""
@@ -301,44 +313,10 @@ class FrfLikelihood(Likelihood):
         return factors[:, : self._n_structure]
 
 
-def likelihood_of(
-    structure: AnyStructure,
-    joint: AnyJoint,
-    data: Data,
-    *,
-    gain: bool = False,
-    noise: NoiseModel | None = None,
-    kind: ResidualKind = "complex",
-) -> Likelihood:
-    """Return the likelihood that fits the kind of measurement.
-
-    Parameters
-    ----------
-    structure
-        Structure without the joint, a family of them whose quantities are uncertain, or measured bodies beside one.
-    joint, data
-        Where the joint acts, and the data.
-    gain
-        Whether the measured FRFs may all be off by one factor.
-    noise, kind
-        Noise model and kind of residual of FRFs.
-
-    Raises
-    ------
-    ModelError
-        If a measured DOF does not exist in the structure, there are more modes than DOFs, the data are modes and a
-        body is measured, or errors of natural frequencies are uncertain that the FRFs do not depend on.
-    """
-    whole = substructures(structure)
+@likelihood_of.register
+def _of_frfs(data: FrfData, test: Test, *, gain: bool = False) -> FrfLikelihood:
+    whole = substructures(test.structure)
     family = whole.family
-    if isinstance(data, ModalData):
-        if whole.measured:
-            raise ModelError(
-                f"measured body {whole.measured[0].name}: found natural frequencies as data; expected FRFs, since a "
-                "body given by its FRFs has no modes to be compared with; use the FRFs"
-            )
-        modal = modal_model(family, joint, data)
-        return ModalLikelihood(modal, data, (*family.names, *(noise.names if noise else ())), noise)
     if (errors := [name for name in family.names if is_mode_frequency(name)]) and (
         whole.measured or not family.nominal.damping.of_assembled_modes
     ):
@@ -346,8 +324,8 @@ def likelihood_of(
             f"likelihood: found {', '.join(errors)} for FRFs that are not summed over the modes of the assembled "
             "structure; expected modal damping of a structure that is modelled throughout; remove them"
         )
-    frf: FrfSet = data.frf
+    frf = data.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
-    names = (*family.names, *([_GAIN] if gain else []), *(noise.names if noise else ()))
-    model, propagate = receptance_model(whole, joint, ports), bool(whole.measured) and whole.propagate
-    return FrfLikelihood(model, data, names, noise, kind, propagate=propagate)
+    names = (*family.names, *([_GAIN] if gain else []), *(test.noise.names if test.noise else ()))
+    model, propagate = test.receptance_model(ports), bool(whole.measured) and whole.propagate
+    return FrfLikelihood(model, data, names, test.noise, test.residual_kind, propagate=propagate)

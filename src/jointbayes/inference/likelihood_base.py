@@ -136,7 +136,7 @@ STEP = 1e-5
 
 
 class Likelihood(ABC):
-    """What the two kinds of data have in common.
+    """What all kinds of data have in common.
 
     Parameters
     ----------
@@ -198,6 +198,13 @@ class Likelihood(ABC):
         total = float(residual @ residual)
         # where its size is integrated out
         return total / self.noise.typical_scale(total / 2, residual.size // self.noise.parts) ** 2, residual.size
+
+    @abstractmethod
+    def with_noise(self, predicted: NDArray[Any], z: NDArray[Any]) -> NDArray[Any]:
+        """What would be measured: `predicted` of one joint with noise, z of a noise model, both as the data in shape.
+
+        E|z|² is 1 of complex residuals and 1/2 of real ones.
+        """
 
     @abstractmethod
     def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from functools import singledispatch
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,39 +16,35 @@ from jointbayes.frf.ports import as_factors
 from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.noise.gaussian import GaussianNoise
+from jointbayes.inference.test import Test, likelihood_of
 from jointbayes.joint import AnyJoint, AnyJointMatrix, as_joint_matrix, symmetric_changes
 from jointbayes.measurement import ModalData, ModeData
 from jointbayes.structure import StructureFamily
 
 
-class ModalModel(Protocol):
-    """Predicts the values of a `ModalData` as a function of K^J."""
+class ValueModel(Protocol):
+    """Predicts measured values as a function of K^J."""
 
-    def modal_frequencies(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
-        """Natural frequencies of the modes that the measured ones are compared with, shape (batch, n), Hz."""
-        ...
-
-    def modal_values(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
+    def predicted_values(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Predicted values, shape (batch, m), of joint matrices (batch, r, r) and factors (batch, f)."""
         ...
 
-    def modal_tangent(
+    def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Predicted values (m,) of one joint and their derivative (p, m) along changes dK^J (p, r, r)."""
         ...
 
 
-def modal_model(family: StructureFamily, joint: AnyJoint, data: ModalData) -> ModalModel:
-    """The model that predicts what was measured.
+@singledispatch
+def modal_model(data: ModalData, family: StructureFamily, joint: AnyJoint) -> "NaturalFrequencies | ModePrediction":
+    """The model that predicts what was measured: natural frequencies, where the kind of data registers no other.
 
     Raises
     ------
     ModelError
         If a measured DOF does not exist, or the structure has fewer modes.
     """
-    if isinstance(data, ModeData):
-        return ModePrediction(family, joint, data)
     return NaturalFrequencies(family, joint, data.frequency_hz.size)
 
 
@@ -67,6 +64,7 @@ def mac(measured: Array, predicted: Array) -> Array:
     return (seen @ turned) ** 2 / np.maximum(size, np.finfo(float).tiny)
 
 
+@modal_model.register(ModeData)
 class ModePrediction:
     """Predicts the values of a `ModeData`.
 
@@ -76,10 +74,10 @@ class ModePrediction:
 
     Parameters
     ----------
-    family, joint
-        Structures without the joint, and where it acts.
     data
         The measured modes.
+    family, joint
+        Structures without the joint, and where it acts.
 
     Raises
     ------
@@ -87,7 +85,7 @@ class ModePrediction:
         If a DOF does not exist, or the structure has fewer modes than the highest number stated.
     """
 
-    def __init__(self, family: StructureFamily, joint: AnyJoint, data: ModeData) -> None:
+    def __init__(self, data: ModeData, family: StructureFamily, joint: AnyJoint) -> None:
         self._numbers = np.array(data.numbers) - 1
         self._dofs = data.dofs
         least, self._by_shape = max(data.numbers), data.match == "shape"
@@ -114,7 +112,7 @@ class ModePrediction:
         """Natural frequencies of the modes that the measured ones are compared with, shape (batch, n), Hz."""
         return self.matched(matrices, factors)[0].frequency_hz
 
-    def modal_values(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
+    def predicted_values(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Predicted values, shape (batch, m), of joint matrices (batch, r, r) and factors (batch, f).
 
         Infinite where a mode does not move at its reference DOF.
@@ -128,7 +126,7 @@ class ModePrediction:
         places = self._partners(modal)
         return _taken(modal, places), places
 
-    def modal_tangent(
+    def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Predicted values (m,) of one joint and their derivative (p, m) along changes dK^J (p, r, r)."""
@@ -202,17 +200,17 @@ def _whole_shapes(data: ModeData) -> Array:
     return whole
 
 
-class ModalLikelihood(Likelihood):
-    """Independent Gaussian likelihood of natural frequencies, and of what else is known of modes.
+class GaussianLikelihood(Likelihood):
+    """Independent Gaussian likelihood of real values that a model predicts: natural frequencies, and more of modes.
 
     Parameters
     ----------
     model
         Predicts as many values as were measured.
-    data
-        Values with standard deviations.
+    values, sd
+        Measured values and their standard deviations, shape (n,).
     names
-        Uncertain quantities of the structure, in the order in which factors come, then those of the noise.
+        Uncertain quantities of the structure, in the order in which factors come; those of the noise follow.
     noise
         Noise model of real residuals of which their sum of squares says all; Gaussian of known size by default.
 
@@ -224,17 +222,18 @@ class ModalLikelihood(Likelihood):
 
     def __init__(
         self,
-        model: ModalModel,
-        data: ModalData,
+        model: ValueModel,
+        values: Array,
+        sd: Array,
         names: Sequence[str] = (),
         noise: NoiseModel | None = None,
     ) -> None:
-        self._model, self._measured, self._sd = model, data.values, data.sd
+        self._model, self._measured, self._sd = model, values, sd
         noise = noise or GaussianNoise(1)
         if not noise.needs_chi2_only:
             raise ModelError(f"natural frequencies: found {type(noise).__name__}; expected Gaussian noise")
         constant = -float(np.log(self._sd * math.sqrt(2 * math.pi)).sum())
-        super().__init__(names, noise, constant, self._measured.size)
+        super().__init__((*names, *noise.names), noise, constant, self._measured.size)
 
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
@@ -252,6 +251,10 @@ class ModalLikelihood(Likelihood):
         """Squared standard deviations as stated, shape (batch, n)."""
         return np.broadcast_to(self._sd**2, (len(as_joint_matrix(matrices)), self._sd.size))
 
+    def with_noise(self, predicted: Array, z: NDArray[Any]) -> Array:
+        """What would be measured: predicted values of one joint and noise z, both shape (n,)."""
+        return predicted + math.sqrt(2) * self._sd * z.real  # z = r/(√2 sd), as noise models have it
+
     def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
         """Residuals over their standard deviation and its factor, shape (batch, n)."""
         z = self.standardised(matrices, factors)
@@ -261,7 +264,7 @@ class ModalLikelihood(Likelihood):
         """Natural frequencies in Hz, and what else was measured, shape (batch, n)."""
         joints = as_joint_matrix(matrices)
         structural = self._structural(as_factors(factors, len(joints)))
-        return self._model.modal_values(joints, structural)
+        return self._model.predicted_values(joints, structural)
 
     def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, n)."""
@@ -291,9 +294,20 @@ class ModalLikelihood(Likelihood):
         structural, scale = self._structural(factor_rows), 1.0
         if self.hyper_count:
             (scale,) = self.hyper(factor_rows)[0]
-        value, derivative = self._model.modal_tangent(joint, directions, structural)
+        value, derivative = self._model.tangent(joint, directions, structural)
         moved = moved_factors(structural)
-        up, down = np.split(self._model.modal_values(joint.repeated(len(moved)), moved), 2)
+        up, down = np.split(self._model.predicted_values(joint.repeated(len(moved)), moved), 2)
         slope = np.concatenate([derivative, (up - down) / (2 * STEP), np.zeros((self.hyper_count, value.size))])
         sd = scale * self._sd
         return (value - self._measured) / sd, (slope / sd).T
+
+
+@likelihood_of.register
+def _of_modes(data: ModalData, test: Test, *, gain: bool = False) -> GaussianLikelihood:
+    if test.measured_bodies:
+        raise ModelError(
+            f"measured body {test.measured_bodies[0].name}: found natural frequencies as data; expected FRFs, since a "
+            "body given by its FRFs has no modes to be compared with; use the FRFs"
+        )
+    model = modal_model(data, test.structures, test.joints)
+    return GaussianLikelihood(model, data.values, data.sd, test.structures.names, test.noise)

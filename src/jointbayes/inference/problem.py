@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf import AnyStructure, NaturalFrequencies
-from jointbayes.inference.likelihood import likelihood_of
-from jointbayes.inference.likelihood_base import Likelihood, ResidualKind
+from jointbayes.inference.likelihood_base import ResidualKind
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.prior import JointPrior
-from jointbayes.inference.test import Test, arranged, columns_of_names, own_name, require_own_bodies
+from jointbayes.inference.test import Test, arranged, columns_of_names, likelihood_of, own_name, require_own_bodies
 from jointbayes.inference.tests_likelihood import Term, TestsLikelihood
 from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, as_joints
 from jointbayes.measurement import Data
@@ -164,7 +163,8 @@ class Problem:
         """
         terms, row = [], 0
         for test in self.tests:
-            likelihood, size = self._likelihood_of(test), test.joints.size
+            gain = own_name(test.name, "gain", self._nuisances) is not None
+            likelihood, size = likelihood_of(test.data, test, gain=gain), test.joints.size
             columns = columns_of_names(test.name, likelihood.names, self._nuisances)
             terms.append(Term(likelihood, slice(row, row + size), columns))
             row += size
@@ -176,13 +176,6 @@ class Problem:
                 "the set-ups; correct the names or leave them out"
             )
         return LogPosterior(self.prior, TestsLikelihood(self._nuisances, terms), self.extra_log_likelihood)
-
-    def _likelihood_of(self, test: Test) -> Likelihood:
-        """Likelihood of a test over its own quantities alone."""
-        gain = own_name(test.name, "gain", self._nuisances) is not None
-        return likelihood_of(
-            test.structure, test.joints, test.data, gain=gain, noise=test.noise, kind=test.residual_kind
-        )
 
     @cached_property
     def _nuisances(self) -> tuple[str, ...]:

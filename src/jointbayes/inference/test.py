@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, singledispatch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,11 @@ from jointbayes.frf import (
     rigid_body_modes,
 )
 from jointbayes.frf.measured_body import substructures
-from jointbayes.inference.likelihood_base import ResidualKind
+from jointbayes.inference.likelihood_base import Likelihood, ResidualKind
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.joint import AnyJoint, Block, Blocks, Joints, Parametrisation, as_joints
 from jointbayes.joint.quantities import prefixed
-from jointbayes.measurement import Data, FrfData
+from jointbayes.measurement import Data
 from jointbayes.structure import StructureFamily
 
 
@@ -139,11 +139,9 @@ class Test:
     @cached_property
     def structures_of_data(self) -> StructureFamily:
         """The modelled structures, exact at the joint and the measured DOFs up to the highest frequency of the data."""
-        joint, data = self.joints.labels, self.data
-        if isinstance(data, FrfData):
-            dofs = (*joint, *data.frf.outputs, *data.frf.inputs)
-            return substructures(self.structure).at(dofs, data.top_hz).family
-        return self.structures.at((*joint, *data.dofs), self.structures.reach_hz(max(data.numbers)))
+        dofs, modes = (*self.joints.labels, *self.data.dofs), self.data.modes
+        top_hz = self.data.top_hz if modes is None else self.structures.reach_hz(max(modes.numbers))
+        return substructures(self.structure).at(dofs, top_hz).family
 
     @property
     def most_modes(self) -> int:
@@ -167,6 +165,30 @@ class Test:
         """The same test with much richer elements, see `StructureFamily.reference`."""
         family, whole = self.structures.reference(solved=solved), substructures(self.structure)
         return replace(self, structure=replace(whole, modelled=family) if whole.measured else family)
+
+
+@singledispatch
+def likelihood_of(data: Data, test: Test, *, gain: bool = False) -> Likelihood:
+    """Return the likelihood of the data of a test; each kind of data registers its own, ``@likelihood_of.register``.
+
+    Parameters
+    ----------
+    data, test
+        The data, and the test that they are from.
+    gain
+        Whether the measured FRFs may all be off by one factor.
+
+    Raises
+    ------
+    ModelError
+        If a measured DOF does not exist in the structure, there are more modes than DOFs, the data are modes and a
+        body is measured, errors of natural frequencies are uncertain that the FRFs do not depend on, or nothing is
+        registered for such data.
+    """
+    raise ModelError(
+        f"likelihood: found data of kind {type(data).__name__}; expected a kind with a likelihood; register one with "
+        "likelihood_of.register"
+    )
 
 
 def require_own_bodies(tests: Sequence[Test]) -> None:

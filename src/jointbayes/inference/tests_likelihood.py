@@ -94,6 +94,11 @@ class TestsLikelihood(Likelihood):
         """What is compared with the data, as `standardised`."""
         return self._joined([term.likelihood.predicted(*term.of(matrices, factors)) for term in self.terms])
 
+    def with_noise(self, predicted: NDArray[Any], z: NDArray[Any]) -> NDArray[Any]:
+        """What would be measured in a lone test."""
+        (term,) = self.terms
+        return term.likelihood.with_noise(predicted, z)
+
     def variance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """σ² of what is compared, as `standardised`."""
         return self._joined([term.likelihood.variance(*term.of(matrices, factors)) for term in self.terms])

@@ -16,7 +16,7 @@ import numpy as np
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, MeasuredFile
 from jointbayes.measurement.accelerometer import without_accelerometers
-from jointbayes.measurement.data import FrequencyData, FrfData
+from jointbayes.measurement.data import Data, FrequencyData, FrfData
 from jointbayes.measurement.formats.grid import excluded_lines, in_band, join_frfs, measured_lines
 from jointbayes.measurement.formats.read import iter_records
 from jointbayes.measurement.measurement_plan import (
@@ -27,7 +27,6 @@ from jointbayes.measurement.measurement_plan import (
     map_records,
 )
 from jointbayes.measurement.modal_fit import fit_modes, identify_modes
-from jointbayes.measurement.mode_data import Data
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.rotations import at_joint, with_rotations

@@ -1,9 +1,12 @@
 """Measurements as inference takes them: values with the variance of their noise."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
@@ -11,9 +14,100 @@ from jointbayes.frf import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.frf_set import read_only
 from jointbayes.measurement.provenance import Provenance
 
+_MOST_DOFS = 6  # of the outputs and inputs, in a table
+_MORE = 3  # modes above the highest number stated, among which shapes are looked for
+Match = Literal["number", "shape"]
+
+
+class Data(ABC):
+    """Measured values with their noise: what is asked of all kinds of data, so that nobody asks which kind it is.
+
+    A kind of data inherits from it and states what is not as here. What other rooms make of its values it registers:
+    its likelihood with `jointbayes.inference.likelihood_of`, and, if it has any to give, a diagnosis of misfits with
+    `jointbayes.posterior.diagnose`, a group of the stored draws with `jointbayes.posterior.observed_dataset`, and a
+    section of the report with `jointbayes.report.compared_section`.
+    """
+
+    __slots__ = ()
+    #: What they are, in the words of a message.
+    words: ClassVar[str] = "values"
+    #: Whether they were computed, not measured.
+    synthetic: bool = False
+    #: Degrees of freedom from which variances were estimated; None where they are stated.
+    variance_dof: int | None = None
+    #: FRFs at the measured DOFs and at the joint, which the paper's iteration needs.
+    joint_frf: FrfSet | None = None
+    #: Where the data come from; None for data that come from no file.
+    provenance: Provenance | None = None
+
+    @property
+    def arrays(self) -> Mapping[str, NDArray[Any]]:
+        """All numbers that were measured or stated, by name: the fields of the data class that are arrays."""
+        values = ((field.name, getattr(self, field.name)) for field in fields(self))  # type: ignore[arg-type]
+        return {name: value for name, value in values if isinstance(value, np.ndarray)}
+
+    @property
+    @abstractmethod
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest measured frequency, Hz; both 0 of a static test."""
+
+    @property
+    @abstractmethod
+    def layout(self) -> dict[str, object]:
+        """What must be the same of other data for these to stand for them, in the words of a message."""
+
+    @abstractmethod
+    def with_values(self, values: NDArray[Any], *, relative: bool = False) -> "Data":
+        """The same with other values; with `relative` what is stated of their noise is a fraction of each.
+
+        Raises
+        ------
+        MeasurementError
+            If they are no possible measurement.
+        """
+
+    @abstractmethod
+    def in_short(self, quote: Callable[[str], str] = str) -> str:
+        """What was measured, for a table; `quote` marks what a user wrote."""
+
+    @property
+    def top_hz(self) -> float:
+        """Highest measured frequency, Hz."""
+        return self.band_hz[1]
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """DOFs at which something was measured or excited."""
+        return ()
+
+    @property
+    def frfs(self) -> "FrfData | None":
+        """The FRFs over lines of frequency, if that is what the data are."""
+        return None
+
+    @property
+    def modes(self) -> "ModalData | None":
+        """The natural frequencies, with what else is known of modes, if that is what the data are."""
+        return None
+
+    @property
+    def lowest_hz(self) -> tuple[float, ...] | None:
+        """Natural frequencies that are the data, if they are the lowest, each of them, in rising order, Hz."""
+        return None
+
+    def require_enough(self) -> None:
+        """Refuse data of which nobody can say whether a model explains them.
+
+        Raises
+        ------
+        MeasurementError
+            If they are too few.
+        """
+        return
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrfData:
+class FrfData(Data):
     """Measured FRFs, the variance of their noise, and where both come from.
 
     Parameters
@@ -38,6 +132,8 @@ class FrfData:
         If a variance is not finite and positive or its shape differs from the FRFs'.
     """
 
+    words: ClassVar[str] = "FRFs"
+
     frf: FrfSet
     variance: Array
     synthetic: bool = False
@@ -58,11 +154,44 @@ class FrfData:
         return f"FrfData({self.frf!r}{', synthetic' if self.synthetic else ''})"
 
     @property
-    def top_hz(self) -> float:
-        """Highest frequency, Hz."""
-        return float(self.frf.frequency_hz[-1])
+    def frfs(self) -> "FrfData":
+        """These."""
+        return self
 
-    def require_lines(self) -> None:
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Lines, values and their variance."""
+        return {"frequency_hz": self.frf.frequency_hz, "values": self.frf.values, "variance": self.variance}
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """First and last line, Hz."""
+        return float(self.frf.frequency_hz[0]), float(self.frf.frequency_hz[-1])
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """Outputs, then inputs."""
+        return self.frf.outputs + self.frf.inputs
+
+    @property
+    def layout(self) -> dict[str, object]:
+        """What must be the same of other FRFs for these to stand for them."""
+        frf = self.frf
+        lines = tuple(frf.frequency_hz.tolist())
+        return {"data": "FRFs", "quantity": frf.quantity, "outputs": frf.outputs, "inputs": frf.inputs, "lines": lines}
+
+    def with_values(self, values: NDArray[Any], *, relative: bool = False) -> "FrfData":
+        """The same with other values, computed, without FRFs at the joint, which these do not hold."""
+        variance = self.variance * np.abs(values / self.frf.values) ** 2 if relative else self.variance
+        frf = replace(self.frf, values=values)
+        return FrfData(frf, variance, synthetic=True, variance_dof=self.variance_dof)
+
+    def in_short(self, quote: Callable[[str], str] = str) -> str:
+        """Quantity, DOFs and lines."""
+        pairs = f"{_listed(self.frf.outputs)} / {_listed(self.frf.inputs)}"
+        return f"{self.frf.quantity} {quote(pairs)}, {self.frf.n_lines} lines to {self.top_hz:g} Hz"
+
+    def require_enough(self) -> None:
         """Refuse FRFs of one line, of which nobody can say whether a model explains them.
 
         Raises
@@ -87,7 +216,12 @@ class FrfData:
         return replace(self, frf=self.frf.select(outputs, inputs), variance=self.variance[:, rows][:, :, columns])
 
 
-class ModalData:
+def _listed(labels: Sequence[str]) -> str:
+    more = f" and {len(labels) - _MOST_DOFS} more" if len(labels) > _MOST_DOFS else ""
+    return ", ".join(labels[:_MOST_DOFS]) + more
+
+
+class ModalData(Data):
     """What a list of natural frequencies and a table of modes have in common: values of modes, each with its sd.
 
     Natural frequencies stand in `frequency_hz`, shape (n,), with their `sd_hz`; what enters the likelihood, these or
@@ -95,8 +229,16 @@ class ModalData:
     """
 
     __slots__ = ()
+    words: ClassVar[str] = "natural frequencies"
+    #: Whether measured modes are compared with those of their number, or of the nearest shape.
+    match: Match = "number"
     frequency_hz: Array
     sd_hz: Array
+
+    @property
+    def modes(self) -> "ModalData":
+        """These."""
+        return self
 
     @property
     def values(self) -> Array:
@@ -116,32 +258,26 @@ class ModalData:
     @property
     def most_modes(self) -> int:
         """How many of the lowest modes of a structure the data may show."""
-        return max(self.numbers)
+        return max(self.numbers) + (_MORE if self.match == "shape" else 0)
 
     @property
-    def lowest(self) -> bool:
-        """Whether they are the lowest modes, each of them, in rising order."""
-        return True
+    def lowest_hz(self) -> tuple[float, ...] | None:
+        """Natural frequencies, if they are the lowest, each of them, in rising order, Hz."""
+        return tuple(self.frequency_hz.tolist())
 
     @property
-    def dofs(self) -> tuple[str, ...]:
-        """DOFs at which something was measured."""
-        return ()
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest natural frequency, Hz."""
+        return float(self.frequency_hz.min()), float(self.frequency_hz.max())
 
     @property
-    def top_hz(self) -> float:
-        """Highest frequency, Hz."""
-        return float(self.frequency_hz.max())
+    def layout(self) -> dict[str, object]:
+        """What must be the same of others for these to stand for them."""
+        return {"data": self.words, "number of natural frequencies": self.frequency_hz.size}
 
-    @property
-    def joint_frf(self) -> None:
-        """None: modes come without FRFs at the joint."""
-        return
-
-    @property
-    def arrays(self) -> tuple[Array, ...]:
-        """All numbers that were measured or stated."""
-        return self.frequency_hz, self.sd_hz
+    def in_short(self, quote: Callable[[str], str] = str) -> str:
+        """How many."""
+        return f"{self.frequency_hz.size} {self.words}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,6 +315,6 @@ class FrequencyData(ModalData):
         pairs = zip(self.frequency_hz, self.sd_hz, strict=True)
         return f"FrequencyData({', '.join(f'{f:g} ± {sd:.2g} Hz' for f, sd in pairs)})"
 
-    def with_values(self, values: Array) -> "FrequencyData":
+    def with_values(self, values: Array, *, relative: bool = False) -> "FrequencyData":
         """The same with other frequencies, shape (n,), Hz."""
         return FrequencyData(values, self.sd_hz)

@@ -9,12 +9,10 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, array_of
 from jointbayes.frf.frf_set import read_only
-from jointbayes.measurement.data import FrequencyData, FrfData, ModalData
+from jointbayes.measurement.data import Match, ModalData
 from jointbayes.measurement.provenance import Provenance
 
 _WIDEST = 1e100  # of a value: squares stay finite
-_MORE = 3  # modes above the highest number stated, among which shapes are looked for
-Match = Literal["number", "shape"]
 #: What a value of a mode is, in the order in which they come.
 ModeQuantity = Literal["frequency", "eigenvalue", "damping", "shape"]
 
@@ -211,15 +209,11 @@ class ModeData(ModalData):
         return self._mean[1]
 
     @property
-    def most_modes(self) -> int:
-        """How many of the lowest modes of a structure the data may show."""
-        return max(self.numbers) + (_MORE if self.match == "shape" else 0)
-
-    @property
-    def lowest(self) -> bool:
-        """Whether they are the lowest modes, each of them, in rising order."""
+    def lowest_hz(self) -> tuple[float, ...] | None:
+        """Natural frequencies, if they are the lowest, each of them, in rising order, Hz."""
         rising = bool((np.diff(self.frequency_hz) > 0).all())
-        return self.match == "number" and rising and self.numbers == tuple(range(1, len(self.numbers) + 1))
+        lowest = self.match == "number" and rising and self.numbers == tuple(range(1, len(self.numbers) + 1))
+        return super().lowest_hz if lowest else None
 
     @property
     def references(self) -> tuple[str, ...]:
@@ -262,11 +256,18 @@ class ModeData(ModalData):
         return np.concatenate([part.sd[~np.isnan(part.values)] for _, part in self._parts if part])
 
     @property
-    def arrays(self) -> tuple[Array, ...]:
+    def arrays(self) -> dict[str, Array]:
         """All numbers that were measured or stated."""
-        return tuple(array for _, part in self._parts if part for array in (part.values, part.sd))
+        given = {name: part for name, part in self._parts if part}
+        return {key: a for name, part in given.items() for key, a in ((name, part.values), (f"{name}_sd", part.sd))}
 
-    def with_values(self, values: Array) -> "ModeData":
+    @property
+    def layout(self) -> dict[str, object]:
+        """What must be the same of other modes for these to stand for them."""
+        dofs = self.dofs, self.references
+        return {"data": "modes", "values": self.observed, "mode numbers": self.numbers, "DOFs": dofs}
+
+    def with_values(self, values: Array, *, relative: bool = False) -> "ModeData":
         """The same with other values, in the order of `observed`, shape (m,)."""
         parts: list[Observed | None] = []
         start = 0
@@ -306,6 +307,3 @@ def _checked(shapes: ModeShapes, n: int) -> ModeShapes:
             "its component is 1; leave it out"
         )
     return ModeShapes(dofs, reference, shapes.components.rows((n, len(dofs)), "mode shapes"))
-
-
-Data = FrfData | FrequencyData | ModeData

@@ -1,15 +1,18 @@
 """The posterior: draws, verdicts, predictions, summary, storage."""
 
 from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.evidence import Evidence, WeightedDraws, evidence, importance_evidence, nested_evidence
 from jointbayes.posterior.identifiability import Identifiability, assess
 from jointbayes.posterior.information.knowledge import Knowledge, gather_knowledge
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.prediction import FrfPrediction
 from jointbayes.posterior.run_record import RunRecord, data_sha256, package_versions
+from jointbayes.posterior.storage import observed_dataset
 from jointbayes.posterior.summary import summarise
 
 __all__ = [
+    "Diagnosis",
     "Evidence",
     "FrfPrediction",
     "Identifiability",
@@ -20,10 +23,12 @@ __all__ = [
     "WeightedDraws",
     "assess",
     "data_sha256",
+    "diagnose",
     "gather_knowledge",
     "evidence",
     "importance_evidence",
     "nested_evidence",
+    "observed_dataset",
     "package_versions",
     "summarise",
 ]

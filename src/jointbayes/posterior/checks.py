@@ -326,10 +326,11 @@ def check_frequencies(
     noise: NoiseModel | None = None,
     hyper: ArrayLike = (),
     rng: np.random.Generator | None = None,
+    absorbs: Absorbed = "frequencies",
 ) -> PredictiveCheck:
-    """Posterior predictive check of natural frequencies: of the sum of squares only, since they are few.
+    """Posterior predictive check of natural frequencies, or of others few values: of the sum of squares only.
 
-    With no more frequencies than parameters a right and a wrong model fit alike, and the check cannot tell.
+    With no more values than parameters a right and a wrong model fit alike, and the check cannot tell.
 
     Parameters
     ----------
@@ -338,6 +339,8 @@ def check_frequencies(
     noise, hyper, rng
         Law of the residuals, its hyperparameters at these draws, shape (draws, q), and what draws a scale that it
         integrates out; without a law that of the stated standard deviations.
+    absorbs
+        What takes up a misfit where the noise is as stated.
 
     Raises
     ------
@@ -350,7 +353,6 @@ def check_frequencies(
         )
     square: Array = residuals**2
     inferred: tuple[str, ...] = ()
-    absorbs: Absorbed = "frequencies"
     if noise is not None and not noise.as_stated:
         noise, scale = noise.with_scale(square.sum(axis=1) / 2, residuals.shape[1], np.asarray(hyper, dtype=float), rng)
         square, absorbs = square / scale**2, noise.absorbs

@@ -13,6 +13,7 @@ Heylen, W., Lammens, S., Sas, P. (1997). Modal analysis theory and testing, KU L
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import singledispatch
 from typing import Literal
 
 import numpy as np
@@ -22,7 +23,7 @@ from jointbayes.arrays import Array
 from jointbayes.frf import Ports, quantity_factor
 from jointbayes.identification.resonances import SharedResonances, median_seen
 from jointbayes.inference import Problem, modal_model
-from jointbayes.measurement import ModalData
+from jointbayes.measurement import Data, FrfData, ModalData
 
 Complex = NDArray[np.complex128]
 Cause = Literal["frequencies, all the same way", "frequencies, unevenly", "damping", "level", "one sensor"]
@@ -178,16 +179,27 @@ class Diagnosis:
                 )
 
 
-def diagnose(problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Diagnosis:
-    """Diagnose the misfit of a problem at θ, shape (d,), with all that was fitted: gain, masses, every nuisance."""
-    prior, data = problem.prior, problem.test.data
-    point = np.asarray(theta, dtype=float)[None]
-    factors = prior.factors(point)
-    if isinstance(data, ModalData):
-        modes = modal_model(problem.test.structures, problem.test.joints, data)
-        predicted = modes.modal_frequencies(prior.matrix(point), problem.structural(factors))[0]
-        return diagnose_frequencies(data.frequency_hz, predicted, data.sd_hz)
-    frf = data.frf
+@singledispatch
+def diagnose(data: Data, problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Diagnosis:
+    """Diagnose the misfit of data at θ, shape (d,), with all that was fitted: gain, masses, every nuisance.
+
+    Each kind of data whose residuals point to something registers its own with ``@diagnose.register``.
+    """
+    return Diagnosis((), (), ())
+
+
+@diagnose.register
+def _of_modes(data: ModalData, problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Diagnosis:
+    prior, point = problem.prior, np.asarray(theta, dtype=float)[None]
+    modes = modal_model(data, problem.test.structures, problem.test.joints)
+    predicted = modes.modal_frequencies(prior.matrix(point), problem.structural(prior.factors(point)))[0]
+    return diagnose_frequencies(data.frequency_hz, predicted, data.sd_hz)
+
+
+@diagnose.register
+def _of_frfs(data: FrfData, problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Diagnosis:
+    prior, point = problem.prior, np.asarray(theta, dtype=float)[None]
+    factors, frf = prior.factors(point), data.frf
     model = problem.test.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
     receptance = model.receptance(prior.matrix(point), problem.structural(factors))[0]
     gain = float(problem.gain(factors)[0])

@@ -14,7 +14,7 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfData
+from jointbayes.inference.noise.base import Absorbed
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
@@ -205,9 +205,11 @@ class PosteriorDraws:
         hyper = likelihood.hyper(part.prior.factors(theta))
         z = part.log_posterior.standardised(theta)
         rng = np.random.default_rng([self.record.seed, 2, *([number] if number else [])])
-        if not isinstance(part.test.data, FrfData):
-            return replace(check_frequencies(np.asarray(z.real), likelihood.noise, hyper, rng), setup=part.test.name)
-        return replace(check_frfs(likelihood.noise, z, hyper, rng), setup=part.test.name)
+        if part.test.data.frfs is not None:
+            return replace(check_frfs(likelihood.noise, z, hyper, rng), setup=part.test.name)
+        absorbs: Absorbed = "nothing" if part.test.data.modes is None else "frequencies"
+        check = check_frequencies(np.asarray(z.real), likelihood.noise, hyper, rng, absorbs)
+        return replace(check, setup=part.test.name)
 
     @cached_property
     def mesh(self) -> MeshCheck | None:
@@ -235,7 +237,7 @@ class PosteriorDraws:
         theta = self.mode_theta if self.mode_log_density > self.estimate.log_posterior else self.estimate.theta
         each = ((part, np.random.default_rng([self.record.seed, 4])) for part in self.problem.parts)
         return tuple(
-            replace(diagnose(part, theta, rng), remedy=check.cell.remedy)
+            replace(diagnose(part.test.data, part, theta, rng), remedy=check.cell.remedy)
             for (part, rng), check in zip(each, self.checks, strict=True)
         )
 
@@ -287,14 +289,13 @@ class PosteriorDraws:
             If the data are natural frequencies and no lines are given, or a DOF does not exist.
         """
         part = self.problem.part(setup)
-        measured = part.test.data
-        quantity = measured.frf.quantity if isinstance(measured, FrfData) else "receptance"
+        frf = None if part.test.data.frfs is None else part.test.data.frfs.frf
         if ports is None:
-            if not isinstance(measured, FrfData):
-                raise ModelError(
-                    "FRF prediction: the data are natural frequencies; expected lines and DOFs; give ports"
-                )
-            ports = Ports(measured.frf.frequency_hz, measured.frf.outputs, measured.frf.inputs)
+            if frf is None:
+                words = part.test.data.words
+                raise ModelError(f"FRF prediction: the data are {words}; expected lines and DOFs; give ports")
+            ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+        quantity = "receptance" if frf is None else frf.quantity
         return predict_frf(part, self.thinned(max_draws), ports, quantity, probability)
 
     def predict_natural_frequencies(
@@ -326,12 +327,7 @@ class PosteriorDraws:
         """Measured natural frequencies of the one test, if they are the lowest and data, or the case states any, Hz."""
         if self.case is not None:
             return self.case.measured_frequencies_hz
-        if len(self.problem.tests) > 1:
-            return None
-        measured = self.problem.test.data
-        if isinstance(measured, FrfData) or not measured.lowest:
-            return None
-        return tuple(measured.frequency_hz.tolist())
+        return None if len(self.problem.tests) > 1 else self.problem.test.data.lowest_hz
 
 
 def _variable(dataset: xr.Dataset, name: str) -> Array:

@@ -11,7 +11,6 @@ from jointbayes.arrays import Array
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports, quantity_factor
 from jointbayes.identification import refine
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfData
 from jointbayes.reproducibility import one_blas_thread
 
 #: Largest error of a prediction that noise hides, in standard deviations of that line.
@@ -149,7 +148,7 @@ def _error_of_peak(problem: Problem, reference: Problem, theta: Array) -> float:
     largest = 0.0
     for part, richer in zip(problem.parts, reference.parts, strict=True):
         here, there = (p.log_posterior.predicted(theta)[0] for p in (part, richer))
-        peak = np.abs(there).max(axis=0) if isinstance(part.test.data, FrfData) else there
+        peak = np.abs(there).max(axis=0) if part.test.data.frfs else there
         largest = max(largest, float((np.abs(here - there) / peak).max()))
     return largest
 
@@ -277,8 +276,8 @@ def _badness(found: NoiseOfBodies) -> tuple[bool, bool, float, float]:
 
 
 def _noise_in_setup(problem: Problem, theta: Array) -> NoiseOfBodies | None:
-    bodies, data = problem.test.measured_bodies, problem.test.data
-    if not bodies or not isinstance(data, FrfData):
+    bodies, data = problem.test.measured_bodies, problem.test.data.frfs
+    if not bodies or data is None:
         return None
     frf, prior = data.frf, problem.prior
     model = problem.test.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))

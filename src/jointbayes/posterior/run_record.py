@@ -15,7 +15,6 @@ from jointbayes.arrays import Array
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
-from jointbayes.measurement import Data, ModalData
 from jointbayes.posterior.stored_problem import described
 from jointbayes.reproducibility import code_version
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
@@ -113,21 +112,10 @@ def bodies_of(problem: Problem) -> dict[str, MeasuredBody]:
 
 def data_sha256(problem: Problem) -> str:
     """Fingerprint of the numbers that were analysed: data and measured bodies of all set-ups."""
-    arrays = [array for part in problem.parts for array in _arrays_of(part.test.data)]
+    arrays: list[NDArray[Any]] = [array for part in problem.parts for array in part.test.data.arrays.values()]
     for body in bodies_of(problem).values():
         arrays += body.arrays
     return _sha256(arrays)
-
-
-def measurement_sha256(data: Data) -> str:
-    """Fingerprint of the data of one set-up alone."""
-    return _sha256(_arrays_of(data))
-
-
-def _arrays_of(data: Data) -> Sequence[NDArray[Any]]:
-    if isinstance(data, ModalData):
-        return data.arrays
-    return data.frf.frequency_hz, data.frf.values, data.variance
 
 
 def _sha256(arrays: Iterable[NDArray[Any]]) -> str:
@@ -185,7 +173,7 @@ def run_fingerprint(problem: Problem, case: SampledCase | None, seed: int, setti
     seed, settings
         Of the run.
     """
-    parts = {"seed": str(seed), "data": "".join(measurement_sha256(part.test.data)[:16] for part in problem.parts)}
+    parts = {"seed": str(seed), "data": "".join(_sha256(test.data.arrays.values())[:16] for test in problem.tests)}
     for part in problem.parts:
         if (joint_frf := part.test.data.joint_frf) is not None:
             values = np.ascontiguousarray(joint_frf.values)

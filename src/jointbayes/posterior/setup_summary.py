@@ -8,7 +8,6 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.inference import Level, Problem
-from jointbayes.measurement import Data, FrfData, ModalData
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.run_record import data_sha256
@@ -68,12 +67,7 @@ def setup_summaries(
     parts = posterior.problem.parts
     if len(parts) == 1:
         return {parts[0].test.name: _setup(posterior, 0, initial, measured_frequencies_hz)}
-    return {part.test.name: _setup(posterior, n, initial, _measured(part.test.data)) for n, part in enumerate(parts)}
-
-
-def _measured(measured: Data) -> list[float] | None:
-    """Natural frequencies that are the data, if they are the lowest ones."""
-    return measured.frequency_hz.tolist() if isinstance(measured, ModalData) and measured.lowest else None
+    return {part.test.name: _setup(posterior, n, initial, part.test.data.lowest_hz) for n, part in enumerate(parts)}
 
 
 def _setup(
@@ -118,12 +112,11 @@ def fit_of(problem: Problem, theta: Array) -> FitSummary:
         # squared residuals over σ² as stated: expected 1 for each complex value, frequency or magnitude
         whole = 2.0 if part.test.residual_kind == "log_magnitude" else 1.0
         total += whole * float((np.abs(part.log_posterior.standardised(theta)) ** 2).sum())
-    measurements = [part.test.data for part in problem.parts]
     return FitSummary(
         n_data=n_data,
         chi2_per_line=total / n_data,
         log_likelihood_map=float(problem.log_posterior.log_likelihood(theta)[0]),
-        synthetic_data=any(isinstance(one, FrfData) and one.synthetic for one in measurements),
+        synthetic_data=any(part.test.data.synthetic for part in problem.parts),
     )
 
 

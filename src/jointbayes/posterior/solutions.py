@@ -13,7 +13,6 @@ from jointbayes.errors import JointBayesError
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import is_rotation
-from jointbayes.measurement import FrfData
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.posterior.rounding import in_unit, number, rounded, rounded_interval
@@ -141,18 +140,18 @@ def further_measurement(problem: Problem, theta: Array) -> str:
     solutions that differ the least differ the most, as the root of the mean square over the lines relative to |H|. Of
     modes as data force and sensor are at one point.
     """
-    parts = [part for part in problem.parts if isinstance(part.test.data, FrfData)]
+    parts = [part for part in problem.parts if part.test.data.frfs]
     part = (parts or list(problem.parts))[0]
-    measured = part.test.data
+    measured = part.test.data.frfs
     points = [label for label in part.test.structures_of_data.nominal.dofs if label.rpartition(":")[0].isalnum()]
     candidates = tuple(label for label in points if not is_rotation(label))
-    if isinstance(measured, FrfData):
+    if measured is not None:
         candidates = tuple(label for label in candidates if label not in measured.frf.outputs)
         lines, inputs = measured.frf.frequency_hz, measured.frf.inputs[:1]
         noise = float(np.median(np.sqrt(measured.variance) / np.abs(measured.frf.values)))
     else:
-        lines, inputs, noise = np.linspace(0.5, 1.2, _LINES) * measured.top_hz, candidates, 0.0
-    if not candidates:
+        lines, inputs, noise = np.linspace(0.5, 1.2, _LINES) * part.test.data.top_hz, candidates, 0.0
+    if not (candidates and part.test.data.top_hz):  # of a static test nobody knows the band of a further one
         return ""
     lines = lines[np.linspace(0, len(lines) - 1, min(len(lines), _LINES)).round().astype(int)]
     prior = problem.prior
@@ -161,7 +160,7 @@ def further_measurement(problem: Problem, theta: Array) -> str:
         frf = frfs_as_measured(part, ports, "receptance", prior.values(theta), prior.factors(theta))
     except JointBayesError:  # a body given by its FRFs has them at its measured DOFs alone
         return ""
-    frf = frf[..., 0] if isinstance(measured, FrfData) else np.diagonal(frf, axis1=2, axis2=3)
+    frf = frf[..., 0] if measured is not None else np.diagonal(frf, axis1=2, axis2=3)
     size = np.abs(frf).mean(axis=0)
     size = np.maximum(size, _SHALLOWEST * np.median(size, axis=0))
     pairs = [np.abs((frf[i] - frf[j]) / size) for i, j in combinations(range(len(theta)), 2)]

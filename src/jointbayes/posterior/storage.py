@@ -7,6 +7,7 @@ import json
 import os
 import warnings
 from dataclasses import asdict
+from functools import singledispatch
 from importlib.metadata import version
 from types import ModuleType
 from typing import Any
@@ -19,7 +20,7 @@ from jointbayes.arrays import Array
 from jointbayes.frf import FrfSet
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import JointPrior, Problem
-from jointbayes.measurement import Data, FrfData, ModeData, Observed
+from jointbayes.measurement import Data, FrequencyData, FrfData, ModeData, Observed
 from jointbayes.sampling import Draws
 from jointbayes.whole_file import write_whole_file
 
@@ -111,7 +112,7 @@ def values_tree(
         "/prior": _values_dataset(problem, before),
     }
     for part in problem.parts:
-        groups[f"/{observed_group(part.test.name)}"] = _observed(part.test.data)
+        groups[f"/{observed_group(part.test.name)}"] = observed_dataset(part.test.data)
     return xr.DataTree.from_dict(groups)
 
 
@@ -127,24 +128,29 @@ def _values_dataset(problem: Problem, values: Array) -> xr.Dataset:
     return xr.Dataset(variables, coords={"chain": np.arange(chains), "draw": np.arange(draws)})
 
 
-def _observed(data: Data) -> xr.Dataset:
-    if isinstance(data, ModeData):
-        return _modes_dataset(data)
-    if not isinstance(data, FrfData):
-        mode = np.arange(1, data.frequency_hz.size + 1)
-        return xr.Dataset(
-            {
-                "natural_frequency": ("mode", data.frequency_hz, {"units": "Hz"}),
-                "natural_frequency_sd": ("mode", data.sd_hz, {"units": "Hz"}),
-            },
-            coords={"mode": mode},
-        )
+@singledispatch
+def observed_dataset(data: Data) -> xr.Dataset:
+    """Data as ArviZ shows them: their arrays, where the kind of data registers nothing else."""
+    axes = {name: tuple(f"{name}_{i}" for i in range(array.ndim)) for name, array in data.arrays.items()}
+    return xr.Dataset({name: (axes[name], array) for name, array in data.arrays.items()})
+
+
+@observed_dataset.register
+def _of_frfs(data: FrfData) -> xr.Dataset:
     observed = _frf_dataset(data.frf)
     observed["frf_variance"] = (_FRF_DIMS, data.variance)
     return observed.assign_attrs(synthetic=int(data.synthetic))
 
 
-def _modes_dataset(measured: ModeData) -> xr.Dataset:
+@observed_dataset.register
+def _of_frequencies(data: FrequencyData) -> xr.Dataset:
+    variables = {"natural_frequency": data.frequency_hz, "natural_frequency_sd": data.sd_hz}
+    named = {name: ("mode", values, {"units": "Hz"}) for name, values in variables.items()}
+    return xr.Dataset(named, coords={"mode": np.arange(1, data.frequency_hz.size + 1)})
+
+
+@observed_dataset.register
+def _of_modes(measured: ModeData) -> xr.Dataset:
     """Values of modes and their standard deviations by repetition; NaN where nothing was observed."""
     unit = "rad2 s-2" if measured.eigenvalues else "Hz"
     by_mode = ("repetition", "mode")

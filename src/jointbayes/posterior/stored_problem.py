@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
+from jointbayes.measurement import Data
 from jointbayes.measurement.provenance import Provenance
 
 #: What to do about any file that holds no whole posterior.
@@ -250,7 +251,7 @@ def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401
     if get_origin(hint) is tuple:
         inner = kinds[:1] * len(value) if kinds[-1:] == (...,) and isinstance(value, tuple) else kinds
         return isinstance(value, tuple) and len(value) == len(inner) and all(map(_fits, value, inner))
-    if isinstance(hint, type) and (hint is type(None) or is_dataclass(hint)):
+    if isinstance(hint, type) and (hint is type(None) or is_dataclass(hint) or issubclass(hint, Data)):
         return isinstance(value, hint)
     return True
 

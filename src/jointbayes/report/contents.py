@@ -12,7 +12,7 @@ from jointbayes.report.sections.intervals import nuisance_section, posterior_sec
 from jointbayes.report.sections.joint_in_modes import joint_in_modes_section
 from jointbayes.report.sections.lead import lead
 from jointbayes.report.sections.measured_data import measured_bodies_section, measurement_section
-from jointbayes.report.sections.natural_frequencies import frequency_section, modes_section
+from jointbayes.report.sections.natural_frequencies import frequency_section, own_section
 from jointbayes.report.sections.run_details import sampling_section, settings_section, starts_section
 from jointbayes.report.sections.several_setups import curve_section, overview_section, setup_section
 
@@ -23,7 +23,7 @@ SECTIONS_OF_DATA = (
     measurement_section,
     fit_section,
     frequency_section,
-    modes_section,
+    own_section,
     joint_in_modes_section,
 )
 #: On all set-ups together. Each takes `ReportInputs`.

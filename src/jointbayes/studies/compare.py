@@ -10,7 +10,6 @@ from jointbayes.case.case import AnyCase, Case, as_case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
 from jointbayes.joint import HYPOTHESES, Parametrisation, under_hypothesis
-from jointbayes.measurement import FrfData
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import evidence
@@ -142,13 +141,8 @@ def require_same_data(cases: Sequence[Case]) -> None:
 
 
 def _data_of(problem: Problem) -> tuple[object, ...]:
-    if len(problem.tests) > 1:
-        return tuple((part.test.name, *_data_of(part)) for part in problem.parts)
-    measured = problem.test.data
-    if not isinstance(measured, FrfData):
-        return (data_sha256(problem),)
-    frf = measured.frf
-    return data_sha256(problem), frf.outputs, frf.inputs, frf.quantity, problem.test.residual_kind
+    layouts = ((test.name, test.residual_kind, test.data.frfs and test.data.frfs.layout) for test in problem.tests)
+    return data_sha256(problem), *layouts
 
 
 def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:

@@ -11,7 +11,6 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.joint import COUPLED, RIGID, Quantity
-from jointbayes.measurement import FrfData
 from jointbayes.posterior import package_versions
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
 from jointbayes.posterior.storage import loo_pointwise
@@ -77,10 +76,10 @@ def leave_one_out(problem: Problem, theta: Array, efficiency: float) -> LeaveOne
     and WAIC. Statistics and Computing 27(5), 1413-1432. DOI 10.1007/s11222-016-9696-4
     """
     likelihood = problem.log_posterior.likelihood
-    frfs = all(isinstance(test.data, FrfData) for test in problem.tests)
-    if not frfs or likelihood.n_data < _FEWEST:
-        mixed = "values, natural frequencies among them" if len(problem.tests) > 1 else "natural frequencies"
-        kind = "values of FRFs" if frfs else mixed
+    others = [test.data.words for test in problem.tests if test.data.frfs is None]
+    if others or likelihood.n_data < _FEWEST:
+        mixed = [f"values, {words} among them" if len(problem.tests) > 1 else words for words in others]
+        kind = mixed[0] if others else "values of FRFs"
         raise ModelError(
             f"found {likelihood.n_data} {kind}, too few for cross-validation; expected {_FEWEST} or more values of FRFs"
         )

@@ -17,10 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
-from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
-from jointbayes.inference.likelihood_base import PURE_NOISE
-from jointbayes.measurement import Data, FrfData, ModalData, ModeData
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.ranks import rank_statistic
 from jointbayes.workflow import sample
@@ -197,7 +194,7 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
     names = [[test.name for test in problem.tests] for problem in (analysis, source)]
     other = ["set-ups"] if names[0] != names[1] else []
     for analysed, simulated in zip(analysis.tests, source.tests, strict=False):
-        here, there = _measured(analysed.data), _measured(simulated.data)
+        here, there = analysed.data.layout, simulated.data.layout
         other += [name for name, value in here.items() if value != there.get(name)]
     if other:
         differing = " and ".join(dict.fromkeys(other))
@@ -205,22 +202,6 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
             f"calibrate: found that {source.name} has other {differing} than {analysis.name}; expected data "
             "that are measured alike; give both cases the same"
         )
-
-
-def _measured(data: Data) -> dict[str, object]:
-    """What must be the same of data for the one to stand for the other, in the words of a message."""
-    if isinstance(data, ModeData):
-        return {
-            "data": "modes",
-            "values": data.observed,
-            "mode numbers": data.numbers,
-            "DOFs": (data.dofs, data.references),
-        }
-    if isinstance(data, ModalData):
-        return {"data": "natural frequencies", "number of natural frequencies": data.frequency_hz.size}
-    frf = data.frf
-    lines = tuple(frf.frequency_hz.tolist())
-    return {"data": "FRFs", "quantity": frf.quantity, "outputs": frf.outputs, "inputs": frf.inputs, "lines": lines}
 
 
 def simulated_problem(analysis: Problem, source: Problem, theta: Array, rng: np.random.Generator) -> Problem:
@@ -259,7 +240,7 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
     MeasurementError
         If the model has no finite FRF there.
     """
-    likelihood, measured = problem.log_posterior.likelihood, problem.test.data
+    likelihood = problem.log_posterior.likelihood
     factors = problem.prior.factors(theta[None])
     predicted = problem.log_posterior.predicted(theta)[0]
     if not np.isfinite(predicted).all():
@@ -269,30 +250,16 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
         )
     lines, pairs = len(predicted), math.prod(predicted.shape[1:])
     z = likelihood.noise.draw(rng, likelihood.hyper(factors), lines, pairs)[0].reshape(predicted.shape)
-    if isinstance(measured, ModalData):
-        return predicted + math.sqrt(2) * measured.sd * z.real  # z = r/(√2 sd), as noise models have it
-    if problem.test.residual_kind == "complex":
-        return predicted + np.sqrt(measured.variance) * z
-    spread = np.minimum(measured.variance / (2 * np.abs(measured.frf.values) ** 2), PURE_NOISE)
-    return predicted * np.exp(np.sqrt(2 * spread) * z.real)
+    return likelihood.with_noise(predicted, z)
 
 
 def replace_values(problem: Problem, values: NDArray[Any]) -> Problem:
     """The problem of one set-up with other measured values, and what it states of the noise as it is.
-
-    FRFs at the joint, which the likelihood does not contain and only the paper's iteration needs, are left out.
 
     Raises
     ------
     MeasurementError
         If the values are no possible measurement: natural frequencies out of order.
     """
-    measured = problem.test.data
-    if isinstance(measured, ModalData):
-        return problem.with_test(data=measured.with_values(values))
-    old, variance = measured.frf, measured.variance
-    if problem.test.residual_kind == "log_magnitude":
-        variance = variance * np.abs(values / old.values) ** 2  # what is stated of ln|H| is variance/|H|²
-    frf = FrfSet(old.frequency_hz, values, old.outputs, old.inputs, old.quantity)
-    changed = FrfData(frf, variance, synthetic=True, variance_dof=measured.variance_dof)
-    return problem.with_test(data=changed)
+    relative = problem.test.residual_kind == "log_magnitude"  # what is stated of ln|H| is variance/|H|²
+    return problem.with_test(data=problem.test.data.with_values(values, relative=relative))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -12,8 +12,10 @@ from jointbayes.case.spec.fields import (
     DATA_KIND,
     FREQUENCIES,
     MOST_VALUES,
+    DataTable,
     Finding,
     Frequencies,
+    KeyPath,
     Labels,
     Ratios,
     Spec,
@@ -27,6 +29,9 @@ from jointbayes.case.spec.fields import (
 from jointbayes.case.spec.measured_table import MeasuredFrequenciesSpec, MeasuredFrfSpec
 from jointbayes.case.spec.mode_data_table import ModesSpec
 from jointbayes.case.spec.prior_tables import K11_FIELD, K12_FIELD, K22_FIELD, pair_findings
+
+if TYPE_CHECKING:
+    from jointbayes.measurement import FrequencyData
 
 _MOST_LINES = 1_000_000  # frequency lines; more is a slip in f_step_hz, and would fill the memory
 
@@ -103,8 +108,10 @@ class TruthSpec(Spec):
 _QUANTITY = key_field('the measured quantity, "receptance", "mobility" or "accelerance"', "receptance")
 
 
-class SyntheticFrfSpec(Spec):
+class SyntheticFrfSpec(DataTable):
     """FRFs computed from a stated truth, with noise; the frequencies are a band or a list."""
+
+    frfs: ClassVar[bool] = True
 
     kind: Annotated[Literal["synthetic_frf"], DATA_KIND]
     outputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one measured DOF", ["11:y"])]
@@ -116,6 +123,27 @@ class SyntheticFrfSpec(Spec):
     frequencies_hz: Annotated[Frequencies | None, FREQUENCIES] = None
     truth: Annotated[TruthSpec, Field(description="the joint that makes the data: k11, k12, k22")]
     noise: Annotated[NoiseSpec, Field(description="the noise: relative, floor, seed")]
+
+    @property
+    def synthetic(self) -> SyntheticFrfSpec:
+        """The table itself."""
+        return self
+
+    @property
+    def labelled(self) -> dict[KeyPath, tuple[str, ...]]:
+        """Outputs and inputs."""
+        return {("data", "outputs"): self.outputs, ("data", "inputs"): self.inputs}
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """First and last line, Hz."""
+        lines = self.lines_hz()
+        return lines[0], lines[-1]
+
+    @property
+    def band_key(self) -> str:
+        """The step, which is the first line where no f_min_hz is stated, or the list of lines."""
+        return "frequencies_hz" if self.f_step_hz is None else "f_step_hz"
 
     def lines_hz(self) -> tuple[float, ...]:
         """Return the frequency lines in Hz; the last one is at ``f_max_hz`` or less than a step below."""
@@ -156,7 +184,7 @@ class SyntheticFrfSpec(Spec):
                 yield Finding(("f_step_hz",), found, f"at most {MOST_VALUES} values", "raise f_step_hz")
 
 
-class NaturalFrequenciesSpec(Spec):
+class NaturalFrequenciesSpec(DataTable):
     """Measured natural frequencies, the lowest ones in order; the two deviations add in quadrature."""
 
     kind: Annotated[Literal["natural_frequencies"], DATA_KIND]
@@ -168,6 +196,25 @@ class NaturalFrequenciesSpec(Spec):
     def most_modes(self) -> int:
         """Number of the highest mode."""
         return len(self.frequencies_hz)
+
+    @property
+    def depends_on(self) -> frozenset[str]:
+        """Nothing else."""
+        return frozenset()
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest natural frequency, Hz."""
+        return self.frequencies_hz[0], self.frequencies_hz[-1]
+
+    def stated(self) -> FrequencyData:
+        """The natural frequencies."""
+        import numpy as np
+
+        from jointbayes.measurement import FrequencyData
+
+        frequency = np.array(self.frequencies_hz)
+        return FrequencyData(frequency, np.hypot(self.sd_relative * frequency, self.sd_hz))
 
     def _findings(self) -> Iterator[Finding]:
         if self.sd_relative + self.sd_hz == 0:

@@ -8,13 +8,18 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple, Self
 
 import pydantic
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict
 from pydantic_core import PydanticCustomError
 
 from jointbayes.joint import COUPLED
+
+if TYPE_CHECKING:
+    from jointbayes.case.spec.data_table import SyntheticFrfSpec
+    from jointbayes.case.spec.measured_table import MeasuredSpec
+    from jointbayes.measurement import Data
 
 KeyPath = tuple[str | int, ...]
 _LONGEST = 40  # characters of a user's own text repeated in a message
@@ -287,6 +292,58 @@ class Spec(BaseModel):
     def _findings(self) -> Iterator[Finding]:
         """Yield what is wrong between keys that are each right by themselves."""
         yield from ()
+
+
+class DataTable(Spec):
+    """A `[data]` table: what is asked of all of them, so that nobody asks of which kind one is."""
+
+    #: Whether the data are FRFs.
+    frfs: ClassVar[bool] = False
+
+    @property
+    def synthetic(self) -> SyntheticFrfSpec | None:
+        """The table, if a stated truth makes the data."""
+        return None
+
+    @property
+    def files(self) -> MeasuredSpec | None:
+        """The table, if the data are in measurement files."""
+        return None
+
+    @property
+    def labelled(self) -> Mapping[KeyPath, tuple[str, ...]]:
+        """DOFs that the structure must have, by their keys."""
+        return {}
+
+    @property
+    def loaded(self) -> tuple[str, ...]:
+        """DOFs at which sensors sit, each once."""
+        by_key = (labels for key, labels in self.labelled.items() if key[-1] != "inputs")
+        return tuple(dict.fromkeys(itertools.chain.from_iterable(by_key)))
+
+    @property
+    def most_modes(self) -> int:
+        """Number of the highest mode that is stated; 0 without any."""
+        return 0
+
+    @property
+    def depends_on(self) -> frozenset[str]:
+        """Uncertain quantities that say nothing to natural frequencies, and on which these data depend all the same."""
+        return frozenset({"accelerometer_mass"})
+
+    @property
+    def band_hz(self) -> tuple[float, float] | None:
+        """Lowest and highest frequency that is stated, Hz; None where the data are in files."""
+        return None
+
+    @property
+    def band_key(self) -> str:
+        """Key that states the band where no key of its own states an end."""
+        return "frequencies_hz"
+
+    def stated(self) -> Data | None:
+        """The data, if the table holds them all."""
+        return None
 
 
 def law_findings(law: Spec, relative: float, floor: float) -> Iterator[Finding]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import re
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
@@ -13,6 +15,7 @@ from jointbayes.case.spec.fields import (
     ESTIMATOR,
     MOST_FILES,
     POINT_LABEL,
+    DataTable,
     Finding,
     Fraction,
     Label,
@@ -31,6 +34,10 @@ from jointbayes.case.spec.fields import (
     raise_findings,
 )
 from jointbayes.joint.quantities import DIRECTIONS, direction_of, rotation_sign
+
+if TYPE_CHECKING:
+    from jointbayes.case.spec.structure_table import StructureBase
+    from jointbayes.measurement.rotations import Rotation
 
 
 def _signed(text: str) -> str:
@@ -94,6 +101,18 @@ class RotationSpec(Spec):
         for i, station in enumerate(self.stations):
             if ":r" in station:
                 yield Finding(("stations", i), f'found "{station}"', "a translation", 'write for example "1:y"')
+
+    def built(self, label: str, structure: StructureBase) -> Rotation:
+        """The rotation with the distance of its stations, negative where they run backwards."""
+        from jointbayes.case.spec.structure_kinds import BeamSpec
+        from jointbayes.measurement.rotations import Rotation
+
+        first, second, *_ = (int(station.split(":")[0]) for station in self.stations)
+        assert isinstance(structure, BeamSpec)  # as the rules of the tables ask
+        spacing = (second - first) * structure.length_mm / structure.elements
+        if self.spacing_mm is not None:
+            spacing = math.copysign(self.spacing_mm, spacing)
+        return Rotation(label, self.stations, spacing * 1e-3, self.scheme, self.in_likelihood, self.axis)
 
     def wrong_directions(self, label: str) -> Iterator[Finding]:
         """Yield stations that the rotation of this label does not move in one known sense."""
@@ -167,6 +186,7 @@ _QUANTITY = key_field(
 _SENSORS = key_field('"fixed" (all sensors stay on) or "roving" (one sensor moves from output to output)', "fixed")
 _EXCLUDED = key_field("a list of bands [lowest, highest] in Hz whose lines are left out", [[49.5, 50.5]])
 _CONJUGATE = key_field("true (the FRFs have the time factor exp(-i omega t)) or false (exp(+i omega t))", True)
+_VARIANCE = Field(description="the variance of the FRFs: source")
 _FileName = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
@@ -174,7 +194,7 @@ _Band = tuple[Annotated[float, Field(ge=0)], Positive]
 _Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_as_table)]]
 
 
-class MeasuredSpec(Spec):
+class MeasuredSpec(DataTable):
     """What all data from files have: the files, what their channels stand for, and the lines that are used."""
 
     file: Annotated[
@@ -189,6 +209,30 @@ class MeasuredSpec(Spec):
     accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
     channels: Annotated[_Channels, _MAP]
     records: Annotated[RecordsSpec | None, _RECORDS] = None
+    variance: Annotated[VarianceSpec | None, _VARIANCE] = None
+
+    @property
+    def files(self) -> MeasuredSpec:
+        """The table itself."""
+        return self
+
+    @property
+    def loaded(self) -> tuple[str, ...]:
+        """DOFs of the channels."""
+        return tuple(channel.label for channel in self.channels.values())
+
+    @property
+    def band_key(self) -> str:
+        """The files."""
+        return "file"
+
+    def asked_for(self, structure: StructureBase) -> dict[str, Any]:
+        """What a plan of the measurement asks for beside what all files give, by the names of `MeasurementPlan`."""
+        return {}
+
+    def beside(self, structure: StructureBase) -> Iterator[Finding]:
+        """Yield what the structure lacks for it."""
+        yield from ()
 
     def _findings(self) -> Iterator[Finding]:
         if self.f_min_hz is not None and self.f_max_hz is not None:
@@ -205,11 +249,10 @@ class MeasuredSpec(Spec):
             yield Finding(("channels",), found, "a DOF for each channel that is used", remedy)
 
 
-_VARIANCE = Field(description="the variance of the FRFs: source")
-
-
 class MeasuredFrfSpec(MeasuredSpec):
     """FRFs of measurement files."""
+
+    frfs: ClassVar[bool] = True
 
     kind: Annotated[Literal["measured_frf"], DATA_KIND]
     outputs: Annotated[Labels, key_field("a list of the measured DOFs used; empty: all", ["11:y"])] = ()
@@ -218,6 +261,28 @@ class MeasuredFrfSpec(MeasuredSpec):
     rotations: Annotated[
         dict[Label, RotationSpec], key_field('a table for each rotation, as [data.rotations."1:rz"]', {})
     ] = {}  # noqa: RUF012 (frozen model)
+
+    def asked_for(self, structure: StructureBase) -> dict[str, Any]:
+        """Outputs, inputs and rotations."""
+        rotations = tuple(rotation.built(label, structure) for label, rotation in self.rotations.items())
+        return {"outputs": self.outputs, "inputs": self.inputs, "rotations": rotations}
+
+    def beside(self, structure: StructureBase) -> Iterator[Finding]:
+        """Yield rotations of a structure without evenly spaced points, or from other points than these."""
+        if self.rotations and structure.spans is None:
+            found = f'found rotations in a structure of kind = "{structure.kind}"'
+            yield Finding(("data", "rotations"), found, 'kind = "beam", whose points are evenly spaced', "remove it")
+            return
+        for label, rotation in self.rotations.items():
+            loc, last = ("data", "rotations", label), (structure.spans or 0) + 1
+            nodes = [int(station.split(":")[0]) for station in rotation.stations]
+            steps = {b - a for a, b in itertools.pairwise(nodes)}
+            if len(steps) != 1 or 0 in steps or max(nodes) > last:
+                found = f"found nodes {', '.join(map(str, nodes))}"
+                expected = f"different nodes, evenly spaced in one direction, from 1 to {last}"
+                yield Finding((*loc, "stations"), found, expected, "correct the stations")
+            if (words := structure.absent(label)) is not None:
+                yield Finding(loc, *words)
 
     def _findings(self) -> Iterator[Finding]:
         yield from super()._findings()
@@ -242,10 +307,15 @@ class MeasuredFrequenciesSpec(MeasuredSpec):
     """Natural frequencies of the modes that FRFs of measurement files show, the lowest ones."""
 
     kind: Annotated[Literal["measured_frequencies"], DATA_KIND]
-    variance: Annotated[VarianceSpec | None, _VARIANCE] = None
     modes: Annotated[int | None, count_field("how many modes are used, the lowest ones", 3, 1, 1000)] = None
     sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.001)] = 0.0
     sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.1)] = 0.0
+
+    def asked_for(self, structure: StructureBase) -> dict[str, Any]:
+        """Natural frequencies."""
+        from jointbayes.measurement.measurement_plan import FrequencyPlan
+
+        return {"frequencies": FrequencyPlan(self.modes, self.sd_relative, self.sd_hz)}
 
 
 _BODY_KIND = key_field('the kind of body, "measured"', "measured")

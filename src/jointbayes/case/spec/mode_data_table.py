@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BeforeValidator, Field, Strict
 
 from jointbayes.case.spec.fields import (
     DATA_KIND,
     MOST_LABELS,
+    DataTable,
     Finding,
+    KeyPath,
     Label,
     Labels,
     Spec,
@@ -20,6 +22,9 @@ from jointbayes.case.spec.fields import (
     key_field,
     repeated,
 )
+
+if TYPE_CHECKING:
+    from jointbayes.measurement import ModeData, Observed
 
 _MOST_REPETITIONS, _MOST_MODES = 10_000, 1000
 
@@ -119,7 +124,7 @@ class ModeShapesSpec(Spec):
             yield Finding(("components",), "found inf", "", "write nan where nothing was found")
 
 
-class ModesSpec(Spec):
+class ModesSpec(DataTable):
     """Modes of a modal test, or of several repetitions of it."""
 
     kind: Annotated[Literal["modes"], DATA_KIND]
@@ -159,9 +164,41 @@ class ModesSpec(Spec):
         return max(self.numbers or (self.count,))
 
     @property
-    def dofs(self) -> tuple[str, ...]:
-        """DOFs at which shapes were measured, references included."""
-        return () if self.shapes is None else tuple(dict.fromkeys((*self.shapes.dofs, *self.shapes.reference)))
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest natural frequency of any repetition, Hz."""
+        seen = [f for row in self.frequencies for f in row if not math.isnan(f)]
+        return min(seen), max(seen)
+
+    @property
+    def depends_on(self) -> frozenset[str]:
+        """Damping, if its ratios are stated, and masses of sensors, if shapes are."""
+        damping = {"damping_ratio", "loss_factor"} if self.damping_ratios is not None else set()
+        return frozenset(damping | ({"accelerometer_mass"} if self.shapes is not None else set()))
+
+    @property
+    def labelled(self) -> dict[KeyPath, tuple[str, ...]]:
+        """DOFs of shapes, and their references."""
+        place, shapes = ("data", "shapes"), self.shapes
+        return {} if shapes is None else {(*place, "dofs"): shapes.dofs, (*place, "reference"): shapes.reference}
+
+    def stated(self) -> ModeData:
+        """The modes."""
+        import numpy as np
+
+        from jointbayes.measurement import ModeData, ModeShapes, Observed
+
+        damping = shapes = None
+        if self.damping_ratios is not None:
+            damping = _observed(self.damping_ratios, self.damping_sd_relative, self.damping_sd)
+        if (given := self.shapes) is not None:
+            reference = given.reference[0] if len(given.reference) == 1 else given.reference
+            components = Observed(np.array(given.components), np.array(given.sd)[:, None])
+            shapes = ModeShapes(given.dofs, reference, components)
+        rows = self.frequencies_hz or self.eigenvalues
+        assert rows is not None
+        of_eigenvalues = self.eigenvalues is not None
+        frequency = _observed(rows, self.sd_relative, self.eigenvalue_sd if of_eigenvalues else self.sd_hz)
+        return ModeData(frequency, damping, shapes, self.numbers or (), self.match, of_eigenvalues)
 
     def _findings(self) -> Iterator[Finding]:
         given = [key for key in ("frequencies_hz", "eigenvalues") if getattr(self, key) is not None]
@@ -229,6 +266,20 @@ class ModesSpec(Spec):
             yield Finding(
                 ("shapes", "components"), found, "one for each mode, nan where none was found", "correct the list"
             )
+
+
+def _observed(
+    rows: tuple[tuple[float, ...], ...], relative: tuple[float, ...], absolute: tuple[float, ...]
+) -> Observed:
+    import numpy as np
+
+    from jointbayes.measurement import Observed
+
+    values = np.array(rows)
+    # a fraction of the mean over repetitions: the spread does not depend on what one of them happened to give
+    seen = ~np.isnan(values)
+    mean = np.where(seen, values, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+    return Observed(values, np.hypot(np.array(relative) * mean, absolute))
 
 
 def _flat(values: object) -> Iterator[float]:

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Mapping, Sequence
 
-from jointbayes.case.spec.data_table import DataSpec, NaturalFrequenciesSpec, SyntheticFrfSpec
+from jointbayes.case.spec.data_table import DataSpec
 from jointbayes.case.spec.fields import Finding, KeyPath, listed
 from jointbayes.case.spec.joint_table import ALIKE, JointSpec, NamedJointSpec
-from jointbayes.case.spec.measured_table import (
-    MeasuredFrequenciesSpec,
-    MeasuredFrfSpec,
-    MeasuredSpec,
-)
-from jointbayes.case.spec.mode_data_table import ModesSpec
+from jointbayes.case.spec.measured_table import MeasuredSpec
 from jointbayes.case.spec.prior_tables import PriorsSpec, UncertainSpec
 from jointbayes.case.spec.settings_tables import NoiseModelSpec, PlanSpec, VirtualTestSpec
 from jointbayes.case.spec.structure_table import (
@@ -24,7 +18,6 @@ from jointbayes.case.spec.structure_table import (
 )
 from jointbayes.joint import COORDINATES
 
-_FREQUENCIES = NaturalFrequenciesSpec | ModesSpec | MeasuredFrequenciesSpec
 _FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
 
 
@@ -39,23 +32,17 @@ def dof_findings(
 
     DOFs `elsewhere` are those of measured bodies.
     """
-    labelled: dict[tuple[str, ...], tuple[str, ...]] = {}
+    labelled: dict[KeyPath, tuple[str, ...]] = {}
     for name, joint in joints.items():
         place = ("joints", name) if name else ("joint",)
         labelled |= {(*place, "dofs"): joint.dofs, (*place, "against"): joint.against}
-    if isinstance(data, SyntheticFrfSpec):
-        labelled |= {("data", "outputs"): data.outputs, ("data", "inputs"): data.inputs}
-    elif isinstance(data, NaturalFrequenciesSpec | ModesSpec):
-        free = structure.free_dofs
-        if data.most_modes > free:
-            key = "numbers" if isinstance(data, ModesSpec) and data.numbers else "frequencies_hz"
-            found = f"{data.most_modes} frequencies for {free} free DOFs"
-            remedy = "raise structure.elements" if structure.spans else "remove the highest"
-            yield Finding(("data", key), found, f"at most {free} frequencies", remedy)
-    if isinstance(data, ModesSpec) and data.shapes is not None:
-        shapes = data.shapes
-        labelled |= {("data", "shapes", "dofs"): shapes.dofs, ("data", "shapes", "reference"): shapes.reference}
-    labelled |= {("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
+    free = structure.free_dofs
+    if data.most_modes > free:
+        found = f"{data.most_modes} frequencies for {free} free DOFs"
+        remedy = "raise structure.elements" if structure.spans else "remove the highest"
+        key = "numbers" if getattr(data, "numbers", None) else "frequencies_hz"
+        yield Finding(("data", key), found, f"at most {free} frequencies", remedy)
+    labelled |= {**data.labelled, ("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
         immovable = list(_immovable_dofs(structure, _each(loc, labels), elsewhere))
         yield from immovable
@@ -64,8 +51,8 @@ def dof_findings(
         if apart and not immovable and loc[0] in ("joint", "joints"):
             found = f'found "{labels[apart[0]]}" beside "{labels[0]}"'
             yield Finding((*loc, apart[0]), found, f"DOFs of one point, {point}", "correct it, or make it two joints")
-    if isinstance(data, MeasuredSpec):
-        yield from _channel_findings(structure, data, elsewhere)
+    if data.files is not None:
+        yield from _channel_findings(structure, data.files, elsewhere)
 
 
 def _each(loc: KeyPath, labels: Sequence[str]) -> dict[KeyPath, str]:
@@ -104,21 +91,7 @@ def _channel_findings(structure: StructureBase, data: MeasuredSpec, elsewhere: f
         yield Finding(
             ("data", "accelerometers"), found, expected, "move the mass to accelerometer_mass_g of the channels"
         )
-    if isinstance(data, MeasuredFrfSpec):
-        if data.rotations and structure.spans is None:
-            found = f'found rotations in a structure of kind = "{structure.kind}"'
-            yield Finding(("data", "rotations"), found, 'kind = "beam", whose points are evenly spaced', "remove it")
-            return
-        for label, rotation in data.rotations.items():
-            loc, last = ("data", "rotations", label), (structure.spans or 0) + 1
-            nodes = [int(station.split(":")[0]) for station in rotation.stations]
-            steps = {b - a for a, b in itertools.pairwise(nodes)}
-            if len(steps) != 1 or 0 in steps or max(nodes) > last:
-                found = f"found nodes {', '.join(map(str, nodes))}"
-                expected = f"different nodes, evenly spaced in one direction, from 1 to {last}"
-                yield Finding((*loc, "stations"), found, expected, "correct the stations")
-            if (words := structure.absent(label)) is not None:
-                yield Finding(loc, *words)
+    yield from data.beside(structure)
 
 
 def joints_findings(
@@ -165,15 +138,15 @@ def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, Nam
 
 def truth_names_findings(data: DataSpec, quantities: Sequence[str], *, lone_pair: bool) -> Iterator[Finding]:
     """Yield a truth that states other stiffnesses than the joints have."""
-    if not isinstance(data, SyntheticFrfSpec):
+    if data.synthetic is None:
         return
-    loc = ("data", "truth")
-    if data.truth.stiffness is None:
+    loc, truth = ("data", "truth"), data.synthetic.truth
+    if truth.stiffness is None:
         if not lone_pair:
             found = "k11, k12 and k22 of a coupled pair"
             yield Finding(loc, found, f"a table stiffness with {', '.join(quantities)}", "write [data.truth.stiffness]")
         return
-    stated = data.truth.by_name
+    stated = truth.by_name
     for name in (*[n for n in stated if n not in quantities], *[n for n in quantities if n not in stated]):
         found = f'found "{name}"' if name in stated else f"found no {name}"
         yield Finding(
@@ -214,8 +187,8 @@ def uncertain_findings(uncertain: UncertainSpec, structure: StructureBase, data:
         expected = "sd_percent, or [uncertain.bodies.NAME.length] for an error of each body in mm"
         found = "found one factor for bodies of different lengths"
         yield Finding(("uncertain", "length", "sd_mm"), found, expected, "choose one of the two")
-    if isinstance(data, _FREQUENCIES):
-        seen = _seen(data)
+    if not data.frfs:
+        seen = data.depends_on
         if mass > 0 and "accelerometer_mass" not in seen:
             found = f"found {mass!r}, but {_UNSEEN['accelerometer_mass']}"
             yield Finding(("structure", "accelerometer_mass_g"), found, f"0, or {_FRF_ONLY}", "remove it")
@@ -229,8 +202,7 @@ def uncertain_findings(uncertain: UncertainSpec, structure: StructureBase, data:
     if uncertain.mode_frequencies and structure.damping.law != "modal":
         found = f'structure.damping has law = "{structure.damping.law}", whose modes are not those of the assembly'
         yield Finding(("uncertain", "mode_frequencies"), found, 'law = "modal"', "remove it or change the law")
-    labels = [c.label for c in data.channels.values()] if isinstance(data, MeasuredFrfSpec) else data.outputs
-    translations = [label for label in labels if ":r" not in label]
+    translations = [label for label in data.loaded if ":r" not in label]
     if mass > 0 and not translations:
         found = f"found {mass!r}, but data.outputs holds rotations only"
         yield Finding(("structure", "accelerometer_mass_g"), found, "0, or a measured translation", "remove it")
@@ -256,14 +228,6 @@ def _foreign_quantities(uncertain: UncertainSpec, structure: StructureBase) -> I
                 found = "a body with members in several directions, offsets or inertias at points, or no such body"
             expected = f"one of {listed([*known, *sorted(_OF_NO_STRUCTURE)])}"
             yield Finding(loc, found, expected, "remove it or correct the name of the body")
-
-
-def _seen(data: DataSpec) -> frozenset[str]:
-    """Quantities of `_UNSEEN` that these data depend on all the same."""
-    if isinstance(data, ModesSpec):
-        damping = {"damping_ratio", "loss_factor"} if data.damping_ratios is not None else set()
-        return frozenset(damping | ({"accelerometer_mass"} if data.shapes is not None else set()))
-    return frozenset() if isinstance(data, NaturalFrequenciesSpec) else frozenset({"accelerometer_mass"})
 
 
 def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:
@@ -299,26 +263,27 @@ def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Ite
 def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield a truth about damping ratios where the structure has none, and ratios to be measured without a file."""
     damping = structure.damping
-    if isinstance(damping, ModalDampingSpec) and damping.measured and not isinstance(data, MeasuredSpec):
+    if isinstance(damping, ModalDampingSpec) and damping.measured and data.files is None:
         found = f'found "measured" with data of kind = "{data.kind}"'
         remedy = "state the ratio: ratio = 0.01"
         expected = 'data of kind = "measured_frf" or "measured_frequencies"'
         yield Finding(("structure", "damping", "ratio"), found, expected, remedy)
-    if not isinstance(data, SyntheticFrfSpec):
+    if data.synthetic is None:
         return
+    truth = data.synthetic.truth
     for name, key in (("youngs_modulus", "youngs_modulus_gpa"), ("density", "density_kg_m3"), ("length", "length_mm")):
         offered = name in structure.stated and (name != "length" or structure.spans is not None)
-        if getattr(data.truth, key) is not None and not offered:
+        if getattr(truth, key) is not None and not offered:
             found = f'no {name.replace("_", " ")} of its own in a structure of kind = "{structure.kind}"'
             yield Finding(("data", "truth", key), found, "the structure as it is analysed", "remove it")
-    if data.truth.damping_ratio is not None and structure.damping.law != "modal":
+    if truth.damping_ratio is not None and structure.damping.law != "modal":
         found = f'damping ratio with law = "{structure.damping.law}" in structure.damping'
         yield Finding(("data", "truth", "damping_ratio"), found, 'law = "modal"', "remove it or change the law")
 
 
 def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
     """Yield how residuals cannot be judged where the data are natural frequencies."""
-    if not isinstance(data, _FREQUENCIES):
+    if data.frfs:
         return
     reasons = {
         "residuals": "but natural frequencies have neither magnitude nor phase",
@@ -334,31 +299,31 @@ def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
 
 def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
     """Yield plans without FRF data, and a wider band that is not wider or has none to widen."""
-    if isinstance(data, _FREQUENCIES):
+    if not data.frfs:
         if plan != PlanSpec():
             found = "natural frequencies state neither the noise nor the band of a further FRF"
             yield Finding(("plan",), found, _FRF_ONLY, "remove [plan]")
     elif plan.f_max_hz is not None:
-        if isinstance(data, MeasuredFrfSpec):
+        if (made := data.synthetic) is None:
             found = "the lines of a file are those that were measured"
             yield Finding(("plan", "f_max_hz"), found, 'data of kind = "synthetic_frf"', "remove it")
-        elif data.f_max_hz is None:
+        elif made.f_max_hz is None:
             found = "no band to widen, data.frequencies_hz is a list"
             yield Finding(("plan", "f_max_hz"), found, "f_min_hz, f_max_hz, f_step_hz in [data]", "remove it")
-        elif plan.f_max_hz <= data.f_max_hz:
-            found = f"found {plan.f_max_hz!r}, which does not widen the band up to {data.f_max_hz!r} Hz"
-            yield Finding(("plan", "f_max_hz"), found, f"a number above {data.f_max_hz!r}", "raise or remove it")
+        elif plan.f_max_hz <= made.f_max_hz:
+            found = f"found {plan.f_max_hz!r}, which does not widen the band up to {made.f_max_hz!r} Hz"
+            yield Finding(("plan", "f_max_hz"), found, f"a number above {made.f_max_hz!r}", "raise or remove it")
 
 
 def virtual_test_findings(test: VirtualTestSpec, structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield a virtual test without a truth, and extra outputs that do not exist, are held or are measured anyway."""
-    if not isinstance(data, SyntheticFrfSpec):
+    if data.synthetic is None:
         if test != VirtualTestSpec():
             yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
         return
     loc = ("virtual_test", "extra_outputs")
     yield from _immovable_dofs(structure, _each(loc, test.extra_outputs))
-    measured = frozenset(data.outputs)
+    measured = frozenset(data.synthetic.outputs)
     for i, label in enumerate(test.extra_outputs):
         if label in measured:
             found = f'"{label}" is one of data.outputs, which are measured anyway'

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BeforeValidator, Field, Strict
 
-from jointbayes.case.spec.data_table import DataSpec, SyntheticFrfSpec
+from jointbayes.case.spec.data_table import DataSpec
 from jointbayes.case.spec.fields import Finding, Name, Spec, key_field
 from jointbayes.case.spec.frame_table import FrameSpec
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec
-from jointbayes.case.spec.measured_table import MeasuredBodySpec, MeasuredFrfSpec
+from jointbayes.case.spec.measured_table import MeasuredBodySpec
 from jointbayes.case.spec.prior_tables import PriorsSpec, UncertainSpec
 from jointbayes.case.spec.settings_tables import (
     CompareSpec,
@@ -131,9 +131,7 @@ class CaseSpec(Spec):
     @property
     def plan_inputs(self) -> tuple[str, ...]:
         """DOFs that may be excited for a further measurement: those of the plan, or the inputs of FRF data."""
-        return self.plan.inputs or (
-            self.data.inputs if isinstance(self.data, SyntheticFrfSpec | MeasuredFrfSpec) else ()
-        )
+        return self.plan.inputs or getattr(self.data, "inputs", ())
 
     @property
     def joint_objects(self) -> Joint | tuple[Joint, ...]:
@@ -182,7 +180,7 @@ class CaseSpec(Spec):
     def _beside_bodies(self) -> Iterator[Finding]:
         """Yield data and quantities that need modes, and joints between measured bodies alone without priors."""
         beside = "beside a body that is given by its FRFs and has no modes"
-        if not isinstance(self.data, MeasuredFrfSpec):
+        if not (self.data.frfs and self.data.files):
             found = f'found "{self.data.kind}" {beside}'
             yield Finding(("data", "kind"), found, 'kind = "measured_frf"', "write it so")
         if self.uncertain.mode_frequencies is not None:

@@ -22,13 +22,13 @@ from jointbayes.inference.noise.base import (
     white,
 )
 from jointbayes.inference.prior import Nuisance
-from jointbayes.measurement import Data, FrfData
+from jointbayes.measurement import Data
 
 
 def noise_of(choice: NoiseChoice, parts: int, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """The noise model that a case chooses, and the priors of its hyperparameters."""
-    if choice.discrepancy is not None and isinstance(data, FrfData):
-        return correlated.noise_of(choice, parts, data)
+    if choice.discrepancy is not None and data.frfs is not None:
+        return correlated.noise_of(choice, parts, data.frfs)
     if choice.scale == "integrated":
         return IntegratedScale(parts, choice.scale_dof, choice.scale_guess), ()
     return ScaledNoise(parts) if choice.scale == "sampled" else GaussianNoise(parts), choice.parameters

@@ -30,12 +30,12 @@ def fit_section(inputs: SetupInputs) -> Section:
         f"over {fit.n_data} values (1 is expected)."
     )
     blocks: list[Block] = [Paragraph(text), Paragraph(said.check.sentence)]
-    data = inputs.part.test.data
-    if isinstance(data, FrfData):
+    data = inputs.part.test.data.frfs
+    if data is not None:
         blocks.append(_residuals(data, said.check))
     blocks += _measure(said.diagnosis)
-    if isinstance(data, FrfData):
-        blocks += _frf_figures(inputs.posterior, inputs.part, said.diagnosis)
+    if data is not None:
+        blocks += _frf_figures(inputs.posterior, inputs.part, data, said.diagnosis)
     return Section("fit", "Measured and predicted", tuple(blocks))
 
 
@@ -81,9 +81,7 @@ def _measure(diagnosis: Diagnosis) -> list[Block]:
     return blocks
 
 
-def _frf_figures(posterior: Posterior, problem: Problem, diagnosis: Diagnosis) -> list[Block]:
-    data = problem.test.data
-    assert isinstance(data, FrfData)
+def _frf_figures(posterior: Posterior, problem: Problem, data: FrfData, diagnosis: Diagnosis) -> list[Block]:
     frf = data.frf
     shown = _shown(frf, diagnosis)
     every = len(frf.outputs) * len(frf.inputs)

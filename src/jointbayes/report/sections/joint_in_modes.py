@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfData
 from jointbayes.posterior.rounding import number, signed
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 from jointbayes.report.inputs import SetupInputs
@@ -78,11 +77,10 @@ def _modes_in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Ar
 
     Last, the change in per cent for 1 % more of each stiffness, shape (stiffnesses, modes).
     """
-    measured = problem.test.data
-    if isinstance(measured, FrfData):
-        count, low, high = _MOST_MODES, *measured.frf.frequency_hz[[0, -1]]
-    else:
-        count, low, high = max(measured.numbers), np.finfo(float).tiny, math.inf
+    modes = problem.test.data.modes
+    count, low, high = _MOST_MODES, *problem.test.data.band_hz
+    if modes is not None:
+        count, low, high = max(modes.numbers), np.finfo(float).tiny, math.inf
     count = min(count, problem.test.most_modes)
     if count < 1:  # a rigid joint would leave no mode
         return np.empty(0, dtype=np.intp), *np.empty((2, 0)), np.empty((0, 0))

@@ -1,13 +1,14 @@
 """Natural frequencies of the model, and modes as data: measured frequencies, damping ratios and shapes."""
 
 from dataclasses import dataclass
+from functools import singledispatch
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.inference import ModePrediction, Problem, mac
-from jointbayes.measurement import ModalData, ModeData, Observed
+from jointbayes.measurement import Data, ModeData, Observed
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import interval, number, signed
 from jointbayes.report import figures
@@ -37,9 +38,9 @@ def frequency_section(inputs: SetupInputs) -> Section | None:
     if measured:
         head.insert(1, "Measured (Hz)")
     blocks: list[Block] = [Table("Natural frequencies, undamped", tuple(head), tuple(rows))]
-    data = inputs.part.test.data
     if measured:
-        sd = data.sd_hz if isinstance(data, ModalData) else None
+        modes = inputs.part.test.data.modes
+        sd = None if modes is None else modes.sd_hz
         low, high = np.array(frequencies.interval95).T
         series = {"MAP": np.array(frequencies.map), "95 % interval": (low, high)}
         svg = figures.frequency_errors(np.array(measured), sd, series)
@@ -71,14 +72,25 @@ class _Compared:
         return (number(self.measured[at], 4), number(self.sd[at], 2), number(self.best[at], 4), signed(away), ends)
 
 
-def modes_section(inputs: SetupInputs) -> Section | None:
-    """Measured against predicted modes; None where the data are others."""
+def own_section(inputs: SetupInputs) -> Section | None:
+    """The section that the kind of data registers, see `compared_section`; None where it has none."""
+    return compared_section(inputs.part.test.data, inputs)
+
+
+@singledispatch
+def compared_section(data: Data, inputs: SetupInputs) -> Section | None:
+    """Measured against predicted values, if that kind of data registers a section with ``@compared_section.register``.
+
+    FRFs and natural frequencies have theirs among the sections of all data.
+    """
+    return None
+
+
+@compared_section.register
+def _modes_section(measured: ModeData, inputs: SetupInputs) -> Section:
     posterior, problem = inputs.posterior, inputs.part
-    measured = problem.test.data
-    if not isinstance(measured, ModeData):
-        return None
-    prediction = ModePrediction(problem.test.structures, problem.test.joints, measured)
-    parts, likeness, places = _compared(posterior, problem, prediction)
+    prediction = ModePrediction(measured, problem.test.structures, problem.test.joints)
+    parts, likeness, places = _compared(posterior, problem, measured, prediction)
     head = ("Measured", "sd", "MAP", "MAP − measured (sd)", "95 % interval")
     rows = []
     for name, part in parts.items():
@@ -110,11 +122,10 @@ def modes_section(inputs: SetupInputs) -> Section | None:
 
 
 def _compared(
-    posterior: Posterior, problem: Problem, prediction: ModePrediction
+    posterior: Posterior, problem: Problem, measured: ModeData, prediction: ModePrediction
 ) -> tuple[dict[str, _Compared], Array, NDArray[np.intp]]:
     """Each kind of quantity by name; and of each mode its MAC and its partner's place (from 0) at the MAP."""
-    prior, measured = problem.prior, problem.test.data
-    assert isinstance(measured, ModeData)
+    prior = problem.prior
     theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS)])
     modal, places = prediction.matched(prior.matrix(theta), problem.structural(prior.factors(theta)))
     omega_squared = (2 * np.pi * modal.frequency_hz) ** 2

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from jointbayes.measurement import Data, FrfData
 from jointbayes.posterior.posterior import Curve, curves_of
 from jointbayes.posterior.rounding import interval, number
 from jointbayes.posterior.verdicts import verdict_text
@@ -13,8 +12,6 @@ from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
 from jointbayes.report.sections.measured_data import mode_table
 
-_MOST_DOFS = 6  # of the outputs and inputs of a set-up, in a table
-
 
 def overview_section(inputs: ReportInputs) -> Section:
     """A row for each set-up: its data, and whether the model explains them."""
@@ -22,7 +19,8 @@ def overview_section(inputs: ReportInputs) -> Section:
     rows = []
     for one in inputs.setups:
         fit, check = one.said.fit, one.said.check
-        row = [foreign(one.part.test.name), _data(one.part.test.data), str(fit.n_data), number(fit.chi2_per_line, 4)]
+        data = one.part.test.data.in_short(foreign)
+        row = [foreign(one.part.test.name), data, str(fit.n_data), number(fit.chi2_per_line, 4)]
         row.append("yes" if check.explains else "no")
         if levels:
             level = one.said.level
@@ -40,19 +38,6 @@ def overview_section(inputs: ReportInputs) -> Section:
     kinds = tuple("" if one.said.check.explains else "bad" for one in inputs.setups)
     table = Table("Set-ups", tuple(head), tuple(rows), note=note, row_kinds=kinds)
     return Section("setups", "Set-ups", (table,))
-
-
-def _data(measured: Data) -> str:
-    if not isinstance(measured, FrfData):
-        return f"{measured.frequency_hz.size} natural frequencies"
-    frf, f = measured.frf, measured.frf.frequency_hz
-    pairs = f"{_dofs(frf.outputs)} / {_dofs(frf.inputs)}"
-    return f"{frf.quantity} {foreign(pairs)}, {f.size} lines to {f[-1]:g} Hz"
-
-
-def _dofs(labels: Sequence[str]) -> str:
-    more = f" and {len(labels) - _MOST_DOFS} more" if len(labels) > _MOST_DOFS else ""
-    return ", ".join(labels[:_MOST_DOFS]) + more
 
 
 def setup_section(place: int, inputs: SetupInputs, sections: Sequence[Section]) -> Section:

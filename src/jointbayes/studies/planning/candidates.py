@@ -174,9 +174,10 @@ def present(problem: Problem) -> FrfData:
     ModelError
         If it is not one of FRFs.
     """
-    if not isinstance(problem.test.data, FrfData):
-        raise ModelError("planning: found natural frequencies; expected FRFs, whose lines and noise a plan can vary")
-    return problem.test.data
+    data = problem.test.data
+    if data.frfs is None:
+        raise ModelError(f"planning: found {data.words}; expected FRFs, whose lines and noise a plan can vary")
+    return data.frfs
 
 
 def repeated(problem: Problem, averages_factor: float) -> Candidate:
@@ -221,8 +222,8 @@ def _noise(
     """
     likelihood = present.log_posterior.likelihood
     law = likelihood.noise
-    if stated is not None and isinstance(present.test.data, FrfData):
-        law = stated.fitted_to(present.test.data, law.parts)
+    if stated is not None and present.test.data.frfs is not None:
+        law = stated.fitted_to(present.test.data.frfs, law.parts)
     names = [nuisance.name for nuisance in present.prior.nuisances]
     factors = present.prior.factors(theta)[None, columns_of_names(there.test.name, law.names, names)]
     z = present.log_posterior.standardised(theta)

@@ -14,9 +14,7 @@ from jointbayes.case.case_files import as_measured
 from jointbayes.case.case_objects import noise_law, noise_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
 from jointbayes.case.combined import CaseSetup
-from jointbayes.case.spec.data_table import SyntheticFrfSpec
 from jointbayes.case.spec.fields import show_key
-from jointbayes.case.spec.measured_table import MeasuredSpec
 from jointbayes.case.spec.parse import parse_planned
 from jointbayes.case.spec.settings_tables import PlanSpec
 from jointbayes.case.spec.structure_kinds import MatricesSpec
@@ -53,16 +51,16 @@ def candidates_of(case: Case) -> tuple[Candidate, ...]:
     stated = next((spec.plan for spec in specs.values() if spec.plan != PlanSpec()), case.spec.plan)
     found: list[Candidate] = []
     for part in case.problem.parts:
-        if not isinstance(part.test.data, FrfData):
+        if part.test.data.frfs is None:
             source, loc = sources.get(part.test.name, case.source), ("data", "kind")
             expected = "expected FRFs, whose noise and band a plan can vary"
-            words = "found natural frequencies as data", expected, 'write kind = "synthetic_frf" or "measured_frf"'
+            words = f"found {part.test.data.words} as data", expected, 'write kind = "synthetic_frf" or "measured_frf"'
             raise CaseError(source.fault(loc, show_key(source.written(loc)), *words))
         spec = specs.get(part.test.name, case.spec)
         # a set-up that lacks one of the plan's DOFs reads none of the plan
         dofs = {key: tuple(x for x in getattr(stated, key) if spec.structure.absent(x) is None) for key in _DOFS}
         planned = spec.model_copy(update={"plan": stated.model_copy(update=dofs)})
-        found += _Maker(planned, part, part.test.data).all()
+        found += _Maker(planned, part, part.test.data.frfs).all()
     return (*found, *proposed_setups(case))
 
 
@@ -75,8 +73,8 @@ class _Maker:
         self._recipe = recipe_of(spec.structure, data, measurement)
         self._law: VarianceLaw = estimated_law(measurement)
         self._step_hz: float | None = None
-        if isinstance(data, SyntheticFrfSpec):
-            self._law, self._step_hz = noise_law(data.noise), data.f_step_hz
+        if data.synthetic is not None:
+            self._law, self._step_hz = noise_law(data.synthetic.noise), data.synthetic.f_step_hz
         self._lines = measurement.frf.frequency_hz
 
     def all(self) -> tuple[Candidate, ...]:
@@ -228,7 +226,7 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
     if not case.setups:
         raise ModelError("found a case without its set-ups; expected the case file, of which they are; load it again")
     first = case.setups[0]
-    if isinstance(spec.data, MeasuredSpec):
+    if spec.data.files is not None:
         spec = as_measured(spec, first.data)
     if isinstance(spec.structure, MatricesSpec):
         raise ModelError(
@@ -243,9 +241,9 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
 
 
 def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
-    measured, data, name = setup.data, setup.spec.data, setup.name
-    assert isinstance(measured, FrfData)
-    if isinstance(data, SyntheticFrfSpec):
+    measured, data, name = setup.data.frfs, setup.spec.data.synthetic, setup.name
+    assert measured is not None
+    if data is not None:
         ports = Ports(np.array(data.lines_hz()), data.outputs, data.inputs)
         law, quantity = noise_law(data.noise), data.quantity
     else:
