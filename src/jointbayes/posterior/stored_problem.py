@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from importlib import import_module
+from pkgutil import iter_modules
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -13,6 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+import jointbayes.inference.noise
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
@@ -265,8 +267,9 @@ def _is_scipy_distribution(value: object) -> bool:
 
 
 def _public_class(name: str) -> type | None:
-    """The data class that a room hands on under this name; None where none does."""
-    for room in _ROOMS:
+    """The data class that a room hands on under this name, or a noise model in its module; None where none is."""
+    models = (f"inference.noise.{module.name}" for module in iter_modules(jointbayes.inference.noise.__path__))
+    for room in (*_ROOMS, *models):
         cls = getattr(import_module(f"jointbayes.{room}"), name, None)
         if isinstance(cls, type) and is_dataclass(cls) and cls.__module__.startswith("jointbayes."):
             return cls

@@ -56,7 +56,9 @@ def detect_format(path: str | Path) -> str:
     head = _head(path)
     if not head.strip():
         raise MeasurementError(f"{path}: found nothing but {len(head)} blank bytes in the file; {_EXPECTED}")
-    return _binary_format(path, head) or _text_format(path, head)
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    by_beginning = (kind for beginning, kind, _ in _TOLD_BY_BEGINNING if text.startswith(beginning))
+    return next(by_beginning, None) or _binary_format(path, head) or _text_format(path, head, text)
 
 
 def _head(path: Path) -> bytes:
@@ -80,10 +82,6 @@ def _head(path: Path) -> bytes:
 
 
 def _binary_format(path: Path, head: bytes) -> str | None:
-    if head.startswith(b"MATLAB 7.3"):
-        return "mat73"
-    if head.startswith(b"MATLAB 5.0"):
-        return "mat"
     if head.startswith(_HDF5) or any(head[at : at + 8] == _HDF5 for at in (512, 1024, 2048)):
         return "hdf5"
     if head.startswith(b"PK\x03\x04"):
@@ -105,13 +103,9 @@ def _binary_format(path: Path, head: bytes) -> str | None:
     return None
 
 
-def _text_format(path: Path, head: bytes) -> str:
-    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    first = text.split(b"\n", 1)[0].strip()
-    if re.fullmatch(rb"-1", first):
+def _text_format(path: Path, head: bytes, text: bytes) -> str:
+    if text.split(b"\n", 1)[0].strip() == b"-1":
         return "uff"
-    if first.startswith(b"LabVIEW Measurement"):
-        return "lvm"
     control = sum(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
     if control:
         raise MeasurementError(f"{path}: found binary data of an unknown kind; {_EXPECTED}")
@@ -201,9 +195,17 @@ def _array_records(path: Path, kind: str) -> Generator[Record, None, None]:
         yield from records_of(arrays, place)
 
 
-_READERS: dict[str, Callable[[Path], Generator[Record, None, None]]] = {
+_Reader = Callable[[Path], Generator[Record, None, None]]
+#: Formats that the first words of a file tell, with their names and readers.
+_TOLD_BY_BEGINNING: tuple[tuple[bytes, str, _Reader], ...] = (
+    (b"MATLAB 7.3", "mat73", partial(_array_records, kind="mat73")),
+    (b"MATLAB 5.0", "mat", partial(_array_records, kind="mat")),
+    (b"LabVIEW Measurement", "lvm", read_lvm),
+)
+_READERS: dict[str, _Reader] = {
     "uff": read_uff,
     "table": read_table,
-    "lvm": read_lvm,
-    **{kind: partial(_array_records, kind=kind) for kind in ("npz", "mat", "mat73", "hdf5")},
+    "npz": partial(_array_records, kind="npz"),
+    "hdf5": partial(_array_records, kind="hdf5"),
+    **{kind: reader for _, kind, reader in _TOLD_BY_BEGINNING},
 }
