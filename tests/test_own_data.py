@@ -1,7 +1,6 @@
 """A kind of data of one's own, from its class to a report: the worked example of docs/developing.md."""
 
 import ast
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -10,14 +9,14 @@ import pytest
 from benchmarks.size import ROOT
 
 import jointbayes as jb
-from jointbayes.errors import ModelError
+from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import DirectSolve, FrfSet, Ports, receptance_model
 from jointbayes.inference import GaussianLikelihood, JointPrior, Uniform, likelihood_of
 from jointbayes.measurement import Data
 from jointbayes.report import compared_section
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Section, Table
-from jointbayes.studies.data_sets import simulated_problem
+from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
 
 
@@ -41,15 +40,8 @@ class StaticDeflections(Data):
     def band_hz(self):
         return 0.0, 0.0
 
-    @property
-    def layout(self):
-        return {"data": self.words, "outputs": self.outputs, "inputs": self.inputs}
-
     def with_values(self, values, *, relative=False):
         return replace(self, deflection=values.reshape(self.sd.shape))
-
-    def in_short(self, quote: Callable[[str], str] = str):
-        return f"{self.sd.size} {self.words} at {quote(', '.join(self.outputs))}"
 
 
 class StaticModel:
@@ -167,10 +159,16 @@ def test_data_of_ones_own_stand_beside_frfs_and_are_simulated_for_a_calibration(
     both = jb.Problem(tests=tests, prior=problem.prior)
     alone, together = jb.find_map(problem), jb.find_map(both)
     assert (np.diag(together.covariance) < np.diag(alone.covariance)).all()
-    assert tests[0].data.in_short() == "9 static deflections at 1:y, 1:rz, 5:y"
+    assert tests[0].data.in_short() == "static deflections"
     simulated = simulated_problem(both, both, together.theta, np.random.default_rng(2)).tests[0].data
     away = (simulated.deflection - problem.test.data.deflection) / simulated.sd
     assert 0.2 < np.abs(away).max() < 6
+
+
+def test_data_of_ones_own_that_are_measured_elsewhere_do_not_stand_for_these(problem):
+    there = problem.with_test(data=replace(problem.test.data, outputs=("1:y", "1:rz", "4:y")))
+    with pytest.raises(MeasurementError, match="other DOFs"):
+        require_simulable(problem, there)
 
 
 def test_data_without_a_likelihood_are_refused(problem):

@@ -52,9 +52,10 @@ class Data(ABC):
         """Lowest and highest measured frequency, Hz; both 0 of a static test."""
 
     @property
-    @abstractmethod
     def layout(self) -> dict[str, object]:
         """What must be the same of other data for these to stand for them, in the words of a message."""
+        shapes = [array.shape for array in self.arrays.values()]
+        return {"data": self.words, f"number of {self.words}": shapes, "DOFs": self.dofs}
 
     @abstractmethod
     def with_values(self, values: NDArray[Any], *, relative: bool = False) -> "Data":
@@ -66,9 +67,9 @@ class Data(ABC):
             If they are no possible measurement.
         """
 
-    @abstractmethod
     def in_short(self, quote: Callable[[str], str] = str) -> str:
         """What was measured, for a table; `quote` marks what a user wrote."""
+        return self.words
 
     @property
     def top_hz(self) -> float:
@@ -269,11 +270,6 @@ class ModalData(Data):
     def band_hz(self) -> tuple[float, float]:
         """Lowest and highest natural frequency, Hz."""
         return float(self.frequency_hz.min()), float(self.frequency_hz.max())
-
-    @property
-    def layout(self) -> dict[str, object]:
-        """What must be the same of others for these to stand for them."""
-        return {"data": self.words, "number of natural frequencies": self.frequency_hz.size}
 
     def in_short(self, quote: Callable[[str], str] = str) -> str:
         """How many."""

@@ -104,12 +104,11 @@ class RotationSpec(Spec):
 
     def built(self, label: str, structure: StructureBase) -> Rotation:
         """The rotation with the distance of its stations, negative where they run backwards."""
-        from jointbayes.case.spec.structure_kinds import BeamSpec
         from jointbayes.measurement.rotations import Rotation
 
         first, second, *_ = (int(station.split(":")[0]) for station in self.stations)
-        assert isinstance(structure, BeamSpec)  # as the rules of the tables ask
-        spacing = (second - first) * structure.length_mm / structure.elements
+        assert structure.spans is not None  # as the rules of the tables ask
+        spacing = (second - first) * structure.stated["length"][1] / structure.spans
         if self.spacing_mm is not None:
             spacing = math.copysign(self.spacing_mm, spacing)
         return Rotation(label, self.stations, spacing * 1e-3, self.scheme, self.in_likelihood, self.axis)
