@@ -15,7 +15,7 @@ from jointbayes.inference import GaussianLikelihood, JointPrior, Uniform, likeli
 from jointbayes.measurement import Data
 from jointbayes.report import compared_section
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import Section, Table
+from jointbayes.report.model import ReportSection, Table
 from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
 
@@ -74,7 +74,7 @@ def static_section(data, inputs):
     rows = zip(pairs, data.deflection.ravel(), data.sd.ravel(), predicted, strict=True)
     texts = tuple((pair, *(f"{value:.4g}" for value in values)) for pair, *values in rows)
     table = Table("Static deflections", ("Pair", "Measured (m/N)", "sd", "MAP"), texts)
-    return Section("deflections", "Static deflections", (table,))
+    return ReportSection("deflections", "Static deflections", (table,))
 
 
 # --8<-- [end:example]

@@ -18,7 +18,7 @@ from jointbayes.report import render_html, render_pdf
 from jointbayes.report.inspect_figure import inspect_figure
 from jointbayes.studies.calibration import Calibration, build_calibration_report
 from jointbayes.studies.campaign.campaign_report import write_campaign_report
-from jointbayes.studies.comparison import Candidate, Comparison
+from jointbayes.studies.comparison import Comparison, WeighedModel
 from jointbayes.studies.comparison_report import build_comparison_report
 from jointbayes.studies.data_sets import DataSet
 from jointbayes.studies.planning.candidates import SimulatedPosterior, Simulation
@@ -137,7 +137,7 @@ def test_hostile_studies_run_nothing_and_ask_for_nothing(tmp_path, cheap_case):
         text = in_page(port)
         stiffness, evidence = np.array([1e30, 0.0, 2e5]), Evidence(-3.0, 0.01, 0.2, text, 100, 50.0)
         candidates = tuple(
-            Candidate(name, text, "rotation", ("k22",), stiffness, evidence, (), None, text) for name in (text, "b")
+            WeighedModel(name, text, "rotation", ("k22",), stiffness, evidence, (), None, text) for name in (text, "b")
         )
         numbers = DataSet(0, 0.1, (1.0,), (3,), (0.5,), (1.5,), True, True, 900.0)
         failed = DataSet(1, 0.1, error=text)

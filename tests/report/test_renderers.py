@@ -26,7 +26,7 @@ from jointbayes.report.model import (
     LinePlot,
     Paragraph,
     Report,
-    Section,
+    ReportSection,
     Series,
     Table,
 )
@@ -79,8 +79,8 @@ def report(text="Nothing to see.", rows=3, interactive=True):
         text,
         tuple(Callout(kind, f"**Verdict:** {text}") for kind in ("good", "caution", "bad")),
         (
-            Section("fit", text, (Paragraph(text), *figures)),
-            Section("rest", "Rest", (table, listing, Paragraph("k is 5.05e9 N/m"))),
+            ReportSection("fit", text, (Paragraph(text), *figures)),
+            ReportSection("rest", "Rest", (table, listing, Paragraph("k is 5.05e9 N/m"))),
         ),
         datetime.date(2026, 1, 5),
         "0.1.0",
@@ -324,9 +324,9 @@ def test_series_takes_arrays():
         (lambda: Table("t", ("a",), (("1",),), row_kinds=("red",)), "unknown row kinds"),
         (lambda: Figure("f", "", " ", "<svg/>"), "alternative text"),
         (lambda: Figure("f", "", "alt", "plot.svg"), "not an SVG"),
-        (lambda: Section("1 a", "", ()), "identifier '1 a'"),
+        (lambda: ReportSection("1 a", "", ()), "identifier '1 a'"),
         (lambda: replace(report(), title=" "), "title is empty"),
-        (lambda: replace(report(), sections=(Section("a", "", ()),) * 2), "used twice"),
+        (lambda: replace(report(), sections=(ReportSection("a", "", ()),) * 2), "used twice"),
     ],
 )
 def test_model_refuses(make, message):

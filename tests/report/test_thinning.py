@@ -10,7 +10,7 @@ import pytest
 
 from jointbayes.report.canvas import extremes, points_of_polyline
 from jointbayes.report.html import render_html
-from jointbayes.report.model import Figure, LinePlot, Report, Section, Series
+from jointbayes.report.model import Figure, LinePlot, Report, ReportSection, Series
 
 LINES = 0.25 * np.arange(1, 9922)
 RESONANT = 1 / np.abs(900.0**2 - LINES**2 + 1j * 0.004 * 900.0 * LINES)
@@ -55,7 +55,7 @@ def _decoded(one: dict, name: str) -> np.ndarray:
 def _page(*series: Series) -> tuple[str, list[dict]]:
     plot = LinePlot("Frequency (Hz)", "|H|", series, log_y=True)
     figure = Figure("frf", "An FRF.", "An FRF", "<svg xmlns='http://www.w3.org/2000/svg'/>", plot)
-    page = render_html(Report("FRF", "", (), (Section("s", "S", (figure,)),), datetime.date(2026, 1, 5), "0.1.0"))
+    page = render_html(Report("FRF", "", (), (ReportSection("s", "S", (figure,)),), datetime.date(2026, 1, 5), "0.1.0"))
     found = re.search(r'<script type="application/json" class="plot">(.*?)</script>', page, re.DOTALL)
     return page, json.loads(found.group(1))["series"]
 

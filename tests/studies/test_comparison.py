@@ -16,9 +16,9 @@ from jointbayes.joint import RIGID
 from jointbayes.posterior.evidence import Evidence
 from jointbayes.studies.compare import HYPOTHESES, compare, hypothesis_problem, require_same_data
 from jointbayes.studies.comparison import (
-    Candidate,
     Comparison,
     PriorEdge,
+    WeighedModel,
     bayes_factor_words,
     leave_one_out,
     model_probabilities,
@@ -62,7 +62,7 @@ def made_up(log_z, *, method="importance sampling", pareto_k=0.2, at_edge=()):
     """A candidate whose numbers nobody computed."""
     evidence = Evidence(log_z, 0.01, pareto_k, method, 100, 50.0)
     stiffness = np.array([RIGID, 0.0, 2e5])
-    return Candidate("case", "A case", "rotation", ("k22",), stiffness, evidence, at_edge, None, "left out: made up")
+    return WeighedModel("case", "A case", "rotation", ("k22",), stiffness, evidence, at_edge, None, "left out: made up")
 
 
 # ---- words and probabilities

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf.damped import add_joint, chi2_of, compliance_by_line
+from jointbayes.frf.damped_joints import add_joint, chi2_of, compliance_by_line
 from jointbayes.frf.direct import solve_lines
 from jointbayes.frf.kernels.by_line import error_roots
 from jointbayes.frf.kernels.compiled import compiled

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf.damped import add_joint, chi2_of
+from jointbayes.frf.damped_joints import add_joint, chi2_of
 from jointbayes.frf.kernels.modal_sum import ModalSum
 from jointbayes.frf.kernels.secular import add_springs, springs, workspace
 from jointbayes.frf.ports import Ports, as_factors, split_along

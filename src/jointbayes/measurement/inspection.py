@@ -38,7 +38,7 @@ class HitTrace:
 
 
 @dataclass(slots=True)
-class ChannelUse:
+class ChannelCount:
     """How often a channel is response and force of an FRF, how many time histories it has, and of which quantity."""
 
     as_response: int = 0
@@ -75,7 +75,7 @@ class Inspection:
 
     source: str
     form: str
-    channels: dict[str, ChannelUse]
+    channels: dict[str, ChannelCount]
     kinds: dict[str, int]
     averages: tuple[int, ...]
     coherence: tuple[float, float] | None
@@ -156,7 +156,7 @@ class _Seen:
     """Running summary of the records that went by."""
 
     warnings: WarningCollector
-    channels: dict[str, ChannelUse] = field(default_factory=dict)
+    channels: dict[str, ChannelCount] = field(default_factory=dict)
     kinds: Counter[str] = field(default_factory=Counter)
     averages: set[int] = field(default_factory=set)
     coherence: list[tuple[float, float]] = field(default_factory=list)
@@ -198,8 +198,8 @@ class _Seen:
     def frf_kept(self) -> tuple[FrfRecord, ...]:
         return (*self.drive_points, *self.others)
 
-    def _use(self, label: str) -> ChannelUse:
-        return self.channels.setdefault(label, ChannelUse())
+    def _use(self, label: str) -> ChannelCount:
+        return self.channels.setdefault(label, ChannelCount())
 
     def _add_history(self, record: TimeRecord) -> None:
         use = self._use(record.channel)
@@ -350,7 +350,7 @@ def _dof(label: str) -> str:
     return f"node {dof.node}, direction {axis}{'-' if dof.direction < 0 else '+'}; "
 
 
-def _use(use: ChannelUse) -> str:
+def _use(use: ChannelCount) -> str:
     parts = []
     if use.as_response:
         parts.append(f"response of {use.as_response} FRFs")

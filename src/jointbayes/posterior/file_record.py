@@ -49,13 +49,13 @@ Vector = Annotated[tuple[Finite, ...], Field(max_length=_MOST)]
 Rows = Annotated[tuple[Vector, ...], Field(max_length=_MOST)]
 
 
-class _Part(BaseModel):
+class _StoredPart(BaseModel):
     """Fields that a later version adds do not matter: `FILE_VERSION` says which do."""
 
     model_config = ConfigDict(frozen=True, **_STRICT)
 
 
-class _Sampler(_Part):
+class _Sampler(_StoredPart):
     """Settings and figures of the sampler; NaN where a chain was too short for one."""
 
     ensembles: Count
@@ -75,7 +75,7 @@ class _Sampler(_Part):
     ess_per_second: float
 
 
-class _Run(_Part):
+class _Run(_StoredPart):
     case_name: Name
     case_text: Annotated[str, Field(max_length=10**7)]
     seed: Annotated[int, Field(ge=0, lt=2**128)]
@@ -86,12 +86,12 @@ class _Run(_Part):
     versions: Annotated[dict[Name, Name], AfterValidator(_require_jointbayes)]
 
 
-class _Mode(_Part):
+class _Mode(_StoredPart):
     theta: Vector
     log_density: Finite
 
 
-class _Start(_Part):
+class _Start(_StoredPart):
     name: Name
     start: Vector
     stiffness: Vector
@@ -99,7 +99,7 @@ class _Start(_Part):
     reached_mode: bool
 
 
-class _LocalMode(_Part):
+class _LocalMode(_StoredPart):
     theta: Vector
     covariance: Rows
     log_posterior: Finite
@@ -112,7 +112,7 @@ class _LocalMode(_Part):
         return LocalMode(np.array(self.theta), np.array(self.covariance), self.log_posterior, inside)
 
 
-class EstimateRecord(_Part):
+class EstimateRecord(_StoredPart):
     """A MAP estimate, as `estimate_record` wrote it."""
 
     theta: Vector
@@ -139,7 +139,7 @@ class EstimateRecord(_Part):
         )
 
 
-class _Profile(_Part):
+class _Profile(_StoredPart):
     coordinate: Coordinate
     value: Annotated[Vector, Field(min_length=1)]
     log_ratio: Vector
@@ -156,26 +156,26 @@ class _Profile(_Part):
         return self
 
 
-class _Freed(_Part):
+class _Freed(_StoredPart):
     uncertain: tuple[Name, ...]
     source: Source
     known: dict[Name, Identifiability]
 
 
-class _Knowledge(_Part):
+class _Knowledge(_StoredPart):
     profiles: Annotated[tuple[_Profile, ...], Field(max_length=_MOST)]
     freed: Annotated[tuple[_Freed, ...], Field(max_length=_MOST)]
     assumed: Annotated[tuple[Name, ...], Field(max_length=_MOST)]
     simpler: Annotated[tuple[SimplerJoint, ...], Field(max_length=_MOST)] | None = None  # unknown to older files
 
 
-class _Problem(_Part):
+class _Problem(_StoredPart):
     description: dict[str, Any]
     own: dict[str, str]
     sha256: Annotated[str, Field(max_length=64)]
 
 
-class FileRecord(_Part):
+class FileRecord(_StoredPart):
     """Everything of a posterior file that is not an array."""
 
     file_version: int

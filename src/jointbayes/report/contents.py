@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.model import Report, Section
+from jointbayes.report.model import Report, ReportSection
 from jointbayes.report.sections.fit_to_data import fit_section
 from jointbayes.report.sections.identifiable import knowledge_section, likelihood_section
 from jointbayes.report.sections.intervals import nuisance_section, posterior_section
@@ -53,7 +53,7 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     )
 
 
-def _data_sections(inputs: ReportInputs) -> list[Section]:
+def _data_sections(inputs: ReportInputs) -> list[ReportSection]:
     """The sections on the data; of several set-ups a table of all, and one section for each."""
     if len(inputs.setups) == 1:
         return _written(SECTIONS_OF_DATA, inputs.setups[0])
@@ -61,5 +61,5 @@ def _data_sections(inputs: ReportInputs) -> list[Section]:
     return [overview_section(inputs), *(setup_section(n, one, _written(SECTIONS_OF_DATA, one)) for n, one in each)]
 
 
-def _written(sections: Iterable[Callable[[Inputs], Section | None]], inputs: Inputs) -> list[Section]:
+def _written(sections: Iterable[Callable[[Inputs], ReportSection | None]], inputs: Inputs) -> list[ReportSection]:
     return [written for section in sections if (written := section(inputs)) is not None]

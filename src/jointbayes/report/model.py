@@ -302,7 +302,7 @@ Block: TypeAlias = Paragraph | Callout | Table | Figure | Code
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class ReportSection:
     """A titled run of blocks, numbered by its place in the report.
 
     Parameters
@@ -338,7 +338,7 @@ class Report:
         Head of the report; the subtitle may be empty.
     lead : tuple of Block
         Shown before the first section: the verdict comes first.
-    sections : tuple of Section
+    sections : tuple of ReportSection
         The body.
     date : datetime.date
         Printed on the report; also the time stamp inside the PDF, so that reruns are byte-identical.
@@ -354,7 +354,7 @@ class Report:
     title: str
     subtitle: str
     lead: tuple[Block, ...]
-    sections: tuple[Section, ...]
+    sections: tuple[ReportSection, ...]
     date: datetime.date
     version: str
 

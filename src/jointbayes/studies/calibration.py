@@ -19,7 +19,7 @@ from jointbayes.errors import ModelError
 from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import panels, svg
-from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
+from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text, write_into
 from jointbayes.studies.data_sets import DRAWS, DataSet
 from jointbayes.studies.ranks import QuantityCalibration, judge
@@ -267,9 +267,9 @@ def build_calibration_report(calibration: Calibration, title: str, date: datetim
     suspicious = calibration.p_value < SUSPICIOUS or bool(calibration.notes)
     kind: Kind = "bad" if not calibration.passed else "caution" if suspicious else "good"
     sections = (
-        Section("quantities", "Ranks and coverage", (calibration_table(calibration), _figure(calibration))),
-        Section("data-sets", "Data sets", (_data_sets(calibration),)),
-        Section("method", "How this was computed", tuple(Paragraph(text) for text in _method(calibration))),
+        ReportSection("quantities", "Ranks and coverage", (calibration_table(calibration), _figure(calibration))),
+        ReportSection("data-sets", "Data sets", (_data_sets(calibration),)),
+        ReportSection("method", "How this was computed", tuple(Paragraph(text) for text in _method(calibration))),
     )
     source = f", by data of {calibration.source}" if calibration.source else ""
     return Report(

@@ -15,7 +15,7 @@ from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import evidence
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Start
-from jointbayes.studies.comparison import Candidate, Comparison, LeaveOneOut, PriorEdge, leave_one_out
+from jointbayes.studies.comparison import Comparison, LeaveOneOut, PriorEdge, WeighedModel, leave_one_out
 from jointbayes.workflow import find_map
 
 _KEPT = 2000  # posterior draws, for what the evidence does not need
@@ -145,7 +145,7 @@ def _data_of(problem: Problem) -> tuple[object, ...]:
     return data_sha256(problem), *layouts
 
 
-def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
+def _candidate(case: Case, hypothesis: str, seed: int) -> WeighedModel:
     # one stream for each candidate, whatever else is compared
     key = [seed, *case.name.encode(), 256 + list(HYPOTHESES).index(hypothesis)]
     rng = np.random.default_rng(key)
@@ -162,7 +162,7 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
     draws = np.empty((_KEPT, 0)) if result.draws is None else result.draws.resample(rng, _KEPT)
     efficiency = 1.0 if result.draws is None else min(1.0, result.ess / _KEPT)
     loo, note = _cross_validated(problem, draws, efficiency)
-    return Candidate(
+    return WeighedModel(
         case.name,
         case.title,
         hypothesis,

@@ -126,7 +126,7 @@ class PriorEdge:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+class WeighedModel:
     """One hypothesis about the joint in one case.
 
     Parameters
@@ -186,17 +186,17 @@ class Comparison:
         Fingerprint of the data that all share.
     """
 
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[WeighedModel, ...]
     seed: int
     data_sha256: str
 
     @property
-    def best(self) -> Candidate:
+    def best(self) -> WeighedModel:
         """The candidate of the largest evidence."""
         return max(self.candidates, key=lambda c: c.evidence.log_z)
 
     @property
-    def ranking(self) -> tuple[Candidate, ...]:
+    def ranking(self) -> tuple[WeighedModel, ...]:
         """All candidates, the best first."""
         return tuple(sorted(self.candidates, key=lambda c: -c.evidence.log_z))
 
@@ -210,11 +210,11 @@ class Comparison:
         """Whether every evidence's error may be believed."""
         return all(c.trusted for c in self.candidates)
 
-    def two_log_b(self, candidate: Candidate) -> float:
+    def two_log_b(self, candidate: WeighedModel) -> float:
         """2 ln B of the best against a candidate: 0 for the best itself."""
         return 2 * (self.best.evidence.log_z - candidate.evidence.log_z)
 
-    def words(self, candidate: Candidate) -> str:
+    def words(self, candidate: WeighedModel) -> str:
         """Evidence for the best against a candidate in the words of Kass and Raftery; ``"best"`` for itself."""
         return "best" if candidate is self.best else bayes_factor_words(self.two_log_b(candidate))
 
@@ -248,7 +248,7 @@ class Comparison:
             "versions": package_versions(),
         }
 
-    def _row(self, candidate: Candidate, probability: float) -> dict[str, Any]:
+    def _row(self, candidate: WeighedModel, probability: float) -> dict[str, Any]:
         z = candidate.evidence
         held = [bool(k == RIGID) for k in candidate.stiffness]
         names = [quantity.name for quantity in candidate.quantities]
@@ -276,7 +276,7 @@ class Comparison:
             "loo_note": candidate.loo_note,
         }
 
-    def _loo(self, candidate: Candidate) -> dict[str, Any] | None:
+    def _loo(self, candidate: WeighedModel) -> dict[str, Any] | None:
         if candidate.loo is None:
             return None
         known = [c.loo for c in self.candidates if c.loo is not None]

@@ -16,7 +16,7 @@ from jointbayes.posterior.evidence import PARETO_LIMIT
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, Section, Table
+from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text, require_writable, write_whole
 from jointbayes.studies.comparison import GRADES, Comparison
 
@@ -69,11 +69,11 @@ def build_comparison_report(summary: dict[str, Any], date: datetime.date) -> Rep
         subtitle=" against ".join(dict.fromkeys(foreign(row["title"]) for row in summary["candidates"])),
         lead=_lead(summary),
         sections=(
-            Section("evidence", "Evidence", (evidence_table(summary), _figure(summary), _method_table(summary))),
-            Section("joints", "Best joint of each candidate", (_joint_table(summary),)),
-            Section("cross-validation", "Cross-validation", _loo_blocks(summary)),
-            Section("reading", "How to read this", _reading(summary)),
-            Section("settings", "Settings", (_settings(summary),)),
+            ReportSection("evidence", "Evidence", (evidence_table(summary), _figure(summary), _method_table(summary))),
+            ReportSection("joints", "Best joint of each candidate", (_joint_table(summary),)),
+            ReportSection("cross-validation", "Cross-validation", _loo_blocks(summary)),
+            ReportSection("reading", "How to read this", _reading(summary)),
+            ReportSection("settings", "Settings", (_settings(summary),)),
         ),
         date=date,
         version=summary["versions"]["jointbayes"],

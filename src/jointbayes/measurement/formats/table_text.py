@@ -41,7 +41,7 @@ class TextTable:
 
 
 @dataclass(frozen=True, slots=True)
-class _HeadLine:
+class _TableHead:
     """A line above the numbers, without the sign of a comment."""
 
     number: int
@@ -106,7 +106,7 @@ def read_text_table(path: Path) -> TextTable:
         If there is no row of numbers, a row has another number of fields, or a field is not a number.
     """
     lines = text_lines(path)
-    head: list[_HeadLine] = []
+    head: list[_TableHead] = []
     comments: dict[str, str] = {}
     for number, line in lines:
         if line.lstrip()[:1] in ("#", "%"):
@@ -114,14 +114,14 @@ def read_text_table(path: Path) -> TextTable:
             if colon:
                 comments[key.strip().lower()] = value.strip()
             else:
-                head.append(_HeadLine(number, line.lstrip("#% \t"), is_comment=True))
+                head.append(_TableHead(number, line.lstrip("#% \t"), is_comment=True))
             continue
         if not line.strip():
             continue
         delimiter = _delimiter(line)
         if delimiter is not None:
             break
-        head.append(_HeadLine(number, line))
+        head.append(_TableHead(number, line))
         if len(head) > _LONGEST_HEADER:
             raise MeasurementError(f"line {number}: found no row of numbers so far; expected a table; correct the file")
     else:
@@ -152,8 +152,8 @@ def _fields(line: str, delimiter: str) -> list[str]:
     return fields[:-1] if len(fields) > 1 and not fields[-1].strip() else fields
 
 
-def _header(head: list[_HeadLine], delimiter: str, count: int) -> tuple[str, ...]:
-    names: _HeadLine | None = None
+def _header(head: list[_TableHead], delimiter: str, count: int) -> tuple[str, ...]:
+    names: _TableHead | None = None
     for entry in head:
         fields = _fields(entry.text, delimiter)
         broken = next((f for f in fields if not _NUMBER.fullmatch(f.strip())), None)
@@ -165,7 +165,7 @@ def _header(head: list[_HeadLine], delimiter: str, count: int) -> tuple[str, ...
     return ("",) * count if names is None else _names(names, delimiter, count)
 
 
-def _names(line: _HeadLine, delimiter: str, count: int) -> tuple[str, ...]:
+def _names(line: _TableHead, delimiter: str, count: int) -> tuple[str, ...]:
     where = f"line {line.number}"
     try:
         names = line.text.split() if delimiter == " " else next(csv.reader([line.text], delimiter=delimiter))

@@ -228,7 +228,7 @@ _OVERLAP = 128
 
 
 @dataclass(frozen=True, slots=True)
-class DataSet:
+class UffDataSet:
     """A data set of a universal file.
 
     Parameters
@@ -260,7 +260,7 @@ def line_of(file: BinaryIO, offset: int) -> int:
     return line
 
 
-def scan(file: BinaryIO) -> Iterator[DataSet]:
+def scan(file: BinaryIO) -> Iterator[UffDataSet]:
     """Data sets of a universal file in their order.
 
     Raises
@@ -287,7 +287,7 @@ def scan(file: BinaryIO) -> Iterator[DataSet]:
         yield _data_set(file, number)
 
 
-def _data_set(file: BinaryIO, number: int) -> DataSet:
+def _data_set(file: BinaryIO, number: int) -> UffDataSet:
     here = file.tell()
     line = file.readline(_LONGEST_LINE)
     match = re.match(rb"[ \t]*(\d{1,6})([bB]?)(?=\s|$)", line)
@@ -300,12 +300,12 @@ def _data_set(file: BinaryIO, number: int) -> DataSet:
     kind, binary = int(match[1]), bool(match[2])
     start = file.tell()
     if kind != 58:
-        return DataSet(number, kind, start, _closing(file, number, start))
+        return UffDataSet(number, kind, start, _closing(file, number, start))
     header = _header(file, number, line if binary else None)
     start = file.tell()
     if not binary:
         # the line end of the header may be the one before the delimiter
-        return DataSet(number, kind, start, _closing(file, number, start - 1), header)
+        return UffDataSet(number, kind, start, _closing(file, number, start - 1), header)
     stop = start + body_bytes(header)
     file.seek(stop)
     tail = file.read(_OVERLAP)
@@ -317,7 +317,7 @@ def _data_set(file: BinaryIO, number: int) -> DataSet:
             "it again"
         )
     file.seek(stop + end.end())
-    return DataSet(number, kind, start, stop, header)
+    return UffDataSet(number, kind, start, stop, header)
 
 
 def _header(file: BinaryIO, number: int, binary: bytes | None) -> FunctionHeader:

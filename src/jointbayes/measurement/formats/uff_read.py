@@ -20,9 +20,9 @@ from jointbayes.measurement.formats.table_text import float_of
 from jointbayes.measurement.formats.uff_data_sets import (
     AXIS_TYPES,
     CORRECTIONS,
-    DataSet,
     FunctionHeader,
     LineError,
+    UffDataSet,
     line_of,
     scan,
 )
@@ -162,7 +162,7 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
     """
     with path.open("rb") as file:
         sets, corrections, units = _index(file)
-        coherences: dict[Pair, list[DataSet]] = {}
+        coherences: dict[Pair, list[UffDataSet]] = {}
         occurrences: dict[Pair, int] = {}
         for one in sets:
             if _function(one) == _COHERENCE:
@@ -193,7 +193,7 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
             yield record
 
 
-def _index(file: BinaryIO) -> tuple[list[DataSet], dict[int, DataSet], FileUnits]:
+def _index(file: BinaryIO) -> tuple[list[UffDataSet], dict[int, UffDataSet], FileUnits]:
     sets, corrections, units = [], {}, FileUnits()
     for one in scan(file):
         behind = file.tell()
@@ -220,7 +220,7 @@ def _index(file: BinaryIO) -> tuple[list[DataSet], dict[int, DataSet], FileUnits
     return sets, corrections, units
 
 
-def _function(one: DataSet) -> int | None:
+def _function(one: UffDataSet) -> int | None:
     """Function type, with complex spectra of unknown type over frequency counted as FRFs; None where not a 58."""
     header = one.header
     if header is None:
@@ -228,7 +228,7 @@ def _function(one: DataSet) -> int | None:
     return _FRF if header.function == 0 and header.is_complex and header.abscissa.kind == 18 else header.function
 
 
-def _pair(one: DataSet) -> Pair:
+def _pair(one: UffDataSet) -> Pair:
     assert one.header is not None
     return _labels(one.header)
 
@@ -242,12 +242,12 @@ def _labels(header: FunctionHeader) -> Pair:
     return out[0], out[1]
 
 
-def _body(file: BinaryIO, one: DataSet) -> bytes:
+def _body(file: BinaryIO, one: UffDataSet) -> bytes:
     file.seek(one.start)
     return file.read(one.stop - one.start)
 
 
-def _read(file: BinaryIO, one: DataSet, corrections: dict[int, DataSet]) -> Function:
+def _read(file: BinaryIO, one: UffDataSet, corrections: dict[int, UffDataSet]) -> Function:
     header = one.header
     assert header is not None
     try:
@@ -260,7 +260,7 @@ def _read(file: BinaryIO, one: DataSet, corrections: dict[int, DataSet]) -> Func
     return _corrected(found, _body(file, corrections[one.number]), one)
 
 
-def _corrected(found: Function, body: bytes, one: DataSet) -> Function:
+def _corrected(found: Function, body: bytes, one: UffDataSet) -> Function:
     """Values with the digits that did not fit their columns: steps in units of the last place, for each number."""
     ordinate = found.ordinate.view(float) if np.iscomplexobj(found.ordinate) else found.ordinate
     count = found.abscissa.size + ordinate.size
@@ -277,7 +277,7 @@ def _corrected(found: Function, body: bytes, one: DataSet) -> Function:
 
 
 def _frf_record(
-    file: BinaryIO, one: DataSet, coherence: DataSet | None, corrections: dict[int, DataSet], units: FileUnits
+    file: BinaryIO, one: UffDataSet, coherence: UffDataSet | None, corrections: dict[int, UffDataSet], units: FileUnits
 ) -> FrfRecord:
     header = one.header
     assert header is not None
@@ -337,7 +337,7 @@ def _averages(header: FunctionHeader) -> int | None:
 
 
 def _time_record(
-    file: BinaryIO, one: DataSet, corrections: dict[int, DataSet], units: FileUnits, nth: int | None
+    file: BinaryIO, one: UffDataSet, corrections: dict[int, UffDataSet], units: FileUnits, nth: int | None
 ) -> TimeRecord:
     header = one.header
     assert header is not None

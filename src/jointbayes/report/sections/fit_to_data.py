@@ -15,14 +15,14 @@ from jointbayes.posterior.rounding import number, signed
 from jointbayes.report import figures
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section, Series, Table
+from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, ReportSection, Series, Table
 
 #: FRFs that have figures, and rows of a table of FRFs; those that fit worst come first.
 MOST_FIGURES, MOST_ROWS = 8, 20
 _PER_TIME = {"receptance": "", "mobility": "s ", "accelerance": "s² "}
 
 
-def fit_section(inputs: SetupInputs) -> Section:
+def fit_section(inputs: SetupInputs) -> ReportSection:
     """Measured against predicted."""
     said, fit = inputs.said, inputs.said.fit
     text = (
@@ -36,7 +36,7 @@ def fit_section(inputs: SetupInputs) -> Section:
     blocks += _measure(said.diagnosis)
     if data is not None:
         blocks += _frf_figures(inputs.posterior, inputs.part, data, said.diagnosis)
-    return Section("fit", "Measured and predicted", tuple(blocks))
+    return ReportSection("fit", "Measured and predicted", tuple(blocks))
 
 
 def _residuals(data: FrfData, check: PredictiveCheck) -> Figure:

@@ -11,10 +11,10 @@ from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, kind_of, readable
-from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
+from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
 
 
-def knowledge_section(inputs: ReportInputs) -> Section:
+def knowledge_section(inputs: ReportInputs) -> ReportSection:
     """Which combinations are known, correlations, and what the verdicts rest on: all of it from draws."""
     knowledge = inputs.knowledge
     blocks: list[Block] = [Paragraph(f"**{knowledge.directions_sentence}**")]
@@ -34,7 +34,7 @@ def knowledge_section(inputs: ReportInputs) -> Section:
     blocks.append(_correlations(inputs.posterior))
     if knowledge.freed:
         blocks += freed_blocks(knowledge)
-    return Section("known", "What is known, and what it assumes", tuple(blocks))
+    return ReportSection("known", "What is known, and what it assumes", tuple(blocks))
 
 
 def _verdict(verdict: Verdict, *, explained: bool) -> str:
@@ -95,7 +95,7 @@ def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ..
     return (uncertain, *intervals, verdicts, row.source)
 
 
-def likelihood_section(inputs: ReportInputs) -> Section | None:
+def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
     """Likelihood-ratio limits, which are no credible intervals; None where no residual depends on a coordinate."""
     knowledge, summary = inputs.knowledge, inputs.summary
     if not knowledge.profiles:
@@ -130,4 +130,4 @@ def likelihood_section(inputs: ReportInputs) -> Section | None:
             ),
         ),
     )
-    return Section("likelihood", "Likelihood-ratio limits", blocks)
+    return ReportSection("likelihood", "Likelihood-ratio limits", blocks)

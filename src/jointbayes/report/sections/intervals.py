@@ -6,10 +6,10 @@ from jointbayes.posterior.rounding import contraction, fixed, interval, number
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, readable
-from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
+from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
 
 
-def posterior_section(inputs: ReportInputs) -> Section:
+def posterior_section(inputs: ReportInputs) -> ReportSection:
     """Marginals, pairs, prior and the full table."""
     posterior, reference = inputs.posterior, inputs.reference
     blocks: list[Block] = [_table(inputs), Paragraph(inputs.summary.map.mode_sentence)]
@@ -39,7 +39,7 @@ def posterior_section(inputs: ReportInputs) -> Section:
         blocks.append(
             Paragraph(f"The published point lies on the edge of the {100 * level:.1f} % highest-density region.")
         )
-    return Section("posterior", "Posterior", tuple(blocks))
+    return ReportSection("posterior", "Posterior", tuple(blocks))
 
 
 def _table(inputs: ReportInputs) -> Table:
@@ -79,7 +79,7 @@ def _table(inputs: ReportInputs) -> Table:
     return Table("Posterior in numbers", head, rows, note=note)
 
 
-def nuisance_section(inputs: ReportInputs) -> Section | None:
+def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
     """Prior and posterior of whatever else is uncertain; None where nothing is."""
     nuisances = inputs.summary.nuisances
     if not nuisances:
@@ -102,7 +102,7 @@ def nuisance_section(inputs: ReportInputs) -> Section | None:
         "Contraction 0: the data say nothing about it, and the posterior is the prior; near 1: the data determine it; "
         "none: the posterior is as wide as the prior or wider."
     )
-    return Section(
+    return ReportSection(
         "nuisances",
         "What else was uncertain",
         (Table("Other uncertain quantities", head, rows, note=note),),

@@ -11,14 +11,14 @@ from jointbayes.posterior.rounding import number, signed
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import Paragraph, Section, Table
+from jointbayes.report.model import Paragraph, ReportSection, Table
 
 _STEP = 0.005  # either way, of a difference over 1 % of a stiffness
 _KNOWN_PERCENT = 0.1  # to which a test usually knows a natural frequency
 _MOST_MODES = 12
 
 
-def joint_in_modes_section(inputs: SetupInputs) -> Section | None:
+def joint_in_modes_section(inputs: SetupInputs) -> ReportSection | None:
     """Effect of the joint on each natural frequency in the band of the data; None where there is none."""
     problem = inputs.part
     names = tuple(problem.quantities[i].name for i in _stiffnesses(problem))
@@ -50,7 +50,7 @@ def joint_in_modes_section(inputs: SetupInputs) -> Section | None:
     said = _sentence(modes, names, change)
     if not inputs.said.check.explains:
         said = f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
-    return Section("joint-in-modes", "Which modes show the joint", (Paragraph(said), table))
+    return ReportSection("joint-in-modes", "Which modes show the joint", (Paragraph(said), table))
 
 
 def _sentence(modes: NDArray[np.intp], names: tuple[str, ...], change: Array) -> str:

@@ -10,7 +10,7 @@ from jointbayes.measurement.provenance import ChannelUse, MeasuredMode, Measurem
 from jointbayes.posterior.rounding import number, signed
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import Block, Callout, Paragraph, Section, Table
+from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
 
 _MOST_CHANNELS = 40  # in the table
 
@@ -52,7 +52,7 @@ def _predicted(inputs: SetupInputs, modes: Sequence[MeasuredMode]) -> list[float
     return [float(predicted[np.argmin(np.abs(predicted - f))]) for f in measured]
 
 
-def measurement_section(inputs: SetupInputs) -> Section | None:
+def measurement_section(inputs: SetupInputs) -> ReportSection | None:
     """Files, channels, variance, what was changed, and what is doubtful."""
     p = inputs.part.test.data.provenance
     if p is None:
@@ -83,7 +83,7 @@ def measurement_section(inputs: SetupInputs) -> Section | None:
         shown = ", ".join(f"`{foreign(label)}`" for label in p.left_out[:40])
         more = f" and {len(p.left_out) - 40} more" if len(p.left_out) > 40 else ""
         blocks.append(Paragraph(f"Channels left out, because the case does not map them: {shown}{more}."))
-    return Section("measurement", "Measurement", tuple(blocks))
+    return ReportSection("measurement", "Measurement", tuple(blocks))
 
 
 def _sentence(warning: MeasurementWarning) -> str:
@@ -96,7 +96,7 @@ def _channel_row(use: ChannelUse) -> tuple[str, ...]:
     return (f"`{foreign(use.channel)}`{turned}", use.role, foreign(use.dof), number(use.factor, 6), mass)
 
 
-def measured_bodies_section(inputs: ReportInputs) -> Section | None:
+def measured_bodies_section(inputs: ReportInputs) -> ReportSection | None:
     """A row for each body; None where the structure is modelled throughout."""
     noise = inputs.summary.measured_bodies
     if noise is None:
@@ -120,7 +120,7 @@ def measured_bodies_section(inputs: ReportInputs) -> Section | None:
         for file in body.files
     )
     listed = [Table("Files of the measured bodies", ("Body", "File", "Bytes", "SHA-256"), files)] if files else []
-    return Section("measured-bodies", "Measured bodies", (Paragraph(foreign(noise.sentence)), table, *listed))
+    return ReportSection("measured-bodies", "Measured bodies", (Paragraph(foreign(noise.sentence)), table, *listed))
 
 
 def _body_row(name: str, body: MeasuredBody) -> tuple[str, ...]:

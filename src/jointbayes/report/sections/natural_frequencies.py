@@ -14,13 +14,13 @@ from jointbayes.posterior.rounding import interval, number, signed
 from jointbayes.report import figures
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import Block, Figure, Section, Table
+from jointbayes.report.model import Block, Figure, ReportSection, Table
 
 _DRAWS = 1000
 _MOST_ROWS, _MOST_FIGURES = 60, 8
 
 
-def frequency_section(inputs: SetupInputs) -> Section | None:
+def frequency_section(inputs: SetupInputs) -> ReportSection | None:
     """Natural frequencies: measured, first guess, MAP, interval; None where the model has none."""
     frequencies = inputs.said.natural_frequencies_hz
     if not frequencies.map:
@@ -50,7 +50,7 @@ def frequency_section(inputs: SetupInputs) -> Section | None:
         worst = max(abs(100 * (b / m - 1)) for b, m in zip(frequencies.map, measured, strict=True))
         alt = f"Deviation of predicted natural frequencies by mode; the largest at the MAP is {worst:.2f} per cent."
         blocks.append(Figure("frequencies-plot", caption, alt, svg))
-    return Section("frequencies", "Natural frequencies", tuple(blocks))
+    return ReportSection("frequencies", "Natural frequencies", tuple(blocks))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,13 +72,13 @@ class _Compared:
         return (number(self.measured[at], 4), number(self.sd[at], 2), number(self.best[at], 4), signed(away), ends)
 
 
-def own_section(inputs: SetupInputs) -> Section | None:
+def own_section(inputs: SetupInputs) -> ReportSection | None:
     """The section that the kind of data registers, see `compared_section`; None where it has none."""
     return compared_section(inputs.part.test.data, inputs)
 
 
 @singledispatch
-def compared_section(data: Data, inputs: SetupInputs) -> Section | None:
+def compared_section(data: Data, inputs: SetupInputs) -> ReportSection | None:
     """Measured against predicted values, if that kind of data registers a section with ``@compared_section.register``.
 
     FRFs and natural frequencies have theirs among the sections of all data.
@@ -87,7 +87,7 @@ def compared_section(data: Data, inputs: SetupInputs) -> Section | None:
 
 
 @compared_section.register
-def _modes_section(measured: ModeData, inputs: SetupInputs) -> Section:
+def _modes_section(measured: ModeData, inputs: SetupInputs) -> ReportSection:
     posterior, problem = inputs.posterior, inputs.part
     prediction = ModePrediction(measured, problem.test.structures, problem.test.joints)
     parts, likeness, places = _compared(posterior, problem, measured, prediction)
@@ -118,7 +118,7 @@ def _modes_section(measured: ModeData, inputs: SetupInputs) -> Section:
         of_match = ("Measured mode", "Mode of the model", "Modal assurance criterion")
         blocks.append(Table("Matched modes", of_match, matched, note=note))
         blocks += _figures(measured, shape)
-    return Section("modes", "Modes", tuple(blocks))
+    return ReportSection("modes", "Modes", tuple(blocks))
 
 
 def _compared(

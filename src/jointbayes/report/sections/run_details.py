@@ -8,10 +8,10 @@ from jointbayes.posterior.rounding import fixed, number
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, foreign
-from jointbayes.report.model import Block, Code, Figure, Paragraph, Section, Table
+from jointbayes.report.model import Block, Code, Figure, Paragraph, ReportSection, Table
 
 
-def starts_section(inputs: ReportInputs) -> Section:
+def starts_section(inputs: ReportInputs) -> ReportSection:
     """Where the mode came from: the starts, and the paper's iteration or what is missing for it."""
     posterior, estimate = inputs.posterior, inputs.posterior.estimate
     rows = tuple(
@@ -38,7 +38,7 @@ def starts_section(inputs: ReportInputs) -> Section:
         blocks += _iteration_blocks(estimate.iteration, posterior.problem.quantities, inputs.reference)
     elif missing := missing_for_iteration(posterior.problem):
         blocks.append(Paragraph(f"**The paper's iteration was left out.** {foreign(missing)}."))
-    return Section("starts", "Starting points and the paper's iteration", tuple(blocks))
+    return ReportSection("starts", "Starting points and the paper's iteration", tuple(blocks))
 
 
 def _iteration_blocks(
@@ -80,7 +80,7 @@ def _listed(names: list[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def sampling_section(inputs: ReportInputs) -> Section:
+def sampling_section(inputs: ReportInputs) -> ReportSection:
     """How the draws were made and how well they mixed."""
     record = inputs.posterior.record
     s = record.sampler
@@ -98,7 +98,7 @@ def sampling_section(inputs: ReportInputs) -> Section:
         ("Time", f"{s['seconds']:.1f} s, {fixed(s['ess_per_second'], 0)} effective draws per second"),
         ("Seed", f"{record.seed}"),
     )
-    return Section(
+    return ReportSection(
         "sampling",
         "Sampling",
         (
@@ -138,11 +138,11 @@ def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
     return [*traces, *correlations]
 
 
-def settings_section(inputs: ReportInputs) -> Section:
+def settings_section(inputs: ReportInputs) -> ReportSection:
     """Everything needed to repeat the run."""
     summary = inputs.summary
     versions = tuple((foreign(name), foreign(version)) for name, version in summary.record.versions.items())
-    return Section(
+    return ReportSection(
         "settings",
         "Settings and versions",
         (

@@ -9,11 +9,11 @@ from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign, kind_of
-from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
+from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
 from jointbayes.report.sections.measured_data import mode_table
 
 
-def overview_section(inputs: ReportInputs) -> Section:
+def overview_section(inputs: ReportInputs) -> ReportSection:
     """A row for each set-up: its data, and whether the model explains them."""
     levels = [one.said.level for one in inputs.setups if one.said.level is not None]
     rows = []
@@ -37,16 +37,16 @@ def overview_section(inputs: ReportInputs) -> Section:
     )
     kinds = tuple("" if one.said.check.explains else "bad" for one in inputs.setups)
     table = Table("Set-ups", tuple(head), tuple(rows), note=note, row_kinds=kinds)
-    return Section("setups", "Set-ups", (table,))
+    return ReportSection("setups", "Set-ups", (table,))
 
 
-def setup_section(place: int, inputs: SetupInputs, sections: Sequence[Section]) -> Section:
+def setup_section(place: int, inputs: SetupInputs, sections: Sequence[ReportSection]) -> ReportSection:
     """What the sections on the data say of one set-up, one after the other."""
     blocks: list[Block] = list(mode_table(inputs))
     for section in sections:
         blocks.append(Paragraph(f"**{section.title}.**"))
         blocks += (_name_setup(place, block) for block in section.blocks)
-    return Section(f"setup-{place}", f"Set-up {foreign(inputs.part.test.name)}", tuple(blocks))
+    return ReportSection(f"setup-{place}", f"Set-up {foreign(inputs.part.test.name)}", tuple(blocks))
 
 
 def _name_setup(place: int, block: Block) -> Block:
@@ -54,7 +54,7 @@ def _name_setup(place: int, block: Block) -> Block:
     return replace(block, identifier=f"setup-{place}-{block.identifier}") if isinstance(block, Figure) else block
 
 
-def curve_section(inputs: ReportInputs) -> Section | None:
+def curve_section(inputs: ReportInputs) -> ReportSection | None:
     """A table and a figure for each quantity that is each set-up's own; None where set-ups have no levels."""
     curves = curves_of(inputs.posterior)
     if not curves:
@@ -64,7 +64,7 @@ def curve_section(inputs: ReportInputs) -> Section | None:
     for i, curve in enumerate(curves, 1):
         blocks.append(Paragraph(foreign(curve.sentence)))
         blocks += [_table(inputs, curve), _figure(i, curve)]
-    return Section("curve", foreign(f"Stiffness over the {of.name}"), tuple(blocks))
+    return ReportSection("curve", foreign(f"Stiffness over the {of.name}"), tuple(blocks))
 
 
 def _axis(curve: Curve) -> str:

@@ -9,7 +9,7 @@ from jointbayes.arrays import Array
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.rounding import interval, number
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import Block, Callout, Figure, Paragraph, Section, Table
+from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
 from jointbayes.studies.campaign.campaign_findings import (
     FEWEST_JOINTS,
     CampaignFindings,
@@ -83,7 +83,7 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-def campaign_sections(findings: CampaignFindings) -> tuple[Section, ...]:
+def campaign_sections(findings: CampaignFindings) -> tuple[ReportSection, ...]:
     """The body of the report."""
     joints = findings.joints
     sections = [_look_section(findings)]
@@ -108,10 +108,10 @@ def _cut(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
 
 
-def _look_section(findings: CampaignFindings) -> Section:
+def _look_section(findings: CampaignFindings) -> ReportSection:
     looks = findings.look
     if not looks:
-        return Section("look", "Cases that need a look", (Paragraph("None."),))
+        return ReportSection("look", "Cases that need a look", (Paragraph("None."),))
     rows = tuple(
         (foreign(look.row.label), foreign(look.row.key), foreign(_cut("; ".join(look.reasons))))
         for look in looks[:_MOST_LOOKS]
@@ -122,7 +122,7 @@ def _look_section(findings: CampaignFindings) -> Section:
     if more > 0:
         note += f" {more} more, down to a joint just beyond a control limit, stand in `joints.csv`."
     table = Table("Cases that need a look", ("Joint", "Case", "Why"), rows, align="lll", note=note, row_kinds=kinds)
-    return Section("look", "Cases that need a look", (table,))
+    return ReportSection("look", "Cases that need a look", (table,))
 
 
 def _kind(look: Look) -> str:
@@ -170,7 +170,7 @@ def _scatter_text(k: PopulationStiffness, *, resolved: bool) -> str:
     return f"{number(100 * k.scatter[0], 2)} % ({low} … {high} %)"
 
 
-def _population_section(joints: PopulationFindings) -> Section:
+def _population_section(joints: PopulationFindings) -> ReportSection:
     names = joints.draws.parametrisation.names
     shown = [q for q in joints.quantities if q.name in names]
     figure = Figure(
@@ -187,7 +187,7 @@ def _population_section(joints: PopulationFindings) -> Section:
         "half-normal; both are as wide as the priors that the joints were sampled under. Monte Carlo error of mean and "
         "scatter, from the limited number of draws of each joint, in posterior standard deviations."
     )
-    return Section("population-section", "The population", (figure, Table("Coordinates", head, rows, note=note)))
+    return ReportSection("population-section", "The population", (figure, Table("Coordinates", head, rows, note=note)))
 
 
 def _coordinate_row(joints: PopulationFindings, i: int, axis: Coordinate) -> tuple[str, ...]:
@@ -217,7 +217,7 @@ def _density(joints: PopulationFindings, quantity: ChartedQuantity) -> tuple[Arr
     return (x, *np.quantile(density, [0.025, 0.5, 0.975], axis=0))
 
 
-def _control_section(joints: PopulationFindings) -> Section:
+def _control_section(joints: PopulationFindings) -> ReportSection:
     rows, count = joints.draws.rows, len(joints.draws.rows)
     dated = joints.order == "date" and count > _MOST_JOINTS
     labels = [row.date.date().isoformat() if dated and row.date else row.label for row in rows]
@@ -244,7 +244,7 @@ def _control_section(joints: PopulationFindings) -> Section:
                 control_plot(q, joints.order),
             )
         )
-    return Section("control", "Control charts and outliers", tuple(blocks))
+    return ReportSection("control", "Control charts and outliers", tuple(blocks))
 
 
 def _chart_table(joints: PopulationFindings) -> Table:
@@ -270,7 +270,7 @@ def _chart_table(joints: PopulationFindings) -> Table:
     return Table("Control charts", head, tuple(rows), note=note)
 
 
-def _ranking_section(joints: PopulationFindings) -> Section:
+def _ranking_section(joints: PopulationFindings) -> ReportSection:
     labels = [row.label for row in joints.draws.rows]
     count = len(labels)
     blocks: list[Block] = [
@@ -294,7 +294,7 @@ def _ranking_section(joints: PopulationFindings) -> Section:
             ranking_figure(q, labels),
         )
         blocks += [figure, Table(f"Ranking by {q.label}{shown}", head, rows, align="rlrrr")]
-    return Section("ranking", "Ranking", tuple(blocks))
+    return ReportSection("ranking", "Ranking", tuple(blocks))
 
 
 def _rank_row(q: ChartedQuantity, label: str, i: int, place: int) -> tuple[str, ...]:
@@ -308,7 +308,7 @@ def _rank_row(q: ChartedQuantity, label: str, i: int, place: int) -> tuple[str, 
     )
 
 
-def _joint_section(joints: PopulationFindings) -> Section:
+def _joint_section(joints: PopulationFindings) -> ReportSection:
     """Estimates with and without the others: of all joints, or of those that the others move the most."""
     count, rows = len(joints.draws.rows), joints.draws.rows
     moved = np.max([np.abs(_moved(q)) for q in joints.quantities], axis=0)
@@ -338,7 +338,7 @@ def _joint_section(joints: PopulationFindings) -> Section:
             f"draws lie where the population is. {_named(joints, untrusted)}. More draws of these cases help."
         )
         blocks.insert(0, Callout("caution", text))
-    return Section("joints", "Joints with and without the others", tuple(blocks))
+    return ReportSection("joints", "Joints with and without the others", tuple(blocks))
 
 
 def _moved(q: ChartedQuantity) -> Array:
@@ -347,7 +347,7 @@ def _moved(q: ChartedQuantity) -> Array:
     return np.asarray((scale(q.shrunken[:, 1]) - q.chart.value) / q.chart.sd)
 
 
-def _method_section(joints: PopulationFindings) -> Section:
+def _method_section(joints: PopulationFindings) -> ReportSection:
     axes = ", ".join(axis.label for axis in joints.draws.parametrisation.axes)
     text = (
         f"The population is normal in {axes}, each by itself, and cut off where a joint is not positive definite. Its "
@@ -358,4 +358,4 @@ def _method_section(joints: PopulationFindings) -> Section:
         f"{joints.population.effective_populations:.0f} independent draws. Cases that failed or did not converge "
         "have no part in it."
     )
-    return Section("method", "How this was computed", (Paragraph(text),))
+    return ReportSection("method", "How this was computed", (Paragraph(text),))

@@ -17,7 +17,7 @@ from jointbayes.posterior.information.directions import spread_in_words
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
+from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text, write_into
 from jointbayes.studies.planning.candidates import Candidate, SimulatedPosterior, Simulation
 from jointbayes.studies.planning.first_look import Linearised, Names
@@ -323,8 +323,10 @@ def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report
         "Candidates that could come first by their range were simulated more often."
     )
     sections = (
-        Section("candidates", "Candidates", (candidate_table(summary), _figure(entries, parameter, summary["now"]))),
-        Section("method", "How this was computed", (Paragraph(how),)),
+        ReportSection(
+            "candidates", "Candidates", (candidate_table(summary), _figure(entries, parameter, summary["now"]))
+        ),
+        ReportSection("method", "How this was computed", (Paragraph(how),)),
     )
     kind: Kind = "bad" if not summary["converged"] else "caution" if summary["recommended"] is None else "good"
     return Report(
