@@ -94,11 +94,18 @@ def _with_other_record(rng: random.Random, content: bytes) -> bytes:
             holder[key] = _nested(rng, old)
         else:
             holder[key] = old * (1 + 10 ** rng.uniform(-12, 0)) if isinstance(old, float) else [old]
-        file.attrs["jointbayes"] = (
-            json.dumps(record) if rng.random() < 0.99 else json.dumps(record)[: rng.randrange(9999)]
-        )
+        text = _written(record)
+        file.attrs["jointbayes"] = text if rng.random() < 0.99 else text[: rng.randrange(9999)]
 
     return _changed(content, change)
+
+
+def _written(record: dict[str, Any]) -> str:
+    """The record as text; one nested twice, deeper than Python writes, as a text that is deeper still."""
+    try:
+        return json.dumps(record)
+    except RecursionError:
+        return "[" * 9000 + "]" * 9000
 
 
 def _somewhere(rng: random.Random, record: dict[str, Any]) -> tuple[Any, Any]:
