@@ -426,7 +426,7 @@ def test_those_whose_range_overlaps_that_of_the_first_are_simulated_further():
 def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     case = jb.case_from_text("cheap", planned_text(('"5:rz"]\n', '"5:rz"]\nmax_measurements = 2\n')))
     lines = []
-    plan = jb.plan(case, cheap_posterior, seed=3, simulations=4, progress=lines.append)
+    plan = jb.plan(case, cheap_posterior, seed=3, simulations=4, tell=lines.append)
     summary = plan.summary()
     assert json.loads(json.dumps(summary, allow_nan=False)) == json.loads(
         json.dumps(jb.plan(case, cheap_posterior, seed=3, simulations=4).summary())

@@ -59,13 +59,13 @@ def test_a_plan_that_was_interrupted_goes_on_and_is_the_same(cheap_posterior, ma
     made.clear()
     for count in (4, 7):
         with pytest.raises(KeyboardInterrupt):
-            few(cheap_posterior, tmp_path, progress=interrupting(made, count))
+            few(cheap_posterior, tmp_path, tell=interrupting(made, count))
     assert made == all_made[:7]
     assert not (tmp_path / "lock").exists()
     file = tmp_path / KEPT
     file.write_bytes(file.read_bytes()[:-9])  # as of a process killed while it wrote: that one is made again
     lines = []
-    assert few(cheap_posterior, tmp_path, progress=lines.append).summary() == whole
+    assert few(cheap_posterior, tmp_path, tell=lines.append).summary() == whole
     assert made == all_made[:7] + all_made[6:]
     assert lines[0] == "going on with 6 simulations that are kept"
     assert few(cheap_posterior, tmp_path).summary() == whole

@@ -48,7 +48,7 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
     require_same_data(cases)
     if out is not None:
         require_writable(out, COMPARISON_MARK)
-    comparison = weigh(cases, seed=seed, progress=lambda name: say(f"weighing {name}", err=True))
+    comparison = weigh(cases, seed=seed, tell=lambda name: say(f"weighing {name}", err=True))
     for line in evidence_table(comparison.summary(), method=True).lines():
         say(line)
     for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):
@@ -100,7 +100,7 @@ def plan(config: Path, out: Path | None, as_json: bool, assume: tuple[str, ...],
     directory = out or Path("reports") / f"{directory_name(case.name, config)}-plan"
     require_room(directory)
     click.get_current_context().meta[UNFINISHED] = f"what is done is kept in {directory}; the same command goes on"
-    result = ranked(case, seed=seed, assume=stated or None, directory=directory, progress=show_steps())
+    result = ranked(case, seed=seed, assume=stated or None, directory=directory, tell=show_steps())
     result.write(directory)
     if as_json:
         text = json.dumps(result.summary(), indent=2, ensure_ascii=False, allow_nan=False)

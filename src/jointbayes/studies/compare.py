@@ -74,7 +74,7 @@ def _places(parametrisation: Parametrisation) -> dict[str, str]:
 
 @one_blas_thread()
 def compare(
-    cases: Sequence[AnyCase], *, seed: int | None = None, progress: Callable[[str], None] | None = None
+    cases: Sequence[AnyCase], *, seed: int | None = None, tell: Callable[[str], None] | None = None
 ) -> Comparison:
     """Weigh the hypotheses of cases that hold the same data against each other.
 
@@ -84,7 +84,7 @@ def compare(
         Cases, or paths of their files, each with its list of hypotheses.
     seed
         Seed of all random numbers; by default the first case's.
-    progress
+    tell
         Told which candidate is next.
 
     Returns
@@ -108,8 +108,8 @@ def compare(
     candidates = []
     for case in given:
         for hypothesis in case.spec.compare.hypotheses:
-            if progress is not None:
-                progress(f"{hypothesis} in {case.name}")
+            if tell is not None:
+                tell(f"{hypothesis} in {case.name}")
             try:
                 candidates.append(_candidate(case, hypothesis, seed))
             except CaseError:

@@ -42,7 +42,7 @@ def plan(
     assume: Mapping[str, float] | None = None,
     simulations: int = ALL,
     directory: str | os.PathLike[str] | None = None,
-    progress: Callable[[str], None] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> Plan:
     """Rank the further measurements that a case could be given.
 
@@ -64,7 +64,7 @@ def plan(
     directory
         Where the draws of the present posterior and each simulation are kept as they are made: a plan that was cut off
         goes on where it was, and is the same bit for bit. By default nowhere.
-    progress
+    tell
         Called with a line of text at each step, of simulations with about how long the others will take.
 
     Returns
@@ -84,7 +84,7 @@ def plan(
         If the directory holds something else, or another process is at work in it.
     """
     case = as_case(case)
-    tell = progress or (lambda line: None)
+    tell = tell or (lambda line: None)
     bodies = [(part.test.name, body.name) for part in case.problem.parts for body in part.test.measured_bodies]
     if bodies:
         setup, name = bodies[0]
