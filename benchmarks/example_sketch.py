@@ -13,7 +13,7 @@ from jointbayes.joint import Joint
 from jointbayes.measurement import FrfData
 from jointbayes.report.canvas import svg
 from jointbayes.report.model import SERIES_COLOURS
-from jointbayes.structure import Body, Member, Section
+from jointbayes.structure import FrameBody, Member, Section
 from jointbayes.structure.beam_recipe import BeamRecipe
 from jointbayes.structure.frame_recipe import FrameRecipe
 
@@ -76,9 +76,9 @@ class _Places:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self._structure = problem.test.structures.nominal
-        self._order = {dof.partition(":")[0]: i for i, dof in enumerate(self._structure.dofs)}
-        self.known = all(self._structure.position(dof) is not None for dof in self._structure.dofs[:1])
+        self._structure = problem.test.structures
+        self._order = {dof.partition(":")[0]: i for i, dof in enumerate(self._structure.labels)}
+        self.known = all(self._structure.position(dof) is not None for dof in self._structure.labels[:1])
 
     def joints(self) -> Iterator[tuple[Any, ...]]:
         """Each joint, at its own point, or between the masses that it connects."""
@@ -139,12 +139,12 @@ def _shapes(problem: Problem, places: _Places) -> Iterator[tuple[Array, str]]:
         return
     else:
         box = np.array([[-0.2, -0.15], [0.2, -0.15], [0.2, 0.15], [-0.2, 0.15]])
-        for place, name in enumerate(problem.test.structures.nominal.dofs):
+        for place, name in enumerate(problem.test.structures.labels):
             yield box + np.array([place, 0.0]), name
         yield box * [0.1, 2.0] - [1.0, 0.0], ""
 
 
-def _outlines(body: Body, member: Member) -> Iterator[Array]:
+def _outlines(body: FrameBody, member: Member) -> Iterator[Array]:
     """Each stretch of a member with its section's height, as it is seen."""
     for one, other in pairwise(body.stations(member)):
         along = np.subtract(other.place, one.place)

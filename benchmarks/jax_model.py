@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.peers import Setup
 from jointbayes.inference import Problem
-from jointbayes.structure import LossFactor, ModalDamping, mode_shift
+from jointbayes.structure import LossFactor, ModalDamping
 
 
 def log_likelihood(problem: Problem) -> Callable[[Any], Any]:
@@ -53,7 +53,7 @@ def _modal(setup: Setup, problem: Problem) -> Callable[[Any], Any]:
 
     assert isinstance(setup.law, ModalDamping)
     modes = setup.modes()
-    shift = mode_shift(setup.structure)
+    shift = setup.structure.shift
     inverse = 1 / (modes.eigenvalues + shift)
     at_joint = modes.shapes.T @ setup.joined
     driven = inverse[:, None] * at_joint

@@ -12,7 +12,7 @@ from scipy import linalg
 from jointbayes.frf import quantity_factor
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrfData
-from jointbayes.structure import LossFactor, ModalDamping
+from jointbayes.structure import LossFactor, ModalDamping, Structure
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -30,7 +30,8 @@ class Setup:
         frf = measurement.frf
         # the elements of the package's own forward model, so that likelihoods can be compared to rounding
         dofs = (*problem.test.joints.dofs, *problem.test.joints.against, *frf.outputs, *frf.inputs)
-        structure = problem.test.structures.at(dofs, measurement.top_hz).nominal
+        structure = problem.test.structures.at(dofs, measurement.top_hz).certain()
+        assert isinstance(structure, Structure)
         if frf.values[0].size != 1:
             raise ValueError(f"peers: found {frf.values[0].size} FRFs; expected one")
         self.omega = 2 * np.pi * np.asarray(frf.frequency_hz)

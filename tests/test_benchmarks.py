@@ -22,7 +22,6 @@ from benchmarks.peer_samplers import StretchRun, kish, log_likelihood_on_box, pr
 from benchmarks.samplers import emcee_rows, extrapolated, missing, row
 
 import jointbayes as jb
-from jointbayes.structure import FixedFamily
 
 pytestmark = pytest.mark.docs
 
@@ -54,7 +53,7 @@ def test_a_peer_computes_the_same_likelihood(quick, law, peer):
     matrices, problem = some_joints(quick[law]), quick[law].problem
     setup = peers.Setup(problem)
     # every mode of the same elements, as the peers have them; to a sampler the reduced model is the same
-    whole = problem.with_test(structure=FixedFamily(setup.structure).reference())
+    whole = problem.with_test(structure=setup.structure.reference())
     likelihood = whole.log_posterior.likelihood
     expected = likelihood.log_likelihood(matrices)
     # ln L is the difference of its constant and χ²/2: digits are lost from those, not from what is left

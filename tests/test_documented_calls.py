@@ -15,8 +15,8 @@ pytestmark = pytest.mark.docs
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-#: Run by a test of its own, in tests/test_workflow.py.
-ELSEWHERE = {"without-files.md"}
+#: Run by tests of their own, of tests/test_workflow.py and of those whose files they show.
+ELSEWHERE = {"without-files.md", "developing.md"}
 
 
 def blocks(page: Path) -> list[str]:
@@ -118,7 +118,7 @@ def test_every_call_in_a_line_of_text_is_run(clone):
         "section": section,
         "steel": STEEL,
         "law": jb.LossFactor(0.01),
-        "strip": jb.Body({"1": (0, 0, 0), "2": (1, 0, 0)}, (jb.Member(("1", "2"), section, STEEL),)),
+        "strip": jb.FrameBody({"1": (0, 0, 0), "2": (1, 0, 0)}, (jb.Member(("1", "2"), section, STEEL),)),
     }
     failed = []
     for call in sorted({call for page in PAGES for call in calls(page)}):

@@ -227,7 +227,7 @@ def test_any_frame_has_finite_modes_or_is_an_error(place, up, kappa, size, mass,
     def frame():
         end = None if kappa is None else jb.Section.circle(size)
         member = jb.Member(("1", "2"), CIRCLE, MATERIAL, end, kappa, up, (place, place))
-        body = jb.Body({"1": (0, 0, 0), "2": place}, (member,), (PointMass("2", mass, inertia, place),))
+        body = jb.FrameBody({"1": (0, 0, 0), "2": place}, (member,), (PointMass("2", mass, inertia, place),))
         recipe = jb.FrameRecipe(body, DAMPING, supports=supports, element=element)
         return jb.FrameFamily(recipe, {})
 

@@ -50,6 +50,7 @@ from jointbayes.structure import BeamFamily as BeamFamily
 from jointbayes.structure import BeamMaterial as BeamMaterial
 from jointbayes.structure import BeamRecipe as BeamRecipe
 from jointbayes.structure import Body as Body
+from jointbayes.structure import FrameBody as FrameBody
 from jointbayes.structure import FrameFamily as FrameFamily
 from jointbayes.structure import FrameRecipe as FrameRecipe
 from jointbayes.structure import LossFactor as LossFactor

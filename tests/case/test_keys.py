@@ -40,7 +40,7 @@ from jointbayes.measurement.provenance import Provenance
 from jointbayes.measurement.rotations import Rotation
 from jointbayes.measurement.simulated import Rig
 from jointbayes.structure import Section
-from jointbayes.structure.family import UncertainFamily
+from jointbayes.structure.family import UncertainBody
 from jointbayes.studies.planning import make_plan
 from jointbayes.studies.planning.candidates import Candidate, StatedVariance
 from tests.case.key_cases import CASES, KeyCase
@@ -119,7 +119,7 @@ _OF_A_TEST = {"structure": "structure", "joint": "joints", "data": "data", "nois
 VIEWS: dict[type, Callable[[Any], Any]] = {
     Joints: lambda joints: {joint.name: joint for joint in joints.joints},
     Section: lambda section: section.dimensions,
-    UncertainFamily: lambda family: {"recipe": family.recipe, "ranges": family.ranges},
+    UncertainBody: lambda family: {"recipe": family.recipe, "ranges": family.ranges},
     Substructures: lambda bodies: bodies.modelled,
     Ports: lambda ports: lines_of(ports.frequency_hz),
     FrfSet: lambda frf: lines_of(frf.frequency_hz),

@@ -15,7 +15,7 @@ from jointbayes.joint import Joint
 from jointbayes.posterior.stored_problem import _Description, _Restoring
 from jointbayes.structure import (
     BeamMaterial,
-    Body,
+    FrameBody,
     FrameFamily,
     FrameRecipe,
     LossFactor,
@@ -118,7 +118,7 @@ def test_a_portal_frame_is_what_it_says():
     case = built(PORTAL, "3:y", "1:x")
     steel = BeamMaterial(2.1e11, 0.3, 7800.0)
     points = {"foot": (0, 0, 0), "1": (0, 0.4, 0), "5": (0.5, 0.4, 0), "right": (0.5, 0, 0)}
-    body = Body(points, (Member(tuple(points), Section.rectangle(0.04, 0.02), steel),))
+    body = FrameBody(points, (Member(tuple(points), Section.rectangle(0.04, 0.02), steel),))
     expected = FrameRecipe(
         body, ModalDamping((0.005,)), ("x", "y", "rz"), case.spec.structure.supports, accelerometer_dofs=("3:y",)
     )

@@ -17,13 +17,12 @@ from jointbayes.joint import Joint, Joints, LogStiffness
 from jointbayes.measurement import FrequencyData, ModeData, ModeShapes, Observed
 from jointbayes.structure import (
     BeamMaterial,
-    Body,
+    FrameBody,
     FrameRecipe,
     Member,
     ModalDamping,
     Section,
     ViscousMatrix,
-    as_family,
     chain,
     family_of_recipe,
 )
@@ -51,7 +50,7 @@ def assembled(structure, joint, matrix):
 def test_two_bodies_with_a_joint_in_all_directions_float_like_one(directions, count):
     section = Section.rectangle(0.04, 0.01)
     bodies = {
-        name: Body({"a": (x, 0, 0), "b": (x + 0.3, 0, 0)}, (Member(("a", "b"), section, STEEL),))
+        name: FrameBody({"a": (x, 0, 0), "b": (x + 0.3, 0, 0)}, (Member(("a", "b"), section, STEEL),))
         for name, x in (("left", 0.0), ("right", 0.3))
     }
     structure = FrameRecipe(bodies, ModalDamping((0.01,)), directions).structure()
@@ -98,11 +97,11 @@ def test_shapes_and_damping_ratios_are_those_of_the_elastic_modes():
     matrix = np.array([[3e4]])
     lam, shapes = (part[..., 1:] for part in assembled(structure, joint, matrix))
     c = np.diag([3.0, 0.0, 0.0, 0.0])
-    modes = AssembledShapes(replace(structure, damping=ViscousMatrix(c)), joint, ("1:x", "4:x"), 3).modes(matrix)
+    modes = AssembledShapes(replace(structure, damping=ViscousMatrix(c)), joint, 3, ("1:x", "4:x")).modes(matrix)
     assert_allclose(modes.frequency_hz[0], np.sqrt(lam) / (2 * np.pi), rtol=1e-9)
     assert_allclose(modes.damping_ratio[0], np.diag(shapes.T @ c @ shapes) / (2 * np.sqrt(lam)), rtol=1e-8)
     assert_allclose(modes.shapes[0, :, 1] / modes.shapes[0, :, 0], shapes[3] / shapes[0], rtol=1e-8)
-    listed = AssembledShapes(replace(structure, damping=ModalDamping((0.01, 0.02))), joint, ("1:x",), 3)
+    listed = AssembledShapes(replace(structure, damping=ModalDamping((0.01, 0.02))), joint, 3, ("1:x",))
     assert listed.modes(matrix).damping_ratio.tolist() == [[0.01, 0.02, 0.02]]
 
 
@@ -131,17 +130,17 @@ def test_modes_as_data_have_no_rigid_body_motions_among_them():
     frequency = np.sqrt(lam) / (2 * np.pi)
     ratio = ModeShapes(("4:x",), "1:x", Observed((shapes[3] / shapes[0])[:2, None], 0.01))
     measured = ModeData(Observed(frequency[None, :2], 0.1), shapes=ratio)
-    found = ModePrediction(measured, as_family(structure), joint).predicted_values(matrix[None])
+    found = ModePrediction(measured, structure, joint).predicted_values(matrix[None])
     assert_allclose(np.sort(found), np.sort(np.hstack([frequency[:2], (shapes[3] / shapes[0])[:2]])[None]), rtol=1e-8)
     by_shape = replace(measured, match="shape")
-    again = ModePrediction(by_shape, as_family(structure), joint).predicted_values(matrix[None])
+    again = ModePrediction(by_shape, structure, joint).predicted_values(matrix[None])
     assert_allclose(again, found, rtol=1e-8)
 
 
 def test_two_beams_in_free_suspension_come_back_from_their_natural_frequencies():
     section = Section.rectangle(0.04, 0.01)
     bodies = {
-        name: Body({"a": (x, 0, 0), "b": (x + 0.3, 0, 0)}, (Member(("a", "b"), section, STEEL),))
+        name: FrameBody({"a": (x, 0, 0), "b": (x + 0.3, 0, 0)}, (Member(("a", "b"), section, STEEL),))
         for name, x in (("left", 0.0), ("right", 0.3))
     }
     family = family_of_recipe(FrameRecipe(bodies, ModalDamping((0.01,)), ("y", "rz")))

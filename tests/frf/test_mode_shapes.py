@@ -33,7 +33,7 @@ def assembled(structure: Structure, matrix: np.ndarray) -> np.ndarray:
 
 def test_frequencies_and_shapes_are_those_of_the_assembled_matrices():
     structure = rod()
-    model = AssembledShapes(structure, CLAMP, DOFS, 4)
+    model = AssembledShapes(structure, CLAMP, 4, DOFS)
     batch = np.array([STIFF, 1e4 * STIFF, 1e-3 * STIFF])
     modal = model.modes(batch)
     for i, matrix in enumerate(batch):
@@ -51,7 +51,7 @@ def test_frequencies_and_shapes_are_those_of_the_assembled_matrices():
 @pytest.mark.parametrize("law", [LossFactor(2e-3), Rayleigh(3.0, 2e-6)])
 def test_damping_ratios_are_those_of_the_complex_eigenvalues(law):
     structure = rod(damping=law)
-    found = AssembledShapes(structure, CLAMP, (), 4).modes(STIFF).damping_ratio[0]
+    found = AssembledShapes(structure, CLAMP, 4, ()).modes(STIFF).damping_ratio[0]
     alone, whole, n = structure.stiffness, assembled(structure, STIFF), structure.n_dofs
     if isinstance(law, LossFactor):
         lam = linalg.eigvals(whole + 2e-3j * alone, structure.mass)
@@ -69,7 +69,7 @@ def test_damping_ratios_are_those_of_the_complex_eigenvalues(law):
 
 @pytest.mark.parametrize("law", [ModalDamping((0.01, 0.02)), LossFactor(0.01), Rayleigh(3.0, 2e-6)])
 def test_the_derivative_is_that_of_differences(law):
-    model = AssembledShapes(rod(damping=law), CLAMP, DOFS, 4)
+    model = AssembledShapes(rod(damping=law), CLAMP, 4, DOFS)
     directions = np.array([[[1e6, 0], [0, 0]], [[0, 1e4], [1e4, 0]], [[0, 0], [0, 1e3]]])
     here, slope = model.tangent(STIFF, directions)
     step = 1e-4
@@ -87,7 +87,7 @@ def test_damping_ratios_of_a_matrix_of_dampers_are_those_of_the_complex_eigenval
     dampers = np.array([[0.3, -0.1, 0.0], [-0.1, 0.15, -0.05], [0.0, -0.05, 0.05]])
     masses = np.diag([2.0, 1.0, 1.5])
     chain = Structure(stiffness, masses, ViscousMatrix(dampers), ("1:x", "2:x", "3:x"))
-    model = AssembledShapes(chain, Joint(("1:x",)), ("3:x",), 3)
+    model = AssembledShapes(chain, Joint(("1:x",)), 3, ("3:x",))
     zero, one = np.zeros((3, 3)), np.eye(3)
     held = stiffness + np.diag([900.0, 0.0, 0.0])
     poles = linalg.eigvals(np.block([[zero, one], [-held, -dampers]]), linalg.block_diag(one, masses))
@@ -107,7 +107,7 @@ IMAGINARY = np.array([[6e4, 200.0], [200.0, 90.0]])
 
 def test_damping_of_the_joint_itself_is_that_of_the_complex_eigenvalues():
     structure = rod(damping=LossFactor(0.0))
-    found = AssembledShapes(structure, CLAMP, (), 3).modes(JointMatrix(STIFF, LOSSES, IMAGINARY)).damping_ratio[0]
+    found = AssembledShapes(structure, CLAMP, 3, ()).modes(JointMatrix(STIFF, LOSSES, IMAGINARY)).damping_ratio[0]
     n, place = structure.n_dofs, np.ix_(*[structure.index(CLAMP.dofs)] * 2)
     whole, damping = assembled(structure, STIFF), np.zeros((n, n))
     damping[place] = LOSSES
@@ -125,7 +125,7 @@ def test_damping_of_the_joint_itself_is_that_of_the_complex_eigenvalues():
 
 
 def test_the_derivative_of_joints_with_damping_is_that_of_differences():
-    model = AssembledShapes(rod(damping=LossFactor(0.01)), CLAMP, DOFS, 4)
+    model = AssembledShapes(rod(damping=LossFactor(0.01)), CLAMP, 4, DOFS)
     zero = np.zeros((2, 2))
     matrix = JointMatrix(STIFF, LOSSES, IMAGINARY)
     directions = JointMatrix(
@@ -144,9 +144,9 @@ def test_a_family_and_its_factors_give_the_modes_of_the_changed_structure():
     recipe = BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), LossFactor(0.01), elements=10)
     family = BeamFamily(recipe, {"youngs_modulus": (-0.2, 0.2), "loss_factor": (-1.0, 1.0)})
     factors = np.array([1.1, 2.0])
-    found = AssembledShapes(family, CLAMP, DOFS, 3).modes(STIFF, factors)
+    found = AssembledShapes(family, CLAMP, 3, DOFS).modes(STIFF, factors)
     structure = family.structure(factors)
-    own = AssembledShapes(structure, CLAMP, DOFS, 3).modes(STIFF)
+    own = AssembledShapes(structure, CLAMP, 3, DOFS).modes(STIFF)
     np.testing.assert_allclose(found.frequency_hz, own.frequency_hz, rtol=1e-6)
     np.testing.assert_allclose(found.damping_ratio, own.damping_ratio, rtol=1e-5)
     np.testing.assert_allclose(
@@ -157,6 +157,6 @@ def test_a_family_and_its_factors_give_the_modes_of_the_changed_structure():
 def test_more_modes_than_dofs_and_dofs_that_do_not_exist_are_refused():
     chain = Structure(np.array([[2.0, -1.0], [-1.0, 1.0]]), np.eye(2), ModalDamping((0.0,)), ("1:x", "2:x"))
     with pytest.raises(ModelError, match="found a count of 3; expected 1 to 2"):
-        AssembledShapes(chain, Joint(("1:x",)), (), 3)
+        AssembledShapes(chain, Joint(("1:x",)), 3, ())
     with pytest.raises(ModelError, match="'3:x'"):
-        AssembledShapes(chain, Joint(("1:x",)), ("3:x",), 1)
+        AssembledShapes(chain, Joint(("1:x",)), 1, ("3:x",))

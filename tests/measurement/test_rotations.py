@@ -8,7 +8,7 @@ from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.joint import Joint
 from jointbayes.measurement import FrfData
 from jointbayes.measurement.rotations import Rotation, at_joint, with_rotations
-from jointbayes.structure import BeamMaterial, Body, FrameRecipe, LossFactor, Member, Section
+from jointbayes.structure import BeamMaterial, FrameBody, FrameRecipe, LossFactor, Member, Section
 from tests.conftest import CLAMP, pair_matrix, rod
 
 LINES = np.linspace(30.0, 800.0, 40)
@@ -128,7 +128,9 @@ def test_the_sign_of_a_rotation_is_that_of_a_rod_along_any_axis(axis):
     lines = np.array([60.0, 350.0])
     far, near = (tuple(length * (i == axis) for i in range(3)) for length in (0.3, 0.299))
     rod = Member(("root", "near", "tip"), Section.rectangle(0.02, 0.03), BeamMaterial(2.1e11, 0.3, 7800.0))
-    free = FrameRecipe(Body({"root": (0.0, 0.0, 0.0), "near": near, "tip": far}, (rod,)), LossFactor(0.02)).structure()
+    free = FrameRecipe(
+        FrameBody({"root": (0.0, 0.0, 0.0), "near": near, "tip": far}, (rod,)), LossFactor(0.02)
+    ).structure()
     root = Joint(tuple(f"root:{way}" for way in ("x", "y", "z", "rx", "ry", "rz")))
     for across in (i for i in range(3) if i != axis):
         direction, turn = "xyz"[across], f"r{'xyz'[3 - axis - across]}"

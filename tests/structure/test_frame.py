@@ -6,11 +6,10 @@ from numpy.testing import assert_allclose
 from scipy import linalg
 from scipy.spatial.transform import Rotation
 
-from jointbayes.frf.direct import solve_lines
 from jointbayes.structure import (
     BeamMaterial,
     BeamRecipe,
-    Body,
+    FrameBody,
     FrameRecipe,
     LossFactor,
     Member,
@@ -51,7 +50,7 @@ def bent_frame(turn=TURNS[0], element="converged", law=LAW):
         Member(("corner", "b"), Section.tube(0.03, 0.02), ALUMINIUM, up=turned((1, 0, 0), turn), offsets=offsets),
     )
     masses = (PointMass("b", 0.4, six, turned((0.0, 0.02, 0.03), turn)),)
-    body = Body({name: turned(place, turn) for name, place in points.items()}, members, masses)
+    body = FrameBody({name: turned(place, turn) for name, place in points.items()}, members, masses)
     return FrameRecipe(body, law, element=element)
 
 
@@ -88,7 +87,7 @@ def test_constant_strain_twist_moment_and_shear_are_exact_on_uneven_elements(ele
     points = {str(i): turned((x, 0, 0), turn) for i, x in enumerate(places)}
     member = Member(("0", "1", "2", "3"), FLAT, STEEL, up=turned((0, 1, 0), turn))
     supports = tuple(f"0:{d}" for d in SIX)
-    recipe = FrameRecipe(Body(points, (member,)), LAW, supports=supports, element=element)
+    recipe = FrameRecipe(FrameBody(points, (member,)), LAW, supports=supports, element=element)
     frame = recipe.structure({}, recipe.mesh(None, 100.0))
     ea, gj, eiy, eiz, kya, kza, *_ = constants(FLAT, STEEL)
     whole = np.kron(np.eye(2), turn)  # from local to global
@@ -142,7 +141,7 @@ def test_frequencies_and_receptances_do_not_depend_on_the_axes_of_the_drawing():
         unit = np.eye(frame.n_dofs)
         out, into = (unit[:, frame.index([f"{p}:{d}" for d in SIX])] for p in ("corner", "b"))
         both = np.kron(np.eye(2), turn)
-        receptance = both.T @ solve_lines(frame, lines, out, into) @ both
+        receptance = both.T @ frame.solve_lines(lines, out, into) @ both
         first = first or (frequency, receptance)
         assert_allclose(frequency, first[0], rtol=1e-9)
         assert_allclose(receptance, first[1], atol=1e-9 * np.abs(first[1]).max())
@@ -157,7 +156,7 @@ def test_axial_and_torsional_frequencies_of_rods_are_those_of_the_wave_equation(
     e, g, rho = STEEL.youngs_modulus, STEEL.shear_modulus, STEEL.density
     polar = section.inertia_y + section.inertia_z
     speed = np.sqrt(e / rho) if direction == "x" else np.sqrt(g * section.torsion / (rho * polar))
-    body = Body({"1": (0, 0, 0), "2": (0.7, 0, 0)}, (Member(("1", "2"), section, STEEL),))
+    body = FrameBody({"1": (0, 0, 0), "2": (0.7, 0, 0)}, (Member(("1", "2"), section, STEEL),))
     free = FrameRecipe(body, LAW, (direction,))
     clamped = FrameRecipe(body, LAW, (direction,), supports=(f"1:{direction}",))
     top = 6 * speed / 1.4
@@ -178,7 +177,7 @@ def test_a_mass_at_the_end_of_a_rod_satisfies_its_frequency_equation(direction):
     else:
         speed, own = np.sqrt(g / rho), rho * section.torsion * length
         mass, ratio = PointMass("2", 0.0, (3e-4, 0, 0)), 3e-4 / own
-    body = Body({"1": (0, 0, 0), "2": (length, 0, 0)}, (Member(("1", "2"), section, STEEL),), (mass,))
+    body = FrameBody({"1": (0, 0, 0), "2": (length, 0, 0)}, (Member(("1", "2"), section, STEEL),), (mass,))
     recipe = FrameRecipe(body, LAW, (direction,), supports=(f"1:{direction}",))
     number = recipe.structure({}, recipe.mesh(None, 2e4)).modes().frequency_hz[:4] * 2 * np.pi * length / speed
     assert_allclose(number * np.tan(number) * ratio, 1.0, rtol=1e-7)
@@ -192,14 +191,14 @@ def test_a_straight_frame_is_the_beam(plane):
     law, section = ModalDamping((0.01,)), Section.rectangle(0.02, 0.03)
     mass = {"accelerometer_mass": 0.02, "accelerometer_dofs": ("6:y", "11:y"), "supports": ("1:y",)}
     beam = BeamRecipe(0.383, section, STEEL, law, dofs_per_node=len(plane), **mass)
-    body = Body({1: (0, 0, 0), 11: (0.383, 0, 0)}, (Member((1, 11), section, STEEL),))
+    body = FrameBody({1: (0, 0, 0), 11: (0.383, 0, 0)}, (Member((1, 11), section, STEEL),))
     frame = FrameRecipe(body, law, plane, **mass)
     used = ("1:y", "6:y", "11:y")
     here, there = (r.structure({}, r.mesh(used, 5000.0)) for r in (frame, beam))
     lines = 2 * np.pi * np.arange(15.0, 5000.0, 331.0)
     labels = ["6:y", "11:y", "11:rz"]
     found, expected = (
-        solve_lines(s, lines, np.eye(s.n_dofs)[:, s.index(labels)], np.eye(s.n_dofs)[:, s.index(labels)])
+        s.solve_lines(lines, np.eye(s.n_dofs)[:, s.index(labels)], np.eye(s.n_dofs)[:, s.index(labels)])
         for s in (here, there)
     )
     assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max(axis=(1, 2), keepdims=True).max())
@@ -209,7 +208,7 @@ def test_a_straight_frame_is_the_beam(plane):
 def test_the_papers_element_of_a_frame_is_that_of_its_beam():
     law = ModalDamping((0.01,))
     beam = BeamRecipe(0.383, FLAT, STEEL, law, dofs_per_node=5, element="paper").structure()
-    body = Body({1: (0, 0, 0), 11: (0.383, 0, 0)}, (Member((1, 11), FLAT, STEEL),))
+    body = FrameBody({1: (0, 0, 0), 11: (0.383, 0, 0)}, (Member((1, 11), FLAT, STEEL),))
     frame = FrameRecipe(body, law, ("x", "y", "z", "ry", "rz"), element="paper").structure()
     order = frame.index(beam.dofs)
     assert_allclose(frame.stiffness[np.ix_(order, order)], beam.stiffness, rtol=1e-9, atol=1e-3)
@@ -264,7 +263,7 @@ def test_receptances_are_those_of_exact_transfer_matrices():
     lines = np.array([77.0, 311.0, 1234.0, 2000.0])
     frame = recipe.structure({}, recipe.mesh((), 3000.0))
     unit = np.eye(frame.n_dofs)[:, frame.index([f"{p}:{d}" for p in ("a", "corner", "b") for d in SIX])]
-    found = solve_lines(frame, 2 * np.pi * lines, unit, unit).real
+    found = frame.solve_lines(2 * np.pi * lines, unit, unit).real
     for f, one in zip(lines, found, strict=True):
         z = dynamic_stiffness(3, rods, 2 * np.pi * f)
         z[12:18, 12:18] -= (2 * np.pi * f) ** 2 * heavy
@@ -285,11 +284,11 @@ def test_receptances_are_those_of_exact_transfer_matrices():
 )
 def test_a_tapered_beam_is_that_of_its_differential_equation(start, end):
     lines = np.array([150.0, 1700.0, 6000.0])
-    body = Body({"a": (0, 0, 0), "b": (0.3, 0, 0)}, (Member(("a", "b"), start, STEEL, end),))
+    body = FrameBody({"a": (0, 0, 0), "b": (0.3, 0, 0)}, (Member(("a", "b"), start, STEEL, end),))
     recipe = FrameRecipe(body, LossFactor(0.0))
     frame = recipe.structure({}, recipe.mesh((), 6000.0))
     unit = np.eye(frame.n_dofs)[:, frame.index([f"{p}:{d}" for p in "ab" for d in SIX])]
-    found = solve_lines(frame, 2 * np.pi * lines, unit, unit).real
+    found = frame.solve_lines(2 * np.pi * lines, unit, unit).real
     rod = Rod(
         (0, 1),
         (np.zeros(3), np.array([0.3, 0, 0])),

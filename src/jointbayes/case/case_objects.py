@@ -23,7 +23,7 @@ from jointbayes.measurement import (
     RelativeNoise,
     synthesise_frf,
 )
-from jointbayes.structure import StructureFamily, StructureRecipe, family_of_recipe
+from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 
 
 def recipe_of(spec: StructureBase, data: DataTable, measurement: Data | None = None) -> StructureRecipe:
@@ -96,7 +96,7 @@ def generator_of(seed: int, setup: str) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(setup.encode()),)))
 
 
-def true_family(spec: CaseSpec) -> StructureFamily:
+def true_family(spec: CaseSpec) -> Body:
     """The structure that makes the data: as analysed, but for what the truth states otherwise."""
     truth, structure = _synthetic(spec).truth, spec.structure
     keys = {"youngs_modulus_gpa", "density_kg_m3", "length_mm", "accelerometer_mass_g"}

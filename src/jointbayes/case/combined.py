@@ -23,7 +23,7 @@ from jointbayes.inference import JointPrior, Level, Marginal, NoiseModel, Nuisan
 from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, as_joints, blocks_of
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
-from jointbayes.structure import StructureRecipe, family_of_recipe
+from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 
 #: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses.
 DEFAULT_PRIOR_FACTORS = 0.1, 1e6
@@ -128,7 +128,7 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
                 continue
             kinds[named] = owner if named != owner else joint.parametrisation_object
             if named == owner:
-                sizes = own_stiffnesses(joint, setup.spec.structure, setup.recipe, setup.data)
+                sizes = own_stiffnesses(joint, setup.spec.structure, family_of_recipe(setup.recipe), setup.data)
                 priors = joint_marginals(setup.spec, joint, sizes, setup.recipe.extent)
                 marginals += priors
                 guesses.append(guess_of(joint, sizes, priors))
@@ -198,9 +198,7 @@ class OwnStiffness:
     softest: float
 
 
-def own_stiffnesses(
-    joint: JointSpec, structure: StructureBase, recipe: StructureRecipe, data: Data
-) -> dict[str, OwnStiffness]:
+def own_stiffnesses(joint: JointSpec, structure: StructureBase, body: Body, data: Data) -> dict[str, OwnStiffness]:
     """The structure's stiffness by itself where each stiffness and dashpot of a joint acts, by their names.
 
     A structure may hang on a joint far softer than itself. The spring on which its inertia m has the lowest measured
@@ -218,10 +216,10 @@ def own_stiffnesses(
             continue
         i, j = quantity.places[0]
         springs = [
-            math.sqrt(recipe.own_inertia(side[i]) * recipe.own_inertia(side[j])) * (2 * math.pi * lowest) ** 2
+            math.sqrt(body.own_inertia(side[i]) * body.own_inertia(side[j])) * (2 * math.pi * lowest) ** 2
             for side in sides
         ]
-        size = recipe.own_stiffness(sides[0][i], sides[0][j]) or min(springs)
+        size = body.own_stiffness(sides[0][i], sides[0][j]) or min(springs)
         beyond = shown.size and min(springs) < DEFAULT_PRIOR_FACTORS[0] * size
         sizes[quantity.name] = OwnStiffness(size, min(springs) if beyond else size)
     return sizes
@@ -329,7 +327,7 @@ def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> int:
 def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) -> Array:
     """Lowest natural frequencies of a structure with a rigid joint, Hz: no more than `most`, nor than it has."""
     family = family_of_recipe(recipe)
-    count = min(most, family.nominal.n_dofs - rigid_body_modes(family.nominal, joint) - joint.size)
+    count = min(most, family.n_dofs - rigid_body_modes(family, joint) - joint.size)
     if count < 1:  # nothing moves where the joint does not
         return np.empty(0)
     rigid = np.eye(joint.size) * RIGID

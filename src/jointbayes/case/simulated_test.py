@@ -16,7 +16,7 @@ from jointbayes.case.spec.fields import show_key
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
 from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, MeasurementError
-from jointbayes.frf import FrfSet, Ports, quantity_factor, receptance_model
+from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, quantity_factor, receptance_model, rigid_body_modes
 from jointbayes.joint import JointMatrix
 from jointbayes.measurement.formats import records_of_frf
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
@@ -33,7 +33,7 @@ from jointbayes.measurement.simulated import (
     shaker_records,
 )
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.structure import Structure, StructureFamily
+from jointbayes.structure import Body
 
 _AVERAGES = 10  # where neither the virtual test nor the noise of the data states a number
 #: Length of a block times the decay rate of the slowest mode: what is cut off is below any noise; a shaker leaks.
@@ -79,12 +79,7 @@ class Truth:
         return data
 
     @cached_property
-    def structure(self) -> Structure:
-        """The true structure without its joint, accelerometers in place."""
-        return self._structures.nominal
-
-    @cached_property
-    def _structures(self) -> StructureFamily:
+    def _structures(self) -> Body:
         return true_family(self.of.spec)
 
     @cached_property
@@ -95,11 +90,11 @@ class Truth:
     @cached_property
     def decay_rate(self) -> float:
         """Decay rate ζω of the slowest mode with the joint in place, 1/s; rigid motion does not count."""
-        joined = self.of.joint.selection(self.structure)
-        eigenvalues = self.structure.modes(joined @ self.matrix.stiffness @ joined.T).eigenvalues
-        elastic, law = eigenvalues > 0, self.structure.damping
-        omega, (alpha, beta) = np.sqrt(eigenvalues[elastic]), law.viscous
-        ratio = law.per_mode(eigenvalues.size)[elastic] + law.hysteretic / 2
+        body, joint = self._structures.certain(), self.of.joint
+        count, law = body.n_dofs - rigid_body_modes(body, joint), body.damping
+        omega = 2 * np.pi * NaturalFrequencies(body, joint, count).frequency_hz(self.matrix)[0]
+        alpha, beta = law.viscous
+        ratio = law.per_mode(count) + law.hysteretic / 2
         return float((ratio * omega + (alpha + beta * omega**2) / 2).min())
 
     def frf(self, frequency_hz: Array, outputs: tuple[str, ...]) -> FrfSet:

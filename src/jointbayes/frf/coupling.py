@@ -16,22 +16,19 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.damped_joints import add_joint, chi2_of, compliance_by_line
-from jointbayes.frf.direct import solve_lines
 from jointbayes.frf.kernels.by_line import error_roots
 from jointbayes.frf.kernels.compiled import compiled
 from jointbayes.frf.kernels.multi_dof import MultiDofCoupling, MultiDofMisfit
 from jointbayes.frf.kernels.pair import PairCoupling, PairMisfit
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, substructures
 from jointbayes.frf.modal import AssembledModes
-from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, as_factors, split_along
+from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, TakingPart, as_factors
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix
-from jointbayes.structure import FreeModes, StructureFamily
+from jointbayes.structure import Body, FreeModes
 
 ComplexArray = NDArray[np.complex128]
 _Coupling = PairCoupling | MultiDofCoupling
 
-#: A structure of so few DOFs is solved line by line, refined to the last bits; a larger one is summed over its modes.
-_SOLVED_LINE_BY_LINE = 50
 #: Receptances of so many structures are held in memory together.
 _AT_ONCE = 16
 
@@ -58,7 +55,9 @@ def _sum_modes(lam: Array, rate: Array, rows: Array, loss: float, omega: Array, 
                 out[line, q, p] = out[line, p, q]
 
 
-def free_receptance(family: StructureFamily, modes: FreeModes, factors: Array, omega: Array) -> NDArray[np.complex128]:
+def free_receptance(
+    body: Body, modes: FreeModes, factors: Array, omega: Array, *, hysteretic: bool = False
+) -> NDArray[np.complex128]:
     """Receptance without the joint, shape (n, lines, k, k), between k motions.
 
     Summed over the free modes, in which a loss factor and Rayleigh's damping are diagonal:
@@ -67,25 +66,30 @@ def free_receptance(family: StructureFamily, modes: FreeModes, factors: Array, o
 
     Parameters
     ----------
-    family
-        Structures with any damping.
+    body
+        With any damping law but a matrix.
     modes
-        Their free modes with the k motions.
+        Its free modes with the k motions.
     factors
-        On the family's quantities, shape (n, q).
+        On the body's quantities, shape (n, q).
     omega
         Lines, shape (lines,), rad/s.
+    hysteretic
+        Whether the loss factor 2ζ of the first mode stands in for modal damping.
     """
     eigenvalues, motions = modes(factors)  # one for all where no factor changes them
-    alpha, beta = family.nominal.damping.viscous
+    alpha, beta = body.damping.viscous
     # one row for all where no factor changes them
-    ratios, losses = family.damping_ratios(factors), family.loss_factors(factors)
+    ratios, losses = body.damping_ratios(factors, eigenvalues.shape[1]), body.loss_factors(factors)
+    modal = body.damping.of_assembled_modes
+    if modal and hysteretic:
+        modal, losses = False, 2 * ratios[:, 0]
     ratios, losses = (np.broadcast_to(rows, (len(factors), *rows.shape[1:])) for rows in (ratios, losses))
     free = np.empty((len(factors), omega.size, motions.shape[1], motions.shape[1]), dtype=complex)
     for i, receptance in enumerate(free):
         lam = eigenvalues[min(i, len(eigenvalues) - 1)]
         rate = alpha + beta * lam
-        if family.nominal.damping.of_assembled_modes:
+        if modal:
             elastic = np.flatnonzero(lam > 0)
             rate[elastic] = 2 * ratios[i, : elastic.size] * np.sqrt(lam[elastic])
         _sum_modes(
@@ -102,7 +106,7 @@ class LowRankCoupling:
     Parameters
     ----------
     structure
-        Structure with loss-factor or Rayleigh damping, a family of such, or measured bodies beside a modelled one.
+        Body with loss-factor or Rayleigh damping, or measured bodies beside a modelled one.
     joint
         Where the joint acts, r DOFs.
     ports
@@ -117,42 +121,44 @@ class LowRankCoupling:
 
     def __init__(self, structure: AnyStructure, joint: AnyJoint, ports: Ports) -> None:
         whole = substructures(structure)
-        self._family = family = whole.family
-        modal = family.nominal.damping.of_assembled_modes
-        if modal and not whole.measured:
+        self._body = body = whole.modelled
+        if body.damping.of_assembled_modes and not whole.measured:
             raise ModelError(
                 "low-rank coupling: found modal damping of the assembled structure; expected a loss factor or "
                 "Rayleigh damping; use the modal sum instead"
             )
-        if family.names and family.nominal.damping.matrix is not None:
+        if body.names and body.damping.matrix is not None:
             raise ModelError(
-                f"low-rank coupling: found the uncertain quantities {', '.join(family.names)} with a damping matrix, "
+                f"low-rank coupling: found the uncertain quantities {', '.join(body.names)} with a damping matrix, "
                 "which no modes diagonalise; expected another damping law, or nothing uncertain; change one of the two"
             )
-        joined, outputs, inputs = ports.selections(whole, joint)
+        taking_part = TakingPart.of(whole, joint, ports.outputs + ports.inputs)
         #: Part of each output and input that is the joint's own motion, shape (r, outputs + inputs).
-        self.along, rest = split_along(np.hstack([outputs, inputs]), joined)
+        self.along = taking_part.along
         #: Number of outputs; they come first.
         self.n_out = len(ports.outputs)
         #: Lines, shape (lines,), rad/s.
         self.omega = ports.omega
-        driven, n = np.hstack([joined, rest]), family.nominal.n_dofs
+        driven, n = np.hstack([taking_part.joined, taking_part.rest]), body.n_dofs
+        modelled = taking_part.dofs < n
         #: Measured bodies at the lines, each with the motion of its DOFs in the joint's motions and the ports'.
         self.bodies: list[tuple[MeasuredBody, Array]] = []
-        for body in whole.measured:
-            self.bodies.append((body.at_lines(ports.frequency_hz), driven[n : n + len(body.dofs)]))
-            n += len(body.dofs)
-        driven = driven[: family.nominal.n_dofs]
+        for measured in whole.measured:
+            of_body = np.zeros((len(measured.dofs), driven.shape[1]))
+            rows = np.flatnonzero((taking_part.dofs >= n) & (taking_part.dofs < n + len(measured.dofs)))
+            of_body[taking_part.dofs[rows] - n] = driven[rows]
+            self.bodies.append((measured.at_lines(ports.frequency_hz), of_body))
+            n += len(measured.dofs)
+        dofs, driven, r = taking_part.dofs[modelled], driven[modelled], joint.size
         self._known: _Coupling | None = None
         self._free: ComplexArray | None = None
-        small = family.nominal.n_dofs <= _SOLVED_LINE_BY_LINE and not modal
-        if not family.names and (small or family.nominal.damping.matrix is not None):
-            self._free = self._coupled_to_bodies(solve_lines(family.nominal, ports.omega, driven, driven))
+        solved = body.solved_receptance(dofs, driven, ports.omega)
+        if solved is not None:
+            self._free = self._coupled_to_bodies(solved)
         else:
-            forced = np.arange(driven.shape[1]) - joined.shape[1] >= len(ports.outputs)
-            forced[: joined.shape[1]] = True
-            self._modes = family.free_modes(driven, forced)
-            if not family.names:
+            column = np.arange(driven.shape[1])
+            self._modes = body.free_modes(dofs, driven, (column < r) | (column >= r + self.n_out))
+            if not body.names:
                 (self._free,) = self.free(np.empty((1, 0)))
         if self._free is not None:
             self._known = self._coupling(self._free)
@@ -164,7 +170,7 @@ class LowRankCoupling:
         """
         if self._free is not None:
             return self._free[None]
-        modelled = free_receptance(self._family, self._modes, factors, self.omega)
+        modelled = free_receptance(self._body, self._modes, factors, self.omega)
         return self._coupled_to_bodies(modelled) if self.bodies else modelled  # symmetric as it is
 
     def _coupled_to_bodies(self, modelled: ComplexArray) -> ComplexArray:
@@ -299,8 +305,8 @@ def receptance_model(structure: AnyStructure, joint: AnyJoint, ports: Ports) -> 
     """
     dofs = dict.fromkeys((*joint.labels, *ports.outputs, *ports.inputs))
     whole = substructures(structure).at(dofs, float(np.max(ports.frequency_hz)))
-    if whole.family.nominal.damping.of_assembled_modes and not whole.measured:
-        return AssembledModes(whole.family, joint, ports)
+    if whole.modelled.damping.of_assembled_modes and not whole.measured:
+        return AssembledModes(whole.modelled, joint, ports)
     return LowRankCoupling(whole, joint, ports)
 
 

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf.frf_set import FrfSet, quantity_factor, read_only
-from jointbayes.structure import Structure, StructureFamily, as_family
+from jointbayes.structure import Body
 
 ComplexArray = NDArray[np.complex128]
 
@@ -293,7 +293,7 @@ class Substructures:
     Parameters
     ----------
     modelled
-        Structure without the joints, or a family of them. Modal damping is that of its own free modes, rigid-body modes
+        Body without the joints. Modal damping is that of its own free modes, rigid-body modes
         not counted, since there are no modes of the assembled structure.
     measured
         Bodies given by their FRFs; a joint, an output or an input names their DOFs as those of any other body.
@@ -306,7 +306,7 @@ class Substructures:
         If two bodies share a name or the label of a DOF.
     """
 
-    modelled: Structure | StructureFamily
+    modelled: Body
     measured: tuple[MeasuredBody, ...]
     propagate: bool = True
 
@@ -315,7 +315,7 @@ class Substructures:
         names = [body.name for body in self.measured]
         if len(set(names)) != len(names):
             raise ModelError(f"substructures: found bodies {', '.join(names)}; expected each name once; rename one")
-        owner = dict.fromkeys(self.family.nominal.dofs, "the modelled structure") if self.measured else {}
+        owner = dict.fromkeys(self.modelled.labels if self.measured else (), "the modelled structure")
         for body in self.measured:
             for label in body.dofs:
                 if label in owner:
@@ -328,15 +328,10 @@ class Substructures:
     def __repr__(self) -> str:
         return f"Substructures({', '.join(map(repr, (self.modelled, *self.measured)))})"
 
-    @cached_property
-    def family(self) -> StructureFamily:
-        """The modelled bodies."""
-        return as_family(self.modelled)
-
     @property
     def n_dofs(self) -> int:
         """DOFs of all bodies; those of the modelled ones come first."""
-        return self.family.nominal.n_dofs + sum(len(body.dofs) for body in self.measured)
+        return self.modelled.n_dofs + sum(len(body.dofs) for body in self.measured)
 
     def index(self, labels: Sequence[str]) -> NDArray[np.intp]:
         """Row numbers of DOF labels among those of all bodies, shape (len(labels),).
@@ -349,29 +344,28 @@ class Substructures:
         rows = self._measured_rows
         places = np.empty(len(labels), dtype=np.intp)
         for i, label in enumerate(labels):
-            places[i] = rows[label] if label in rows else self.family.nominal.index((label,))[0]
+            places[i] = rows[label] if label in rows else self.modelled.index((label,))[0]
         return places
 
     def position(self, label: str) -> tuple[float, float, float] | None:
         """Where a DOF of a modelled body is, if that is known; that of a measured body is not."""
-        where = getattr(self.family.nominal, "position", None)
-        return None if where is None or label in self._measured_rows else where(label)
+        return None if label in self._measured_rows else self.modelled.position(label)
 
     def at(self, dofs: Iterable[str], top_hz: float) -> "Substructures":
         """The same bodies, the modelled ones exact at these DOFs up to this frequency."""
         modelled = [label for label in dofs if label not in self._measured_rows]
-        return replace(self, modelled=self.family.at(modelled, top_hz))
+        return replace(self, modelled=self.modelled.at(modelled, top_hz))
 
     @cached_property
     def _measured_rows(self) -> dict[str, int]:
         labels = [label for body in self.measured for label in body.dofs]
-        return {label: self.family.nominal.n_dofs + i for i, label in enumerate(labels)}
+        return {label: self.modelled.n_dofs + i for i, label in enumerate(labels)}
 
 
-AnyStructure = Structure | StructureFamily | Substructures
+AnyStructure = Body | Substructures
 """What forward models are made of."""
 
 
 def substructures(structure: AnyStructure) -> Substructures:
-    """Structures of which some bodies are measured as they are; others as substructures without a measured body."""
+    """Substructures as they are; a body as substructures without a measured one."""
     return structure if isinstance(structure, Substructures) else Substructures(structure, ())

@@ -1,5 +1,6 @@
 """Receptances and natural frequencies from the modes of the assembled structure, rigid-body motions counted apart."""
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -10,17 +11,17 @@ from jointbayes.errors import ModelError
 from jointbayes.frf.damped_joints import add_joint, chi2_of
 from jointbayes.frf.kernels.modal_sum import ModalSum
 from jointbayes.frf.kernels.secular import add_springs, springs, workspace
-from jointbayes.frf.ports import Ports, as_factors, split_along
+from jointbayes.frf.ports import Ports, TakingPart, as_factors
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix, symmetric_changes
-from jointbayes.structure import Structure, StructureFamily, as_family, mode_shift
-from jointbayes.structure.family import MOST_HELD
+from jointbayes.structure import Body
+from jointbayes.structure.body import MOST_HELD
 
 #: Motions of a joint that are smaller beside the largest of their kind are rounding.
 _AT_REST = 1e-8
 
 
-def rigid_body_modes(structure: Structure, joint: AnyJoint) -> int:
-    """Number of rigid-body motions that a structure has with its joint, whatever the joint's stiffness.
+def rigid_body_modes(body: Body, joint: AnyJoint) -> int:
+    """Number of rigid-body motions that a body has with its joint, whatever the joint's stiffness.
 
     Examples
     --------
@@ -30,19 +31,18 @@ def rigid_body_modes(structure: Structure, joint: AnyJoint) -> int:
     >>> rigid_body_modes(two, Joint(("2:x",), ("1:x",))), rigid_body_modes(two, Joint(("1:x",)))
     (1, 1)
     """
-    modes = structure.modes()
-    return rigid_motions(modes.eigenvalues, joint.selection(structure).T @ modes.shapes)
+    return _left_free(body, TakingPart.of(body, joint))
 
 
-def rigid_motions(eigenvalues: Array, joined: Array) -> int:
-    """The same of free modes, (m,), rigid-body ones exactly 0, and the joint's motions in them, (r, m)."""
-    rigid = joined[:, eigenvalues == 0.0]
-    if not rigid.size:
-        return rigid.shape[1]
+def _left_free(body: Body, taking_part: TakingPart) -> int:
+    """Number of rigid-body motions in which the joint does not move."""
+    free = body.rigid_motions(taking_part.dofs)
     # translations and rotations have different units
-    size = np.abs(joined).max(axis=1, keepdims=True)
-    held = np.linalg.svd(rigid / np.where(size > 0, size, 1.0), compute_uv=False)
-    return rigid.shape[1] - int((held > _AT_REST * held.max(initial=0.0)).sum())
+    size = np.abs(free).max(axis=1, keepdims=True, initial=0.0)
+    rigid = taking_part.joined.T @ free
+    scale = np.abs(taking_part.joined).T @ size
+    held = np.linalg.svd(rigid / np.where(scale > 0, scale, 1.0), compute_uv=False)
+    return free.shape[1] - int((held > _AT_REST).sum())
 
 
 def padded_for_rigid(values: Array, rigid: int, fill: float) -> Array:
@@ -63,30 +63,21 @@ class JoinedModes:
 
     Parameters
     ----------
-    structure, joint
-        Structure without the joint, or a family of them, and where the joint acts, r DOFs.
-    motions
-        What else to know of each mode, as forms on the DOFs, shape (DOFs, q).
+    body
+        Body without the joint.
+    taking_part
+        The joint's motions, r of them, and what else to know of each mode, q other ones without what is the joint's.
     forced
         At which of these forces act, shape (q,), beside those of the joint; by default at all.
     """
 
-    def __init__(
-        self,
-        structure: Structure | StructureFamily,
-        joint: AnyJoint,
-        motions: Array,
-        forced: NDArray[np.bool_] | None = None,
-    ) -> None:
-        family = as_family(structure)
-        self._shift = mode_shift(family.nominal)
-        joined = joint.selection(family.nominal)
-        self._r = joined.shape[1]
+    def __init__(self, body: Body, taking_part: TakingPart, forced: NDArray[np.bool_] | None = None) -> None:
+        self._shift, self._r = body.shift, taking_part.joined.shape[1]
         forces = None if forced is None else np.concatenate([np.ones(self._r, dtype=bool), forced])
-        self._free = family.free_modes(np.hstack([joined, motions]), forces)
-        free, moved = self._free(np.ones((1, len(family.names))))
+        motions = np.hstack([taking_part.joined, taking_part.rest])
+        self._free = body.free_modes(taking_part.dofs, motions, forces)
         #: Rigid-body motions that the joint leaves: the first so many modes, which nobody counts.
-        self.rigid = rigid_motions(free[0], moved[0, : self._r])
+        self.rigid = _left_free(body, taking_part)
 
     def solve(self, matrices: Array, factors: ArrayLike | None = None) -> tuple[Array, Array, Array]:
         """Assembled modes for joint matrices (batch, r, r), symmetric, and factors on the structure (batch, f).
@@ -114,15 +105,17 @@ class JoinedModes:
         return lam, rows, directions
 
 
-class NaturalFrequencies:
-    """Undamped natural frequencies of the structure with its joint; rigid-body motions of one that floats have none.
+class LowestModes:
+    """The lowest modes of a body with its joint; rigid-body motions of one that floats are none.
 
     Parameters
     ----------
-    structure, joint
-        Structure without the joint, or a family of them, and where the joint acts.
+    body, joint
+        Body without the joint, and where the joint acts.
     count
-        How many frequencies, from the lowest.
+        How many modes, from the lowest.
+    dofs
+        Labels of further DOFs that take part.
     top_hz
         Frequency up to which they are wanted; by default so high that all of them are exact. Those above are not, and
         may be fewer than `count`.
@@ -130,37 +123,38 @@ class NaturalFrequencies:
     Raises
     ------
     ModelError
-        If the structure has fewer DOFs than that.
+        If a DOF does not exist, or the body has fewer DOFs than that.
     """
 
     def __init__(
-        self, structure: Structure | StructureFamily, joint: AnyJoint, count: int, top_hz: float | None = None
+        self, body: Body, joint: AnyJoint, count: int, dofs: Sequence[str] = (), top_hz: float | None = None
     ) -> None:
-        family = as_family(structure)
-        reach = family.reach_hz(count + max(0, joint.size - MOST_HELD)) if top_hz is None else top_hz
-        self._modes = self._joined(family, joint, reach)
+        labels, most = dict.fromkeys((*joint.labels, *dofs)), count + max(0, joint.size - MOST_HELD)
+        self._assemble(body.at(labels, body.reach_hz(most) if top_hz is None else top_hz), joint, dofs)
         if self._modes.rigid and top_hz is None:
-            reach = family.reach_hz(count + self._modes.rigid + max(0, joint.size - MOST_HELD))
-            self._modes = self._joined(family, joint, reach)
-        n = self._family.nominal.n_dofs - self._modes.rigid
+            self._assemble(body.at(labels, body.reach_hz(most + self._modes.rigid)), joint, dofs)
+        n = self._body.n_dofs - self._modes.rigid
         if not 1 <= count <= n:
-            raise ModelError(f"natural frequencies: found a count of {count}; expected 1 to {n}")
+            raise ModelError(f"modes: found a count of {count}; expected 1 to {n}")
         self._counted = slice(self._modes.rigid, self._modes.rigid + count)
 
-    def _joined(self, family: StructureFamily, joint: AnyJoint, reach: float) -> JoinedModes:
-        self._family = family.at(joint.labels, reach)
-        return JoinedModes(self._family, joint, np.empty((self._family.nominal.n_dofs, 0)))
+    def _assemble(self, body: Body, joint: AnyJoint, dofs: Sequence[str]) -> None:
+        self._body, self._modes = body, JoinedModes(body, TakingPart.of(body, joint))
+
+
+class NaturalFrequencies(LowestModes):
+    """Undamped natural frequencies of a body with its joint, see `LowestModes`."""
 
     def frequency_hz(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Frequencies, shape (batch, count), Hz.
 
-        For joint matrices of shape (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
+        For joint matrices of shape (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
         """
         stiffness = np.ascontiguousarray(as_joint_matrix(matrices).batch.stiffness)
         factor_rows = as_factors(factors, len(stiffness))
         eigenvalues, _, _ = self._modes.solve(stiffness, factor_rows)
         frequency: Array = np.sqrt(np.maximum(eigenvalues[:, self._counted], 0.0)) / (2 * np.pi)
-        return frequency * first_factors(self._family.frequency_factors(factor_rows), frequency.shape[1])
+        return frequency * first_factors(self._body.frequency_factors(factor_rows), frequency.shape[1])
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
@@ -170,7 +164,7 @@ class NaturalFrequencies:
         (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_joint_matrix(matrix).batch.stiffness, factor_rows)
         shapes = np.linalg.solve(springs.T, rows)[:, self._counted]
         frequency = np.sqrt(np.maximum(eigenvalues[self._counted], 0.0)) / (2 * np.pi)
-        (off,) = first_factors(self._family.frequency_factors(factor_rows), frequency.size)
+        (off,) = first_factors(self._body.frequency_factors(factor_rows), frequency.size)
         slope = np.einsum("ir,pij,jr->pr", shapes, as_joint_matrix(directions).stiffness, shapes)
         return off * frequency, off * slope / (8 * np.pi**2 * np.maximum(frequency, np.finfo(float).tiny))
 
@@ -183,8 +177,8 @@ class AssembledModes:
 
     Parameters
     ----------
-    structure
-        Structure with modal damping (of the assembled structure), or a family of such.
+    body
+        Body with modal damping (of the assembled structure).
     joint
         Where the joint acts, r DOFs.
     ports
@@ -196,24 +190,23 @@ class AssembledModes:
         If the damping law is not modal: see `LowRankCoupling`.
     """
 
-    def __init__(self, structure: Structure | StructureFamily, joint: AnyJoint, ports: Ports) -> None:
-        family = as_family(structure)
-        if not family.nominal.damping.of_assembled_modes:
+    def __init__(self, body: Body, joint: AnyJoint, ports: Ports) -> None:
+        if not body.damping.of_assembled_modes:
             raise ModelError(
                 "modal sum: found a loss factor or Rayleigh damping; expected modal damping ratios; "
                 "use the low-rank coupling instead"
             )
-        joined, outputs, inputs = ports.selections(family.nominal, joint)
-        self._along, rest = split_along(np.hstack([outputs, inputs]), joined)
-        forced = np.arange(rest.shape[1]) >= len(ports.outputs)
-        self._family, self._modes = family, JoinedModes(family, joint, rest, forced)
+        taking_part = TakingPart.of(body, joint, ports.outputs + ports.inputs)
+        self._along = taking_part.along
+        forced = np.arange(self._along.shape[1]) >= len(ports.outputs)
+        self._body, self._modes = body, JoinedModes(body, taking_part, forced)
         self._n_out, self._omega = len(ports.outputs), ports.omega
         self._sum = ModalSum(self._omega, self._n_out)
 
     def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
         """Receptances, shape (batch, lines, outputs, inputs).
 
-        For joint matrices of shape (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
+        For joint matrices of shape (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
         """
         batch = as_joint_matrix(matrices).batch
         if batch.damped:
@@ -265,10 +258,14 @@ class AssembledModes:
 
     def _stated(self, factor_rows: Array, eigenvalues: Array) -> Array:
         """Damping ratios, shape (n, m); errors of natural frequencies are put into the eigenvalues (batch, m)."""
-        off = padded_for_rigid(self._family.frequency_factors(factor_rows), self._modes.rigid, 1.0)
+        off = padded_for_rigid(self._body.frequency_factors(factor_rows), self._modes.rigid, 1.0)
         eigenvalues[:, : off.shape[1]] *= off**2
-        ratios = padded_for_rigid(self._family.damping_ratios(factor_rows), self._modes.rigid, 0.0)
-        return np.ascontiguousarray(ratios[:, : eigenvalues.shape[1]])
+        return self._ratios(factor_rows, eigenvalues.shape[1])
+
+    def _ratios(self, factor_rows: Array, count: int) -> Array:
+        """Damping ratios of the first modes, shape (n, count), 0 of rigid-body motions."""
+        elastic = self._body.damping_ratios(factor_rows, count - self._modes.rigid)
+        return np.ascontiguousarray(padded_for_rigid(elastic, self._modes.rigid, 0.0))
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
@@ -282,7 +279,7 @@ class AssembledModes:
         directions
             Its changes, a batch of p.
         factors
-            On a family's quantities, shape (q,).
+            On the body's quantities, shape (q,).
 
         Returns
         -------
@@ -305,14 +302,14 @@ class AssembledModes:
         d_out, d_in = at_outputs @ turn, at_inputs @ turn
         constants = at_outputs[:, None, :] * at_inputs[None, :, :]
         d_constants = d_out[:, :, None, :] * at_inputs + at_outputs[:, None, :] * d_in[:, None, :, :]
-        factor = padded_for_rigid(self._family.frequency_factors(factor_rows), self._modes.rigid, 1.0)
+        factor = padded_for_rigid(self._body.frequency_factors(factor_rows), self._modes.rigid, 1.0)
         off = first_factors(factor, lam.size)[0] ** 2
         # modes in one plane: f[λ_r, λ_s] = f'(λ_r), the diagonal r = s among them
         shared = np.einsum("or,prs,is->poir", at_outputs, np.where(same, change, 0.0) * off, at_inputs)
 
         pairs = constants.shape[0] * constants.shape[1]
         rows = np.concatenate([constants[None], d_constants]).reshape(-1, pairs, lam.size)
-        ratio = padded_for_rigid(self._family.damping_ratios(factor_rows), self._modes.rigid, 0.0)[0, : lam.size]
+        ratio = self._ratios(factor_rows, lam.size)[0]
         summed = self._sum.spread(lam * off, ratio, rows, shared.reshape(-1, pairs, lam.size))
         spread = summed.reshape(-1, self._omega.size, *constants.shape[:2])
         return spread[0], spread[1:]

@@ -7,12 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
-from jointbayes.errors import ModelError
-from jointbayes.frf.modal import JoinedModes, first_factors, turned_modes
-from jointbayes.frf.ports import as_factors, split_along
+from jointbayes.frf.modal import JoinedModes, LowestModes, first_factors, turned_modes
+from jointbayes.frf.ports import TakingPart, as_factors
 from jointbayes.joint import AnyJoint, AnyJointMatrix, as_joint_matrix
-from jointbayes.structure import Structure, StructureFamily, as_family
-from jointbayes.structure.family import MOST_HELD
+from jointbayes.structure import Body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +32,7 @@ class Modal:
     shapes: Array
 
 
-class AssembledShapes:
+class AssembledShapes(LowestModes):
     """The lowest modes of the structure with its joint; rigid-body motions of one that floats are none.
 
     Modal damping states the ratios of the assembled structure. Of other laws the ratio is that of the energy that a
@@ -42,19 +40,7 @@ class AssembledShapes:
     of a matrix C, with λ = ω² and s = φᵀKφ the part of it that the structure stores without the joint. A joint with
     damping of its own, dashpots C and imaginary stiffness H, adds φᵀCφ/(2√λ) + φᵀHφ/(2λ).
 
-    Parameters
-    ----------
-    structure, joint
-        Structure without the joint, or a family of them, and where the joint acts.
-    dofs
-        Labels of the DOFs at which shapes are wanted.
-    count
-        How many modes, from the lowest.
-
-    Raises
-    ------
-    ModelError
-        If a DOF does not exist, or the structure has fewer DOFs than that.
+    Parameters as of `LowestModes`; shapes are wanted at `dofs`.
 
     References
     ----------
@@ -62,41 +48,23 @@ class AssembledShapes:
     Acoustical Society of America 34(7), 954-957. DOI 10.1121/1.1918227
     """
 
-    def __init__(
-        self, structure: Structure | StructureFamily, joint: AnyJoint, dofs: Sequence[str], count: int
-    ) -> None:
-        family = as_family(structure)
-        self._seen = len(dofs)
-        self._build(family, joint, dofs, family.reach_hz(count + max(0, joint.size - MOST_HELD)))
-        if self._modes.rigid:
-            reach = family.reach_hz(count + self._modes.rigid + max(0, joint.size - MOST_HELD))
-            self._build(family, joint, dofs, reach)
-        n = self._family.nominal.n_dofs - self._modes.rigid
-        if not 1 <= count <= n:
-            raise ModelError(f"modes: found a count of {count}; expected 1 to {n}")
-        self._count = count
-        self._counted = slice(self._modes.rigid, self._modes.rigid + count)
-
-    def _build(self, family: StructureFamily, joint: AnyJoint, dofs: Sequence[str], reach: float) -> None:
-        """Modes up to a frequency and what moves in them."""
-        self._family = family.at(dict.fromkeys((*joint.labels, *dofs)), reach)
-        nominal = self._family.nominal
-        self._signs, strokes = _dampers(nominal)
-        motions = np.hstack([np.eye(nominal.n_dofs)[:, nominal.index(tuple(dofs))], strokes])
-        self._along, rest = split_along(motions, joint.selection(nominal))
-        self._modes = JoinedModes(self._family, joint, rest, np.zeros(rest.shape[1], dtype=bool))
+    def _assemble(self, body: Body, joint: AnyJoint, dofs: Sequence[str]) -> None:
+        signs, at, strokes = body.dampers()
+        taking_part = TakingPart.of(body, joint, dofs, (at, strokes))
+        self._body, self._signs, self._along, self._seen = body, signs, taking_part.along, len(dofs)
+        self._modes = JoinedModes(body, taking_part, np.zeros(self._along.shape[1], dtype=bool))
 
     def modes(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Modal:
-        """Modes for joint matrices (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q)."""
+        """Modes for joint matrices (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q)."""
         sides = tuple(map(np.ascontiguousarray, as_joint_matrix(matrices).batch.sides))
         factor_rows = as_factors(factors, len(sides[0]))
         eigenvalues, rows, springs = self._modes.solve(sides[0], factor_rows)
-        r, c, counted = self._along.shape[0], self._count, self._counted
+        r, counted = self._along.shape[0], self._counted
         at_joint = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r, counted])
         motions = rows[:, r:, counted] + self._along.T @ at_joint
         lam = np.maximum(eigenvalues[:, counted], 0.0)
         held, viscous, hysteretic = (np.einsum("bim,bij,bjm->bm", at_joint, side, at_joint) for side in sides)
-        off = first_factors(self._family.frequency_factors(factor_rows), c)
+        off = first_factors(self._body.frequency_factors(factor_rows), lam.shape[1])
         safe = np.maximum(lam, np.finfo(float).tiny)
         viscous = viscous + np.einsum("d,bdm->bm", self._signs, motions[:, self._seen :] ** 2)
         ratio = self._ratios(factor_rows, lam, lam - held) + viscous / (2 * np.sqrt(safe)) + hysteretic / (2 * safe)
@@ -104,14 +72,14 @@ class AssembledShapes:
 
     def _ratios(self, factor_rows: Array, lam: Array, stored: Array) -> Array:
         """Damping ratios, shape (n, c), of modes with eigenvalues λ and strain energies of the structure alone."""
-        law = self._family.nominal.damping
+        law = self._body.damping
         if law.of_assembled_modes:
-            ratios = self._family.damping_ratios(factor_rows)[:, : self._count]
+            ratios = self._body.damping_ratios(factor_rows, lam.shape[1])
             return np.broadcast_to(ratios, lam.shape)
         safe = np.maximum(lam, np.finfo(float).tiny)
         alpha, beta = law.viscous
         viscous = (alpha + beta * stored) / (2 * np.sqrt(safe))
-        return self._family.loss_factors(factor_rows)[:, None] * stored / (2 * safe) + viscous
+        return self._body.loss_factors(factor_rows)[:, None] * stored / (2 * safe) + viscous
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
@@ -126,7 +94,7 @@ class AssembledShapes:
         factor_rows, here = as_factors(factors, 1), self.modes(matrix, factors)
         sides, changes = as_joint_matrix(matrix).batch.sides, as_joint_matrix(directions).sides
         (eigenvalues,), (rows,), (springs,) = self._modes.solve(sides[0], factor_rows)
-        r, c, counted = self._along.shape[0], self._count, self._counted
+        r, counted = self._along.shape[0], self._counted
         at_joint = np.linalg.solve(springs.T, rows[:r])
         change, _, turn = turned_modes(eigenvalues, at_joint, changes[0])
         motions = rows[r:] + self._along.T @ at_joint
@@ -142,7 +110,7 @@ class AssembledShapes:
         viscous = viscous + self._signs @ strokes**2
         d_viscous = d_viscous + 2 * np.einsum("d,dm,pdm->pm", self._signs, strokes, d_strokes)
         lam = np.maximum(eigenvalues[counted], np.finfo(float).tiny)
-        off = first_factors(self._family.frequency_factors(factor_rows), c)
+        off = first_factors(self._body.frequency_factors(factor_rows), lam.size)
         ratio = self._ratio_slopes(factor_rows, lam, lam - held, slope, slope - d_held)
         ratio = ratio + (d_viscous - viscous * slope / (2 * lam)) / (2 * np.sqrt(lam))
         ratio = ratio + (d_hysteretic - hysteretic * slope / lam) / (2 * lam)
@@ -151,20 +119,10 @@ class AssembledShapes:
 
     def _ratio_slopes(self, factor_rows: Array, lam: Array, stored: Array, d_lam: Array, d_stored: Array) -> Array:
         """Derivatives of `_ratios`, shape (p, c)."""
-        law = self._family.nominal.damping
+        law = self._body.damping
         if law.of_assembled_modes:
             return np.zeros_like(d_lam)
         alpha, beta = law.viscous
         share = (d_stored - stored * d_lam / lam) / (2 * lam)
         viscous = (beta * d_stored - (alpha + beta * stored) * d_lam / (2 * lam)) / (2 * np.sqrt(lam))
-        return self._family.loss_factors(factor_rows)[0] * share + viscous
-
-
-def _dampers(structure: Structure) -> tuple[Array, Array]:
-    """Dampers that a matrix C amounts to: signs (d,) and forms of their strokes (DOFs, d), C = Σ sign form formᵀ."""
-    matrix = structure.damping.matrix
-    if matrix is None:
-        return np.empty(0), np.empty((structure.n_dofs, 0))
-    values, vectors = np.linalg.eigh(matrix)
-    some = np.abs(values) > np.finfo(float).eps * np.abs(values).max(initial=0.0)
-    return np.sign(values[some]), vectors[:, some] * np.sqrt(np.abs(values[some]))
+        return self._body.loss_factors(factor_rows)[0] * share + viscous

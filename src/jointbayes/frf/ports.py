@@ -1,5 +1,6 @@
 """Where a structure is excited, observed and joined."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -32,24 +33,53 @@ class Ports:
         """ω = 2πf, shape (lines,), rad/s."""
         return 2 * np.pi * np.asarray(self.frequency_hz, dtype=float)
 
-    def selections(self, structure: LabelledDofs, joint: AnyJoint) -> tuple[Array, Array, Array]:
-        """Selection matrices of joint, outputs and inputs, shapes (n, r), (n, outputs), (n, inputs)."""
-        unit = np.eye(structure.n_dofs)
-        return (
-            joint.selection(structure),
-            unit[:, structure.index(self.outputs)],
-            unit[:, structure.index(self.inputs)],
-        )
 
-
-def split_along(selection: Array, joined: Array) -> tuple[Array, Array]:
-    """Split selections (n, q) into joint coordinates (r, q) and the rest (n, q): selection = joined @ along + rest.
+@dataclass(frozen=True, slots=True, eq=False)
+class TakingPart:
+    """The DOFs of a body that take part: those that a joint moves with, and others where something acts or is seen.
 
     Motion of the joint itself vanishes as the joint becomes rigid. Computed as a difference of large numbers it
     would be rounding error; with its part along the joint kept apart it is not.
+
+    Parameters
+    ----------
+    dofs
+        Their indices, rising, shape (p,).
+    joined
+        The joint's motions as forms on them, shape (p, r).
+    along, rest
+        The q other motions as a sum joined @ along + rest, shapes (r, q) and (p, q).
     """
-    along = np.linalg.pinv(joined) @ selection
-    return along, selection - joined @ along
+
+    dofs: NDArray[np.intp]
+    joined: Array
+    along: Array
+    rest: Array
+
+    @classmethod
+    def of(
+        cls,
+        body: LabelledDofs,
+        joint: AnyJoint,
+        labels: Sequence[str] = (),
+        forms: tuple[NDArray[np.intp], Array] | None = None,
+    ) -> "TakingPart":
+        """Of a joint, motions of labelled DOFs, and further ones as forms (p, d) on DOFs (p,).
+
+        Raises
+        ------
+        ModelError
+            If a DOF does not exist in the body, or the two sides of the joint do not meet.
+        """
+        joined = joint.selection(body)
+        at = body.index(labels)
+        on, further = (np.empty(0, dtype=np.intp), np.empty((0, 0))) if forms is None else forms
+        dofs = np.unique(np.concatenate([np.flatnonzero(joined.any(axis=1)), at, on]))
+        motions = np.zeros((len(dofs), len(at) + further.shape[1]))
+        motions[np.searchsorted(dofs, at), np.arange(len(at))] = 1.0
+        motions[np.searchsorted(dofs, on), len(at) :] = further
+        along = np.asarray(np.linalg.pinv(joined)[:, dofs] @ motions)
+        return cls(dofs, joined[dofs], along, motions - joined[dofs] @ along)
 
 
 def as_batch(stiffness: ArrayLike) -> Array:
@@ -87,7 +117,7 @@ class ReceptanceModel(Protocol):
     def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
         """Receptances, shape (batch, lines, outputs, inputs).
 
-        For joint matrices (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
+        For joint matrices (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
         """
         ...
 

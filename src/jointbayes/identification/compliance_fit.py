@@ -9,7 +9,7 @@ Sanathanan, C. K., Koerner, J. (1963). Transfer function synthesis as a ratio of
 IEEE Transactions on Automatic Control 8(1), 56-58. DOI 10.1109/TAC.1963.1105517
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from jointbayes.frf.coupling import free_receptance
 from jointbayes.frf.measured_body import Substructures, substructures
 from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrfData
-from jointbayes.structure import LossFactor, ModalDamping, Structure, as_family
 
 _PASSES = 10
 
@@ -82,7 +81,7 @@ def _free_of_bodies(whole: Substructures, joint: AnyJoint, ports: Ports) -> "Fre
     """Of measured bodies beside a modelled one, whose uncertain quantities are as stated."""
     model = LowRankCoupling(whole, joint, ports)
     motions = np.vstack([model.along, np.eye(model.along.shape[1])])
-    (free,), r = model.free(np.ones((1, len(whole.family.names)))), joint.size
+    (free,), r = model.free(np.ones((1, len(whole.modelled.names)))), joint.size
     driven = free @ motions
     outputs, inputs = slice(None, model.n_out), slice(model.n_out, None)
     oj = driven[:, :r, outputs].swapaxes(1, 2)
@@ -91,19 +90,16 @@ def _free_of_bodies(whole: Substructures, joint: AnyJoint, ports: Ports) -> "Fre
 
 def _free_of_model(whole: Substructures, joint: AnyJoint, given: Ports) -> "FreeReceptance":
     """Of a structure as it is modelled."""
-    structure: Structure = whole.family.nominal
-    if isinstance(structure.damping, ModalDamping):
-        structure = replace(structure, damping=LossFactor(2 * structure.damping.ratios[0]))
+    body = whole.modelled.certain()
     # the joint's DOFs stand first among outputs and inputs
     sides = joint.labels
     ports = Ports(given.frequency_hz, _unique(sides + given.outputs), _unique(sides + given.inputs))
     # summed over free modes: a dense solution of every line would cost more than the whole search
-    family = as_family(structure)
-    _, driven, loads = ports.selections(family.nominal, joint)
-    k, n = len(ports.outputs), len(sides)
-    at = np.arange(k + len(ports.inputs))
-    modes = family.free_modes(np.hstack([driven, loads]), (at < n) | (at >= k))
-    free = free_receptance(family, modes, np.empty((1, 0)), ports.omega)[0, :, :k, k:]
+    driven = body.index(ports.outputs + ports.inputs)
+    dofs, k, n = np.unique(driven), len(ports.outputs), len(sides)
+    at = np.arange(len(driven))
+    modes = body.free_modes(dofs, (dofs[:, None] == driven).astype(float), (at < n) | (at >= k))
+    free = free_receptance(body, modes, np.empty((1, 0)), ports.omega, hysteretic=True)[0, :, :k, k:]
     relative = joint.deformations(sides).T
     rows = [ports.outputs.index(label) for label in given.outputs]
     columns = [ports.inputs.index(label) for label in given.inputs]

@@ -16,7 +16,7 @@ from jointbayes.arrays import Array
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Parametrisation, parametrisation_named
-from jointbayes.structure import Structure, StructureFamily
+from jointbayes.structure import Body
 
 ComplexArray = NDArray[np.complex128]
 SensitivityKind = Literal["measured", "analytical"]
@@ -71,7 +71,7 @@ class IterationHistory:
 
 
 def sensitivity_iteration(
-    structure: Structure | StructureFamily,
+    structure: Body,
     joint: AnyJoint,
     measured: FrfSet,
     outputs: tuple[str, ...],
@@ -88,7 +88,7 @@ def sensitivity_iteration(
     Parameters
     ----------
     structure, joint
-        Structure without the joint, or a family of them at its nominal one, and where the joint acts.
+        Body without the joint, at its nominal quantities, and where the joint acts.
     measured
         Measured receptances H^x. Outputs: `outputs` and every DOF of the joint, rotation included; inputs: the
         excitations v.
@@ -137,7 +137,7 @@ class _System:
 
     def __init__(
         self,
-        structure: Structure | StructureFamily,
+        structure: Body,
         joint: AnyJoint,
         measured: FrfSet,
         outputs: tuple[str, ...],

@@ -47,9 +47,9 @@ def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
         most = max(max(modes.numbers), min(modes.most_modes, problem.test.most_modes))
         return NaturalFrequencies(structures, problem.test.joints, most)
     top = _SPARE * problem.test.data.top_hz
-    free = structures.at(problem.test.joints.labels, top).nominal
+    free = structures.at(problem.test.joints.labels, top)
     most = free.n_dofs - rigid_body_modes(free, problem.test.joints)
-    return NaturalFrequencies(structures, problem.test.joints, min(most, _MOST_MODES), top)
+    return NaturalFrequencies(structures, problem.test.joints, min(most, _MOST_MODES), top_hz=top)
 
 
 class FrequencyMatch:

@@ -316,9 +316,9 @@ class FrfLikelihood(Likelihood):
 @likelihood_of.register
 def _of_frfs(data: FrfData, test: Test, *, gain: bool = False) -> FrfLikelihood:
     whole = substructures(test.structure)
-    family = whole.family
+    family = whole.modelled
     if (errors := [name for name in family.names if is_mode_frequency(name)]) and (
-        whole.measured or not family.nominal.damping.of_assembled_modes
+        whole.measured or not family.damping.of_assembled_modes
     ):
         raise ModelError(
             f"likelihood: found {', '.join(errors)} for FRFs that are not summed over the modes of the assembled "

@@ -19,7 +19,7 @@ from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.test import Test, likelihood_of
 from jointbayes.joint import AnyJoint, AnyJointMatrix, as_joint_matrix, symmetric_changes
 from jointbayes.measurement import ModalData, ModeData
-from jointbayes.structure import StructureFamily
+from jointbayes.structure import Body
 
 
 class ValueModel(Protocol):
@@ -37,7 +37,7 @@ class ValueModel(Protocol):
 
 
 @singledispatch
-def modal_model(data: ModalData, family: StructureFamily, joint: AnyJoint) -> "NaturalFrequencies | ModePrediction":
+def modal_model(data: ModalData, family: Body, joint: AnyJoint) -> "NaturalFrequencies | ModePrediction":
     """The model that predicts what was measured: natural frequencies, where the kind of data registers no other.
 
     Raises
@@ -85,14 +85,14 @@ class ModePrediction:
         If a DOF does not exist, or the structure has fewer modes than the highest number stated.
     """
 
-    def __init__(self, data: ModeData, family: StructureFamily, joint: AnyJoint) -> None:
+    def __init__(self, data: ModeData, family: Body, joint: AnyJoint) -> None:
         self._numbers = np.array(data.numbers) - 1
         self._dofs = data.dofs
         least, self._by_shape = max(data.numbers), data.match == "shape"
-        free = family.at(joint.labels, family.reach_hz(least)).nominal
+        free = family.at(joint.labels, family.reach_hz(least))
         rigid = rigid_body_modes(free, joint)
         count = max(least, min(data.most_modes, free.n_dofs - rigid - joint.size))
-        self._model = AssembledShapes(family, joint, self._dofs, count)
+        self._model = AssembledShapes(family, joint, count, self._dofs)
         self._eigenvalues = data.eigenvalues
         place = {label: i for i, label in enumerate(self._dofs)}
         shapes = data.shapes

@@ -182,7 +182,7 @@ class Problem:
         return tuple(nuisance.name for nuisance in self.prior.nuisances)
 
     def with_reference(self, *, solved: bool) -> "Problem":
-        """The same problem with much richer elements in every test, see `StructureFamily.reference`."""
+        """The same problem with much richer elements in every test, see `Body.reference`."""
         return replace(self, tests=tuple(test.with_reference(solved=solved) for test in self.tests))
 
     @property

@@ -24,7 +24,7 @@ from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.joint import AnyJoint, Block, Blocks, Joints, Parametrisation, as_joints
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
-from jointbayes.structure import StructureFamily
+from jointbayes.structure import Body
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +65,8 @@ class Test:
     name
         Short name; that of a lone test may be empty.
     structure
-        Structure without the joints as it was in this test, a family of them where its quantities are uncertain, or
-        `Substructures` where bodies of it are given by their measured FRFs.
+        Body without the joints as it was in this test, or `Substructures` where bodies are given by their measured
+        FRFs.
     joints
         Where the joints act; several in a sequence, each with a name.
     data
@@ -116,9 +116,9 @@ class Test:
         return "\n".join(lines)
 
     @cached_property
-    def structures(self) -> StructureFamily:
+    def structures(self) -> Body:
         """The modelled structures without the joint."""
-        return substructures(self.structure).family
+        return substructures(self.structure).modelled
 
     @property
     def measured_bodies(self) -> tuple[MeasuredBody, ...]:
@@ -137,18 +137,18 @@ class Test:
         return None if self.measured_bodies else self.data.joint_frf
 
     @cached_property
-    def structures_of_data(self) -> StructureFamily:
+    def structures_of_data(self) -> Body:
         """The modelled structures, exact at the joint and the measured DOFs up to the highest frequency of the data."""
         dofs, modes = (*self.joints.labels, *self.data.dofs), self.data.modes
         top_hz = self.data.top_hz if modes is None else self.structures.reach_hz(max(modes.numbers))
-        return substructures(self.structure).at(dofs, top_hz).family
+        return substructures(self.structure).at(dofs, top_hz).modelled
 
     @property
     def most_modes(self) -> int:
         """Natural frequencies that the model of the data has whatever the joint, also a rigid one; 0 without modes."""
         if self.measured_bodies:
             return 0
-        free = self.structures_of_data.nominal
+        free = self.structures_of_data
         return free.n_dofs - rigid_body_modes(free, self.joints) - self.joints.size
 
     def receptance_model(self, ports: Ports) -> ReceptanceModel:
@@ -162,9 +162,9 @@ class Test:
         return receptance_model(self.structure, self.joints, ports)
 
     def with_reference(self, *, solved: bool) -> "Test":
-        """The same test with much richer elements, see `StructureFamily.reference`."""
-        family, whole = self.structures.reference(solved=solved), substructures(self.structure)
-        return replace(self, structure=replace(whole, modelled=family) if whole.measured else family)
+        """The same test with much richer elements, see `Body.reference`."""
+        body, whole = self.structures.reference(solved=solved), substructures(self.structure)
+        return replace(self, structure=replace(whole, modelled=body) if whole.measured else body)
 
 
 @singledispatch

@@ -15,11 +15,11 @@ from jointbayes.measurement.data import FrfData
 from jointbayes.measurement.formats.units import MOTION_OF, si_sensor_unit
 from jointbayes.measurement.records import TimeRecord
 from jointbayes.measurement.variance import NoiseLaw
-from jointbayes.structure import Structure, StructureFamily
+from jointbayes.structure import Body, Structure
 
 
 def synthesise_frf(
-    structure: Structure | StructureFamily,
+    structure: Body,
     joint: AnyJoint,
     matrix: AnyJointMatrix,
     ports: Ports,
@@ -34,8 +34,8 @@ def synthesise_frf(
     Parameters
     ----------
     structure, joint
-        Structure without the joint, or a family of them whose nominal one is taken, with elements much richer than
-        those of an analysis; and where the joint acts.
+        Body without the joint at its nominal quantities, with elements much richer than those of an analysis; and
+        where the joint acts.
     matrix
         True K^J, shape (r, r).
     ports

@@ -24,6 +24,7 @@ LEAST_SHARE = 0.025
 _VALLEY = 0.3
 _WORDS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 _LINES = 200  # at which FRFs of the solutions are compared
+_MOST_PLACES = 1000  # of further sensors that are compared
 _ALIKE = 1e-3  # of |H|: FRFs that differ by less are equal
 _SHALLOWEST = 0.1  # of the median |H|: smaller values lie below the noise of other lines
 
@@ -143,7 +144,9 @@ def further_measurement(problem: Problem, theta: Array) -> str:
     parts = [part for part in problem.parts if part.test.data.frfs]
     part = (parts or list(problem.parts))[0]
     measured = part.test.data.frfs
-    points = [label for label in part.test.structures_of_data.nominal.dofs if label.rpartition(":")[0].isalnum()]
+    labels = part.test.structures_of_data.labels
+    evenly = labels[:: -(-len(labels) // _MOST_PLACES)]
+    points = [label for label in evenly if label.rpartition(":")[0].isalnum()]
     candidates = tuple(label for label in points if not is_rotation(label))
     if measured is not None:
         candidates = tuple(label for label in candidates if label not in measured.frf.outputs)

@@ -2,21 +2,23 @@
 
 from jointbayes.structure.beam import BeamMaterial, beam, bending_element
 from jointbayes.structure.beam_recipe import STRUCTURE_QUANTITIES, BeamMesh, BeamRecipe
+from jointbayes.structure.body import Body, Discretisation, FreeModes
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh, ViscousMatrix
-from jointbayes.structure.family import Discretisation, FreeModes, StructureFamily
-from jointbayes.structure.frame import Body, Member, PointMass
+from jointbayes.structure.frame import FrameBody, Member, PointMass
 from jointbayes.structure.frame_recipe import FrameRecipe
-from jointbayes.structure.given_matrices import FixedFamily, MatrixFamily, MatrixRecipe, as_family, chain
-from jointbayes.structure.matrices import Modes, Structure, mode_shift
+from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe, chain
+from jointbayes.structure.matrices import Structure
+from jointbayes.structure.modes import Modes, Reduction
 from jointbayes.structure.recipe import ElementKind, is_additive, is_mode_frequency
 from jointbayes.structure.section import Section
 from jointbayes.structure.uncertain_bodies import BeamFamily, FrameFamily, StructureRecipe, family_of_recipe
 
 __all__ = [
     # structures
+    "Body",
     "Modes",
+    "Reduction",
     "Structure",
-    "mode_shift",
     # beams
     "BeamMaterial",
     "BeamMesh",
@@ -25,7 +27,7 @@ __all__ = [
     "beam",
     "bending_element",
     # frames
-    "Body",
+    "FrameBody",
     "FrameRecipe",
     "Member",
     "PointMass",
@@ -38,12 +40,9 @@ __all__ = [
     "BeamFamily",
     "BeamRecipe",
     "Discretisation",
-    "FixedFamily",
     "FrameFamily",
     "FreeModes",
-    "StructureFamily",
     "StructureRecipe",
-    "as_family",
     "family_of_recipe",
     "is_additive",
     "is_mode_frequency",

@@ -1,96 +1,20 @@
-"""Structures that differ by factors on some of their quantities, as the forward models see them; uncertain ones."""
+"""Bodies whose quantities are uncertain: beams, frames and given matrices that differ by factors on them."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.structure.damping import LossFactor, ModalDamping
-from jointbayes.structure.matrices import Forced, Structure
+from jointbayes.structure.body import Body, FreeModes, Rows
+from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping
+from jointbayes.structure.matrices import Structure
+from jointbayes.structure.modes import Forced
 from jointbayes.structure.recipe import Recipe, is_damping_ratio, is_mode_frequency
-
-#: DOFs that a joint may hold: each may lift every natural frequency to where the next one was.
-MOST_HELD = 6
-
-
-@dataclass(frozen=True, slots=True)
-class Discretisation:
-    """How a structure is cut into elements: kind, see `jointbayes.structure.ElementKind`, number, highest order."""
-
-    kind: str
-    elements: int
-    order: int
-
-
-class FreeModes(Protocol):
-    """Modes without the joint as functions of the factors, shape (n, q), on the family's quantities."""
-
-    def __call__(self, factors: Array) -> tuple[Array, Array]:
-        """Eigenvalues (n or 1, m), rad²/s², and motions (n or 1, k, m) in modes of unit modal mass."""
-        ...
-
-
-class StructureFamily(Protocol):
-    """Structures that differ by factors on some of their quantities."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The q quantities."""
-        ...
-
-    @property
-    def nominal(self) -> Structure:
-        """Structure at all factors 1."""
-        ...
-
-    @property
-    def discretisation(self) -> Discretisation | None:
-        """Elements; None where matrices are given."""
-        ...
-
-    def at(self, dofs: Iterable[str], top_hz: float) -> "StructureFamily":
-        """The same structures, exact at these DOFs up to this frequency; `nominal` has them among its DOFs."""
-        ...
-
-    def reference(self, *, solved: bool = True) -> "StructureFamily":
-        """The same structures on a much richer mesh: what others are compared with.
-
-        `solved` anew for each row of factors, with every mode kept, far slower; or interpolated and reduced as ever.
-        """
-        ...
-
-    def reach_hz(self, count: int) -> float:
-        """A frequency above the first `count` natural frequencies, whatever holds at most six DOFs, Hz."""
-        ...
-
-    def structure(self, factors: Array) -> Structure:
-        """Structure at factors (q,), assembled anew."""
-        ...
-
-    def free_modes(self, motions: Array, forced: Forced = None) -> FreeModes:
-        """Modes without the joint with k motions, given as forms on the DOFs of `nominal`, shape (DOFs, k).
-
-        Below the frequency of `at` they are the modes; those above are replaced by the few that carry their answer to
-        forces at these motions, or at those that are `forced`, shape (k,).
-        """
-        ...
-
-    def damping_ratios(self, factors: Array) -> Array:
-        """Damping ratio of every mode, shape (n or 1, m), for modal damping."""
-        ...
-
-    def loss_factors(self, factors: Array) -> Array:
-        """Loss factor, shape (n or 1,), for structural damping."""
-        ...
-
-    def frequency_factors(self, factors: Array) -> Array:
-        """True over predicted natural frequency of the first modes of the assembled structure, shape (n or 1, c)."""
-        ...
-
 
 #: Free modes of so many structures are kept, of no more motions each: search, draws, checks and report of one case, and
 #: cases that differ in their data alone, ask for the same ones again and again.
@@ -98,7 +22,7 @@ _KEPT, _KEPT_MOTIONS = 12, 256
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class UncertainFamily:
+class UncertainBody(Body):
     """Structures whose quantities are uncertain.
 
     Parameters
@@ -187,6 +111,49 @@ class UncertainFamily:
         """Structure at all factors 1."""
         return self.recipe.structure(dict.fromkeys(self.names, 1.0), self.mesh)
 
+    def certain(self) -> Structure:
+        """The structure at all factors 1."""
+        return self.nominal
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the DOFs."""
+        return self.nominal.dofs
+
+    @property
+    def damping(self) -> DampingLaw:
+        """Damping law at all factors 1."""
+        return self.nominal.damping
+
+    @property
+    def shift(self) -> float:
+        """That of the nominal structure, see `Structure.shift`."""
+        return self.nominal.shift
+
+    def position(self, label: str) -> tuple[float, float, float] | None:
+        """Where a DOF is, m; None where that is not known."""
+        return self.nominal.position(label)
+
+    def rigid_motions(self, dofs: Rows) -> Array:
+        """Motions of DOFs in the rigid-body modes, see `Body`."""
+        return self.nominal.rigid_motions(dofs)
+
+    def own_stiffness(self, row: str, column: str) -> float:
+        """Its stiffness by itself where two DOFs of a point are, see `Recipe`."""
+        return self.recipe.own_stiffness(row, column)
+
+    def own_inertia(self, label: str) -> float:
+        """Mass or moment of inertia that a spring at a DOF moves, see `Recipe`."""
+        return self.recipe.own_inertia(label)
+
+    def dampers(self) -> tuple[Array, Rows, Array]:
+        """Dampers that a matrix C amounts to, see `Body`."""
+        return self.nominal.dampers()
+
+    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> NDArray[np.complex128] | None:
+        """That of the structure, see `Structure`, where nothing is uncertain."""
+        return None if self.names else self.nominal.solved_receptance(dofs, motions, omega)
+
     def at(self, dofs: Iterable[str], top_hz: float) -> Self:
         """The same structures, exact at these DOFs up to this frequency; elements end at their points."""
         return replace(self, dofs=tuple(dofs), top_hz=top_hz)
@@ -201,26 +168,28 @@ class UncertainFamily:
         named = dict(zip(self.names, values.tolist(), strict=True)) if values.size else {}
         return self.recipe.structure(named, self.mesh)
 
-    def free_modes(self, motions: Array, forced: Forced = None) -> FreeModes:
+    def free_modes(self, dofs: Rows, motions: Array, forced: Forced = None) -> FreeModes:
         """Interpolated modes; where modes cross or meet, so that they cannot be, one solution for each row."""
+        forms = self.nominal.on_all_dofs(dofs, motions)
         if self.exact:
-            return _ModesSolvedAnew(self, motions)
+            return _ModesSolvedAnew(self, forms)
         values = _Values(type(self), self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz)
-        if motions.shape[1] > _KEPT_MOTIONS or not values.hashable:
-            return self.over_factors(motions, forced)
-        return _kept(values, motions.shape, motions.tobytes(), None if forced is None else tuple(forced.tolist()))
+        if forms.shape[1] > _KEPT_MOTIONS or not values.hashable:
+            return self.over_factors(forms, forced)
+        return _kept(values, forms.shape, forms.tobytes(), None if forced is None else tuple(forced.tolist()))
 
     def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
-        """See `StructureFamily.free_modes`."""
+        """The free modes with motions given as forms on all DOFs, shape (DOFs, k)."""
         raise NotImplementedError
 
-    def damping_ratios(self, factors: Array) -> Array:
-        """Damping ratio of every mode, shape (n, m), or (1, m) where all are certain."""
+    def damping_ratios(self, factors: Array, count: int) -> Array:
+        """Damping ratio of each of the first `count` modes, (n, count), or (1, count) where all are certain."""
         law = self.recipe.damping
+        certain = self._certain_ratios[:count]
         if not any(map(is_damping_ratio, self.names)):
-            return self._certain_ratios
+            return certain[None]
         listed = len(law.ratios) if isinstance(law, ModalDamping) else 1
-        ratios = np.tile(law.per_mode(self.nominal.n_dofs), (len(factors), 1))
+        ratios = np.tile(certain, (len(factors), 1))
         ratios *= self.factor(factors, "damping_ratio")[:, None]
         for i in range(listed):
             # the last one holds for all higher modes
@@ -229,7 +198,7 @@ class UncertainFamily:
 
     @cached_property
     def _certain_ratios(self) -> Array:
-        return self.recipe.damping.per_mode(self.nominal.n_dofs)[None]
+        return self.recipe.damping.per_mode(self.n_dofs)
 
     def loss_factors(self, factors: Array) -> Array:
         """Loss factor, shape (n,)."""
@@ -252,7 +221,7 @@ class UncertainFamily:
 class _Values:
     """What a family is made from: equal where its structures are."""
 
-    kind: type[UncertainFamily]
+    kind: type[UncertainBody]
     recipe: Recipe
     ranges: tuple[tuple[str, tuple[float, float]], ...]
     dofs: tuple[str, ...] | None
@@ -278,7 +247,7 @@ def _kept(values: _Values, shape: tuple[int, ...], motions: bytes, forced: tuple
 class _ModesSolvedAnew:
     """Motions in all free modes, the structure assembled and solved anew for each row of factors."""
 
-    def __init__(self, family: UncertainFamily, motions: Array) -> None:
+    def __init__(self, family: UncertainBody, motions: Array) -> None:
         self._family, self._motions = family, motions
 
     def __call__(self, factors: Array) -> tuple[Array, Array]:

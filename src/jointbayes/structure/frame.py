@@ -180,7 +180,7 @@ class Station:
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class FrameBody:
     """Members that hold together, and masses at their points.
 
     Parameters

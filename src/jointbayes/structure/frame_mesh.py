@@ -12,7 +12,7 @@ from scipy import linalg, sparse
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.structure.frame import SPATIAL, Body, Vector
+from jointbayes.structure.frame import SPATIAL, FrameBody, Vector
 from jointbayes.structure.frame_element import (
     FIELDS,
     Stretch,
@@ -71,7 +71,7 @@ class BodyMesh:
     elements: tuple[tuple[int, int], ...]
 
 
-def segments_of(body: Body, used: Collection[str] | None = None) -> tuple[Segment, ...]:
+def segments_of(body: FrameBody, used: Collection[str] | None = None) -> tuple[Segment, ...]:
     """The straight beams of a body, which end at its points.
 
     Parameters
@@ -182,7 +182,7 @@ def _condensed(stretch: Stretch, order: int, field: str, omega: float) -> Array:
 
 
 def assembled(
-    body: Body, mesh: BodyMesh, factors: BodyFactors, loads: Iterable[tuple[str, float]]
+    body: FrameBody, mesh: BodyMesh, factors: BodyFactors, loads: Iterable[tuple[str, float]]
 ) -> tuple[sparse.csr_array, sparse.csr_array, tuple[str, ...]]:
     """Sparse stiffness and mass of a body with six DOFs at each of its nodes, and the nodes' names.
 

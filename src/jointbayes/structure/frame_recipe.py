@@ -10,7 +10,7 @@ from scipy import sparse
 
 from jointbayes.errors import ModelError, printable
 from jointbayes.structure.damping import DampingLaw
-from jointbayes.structure.frame import SPATIAL, Body, Vector
+from jointbayes.structure.frame import SPATIAL, FrameBody, Vector
 from jointbayes.structure.frame_mesh import BodyFactors, BodyMesh, Segment, assembled, mesh_of, segments_of
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.recipe import HALF_WAVES, ElementKind, Recipe
@@ -34,7 +34,7 @@ class FrameRecipe(Recipe):
     Parameters
     ----------
     bodies
-        A `Body`; or several by their names, as a mapping or as pairs.
+        A `FrameBody`; or several by their names, as a mapping or as pairs.
     damping
         Damping law.
     directions
@@ -54,14 +54,14 @@ class FrameRecipe(Recipe):
 
     Examples
     --------
-    >>> from jointbayes.structure import BeamMaterial, Body, Member, ModalDamping, Section
+    >>> from jointbayes.structure import BeamMaterial, FrameBody, Member, ModalDamping, Section
     >>> bar = Member(("a", "b"), Section.circle(0.02), BeamMaterial(2.1e11, 0.3, 7800.0))
-    >>> frame = FrameRecipe(Body({"a": (0, 0, 0), "b": (0.4, 0.3, 0)}, (bar,)), ModalDamping((0.01,)))
+    >>> frame = FrameRecipe(FrameBody({"a": (0, 0, 0), "b": (0.4, 0.3, 0)}, (bar,)), ModalDamping((0.01,)))
     >>> (frame.structure().modes().frequency_hz[:6] < 1e-3).all().item()
     True
     """
 
-    bodies: tuple[tuple[str, Body], ...]
+    bodies: tuple[tuple[str, FrameBody], ...]
     damping: DampingLaw
     directions: tuple[str, ...] = SPATIAL
     supports: tuple[str, ...] = ()
@@ -74,10 +74,8 @@ class FrameRecipe(Recipe):
     kind: ClassVar[str] = "frame"
 
     def __post_init__(self) -> None:
-        bodies = self.bodies
-        pairs = (
-            [("", bodies)] if isinstance(bodies, Body) else bodies.items() if isinstance(bodies, Mapping) else bodies
-        )
+        bodies = {"": self.bodies} if isinstance(self.bodies, FrameBody) else self.bodies
+        pairs = bodies.items() if isinstance(bodies, Mapping) else bodies
         object.__setattr__(self, "bodies", tuple((name, body) for name, body in pairs))
         for name in ("directions", "supports", "accelerometer_dofs"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
@@ -123,7 +121,7 @@ class FrameRecipe(Recipe):
         of_bodies = [f"{_prefix(name)}{q}" for name, _ in self.bodies if name for q in BODY_QUANTITIES]
         return (*BODY_QUANTITIES, *of_bodies, *_OF_ALL)
 
-    def _body_at(self, point: str) -> tuple[str, Body]:
+    def _body_at(self, point: str) -> tuple[str, FrameBody]:
         """Name and body of a point."""
         return next(
             (name, body) for name, body in self.bodies if any(_prefix(name) + p == point for p, _ in body.all_points)

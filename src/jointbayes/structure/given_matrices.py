@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
@@ -11,15 +10,11 @@ from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of, printable
+from jointbayes.structure.body import FreeModes
 from jointbayes.structure.damping import NOT_NEGATIVE, DampingLaw, ViscousMatrix, lowest_eigenvalue
-from jointbayes.structure.family import (
-    MOST_HELD,
-    Discretisation,
-    FreeModes,
-    StructureFamily,
-    UncertainFamily,
-)
-from jointbayes.structure.matrices import Forced, Modes, Reduction, Structure
+from jointbayes.structure.family import UncertainBody
+from jointbayes.structure.matrices import Structure
+from jointbayes.structure.modes import Forced
 from jointbayes.structure.recipe import ElementKind, Recipe
 
 #: The other side of a spring that holds a mass to what does not move.
@@ -128,103 +123,8 @@ class MatrixRecipe(Recipe):
         return whole.loaded(self.accelerometer_dofs, self.accelerometer_mass + self.added_mass).fixed(self.supports)
 
 
-class _Constant:
-    """Free modes that no factor changes."""
-
-    def __init__(self, eigenvalues: Array, motions: Array) -> None:
-        self._modes = eigenvalues[None], np.ascontiguousarray(motions)[None]
-
-    def __call__(self, factors: Array) -> tuple[Array, Array]:
-        return self._modes
-
-
-class _Solved:
-    """A structure whose modes are computed once, for all forward models that are made of it."""
-
-    def __init__(self, structure: Structure) -> None:
-        self._structure = structure
-
-    @cached_property
-    def modes(self) -> Modes:
-        return self._structure.modes()
-
-
-class FixedFamily:
-    """The family of one: a structure that is exactly known, given by its matrices.
-
-    Parameters
-    ----------
-    structure
-        The structure.
-    top_hz
-        Highest frequency that is wanted, Hz; None keeps every mode.
-    """
-
-    names: tuple[str, ...] = ()
-    discretisation: Discretisation | None = None
-
-    def __init__(self, structure: Structure, top_hz: float | None = None) -> None:
-        self.nominal, self._top_hz = structure, top_hz
-        self._solved = _Solved(structure)
-
-    def __repr__(self) -> str:
-        return repr(self.nominal)
-
-    def at(self, dofs: Iterable[str], top_hz: float) -> Self:
-        """The same structure; its matrices are what they are."""
-        same = type(self)(self.nominal, top_hz)
-        same._solved = self._solved
-        return same
-
-    def reference(self, *, solved: bool = True) -> "FixedFamily":
-        """The same structure, with all its modes if `solved`."""
-        return _Unreduced(self.nominal) if solved else self
-
-    def reach_hz(self, count: int) -> float:
-        """A frequency above the first `count` natural frequencies, Hz."""
-        frequency = self._solved.modes.frequency_hz
-        return float(frequency[min(count + MOST_HELD, frequency.size) - 1])
-
-    def structure(self, factors: Array) -> Structure:
-        """The structure, whatever the factors."""
-        return self.nominal
-
-    def free_modes(self, motions: Array, forced: Forced = None) -> FreeModes:
-        """Its modes, whatever the factors."""
-        modes = self._solved.modes
-        if self._top_hz is None:
-            return _Constant(modes.eigenvalues, motions.T @ modes.shapes)
-        reduced = Reduction.below(self._top_hz, modes, motions, forced).reduce(modes)
-        return _Constant(reduced.eigenvalues, motions.T @ reduced.shapes)
-
-    def damping_ratios(self, factors: Array) -> Array:
-        """Damping ratio of every mode, shape (1, m)."""
-        return self.nominal.damping.per_mode(self.nominal.n_dofs)[None]
-
-    def loss_factors(self, factors: Array) -> Array:
-        """Loss factor, shape (1,)."""
-        return np.array([self.nominal.damping.hysteretic])
-
-    def frequency_factors(self, factors: Array) -> Array:
-        """No mode is off: shape (1, 0)."""
-        return np.empty((1, 0))
-
-
-class _Unreduced(FixedFamily):
-    """A structure of which every mode is kept, whatever frequency is wanted."""
-
-    def at(self, dofs: Iterable[str], top_hz: float) -> Self:
-        """The same structure with all its modes."""
-        return self
-
-
-def as_family(structure: "Structure | StructureFamily") -> StructureFamily:
-    """A structure as the family of one; a family as it is."""
-    return FixedFamily(structure) if isinstance(structure, Structure) else structure
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class MatrixFamily(UncertainFamily):
+class MatrixFamily(UncertainBody):
     """A structure of given matrices whose damping, or natural frequencies one by one, are uncertain.
 
     Parameters
@@ -250,19 +150,15 @@ class MatrixFamily(UncertainFamily):
         """The structure by its size."""
         return f"{len(self.recipe.dofs)} DOFs"
 
-    @property
-    def discretisation(self) -> None:
-        """No elements: matrices are what they are."""
-        return
-
     def reach_hz(self, count: int) -> float:
         """A frequency above the first `count` natural frequencies, Hz."""
-        frequency = self.nominal.modes().frequency_hz
-        return float(frequency[min(count + MOST_HELD, frequency.size) - 1])
+        return self.nominal.reach_hz(count)
 
     def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
         """Its modes, whatever the factors."""
-        return FixedFamily(self.nominal, self.reach_of_modes_hz).free_modes(motions, forced)
+        reach = self.reach_of_modes_hz
+        structure = self.nominal if reach is None else self.nominal.at((), reach)
+        return structure.free_modes(np.arange(len(motions)), motions, forced)
 
 
 def chain(

@@ -1,19 +1,9 @@
-"""A structure as matrices: stiffness, mass, damping law and DOF labels; its modes, and what is kept of them.
+"""A structure as matrices: stiffness, mass, damping law and DOF labels."""
 
-Modes above the band move almost as one static answer to the forces. That answer and its next terms in ω², taken from
-all of them at once, stand for them as a handful of vectors (MacNeal 1971; Rubin 1975, with further terms), so that a
-draw costs as much whatever the mesh.
-
-References
-----------
-MacNeal, R. H. (1971). A hybrid method of component mode synthesis. Computers & Structures 1(4), 581-601.
-DOI 10.1016/0045-7949(71)90031-9
-Rubin, S. (1975). Improved component-mode representation for structural dynamic analysis. AIAA Journal 13(8), 995-1006.
-DOI 10.2514/3.60497
-"""
-
+import copy
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +11,9 @@ from scipy import linalg
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of
+from jointbayes.structure.body import MOST_HELD, Body, FreeModes, Rows
 from jointbayes.structure.damping import DampingLaw
+from jointbayes.structure.modes import Forced, Modes, Reduction
 
 #: A motion is a rigid body's if its strain energy is no more than so many times the rounding of φᵀ|K|φ. In
 #: rigid-body motions of beams, frames and chains it is at most 0.6 times as much, on the softest supports that were
@@ -29,30 +21,27 @@ from jointbayes.structure.damping import DampingLaw
 _RIGID = 30 * np.finfo(float).eps
 
 
-@dataclass(frozen=True, slots=True)
-class Modes:
-    """Undamped modes in rising order of frequency, shapes normalised to unit modal mass.
-
-    Parameters
-    ----------
-    eigenvalues
-        ω², shape (m,), rad²/s².
-    shapes
-        Mode shapes, shape (DOFs, m), 1/√kg.
-    """
-
-    eigenvalues: Array
-    shapes: Array
-
-    @property
-    def frequency_hz(self) -> Array:
-        """Natural frequencies, shape (m,), Hz."""
-        return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
+#: A structure of so few DOFs is solved line by line, refined to the last bits; a larger one is summed over its modes.
+_SOLVED_LINE_BY_LINE = 50
+_LINES_AT_ONCE = 512  # bounds the memory of one batch of dense matrices
+_REFINEMENTS = 2
+#: A DOF that moves less than this in a rigid-body mode, beside its largest motion in any mode, moves by rounding.
+_AT_REST = 1e-8
 
 
-@dataclass(frozen=True, slots=True)
-class Structure:
-    """Linear structure without its joint.
+class _Constant:
+    """Free modes that no factor changes."""
+
+    def __init__(self, eigenvalues: Array, motions: Array) -> None:
+        self._modes = eigenvalues[None], np.ascontiguousarray(motions)[None]
+
+    def __call__(self, factors: Array) -> tuple[Array, Array]:
+        return self._modes
+
+
+@dataclass(frozen=True, repr=False)
+class Structure(Body):
+    """Linear structure without its joint, exactly known.
 
     Parameters
     ----------
@@ -76,6 +65,11 @@ class Structure:
     damping: DampingLaw
     dofs: tuple[str, ...]
     positions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    #: Highest frequency that is wanted, Hz; None keeps every mode.
+    _top_hz: float | None = field(default=None, init=False, compare=False)
+    _every_mode: bool = field(default=False, init=False, compare=False)
+    #: Its modes, once computed, for it and for what `at` makes of it.
+    _solved: list[Modes] = field(default_factory=list, init=False, compare=False)
 
     def __post_init__(self) -> None:
         n = len(self.dofs)
@@ -110,31 +104,10 @@ class Structure:
         if viscous is not None and len(viscous) != n:
             raise ModelError(f"structure: found a damping matrix of {len(viscous)} rows for {n} DOFs; expected {n}")
 
-    def __repr__(self) -> str:
-        law = type(self.damping).__name__
-        return f"Structure({self.n_dofs} DOFs, {self.dofs[0]} to {self.dofs[-1]}, {law})"
-
     @property
-    def n_dofs(self) -> int:
-        """Number of DOFs."""
-        return len(self.dofs)
-
-    def index(self, labels: Sequence[str]) -> NDArray[np.intp]:
-        """Row numbers of DOF labels, shape (len(labels),).
-
-        Raises
-        ------
-        ModelError
-            If a label does not exist.
-        """
-        rows = {label: i for i, label in enumerate(self.dofs)}
-        for label in labels:
-            if label not in rows:
-                raise ModelError(
-                    f"structure: found DOF {label!r}; expected one of {self.dofs[0]!r} to {self.dofs[-1]!r} that is "
-                    "not fixed by a support; correct the label"
-                )
-        return np.array([rows[label] for label in labels], dtype=np.intp)
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the DOFs."""
+        return self.dofs
 
     def position(self, label: str) -> tuple[float, float, float] | None:
         """Where a DOF is, m; None where that is not known."""
@@ -170,8 +143,15 @@ class Structure:
         Solved as (K + σM)⁻¹M, so that the low modes carry full relative accuracy: rounding is relative to the
         largest eigenvalue, and for Kφ = λMφ that is the highest mode, 10⁵ times and more above the first.
         """
+        if added_stiffness is not None:
+            return self._modes(added_stiffness)
+        if not self._solved:
+            self._solved.append(self._modes(None))
+        return self._solved[0]
+
+    def _modes(self, added_stiffness: Array | None) -> Modes:
         stiffness = self.stiffness if added_stiffness is None else self.stiffness + added_stiffness
-        shift = mode_shift(self)
+        shift = self.shift
         inverse, shapes = linalg.eigh(self.mass, stiffness + shift * self.mass)
         inverse, shapes = inverse[::-1], shapes[:, ::-1]
         shapes = shapes / np.sqrt(inverse)
@@ -188,89 +168,135 @@ class Structure:
         eigenvalues[: low.shape[1]][strain <= _RIGID * cancelled] = 0.0
         return Modes(eigenvalues, shapes)
 
+    @property
+    def shift(self) -> float:
+        """Shift σ, rad²/s², that makes K + σM positive definite and lies low among the eigenvalues.
 
-def mode_shift(structure: Structure) -> float:
-    """Shift σ, rad²/s², that makes K + σM positive definite and lies low among the eigenvalues.
-
-    Eigenvalues λ found as 1/ν − σ carry an error near rounding × (λ + σ)²/σ, so that any σ among the modes
-    of interest serves; max K_ii/M_ii is of the order of the highest eigenvalue.
-    """
-    highest = float((np.diag(structure.stiffness) / np.diag(structure.mass)).max())
-    return 1e-5 * highest if highest > 0 else 1.0  # masses without springs: any will do
-
-
-Forced = NDArray[np.bool_] | None
-"""At which of some motions forces act; None for all."""
-
-#: Modes up to this many times the highest frequency are kept one by one; where responses have no vectors, up to more.
-_KEPT, _KEPT_OF_FORCES = 2.0, 3.0
-#: Terms of the residual in ω²: static, and the first two beyond. With these less than 1e-10 of an FRF's peak is lost,
-#: and little of the motion of a stiff joint itself, which is small beside its parts.
-MOST_TERMS = 3
-#: Of more motions than these only those at which forces act have vectors of their own: what many responses would add is
-#: nearly what there is already, and rounding.
-FEW_MOTIONS = 16
-_TERMS_OF_FORCES = 2 * MOST_TERMS  # as exact: a vector at either end of an FRF counts for its power in ω²
-#: A direction that holds less than this of a unit vector adds nothing but rounding.
-_SAME = 1e-9
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Reduction:
-    """What is kept of a structure's modes.
-
-    Parameters
-    ----------
-    kept
-        The first so many modes stay as they are.
-    motions
-        Where forces act and motion is observed, as forms on the DOFs, shape (DOFs, k).
-    terms
-        Terms of the residual for each of the forces.
-    forced
-        Those of the motions at which forces act, shape (DOFs, f); None takes all.
-    """
-
-    kept: int
-    motions: Array
-    terms: int = MOST_TERMS
-    forced: Array | None = None
-
-    @classmethod
-    def below(cls, top_hz: float, modes: Modes, motions: Array, forced: Forced = None) -> "Reduction":
-        """The reduction that serves up to a frequency in Hz, for a structure with these modes.
-
-        With `forced`, shape (k,), no force acts at the other motions.
+        Eigenvalues λ found as 1/ν − σ carry an error near rounding × (λ + σ)²/σ, so that any σ among the modes
+        of interest serves; max K_ii/M_ii is of the order of the highest eigenvalue.
         """
-        all_forced = forced is None or motions.shape[1] <= FEW_MOTIONS
-        highest = (_KEPT if all_forced else _KEPT_OF_FORCES) * 2 * np.pi * top_hz
-        kept = int(np.searchsorted(modes.eigenvalues, highest**2))
-        return cls(kept, motions) if all_forced else cls(kept, motions, _TERMS_OF_FORCES, motions[:, forced])
+        highest = float((np.diag(self.stiffness) / np.diag(self.mass)).max())
+        return 1e-5 * highest if highest > 0 else 1.0  # masses without springs: any will do
 
-    def reduce(self, modes: Modes, size: int | None = None) -> Modes:
-        """The kept modes, and Ritz vectors that stand for all others: unit modal mass, rising, shapes (DOFs, m).
+    def at(self, dofs: Iterable[str], top_hz: float) -> Self:
+        """The same structure with the modes up to this frequency; its matrices are what they are."""
+        if self._every_mode:
+            return self
+        same = copy.copy(self)
+        object.__setattr__(same, "_top_hz", top_hz)
+        return same
 
-        Parameters
-        ----------
-        modes
-            All modes of a structure.
-        size
-            How many to give, where structures are compared of which one has a vector more that is all but rounding.
+    def reference(self, *, solved: bool = True) -> Self:
+        """The same structure, with all its modes whatever frequency is wanted if `solved`."""
+        if not solved:
+            return self
+        same = copy.copy(self)
+        object.__setattr__(same, "_top_hz", None)
+        object.__setattr__(same, "_every_mode", True)
+        return same
+
+    def reach_hz(self, count: int) -> float:
+        """A frequency above the first `count` natural frequencies, Hz."""
+        frequency = self.modes().frequency_hz
+        return float(frequency[min(count + MOST_HELD, frequency.size) - 1])
+
+    def rigid_motions(self, dofs: Rows) -> Array:
+        """Motions of DOFs in the rigid-body modes, see `Body`."""
+        modes = self.modes()
+        rigid = modes.shapes[dofs][:, modes.eigenvalues == 0.0]
+        return np.where(np.abs(rigid) > _AT_REST * np.abs(modes.shapes[dofs]).max(axis=1, keepdims=True), rigid, 0.0)
+
+    def on_all_dofs(self, dofs: Rows, motions: Array) -> Array:
+        """Motions given as forms on some DOFs, shape (p, k), as forms on all, shape (n, k)."""
+        forms = np.zeros((self.n_dofs, motions.shape[1]))
+        forms[dofs] = motions
+        return forms
+
+    def unit_forms(self, labels: Sequence[str]) -> Array:
+        """Motions of labelled DOFs as forms on all, shape (n, len(labels))."""
+        return self.on_all_dofs(self.index(labels), np.eye(len(labels)))
+
+    def free_modes(self, dofs: Rows, motions: Array, forced: Forced = None) -> FreeModes:
+        """Its modes, see `Body`."""
+        modes, forms = self.modes(), self.on_all_dofs(dofs, motions)
+        if self._top_hz is not None:
+            modes = Reduction.below(self._top_hz, modes, forms, forced).reduce(modes)
+        return _Constant(modes.eigenvalues, forms.T @ modes.shapes)
+
+    def dampers(self) -> tuple[Array, Rows, Array]:
+        """Dampers that a matrix C amounts to, see `Body`."""
+        if self.damping.matrix is None:
+            return super().dampers()
+        values, vectors = np.linalg.eigh(self.damping.matrix)
+        some = np.abs(values) > np.finfo(float).eps * np.abs(values).max(initial=0.0)
+        strokes = vectors[:, some] * np.sqrt(np.abs(values[some]))
+        return np.sign(values[some]), np.arange(self.n_dofs), strokes
+
+    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> NDArray[np.complex128] | None:
+        """Solved line by line if it is small, or no modes diagonalise its damping matrix."""
+        law = self.damping
+        if law.matrix is None and (law.of_assembled_modes or self.n_dofs > _SOLVED_LINE_BY_LINE):
+            return None
+        forms = self.on_all_dofs(dofs, motions)
+        return self.solve_lines(omega, forms, forms)
+
+    def solve_lines(
+        self,
+        omega: Array,
+        observed: Array,
+        loads: Array,
+        joint_stiffness: Array | None = None,
+        joint_viscous: Array | float = 0.0,
+        joint_hysteretic: Array | float = 0.0,
+        rigid: int | None = None,
+    ) -> NDArray[np.complex128]:
+        """oᵀZ⁻¹f at each line, shape (lines, motions, loads), for motions o (n, motions) and loads f (n, loads).
+
+        A structure that is nearly free loses six of double precision's digits at low frequency, because K x nearly
+        cancels. So K x is computed in extended precision, and what is left of the load is solved for twice more.
+
+        Modal damping is that of the modes above the `rigid` lowest ones, by default above those at 0 Hz.
+
+        Raises
+        ------
+        ModelError
+            If a line is an undamped natural frequency.
         """
-        above, shapes = modes.eigenvalues[self.kept :], modes.shapes[:, self.kept :]
-        participation = (self.motions if self.forced is None else self.forced).T @ shapes
-        participation = participation[np.abs(participation).max(axis=1, initial=0.0) > 0]
-        if not len(participation):  # nothing ever moves or is seen to move the others
-            kept = max(self.kept, 1)
-            return Modes(modes.eigenvalues[:kept], modes.shapes[:, :kept])
-        if self.terms * len(participation) >= above.size:
-            return modes
-        # Σ φ φᵀ/(λ − ω²) = Σ φ φᵀ/λ + ω² Σ φ φᵀ/λ² + …; powers relative to the lowest, so that all are numbers
-        answers = np.hstack([(participation / (above / above[0]) ** (term + 1)).T for term in range(self.terms)])
-        left, share, _ = np.linalg.svd(answers / np.linalg.norm(answers, axis=0), full_matrices=False)
-        basis = left[:, share > _SAME * share[0]] if size is None else left[:, : size - self.kept]
-        eigenvalues, turn = np.linalg.eigh((basis.T * above) @ basis)
-        return Modes(
-            np.concatenate([modes.eigenvalues[: self.kept], eigenvalues]),
-            np.hstack([modes.shapes[:, : self.kept], shapes @ (basis @ turn)]),
-        )
+        added = np.zeros_like(self.stiffness) if joint_stiffness is None else joint_stiffness
+        exact, viscous = self.stiffness.astype(np.longdouble), self._viscous(added, rigid) + joint_viscous
+        dynamic = added + 1j * joint_hysteretic if np.any(joint_hysteretic) else added
+        loss = 1 + 1j * self.damping.hysteretic
+        parts = []
+        for start in range(0, omega.size, _LINES_AT_ONCE):
+            w = omega[start : start + _LINES_AT_ONCE, None, None]
+            z = loss * self.stiffness + dynamic - w**2 * self.mass + 1j * w * viscous
+            try:
+                x = np.linalg.solve(z, loads.astype(complex)).astype(np.clongdouble)
+                for _ in range(_REFINEMENTS):
+                    elastic = loss * (exact @ x.real + 1j * (exact @ x.imag))
+                    rounded = x.astype(complex)
+                    others = dynamic @ rounded - w**2 * (self.mass @ rounded) + 1j * w * (viscous @ rounded)
+                    x = x + np.linalg.solve(z, (loads - elastic - others).astype(complex))
+            except np.linalg.LinAlgError:
+                raise ModelError(
+                    f"FRF: found an undamped natural frequency on a line between {w.min() / (2 * np.pi):g} and "
+                    f"{w.max() / (2 * np.pi):g} Hz; expected damping, or lines beside it; give the structure damping "
+                    "or move the lines"
+                ) from None
+            parts.append(observed.T @ x.astype(complex))
+        return np.concatenate(parts)
+
+    def _viscous(self, added: Array, rigid: int | None) -> Array:
+        law = self.damping
+        if law.matrix is not None:
+            return law.matrix
+        if not law.of_assembled_modes:
+            alpha, beta = law.viscous
+            return alpha * self.mass + beta * self.stiffness
+        # C = MΦ diag(2ζω) ΦᵀM of the assembled structure
+        modes = self.modes(added)
+        first = int((modes.eigenvalues <= 0).sum()) if rigid is None else rigid  # a rigid-body motion has no ratio
+        rate = np.zeros(self.n_dofs)
+        rate[first:] = 2 * law.per_mode(self.n_dofs - first) * np.sqrt(np.maximum(modes.eigenvalues[first:], 0.0))
+        weighted = self.mass @ modes.shapes
+        return (weighted * rate) @ weighted.T

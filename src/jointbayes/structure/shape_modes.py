@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from jointbayes.arrays import Array
-from jointbayes.structure.matrices import Forced, Modes, Reduction, Structure
+from jointbayes.structure.matrices import Structure
+from jointbayes.structure.modes import Forced, Modes, Reduction
 
 Ends = Sequence[tuple[float, float]]
 ModesAt = Callable[[Sequence[float]], tuple[Modes, Array]]
@@ -248,7 +249,7 @@ def modes_over_shape(
     ends
         Lower and upper end of each shape number.
     motions, forced
-        See `jointbayes.structure.StructureFamily.free_modes`.
+        See `jointbayes.structure.Body.free_modes`.
     reach_hz
         Frequency up to which modes are wanted, Hz; None wants them all.
     """
@@ -277,7 +278,7 @@ class Parts:
     Parameters
     ----------
     motions, forced
-        As of `StructureFamily.free_modes`, one for each part, shapes (DOFs, parts) and (parts,).
+        As of `Body.free_modes`, one for each part, shapes (DOFs, parts) and (parts,).
     turned
         Which of them are rotations, shape (parts,).
     whole

@@ -16,11 +16,13 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.beam_recipe import BeamMesh, BeamRecipe
-from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes, UncertainFamily
+from jointbayes.structure.body import MOST_HELD, Discretisation, FreeModes
+from jointbayes.structure.family import UncertainBody
 from jointbayes.structure.frame_mesh import BodyFactors
 from jointbayes.structure.frame_recipe import FrameMesh, FrameRecipe
 from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe
-from jointbayes.structure.matrices import Forced, Structure
+from jointbayes.structure.matrices import Structure
+from jointbayes.structure.modes import Forced
 from jointbayes.structure.shape_modes import (
     ModesOverShape,
     Parts,
@@ -93,7 +95,7 @@ class _BodiesModes:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BeamFamily(UncertainFamily):
+class BeamFamily(UncertainBody):
     """Beams whose quantities are uncertain.
 
     Parameters
@@ -201,7 +203,7 @@ _TRIES = 60
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrameFamily(UncertainFamily):
+class FrameFamily(UncertainBody):
     """Frames whose quantities are uncertain.
 
     Parameters

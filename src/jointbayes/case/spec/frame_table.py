@@ -25,7 +25,7 @@ from jointbayes.case.spec.structure_table import (
 )
 
 if TYPE_CHECKING:
-    from jointbayes.structure import Body, FrameRecipe, Member
+    from jointbayes.structure import FrameBody, FrameRecipe, Member
 
 _SIX = ("x", "y", "z", "rx", "ry", "rz")
 _MOST = 2000  # points, members and masses
@@ -150,14 +150,14 @@ class BodySpec(_Stuff):
         sticking_out = (*offsets, *(number for mass in self.masses for number in (mass.inertia_kg_m2, mass.offset_mm)))
         return None if any(map(any, sticking_out)) else line_length(self.points.values())
 
-    def body(self, frame: _Stuff | FrameSpec) -> Body:
+    def body(self, frame: _Stuff | FrameSpec) -> FrameBody:
         """The body, in a frame that states what it does not."""
-        from jointbayes.structure import Body, PointMass
+        from jointbayes.structure import FrameBody, PointMass
 
         members = self.members or (MemberSpec(points=tuple(self.points)),)
         masses = (PointMass(m.point, m.mass_kg, m.inertia_kg_m2, metres(m.offset_mm)) for m in self.masses)
         places = tuple((name, metres(place)) for name, place in self.points.items())
-        return Body(places, tuple(member.member(self, frame) for member in members), tuple(masses))
+        return FrameBody(places, tuple(member.member(self, frame) for member in members), tuple(masses))
 
     def _findings(self) -> Iterator[Finding]:
         for name in self.points:

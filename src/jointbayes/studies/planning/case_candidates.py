@@ -25,7 +25,7 @@ from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import as_joints
 from jointbayes.measurement import FrfData
-from jointbayes.structure import StructureFamily, StructureRecipe, family_of_recipe
+from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 from jointbayes.studies.planning.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
 
 _G = 1e-3
@@ -99,7 +99,7 @@ class _Maker:
         words = f"{candidate.words} in set-up {name}"
         return replace(candidate, name=f"{name} {candidate.name}", words=words, setup=name)
 
-    def _family(self, recipe: StructureRecipe) -> StructureFamily:
+    def _family(self, recipe: StructureRecipe) -> Body:
         """Structures of a recipe that the prior thinks possible."""
         known = self._problem.prior.nuisances
         names, columns = self._problem.test.structures.names, self._problem.structural_columns

@@ -1,0 +1,177 @@
+"""A body without its joints, as forward models, search, checks and report see it: by its motions, never by matrices."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.arrays import Array
+from jointbayes.errors import ModelError
+from jointbayes.structure.damping import DampingLaw
+from jointbayes.structure.modes import Forced
+
+Rows = NDArray[np.intp]
+"""DOFs of a body by their indices, shape (p,)."""
+
+#: DOFs that a joint may hold: each may lift every natural frequency to where the next one was.
+MOST_HELD = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Discretisation:
+    """How a body is cut into elements: kind, see `jointbayes.structure.ElementKind`, number, highest order."""
+
+    kind: str
+    elements: int
+    order: int
+
+
+class FreeModes(Protocol):
+    """Modes without the joint as functions of the factors, shape (n, q), on the body's uncertain quantities.
+
+    An object that can be pickled, so that draws may be made in several processes.
+    """
+
+    def __call__(self, factors: Array) -> tuple[Array, Array]:
+        """Eigenvalues (n or 1, m), rad²/s², rising, and motions (n or 1, k, m) in modes of unit modal mass."""
+        ...
+
+
+class Body(ABC):
+    """A body without its joints, or several that nothing but joints holds together.
+
+    It is asked how its DOFs move, by their indices, and never for matrices, so that it may have any number of DOFs. A
+    kind of body has `labels`, `damping`, `reach_hz`, `rigid_motions` and `free_modes`; the rest has defaults, those of
+    a body that is exactly known. Factors multiply its uncertain quantities `names`, shape (n, q).
+    """
+
+    if TYPE_CHECKING:  # a property would be taken for the default value of a field
+
+        @property
+        def damping(self) -> DampingLaw:
+            """Damping law, at all factors 1."""
+
+    def __repr__(self) -> str:
+        law = type(self.damping).__name__
+        return f"{type(self).__name__}({self.n_dofs} DOFs, {self.labels[0]} to {self.labels[-1]}, {law})"
+
+    @property
+    @abstractmethod
+    def labels(self) -> Sequence[str]:
+        """Labels of its DOFs such as ``"11:y"``; of many a sequence that makes them when they are asked for."""
+
+    @abstractmethod
+    def reach_hz(self, count: int) -> float:
+        """A frequency above the first `count` natural frequencies, whatever holds at most six DOFs, Hz."""
+
+    @abstractmethod
+    def rigid_motions(self, dofs: Rows) -> Array:
+        """Motions of DOFs in its rigid-body modes, shape (p, rigid), exactly 0 where a DOF does not move."""
+
+    @abstractmethod
+    def free_modes(self, dofs: Rows, motions: Array, forced: Forced = None) -> FreeModes:
+        """Modes without the joint with k motions, given as forms on DOFs, shape (p, k).
+
+        Below the frequency of `at` they are the modes, eigenvalues of rigid-body ones exactly 0. Those above are
+        replaced by the few that carry their answer, static and to the first powers of ω², to forces at these motions,
+        or at those that are `forced`, shape (k,): see `Reduction`.
+        """
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of DOFs."""
+        return len(self.labels)
+
+    def index(self, labels: Sequence[str]) -> Rows:
+        """Indices of DOFs by their labels, shape (len(labels),).
+
+        Raises
+        ------
+        ModelError
+            If a label does not exist.
+        """
+        rows = []
+        for label in labels:
+            try:
+                rows.append(self.labels.index(label))
+            except ValueError:
+                raise ModelError(
+                    f"structure: found DOF {label!r}; expected one of {self.labels[0]!r} to {self.labels[-1]!r} that "
+                    "is not fixed by a support; correct the label"
+                ) from None
+        return np.array(rows, dtype=np.intp)
+
+    def position(self, label: str) -> tuple[float, float, float] | None:
+        """Where a DOF is, m; None where that is not known."""
+        return None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The q uncertain quantities."""
+        return ()
+
+    @property
+    def discretisation(self) -> Discretisation | None:
+        """Elements; None where there are none, or they are what they are."""
+        return None
+
+    def at(self, dofs: Iterable[str], top_hz: float) -> "Body":
+        """The same body, exact at these DOFs up to this frequency; it has them among its own."""
+        return self
+
+    def reference(self, *, solved: bool = True) -> "Body":
+        """The same body on a much richer mesh: what others are compared with.
+
+        `solved` anew for each row of factors, with every mode kept, far slower; or interpolated and reduced as ever.
+        """
+        return self
+
+    def certain(self) -> "Body":
+        """The same body at all factors 1, with nothing uncertain and every mode that there is."""
+        return self
+
+    @property
+    def shift(self) -> float:
+        """Shift σ, rad²/s², for assembled eigenvalues 1/ν − σ; they have the error of rounding × (λ + σ)²/σ."""
+        return (2 * np.pi * self.reach_hz(1)) ** 2
+
+    def damping_ratios(self, factors: Array, count: int) -> Array:
+        """Damping ratio of each of the first `count` modes, shape (n or 1, count), for modal damping."""
+        return self.damping.per_mode(count)[None]
+
+    def loss_factors(self, factors: Array) -> Array:
+        """Loss factor, shape (n or 1,), for structural damping."""
+        return np.array([self.damping.hysteretic])
+
+    def frequency_factors(self, factors: Array) -> Array:
+        """True over predicted natural frequency of the first modes of the assembled structure, shape (n or 1, c)."""
+        return np.empty((1, 0))
+
+    def own_stiffness(self, row: str, column: str) -> float:
+        """Stiffness by itself where two DOFs of a point are, N/m or N·m/rad: what default priors are relative to.
+
+        Here that of its static deformation, without rigid-body motion, by a force at each; 0 where nothing deforms.
+        """
+        sizes = []
+        for label in (row, column):
+            eigenvalues, motions = self.certain().free_modes(self.index((label,)), np.eye(1))(np.empty((1, 0)))
+            elastic = eigenvalues[0] > 0
+            flexibility = float((motions[0, 0, elastic] ** 2 / eigenvalues[0, elastic]).sum())
+            sizes.append(1 / flexibility if flexibility else 0.0)
+        return float(np.sqrt(np.prod(sizes)))
+
+    def own_inertia(self, label: str) -> float:
+        """Mass, kg, or moment of inertia, kg·m², that a spring at a DOF moves where nothing else holds the body."""
+        moved = float((self.rigid_motions(self.index((label,))) ** 2).sum())
+        return 1 / moved if moved else np.inf
+
+    def dampers(self) -> tuple[Array, Rows, Array]:
+        """Dampers, C = Σ ± form formᵀ, where no law states them: signs (d,), DOFs (p,), forms of the strokes (p, d)."""
+        return np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, 0))
+
+    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> NDArray[np.complex128] | None:
+        """Receptance between motions (p, k) without a sum over modes, shape (lines, k, k); None to sum over modes."""
+        return None
