@@ -35,9 +35,9 @@ print([hashlib.sha256(np.ascontiguousarray(one).tobytes()).hexdigest() for one i
 
 
 def digests(case, what):
-    """SHA-256 of what fresh processes compute that were given one, two and four threads."""
+    """SHA-256 of what fresh processes compute that were given one and four threads."""
     outputs = set()
-    for threads in ("1", "2", "4"):
+    for threads in ("1", "4"):
         run = subprocess.run(
             [sys.executable, "-c", _HEAD + what + _TAIL, str(CONFIGS / f"{case}.toml")],
             env=os.environ | {"OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads},
@@ -53,6 +53,7 @@ def of_blas():
     return [one["num_threads"] for one in ThreadpoolController().info() if one["user_api"] == "blas"]
 
 
+@pytest.mark.science
 def test_data_density_and_draws_are_those_of_one_thread_with_any_number():
     assert len(digests("clamped_beam_uncertain", _DENSITY)) == 1
 

@@ -26,7 +26,7 @@ from jointbayes.posterior.rounding import rounded, rounded_interval
 from jointbayes.report import ReportInputs
 from jointbayes.report.model import Paragraph
 from jointbayes.report.sections.lead import lead
-from tests.conftest import TABLE_3, shipped_text
+from tests.conftest import TABLE_3, plain_reports, shipped_text
 
 RIGID = np.array([1e30, 0.0, 1e30])
 
@@ -59,17 +59,20 @@ def bounded():
 @pytest.fixture(scope="module")
 def of_bounded(bounded):
     """The report's inputs, which keep what was gathered once."""
-    return ReportInputs(bounded)
+    with plain_reports():
+        inputs = ReportInputs(bounded)
+        assert inputs.knowledge.simpler
+    return inputs
 
 
 def by_kind(joints) -> dict[str, SimplerJoint]:
     return {one.kind: one for one in joints}
 
 
-def test_a_rigid_joint_is_excluded_by_data_that_bound_each_stiffness_from_below(bounded):
+def test_a_rigid_joint_is_excluded_by_data_that_bound_each_stiffness_from_below(bounded, of_bounded):
     assert {bounded.identifiability(k).verdict for k in ("k11", "k22")} == {"bounded below"}
     assert known_by_bounds(bounded) == ("",)
-    joints = by_kind(simpler_joints(bounded))
+    joints = by_kind(of_bounded.knowledge.simpler)
     # nothing else is uncertain: the likelihood of a rigid joint is one number
     measured = np.array([part.test.data.frequency_hz[0] for part in bounded.problem.parts])
     sd = np.array([part.test.data.sd_hz[0] for part in bounded.problem.parts])
@@ -91,8 +94,8 @@ def test_a_joint_that_is_rigid_is_not_excluded(bounded):
     assert not joints["rigid"].excluded
 
 
-def test_what_else_is_uncertain_is_fitted_anew(bounded, monkeypatch):
-    fixed = by_kind(simpler_joints(bounded))["rigid"]
+def test_what_else_is_uncertain_is_fitted_anew(bounded, of_bounded, monkeypatch):
+    fixed = by_kind(of_bounded.knowledge.simpler)["rigid"]
     uncertain = two_lengths(exact(TABLE_3), "\n[uncertain.youngs_modulus]\nsd_percent = 1.0\n").problem
     modulus = 0.01 * np.random.default_rng(1).normal(size=(len(bounded.theta), 1))
     at = np.append(bounded.estimate.theta, 0.0)
@@ -171,6 +174,7 @@ def test_combinations_rest_on_exact_inputs_unless_freeing_them_was_seen_to_chang
     assert "Best known: " in said
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_of_a_run_that_did_not_converge_nothing_is_excluded(bounded):
     failed = replace(bounded, record=replace(bounded.record, converged=False))
     assert gather_knowledge(failed).bounds_sentence == ""

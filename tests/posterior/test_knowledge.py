@@ -26,7 +26,7 @@ from jointbayes.report import ReportInputs, build_report, render_html
 from jointbayes.report.markup import badge, nuisance_label
 from jointbayes.report.model import Callout, Paragraph, Table
 from jointbayes.report.sections.identifiable import freed_blocks
-from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, of_case
+from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, of_case, plain_reports
 
 INITIAL = (1e8, 0.0, 0.0)
 DATE = datetime.date(2026, 1, 5)
@@ -51,6 +51,12 @@ def uncertain():
 
 
 @pytest.fixture(scope="module")
+def gathered(uncertain):
+    """What is known with what the case takes as exact freed as well."""
+    return gather_knowledge(uncertain, uncertain.case.workshop_problem)
+
+
+@pytest.fixture(scope="module")
 def of_uncertain(uncertain):
     """The report's inputs, which keep what was gathered once."""
     return ReportInputs(of_case(uncertain))
@@ -62,7 +68,8 @@ def report(inputs):
 
 @pytest.fixture(scope="module")
 def of_wrong(wrong):
-    return report(ReportInputs(of_case(wrong)))
+    with plain_reports():
+        return report(ReportInputs(of_case(wrong)))
 
 
 @pytest.fixture(scope="module")
@@ -317,15 +324,13 @@ def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs,
     assert "These verdicts take Young's modulus, density, length and damping ratio as exact" in capsys.readouterr().out
 
 
-def test_what_a_case_takes_as_exact_beside_its_own_uncertain_quantities_is_freed_too(uncertain):
-    own = case_from_text("uncertain", UNCERTAIN)
-    rows = effect_of_uncertain_inputs(uncertain, own.workshop_problem)
+def test_what_a_case_takes_as_exact_beside_its_own_uncertain_quantities_is_freed_too(gathered):
+    rows = gathered.freed
     names = ("youngs_modulus", "density", "length", "damping_ratio", "gain")
     assert [row.uncertain for row in rows[:2]] == [("length", "gain"), ()]
     assert set(rows[2].uncertain) == set(names)
     assert inputs_taken_as_exact(rows)["k22"].quantities == ("youngs_modulus", "density", "damping_ratio")
-    assumed = gather_knowledge(replace(uncertain, kept_knowledge=None), own.workshop_problem).assumed
-    assert [word.split(" to ")[0] for word in assumed] == ["Young's modulus", "density", "damping ratio"]
+    assert [word.split(" to ")[0] for word in gathered.assumed] == ["Young's modulus", "density", "damping ratio"]
 
 
 def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_posterior, uncertain, monkeypatch):
@@ -401,17 +406,15 @@ def test_uncertain_quantities_have_short_labels(name, label):
     assert nuisance_label(name) == label
 
 
-def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, monkeypatch):
-    freed = uncertain.case.workshop_problem
-    found = gather_knowledge(uncertain, freed)
-    kept = json.loads(json.dumps(found.kept()))
+def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
+    kept = json.loads(json.dumps(gathered.kept()))
     assert set(kept) == {"profiles", "freed", "assumed", "simpler"}
     for name in ("_profiles", "effect_of_uncertain_inputs"):
         monkeypatch.setattr(f"jointbayes.posterior.information.knowledge.{name}", lambda *_: pytest.fail("found anew"))
-    again = gather_knowledge(replace(uncertain, kept_knowledge=kept), freed)
-    assert repr(again.freed) == repr(found.freed)
-    assert again.assumed == found.assumed
-    for one, other in zip(again.profiles, found.profiles, strict=True):
+    again = gather_knowledge(replace(uncertain, kept_knowledge=kept), uncertain.case.workshop_problem)
+    assert repr(again.freed) == repr(gathered.freed)
+    assert again.assumed == gathered.assumed
+    for one, other in zip(again.profiles, gathered.profiles, strict=True):
         assert one.coordinate == other.coordinate
         assert (one.interval, one.open_below, one.open_above) == (other.interval, other.open_below, other.open_above)
         np.testing.assert_array_equal(one.theta, other.theta)

@@ -75,6 +75,7 @@ def test_evidences_of_springs_agree_with_quadrature(cases, found, case, hypothes
     assert evidence.error < 0.01
 
 
+@pytest.mark.science
 def test_the_evidence_of_the_full_joint_agrees_with_nested_sampling(cases, found):
     problem = cases[SHORT].problem
     rng = np.random.default_rng(5)
@@ -84,6 +85,7 @@ def test_the_evidence_of_the_full_joint_agrees_with_nested_sampling(cases, found
     assert nested.error < 0.3
 
 
+@pytest.mark.docs
 def test_the_page_on_comparison_shows_the_evidences_that_are_found():
     shipped = compare([load_case(CONFIGS / f"{name}.toml") for name in (LONG, SHORT)], seed=1)
     found = {(c.case, c.hypothesis): c for c in shipped.candidates}

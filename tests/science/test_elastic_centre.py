@@ -21,6 +21,7 @@ high = 1e7
 """
 
 
+@pytest.mark.science
 def test_both_give_the_same_stiffnesses_once_their_priors_are_the_same():
     """Draws in the coordinates of the centre, weighted by the ratio of the priors over the stiffnesses."""
     stated = case_from_text("stated", cheap_text())

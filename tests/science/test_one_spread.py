@@ -12,6 +12,8 @@ from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout, Paragraph, Table
 from tests.conftest import CONFIGS
 
+pytestmark = pytest.mark.science
+
 _LIMIT = r"(k11|k12|k22) is bounded (below|above): it is (?:above|below) (\S+) \S+ with 95 % probability"
 _SPREAD = r"(\S.*?) is ([a-z ]+): its 95 % (?:credible )?interval spans (more than )?a factor of (\d+(?:\.\d+)?)"
 NAMES = ("k11", "k12", "k22")

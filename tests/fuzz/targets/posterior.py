@@ -52,9 +52,9 @@ class PosteriorTarget(Target):
     def prepare(self, directory: Path) -> None:
         """Compile the loops and load what a report needs."""
         whole = directory / "whole.nc"
-        for content in self.seeds():
+        for i, content in enumerate(self.seeds()):
             whole.write_bytes(content)
-            self._read(whole, directory.parent / "work" / "report")
+            self._read(whole, directory.parent / "work" / "report" if i == 0 else None)
         whole.unlink()
 
     def attempt(self, path: Path) -> None:
