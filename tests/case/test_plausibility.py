@@ -257,6 +257,7 @@ def test_limits_are_stated_as_numbers_a_person_writes():
     ]  # fmt: skip
 
 
+@pytest.mark.docs
 def test_the_documentation_states_limits_and_thresholds():
     page = (CONFIGS.parent / "docs" / "case-file.md").read_text(encoding="utf-8")
     stated = re.findall(

@@ -374,8 +374,14 @@ def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):
     assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 3 %"
 
 
-def test_other_quantities_have_a_section_with_prior_and_posterior(of_uncertain):
-    built, summary = build_report(of_uncertain, DATE), of_uncertain.summary.to_json()
+@pytest.fixture(scope="module")
+def uncertain_report(of_uncertain):
+    with plain_reports():
+        return report(of_uncertain)
+
+
+def test_other_quantities_have_a_section_with_prior_and_posterior(uncertain_report):
+    built, summary = uncertain_report
     section = next(s for s in built.sections if s.identifier == "nuisances")
     (table,) = (b for b in section.blocks if isinstance(b, Table))
     assert [row[0] for row in table.rows] == ["length", "gain"]
@@ -383,8 +389,8 @@ def test_other_quantities_have_a_section_with_prior_and_posterior(of_uncertain):
     assert summary["nuisances"]["length"]["nominal"] == pytest.approx(383.0)
 
 
-def test_correlations_are_those_of_the_draws(of_uncertain, uncertain):
-    built = build_report(of_uncertain, DATE)
+def test_correlations_are_those_of_the_draws(uncertain_report, uncertain):
+    built, _ = uncertain_report
     table = next(b for b in built.blocks() if isinstance(b, Table) and b.caption == "Correlation of the draws")
     assert table.head == ("", "ln k11", "ln k12", "ln k22")
     assert [row[0] for row in table.rows] == ["ln k11", "ln k12", "ln k22", "ln L", "ln gain"]

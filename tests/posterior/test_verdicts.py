@@ -380,6 +380,7 @@ def test_a_stiffness_beyond_its_prior_is_never_identified(wanted):
     assert "bound" in verdict_line(posterior, one.stiffness)
 
 
+@pytest.mark.docs
 def test_the_cases_beyond_the_prior_are_what_they_say():
     cases = [one for outputs in OUTPUTS for one in outside_cases(outputs)]
     assert len({one.name for one in cases}) == len(cases) == 42
@@ -403,6 +404,7 @@ def test_the_rule_in_words_has_the_constants_of_the_rule():
     assert f"{100 * LEAST_CONTRACTION:g} % is needed" in verdict_by_rule(1.0, -0.3)[1]
 
 
+@pytest.mark.docs
 def test_the_rule_on_the_pages_has_the_constants_of_the_rule():
     method = (DOCS / "method.md").read_text(encoding="utf-8")
     for row in (

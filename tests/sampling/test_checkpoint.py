@@ -101,12 +101,6 @@ def same(one, other):
     assert proposal.efficiency == other_proposal.efficiency
 
 
-@pytest.mark.parametrize("steps", [50, 300, 600])
-def test_a_killed_run_goes_on_to_the_same_bits(begin, undisturbed, tmp_path, steps):
-    killed(begin, tmp_path / "run", steps)
-    same(resumed(begin, tmp_path / "run"), undisturbed)
-
-
 @pytest.mark.science
 def test_a_run_that_fits_its_proposal_anew_goes_on_to_the_same_bits(tmp_path):
     rng = np.random.default_rng(3)

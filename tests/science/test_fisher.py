@@ -92,26 +92,13 @@ def problem_of(outputs) -> Problem:
 
 
 @pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)
-def test_with_all_else_known_the_package_reproduces_the_table(outputs):
-    printed, _, (unit, _) = TABLE[outputs]
-    fisher = fisher_information(problem_of(outputs), POINT[:3])
-    assert agrees(list(fisher.sd().values()), printed, unit).all()
-
-
-@pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)
 def test_the_package_agrees_with_central_differences_of_dense_solves(columns, outputs):
     fisher = fisher_information(problem_of(outputs), POINT[:3])
     independent = independent_information(columns, outputs)[:3, :3]
     scale = np.sqrt(np.outer(np.diag(independent), np.diag(independent)))
     np.testing.assert_allclose(fisher.data / scale, independent / scale, atol=1e-6)
-
-
-@pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)
-def test_with_geometry_material_and_damping_free_the_table_is_reproduced(columns, outputs):
-    _, printed, (_, unit) = TABLE[outputs]
-    information = independent_information(columns, outputs)
-    information[range(3, 7), range(3, 7)] += PRIOR_SD**-2.0
-    assert agrees(np.sqrt(np.diag(np.linalg.inv(information)))[:3], printed, unit).all()
+    printed, _, (unit, _) = TABLE[outputs]
+    assert agrees(list(fisher.sd().values()), printed, unit).all()
 
 
 NUISANCES = ("youngs_modulus", "length", "density", "damping_ratio")
@@ -155,6 +142,7 @@ def freed_rows(fisher):
     return {freed: fisher.stiffness_sd((*fisher.joint_names, *freed)) for freed in sets}
 
 
+@pytest.mark.docs
 @pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)
 def test_the_table_of_what_is_free_is_that_of_the_documentation(columns, outputs):
     rows = freed_rows(independent_fisher(columns, outputs))
@@ -178,6 +166,7 @@ def test_the_tip_alone_loses_k12_and_k22_and_an_accelerometer_at_mid_span_brings
     assert verdicts(both[NUISANCES]) == {"k11": "weakly identified", "k12": "weakly identified", "k22": "identified"}
 
 
+@pytest.mark.docs
 def test_the_example_of_the_documentation_prints_what_stands_below_it(monkeypatch):
     monkeypatch.chdir(CONFIGS.parent)
     code, printed = re.search(r"```python\n(.*?)```\n.*?```text\n(.*?)```", DOCS, re.DOTALL).groups()

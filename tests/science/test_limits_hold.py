@@ -5,6 +5,8 @@ import json
 import pytest
 from benchmarks import limits_hold
 
+pytestmark = pytest.mark.docs
+
 
 def row(index, **stiffness):
     return {"index": index, "converged": True, "explains": True, "seconds": 1.0, "stiffness": stiffness}

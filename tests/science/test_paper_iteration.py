@@ -48,6 +48,7 @@ def _steps_to_settle(values: np.ndarray) -> int:
     return int(away[-1]) + 1 if away.size else 0
 
 
+@pytest.mark.science
 def test_with_noise_k22_settles_and_k12_does_not_as_in_fig_8():
     histories = [_iterate(_measured(seed), line_weight=0.5) for seed in range(20)]
     settled = np.array([[_steps_to_settle(h.stiffness_history[:, i]) for i in range(3)] for h in histories])

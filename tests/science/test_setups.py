@@ -89,6 +89,7 @@ def test_intervals_of_a_few_data_sets_hold_the_truth():
     assert (held >= 4).all()
 
 
+@pytest.mark.docs
 def test_the_study_of_two_set_ups_is_published_and_holds():
     found = json.loads(RESULTS.read_text(encoding="utf-8"))
     page = PAGE.read_text(encoding="utf-8")

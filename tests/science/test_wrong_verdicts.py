@@ -10,6 +10,7 @@ from tests.conftest import TO_CONVERGE, first_in_ci
 LOW, _ = BANDS
 
 
+@pytest.mark.science
 def test_what_the_check_cannot_see_the_freed_inputs_do():
     outcome, posterior = analyse(WRONGS[0], 0.10, LOW, 1, TO_CONVERGE)
     assert outcome.explains
