@@ -8,7 +8,7 @@ import pytest
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports, quantity_factor
 from jointbayes.measurement import FrfData
-from jointbayes.measurement.accelerometer import without_accelerometers
+from jointbayes.measurement.accelerometer import remove_accelerometers
 from jointbayes.structure import LossFactor, Structure
 from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
@@ -27,7 +27,7 @@ def loaded(masses: dict[str, float]) -> Structure:
 
 
 def without(frf: FrfSet, masses: dict[str, float], **how: bool) -> FrfSet:
-    return without_accelerometers(FrfData(frf, np.ones(frf.values.shape)), masses, **how).frf
+    return remove_accelerometers(FrfData(frf, np.ones(frf.values.shape)), masses, **how).frf
 
 
 def measured(masses: dict[str, float], outputs=(TIP, MIDDLE), inputs=(TIP, MIDDLE), quantity="accelerance") -> FrfSet:
@@ -70,7 +70,7 @@ def test_a_mass_without_a_force_at_its_dof_cannot_be_taken_out():
 def test_no_mass_changes_nothing():
     frf = measured({})
     as_measured = FrfData(frf, np.ones(frf.values.shape))
-    assert without_accelerometers(as_measured, {TIP: 0.0}) is as_measured
+    assert remove_accelerometers(as_measured, {TIP: 0.0}) is as_measured
 
 
 def test_the_variance_is_that_of_noise_sent_through_the_correction():
@@ -78,7 +78,7 @@ def test_the_variance_is_that_of_noise_sent_through_the_correction():
     frf = measured(masses)
     variance = (0.002 * np.abs(frf.values)) ** 2
     rng = np.random.default_rng(3)
-    corrected = without_accelerometers(FrfData(frf, variance), masses)
+    corrected = remove_accelerometers(FrfData(frf, variance), masses)
     clean, stated = corrected.frf, corrected.variance
     scatter = np.zeros(variance.shape)
     count = 2000

@@ -11,8 +11,8 @@ from jointbayes.errors import MeasurementError, WriteError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.formats import (
     FORMATS,
+    cut_to_band,
     detect_format,
-    in_band,
     iter_records,
     join_frfs,
     read_frf,
@@ -253,7 +253,7 @@ def records(**changes):
 
 
 def joined(record, f_min_hz, f_max_hz=None):
-    return join_frfs([in_band(record, "a.uff", f_min_hz, f_max_hz)], "a.uff")
+    return join_frfs([cut_to_band(record, "a.uff", f_min_hz, f_max_hz)], "a.uff")
 
 
 def test_band_is_cut_before_anything_is_checked():

@@ -11,7 +11,7 @@ from jointbayes.frf import FrfSet
 from jointbayes.measurement.records import TimeRecord
 from jointbayes.measurement.signals.hits import HitSettings
 from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits, impact_frfs
-from jointbayes.measurement.signals.spectra import ShakerSettings, by_force, estimate_frf, shaker_frf
+from jointbayes.measurement.signals.spectra import ShakerSettings, estimate_frf, shaker_frf, sort_by_force
 from jointbayes.measurement.signals.windows import added_decay_rate
 from jointbayes.measurement.simulated import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from jointbayes.measurement.variance import coherence_variance
@@ -50,7 +50,7 @@ def impact_frf(forces, response, settings=None):
 
 
 def one_test(records: list[TimeRecord]):
-    ((forces, responses),) = by_force(records)
+    ((forces, responses),) = sort_by_force(records)
     return forces, responses
 
 
@@ -178,7 +178,7 @@ def test_a_shaker_gives_the_true_frf_within_its_noise(quantity):
 def test_several_inputs_are_sorted_by_their_hits():
     records = hammered(Hammer(2, 2e-3), inputs=("1:y", "2:y"))
     assert [record.hit for record in records if record.quantity == "force"] == [1, 2, 3, 4]
-    (first, second) = by_force(records[::-1])[::-1]
+    (first, second) = sort_by_force(records[::-1])[::-1]
     for j, (forces, responses) in enumerate((first, second)):
         settings = ImpactSettings(f_min_hz=20, f_max_hz=400)
         for response in responses:
@@ -244,11 +244,11 @@ REFUSED = {
     "silent response": (lambda: impact_frf(FORCE, replace(MOTION, values=np.zeros(64))), "found no response"),
     "short shaker": (lambda: shaker_frf(FORCE, MOTION, ShakerSettings(1.0)), "records of at most"),
     "overlap of one": (lambda: ShakerSettings(1.0, overlap=1.0), "overlap of 1"),
-    "no force": (lambda: by_force([MOTION]), "no force"),
-    "a channel twice": (lambda: by_force([FORCE, MOTION, MOTION]), "'a' twice"),
-    "two forces at once": (lambda: by_force([FORCE, replace(FORCE, channel="g")]), "'f' and 'g' at once"),
+    "no force": (lambda: sort_by_force([MOTION]), "no force"),
+    "a channel twice": (lambda: sort_by_force([FORCE, MOTION, MOTION]), "'a' twice"),
+    "two forces at once": (lambda: sort_by_force([FORCE, replace(FORCE, channel="g")]), "'f' and 'g' at once"),
     "a missing response": (
-        lambda: by_force([replace(FORCE, hit=1), replace(MOTION, hit=1), replace(FORCE, hit=2)]),
+        lambda: sort_by_force([replace(FORCE, hit=1), replace(MOTION, hit=1), replace(FORCE, hit=2)]),
         "no response of 'a' to hit 2",
     ),
     "negative noise": (lambda: ChannelNoise(-1.0, 0.0), "noise of -1"),

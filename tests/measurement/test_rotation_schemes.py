@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.measurement import FrfData
-from jointbayes.measurement.rotations import Rotation, with_rotations
+from jointbayes.measurement.rotations import Rotation, replace_stations
 from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
 SCHEMES = ("first order", "second order, end", "second order, centre")
@@ -28,7 +28,7 @@ def test_noise_gain_for_equal_independent_errors(name, gain):
     rotation = scheme(name, spacing)
     n = len(rotation.stations)
     frf = FrfSet([100.0], np.ones((1, n, 1)), rotation.stations, ("11:y",))
-    moved = with_rotations(FrfData(frf, np.full((1, n, 1), sigma**2)), [rotation])
+    moved = replace_stations(FrfData(frf, np.full((1, n, 1), sigma**2)), [rotation])
     assert np.sqrt(moved.variance[0, -1, 0]) == pytest.approx(gain * sigma / spacing, rel=1e-12)
 
 

@@ -7,7 +7,7 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.joint import Joint
 from jointbayes.measurement import FrfData
-from jointbayes.measurement.rotations import Rotation, at_joint, with_rotations
+from jointbayes.measurement.rotations import Rotation, joint_frf_set, replace_stations
 from jointbayes.structure import BeamMaterial, FrameBody, FrameRecipe, LossFactor, Member, Section
 from tests.conftest import CLAMP, pair_matrix, rod
 
@@ -25,7 +25,7 @@ def measured(outputs=("41:y", "1:y", "2:y", "3:y"), inputs=("41:y",), elements=4
 
 def test_a_rotation_replaces_the_stations_it_was_made_from_and_leaves_the_others():
     frf = measured()
-    moved = with_rotations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
+    moved = replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
     found, variance = moved.frf, moved.variance
     assert found.outputs == ("41:y", "3:y", "1:rz")
     np.testing.assert_allclose(found.frf("1:rz", "41:y"), (frf.frf("2:y", "41:y") - frf.frf("1:y", "41:y")) / SPACING)
@@ -34,7 +34,7 @@ def test_a_rotation_replaces_the_stations_it_was_made_from_and_leaves_the_others
 
 def test_a_station_of_no_weight_stays():
     frf = measured()
-    moved = with_rotations(FrfData(frf, np.ones(frf.values.shape)), [CENTRE])
+    moved = replace_stations(FrfData(frf, np.ones(frf.values.shape)), [CENTRE])
     found, variance = moved.frf, moved.variance
     assert found.outputs == ("41:y", "2:y", "2:rz")
     np.testing.assert_allclose(variance[0, :, 0], [1, 1, 1 / (2 * SPACING**2)])
@@ -45,7 +45,7 @@ def test_the_variance_is_the_diagonal_of_the_covariance_and_nothing_off_it_is_lo
     frf = measured()
     rng = np.random.default_rng(1)
     variance = rng.uniform(0.5, 2.0, frf.values.shape)
-    moved = with_rotations(FrfData(frf, variance), [rotation])
+    moved = replace_stations(FrfData(frf, variance), [rotation])
     found, reduced = moved.frf, moved.variance
     both = np.array([np.eye(4)[frf.outputs.index(o)] for o in found.outputs[:-1]])
     weights = np.zeros(4)
@@ -59,22 +59,22 @@ def test_two_rotations_from_one_station_are_refused():
     frf = measured()
     other = Rotation("2:rz", ("2:y", "3:y"), SPACING, "first order", True)
     with pytest.raises(MeasurementError, match="found station 2:y in 1:rz as well"):
-        with_rotations(FrfData(frf, np.ones(frf.values.shape)), [FIRST, other])
+        replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST, other])
 
 
 def test_rotations_that_are_not_data_leave_the_data_alone():
     data = FrfData(measured(), np.ones(measured().values.shape))
-    assert with_rotations(data, [Rotation("1:rz", ("1:y", "2:y"), SPACING, "first order")]) is data
+    assert replace_stations(data, [Rotation("1:rz", ("1:y", "2:y"), SPACING, "first order")]) is data
 
 
 def test_frfs_at_the_joint_are_measured_translations_and_rotations_from_stations():
     frf = measured(("41:y", "1:y", "2:y", "3:y"))
     end = Rotation("1:rz", ("1:y", "2:y", "3:y"), SPACING, "second order, end")
-    found = at_joint(frf, [end], ("41:y",), CLAMP.dofs)
+    found = joint_frf_set(frf, [end], ("41:y",), CLAMP.dofs)
     assert found.outputs == ("41:y", "1:y", "1:rz")
     true = measured(("41:y", "1:y", "1:rz"))
     np.testing.assert_array_equal(found.values[:, :2], true.values[:, :2])
-    np.testing.assert_array_equal(found.values[:, 2], end.of(frf).values[:, 0])
+    np.testing.assert_array_equal(found.values[:, 2], end.compute_frf(frf).values[:, 0])
 
 
 def errors_of(scheme, count, *, at_free_end):
@@ -86,7 +86,7 @@ def errors_of(scheme, count, *, at_free_end):
         spacing = (-1 if at_free_end else 1) * 0.383 / elements
         rotation = Rotation(f"{nodes[0]}:rz", tuple(f"{node}:y" for node in nodes), spacing, scheme)
         true = measured((rotation.dof,), force, elements).values
-        found = rotation.of(measured(rotation.stations, force, elements)).values
+        found = rotation.compute_frf(measured(rotation.stations, force, elements)).values
         errors.append(np.linalg.norm(found - true) / np.linalg.norm(true))
     return errors
 
@@ -114,13 +114,13 @@ def test_at_a_joint_that_carries_shear_the_shear_angle_remains_however_close_the
 )
 def test_what_the_iteration_lacks_is_named(outputs, rotations, message):
     with pytest.raises(MeasurementError, match=message):
-        at_joint(measured(outputs), rotations, ("41:y",), CLAMP.dofs)
+        joint_frf_set(measured(outputs), rotations, ("41:y",), CLAMP.dofs)
 
 
 def test_a_rotation_measured_and_derived_is_refused():
     frf = measured(("41:y", "1:y", "2:y", "1:rz"))
     with pytest.raises(MeasurementError, match="found it among the measured DOFs"):
-        with_rotations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
+        replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
 
 
 @pytest.mark.parametrize("axis", range(3), ids="xyz")
@@ -137,7 +137,7 @@ def test_the_sign_of_a_rotation_is_that_of_a_rod_along_any_axis(axis):
         dofs = (f"near:{direction}", f"tip:{direction}", f"tip:{turn}")
         model = DirectSolve(free, root, Ports(lines, dofs, dofs[1:2]))
         frf = FrfSet(lines, model.receptance(np.diag([1e8] * 3 + [1e5] * 3))[0], dofs, dofs[1:2])
-        found = Rotation(dofs[2], dofs[:2], 1e-3, "first order", axis="xyz"[axis]).of(frf).values[:, 0, 0]
+        found = Rotation(dofs[2], dofs[:2], 1e-3, "first order", axis="xyz"[axis]).compute_frf(frf).values[:, 0, 0]
         true = frf.frf(dofs[2], dofs[1])
         assert np.linalg.norm(found - true) < 5e-3 * np.linalg.norm(true)  # the shear angle at the driven tip remains
 

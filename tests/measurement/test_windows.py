@@ -10,7 +10,7 @@ from jointbayes.measurement.signals.windows import (
     added_decay_rate,
     exponential_window,
     force_window,
-    without_added_damping,
+    remove_added_damping,
 )
 
 FREQUENCY, RATIO = np.array([120.0, 310.0, 700.0]), np.array([0.01, 0.004, 0.02])
@@ -75,7 +75,7 @@ def test_added_damping_comes_out_of_the_frfs_themselves(quantity, power):
     measured = modal_frf(s + RATE) * (s + RATE) ** power
     both = np.stack([measured, 2 * measured], axis=1)[:, :, None]
     frf = FrfSet(lines, both, ("1:y", "2:y"), ("1:y",), quantity, np.full(both.shape, 0.9), 5)
-    corrected = without_added_damping(frf, *windowed_modes(), RATE)
+    corrected = remove_added_damping(frf, *windowed_modes(), RATE)
     assert_allclose(corrected.values[:, 0, 0], true, rtol=1e-6)
     assert_allclose(corrected.values[:, 1, 0], 2 * true, rtol=1e-6)
     assert np.abs(measured / true - 1).max() > 0.5  # that much was wrong before
@@ -89,14 +89,14 @@ def test_noise_is_not_amplified_by_the_correction():
     exact = modal_frf(s + RATE)
     noise = 1e-3 * np.abs(exact) * (rng.standard_normal(lines.size) + 1j * rng.standard_normal(lines.size))
     frf = FrfSet(lines, (exact + noise)[:, None, None], ("1:y",), ("1:y",))
-    left = without_added_damping(frf, *windowed_modes(), RATE).values[:, 0, 0] - modal_frf(s)
+    left = remove_added_damping(frf, *windowed_modes(), RATE).values[:, 0, 0] - modal_frf(s)
     assert np.median(np.abs(left) / np.abs(noise)) == pytest.approx(1.0, abs=0.1)
 
 
 def test_too_few_lines_are_refused():
     frf = FrfSet([100.0, 200.0, 300.0], np.ones((3, 1, 1)), ("1:y",), ("1:y",))
     with pytest.raises(MeasurementError, match="3 lines for 3 modes; expected at least 4 lines"):
-        without_added_damping(frf, FREQUENCY, RATIO, RATE)
+        remove_added_damping(frf, FREQUENCY, RATIO, RATE)
 
 
 def test_the_force_window_keeps_the_pulse_and_drops_what_follows():

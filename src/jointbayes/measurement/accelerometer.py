@@ -22,7 +22,7 @@ ComplexArray = NDArray[np.complex128]
 _STEP = 1e-6  # of the largest receptance of a line, in differences of a function that is smooth
 
 
-def without_accelerometers(measured: FrfData, masses: Mapping[str, float], *, roving: bool = False) -> FrfData:
+def remove_accelerometers(measured: FrfData, masses: Mapping[str, float], *, roving: bool = False) -> FrfData:
     """FRFs of the structure without its accelerometers.
 
     With masses m at sensors S the structure measured has the dynamic stiffness Z − ω²M; taking the masses away leaves
@@ -57,7 +57,7 @@ def without_accelerometers(measured: FrfData, masses: Mapping[str, float], *, ro
     >>> f = np.array([10.0])
     >>> mass = -1 / (2 * np.pi * f[:, None, None]) ** 2 / 1.002  # a free mass of 1 kg with 2 g on it
     >>> loaded = FrfData(FrfSet(f, mass, ("1:y",), ("1:y",)), np.ones((1, 1, 1)))
-    >>> bool(np.isclose(without_accelerometers(loaded, {"1:y": 0.002}).frf.values, mass * 1.002))
+    >>> bool(np.isclose(remove_accelerometers(loaded, {"1:y": 0.002}).frf.values, mass * 1.002))
     True
     """
     given = {dof: mass for dof, mass in masses.items() if mass > 0}

@@ -15,9 +15,9 @@ import numpy as np
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, MeasuredFile
-from jointbayes.measurement.accelerometer import without_accelerometers
+from jointbayes.measurement.accelerometer import remove_accelerometers
 from jointbayes.measurement.data import Data, FrequencyData, FrfData
-from jointbayes.measurement.formats.grid import excluded_lines, in_band, join_frfs, measured_lines
+from jointbayes.measurement.formats.grid import cut_to_band, excluded_lines, join_frfs, measured_lines
 from jointbayes.measurement.formats.read import iter_records
 from jointbayes.measurement.measurement_plan import (
     ChannelMap,
@@ -29,7 +29,7 @@ from jointbayes.measurement.measurement_plan import (
 from jointbayes.measurement.modal_fit import fit_modes, identify_modes
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
-from jointbayes.measurement.rotations import at_joint, with_rotations
+from jointbayes.measurement.rotations import joint_frf_set, replace_stations
 from jointbayes.measurement.signals.impact import frfs_of_hits
 from jointbayes.measurement.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
 from jointbayes.measurement.variance import RelativeNoise, coherence_variance
@@ -86,10 +86,10 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
     made = MadeFrfs(()) if plan.signals is None else _frfs_of_histories(records, plan, where)
     stored = (record for record in records if isinstance(record, FrfRecord))
     mapped = map_records(stored if plan.signals is None else made.frfs, plan.channels, where)
-    known, contradicted = _with_quantity(mapped.records, plan, where)
-    notes = [*made.notes, *dict.fromkeys(note for record in known for note in record.notes)]
+    stated, contradicted = _apply_quantity(mapped.records, plan, where)
+    notes = [*made.notes, *dict.fromkeys(note for record in stated for note in record.notes)]
     if plan.conjugate:
-        known = [record.conjugate for record in known]
+        stated = [record.conjugate for record in stated]
         notes.append("The complex conjugates of the FRFs were taken, as conjugate = true asks.")
     notes += [
         f"Channel {use.channel} points the other way than the mapped one: it was taken for {use.dof} with a factor "
@@ -97,7 +97,7 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
         for use in mapped.uses
         if use.reversed_direction
     ]
-    cut = [in_band(record, where, plan.f_min_hz, plan.f_max_hz) for record in known]
+    cut = [cut_to_band(record, where, plan.f_min_hz, plan.f_max_hz) for record in stated]
     source = "" if plan.variance is None else plan.variance.source
     used, left_out = measured_lines(cut, where, plan.exclude_hz, needs_coherence=source == "coherence")
     notes += left_out
@@ -110,7 +110,7 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
     measured, words = estimate_variance(sets, plan.variance, where)
     masses = {use.dof: use.accelerometer_mass for use in mapped.uses if use.accelerometer_mass > 0}
     if masses:
-        measured = without_accelerometers(measured, masses, roving=plan.roving)
+        measured = remove_accelerometers(measured, masses, roving=plan.roving)
         each = ", ".join(f"{1e3 * mass:g} g at {dof}" for dof, mass in masses.items())
         notes.append(f"The mass of the accelerometers was taken out of the FRFs: {each}.")
     modes, without_modes = _modes(measured, plan)
@@ -144,9 +144,9 @@ def _warnings(records: Sequence[FrfRecord], plan: MeasurementPlan) -> tuple[Meas
 def _fingerprint(path: Path, name: str) -> MeasuredFile:
     if not path.is_file():
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")], 1, 0.6)
-        found = "a directory" if path.is_dir() else "no such file"
+        actual = "a directory" if path.is_dir() else "no such file"
         remedy = f'did you mean "{near[0]}"?' if near else "names count from the directory of the case file"
-        raise MeasurementError(f"data.file: {name}: found {found}; expected a measurement file; {remedy}")
+        raise MeasurementError(f"data.file: {name}: found {actual}; expected a measurement file; {remedy}")
     with path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     return MeasuredFile(name, path.stat().st_size, digest)
@@ -173,11 +173,11 @@ def _frfs_of_histories(records: Iterable[Record], plan: MeasurementPlan, where: 
         raise MeasurementError(f"{where}: {error}") from error
 
 
-def _with_quantity(
+def _apply_quantity(
     records: Iterable[FrfRecord], plan: MeasurementPlan, where: str
 ) -> tuple[list[FrfRecord], list[MeasurementWarning]]:
     """Records with the quantity that the plan states, if any, and warnings of files that say another."""
-    known, contradicted = [], {}
+    stated, contradicted = [], {}
     for record in records:
         if plan.quantity is None and record.quantity is None:
             raise MeasurementError(
@@ -192,8 +192,8 @@ def _with_quantity(
                 "take quantity away from [data], or make sure that the file is wrong",
                 where=record.where,
             )
-        known.append(record if plan.quantity is None else replace(record, quantity=plan.quantity))
-    return known, list(contradicted.values())
+        stated.append(record if plan.quantity is None else replace(record, quantity=plan.quantity))
+    return stated, list(contradicted.values())
 
 
 def _place(record: FrfRecord, where: str) -> str:
@@ -370,7 +370,7 @@ def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: st
 def _chosen(measured: FrfData, plan: MeasurementPlan, where: str) -> FrfData:
     """The FRFs that the likelihood sees, with those at the joint."""
     assert measured.provenance is not None
-    used = with_rotations(measured, plan.rotations)
+    used = replace_stations(measured, plan.rotations)
     derived = {rotation.dof for rotation in plan.rotations if rotation.in_likelihood}
     for key, stated, present in (("outputs", plan.outputs, used.frf.outputs), ("inputs", plan.inputs, used.frf.inputs)):
         for label in stated:
@@ -385,7 +385,7 @@ def _chosen(measured: FrfData, plan: MeasurementPlan, where: str) -> FrfData:
     joint_frf, missing = None, ""
     try:
         every = measured.frf.select(measured.frf.outputs, inputs)
-        joint_frf = at_joint(every, plan.rotations, outputs, plan.joint_dofs)
+        joint_frf = joint_frf_set(every, plan.rotations, outputs, plan.joint_dofs)
     except MeasurementError as error:
         missing = str(error)
     provenance = replace(measured.provenance, iteration=missing)

@@ -133,14 +133,14 @@ def _inspected(records: Iterable[Record], mass_kg: float | None) -> Inspection:
         seen.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
         fitted = tuple(record.conjugate for record in kept)
     modes, modes_of, modes_note = _modes(fitted) if kept else ((), (), note)
-    known = seen.coherence
+    coherences = seen.coherence
     return Inspection(
         "",
         "",
         seen.channels,
         dict(seen.kinds),
         tuple(sorted(seen.averages)),
-        (min(low for low, _ in known), float(np.median([m for _, m in known]))) if known else None,
+        (min(low for low, _ in coherences), float(np.median([m for _, m in coherences]))) if coherences else None,
         dict(seen.notes),
         kept,
         modes,
@@ -239,13 +239,13 @@ def _trace(record: TimeRecord, hit: Hit, *, drawn: bool) -> HitTrace:
 def _frfs_of_hits(histories: list[TimeRecord]) -> tuple[list[FrfRecord], str]:
     """FRFs of a hammer's records that hold one hit each, and why there are none."""
     from jointbayes.measurement.signals.impact import impact_frfs
-    from jointbayes.measurement.signals.spectra import by_force
+    from jointbayes.measurement.signals.spectra import sort_by_force
 
     forces = [r for r in histories if r.quantity == "force"]
     if not forces or any(len(hits_of(r)) != 1 for r in forces):
         return [], "the records are not one hit each: make FRFs of them first"
     try:
-        tests = by_force(histories)
+        tests = sort_by_force(histories)
         results = [impact_frfs(force, responses) for force, responses in tests if responses]
     except MeasurementError as error:
         return [], f"no FRFs could be made of the hits: {error}"
@@ -267,8 +267,8 @@ def _modes(kept: tuple[FrfRecord, ...]) -> tuple[tuple[MeasuredMode, ...], tuple
     names = tuple(f"{r.response}/{r.reference}" for r in members)
     if first.frequency_hz.size > _MOST_LINES:
         return (), names, f"{first.frequency_hz.size} lines are too many to fit at once: choose a band"
-    known = [r.coherence for r in members if r.averages and r.coherence is not None]
-    told = len(known) == len(members) and all(((c >= 0) & (c <= 1)).all() for c in known)
+    coherences = [r.coherence for r in members if r.averages and r.coherence is not None]
+    told = len(coherences) == len(members) and all(((c >= 0) & (c <= 1)).all() for c in coherences)
     try:
         modes = identify_modes(join_frfs(members if told else [replace(r, coherence=None) for r in members], "modes"))
     except MeasurementError as error:
@@ -282,46 +282,46 @@ T = TypeVar("T")
 _LISTED = 40
 
 
-def text_of(found: Inspection) -> Iterator[str]:
+def text_of(inspection: Inspection) -> Iterator[str]:
     """Lines to print: contents, channels, resonances, hits, notes, warnings."""
-    yield f"{found.source} ({found.form})" if found.form else found.source or "records"
-    for kind, count in _first(found.kinds):
+    yield f"{inspection.source} ({inspection.form})" if inspection.form else inspection.source or "records"
+    for kind, count in _first(inspection.kinds):
         yield f"  {count} × {kind}"
-    yield from _more(len(found.kinds))
-    if found.averages:
-        yield f"  averages: {', '.join(str(n) for n in found.averages[:10])}"
-    if found.coherence is not None:
-        yield f"  coherence: smallest {found.coherence[0]:.4f}, median {found.coherence[1]:.4f}"
+    yield from _more(len(inspection.kinds))
+    if inspection.averages:
+        yield f"  averages: {', '.join(str(n) for n in inspection.averages[:10])}"
+    if inspection.coherence is not None:
+        yield f"  coherence: smallest {inspection.coherence[0]:.4f}, median {inspection.coherence[1]:.4f}"
     yield ""
-    yield f"Channels ({len(found.channels)})"
-    width = max((len(label) for label in found.channels), default=0)
-    for label, use in _first(found.channels):
+    yield f"Channels ({len(inspection.channels)})"
+    width = max((len(label) for label in inspection.channels), default=0)
+    for label, use in _first(inspection.channels):
         yield f"  {label:<{width}}  {_dof(label)}{_use(use)}"
-    yield from _more(len(found.channels))
-    yield from _resonances(found)
-    yield from _hits(found)
-    if found.notes:
+    yield from _more(len(inspection.channels))
+    yield from _resonances(inspection)
+    yield from _hits(inspection)
+    if inspection.notes:
         yield ""
         yield "Done on reading"
-        for note, count in _first(found.notes):
+        for note, count in _first(inspection.notes):
             yield f"  {note}" + (f" ({count} times)" if count > 1 else "")
-        yield from _more(len(found.notes))
+        yield from _more(len(inspection.notes))
     yield ""
-    if not found.warnings:
+    if not inspection.warnings:
         yield "No warnings."
         return
-    yield f"Warnings ({len(found.warnings)})"
-    for number, warning in enumerate(found.warnings, 1):
+    yield f"Warnings ({len(inspection.warnings)})"
+    for number, warning in enumerate(inspection.warnings, 1):
         yield f"  {number}. {warning.where}: {warning.sentence}. What to do: {warning.remedy}. [{warning.key}]"
 
 
-def _resonances(found: Inspection) -> Iterator[str]:
+def _resonances(inspection: Inspection) -> Iterator[str]:
     yield ""
-    if not found.modes:
-        yield f"Resonances: {found.modes_note}"
+    if not inspection.modes:
+        yield f"Resonances: {inspection.modes_note}"
         return
-    yield f"Resonances of {', '.join(found.modes_of)} (± one standard deviation)"
-    for number, mode in enumerate(found.modes, 1):
+    yield f"Resonances of {', '.join(inspection.modes_of)} (± one standard deviation)"
+    for number, mode in enumerate(inspection.modes, 1):
         digits = _digits(mode.frequency_sd_hz)
         percent, sd = 100 * mode.damping_ratio, 100 * mode.damping_sd
         yield (
@@ -330,16 +330,16 @@ def _resonances(found: Inspection) -> Iterator[str]:
         )
 
 
-def _hits(found: Inspection) -> Iterator[str]:
-    if not found.hits:
+def _hits(inspection: Inspection) -> Iterator[str]:
+    if not inspection.hits:
         return
     yield ""
-    yield f"Hits ({len(found.hits)})"
-    for trace in found.hits[:_LISTED]:
+    yield f"Hits ({len(inspection.hits)})"
+    for trace in inspection.hits[:_LISTED]:
         hit = trace.hit
         verdict = "kept" if hit.kept else f"LEFT OUT: {hit.reason}"
         yield f"  {trace.channel} hit {hit.number}: {hit.peak_n:.4g} N, {1e3 * hit.width_s:.3g} ms, {verdict}"
-    yield from _more(len(found.hits))
+    yield from _more(len(inspection.hits))
 
 
 def _dof(label: str) -> str:

@@ -100,9 +100,9 @@ class ChannelMap:
             Naming the channels that the file has, and the nearest one.
         """
         present = tuple(dict.fromkeys(labels))
-        known = {label[:-1] + _OPPOSITE.get(label[-1:], "") for label in present} | set(present)
+        accepted = {label[:-1] + _OPPOSITE.get(label[-1:], "") for label in present} | set(present)
         for label in self._channels:
-            if label in known:
+            if label in accepted:
                 continue
             near = difflib.get_close_matches(label, present, 1, 0.6)
             listed = ", ".join(f'"{p}"' for p in present[:8]) + (f" and {len(present) - 8} more" * (len(present) > 8))
@@ -132,13 +132,13 @@ def map_records(records: Iterable[FrfRecord], channels: Mapping[str, Channel], w
         If a mapped channel is in no FRF, no FRF has both of its channels mapped, or two response (force) channels are
         mapped to one DOF.
     """
-    known = ChannelMap(channels)
+    channel_map = ChannelMap(channels)
     kept: list[FrfRecord] = []
     uses: dict[tuple[str, Role], ChannelUse] = {}
     labels: dict[str, None] = {}
     for record in records:
         labels |= dict.fromkeys((record.response, record.reference))
-        response, force = known.use(record.response, "response"), known.use(record.reference, "force")
+        response, force = channel_map.use(record.response, "response"), channel_map.use(record.reference, "force")
         if response is None or force is None:
             continue
         uses[record.response, "response"], uses[record.reference, "force"] = response, force
@@ -149,7 +149,7 @@ def map_records(records: Iterable[FrfRecord], channels: Mapping[str, Channel], w
         raise MeasurementError(
             f"{where}: found no FRF; expected at least one; for time histories add a table [data.records]"
         )
-    known.require_all(labels, where)
+    channel_map.require_all(labels, where)
     if not kept:
         raise MeasurementError(
             f"{where}: found no FRF whose response and force are both in [data.channels]; expected both; map the other "

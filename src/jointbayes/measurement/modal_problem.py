@@ -242,11 +242,11 @@ class ModalProblem:
         two for each FRF, plus a margin; χ² is taken relative to its mean.
         """
         price = (2 + 2 * self.values.shape[1]) * np.log(2 * self.values.size) + 10.0
-        poles = self._without_idle(self.climb(poles), price)
+        poles = self._drop_idle(self.climb(poles), price)
         for _ in range(order // 2):
             least = self.chi2(poles) - price * self._misfit(poles)
             for start in self._further(poles, order, price):
-                more = self._without_idle(self.climb(start), price)
+                more = self._drop_idle(self.climb(start), price)
                 if self.chi2(more) < least:
                     poles = more
                     break
@@ -282,7 +282,7 @@ class ModalProblem:
                 break
         return np.concatenate([_pole(self.omega[worst], np.full(len(worst), zeta)) for zeta in _TRIED_DAMPING])
 
-    def _without_idle(self, poles: Complex, price: float) -> Complex:
+    def _drop_idle(self, poles: Complex, price: float) -> Complex:
         while poles.size:
             frequency = np.abs(poles)
             near = (frequency >= self.omega[0] / _EDGE) & (frequency <= self.omega[-1] * _EDGE)
@@ -363,27 +363,27 @@ class ModalProblem:
 
     def _residual(self, poles: Complex) -> Array:
         basis, _, _ = self._basis(poles)
-        out = []
+        residuals = []
         for w, target in zip(self.weight.T, self.target, strict=True):
             q = _orthonormal(_parts(w[:, None] * basis))
-            out.append(target - q @ (q.T @ target))
-        return np.concatenate(out)
+            residuals.append(target - q @ (q.T @ target))
+        return np.concatenate(residuals)
 
     def jacobian(self, poles: Complex) -> tuple[Array, Array]:
         """Derivatives of the residuals by each ω_r and each ζ, shape (values, modes) each, after Kaufman (1975)."""
         basis, by_omega, by_zeta = self._basis(poles)
         n = poles.size
-        out: list[list[Array]] = [[], []]
+        blocks: list[list[Array]] = [[], []]
         for w, target in zip(self.weight.T, self.target, strict=True):
             weighted = _parts(w[:, None] * basis)
             scale = np.linalg.norm(weighted, axis=0)
             q = _orthonormal(weighted)
             amplitude = scipy.linalg.lstsq(weighted / scale, target)[0] / scale
-            for rows, derivative in zip(out, (by_omega, by_zeta), strict=True):
+            for rows, derivative in zip(blocks, (by_omega, by_zeta), strict=True):
                 column = derivative[:, :n] * amplitude[:n] + derivative[:, n:] * amplitude[n : 2 * n]
                 slope = _parts(w[:, None] * column)
                 rows.append(-(slope - q @ (q.T @ slope)))
-        return np.vstack(out[0]), np.vstack(out[1])
+        return np.vstack(blocks[0]), np.vstack(blocks[1])
 
 
 def _pole(omega_r: Array, zeta: Array) -> Complex:

@@ -239,27 +239,31 @@ class ModeData(ModalData):
     @cached_property
     def observed(self) -> tuple[ModeValue, ...]:
         """What each of `values` is."""
-        found = []
-        for quantity, part in self._parts:
-            for repetition, mode, *dof in np.argwhere(~np.isnan(part.values)).tolist() if part else ():
-                found.append(ModeValue(quantity, mode, dof[0] if dof else 0, repetition))
-        return tuple(found)
+        mode_values = []
+        for quantity, observed in self._parts:
+            for repetition, mode, *dof in np.argwhere(~np.isnan(observed.values)).tolist() if observed else ():
+                mode_values.append(ModeValue(quantity, mode, dof[0] if dof else 0, repetition))
+        return tuple(mode_values)
 
     @cached_property
     def values(self) -> Array:
         """All that was observed, in the order of `observed`, shape (m,)."""
-        return np.concatenate([part.values[~np.isnan(part.values)] for _, part in self._parts if part])
+        return np.concatenate([observed.values[~np.isnan(observed.values)] for _, observed in self._parts if observed])
 
     @cached_property
     def sd(self) -> Array:
         """Standard deviations of `values`, shape (m,)."""
-        return np.concatenate([part.sd[~np.isnan(part.values)] for _, part in self._parts if part])
+        return np.concatenate([observed.sd[~np.isnan(observed.values)] for _, observed in self._parts if observed])
 
     @property
     def arrays(self) -> dict[str, Array]:
         """All numbers that were measured or stated."""
-        given = {name: part for name, part in self._parts if part}
-        return {key: a for name, part in given.items() for key, a in ((name, part.values), (f"{name}_sd", part.sd))}
+        given = {name: observed for name, observed in self._parts if observed}
+        return {
+            key: a
+            for name, observed in given.items()
+            for key, a in ((name, observed.values), (f"{name}_sd", observed.sd))
+        }
 
     @property
     def layout(self) -> dict[str, object]:
@@ -271,14 +275,14 @@ class ModeData(ModalData):
         """The same with other values, in the order of `observed`, shape (m,)."""
         parts: list[Observed | None] = []
         start = 0
-        for _, part in self._parts:
-            if part is None:
+        for _, observed in self._parts:
+            if observed is None:
                 parts.append(None)
                 continue
-            changed, seen = np.array(part.values), ~np.isnan(part.values)
+            changed, seen = np.array(observed.values), ~np.isnan(observed.values)
             changed[seen] = values[start : start + seen.sum()]
             start += int(seen.sum())
-            parts.append(Observed(changed, part.sd))
+            parts.append(Observed(changed, observed.sd))
         frequency, damping, components = parts
         assert frequency is not None
         shapes = replace(self.shapes, components=components) if self.shapes and components else None

@@ -99,13 +99,13 @@ class Rotation:
         """Of the stations' translations, 1/m, shape (stations,)."""
         return self._sign * np.array(_SCHEMES[self.scheme]) / self.spacing
 
-    def of(self, frf: FrfSet) -> FrfSet:
+    def compute_frf(self, frf: FrfSet) -> FrfSet:
         """FRFs of the rotation from those of its stations."""
         chosen = frf.select(self.stations, frf.inputs)
         return replace(chosen, values=self.weights[None] @ chosen.values, outputs=(self.dof,), coherence=None)
 
 
-def with_rotations(measured: FrfData, rotations: Sequence[Rotation]) -> FrfData:
+def replace_stations(measured: FrfData, rotations: Sequence[Rotation]) -> FrfData:
     """Rotations in the place of their stations, with variances T Σ Tᵀ: what a likelihood of independent errors may see.
 
     A station that a rotation was made from is taken out, because its error is also that of the rotation: counted
@@ -138,7 +138,7 @@ def with_rotations(measured: FrfData, rotations: Sequence[Rotation]) -> FrfData:
                 )
             used[station] = rotation.dof
         rows = [frf.outputs.index(s) for s in rotation.stations]
-        values.append(rotation.of(frf).values)
+        values.append(rotation.compute_frf(frf).values)
         variances.append(np.einsum("s,lsi->li", rotation.weights**2, variance[:, rows])[:, None])
     if not used:
         return measured
@@ -149,7 +149,7 @@ def with_rotations(measured: FrfData, rotations: Sequence[Rotation]) -> FrfData:
     return replace(measured, frf=moved, variance=np.concatenate([variance[:, kept], *variances], axis=1))
 
 
-def at_joint(
+def joint_frf_set(
     frf: FrfSet, rotations: Sequence[Rotation], outputs: tuple[str, ...], joint_dofs: tuple[str, ...]
 ) -> FrfSet:
     """FRFs at some outputs and at every DOF of the joint, as the paper's iteration takes them.
@@ -178,7 +178,7 @@ def at_joint(
             columns.append(frf.select((dof,), frf.inputs).values)
         elif dof in by_dof:
             _require(frf, by_dof[dof])
-            columns.append(by_dof[dof].of(frf).values)
+            columns.append(by_dof[dof].compute_frf(frf).values)
         else:
             remedy = f'state its stations in [data.rotations."{dof}"]' if ":r" in dof else "measure it"
             raise MeasurementError(

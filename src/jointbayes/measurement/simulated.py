@@ -188,7 +188,7 @@ class Responses:
     period: int
     frf: NDArray[np.complex128]
 
-    def of(self, force: Array, input_: int) -> Array:
+    def response(self, force: Array, input_: int) -> Array:
         """Response of all outputs (period, outputs) to a force (period,) at one input."""
         spectrum = fft.rfft(force)[:, None] * self.frf[:, :, input_]
         return fft.irfft(spectrum, self.period, axis=0)
@@ -263,12 +263,12 @@ def hammer_records(rig: Rig, hammer: Hammer, noise: ChannelNoise, rng: np.random
     number = 0
     for j, input_ in enumerate(rig.inputs):
         nominal = _force(responses.period, rig, hammer, 1.0, 1.0)
-        scale = np.abs(responses.of(nominal, j)).max(axis=0)
+        scale = np.abs(responses.response(nominal, j)).max(axis=0)
         kinds = np.repeat(["good", "double", "overload"], [hammer.hits, hammer.double_hits, hammer.overloads])
         for kind in rng.permutation(kinds):
             number += 1
             force = _swing(str(kind), responses.period, rig, hammer, rng)
-            moved = responses.of(force, j)[: rig.block]
+            moved = responses.response(force, j)[: rig.block]
             measured = _limited(force[: rig.block], _NOMINAL_N, noise.force, _FORCE_RANGE, rng)
             yield TimeRecord(channel_label(input_), rig.sample_rate_hz, measured, "force", "N", number, "virtual test")
             for i, output in enumerate(rig.outputs):
@@ -329,7 +329,7 @@ def shaker_records(rig: Rig, samples: int, noise: ChannelNoise, rng: np.random.G
     for j, input_ in enumerate(rig.inputs):
         # a random force that repeats after the record's end has no beginning: no transient to wait for
         force = _NOMINAL_N * rng.standard_normal(responses.period)
-        moved = responses.of(force, j)[:samples]
+        moved = responses.response(force, j)[:samples]
         force = force[:samples] + noise.force * _NOMINAL_N * rng.standard_normal(samples)
         yield TimeRecord(channel_label(input_), rig.sample_rate_hz, force, "force", "N", j + 1, "virtual test")
         for i, output in enumerate(rig.outputs):

@@ -239,9 +239,9 @@ def _is_plain(dtype: np.dtype[Any]) -> bool:
             or (dtype.kind == "f" and dtype.itemsize <= 8)
             or dtype in (np.complex64, np.complex128)
         )
-    parts = [dtype[name] for name in dtype.names]
-    wide = sum(part.itemsize for part in parts)
-    return dtype.names == ("real", "imag") and all(map(_is_plain, parts)) and dtype.itemsize == wide
+    fields = [dtype[name] for name in dtype.names]
+    wide = sum(field.itemsize for field in fields)
+    return dtype.names == ("real", "imag") and all(map(_is_plain, fields)) and dtype.itemsize == wide
 
 
 #: How a text of any length stands in a data set that lies in one piece: its length, and where its bytes are.

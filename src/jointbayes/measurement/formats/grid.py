@@ -57,7 +57,7 @@ def join_frfs(records: Iterable[FrfRecord], where: str) -> FrfSet:
     return _grid(frfs, first, where)
 
 
-def in_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz: float | None) -> FrfRecord:
+def cut_to_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz: float | None) -> FrfRecord:
     """The lines of an FRF from `f_min_hz` to `f_max_hz`, either of which may be open.
 
     Raises

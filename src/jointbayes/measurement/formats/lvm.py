@@ -37,8 +37,8 @@ class _Segment:
 
     def each(self, key: str, count: int) -> list[str]:
         """Values of a field, one for each channel, empty where there are fewer."""
-        found = self.fields.get(key, [])
-        return [*found, *[""] * count][:count]
+        values = self.fields.get(key, [])
+        return [*values, *[""] * count][:count]
 
 
 def read_lvm(path: Path) -> Generator[Record, None, None]:
@@ -75,10 +75,10 @@ def _file_header(lines: Lines) -> _Layout:
         value = values[0].strip("\t ") if values else ""
         match key.strip().lower():
             case "separator":
-                known = {"tab": "\t", "comma": ","}
-                if value.lower() not in known:
+                separators = {"tab": "\t", "comma": ","}
+                if value.lower() not in separators:
                     raise MeasurementError(f"line {number}: found separator {value[:20]!r}; expected Tab or Comma")
-                layout.separator = known[value.lower()]
+                layout.separator = separators[value.lower()]
             case "decimal_separator":
                 layout.decimal = value or ","
             case "x_columns":

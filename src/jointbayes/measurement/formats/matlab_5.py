@@ -98,7 +98,7 @@ def _variable(content: bytes, order: str, where: str = "") -> tuple[str, Any]:
         return name, _struct_elements(elements, shape, name, order)
     if kind == _CELL:
         texts = [_cell_text(cell, order, place) for _, cell in elements]
-        return name, np.array(_by_rows(texts, shape), dtype=str)
+        return name, np.array(_reorder_by_rows(texts, shape), dtype=str)
     if kind == _CHARACTERS:
         return name, _char_rows(*elements[0], shape, order) if elements else np.array([], dtype=str)
     real, *imaginary = (np.frombuffer(data, f"{order}{_TYPES[code]}") for code, data in elements)
@@ -126,7 +126,7 @@ def _elements(content: bytes, order: str) -> list[tuple[int, bytes]]:
     return elements
 
 
-def _by_rows(items: Sequence[Any], shape: tuple[int, ...]) -> list[Any]:
+def _reorder_by_rows(items: Sequence[Any], shape: tuple[int, ...]) -> list[Any]:
     """Items of an array that MATLAB stores column by column, row by row."""
     return [items[i] for i in np.arange(len(items)).reshape(shape, order="F").ravel().tolist()]
 
@@ -137,7 +137,7 @@ def _struct_elements(elements: list[tuple[int, bytes]], shape: tuple[int, ...], 
     fields = [names[i : i + width].split(b"\0")[0].decode("latin-1") for i in range(0, len(names), width)]
     numbers = range(len(values) // max(len(fields), 1))
     blocks = []
-    for i, number in enumerate(_by_rows(numbers, shape)):
+    for i, number in enumerate(_reorder_by_rows(numbers, shape)):
         place = f"{name}." if len(numbers) == 1 else f"{name}({i + 1})."
         given = zip(fields, values[number * len(fields) :], strict=False)
         blocks.append({key: _variable(value, order, f"variable '{place}{key}'")[1] for key, (_, value) in given})

@@ -91,16 +91,16 @@ class _Block:
         return numbers(self.get(key), self.where(key), kind)
 
     def strings(self, key: str) -> list[str]:
-        found = self.get(key)
-        return [] if found is None else strings(found, self.where(key))
+        values = self.get(key)
+        return [] if values is None else strings(values, self.where(key))
 
     def string(self, key: str) -> str:
         return next(iter(self.strings(key)), "")
 
 
-def numbers(found: Any, where: str, kind: type = np.float64) -> NDArray[Any]:  # noqa: ANN401
+def numbers(values: Any, where: str, kind: type = np.float64) -> NDArray[Any]:  # noqa: ANN401
     """Array of numbers of a file as float or complex."""
-    array = np.asarray(found)
+    array = np.asarray(values)
     allowed = "iufc" if kind is np.complex128 else "iuf"
     if array.dtype.kind not in allowed:
         raise MeasurementError(
@@ -116,27 +116,27 @@ def _kind_name(array: NDArray[Any]) -> str:
     )
 
 
-def strings(found: Any, where: str) -> list[str]:  # noqa: ANN401
+def strings(values: Any, where: str) -> list[str]:  # noqa: ANN401
     """Strings of a file: text, bytes, or an array or cell array of them; blanks at the end dropped."""
-    if isinstance(found, (str, bytes)):
-        found = [found]
-    if isinstance(found, np.ndarray) and found.dtype.kind == "U":
-        _require_unicode(found, where)
-    out = []
-    for item in np.asarray(found, dtype=object).ravel():
+    if isinstance(values, (str, bytes)):
+        values = [values]
+    if isinstance(values, np.ndarray) and values.dtype.kind == "U":
+        _require_unicode(values, where)
+    texts = []
+    for item in np.asarray(values, dtype=object).ravel():
         while isinstance(item, np.ndarray) and item.size == 1:
             item = item.ravel()[0]
         if isinstance(item, bytes):
             item = item.decode("utf-8", errors="replace")
         if not isinstance(item, str):
             raise MeasurementError(f"{where}: found {type(item).__name__}; expected text; store labels as strings")
-        out.append(item.rstrip())
-    return out
+        texts.append(item.rstrip())
+    return texts
 
 
-def _require_unicode(found: NDArray[Any], where: str) -> None:
+def _require_unicode(text: NDArray[Any], where: str) -> None:
     """Refuse code points that no text has, which NumPy takes from a file as they are."""
-    codes = np.ascontiguousarray(found).reshape(-1).view(np.dtype(np.uint32).newbyteorder(found.dtype.byteorder))
+    codes = np.ascontiguousarray(text).reshape(-1).view(np.dtype(np.uint32).newbyteorder(text.dtype.byteorder))
     bad = (codes > sys.maxunicode) | ((codes >= 0xD800) & (codes < 0xE000))
     if bad.any():
         raise MeasurementError(
@@ -146,22 +146,22 @@ def _require_unicode(found: NDArray[Any], where: str) -> None:
 
 def _frf_records(block: _Block) -> Iterator[FrfRecord]:
     lines, notes = _lines(block)
-    values, moved = _on_grid(block.numbers("frf", np.complex128), lines.size, block.where("frf"), block)
+    values, moved = _arrange_axes(block.numbers("frf", np.complex128), lines.size, block.where("frf"), block)
     outputs, named_out = _labels(block, "outputs", values.shape[1])
     inputs, named_in = _labels(block, "inputs", values.shape[2])
     notes += [*moved, *named_out, *named_in]
     coherence = None
     if block.has("coherence"):
-        coherence, _ = _on_grid(block.numbers("coherence"), lines.size, block.where("coherence"), block)
+        coherence, _ = _arrange_axes(block.numbers("coherence"), lines.size, block.where("coherence"), block)
         if coherence.shape != values.shape:
             raise MeasurementError(
                 f"{block.where('coherence')}: found shape {coherence.shape}; expected {values.shape} as the FRFs; "
                 "store one coherence for each FRF"
             )
     unit = block.string("unit")
-    factor, said, of_unit = read_frf_unit(unit)
+    factor, unit_quantity, of_unit = read_frf_unit(unit)
     notes += of_unit
-    quantity = _quantity(block) or said
+    quantity = _quantity(block) or unit_quantity
     averages = _averages(block)
     for i, output in enumerate(outputs):
         for j, input_ in enumerate(inputs):
@@ -190,7 +190,7 @@ def _lines(block: _Block) -> tuple[Array, list[str]]:
     )
 
 
-def _on_grid(values: NDArray[Any], lines: int, where: str, block: _Block) -> tuple[NDArray[Any], list[str]]:
+def _arrange_axes(values: NDArray[Any], lines: int, where: str, block: _Block) -> tuple[NDArray[Any], list[str]]:
     """Array of shape (lines, outputs, inputs) from the shapes that occur in files."""
     shape, notes = values.shape, []
     if values.ndim == 0 or values.ndim > 3 or lines not in shape:
@@ -236,12 +236,12 @@ def _quantity(block: _Block) -> Quantity | None:
 def _averages(block: _Block) -> int | None:
     if not block.has("averages"):
         return None
-    found, where = block.numbers("averages").ravel(), block.where("averages")
-    if found.size != 1 or not (1 <= found[0] <= MOST_AVERAGES) or found[0] != int(found[0]):
+    values, where = block.numbers("averages").ravel(), block.where("averages")
+    if values.size != 1 or not (1 <= values[0] <= MOST_AVERAGES) or values[0] != int(values[0]):
         raise MeasurementError(
-            f"{where}: found {found[:3].tolist()}; expected one whole number from 1 to {MOST_AVERAGES}; correct it"
+            f"{where}: found {values[:3].tolist()}; expected one whole number from 1 to {MOST_AVERAGES}; correct it"
         )
-    return int(found[0])
+    return int(values[0])
 
 
 def _time_records(block: _Block) -> Iterator[TimeRecord]:
@@ -310,9 +310,9 @@ def _rate(block: _Block, samples: int) -> float:
 
 
 def _time_record(
-    block: _Block, channel: str, rate: float, samples: NDArray[Any], said: tuple[str, str], hit: int | None
+    block: _Block, channel: str, rate: float, samples: NDArray[Any], unit_and_quantity: tuple[str, str], hit: int | None
 ) -> TimeRecord:
-    unit, word = said
+    unit, word = unit_and_quantity
     if word and word not in get_args(SensorQuantity):
         raise MeasurementError(
             f"{block.where('quantities')}: found {word!r}; expected one of {', '.join(get_args(SensorQuantity))}"

@@ -12,7 +12,7 @@ from pathlib import Path
 from jointbayes.errors import MeasurementError, path_fault
 from jointbayes.frf import FrfSet, Quantity
 from jointbayes.measurement.formats.array_files import read_arrays
-from jointbayes.measurement.formats.grid import in_band, join_frfs
+from jointbayes.measurement.formats.grid import cut_to_band, join_frfs
 from jointbayes.measurement.formats.lvm import read_lvm
 from jointbayes.measurement.formats.named_arrays import records_of
 from jointbayes.measurement.formats.table import read_table
@@ -131,13 +131,13 @@ def iter_records(path: str | Path) -> Iterator[Record]:
         One line that names the file, the place in it, and what is expected.
     """
     path = Path(path)
-    found = 0
+    count = 0
     kind = detect_format(path)
     try:
         with closing(_READERS[kind](path)) as records:
             for record in records:
-                found += 1
-                if found > MOST_RECORDS:
+                count += 1
+                if count > MOST_RECORDS:
                     raise MeasurementError(
                         f"content: found more than {MOST_RECORDS} FRFs and time histories; expected fewer; split it"
                     )
@@ -149,7 +149,7 @@ def iter_records(path: str | Path) -> Iterator[Record]:
         raise MeasurementError(
             f"{path}: found a fault on reading ({error}); expected a readable file; copy it again"
         ) from None
-    if not found:
+    if not count:
         raise MeasurementError(
             f"{path}: found neither FRFs nor time histories; expected variables such as 'frequency_hz' and 'frf'; "
             "see the layout in the documentation of measurement files"
@@ -186,7 +186,7 @@ def read_frf(
         As `iter_records`, and if the FRFs do not form one set.
     """
     frfs = (record for record in iter_records(path) if isinstance(record, FrfRecord))
-    cut = (in_band(record, str(path), f_min_hz, f_max_hz) for record in frfs)
+    cut = (cut_to_band(record, str(path), f_min_hz, f_max_hz) for record in frfs)
     return join_frfs((replace(r, quantity=quantity) if quantity else r for r in cut), str(path))
 
 

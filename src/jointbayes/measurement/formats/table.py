@@ -70,10 +70,10 @@ def column_of(header: str) -> Column:
     if match is None and (slash := re.fullmatch(r"(\S+) ?/ ?(Hz|rad/s|s|ms)", header)):
         name, unit = slash[1], slash[2]
     quantity: Quantity | None = None
-    for known, words in _QUANTITY_WORDS:
+    for candidate, words in _QUANTITY_WORDS:
         shorter = re.sub(rf"\b(?:{words})\b", " ", name, flags=re.IGNORECASE)
         if shorter != name:
-            quantity, name = known, shorter
+            quantity, name = candidate, shorter
     for role, words in _WORDS:
         # a word glued to digits or letters is part of a channel's name: "force" is not f
         for pattern in (rf"^\s*(?:{words})(?![\w:])[\s_.:,-]*", rf"(?<![\w:])[\s_.,-]*(?:{words})\s*$"):
@@ -159,14 +159,14 @@ def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:
     text = comments.get("averages", "")
     if not text:
         return [None] * count
-    found = [part.strip() for part in text.split(",")]
-    if any(not part.isdecimal() or len(part) > 9 or not 1 <= int(part) <= MOST_AVERAGES for part in found):
+    numbers = [number.strip() for number in text.split(",")]
+    if any(not number.isdecimal() or len(number) > 9 or not 1 <= int(number) <= MOST_AVERAGES for number in numbers):
         raise MeasurementError(
             f"header: found averages {text[:30]!r}; expected whole numbers from 1 to {MOST_AVERAGES}; correct it"
         )
-    if len(found) not in (1, count):
-        raise MeasurementError(f"header: found {len(found)} numbers of averages; expected 1 or {count}; correct it")
-    return [*map(int, found)] * (count if len(found) == 1 else 1)
+    if len(numbers) not in (1, count):
+        raise MeasurementError(f"header: found {len(numbers)} numbers of averages; expected 1 or {count}; correct it")
+    return [*map(int, numbers)] * (count if len(numbers) == 1 else 1)
 
 
 def _frf(
@@ -179,32 +179,32 @@ def _frf(
     comments: Mapping[str, str],
     notes: tuple[str, ...],
 ) -> FrfRecord:
-    said = list(notes)
+    record_notes = list(notes)
     first = columns[parts["real" if "real" in parts else "magnitude"]]
     unit = first.unit
     if "real" in parts:
         complex_ = np.empty(lines.size, complex)
         complex_.real, complex_.imag = values[:, parts["real"]], values[:, parts["imaginary"]]
     else:
-        magnitude, unit = _magnitude(values[:, parts["magnitude"]], unit, said)
-        phase = _phase(values[:, parts["phase"]], columns[parts["phase"]].unit, said)
+        magnitude, unit = _magnitude(values[:, parts["magnitude"]], unit, record_notes)
+        phase = _phase(values[:, parts["phase"]], columns[parts["phase"]].unit, record_notes)
         with np.errstate(invalid="ignore"):
             complex_ = magnitude * np.exp(1j * phase)
     factor, of_unit, converted = read_frf_unit(unit)
     complex_ = scaled(complex_, factor)
-    said += converted
+    record_notes += converted
     word = comments.get("quantity", "").lower()
-    named = next((known for known, words in _QUANTITY_WORDS if word and re.fullmatch(words, word)), None)
-    response, _, reference = (part.strip() for part in re.sub(r"\s+over\s+", " / ", name).rpartition(" / "))
+    named = next((candidate for candidate, words in _QUANTITY_WORDS if word and re.fullmatch(words, word)), None)
+    response, _, reference = (label.strip() for label in re.sub(r"\s+over\s+", " / ", name).rpartition(" / "))
     if not response:
         response, reference = (reference or "output 1"), "input 1"
-        said.append("the header does not name response and reference")
+        record_notes.append("the header does not name response and reference")
     numbers = sorted(parts.values())
     place = f"columns {', '.join(str(i + 1) for i in numbers[:-1])} and {numbers[-1] + 1}"
     coherence = values[:, parts["coherence"]] if "coherence" in parts else None
     quantity = first.quantity or named or of_unit
     return FrfRecord(
-        response, reference, lines, complex_, quantity, first.unit, coherence, averages, place, tuple(said)
+        response, reference, lines, complex_, quantity, first.unit, coherence, averages, place, tuple(record_notes)
     )
 
 

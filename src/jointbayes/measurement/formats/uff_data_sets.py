@@ -141,7 +141,7 @@ def function_header(lines: list[str], binary: str | bytes | None) -> FunctionHea
         raise LineError(6, f"found abscissa spacing {spacing}; expected 0 (uneven) or 1 (even); export it again")
     if spacing == 1 and not (math.isfinite(minimum) and math.isfinite(increment) and increment > 0) and count > 1:
         raise LineError(6, f"found abscissa increment {increment:g}; expected it above 0; export it again")
-    order, said = _binary(binary)
+    order, stated_bytes = _binary(binary)
     return FunctionHeader(
         tuple(line.strip() for line in lines[:5]),
         dof[0],
@@ -157,13 +157,13 @@ def function_header(lines: list[str], binary: str | bytes | None) -> FunctionHea
         _axis(lines, 8),
         _axis(lines, 9),
         order,
-        said,
+        stated_bytes,
     )
 
 
 def _fields(lines: list[str], line: int, columns: tuple[tuple[int, int], ...]) -> list[int]:
     text = lines[line].rstrip("\r\n")
-    out = []
+    numbers = []
     for first, last in columns:
         field = text[first:last].strip()
         if not re.fullmatch(r"[+-]?\d*", field):
@@ -172,10 +172,10 @@ def _fields(lines: list[str], line: int, columns: tuple[tuple[int, int], ...]) -
                 f"found {field!r} in columns {first + 1} to {last}; expected a whole number; the header is damaged, "
                 "export it again",
             )
-        out.append(int(field) if field.strip("+-") else 0)
-    if line == 5 and any(abs(direction) > 6 for direction in (out[5], out[7])):
-        raise LineError(5, f"found directions {out[5]} and {out[7]}; expected -6 to 6; export it again")
-    return out
+        numbers.append(int(field) if field.strip("+-") else 0)
+    if line == 5 and any(abs(direction) > 6 for direction in (numbers[5], numbers[7])):
+        raise LineError(5, f"found directions {numbers[5]} and {numbers[7]}; expected -6 to 6; export it again")
+    return numbers
 
 
 def _real(lines: list[str], line: int, first: int, last: int) -> float:
@@ -209,14 +209,14 @@ def _binary(line: str | bytes | None) -> tuple[str, int]:
     fields = (text[7:13].strip(), text[13:19].strip(), text[19:31].strip(), text[31:43].strip())
     if not all(re.fullmatch(r"\d*", field) for field in fields):
         raise LineError(0, f"found {text.strip()[:40]!r} as binary header; expected numbers; export it again")
-    order, form, _, said = (int(field or 0) for field in fields)
+    order, form, _, stated_bytes = (int(field or 0) for field in fields)
     if order not in (1, 2) or form not in (0, 2):
         raise LineError(
             0,
             f"found byte order {order} and floating-point format {form}; expected 1 or 2, and 2 (IEEE 754); export as "
             "IEEE numbers or as text",
         )
-    return "<" if order == 1 else ">", said
+    return "<" if order == 1 else ">", stated_bytes
 
 
 _CHUNK = 1 << 16
@@ -292,9 +292,9 @@ def _data_set(file: BinaryIO, number: int) -> UffDataSet:
     line = file.readline(_LONGEST_LINE)
     match = re.match(rb"[ \t]*(\d{1,6})([bB]?)(?=\s|$)", line)
     if match is None:
-        found = "the end of the file" if not line else _shown(line)
+        actual = "the end of the file" if not line else _shown(line)
         raise MeasurementError(
-            f"data set {number}, line {line_of(file, here)}: found {found}; expected the number of the data set's "
+            f"data set {number}, line {line_of(file, here)}: found {actual}; expected the number of the data set's "
             "type, such as 58; the file is damaged or cut off, export it again"
         )
     kind, binary = int(match[1]), bool(match[2])

@@ -108,8 +108,8 @@ def sensor_meaning(header: FunctionHeader, units: FileUnits) -> tuple[SensorQuan
     axis = header.numerator
     named: SensorQuantity | None = _SENSORS.get(axis.kind)
     of_file = units.force if named == "force" else units.length
-    said = sensor_unit(axis.unit)
-    quantity, factor, unit, notes = _meaning(axis.unit, said, named, of_file, units.name, si_sensor_unit)
+    parsed = sensor_unit(axis.unit)
+    quantity, factor, unit, notes = _meaning(axis.unit, parsed, named, of_file, units.name, si_sensor_unit)
     return quantity or "unknown", factor, unit, notes
 
 
@@ -119,14 +119,14 @@ def _meaning(
     """What a unit that was written, the type of an axis and the units of the file say together."""
     notes: list[str] = []
     if parsed is not None:
-        factor, said = parsed
+        factor, unit_quantity = parsed
         if factor != 1:
-            notes.append(f"{unit} converted to {si(said)}")
-        if named not in (None, said):
-            notes.append(f"axis types say {named}, the unit {unit} says {said}")
+            notes.append(f"{unit} converted to {si(unit_quantity)}")
+        if named not in (None, unit_quantity):
+            notes.append(f"axis types say {named}, the unit {unit} says {unit_quantity}")
         if file_name and named is not None and not math.isclose(factor, of_file, rel_tol=1e-3):
             notes.append(f"unit {unit} taken; data set 164 ({file_name}) says otherwise")
-        return named or said, factor, unit, notes
+        return named or unit_quantity, factor, unit, notes
     if unit:
         notes.append(f"unit {unit!r} not understood")
     if named is None or of_file == 1:
@@ -164,29 +164,29 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
         sets, corrections, units = _index(file)
         coherences: dict[Pair, list[UffDataSet]] = {}
         occurrences: dict[Pair, int] = {}
-        for one in sets:
-            if _function(one) == _COHERENCE:
-                coherences.setdefault(_pair(one), []).append(one)
-            elif _function(one) in (_FRF, _TIME):
-                occurrences[_pair(one)] = occurrences.get(_pair(one), 0) + 1
+        for data_set in sets:
+            if _function(data_set) == _COHERENCE:
+                coherences.setdefault(_pair(data_set), []).append(data_set)
+            elif _function(data_set) in (_FRF, _TIME):
+                occurrences[_pair(data_set)] = occurrences.get(_pair(data_set), 0) + 1
         if not occurrences:
-            kinds = sorted({one.kind for one in sets})
+            kinds = sorted({data_set.kind for data_set in sets})
             raise MeasurementError(
                 f"data sets: found {len(sets)} of the types {', '.join(map(str, kinds[:10])) or 'none'}, and no FRF or "
                 "time history among them; expected data sets 58 of function type 4 or 1; export the FRFs"
             )
         seen: dict[Pair, int] = {}
-        for one in sets:
-            if _function(one) not in (_FRF, _TIME):
+        for data_set in sets:
+            if _function(data_set) not in (_FRF, _TIME):
                 continue
-            pair = _pair(one)
+            pair = _pair(data_set)
             nth = seen[pair] = seen.get(pair, 0) + 1
-            if _function(one) == _TIME:
-                yield _time_record(file, one, corrections, units, nth if occurrences[pair] > 1 else None)
+            if _function(data_set) == _TIME:
+                yield _time_record(file, data_set, corrections, units, nth if occurrences[pair] > 1 else None)
                 continue
             of_pair = coherences.get(pair, [])
             paired = len(of_pair) == occurrences[pair]
-            record = _frf_record(file, one, of_pair[nth - 1] if paired else None, corrections, units)
+            record = _frf_record(file, data_set, of_pair[nth - 1] if paired else None, corrections, units)
             if of_pair and not paired:
                 left = f"{len(of_pair)} coherences for {occurrences[pair]} FRFs of this pair: none taken"
                 record = replace(record, notes=(*record.notes, left))
@@ -195,112 +195,120 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
 
 def _index(file: BinaryIO) -> tuple[list[UffDataSet], dict[int, UffDataSet], FileUnits]:
     sets, corrections, units = [], {}, FileUnits()
-    for one in scan(file):
+    for data_set in scan(file):
         behind = file.tell()
-        if one.number > _MOST_SETS:
+        if data_set.number > _MOST_SETS:
             raise MeasurementError(
                 f"data sets: found more than {_MOST_SETS}; expected at most {MOST_RECORDS} FRFs and time histories "
                 "with what belongs to them; split the file"
             )
-        if one.kind == CORRECTIONS:
-            corrections[one.number - 1] = one
-        elif one.kind == 164:
-            if one.stop - one.start > 4096:
+        if data_set.kind == CORRECTIONS:
+            corrections[data_set.number - 1] = data_set
+        elif data_set.kind == 164:
+            if data_set.stop - data_set.start > 4096:
                 raise MeasurementError(
-                    f"data set {one.number}: found {one.stop - one.start} bytes of units; expected 3 lines"
+                    f"data set {data_set.number}: found {data_set.stop - data_set.start} bytes of units; expected "
+                    "3 lines"
                 )
             try:
-                units = units_of(_body(file, one))
+                units = units_of(_body(file, data_set))
             except LineError as error:
-                line = line_of(file, one.start) + error.line
-                raise MeasurementError(f"data set {one.number}, line {line}: {error}") from None
+                line = line_of(file, data_set.start) + error.line
+                raise MeasurementError(f"data set {data_set.number}, line {line}: {error}") from None
         else:
-            sets.append(one)
+            sets.append(data_set)
         file.seek(behind)
     return sets, corrections, units
 
 
-def _function(one: UffDataSet) -> int | None:
+def _function(data_set: UffDataSet) -> int | None:
     """Function type, with complex spectra of unknown type over frequency counted as FRFs; None where not a 58."""
-    header = one.header
+    header = data_set.header
     if header is None:
         return None
     return _FRF if header.function == 0 and header.is_complex and header.abscissa.kind == 18 else header.function
 
 
-def _pair(one: UffDataSet) -> Pair:
-    assert one.header is not None
-    return _labels(one.header)
+def _pair(data_set: UffDataSet) -> Pair:
+    assert data_set.header is not None
+    return _labels(data_set.header)
 
 
 def _labels(header: FunctionHeader) -> Pair:
     """Labels of response and reference: from the degrees of freedom, or from ID lines that our writer left."""
-    out = []
+    labels = []
     for key, dof in (("response", header.response), ("reference", header.reference)):
         named = next((line for line in header.ids if line.startswith(f"{key}=")), None)
-        out.append(named.removeprefix(f"{key}=") if named else dof_label(dof))
-    return out[0], out[1]
+        labels.append(named.removeprefix(f"{key}=") if named else dof_label(dof))
+    return labels[0], labels[1]
 
 
-def _body(file: BinaryIO, one: UffDataSet) -> bytes:
-    file.seek(one.start)
-    return file.read(one.stop - one.start)
+def _body(file: BinaryIO, data_set: UffDataSet) -> bytes:
+    file.seek(data_set.start)
+    return file.read(data_set.stop - data_set.start)
 
 
-def _read(file: BinaryIO, one: UffDataSet, corrections: dict[int, UffDataSet]) -> Function:
-    header = one.header
+def _read(file: BinaryIO, data_set: UffDataSet, corrections: dict[int, UffDataSet]) -> Function:
+    header = data_set.header
     assert header is not None
     try:
-        found = decode(header, _body(file, one))
+        function = decode(header, _body(file, data_set))
     except LineError as error:
-        line = line_of(file, one.start) + error.line
-        raise MeasurementError(f"data set {one.number}, line {line}: {error}") from None
-    if one.number not in corrections:
-        return found
-    return _corrected(found, _body(file, corrections[one.number]), one)
+        line = line_of(file, data_set.start) + error.line
+        raise MeasurementError(f"data set {data_set.number}, line {line}: {error}") from None
+    if data_set.number not in corrections:
+        return function
+    return _corrected(function, _body(file, corrections[data_set.number]), data_set)
 
 
-def _corrected(found: Function, body: bytes, one: UffDataSet) -> Function:
+def _corrected(function: Function, body: bytes, data_set: UffDataSet) -> Function:
     """Values with the digits that did not fit their columns: steps in units of the last place, for each number."""
-    ordinate = found.ordinate.view(float) if np.iscomplexobj(found.ordinate) else found.ordinate
-    count = found.abscissa.size + ordinate.size
+    ordinate = function.ordinate.view(float) if np.iscomplexobj(function.ordinate) else function.ordinate
+    count = function.abscissa.size + ordinate.size
     text = body.split()
     if len(text) != count or not all(re.fullmatch(rb"[+-]\d{1,18}", step) for step in text):
         raise MeasurementError(
-            f"data set {one.number + 1}: found {len(text)} corrections; expected {count} whole numbers; "
+            f"data set {data_set.number + 1}: found {len(text)} corrections; expected {count} whole numbers; "
             "take the data set out or export again"
         )
     steps = np.array(text, dtype="S20").astype(np.int64)
-    for numbers, part in ((found.abscissa, steps[: found.abscissa.size]), (ordinate, steps[found.abscissa.size :])):
-        numbers.view(np.int64)[...] += part
-    return found
+    for numbers, corrections in (
+        (function.abscissa, steps[: function.abscissa.size]),
+        (ordinate, steps[function.abscissa.size :]),
+    ):
+        numbers.view(np.int64)[...] += corrections
+    return function
 
 
 def _frf_record(
-    file: BinaryIO, one: UffDataSet, coherence: UffDataSet | None, corrections: dict[int, UffDataSet], units: FileUnits
+    file: BinaryIO,
+    data_set: UffDataSet,
+    coherence: UffDataSet | None,
+    corrections: dict[int, UffDataSet],
+    units: FileUnits,
 ) -> FrfRecord:
-    header = one.header
+    header = data_set.header
     assert header is not None
-    found = _read(file, one, corrections)
+    function = _read(file, data_set, corrections)
     quantity, factor, unit, notes = frf_meaning(header, units)
     if header.function == 0:
         notes.append("function of unknown type taken for an FRF")
     if not header.is_complex:
         notes.append("FRF without imaginary part")
-    lines = _in_hertz(found.abscissa, header, notes)
+    lines = _frequency_hz(function.abscissa, header, notes)
     squared = None
     if coherence is not None:
         read = _read(file, coherence, corrections)
         assert coherence.header is not None
         squared = np.asarray(read.ordinate.real)
-        own = _in_hertz(read.abscissa, coherence.header, [])
-        if own.size != lines.size or not np.allclose(own, lines, rtol=1e-6, equal_nan=True):
+        coherence_lines = _frequency_hz(read.abscissa, coherence.header, [])
+        if coherence_lines.size != lines.size or not np.allclose(coherence_lines, lines, rtol=1e-6, equal_nan=True):
             raise MeasurementError(
                 f"data set {coherence.number}: found a coherence of {squared.size} lines that are not those of the FRF "
-                f"in data set {one.number} ({lines.size} lines); expected the same lines; export again"
+                f"in data set {data_set.number} ({lines.size} lines); expected the same lines; export again"
             )
     response, reference = _labels(header)
-    values = scaled(found.ordinate, factor)
+    values = scaled(function.ordinate, factor)
     return FrfRecord(
         response,
         reference,
@@ -310,12 +318,12 @@ def _frf_record(
         unit,
         squared,
         _averages(header),
-        f"data set {one.number}",
+        f"data set {data_set.number}",
         tuple(notes),
     )
 
 
-def _in_hertz(abscissa: Array, header: FunctionHeader, notes: list[str]) -> Array:
+def _frequency_hz(abscissa: Array, header: FunctionHeader, notes: list[str]) -> Array:
     unit = header.abscissa.unit
     factor = frequency_factor(unit) if unit else 1.0
     if factor is None:
@@ -337,24 +345,24 @@ def _averages(header: FunctionHeader) -> int | None:
 
 
 def _time_record(
-    file: BinaryIO, one: UffDataSet, corrections: dict[int, UffDataSet], units: FileUnits, nth: int | None
+    file: BinaryIO, data_set: UffDataSet, corrections: dict[int, UffDataSet], units: FileUnits, nth: int | None
 ) -> TimeRecord:
-    header = one.header
+    header = data_set.header
     assert header is not None
-    found = _read(file, one, corrections)
+    function = _read(file, data_set, corrections)
     if header.is_complex:
         raise MeasurementError(
-            f"data set {one.number}: found complex values of a time history; expected real ones; export again"
+            f"data set {data_set.number}: found complex values of a time history; expected real ones; export again"
         )
     scale = 1e-3 if header.abscissa.unit.lower() in ("ms", "msec") else 1.0
     told = next((line for line in header.ids if line.startswith("sample_rate_hz=")), "")
-    rate = even_rate(found.abscissa * scale, f"data set {one.number}")
+    rate = even_rate(function.abscissa * scale, f"data set {data_set.number}")
     exact = float_of(told.removeprefix("sample_rate_hz="))
     if exact is not None and abs(exact / rate - 1) < 1e-3:
         rate = exact  # its inverse, the step, is rounded
     quantity, factor, unit, notes = sensor_meaning(header, units)
     hit = next((re.fullmatch(r"hit (\d{1,9})", line) for line in header.ids if line.startswith("hit ")), None)
-    values = scaled(found.ordinate.real, factor)
+    values = scaled(function.ordinate.real, factor)
     return TimeRecord(
         _labels(header)[0],
         rate,
@@ -362,6 +370,6 @@ def _time_record(
         quantity,
         unit,
         int(hit[1]) if hit else nth,
-        f"data set {one.number}",
+        f"data set {data_set.number}",
         tuple(notes),
     )

@@ -100,18 +100,18 @@ def _columns(header: FunctionHeader, body: bytes, expected: int) -> Array | None
     ends = cells[:, width:]
     if not ((ends == b"\n") | (ends == b"\r") | (ends == b" ")).all() or not (ends[:, -1] == b"\n").all():
         return None
-    out = np.empty(expected)
+    numbers = np.empty(expected)
     first = 0
     for i, wide in enumerate(widths):
         field = np.ascontiguousarray(cells[:, first : first + wide]).view(f"S{wide}")[:, 0]
         try:
-            out[i : full * per_line : per_line] = field.astype(float)
+            numbers[i : full * per_line : per_line] = field.astype(float)
         except ValueError:
             return None
         first += wide
     rest = _numbers(header, body[full * length :], expected - full * per_line, full)
-    out[full * per_line :] = rest
-    return out
+    numbers[full * per_line :] = rest
+    return numbers
 
 
 def _numbers(header: FunctionHeader, body: bytes, expected: int, skipped: int = 0) -> Array:
@@ -134,14 +134,14 @@ def _numbers(header: FunctionHeader, body: bytes, expected: int, skipped: int = 
         if len(numbers) > expected:
             raise LineError(line, _count_message(header, "more numbers"))
     if len(numbers) != expected:
-        found = header.count * header.per_value - expected + len(numbers)
-        raise LineError(line, _count_message(header, f"{found} numbers"))
+        actual = header.count * header.per_value - expected + len(numbers)
+        raise LineError(line, _count_message(header, f"{actual} numbers"))
     return np.frombuffer(numbers, dtype=float) if expected else np.empty(0)
 
 
-def _count_message(header: FunctionHeader, found: str) -> str:
+def _count_message(header: FunctionHeader, actual: str) -> str:
     expected = header.count * header.per_value
     return (
-        f"found {found}; expected {expected} for the {header.count} values that the header says; the file "
+        f"found {actual}; expected {expected} for the {header.count} values that the header says; the file "
         "is cut off or its counts are wrong, export it again"
     )

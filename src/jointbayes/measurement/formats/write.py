@@ -80,8 +80,8 @@ def write_records(records: Iterable[Record], path: str | Path, format: str) -> N
         raise MeasurementError(f"{path}: found nothing to write; expected FRFs or time histories; give at least one")
     _require_possible(path)
     try:
-        with whole_file(path) as part:
-            _WRITERS[format](records, part)
+        with whole_file(path) as temporary_path:
+            _WRITERS[format](records, temporary_path)
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
     except UnicodeEncodeError as error:

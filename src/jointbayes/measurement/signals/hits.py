@@ -123,10 +123,10 @@ def find_hits(forces: Sequence[TimeRecord], settings: HitSettings) -> tuple[Hit,
         raise MeasurementError(
             f"hits: found no force in {len(forces)} records; expected that of a hammer; look at the channel"
         )
-    found: list[Hit] = []
+    hits: list[Hit] = []
     for i, (record, x) in enumerate(zip(forces, quiet, strict=True)):
-        found += _hits_of_record(i, record, x, settings.trigger_level * largest, settings)
-    return tuple(replace(hit, number=number) for number, hit in enumerate(found, 1))
+        hits += _hits_of_record(i, record, x, settings.trigger_level * largest, settings)
+    return tuple(replace(hit, number=number) for number, hit in enumerate(hits, 1))
 
 
 def _hits_of_record(index: int, record: TimeRecord, x: Array, threshold: float, settings: HitSettings) -> list[Hit]:

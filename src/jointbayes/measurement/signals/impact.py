@@ -18,10 +18,10 @@ from jointbayes.measurement.signals.spectra import (
     WINDOW_SAMPLES,
     Estimator,
     MadeFrfs,
-    by_force,
     estimate_frf,
     kept_lines,
     paired,
+    sort_by_force,
 )
 from jointbayes.measurement.signals.windows import (
     added_decay_rate,
@@ -29,7 +29,7 @@ from jointbayes.measurement.signals.windows import (
     force_window,
     independent_step,
     line_correlation,
-    without_added_damping,
+    remove_added_damping,
 )
 
 Records = TimeRecord | Sequence[TimeRecord]
@@ -137,7 +137,7 @@ def _estimate(
     frequency, lines = kept_lines(samples, rate, settings.f_min_hz, settings.f_max_hz)
     decay = exponential_window(samples, settings.exponential_end)
     spectra = [_spectra_of_hit(pairs[hit.record], hit, decay, settings) for hit in kept]
-    force, response = (np.array(one)[:, lines] for one in zip(*spectra, strict=True))
+    force, response = (np.array(channel_spectra)[:, lines] for channel_spectra in zip(*spectra, strict=True))
     values, coherence = estimate_frf(force, response, settings.estimator)
     x, y = pairs[0]
     added = added_decay_rate(settings.exponential_end, samples / rate)
@@ -173,13 +173,13 @@ def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None 
     Returns
     -------
     MadeFrfs
-        One FRF for each pair of a force channel and a response; errors as for `by_force`, `impact_frfs`,
+        One FRF for each pair of a force channel and a response; errors as for `sort_by_force`, `impact_frfs`,
         `corrected_frfs`.
     """
     chosen = settings or ImpactSettings()
     frfs: list[FrfRecord] = []
     notes: list[str] = []
-    for forces, responses in by_force(records):
+    for forces, responses in sort_by_force(records):
         results = impact_frfs(forces, responses, chosen)
         frfs += corrected_frfs(results)
         lost = [f"hit {hit.number} ({hit.reason})" for hit in results[0].hits if not hit.kept]
@@ -196,7 +196,7 @@ def _line_step(exponential_end: float) -> int:
 def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
     """FRFs without the damping that an exponential window added, by the modes that are found in them.
 
-    See `jointbayes.measurement.signals.windows.without_added_damping` for what this corrects and what not. Without a
+    See `jointbayes.measurement.signals.windows.remove_added_damping` for what this corrects and what not. Without a
     window the FRFs are returned as they are.
 
     Parameters
@@ -214,14 +214,14 @@ def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
         return [result.frf for result in results]
     records = [result.frf for result in results]
     together = join_frfs(records, "exponential window")
-    modes = identify_modes(_with_honest_coherence(together, rate))
+    modes = identify_modes(_lower_coherence(together, rate))
     if not modes:
         raise MeasurementError(
             f"exponential window: found no mode in the FRFs of {records[0].reference!r}; expected some, by which the "
             "window's damping can be taken out; widen the band or use longer blocks without a window"
         )
     frequency, ratio = np.array([(mode.frequency_hz, mode.damping_ratio) for mode in modes]).T
-    corrected = without_added_damping(together, frequency, ratio, rate)
+    corrected = remove_added_damping(together, frequency, ratio, rate)
     note = f"damping of the exponential window ({rate:.6g} 1/s) taken out by the {len(modes)} modes that were found"
     return [
         replace(record, values=corrected.values[:, i, 0], notes=(record.notes[0], note))
@@ -229,7 +229,7 @@ def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
     ]
 
 
-def _with_honest_coherence(frf: FrfSet, rate: float) -> FrfSet:
+def _lower_coherence(frf: FrfSet, rate: float) -> FrfSet:
     """Coherence as low as it must be for correlated lines to count as the independent ones that they are worth.
 
     Otherwise the smooth noise that a window leaves would be fitted by modes that are none.
@@ -251,14 +251,14 @@ def _spectra_of_hit(
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Spectra of force and response of one hit, offset removed and windowed, each (lines,)."""
     trigger = hit.trigger - hit.start
-    force, response = (_at_rest(one.values[hit.start : hit.start + decay.size], trigger) for one in pair)
+    force, response = (_remove_offset(record.values[hit.start : hit.start + decay.size], trigger) for record in pair)
     if settings.force_window_s is not None:
         length = max(round(settings.force_window_s * pair[0].sample_rate_hz), 1)
         force = force * force_window(decay.size, trigger, length)
     return np.fft.rfft(decay * force), np.fft.rfft(decay * response)
 
 
-def _at_rest(block: Array, trigger: int) -> Array:
+def _remove_offset(block: Array, trigger: int) -> Array:
     """A block less its offset: the mean of what comes before the trigger, but for the last third, where it rises."""
     quiet = block[: 2 * trigger // 3]
     return block - quiet.mean() if quiet.size >= 8 else block

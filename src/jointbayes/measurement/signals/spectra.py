@@ -186,7 +186,7 @@ def shaker_frf(
     samples = round(settings.block_s * rate)
     hop = max(round(samples * (1 - settings.overlap)), 1)
     window = np.asarray(scipy.signal.get_window(settings.window, samples), dtype=float)
-    longest = max(one.values.size for one, _ in pairs)
+    longest = max(record.values.size for record, _ in pairs)
     if longest < samples or samples < 2:
         raise MeasurementError(
             f"shaker: found records of at most {longest / rate:g} s for blocks of {settings.block_s:g} s at {rate:g} "
@@ -217,8 +217,8 @@ def shaker_frf(
 
 
 def frfs_of_shaker(records: Sequence[TimeRecord], settings: ShakerSettings) -> MadeFrfs:
-    """All FRFs of the time records of a shaker test, one for each response; errors as for `by_force`, `shaker_frf`."""
-    tests = by_force(records)
+    """All FRFs of the time records of a shaker test, one for each response; errors as `sort_by_force`, `shaker_frf`."""
+    tests = sort_by_force(records)
     results = [shaker_frf(forces, response, settings) for forces, responses in tests for response in responses]
     window = scipy.signal.get_window(settings.window, WINDOW_SAMPLES)
     hop = max(round(WINDOW_SAMPLES * (1 - settings.overlap)), 1)
@@ -290,7 +290,7 @@ def paired(
     return pairs, _QUANTITY[responses[0].quantity]
 
 
-def by_force(records: Sequence[TimeRecord]) -> list[tuple[list[TimeRecord], list[list[TimeRecord]]]]:
+def sort_by_force(records: Sequence[TimeRecord]) -> list[tuple[list[TimeRecord], list[list[TimeRecord]]]]:
     """Sort time records into tests: the forces on one channel, and for each response the records that go with them.
 
     Records belong together by `TimeRecord.hit`; without it, all are one recording.
@@ -314,27 +314,29 @@ def by_force(records: Sequence[TimeRecord]) -> list[tuple[list[TimeRecord], list
                 f"time records: found forces on {driven[record.hit]!r} and {record.channel!r} at once; expected one "
                 "at a time; H1 of several forces at once is not offered"
             )
-        known = (forces if record.quantity == "force" else moved).setdefault(record.channel, {})
-        if record.hit in known:
+        channel_records = (forces if record.quantity == "force" else moved).setdefault(record.channel, {})
+        if record.hit in channel_records:
             again = "" if record.hit is None else f" for hit {record.hit}"
             raise MeasurementError(
                 f"time records: found channel {record.channel!r} twice{again}; expected each once; number the hits"
             )
-        known[record.hit] = record
+        channel_records[record.hit] = record
     if not forces:
         raise MeasurementError("time records: found no force; expected one channel of it; name the channels right")
     tests = []
     for channel, by_hit in forces.items():
-        responses = [known for known in moved.values() if known.keys() & by_hit.keys()]
-        for known in responses:
-            missing = by_hit.keys() - known.keys()
+        responses = [channel_records for channel_records in moved.values() if channel_records.keys() & by_hit.keys()]
+        for channel_records in responses:
+            missing = by_hit.keys() - channel_records.keys()
             if missing:
-                name = next(iter(known.values())).channel
+                name = next(iter(channel_records.values())).channel
                 raise MeasurementError(
                     f"time records: found no response of {name!r} to hit {min(str(m) for m in missing)} on "
                     f"{channel!r}; expected one for each hit; leave that hit out"
                 )
-        tests.append((list(by_hit.values()), [[known[hit] for hit in by_hit] for known in responses]))
+        tests.append(
+            (list(by_hit.values()), [[channel_records[hit] for hit in by_hit] for channel_records in responses])
+        )
     return tests
 
 

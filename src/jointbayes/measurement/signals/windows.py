@@ -47,7 +47,7 @@ def added_decay_rate(end: float, block_s: float) -> float:
     return float(-np.log(end) / block_s)
 
 
-def without_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array, rate: float) -> FrfSet:
+def remove_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array, rate: float) -> FrfSet:
     """FRFs with the damping of an exponential window taken out, by the modes that were fitted to them.
 
     What was measured is H(jω + a); H(jω) is not in the data, so that *some* model must carry it over by a. Here the
@@ -87,13 +87,13 @@ def without_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array
         )
     receptance = frf.values.reshape(omega.size, -1) / measured_at[:, None] ** power
     corrected = np.empty_like(receptance)
-    for i, one in enumerate(receptance.T):
-        weight = 1 / np.maximum(np.abs(one), 1e-3 * np.abs(one).max())
+    for i, column in enumerate(receptance.T):
+        weight = 1 / np.maximum(np.abs(column), 1e-3 * np.abs(column).max())
         rows = weight[:, None] * before
         scale = np.linalg.norm(rows, axis=0)
-        stacked, target = np.vstack([rows.real, rows.imag]) / scale, weight * one
+        stacked, target = np.vstack([rows.real, rows.imag]) / scale, weight * column
         amplitude, *_ = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))
-        corrected[:, i] = one + (after - before) @ (amplitude / scale)
+        corrected[:, i] = column + (after - before) @ (amplitude / scale)
     values = (corrected * wanted_at[:, None] ** power).reshape(frf.values.shape)
     return replace(frf, values=values)
 
@@ -105,8 +105,8 @@ def _poles(frequency_hz: Array, damping_ratio: Array) -> NDArray[np.complex128]:
 
 def _partial_fractions(s: NDArray[np.complex128], poles: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Columns of real unknowns: real and imaginary part of each residue, 1/s² below and 1 above, (lines, 2m + 2)."""
-    one, other = 1 / (s[:, None] - poles), 1 / (s[:, None] - poles.conj())
-    return np.hstack([one + other, 1j * (one - other), 1 / s[:, None] ** 2, np.ones((s.size, 1))])
+    direct, conjugate = 1 / (s[:, None] - poles), 1 / (s[:, None] - poles.conj())
+    return np.hstack([direct + conjugate, 1j * (direct - conjugate), 1 / s[:, None] ** 2, np.ones((s.size, 1))])
 
 
 def effective_averages(blocks: int, window: Array, hop: int) -> float:

@@ -96,7 +96,7 @@ class ClearFrf:
     def resonances(self) -> tuple[Resonance, ...]:
         """Peaks of |mobility| that stand out from their surroundings and from the noise."""
         magnitude = np.abs(self.mobility)
-        found = []
+        resonances = []
         for top in prominent_peaks(np.log(magnitude), np.log(_RISE)):
             if magnitude[top] < _ABOVE_NOISE * self.noise[top]:
                 continue
@@ -112,8 +112,8 @@ class ClearFrf:
             turn = float(np.sign(steps.sum()) * (1 - np.abs(steps).max() / np.pi))
             if abs(steps.sum()) < _QUARTER or (magnitude[across] < _CLEAR * self.noise[across]).any():
                 turn = 0.0
-            found.append(Resonance(float(self.frequency_hz[top]), cosine, int(last - first), turn))
-        return tuple(found)
+            resonances.append(Resonance(float(self.frequency_hz[top]), cosine, int(last - first), turn))
+        return tuple(resonances)
 
     @property
     def turns(self) -> Array:

@@ -44,21 +44,21 @@ def sketch_of(record: FrfRecord, clear: ClearFrf) -> Sketch:
     return Sketch(f"{record.response}/{record.reference}", record.where, clear.frequency_hz[kept], mobility, noise)
 
 
-def disagreement(one: Sketch, other: Sketch) -> MeasurementWarning | None:
+def disagreement(first: Sketch, other: Sketch) -> MeasurementWarning | None:
     """Warning where two FRFs that should be equal are not; None where they are or cannot be compared.
 
     Its key is ``"sign"``, ``"g"``, ``"rad_per_s"``, ``"quantity"``, ``"factor"`` or ``"shape"``.
     """
-    if one.frequency_hz.shape != other.frequency_hz.shape or not np.allclose(one.frequency_hz, other.frequency_hz):
+    if first.frequency_hz.shape != other.frequency_hz.shape or not np.allclose(first.frequency_hz, other.frequency_hz):
         return None
-    a, b = one.mobility.astype(complex), other.mobility.astype(complex)
-    clear = (np.abs(a) > 5 * one.noise) & (np.abs(b) > 5 * other.noise)
+    a, b = first.mobility.astype(complex), other.mobility.astype(complex)
+    clear = (np.abs(a) > 5 * first.noise) & (np.abs(b) > 5 * other.noise)
     if clear.sum() >= 16:
-        found = _named_ratio(one.frequency_hz[clear], b[clear] / a[clear])
-        if found is not None:
-            return found
+        warning = _named_ratio(first.frequency_hz[clear], b[clear] / a[clear])
+        if warning is not None:
+            return warning
     larger = np.maximum(np.abs(a), np.abs(b))
-    noise = np.hypot(one.noise.astype(float), other.noise.astype(float))
+    noise = np.hypot(first.noise.astype(float), other.noise.astype(float))
     apart = np.abs(a - b) > 4 * noise + 0.15 * larger
     if apart.mean() > 0.1:
         return MeasurementWarning(
@@ -181,7 +181,7 @@ class WarningCollector:
         if isinstance(record, TimeRecord):
             where = _named(record.channel, record.where)
             self._nyquist_hz = min(self._nyquist_hz, record.sample_rate_hz / 2)
-            for warning in _of_history(record):
+            for warning in _history_warnings(record):
                 self._keep(where, warning)
             return
         where, clear = _named(f"{record.response}/{record.reference}", record.where), ClearFrf.of(record)
@@ -243,9 +243,9 @@ class WarningCollector:
     def _keep(self, where: str, warning: MeasurementWarning) -> None:
         group = (warning.key, warning.remedy)
         self._counts[group] = self._counts.get(group, 0) + 1
-        known = self._raw.setdefault(group, [])
-        if len(known) < _NAMED:
-            known.append(replace(warning, where=where))
+        kept = self._raw.setdefault(group, [])
+        if len(kept) < _NAMED:
+            kept.append(replace(warning, where=where))
 
     def _compare(self, pair: tuple[str, str], sketch: Sketch) -> None:
         swapped = (pair[1], pair[0])
@@ -256,13 +256,13 @@ class WarningCollector:
                 warning = disagreement(other, sketch)
                 if warning is not None:
                     where = f"{_named(other.record, other.where)} and {sketch.where}"
-                    self._keep(where, _of_pair(warning, reciprocal))
+                    self._keep(where, _pair_warning(warning, reciprocal))
         # two of a kind are enough to compare with
         if len(before) < 2:
             self._sketches.setdefault(pair, []).append(sketch)
 
 
-def _of_pair(warning: MeasurementWarning, reciprocal: bool) -> MeasurementWarning:
+def _pair_warning(warning: MeasurementWarning, reciprocal: bool) -> MeasurementWarning:
     # the ratio of two quantities of one sensor, g and rad/s have warnings of their own
     keys = {"g": "g_against_ms2", "rad_per_s": "rad_per_s", "quantity": "quantity_phase"}
     key = keys.get(warning.key, "reciprocity" if reciprocal else "repeats_differ")
@@ -274,7 +274,7 @@ def _named(channel: str, where: str) -> str:
     return f"{where} ({channel})" if where else channel
 
 
-def _of_history(record: TimeRecord) -> Iterator[MeasurementWarning]:
+def _history_warnings(record: TimeRecord) -> Iterator[MeasurementWarning]:
     """What one time history contradicts."""
     x = record.values
     broken = ~measurable(x)

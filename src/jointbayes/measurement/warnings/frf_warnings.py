@@ -31,8 +31,8 @@ def conjugated_warning(clear: ClearFrf) -> MeasurementWarning:
     rising = tuple(peak for peak in clear.resonances if peak.turn > 0)
     return MeasurementWarning(
         "conjugated",
-        f"the phase rises at {_at(rising) if rising else 'the resonances of the other FRFs'}, where it falls with the "
-        "time factor exp(+iωt): the FRF is the complex conjugate, as with exp(−iωt)",
+        f"the phase rises at {_peak_words(rising) if rising else 'the resonances of the other FRFs'}, where it falls "
+        "with the time factor exp(+iωt): the FRF is the complex conjugate, as with exp(−iωt)",
         "write conjugate = true in [data], or take it away where it stands; to turn the sign of a channel is no remedy",
     )
 
@@ -49,22 +49,22 @@ def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | 
     mass_kg
         Mass of the structure if it hangs free, kg.
     """
-    yield from _of_lines(record)
-    yield from _of_coherence(record)
-    yield from _of_unit(record)
+    yield from _line_warnings(record)
+    yield from _coherence_warnings(record)
+    yield from _unit_warnings(record)
     if clear is None:
         return
     # the phase at a resonance between two lines is anything
     peaks = tuple(p for p in clear.resonances if p.lines >= _RESOLVED)
     if clear.response == clear.reference:
-        yield from _of_drive_point(clear, peaks)
+        yield from _drive_point_warnings(clear, peaks)
         if mass_kg is not None:
-            yield from _of_mass_line(clear, mass_kg)
+            yield from _mass_line_warnings(clear, mass_kg)
     elif len(peaks) >= 2 and max(abs(p.cosine) for p in peaks) < _UNSIGNED:
         yield _quadrature(peaks, clear.quantity)
 
 
-def _of_lines(record: FrfRecord) -> Iterator[MeasurementWarning]:
+def _line_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
     f = record.frequency_hz
     broken = ~(np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ) & measurable(record.values))
     if broken.any():
@@ -106,10 +106,10 @@ def _of_lines(record: FrfRecord) -> Iterator[MeasurementWarning]:
             "look for lines that were left out, or for a sweep; noise of a sweep's lines has its own law",
         )
         return
-    yield from _of_step(f)
+    yield from _step_warnings(f)
 
 
-def _of_step(f: Array) -> Iterator[MeasurementWarning]:
+def _step_warnings(f: Array) -> Iterator[MeasurementWarning]:
     step = float((f[-1] - f[0]) / (f.size - 1))
     rounding = float(np.abs(f - (f[0] + step * np.arange(f.size))).max() / f[-1])
     tolerance = max(1e-9, 2 * rounding * f[-1] / (step * f.size))
@@ -132,7 +132,7 @@ def _is_round(value: float, tolerance: float) -> bool:
     return any(abs(value / unit - round(value / unit)) * unit < tolerance * value for unit in (decade, 2.0**-14))
 
 
-def _of_coherence(record: FrfRecord) -> Iterator[MeasurementWarning]:
+def _coherence_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
     coherence = record.coherence
     if coherence is None:
         yield MeasurementWarning(
@@ -141,24 +141,24 @@ def _of_coherence(record: FrfRecord) -> Iterator[MeasurementWarning]:
             "export the coherence as well, or state the noise, or give repeated measurements",
         )
         return
-    known = coherence[np.isfinite(coherence)]
-    if known.size and (known >= 1 - 1e-9).all():
+    finite = coherence[np.isfinite(coherence)]
+    if finite.size and (finite >= 1 - 1e-9).all():
         once = ", as it always is with one average" if record.averages == 1 else ""
         yield MeasurementWarning(
             "coherence_one",
             f"coherence is 1 on all lines{once}: it says nothing about the noise",
             "export it again, or state the noise, or give repeated measurements",
         )
-    if known.size < coherence.size:
+    if finite.size < coherence.size:
         yield MeasurementWarning(
             "coherence_range",
-            f"coherence is NaN or infinite on {coherence.size - known.size} of {coherence.size} lines, not 0 to 1",
+            f"coherence is NaN or infinite on {coherence.size - finite.size} of {coherence.size} lines, not 0 to 1",
             "export again",
         )
-    elif ((known < -1e-6) | (known > 1 + 1e-6)).any():
+    elif ((finite < -1e-6) | (finite > 1 + 1e-6)).any():
         yield MeasurementWarning(
             "coherence_range",
-            f"coherence runs from {known.min():.4g} to {known.max():.4g}, not 0 to 1",
+            f"coherence runs from {finite.min():.4g} to {finite.max():.4g}, not 0 to 1",
             "export again",
         )
     if record.averages is None:
@@ -169,7 +169,7 @@ def _of_coherence(record: FrfRecord) -> Iterator[MeasurementWarning]:
         )
 
 
-def _of_unit(record: FrfRecord) -> Iterator[MeasurementWarning]:
+def _unit_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
     if record.quantity is None:
         yield MeasurementWarning(
             "quantity_missing",
@@ -184,11 +184,11 @@ def _of_unit(record: FrfRecord) -> Iterator[MeasurementWarning]:
             "find out the unit of the sensor, and scale the channel by its gain if it is another",
         )
         return
-    said = frf_unit(record.unit)
-    if said is not None and record.quantity is not None and said[1] != record.quantity:
+    parsed = frf_unit(record.unit)
+    if parsed is not None and record.quantity is not None and parsed[1] != record.quantity:
         yield MeasurementWarning(
             "quantity_units",
-            f"the file says {record.quantity}, but its unit {record.unit} is that of {said[1]}",
+            f"the file says {record.quantity}, but its unit {record.unit} is that of {parsed[1]}",
             "find out which is right and state the quantity",
         )
 
@@ -204,7 +204,7 @@ def warnings_of_notes(notes: tuple[str, ...]) -> Iterator[MeasurementWarning]:
             )
 
 
-def _of_drive_point(clear: ClearFrf, peaks: tuple[Resonance, ...]) -> Iterator[MeasurementWarning]:
+def _drive_point_warnings(clear: ClearFrf, peaks: tuple[Resonance, ...]) -> Iterator[MeasurementWarning]:
     mobility, quantity = clear.mobility, clear.quantity
     cosines = np.array([p.cosine for p in peaks])
     if cosines.size and (np.abs(cosines) < _UNSIGNED).all():
@@ -237,7 +237,7 @@ def _of_drive_point(clear: ClearFrf, peaks: tuple[Resonance, ...]) -> Iterator[M
             return
 
 
-def _of_mass_line(clear: ClearFrf, mass_kg: float) -> Iterator[MeasurementWarning]:
+def _mass_line_warnings(clear: ClearFrf, mass_kg: float) -> Iterator[MeasurementWarning]:
     """A free structure's drive point has at low frequency an accelerance of 1/m at least, more off its centre."""
     f, peaks = clear.frequency_hz, clear.resonances
     accelerance = 2j * np.pi * f * clear.mobility
@@ -262,7 +262,7 @@ def _of_mass_line(clear: ClearFrf, mass_kg: float) -> Iterator[MeasurementWarnin
 
 
 def _turned(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
-    part, sign = {
+    component, sign = {
         "accelerance": ("imaginary part of the accelerance", "negative"),
         "mobility": ("real part of the mobility", "negative"),
         "receptance": ("imaginary part of the receptance", "positive"),
@@ -271,23 +271,23 @@ def _turned(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarn
     instead = f", or the FRF is {other} and not {quantity}" if other else ""
     return MeasurementWarning(
         "sign_flip",
-        f"the {part} of the drive point is {sign} at {_at(peaks)}, which no structure can do: force or response has "
-        f"the wrong sign{instead}",
+        f"the {component} of the drive point is {sign} at {_peak_words(peaks)}, which no structure can do: force or "
+        f"response has the wrong sign{instead}",
         'turn the channel in the case file ("-11:y")' + (", or state the quantity" if other else ""),
     )
 
 
 def _quadrature(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
     likely = "receptance or accelerance" if quantity == "mobility" else "mobility"
-    part = "imaginary" if quantity == "mobility" else "real"
+    component = "imaginary" if quantity == "mobility" else "real"
     return MeasurementWarning(
         "quantity_phase",
-        f"the FRF is called {quantity}, but is {part} at {_at(peaks)}, as {likely} is",
+        f"the FRF is called {quantity}, but is {component} at {_peak_words(peaks)}, as {likely} is",
         "find out the quantity of the sensor and state it",
     )
 
 
-def _at(peaks: tuple[Resonance, ...]) -> str:
+def _peak_words(peaks: tuple[Resonance, ...]) -> str:
     if len(peaks) == 1:
         return f"its resonance at {peaks[0].frequency_hz:.4g} Hz"
     return f"its {len(peaks)} resonances (the first at {peaks[0].frequency_hz:.4g} Hz)"
