@@ -234,6 +234,7 @@ def test_the_weights_of_a_flattened_density_take_noise_for_a_fraction_of_the_frf
     assert_allclose(flat.value(theta), expected, rtol=1e-12)
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("beam", list(study.BEAMS))
 def test_the_mode_is_found_on_every_beam_of_the_study(beam):
     outcomes = study.run([beam], range(200, 202))
@@ -241,6 +242,7 @@ def test_the_mode_is_found_on_every_beam_of_the_study(beam):
     assert f"| {beam} | 2 of 2 |" in study.table(outcomes)
 
 
+@pytest.mark.docs
 def test_the_data_of_the_study_are_those_of_the_joint_it_draws():
     base = study.BEAMS["rod 50 × 5 mm"].case("rod")
     truth = study.random_joint(base, 3)

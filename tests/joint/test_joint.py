@@ -35,20 +35,6 @@ def theta_of(parametrisation, ln_k11, ln_k22, rho):
 
 @ALL
 @given(LN_K, LN_K, COUPLING)
-def test_coordinates_and_stiffness_are_inverse_to_each_other(parametrisation, ln_k11, ln_k22, rho):
-    theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
-    stiffness = parametrisation.values(theta)
-    np.testing.assert_allclose(stiffness[[0, 2]], np.exp([ln_k11, ln_k22]), rtol=1e-12)
-    coupling = abs(rho) if isinstance(parametrisation, LogStiffness) else rho
-    assert stiffness[1] / np.sqrt(stiffness[0] * stiffness[2]) == pytest.approx(coupling, rel=1e-11)
-    np.testing.assert_allclose(parametrisation.coordinates(stiffness), theta, rtol=1e-12)
-    assert parametrisation.describes(stiffness)
-    assert parametrisation.feasible(theta)
-    np.testing.assert_allclose(parametrisation.values(parametrisation.coordinates(stiffness)), stiffness, rtol=1e-11)
-
-
-@ALL
-@given(LN_K, LN_K, COUPLING)
 def test_the_determinant_is_that_of_the_joint_matrix(parametrisation, ln_k11, ln_k22, rho):
     theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
     assert parametrisation.log_determinant(theta) == pytest.approx(ln_k11 + ln_k22 + np.log1p(-(rho**2)), abs=1e-9)

@@ -54,7 +54,12 @@ def runs():
     rng = np.random.default_rng(3)
     proposal, start = of_one_half(rng), exact(4 * 24, rng).reshape(4, 24, 3)
     plain = run_ensembles(
-        filament, start, np.random.default_rng(4), SETTINGS, coordinates=proposal.coordinates, proposal=proposal
+        filament,
+        start,
+        np.random.default_rng(4),
+        replace(SETTINGS, max_steps=3000),
+        coordinates=proposal.coordinates,
+        proposal=proposal,
     )
     told = []
     chains, last = run_adapted(

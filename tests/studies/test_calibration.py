@@ -61,13 +61,6 @@ def test_a_wrong_posterior_is_flagged(wrong):
     assert result.p_value < 0.01
 
 
-def test_the_sign_of_the_deviation_says_on_which_side_draws_lie():
-    above = judged(lambda rng, mean, sd: right(rng, mean + 0.5 * sd, sd))
-    below = judged(lambda rng, mean, sd: right(rng, mean - 0.5 * sd, sd))
-    assert above.largest_deviation > 0.1
-    assert below.largest_deviation < -0.1
-
-
 def test_too_narrow_intervals_hold_too_few_truths():
     assert judged(narrow).coverage.interval95[1] < 0.95
 

@@ -34,7 +34,7 @@ CASES = {
     "frequencies": small_case(text=FREQUENCIES),
     "frequencies, scale": small_case('[noise]\nscale = "sampled"\n', text=FREQUENCIES),
 }
-COUNT = 300
+COUNT = 150
 
 
 @pytest.mark.parametrize("name", list(CASES))

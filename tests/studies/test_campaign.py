@@ -335,21 +335,19 @@ class TestDirectory:
             pretend(tmp_path, ROWS)
 
 
-#: Three joints whose posteriors take a quarter of a second each.
+#: Two joints whose posteriors take a quarter of a second each.
 SMALL = (
     "key,data.truth.k22,data.noise.seed,data.noise.relative,sampling.ensembles,sampling.walkers,data.f_step_hz\n"
-    "a,1.4e6,1,0.003,4,16,2\nb,1.5e6,2,0.003,4,16,2\nc,1.6e6,3,0.003,4,16,2\n"
+    "a,1.4e6,1,0.003,4,16,2\nb,1.5e6,2,0.003,4,16,2\n"
 )
 
 
 def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_is(tmp_path):
     table = table_of(tmp_path, SMALL)
-    command = ["campaign", str(table), "--base", str(BASE), "--workers", "2", "--out", str(tmp_path / "out")]
+    command = ["campaign", str(table), "--base", str(BASE), "--workers", "1", "--out", str(tmp_path / "out")]
     ended = CliRunner().invoke(main, command)
-    # three joints leave their population's scatter open, whose walkers do not converge
-    assert ended.exit_code == 3, ended.output
-    assert "3 cases: 3 done, 0 failed, 0 not converged" in ended.stdout
-    assert "NOT CONVERGED: the population of all joints: ensembles of walkers: not converged after" in ended.stdout
+    assert ended.exit_code == 0, ended.output  # two joints make no population
+    assert "2 cases: 2 done, 0 failed, 0 not converged" in ended.stdout
     assert f"Index: {tmp_path / 'out' / 'index.jsonl'}" in ended.stdout
     assert {"report.html", "report.pdf", "summary.json"} <= {file.name for file in (tmp_path / "out").iterdir()}
     campaign = jb.Campaign(tmp_path / "out")
