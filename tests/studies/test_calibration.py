@@ -128,6 +128,8 @@ def test_the_words_of_a_finding_name_what_is_wrong():
 
     assert judged(above).finding == "draws lie above the truths"
     assert judged(below).finding == "draws lie below the truths"
+    assert judged(above).largest_deviation > 0.1
+    assert judged(below).largest_deviation < -0.1
     assert judged(narrow).finding == "posteriors are too narrow"
     assert judged(wide).finding == "posteriors are too wide"
 
