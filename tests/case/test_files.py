@@ -117,9 +117,8 @@ def test_the_frfs_of_a_file_become_the_data_of_the_case(tmp_path, kind):
     np.testing.assert_allclose(case.problem.test.data.joint_frf.values, frf.values, rtol=1e-12)
 
 
-def test_file_to_posterior_finds_the_joint_of_the_virtual_test(tmp_path):
-    stored(virtual(), tmp_path / "tip.npz", "uff58b")
-    posterior = jb.sample(loaded(tmp_path, TIP), seed=1, settings=SMALL)
+def test_file_to_posterior_finds_the_joint_of_the_virtual_test(run):
+    posterior, _ = run
     for name, true in zip(("k11", "k12", "k22"), TABLE_3, strict=True):
         low, high = posterior.interval(name)
         assert low < true < high
@@ -148,16 +147,6 @@ def test_the_posterior_does_not_depend_on_the_quantity_of_the_file(tmp_path, var
     for other in densities[1:]:
         np.testing.assert_allclose(other, densities[0], rtol=1e-8, atol=1e-8)
     np.testing.assert_allclose(damping[1:], [damping[0]] * 2, rtol=1e-8)
-
-
-def test_draws_from_three_quantities_are_the_same(tmp_path):
-    intervals = []
-    for quantity in ("receptance", "accelerance"):
-        folder = tmp_path / quantity
-        folder.mkdir()
-        stored(virtual(quantity=quantity), folder / "tip.npz")
-        intervals.append(jb.sample(loaded(folder, TIP), seed=1, settings=SMALL).interval("k22"))
-    np.testing.assert_allclose(intervals[0], intervals[1], rtol=1e-6)
 
 
 def test_signs_and_gains_of_channels_reach_the_data_and_are_reported(tmp_path):
@@ -497,10 +486,6 @@ def test_summary_and_report_name_the_file_and_its_fingerprint(run):
     assert digest in html
     assert html.index("Measured natural frequencies and damping") < html.index("Stiffness of the joint")
     assert "synthetic data" not in html
-
-
-def test_arviz_takes_the_posterior_of_a_file(run):
-    assert "k22" in run[0].to_arviz().posterior
 
 
 @pytest.mark.parametrize(

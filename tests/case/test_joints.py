@@ -6,7 +6,7 @@ import pytest
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import CaseError
 from jointbayes.joint import Joint, Joints, parametrisation_named
-from tests.conftest import CONFIGS
+from tests.conftest import CONFIGS, edited
 
 BEAM = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 BEAM = BEAM[BEAM.index("[structure]") : BEAM.index("[joint]")]
@@ -49,13 +49,6 @@ TRUTH = "[data.truth.stiffness]\nk11 = 5e7\nk12 = -4e5\nk22 = 5e4\n"
 LONE = BEAM + '[joint]\nkind = "full"\ndofs = ["1:y", "1:rz"]\n' + DATA + TRUTH
 
 
-def changed(text, *changes):
-    for old, new in changes:
-        assert old in text, old
-        text = text.replace(old, new, 1)
-    return text
-
-
 def test_a_case_with_two_joints_is_a_problem_with_their_quantities():
     case = case_from_text("two", TWO)
     problem = case.problem
@@ -80,20 +73,20 @@ def test_a_lone_joint_may_be_of_another_kind():
     assert problem.names == ("k11", "k22", "rho12")
     assert problem.parametrisation == parametrisation_named("full", ("y", "rz"))
     assert problem.parametrisation.stiffness_names == ("k11", "k12", "k22")
-    rigid = changed(LONE, ('"full"', '"rigid"'), (TRUTH, "[data.truth.stiffness]\n"))
+    rigid = edited(LONE, ('"full"', '"rigid"'), (TRUTH, "[data.truth.stiffness]\n"))
     assert case_from_text("rigid", rigid).problem.names == ()
 
 
 def test_joints_may_share_their_quantities():
     own = "[data.truth.stiffness.right]\nky = 2e7\nkrz = 3e4\n"
-    text = changed(TWO, ('kind = "springs"\ndofs', 'shared = "left"\ndofs'), (own, ""))
+    text = edited(TWO, ('kind = "springs"\ndofs', 'shared = "left"\ndofs'), (own, ""))
     problem = case_from_text("shared", text).problem
     assert problem.names == ("left.k11", "left.k12", "left.k22")
     assert problem.parametrisation.size == 4
 
 
 def test_own_axes_and_offsets_of_a_case_are_those_of_its_joint():
-    text = changed(LONE, ('dofs = ["1:y", "1:rz"]\n', 'dofs = ["1:y", "1:rz"]\noffset_mm = [10.0, 0.0, 0.0]\n'))
+    text = edited(LONE, ('dofs = ["1:y", "1:rz"]\n', 'dofs = ["1:y", "1:rz"]\noffset_mm = [10.0, 0.0, 0.0]\n'))
     joint = case_from_text("offset", text).problem.test.joints
     assert joint.offset_m == (0.01, 0.0, 0.0)
     assert joint.labels == ("1:y", "1:rz")
@@ -164,7 +157,7 @@ BROKEN = {
 @pytest.mark.parametrize(("change", "key", "words"), BROKEN.values(), ids=list(BROKEN))
 def test_what_is_wrong_with_joints_is_one_line_with_file_and_key(change, key, words):
     with pytest.raises(CaseError) as caught:
-        case_from_text("case.toml", changed(TWO, change))
+        case_from_text("case.toml", edited(TWO, change))
     first = str(caught.value).splitlines()[0]
     assert f" {key}" in first
     assert words in str(caught.value)
@@ -173,7 +166,7 @@ def test_what_is_wrong_with_joints_is_one_line_with_file_and_key(change, key, wo
 
 
 def test_dashpots_and_loss_factors_of_a_joint_are_parameters_with_priors():
-    damped = changed(
+    damped = edited(
         LONE,
         ('kind = "full"', 'kind = "springs"\nviscous = ["ky"]\nloss_factors = ["all"]'),
         (TRUTH, "[data.truth.stiffness]\nky = 5e7\nkrz = 5e4\ncy = 300.0\neta = 0.1\n"),

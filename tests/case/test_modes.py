@@ -9,7 +9,7 @@ import jointbayes as jb
 from jointbayes.case.spec.parse import parse_case
 from jointbayes.errors import CaseError
 from jointbayes.inference import OfStiffness
-from tests.conftest import CONFIGS
+from tests.conftest import CONFIGS, edited
 
 MODES = """
 [data]
@@ -32,14 +32,6 @@ BEAM = WHOLE[: WHOLE.index("[data]")]
 BASE = f"{BEAM}{MODES}\n[sampling]\nwalkers = 16\n"
 
 
-def changed(*changes: tuple[str, str]) -> str:
-    text = BASE
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    return text
-
-
 def test_a_case_states_modes_as_python_does():
     measured = jb.case_from_text("modes", BASE).problem.test.data
     np.testing.assert_array_equal(measured.frequency.values, [[118.0, 750.0], [122.0, math.nan]])
@@ -53,7 +45,8 @@ def test_a_case_states_modes_as_python_does():
 
 def test_eigenvalues_and_repeated_shapes_are_taken():
     eigenvalue = [(2 * math.pi * f) ** 2 for f in (118.0, 750.0)]
-    text = changed(
+    text = edited(
+        BASE,
         ("frequencies_hz = [[118.0, 750.0], [122.0, nan]]", f"eigenvalues = {eigenvalue}"),
         ("sd_hz = 0.5\n", ""),
         (
@@ -103,12 +96,12 @@ def test_eigenvalues_and_repeated_shapes_are_taken():
 )
 def test_impossible_modes_are_refused_in_one_line_with_their_key(change, words):
     with pytest.raises(CaseError, match=words) as refused:
-        parse_case(changed(change), "modes.toml")
+        parse_case(edited(BASE, change), "modes.toml")
     assert "\n" not in str(refused.value)
 
 
 def test_damping_ratios_make_uncertain_damping_visible():
-    text = changed(("[sampling]", "[uncertain.damping_ratio]\nlow_factor = 0.1\nhigh_factor = 10.0\n[sampling]"))
+    text = edited(BASE, ("[sampling]", "[uncertain.damping_ratio]\nlow_factor = 0.1\nhigh_factor = 10.0\n[sampling]"))
     assert jb.case_from_text("modes", text).problem.names[-1] == "damping_ratio"
     without = text.replace("damping_ratios = [0.011, 0.009]\ndamping_sd_relative = 0.1\n", "")
     with pytest.raises(CaseError, match=r"uncertain\.damping_ratio: undamped natural frequencies do not depend"):
@@ -116,7 +109,7 @@ def test_damping_ratios_make_uncertain_damping_visible():
 
 
 def test_priors_on_the_stiffness_itself():
-    text = changed(
+    text = edited(BASE,
         ('# N/m\ndistribution = "log_uniform" # or "log_normal" (median, sd_log), "decades" (guess, decades)'
          '\nlow = 1.0e6',
          '\ndistribution = "uniform"\nlow = 0.0'),
@@ -137,7 +130,7 @@ def test_priors_on_the_stiffness_itself():
 
 @pytest.mark.science
 def test_a_case_of_modes_goes_from_its_text_to_its_report_and_back(tmp_path):
-    text = changed(("[122.0, nan]", "[122.0, 755.0]"), ("[-0.61, nan]", "[-0.61, -0.5]"))
+    text = edited(BASE, ("[122.0, nan]", "[122.0, 755.0]"), ("[-0.61, nan]", "[-0.61, -0.5]"))
     case = jb.case_from_text("modes", text)
     posterior = jb.sample(case, seed=1, settings=jb.SamplerSettings(walkers=16, max_steps=200))
     posterior.save(tmp_path / "modes.nc")

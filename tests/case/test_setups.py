@@ -13,7 +13,7 @@ from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import LogStiffness
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.studies.planning.case_candidates import candidates_of
-from tests.conftest import CLAMP, PAIR, TABLE_3, pair_matrix
+from tests.conftest import CLAMP, PAIR, TABLE_3, edited, pair_matrix
 
 BASE = """
 [structure]
@@ -112,15 +112,7 @@ def test_the_order_of_tables_and_what_a_set_up_replaces_are_those_of_extends():
 
 
 def test_what_a_set_up_removes_is_taken_out_of_the_rest_of_the_file():
-    heard = """
-[setups.heard]
-remove = ["data", "uncertain.damping_ratio"]
-[setups.heard.data]
-kind = "natural_frequencies"
-frequencies_hz = [121.5, 752.5]
-sd_relative = 0.0
-sd_hz = 0.5
-"""
+    heard = edited(HEARD, ('["data"]', '["data", "uncertain.damping_ratio"]'))
     specs = parse_setups(BASE + "[uncertain.damping_ratio]\nsd_percent = 10.0\n" + TWO + heard)
     assert specs["heard"].data.kind == "natural_frequencies"
     assert list(specs["heard"].uncertain.given) == []

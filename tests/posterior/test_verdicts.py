@@ -38,7 +38,7 @@ from jointbayes.report.markup import badge
 from jointbayes.report.model import Callout, Paragraph, Report, Table
 from jointbayes.report.sections.lead import lead
 from jointbayes.workflow import sample
-from tests.conftest import PAIR, TO_CONVERGE, cheap_text, edited
+from tests.conftest import PAIR, TO_CONVERGE
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -345,27 +345,6 @@ def test_wider_priors_that_could_not_be_drawn_leave_nothing_identified(cheap_pos
     assert known.verdict_reason.startswith("rests on the prior: the posterior with every prior")
     same = widened_by(cheap_posterior, cheap_posterior.theta[:4000])
     assert repr(same.identifiability("k22")) == repr(cheap_posterior.identifiability("k22"))  # NaN is not itself
-
-
-def test_a_lower_bound_on_k11_is_not_silently_better():
-    text = edited(cheap_text(), ("high = 1.0e11", "high = 1.0e10"))
-    posterior = sample(case_from_text("lowered", text), settings=TO_CONVERGE)
-    assert posterior.interval("k11")[1] < 1e10
-    known = posterior.identifiability("k11")
-    assert known.verdict == "bounded below"
-    assert "the prior's upper bound 1e10 N/m limits it" in verdict_line(posterior, "k11")
-    assert (np.exp(posterior.widened.theta[:, 0]) > 1e10).mean() > BEYOND
-
-
-def test_a_normal_prior_that_does_the_work_is_named():
-    block = 'distribution = "log_uniform" # or "log_normal" (median, sd_log), "decades" (guess, decades)\nlow = 1.0e6\n'
-    narrow = 'distribution = "log_normal"\nmedian = 5.0e9\nsd_log = 0.2\n'
-    text = edited(cheap_text(), (f"{block}high = 1.0e11", narrow))
-    posterior = sample(case_from_text("narrow", text), settings=TO_CONVERGE)
-    assert posterior.widened is not None
-    known = posterior.identifiability("k11")
-    assert known.verdict == "not identified"
-    assert "rests on the prior" in known.verdict_reason or known.contraction < LEAST_CONTRACTION
 
 
 @pytest.mark.science

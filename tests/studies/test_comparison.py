@@ -7,10 +7,8 @@ import re
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from jointbayes.case.case import case_from_text
-from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ModelError
 from jointbayes.joint import RIGID
 from jointbayes.posterior.evidence import Evidence
@@ -24,6 +22,7 @@ from jointbayes.studies.comparison import (
     model_probabilities,
 )
 from jointbayes.studies.comparison_report import build_comparison_report, evidence_table, write_comparison
+from tests.cli.test_cli import cli
 from tests.conftest import cheap_frequencies_text, cheap_text, edited, pair_matrix
 
 DATE = datetime.date(2026, 1, 2)
@@ -314,13 +313,6 @@ def test_cross_validation_has_its_table_where_there_is_one():
 
 
 # ---- command
-
-
-def cli(*arguments):
-    result = CliRunner().invoke(main, [str(a) for a in arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
-    assert "Traceback" not in result.output
-    return result
 
 
 def write(place, name, text):
