@@ -6,7 +6,8 @@ import pytest
 
 from jointbayes.case.case import load_case
 from jointbayes.errors import CaseError
-from tests.case.test_joints import DATA, TWO, changed
+from tests.case.test_joints import DATA, TWO
+from tests.conftest import edited
 
 FRAME = """[structure]
 kind = "frame"
@@ -29,11 +30,11 @@ LEFT = "k11 = 5e7\nk12 = 4e5\nk22 = 5e4"
 
 CASES = {
     "K^J with k12 and k21": (
-        changed(TWO, (LEFT, f"{LEFT}\nk21 = 5e5")),
+        edited(TWO, (LEFT, f"{LEFT}\nk21 = 5e5")),
         r"data\.truth\.stiffness(\.left)?: .*k21.*expected .*k11, left\.k12, left\.k22",
     ),
     "K that is not symmetric": (
-        changed(
+        edited(
             TWO,
             (
                 TWO[: TWO.index("[joints.left]")],
@@ -47,19 +48,19 @@ CASES = {
     ),
     "sides at different places": (FRAME + PORTS + SPRINGS, r"joint\.against: .*different places.*offset_mm"),
     "a port outside the body": (
-        changed(TWO, ('["4:y", "9:y"]', '["4:y", "14:y"]')),
+        edited(TWO, ('["4:y", "9:y"]', '["4:y", "14:y"]')),
         r'data\.outputs: "14:y": there is no node 14; expected a node from 1 to 11',
     ),
     "a port of no direction that the body has": (
-        changed(TWO, ('["4:y", "9:y"]', '["4:y", "9:z"]')),
+        edited(TWO, ('["4:y", "9:y"]', '["4:y", "9:z"]')),
         r'data\.outputs: "9:z": no direction z',
     ),
     "a joint outside the body": (
-        changed(TWO, ('["11:y", "11:rz"]', '["11:y", "12:rz"]')),
+        edited(TWO, ('["11:y", "11:rz"]', '["11:y", "12:rz"]')),
         r'joints\.right\.dofs: "12:rz": there is no node 12',
     ),
     "quantities shared between unlike joints": (
-        changed(
+        edited(
             TWO,
             ('kind = "springs"\n', 'kind = "springs"\nshared = "left"\n'),
             ("[data.truth.stiffness.right]\nky = 2e7\nkrz = 3e4\n", ""),
@@ -84,6 +85,6 @@ def test_an_assembly_that_cannot_be_is_one_line_with_file_line_and_key(tmp_path,
 
 def test_sides_at_different_places_are_taken_where_an_offset_leads_from_one_to_the_other(tmp_path):
     path = tmp_path / "case.toml"
-    linked = changed(FRAME, ('kind = "springs"\n', 'kind = "springs"\noffset_mm = [10, 0, 0]\n'))
+    linked = edited(FRAME, ('kind = "springs"\n', 'kind = "springs"\noffset_mm = [10, 0, 0]\n'))
     path.write_text(linked + PORTS + SPRINGS, encoding="utf-8")
     assert load_case(path).problem.names == ("kx", "ky", "krz")

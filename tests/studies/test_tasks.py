@@ -245,7 +245,8 @@ def test_a_scheduler_that_is_lost_ends_in_one_line_and_nothing_else_on_the_termi
     pytest.importorskip("distributed", reason="install jointbayes[cluster] for the tests on Dask")
     script = """
 import os, signal, sys, threading
-import distributed, jointbayes as jb
+import distributed
+from jointbayes.errors import WorkerError
 from jointbayes.studies.tasks import run_tasks
 from tests.studies.task_functions import slow_square
 if __name__ == "__main__":
