@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
-from jointbayes.case.case import AnyCase, Case, as_case, case_around
+from jointbayes.case.case import AnyCase, Case, case_around, require_case
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.identification import (
     Images,
@@ -102,7 +102,7 @@ def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHisto
 def _problem_and_case(given: Analysed) -> tuple[Problem, Case | None]:
     if isinstance(given, Problem):
         return given, None
-    case = as_case(given, "a case, a problem")
+    case = require_case(given, "a case, a problem")
     return case.problem, case
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jointbayes.case.case_text import case_text, setup_texts, without_inherited
+from jointbayes.case.case_text import case_text, drop_inherited, setup_texts
 from jointbayes.case.spec.parse import parse_planned, parse_setups
 from jointbayes.errors import CaseError
 from jointbayes.inference import StudentNoise
@@ -133,7 +133,7 @@ def test_each_set_up_has_its_residuals_their_distribution_and_the_guess_of_all()
 def test_of_the_quantities_of_bodies_only_that_which_a_set_up_cannot_have_is_left_out():
     text = text_of(SPINDLE, "tool.tip:y", "tool.tip:y") + "[uncertain.bodies.holder.density]\nsd_percent = 2.0\n"
     key = ("uncertain", "bodies", "tool", "density")
-    found, rest = without_inherited(setup_texts(case_text(text + "[setups.a]\n", "case"))["a"], key)
+    found, rest = drop_inherited(setup_texts(case_text(text + "[setups.a]\n", "case"))["a"], key)
     assert found == key
     assert rest.data["uncertain"]["bodies"] == {"tool": {}, "holder": {"density": {"sd_percent": 2.0}}}
     assert "youngs_modulus" in rest.data["uncertain"]

@@ -69,7 +69,7 @@ OWN = BASE.replace("[joint]", "[joint]\nown = true")
 def posterior_of(case, sd=0.01, spread=0.002):
     """Made-up draws about the truth: only where they go matters here."""
     problem, rng = case.problem, np.random.default_rng(1)
-    truth = [one.spec.data.truth.by_name for one in case.setups if hasattr(one.spec.data, "truth")]
+    truth = [one.spec.data.truth.stiffness_by_name for one in case.setups if hasattr(one.spec.data, "truth")]
     own = len(problem.parametrisation.stiffness_names) > 3
     joints = [list(k.values()) for k in truth] if own else [TABLE_3]
     middle = np.concatenate([*np.log(joints), np.zeros(len(problem.prior.nuisances))])

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.case.case_files import as_measured, plan_of, require_inside, with_matrices
+from jointbayes.case.case_files import complete_from_data, plan_of, read_matrices, require_inside
 from jointbayes.case.case_objects import measurement_of, noise_of, recipe_of
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
 from jointbayes.case.combined import (
@@ -100,9 +100,9 @@ class Case:
         stated = next((setup.spec.plan.parameter for setup in self.setups if setup.spec.plan.parameter), "")
         wanted = stated or self.spec.plan.parameter
         if not names or (wanted and wanted not in names):
-            found = f'found "{wanted}"' if names else "found no stiffness in the joint"
+            fault = f'found "{wanted}"' if names else "found no stiffness in the joint"
             words = (
-                found,
+                fault,
                 f"expected {', '.join(names) or 'one to be known best'}",
                 "correct it or plan another problem",
             )
@@ -123,11 +123,11 @@ class Case:
         """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
         warnings: list[InputWarning] = []
         texts = setup_texts(self.source)
-        for (name, spec), part in zip(parse_setups(self.source).items(), self.problem.parts, strict=False):
-            measured = part.test.data
+        for (name, spec), problem in zip(parse_setups(self.source).items(), self.problem.parts, strict=False):
+            measured = problem.test.data
             warnings += input_warnings(spec, texts[name], measured.band_hz)
             warnings += sign_warnings(measured.provenance, texts[name])
-            warnings += numbering_warnings(find_numbering(part), texts[name], measured.provenance is not None)
+            warnings += numbering_warnings(find_numbering(problem), texts[name], measured.provenance is not None)
         for setup in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
             warnings += truth_warnings(setup.spec, setup.source, prior_of([setup])[0])
         return tuple(dict.fromkeys(warnings))
@@ -192,7 +192,7 @@ def load_case(path: str | os.PathLike[str], allow_outside: bool = False) -> Case
 AnyCase = Case | str | os.PathLike[str]
 
 
-def as_case(given: AnyCase, expected: str = "a case") -> Case:
+def require_case(given: AnyCase, expected: str = "a case") -> Case:
     """The case, read from its file where its path is given; what is neither is refused: `expected` it was."""
     if isinstance(given, str | os.PathLike):
         return load_case(given)
@@ -246,8 +246,8 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
     if stated and not needs_files(specs):
         texts = setup_texts(source)
         setups = tuple(
-            _setup(name, texts[name], spec, Path(), part.test.data, allow_outside=False)
-            for (name, spec), part in zip(specs.items(), problem.parts, strict=True)
+            _setup(name, texts[name], spec, Path(), test_problem.test.data, allow_outside=False)
+            for (name, spec), test_problem in zip(specs.items(), problem.parts, strict=True)
         )
     return Case(problem.name, source, next(iter(specs.values())), problem, problem if stated else None, setups)
 
@@ -280,7 +280,7 @@ def _setup(
     def place(path: KeyPath) -> str:
         return fault_start(*source.place(path))
 
-    spec = with_matrices(spec, directory, allow_outside, lambda path: f"{place(path)} {'.'.join(path)}:")
+    spec = read_matrices(spec, directory, allow_outside, lambda path: f"{place(path)} {'.'.join(path)}:")
     stated = spec
     with _told_of(source, spec) as tell:
         joints = "joints" if spec.joints else "joint"
@@ -294,7 +294,7 @@ def _setup(
             if data is None and not allow_outside:
                 require_inside(directory, spec.data.files.file, lambda number: place(("data", "file", number)))
             data = data or read_measurement(spec.data.files.file, directory, plan_of(spec))
-            spec = as_measured(spec, data)
+            spec = complete_from_data(spec, data)
             tell("structure")
             recipe = recipe_of(spec.structure, spec.data, data)
             _require_one_place(spec, joint, recipe, place)

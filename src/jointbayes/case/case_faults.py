@@ -95,25 +95,25 @@ class _Place:
     info: FieldInfo | None = None
     free_keys: bool = False  # whether the keys below are the user's own names, each with a table of one kind
 
-    def enter(self, part: str | int, tagged: bool) -> _Place:
+    def enter(self, step: str | int, tagged: bool) -> _Place:
         """Follow one part of a pydantic location; parts that are not in the file change nothing else."""
-        if isinstance(part, int):
-            inside = isinstance(self.value, list) and part < len(self.value)
-            return replace(self, path=(*self.path, part), value=self.value[part]) if inside else self  # type: ignore[index]
+        if isinstance(step, int):
+            inside = isinstance(self.value, list) and step < len(self.value)
+            return replace(self, path=(*self.path, step), value=self.value[step]) if inside else self  # type: ignore[index]
         if self.free_keys:
-            value = self.value.get(part) if isinstance(self.value, Mapping) else None
-            return replace(self, path=(*self.path, part), value=value, free_keys=False)
+            value = self.value.get(step) if isinstance(self.value, Mapping) else None
+            return replace(self, path=(*self.path, step), value=value, free_keys=False)
         if tagged and len(self.tables) > 1:  # pydantic names the chosen kind of table after the key
-            return replace(self, tables=[m for m in self.tables if part in _tags(m).values()])
+            return replace(self, tables=[m for m in self.tables if step in _tags(m).values()])
         given = self.value if isinstance(self.value, Mapping) else {}
         fitting = [m for m in self.tables if any(given.get(k) == tag for k, tag in _tags(m).items())]
-        owner = [m for m in fitting or self.tables if part in m.model_fields]
-        if not owner and part not in given:
+        owner = [m for m in fitting or self.tables if step in m.model_fields]
+        if not owner and step not in given:
             return self  # the name of a type inside a union of plain values
-        info = owner[0].model_fields[part] if owner else None
+        info = owner[0].model_fields[step] if owner else None
         tables, kin = _models(info.annotation) if info else [], tuple(fitting or self.tables)
         free_keys = info is not None and get_origin(info.annotation) is dict
-        return _Place(tables, given.get(part), (*self.path, part), kin, given, info, free_keys)
+        return _Place(tables, given.get(step), (*self.path, step), kin, given, info, free_keys)
 
 
 @dataclass
@@ -129,19 +129,19 @@ class _Fault:
 def _faults(error: ErrorDetails, root: _Place) -> Iterator[_Fault]:
     """Turn one pydantic error, or the findings it carries, into faults."""
     place = root
-    for part in error["loc"]:
-        place = place.enter(part, tagged=True)
+    for step in error["loc"]:
+        place = place.enter(step, tagged=True)
     context = error.get("ctx", {})
     if error["type"] == "case_findings":
         for finding in context["findings"]:
             spot = place
-            for part in finding.loc:
-                spot = spot.enter(part, tagged=False)
+            for step in finding.loc:
+                spot = spot.enter(step, tagged=False)
             yield _Fault("missing" if finding.missing else "value", spot, finding)
     elif error["type"].startswith("union_tag_"):
         spot = place.enter(context["discriminator"].strip("'"), tagged=False)
-        known = {key for m in spot.owner for key in m.model_fields}
-        misspelt = similar(str(spot.path[-1]), set(spot.siblings) - known)
+        keys = {key for m in spot.owner for key in m.model_fields}
+        misspelt = similar(str(spot.path[-1]), set(spot.siblings) - keys)
         if error["type"] == "union_tag_invalid":
             yield _Fault("value", spot)
         elif misspelt:
@@ -168,17 +168,17 @@ def _pair_renamed(faults: list[_Fault]) -> list[_Fault]:
         here = [str(p[-1]) for p in missing if p[:-1] == table]
         below = [str(p[-2]) for p in missing if len(p) > 1 and p[:-2] == table and p[-1] in inside]
         alone = sum(f.place.path[:-1] == table for f in unknown) == 1
-        known = [k for m in fault.place.owner for k in m.model_fields]
+        offered = [k for m in fault.place.owner for k in m.model_fields]
         # The surest sign first: a missing key, then a table whose missing keys are inside, a symbol, a unit, likeness.
         fault.meant = (
             fault.meant
             or similar(key, here)
             or (here[0] if alone and len(here) == 1 else None)
             or (below[0] if below else None)
-            or next((k for k in known if _SYMBOLS.get(key) in (k, stem_of(k))), None)
-            or same_stem(key, known)
-            or similar(key, [k for k in known if k not in fault.place.siblings])
-            or similar(key, known)
+            or next((k for k in offered if _SYMBOLS.get(key) in (k, stem_of(k))), None)
+            or same_stem(key, offered)
+            or similar(key, [k for k in offered if k not in fault.place.siblings])
+            or similar(key, offered)
         )
         meant = (*table, fault.meant)
         missing = [p for p in missing if p != meant and not (p[:-1] == meant and p[-1] in inside)]
@@ -197,24 +197,24 @@ def _homes(model: type[BaseModel], key: str, table: KeyPath = ()) -> Iterator[st
 
 def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, str]:
     place, meant = fault.place, fault.meant
-    known = {k: f for m in place.owner for k, f in m.model_fields.items()}
+    fields_by_key = {k: f for m in place.owner for k, f in m.model_fields.items()}
     key = str(place.path[-1])
     surely = meant is not None and (meant.startswith(key) or stem_of(meant) == stem_of(key))
     homes = [] if surely else list(dict.fromkeys(_homes(root, key)))[:3]
     hints = [f"it belongs in {' or '.join(homes)}"] if homes else []
-    expected = f"one of {', '.join(known)}"
+    expected = f"one of {', '.join(fields_by_key)}"
     if not meant and (elsewhere := _elsewhere(place.path, root)):
         hints = [elsewhere]
     if meant:
-        expected = f"{meant} ({known[meant].description})"
+        expected = f"{meant} ({fields_by_key[meant].description})"
         twin, clash = place.siblings.get(meant), meant in place.siblings
         if isinstance(twin, Mapping) and isinstance(place.value, Mapping):
             # Tables with no key in common are one table in two spellings: [structure], [strcture.section].
             clash = not twin.keys().isdisjoint(place.value)
         rename = f'"{meant}" is given already, drop one of the two' if clash else _converted(place, meant)
         hints.insert(0, f'did you mean "{meant}"? {rename}')
-    found = f"unknown {'table' if isinstance(place.value, Mapping) else 'key'}"
-    return found, f"expected {expected}", ", or ".join(hints) or "remove it"
+    mistake = f"unknown {'table' if isinstance(place.value, Mapping) else 'key'}"
+    return mistake, f"expected {expected}", ", or ".join(hints) or "remove it"
 
 
 def _elsewhere(path: KeyPath, root: type[BaseModel]) -> str:
@@ -237,8 +237,8 @@ def _converted(place: _Place, meant: str) -> str:
     if not ours or (ours == theirs and not twice):
         return "rename it"
     kind, size, words = UNITS[ours]
-    known, given, _ = UNITS.get(theirs, ("", 1.0, ""))
-    if known != kind or not isinstance(value, int | float) or isinstance(value, bool):
+    their_kind, given, _ = UNITS.get(theirs, ("", 1.0, ""))
+    if their_kind != kind or not isinstance(value, int | float) or isinstance(value, bool):
         return f"rename it and give {'twice ' if twice else ''}its value {words}"
     why = "a diameter is twice the radius" if twice else f"the value {words}"
     return f"write {meant} = {(2 if twice else 1) * given / size * value:.6g}, {why}"
@@ -249,18 +249,18 @@ def _missing_wording(fault: _Fault) -> tuple[str, str, str]:
     key, table, info = str(place.path[-1]), place.path[:-1], place.info
     where = f"to [{show_key(table)}]" if table else "above the first table"
     if place.tables:
-        found, remedy = "missing table", f"add a table [{show_key(place.path)}]"
+        mistake, remedy = "missing table", f"add a table [{show_key(place.path)}]"
     else:
-        found, remedy = "missing", f"add {key} = {_example(info)} {where}"
-    return found, f"expected {info.description if info else key}", remedy
+        mistake, remedy = "missing", f"add {key} = {_example(info)} {where}"
+    return mistake, f"expected {info.description if info else key}", remedy
 
 
 def _value_wording(fault: _Fault) -> tuple[str, str, str]:
     place, finding = fault.place, fault.finding
     entry = f" as entry {place.path[-1] + 1}" if isinstance(place.path[-1], int) else ""
-    found = finding.found or f"found {_show(place.value)}{entry}"
+    mistake = finding.found or f"found {_show(place.value)}{entry}"
     expected = finding.expected or (place.info.description if place.info else "") or ""
-    return found, f"expected {expected}", finding.remedy or _value_remedy(place)
+    return mistake, f"expected {expected}", finding.remedy or _value_remedy(place)
 
 
 def _value_remedy(place: _Place) -> str:
@@ -291,7 +291,7 @@ def _example(field: FieldInfo | None) -> str:
 def fault_paths(error: ValidationError, model: type[BaseModel], source: CaseText) -> list[KeyPath]:
     """The key of every fault, in no order; as `fault_lines`."""
     root = _Place([model], source.data)
-    return [fault.place.path for one in error.errors(include_url=False) for fault in _faults(one, root)]
+    return [fault.place.path for details in error.errors(include_url=False) for fault in _faults(details, root)]
 
 
 def fault_lines(error: ValidationError, model: type[BaseModel], source: CaseText) -> list[str]:

@@ -113,7 +113,7 @@ def require_inside(
             )
 
 
-def as_measured(spec: CaseSpec, measured: Data) -> CaseSpec:
+def complete_from_data(spec: CaseSpec, measured: Data) -> CaseSpec:
     """The case with what it leaves to its data: damping ratios, and the distribution of residuals.
 
     Raises
@@ -121,10 +121,10 @@ def as_measured(spec: CaseSpec, measured: Data) -> CaseSpec:
     MeasurementError
         If the data show no mode with a damping ratio between 0 and 1, and the case asks for them.
     """
-    return _with_estimated_variance(_with_measured_damping(spec, measured), measured)
+    return _choose_distribution(_take_measured_damping(spec, measured), measured)
 
 
-def _with_estimated_variance(spec: CaseSpec, measured: Data) -> CaseSpec:
+def _choose_distribution(spec: CaseSpec, measured: Data) -> CaseSpec:
     """The case with Student-t residuals where the variance of FRFs was estimated line by line from few data.
 
     A residual over an estimated standard deviation is not Gaussian: with dof degrees of freedom its square is
@@ -140,7 +140,7 @@ def _with_estimated_variance(spec: CaseSpec, measured: Data) -> CaseSpec:
     return spec.model_copy(update={"noise": chosen})
 
 
-def _with_measured_damping(spec: CaseSpec, measured: Data) -> CaseSpec:
+def _take_measured_damping(spec: CaseSpec, measured: Data) -> CaseSpec:
     """The case with the damping ratios that the data show, where it asks for them.
 
     For FRFs each ratio stays uncertain by a factor of 3 either way, unless the case says otherwise: the same data are
@@ -233,7 +233,7 @@ def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: 
     return replace(whole.seen_at(motions), files=measured.provenance.files)
 
 
-def with_matrices(spec: CaseSpec, directory: Path, allow_outside: bool, start: Start) -> CaseSpec:
+def read_matrices(spec: CaseSpec, directory: Path, allow_outside: bool, start: Start) -> CaseSpec:
     """The case with the matrices of files that its structure names.
 
     Parameters

@@ -42,7 +42,7 @@ def _synthetic(spec: CaseSpec) -> SyntheticFrfSpec:
 
 def true_stiffness(spec: CaseSpec) -> Array:
     """Quantities of the joints that make the data, shape (q,)."""
-    return np.array([_synthetic(spec).truth.by_name[name] for name in spec.all_quantities])
+    return np.array([_synthetic(spec).truth.stiffness_by_name[name] for name in spec.all_quantities])
 
 
 def noise_of(spec: NoiseModelSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from jointbayes.case.keys import with_files
+from jointbayes.case.keys import rename_files
 from jointbayes.case.spec.fields import Finding
 from jointbayes.case.toml_text import (
     KeyPath,
@@ -87,13 +87,13 @@ class CaseText:
 
     def written(self, path: KeyPath) -> KeyPath:
         """A key as the file has it, or may have it: in the table of the set-up where that says anything of it."""
-        known = next((path[:n] for n in range(len(path), 0, -1) if path[:n] in self.places), ())
-        return path if not self.setup or (known and known not in self.own) else (*self.at, *path)
+        written = next((path[:n] for n in range(len(path), 0, -1) if path[:n] in self.places), ())
+        return path if not self.setup or (written and written not in self.own) else (*self.at, *path)
 
     def place(self, path: KeyPath) -> Place:
         """File and line of a key, or of the innermost table around it that is written."""
-        known = (self.places[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self.places)
-        return next(known, (self.name, 1))
+        places = (self.places[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self.places)
+        return next(places, (self.name, 1))
 
     def inherits(self, path: KeyPath) -> bool:
         """Whether a key stands in the file that this one builds on, or of a set-up in the rest of the file."""
@@ -162,11 +162,11 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
     places = {path: (name, line) for path, line in key_lines(text).items()}
     if _EXTENDS not in data and _REMOVE not in data:
         return CaseText(name, text, data, places)
-    own = CaseText(name, text, data, places)
+    source = CaseText(name, text, data, places)
     if file is None:
-        found, expected = "found a text that is no file and builds on one", "a text that is whole"
-        raise CaseError(own.fault((_EXTENDS,), _EXTENDS, found, f"expected {expected}", "load it as a file"))
-    chain = _chain(own, file, allow_outside)
+        mistake, expected = "found a text that is no file and builds on one", "a text that is whole"
+        raise CaseError(source.fault((_EXTENDS,), _EXTENDS, mistake, f"expected {expected}", "load it as a file"))
+    chain = _chain(source, file, allow_outside)
     whole, places = chain[-1]
     for over in reversed(chain[:-1]):
         whole, places = merged(CaseText(name, "", whole, places), CaseText(name, "", *over))
@@ -174,10 +174,10 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
     return CaseText(name, f"# Merged from {names}\n{toml_text(whole)}", whole, places)
 
 
-def _chain(own: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict[str, Any], dict[KeyPath, Place]]]:
+def _chain(source: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict[str, Any], dict[KeyPath, Place]]]:
     """Data and places of a case and of the files it builds on, the last of which builds on none."""
-    home, here, current = file.parent, file, own
-    read, chain = [_real(file)], [(dict(own.data), dict(own.places))]
+    home, here, current = file.parent, file, source
+    read, chain = [_real(file)], [(dict(source.data), dict(source.places))]
     while (base := current.data.get(_EXTENDS)) is not None:
         if not isinstance(base, str) or not base:
             expected = "the name of a case file, a text"
@@ -187,11 +187,11 @@ def _chain(own: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict[st
         here = here.parent / base
         if not allow_outside and not _inside(here, home):
             remedy = "move the file there, or allow it: --allow-outside, in Python allow_outside=True"
-            found = f'found "{printable(base)}", which leads out of the directory of the case file'
-            raise _fault(current, found, "a case file in it or below", remedy)
+            mistake = f'found "{printable(base)}", which leads out of the directory of the case file'
+            raise _fault(current, mistake, "a case file in it or below", remedy)
         name = os.path.join(os.path.dirname(current.name), base)  # as the user would write it
         if _real(here) in read:
-            circle = " → ".join(printable(one.name) for one in (*read[read.index(_real(here)) :], here))
+            circle = " → ".join(printable(visited.name) for visited in (*read[read.index(_real(here)) :], here))
             raise _fault(
                 current, f"found a circle, {circle}", "files that end at one that extends none", "remove one extends"
             )
@@ -208,16 +208,16 @@ def _chain(own: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict[st
         data = parse_toml(text, name)
         current = CaseText(name, text, data, {path: (name, line) for path, line in key_lines(text).items()})
         if here.parent != home:
-            data = with_files(data, partial(_moved, here.parent, home))
+            data = rename_files(data, partial(_moved, here.parent, home))
         chain.append((dict(data), dict(current.places)))
     if _REMOVE in current.data:
-        found, expected = "found it in a file that builds on none", f"a file with {_EXTENDS}"
-        raise CaseError(current.fault((_REMOVE,), _REMOVE, found, f"expected {expected}", "remove it"))
+        mistake, expected = "found it in a file that builds on none", f"a file with {_EXTENDS}"
+        raise CaseError(current.fault((_REMOVE,), _REMOVE, mistake, f"expected {expected}", "remove it"))
     return chain
 
 
-def _fault(source: CaseText, found: str, expected: str, remedy: str) -> CaseError:
-    return CaseError(source.fault((_EXTENDS,), _EXTENDS, found, f"expected {expected}", remedy))
+def _fault(source: CaseText, mistake: str, expected: str, remedy: str) -> CaseError:
+    return CaseError(source.fault((_EXTENDS,), _EXTENDS, mistake, f"expected {expected}", remedy))
 
 
 def _real(file: Path) -> Path:
@@ -248,22 +248,22 @@ def merged(base: CaseText, over: CaseText) -> tuple[dict[str, Any], dict[KeyPath
     for index, path in enumerate(_removed(over)):
         if not _take_out(data, path):
             shown = ".".join(path)
-            near = similar(shown, (".".join(map(str, known)) for known in base.places))
+            near = similar(shown, (".".join(map(str, stated)) for stated in base.places))
             remedy = f'did you mean "{near}"?' if near else "correct or remove it"
             words = (f'found "{printable(shown)}", which the base does not have', "expected a key of it", remedy)
             raise CaseError(over.fault((_REMOVE, index), ".".join(map(str, over.written((_REMOVE,)))), *words))
-        places = {known: place for known, place in places.items() if known[: len(path)] != path}
+        places = {stated: place for stated, place in places.items() if stated[: len(path)] != path}
     _lay_over(data, {key: value for key, value in over.data.items() if key not in (_EXTENDS, _REMOVE)}, (), places)
-    own = {path: place for path, place in over.places.items() if path[0] not in (_EXTENDS, _REMOVE)}
-    return _in_order(data, base.data), places | own
+    places_over = {path: place for path, place in over.places.items() if path[0] not in (_EXTENDS, _REMOVE)}
+    return _order_keys(data, base.data), places | places_over
 
 
-def _in_order(data: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
+def _order_keys(data: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
     """Tables with their keys in the order of the base, also of what was removed from it and stated anew."""
     keys = [*(key for key in base if key in data), *(key for key in data if key not in base)]
     both = ((key, data[key], base.get(key)) for key in keys)
     return {
-        key: _in_order(value, old) if isinstance(value, Mapping) and isinstance(old, Mapping) else value
+        key: _order_keys(value, old) if isinstance(value, Mapping) and isinstance(old, Mapping) else value
         for key, value, old in both
     }
 
@@ -271,7 +271,7 @@ def _in_order(data: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any
 def _removed(over: CaseText) -> list[tuple[str, ...]]:
     given = over.data.get(_REMOVE, [])
     paths: list[tuple[str, ...]]
-    paths = [key_parts(one) if isinstance(one, str) else () for one in given] if isinstance(given, list) else [()]
+    paths = [key_parts(entry) if isinstance(entry, str) else () for entry in given] if isinstance(given, list) else [()]
     if not all(paths):
         words = (
             "found what is no key",
@@ -302,8 +302,8 @@ def _lay_over(data: dict[str, Any], over: Mapping[str, Any], path: KeyPath, plac
             data[key] = dict(old)
             _lay_over(data[key], value, here, places)
             continue
-        for known in [known for known in places if known[: len(here)] == here]:
-            del places[known]
+        for covered in [covered for covered in places if covered[: len(here)] == here]:
+            del places[covered]
         data[key] = value
 
 
@@ -362,7 +362,7 @@ def _each_own(tables: object) -> Any:  # noqa: ANN401 (whatever TOML knows)
     return {key: _own(table) for key, table in tables.items()} if isinstance(tables, Mapping) else tables
 
 
-def without_inherited(text: CaseText, path: KeyPath) -> tuple[KeyPath, CaseText] | None:
+def drop_inherited(text: CaseText, path: KeyPath) -> tuple[KeyPath, CaseText] | None:
     """The text of a set-up without a table that stands for all, and its key; None where it is not such a table.
 
     An uncertain quantity that a set-up does not have, a plan, a virtual test: those of the others are none of it.

@@ -103,8 +103,8 @@ class CaseSetup:
     def named_nuisances(self) -> tuple[list[Nuisance], list[Nuisance]]:
         """Uncertain quantities, and those of the noise, by their names in the prior."""
         rest = [
-            replace(nuisance, name=prefixed(self.name, nuisance.name)) if own else nuisance
-            for nuisance, own in quantities_of(self.spec, self.recipe, self.data)
+            replace(nuisance, name=prefixed(self.name, nuisance.name)) if of_setup else nuisance
+            for nuisance, of_setup in quantities_of(self.spec, self.recipe, self.data)
         ]
         owner = self.name if self.spec.noise.own else ""
         return rest, [replace(nuisance, name=prefixed(owner, nuisance.name)) for nuisance in self.of_noise]
@@ -284,8 +284,8 @@ def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, Fac
 
     One factor is on the damping ratios of all set-ups, and leaves the `largest` of them below 1.
     """
-    known, stated = spec.structure.stated, spec.uncertain.given
-    usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items() if name in known}
+    offered, stated = spec.structure.stated, spec.uncertain.given
+    usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items() if name in offered}
     if "length_offset" in stated:  # the error of the length is stated
         usual.pop("length", None)
     damping = spec.structure.damping

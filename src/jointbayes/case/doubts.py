@@ -140,15 +140,15 @@ def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: boo
         "the joint fitted anew for each"
     )
     if doubt.rad_per_s:
-        found = f"found natural frequencies that fit far better divided by 2π, as if they were in rad/s: {squares}"
-        return text.warnings([Finding(loc, found, "natural frequencies in Hz", "divide them by 2π")])
+        oddity = f"found natural frequencies that fit far better divided by 2π, as if they were in rad/s: {squares}"
+        return text.warnings([Finding(loc, oddity, "natural frequencies in Hz", "divide them by 2π")])
     stated, better = (", ".join(map(str, numbers)) for numbers in (doubt.stated, doubt.better))
-    found = (
+    oddity = (
         f"found natural frequencies that fit far better as those of modes {better} than of modes {stated}: {squares}"
     )
     expected = "modes counted from the lowest one, those included in which the structure moves rigidly on a soft joint"
     remedy = f'if a lower one was left out, write kind = "modes" with numbers = [{better}]'
-    return text.warnings([Finding(loc, found, expected, remedy)])
+    return text.warnings([Finding(loc, oddity, expected, remedy)])
 
 
 def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding]:
@@ -156,26 +156,26 @@ def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding
     if spec.data.synthetic is None:
         return
     joint, loc, stated = prior.parametrisation, ("data", "truth"), spec.data.synthetic.truth
-    truth = [stated.by_name[_without(setup, name)] for name in joint.stiffness_names]
+    truth = [stated.stiffness_by_name[_name_in_tables(setup, name)] for name in joint.stiffness_names]
     if not joint.describes(truth):
         each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))
         kinds = " and ".join(dict.fromkeys(joint_spec.parametrisation for joint_spec in spec.all_joints.values()))
-        found = f'found {each}, which joint.parametrisation = "{kinds}" cannot describe'
-        yield Finding(loc, found, "a truth that the analysis can find", "choose another parametrisation or truth")
+        oddity = f'found {each}, which joint.parametrisation = "{kinds}" cannot describe'
+        yield Finding(loc, oddity, "a truth that the analysis can find", "choose another parametrisation or truth")
         return
     for axis, marginal, value in zip(joint.axes, prior.marginals, joint.coordinates(truth), strict=True):
         low, high = marginal.support
         if not low <= value <= high:
             shown, least, most = (math.exp(x) if axis.logarithmic else x for x in (value, low, high))
-            found = f"found a truth with {axis.name} = {shown:.4g}, which the prior excludes"
+            oddity = f"found a truth with {axis.name} = {shown:.4g}, which the prior excludes"
             expected = f"{axis.name} from {least:.4g} to {most:.4g}, so that the analysis can find it"
-            of_truth = _without(setup, axis.quantity)
+            of_truth = _name_in_tables(setup, axis.quantity)
             place = (of_truth,) if stated.stiffness is None else ("stiffness", *of_truth.split("."))
-            own, _, name = _without(setup, axis.name).rpartition(".")
-            table = f"joints.{own}.prior.{name}" if own else f"prior.{name}"
-            yield Finding((*loc, *place), found, expected, f"widen [{table}] or correct the truth")
+            owner, _, name = _name_in_tables(setup, axis.name).rpartition(".")
+            table = f"joints.{owner}.prior.{name}" if owner else f"prior.{name}"
+            yield Finding((*loc, *place), oddity, expected, f"widen [{table}] or correct the truth")
 
 
-def _without(setup: str, name: str) -> str:
+def _name_in_tables(setup: str, name: str) -> str:
     """Name of a quantity of a set-up as its own tables have it."""
     return name.removeprefix(f"{setup}.") if setup else name

@@ -56,9 +56,9 @@ def stem_of(key: str) -> str:
     return key[: len(key) - len(unit_of(key))].rstrip("_") or key
 
 
-def same_stem(key: str, known: Iterable[str]) -> str | None:
+def same_stem(key: str, keys: Iterable[str]) -> str | None:
     """The known key that differs in its unit alone, one whose unit measures the same first; None where none does."""
-    alike = [name for name in known if stem_of(name) == stem_of(key)]
+    alike = [name for name in keys if stem_of(name) == stem_of(key)]
     kind = UNITS.get(unit_of(key), ("",))[0]
     return min(alike, key=lambda name: UNITS.get(unit_of(name), ("",))[0] != kind, default=None)
 
@@ -84,8 +84,8 @@ def named_files(case: object) -> dict[tuple[str, ...], tuple[str, ...]]:
     case
         The checked case; of several set-ups that of one.
     """
-    found = ((path, _names(value)) for key in _KEYS for path, value in _values(case, key))
-    return {path: names for path, names in found if names}
+    names_by_path = ((path, _names(value)) for key in _KEYS for path, value in _values(case, key))
+    return {path: names for path, names in names_by_path if names}
 
 
 def _values(table: object, key: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], object]]:
@@ -104,7 +104,7 @@ def _names(value: object) -> tuple[str, ...]:
     return tuple(entry for entry in value if isinstance(entry, str)) if isinstance(value, tuple) else ()
 
 
-def with_files(data: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
+def rename_files(data: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
     """Tables of a case file as they are read, with every name of a file changed.
 
     Parameters

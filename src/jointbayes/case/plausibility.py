@@ -114,11 +114,11 @@ def _materials(structure: StructureBase) -> Iterator[Finding]:
         return
     for name, body in structure.all_bodies.items():
         loc = ("structure", "bodies", name) if structure.bodies else ("structure",)
-        for i, part in enumerate((body, *body.members)):
-            if part.youngs_modulus_gpa is None and part.density_kg_m3 is None:
+        for i, member in enumerate((body, *body.members)):
+            if member.youngs_modulus_gpa is None and member.density_kg_m3 is None:
                 continue
-            modulus = part.youngs_modulus_gpa or body.youngs_modulus_gpa or structure.youngs_modulus_gpa
-            density = part.density_kg_m3 or body.density_kg_m3 or structure.density_kg_m3
+            modulus = member.youngs_modulus_gpa or body.youngs_modulus_gpa or structure.youngs_modulus_gpa
+            density = member.density_kg_m3 or body.density_kg_m3 or structure.density_kg_m3
             yield from _material((*loc, "members", i - 1) if i else loc, modulus, density)
 
 
@@ -131,7 +131,7 @@ def _material(loc: tuple[str | int, ...], modulus: float, density: float) -> Ite
     densities = [(label, density * factor) for label, factor in _DENSITY_SLIPS]
     in_modulus = [(label, e) for label, e in moduli if _usual(e, density)]
     in_density = [(label, rho) for label, rho in densities if _usual(modulus, rho)]
-    in_both = [(one, other) for one in moduli for other in densities if _usual(one[1], other[1])]
+    in_both = [(e, rho) for e in moduli for rho in densities if _usual(e[1], rho[1])]
     if not in_modulus and not in_density and in_both:
         in_modulus, in_density = [in_both[0][0]], [in_both[0][1]]
     expected = (
@@ -139,11 +139,11 @@ def _material(loc: tuple[str | int, ...], modulus: float, density: float) -> Ite
         f"√(E/ρ) from {WAVE_SPEED[0]:g} to {WAVE_SPEED[1]:g} m/s, as in solids"
     )
     asked = [("youngs_modulus_gpa", modulus, in_modulus), ("density_kg_m3", density, in_density)]
-    named = [one for one in asked if one[2]]
+    named = [row for row in asked if row[2]]
     alone = asked[1:] if _within(modulus, YOUNGS_MODULUS) and not _within(density, DENSITY) else asked[:1]
     for key, value, slips in named or alone:
-        found = f"found {value!r}, with which √(E/ρ) = {speed:.3g} m/s (E = {modulus:g} GPa, ρ = {density:g} kg/m³)"
-        yield Finding((*loc, key), found, expected, _remedy(key, slips) or "check both numbers and their units")
+        oddity = f"found {value!r}, with which √(E/ρ) = {speed:.3g} m/s (E = {modulus:g} GPa, ρ = {density:g} kg/m³)"
+        yield Finding((*loc, key), oddity, expected, _remedy(key, slips) or "check both numbers and their units")
 
 
 def _shape(structure: BeamSpec) -> Iterator[Finding]:
@@ -159,12 +159,12 @@ def _shape(structure: BeamSpec) -> Iterator[Finding]:
     sizes = [(label, value) for label, value in thicker if _likely(length, value)]
     remedy = _remedy("length_mm", lengths) or _remedy(key, sizes) or "check the units of length and section"
     if ratio < low:
-        found = f"found {length!r}: shorter than its section is thick, {thickness:g} mm"
-        yield Finding(("structure", "length_mm"), found, "a beam longer than thick", remedy)
+        oddity = f"found {length!r}: shorter than its section is thick, {thickness:g} mm"
+        yield Finding(("structure", "length_mm"), oddity, "a beam longer than thick", remedy)
         return
     loc, value = (("structure", "length_mm"), length) if lengths else (("structure", "section", key), thickness)
-    found = f"found {value!r}: the beam, {length:g} mm by {thickness:g} mm, is {ratio:.3g} times as long as thick"
-    yield Finding(loc, found, f"at most {high:g} times", remedy)
+    oddity = f"found {value!r}: the beam, {length:g} mm by {thickness:g} mm, is {ratio:.3g} times as long as thick"
+    yield Finding(loc, oddity, f"at most {high:g} times", remedy)
 
 
 def _band(spec: CaseSpec, structure: BeamSpec, band_hz: tuple[float, float]) -> Iterator[Finding]:
@@ -191,8 +191,8 @@ def _band(spec: CaseSpec, structure: BeamSpec, band_hz: tuple[float, float]) -> 
     number = structure.length_mm / 1e3 / math.pi * math.sqrt(2 * math.pi * lowest / flexural) + 0.5
     if number > BELOW_BAND:
         loc, value = _end_of_band(spec, lowest, "f_min_hz")
-        found = f"found {value:g}, below which the beam has about {number:.0f} bending modes"
-        yield Finding(loc, found, f"at most {BELOW_BAND} below the lowest measured frequency", check)
+        oddity = f"found {value:g}, below which the beam has about {number:.0f} bending modes"
+        yield Finding(loc, oddity, f"at most {BELOW_BAND} below the lowest measured frequency", check)
 
 
 def _end_of_band(spec: CaseSpec, value: float, key: str) -> tuple[tuple[str, ...], float]:

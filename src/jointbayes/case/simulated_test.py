@@ -56,41 +56,41 @@ class Truth:
     setup: str = ""
 
     @cached_property
-    def of(self) -> CaseSetup:
+    def case_setup(self) -> CaseSetup:
         """The set-up; a lone test is one."""
-        found = next((one for one in self.case.setups if one.name == self.setup), None)
-        if found is None:
-            names = ", ".join(one.name for one in self.case.setups)
+        wanted = next((setup for setup in self.case.setups if setup.name == self.setup), None)
+        if wanted is None:
+            names = ", ".join(setup.name for setup in self.case.setups)
             raise CaseError(
                 f"{self.case.name}: found set-up {self.setup!r} to be simulated; expected one of {names or 'none'}; "
                 "name it"
             )
-        return found
+        return wanted
 
     @cached_property
     def data(self) -> SyntheticFrfSpec:
         """The case's `[data]`."""
-        data = self.of.spec.data.synthetic
+        data = self.case_setup.spec.data.synthetic
         if data is None:
-            loc, source = ("data", "kind"), self.of.source
+            loc, source = ("data", "kind"), self.case_setup.source
             expected = 'expected "synthetic_frf", whose [data.truth] a virtual test can measure'
-            words = f'found "{self.of.spec.data.kind}"', expected, "state a truth"
+            words = f'found "{self.case_setup.spec.data.kind}"', expected, "state a truth"
             raise CaseError(source.fault(loc, show_key(source.written(loc)), *words))
         return data
 
     @cached_property
     def _structures(self) -> Body:
-        return true_family(self.of.spec)
+        return true_family(self.case_setup.spec)
 
     @cached_property
     def matrix(self) -> JointMatrix:
         """True K^J, shape (2, 2)."""
-        return self.of.spec.parametrisation.matrix(true_stiffness(self.of.spec))
+        return self.case_setup.spec.parametrisation.matrix(true_stiffness(self.case_setup.spec))
 
     @cached_property
     def decay_rate(self) -> float:
         """Decay rate ζω of the slowest mode with the joint in place, 1/s; rigid motion does not count."""
-        body, joint = self._structures.certain(), self.of.joint
+        body, joint = self._structures.certain(), self.case_setup.joint
         count, law = body.n_dofs - rigid_body_modes(body, joint), body.damping
         omega = 2 * np.pi * NaturalFrequencies(body, joint, count).frequency_hz(self.matrix)[0]
         alpha, beta = law.viscous
@@ -100,7 +100,7 @@ class Truth:
     def frf(self, frequency_hz: Array, outputs: tuple[str, ...]) -> FrfSet:
         """Exact FRFs of the case's quantity and gain at given lines (lines,) in Hz, at given outputs."""
         ports = Ports(frequency_hz, outputs, self.data.inputs)
-        model = receptance_model(self._structures.reference(), self.of.joint, ports)
+        model = receptance_model(self._structures.reference(), self.case_setup.joint, ports)
         receptance = model.receptance(self.matrix)[0]
         values = self.data.truth.gain * receptance * quantity_factor(frequency_hz, self.data.quantity)[:, None, None]
         return FrfSet(frequency_hz, values, outputs, self.data.inputs, self.data.quantity)
@@ -138,14 +138,14 @@ def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Genera
     try:
         return _measured(truth, settings, rng)
     except MeasurementError as error:
-        source = truth.of.source
+        source = truth.case_setup.source
         place = fault_start(*source.place(("virtual_test",)))
         key = show_key(source.written(("virtual_test",)))
         raise MeasurementError(f"{place} {key}: {str(error).removeprefix('virtual test: ')}") from error
 
 
 def _measured(truth: Truth, settings: VirtualTestSpec | None, rng: np.random.Generator) -> list[Record]:
-    test = truth.of.spec.virtual_test if settings is None else settings
+    test = truth.case_setup.spec.virtual_test if settings is None else settings
     outputs = truth.data.outputs + test.extra_outputs
     averages = test.averages or truth.data.noise.averages or _AVERAGES
     if test.method == "frf":
@@ -208,7 +208,7 @@ def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
         f_min_hz=low,
         f_max_hz=high,
     )
-    return [_at_step(record, truth) for record in frfs_of_hits(records, settings).frfs]
+    return [_thin_to_step(record, truth) for record in frfs_of_hits(records, settings).frfs]
 
 
 def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> list[Record]:
@@ -222,10 +222,10 @@ def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
     records = list(shaker_records(rig, rig.block + (blocks - 1) * hop, noise, rng))
     if test.writes == "time":
         return list(records)
-    return [_at_step(record, truth) for record in frfs_of_shaker(records, settings).frfs]
+    return [_thin_to_step(record, truth) for record in frfs_of_shaker(records, settings).frfs]
 
 
-def _at_step(record: FrfRecord, truth: Truth) -> FrfRecord:
+def _thin_to_step(record: FrfRecord, truth: Truth) -> FrfRecord:
     """The lines that the case has, where those of the block are closer."""
     if truth.data.f_step_hz is None:
         return record

@@ -65,7 +65,7 @@ class _Scanner:
         table: KeyPath = ()
         self._take(_BLANK)
         while self.pos < len(self.text):
-            if self._at("["):
+            if self._sees("["):
                 table = self._header()
             else:
                 self._pair(table)
@@ -75,7 +75,7 @@ class _Scanner:
     def _line(self) -> int:
         return bisect.bisect_left(self._newlines, self.pos) + 1
 
-    def _at(self, *tokens: str) -> bool:
+    def _sees(self, *tokens: str) -> bool:
         return self.text.startswith(tokens, self.pos)
 
     def _take(self, pattern: re.Pattern[str]) -> str:
@@ -88,14 +88,14 @@ class _Scanner:
     def _key(self) -> list[str]:
         """Read a possibly dotted, possibly quoted key."""
         raw = _KEY_PART.findall(self._take(_KEY))
-        return [tomllib.loads(f"key = {part}")["key"] if part[0] in "\"'" else part for part in raw]
+        return [tomllib.loads(f"key = {raw_key}")["key"] if raw_key[0] in "\"'" else raw_key for raw_key in raw]
 
     def _header(self) -> KeyPath:
         line, path = self._line(), KeyPath()
         brackets = len(self._take(_OPEN).strip())
         parts = self._key()
-        for number, part in enumerate(parts, 1):
-            path = (*path, part)
+        for number, key in enumerate(parts, 1):
+            path = (*path, key)
             self.lines.setdefault(path, line)
             if number < len(parts) and path in self._last_entry:
                 path = (*path, self._last_entry[path])
@@ -108,24 +108,24 @@ class _Scanner:
 
     def _pair(self, table: KeyPath) -> None:
         line, path = self._line(), table
-        for part in self._key():
-            path = (*path, part)
+        for key in self._key():
+            path = (*path, key)
             self.lines.setdefault(path, line)
         self._take(_EQUALS)
         self._value(path)
 
     def _value(self, path: KeyPath) -> None:
-        if self._at("[", "{"):
+        if self._sees("[", "{"):
             self._entries(path)
         else:
-            self._take(_STRING if self._at('"', "'") else _SCALAR)
+            self._take(_STRING if self._sees('"', "'") else _SCALAR)
 
     def _entries(self, path: KeyPath) -> None:
         """Read the entries of an array or the pairs of an inline table, up to its closing bracket."""
-        is_array, index = self._at("["), 0
+        is_array, index = self._sees("["), 0
         self.pos += 1
         self._take(_BLANK)
-        while not self._at("]", "}"):
+        while not self._sees("]", "}"):
             if is_array:
                 self.lines[(*path, index)] = self._line()
                 self._value((*path, index))
@@ -150,9 +150,9 @@ def key_parts(key: str) -> tuple[str, ...]:
         return ()
     parts: list[str] = []
     while isinstance(inside, dict) and len(inside) == 1:
-        part = next(iter(inside))
-        parts.append(part)
-        inside = inside[part]
+        name = next(iter(inside))
+        parts.append(name)
+        inside = inside[name]
     return tuple(parts) if inside == 0 else ()
 
 
@@ -165,7 +165,7 @@ def similar(word: str, choices: Iterable[str]) -> str | None:
 
 def fault_line(name: str, line: int, key: str, *parts: str) -> str:
     """Compose one line of a `CaseError`: file, line, key, then found; expected; what to do."""
-    return f"{fault_start(name, line)} {key}: " + "; ".join(part for part in parts if part)
+    return f"{fault_start(name, line)} {key}: " + "; ".join(words for words in parts if words)
 
 
 def fault_start(name: str, line: int) -> str:
@@ -223,11 +223,11 @@ def _syntax_fault(message: str, text: str, name: str) -> str:
     key = re.match(r"\s*([\w.\"'-]+)\s*=", rows[line - 1] if line <= len(rows) else "")
     cause = re.sub(r"\s*\(at .*", "", message)
     plain = next((words for start, words in _SYNTAX.items() if cause.startswith(start)), None)
-    found, remedy = plain or (f"no valid TOML ({cause})", "correct the line")
+    fault, remedy = plain or (f"no valid TOML ({cause})", "correct the line")
     if re.search(r'"[^"]*\\[^"]*"', rows[line - 1] if line <= len(rows) else "") and plain is None:
-        found = "a backslash in a text in double quotes"
+        fault = "a backslash in a text in double quotes"
         remedy = "write a Windows path with / or in single quotes: file = 'C:\\data\\tip.uff'"
-    return fault_line(name, line, key[1] if key else "syntax", found, "expected TOML: key = value", remedy)
+    return fault_line(name, line, key[1] if key else "syntax", fault, "expected TOML: key = value", remedy)
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
@@ -240,20 +240,20 @@ def read_text(path: str | os.PathLike[str]) -> str:
                 content = stream.read(_MOST_BYTES + 1)
             if len(content) <= _MOST_BYTES:
                 return content.decode("utf-8-sig").replace("\r\n", "\n")
-            found, remedy = "larger than 1 MB", "keep measurements in files of their own"
+            fault, remedy = "larger than 1 MB", "keep measurements in files of their own"
         elif place.is_dir():
-            found, remedy = "this is a directory", "name the .toml file in it"
+            fault, remedy = "this is a directory", "name the .toml file in it"
         elif place.exists():
-            found, remedy = "this is no regular file", "save the case to a file first"
+            fault, remedy = "this is no regular file", "save the case to a file first"
         else:
             near = similar(place.name, (p.name for p in place.parent.glob("*.toml")))
-            found, remedy = "no such file", f'did you mean "{near}"?' if near else "check the path"
+            fault, remedy = "no such file", f'did you mean "{near}"?' if near else "check the path"
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
-        found, remedy = "not UTF-8 text", "save the file as UTF-8"
+        fault, remedy = "not UTF-8 text", "save the file as UTF-8"
     except (OSError, ValueError) as error:  # ValueError: a path with a null byte
-        found, remedy = f"cannot be read ({path_fault(error)})", "check the path and its permissions"
-    raise CaseError(fault_line(name, line, "file", found, "expected a case file in TOML, UTF-8", remedy))
+        fault, remedy = f"cannot be read ({path_fault(error)})", "check the path and its permissions"
+    raise CaseError(fault_line(name, line, "file", fault, "expected a case file in TOML, UTF-8", remedy))
 
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -307,7 +307,7 @@ def _value(value: object) -> str:
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{_key(key)} = {_value(one)}' for key, one in value.items())} }}"
+        return f"{{ {', '.join(f'{_key(key)} = {_value(entry)}' for key, entry in value.items())} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_value, value))}]"
     return str(value)  # dates and times, which Python prints as TOML has them

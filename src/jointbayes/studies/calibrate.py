@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pydantic
 
-from jointbayes.case.case import Case, as_case
+from jointbayes.case.case import Case, require_case
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.run_record import run_fingerprint
@@ -105,9 +105,9 @@ def calibrate(
     """
     if n < 1:
         raise ModelError(f"calibrate: found n = {n}; expected one data set at least; correct it")
-    case = case if isinstance(case, Problem) else as_case(case, "a case, a problem")
+    case = case if isinstance(case, Problem) else require_case(case, "a case, a problem")
     if data_from is not None and not isinstance(data_from, Problem):
-        data_from = as_case(data_from, "a case, a problem")
+        data_from = require_case(data_from, "a case, a problem")
     job = _job(case, data_from, settings, seed)
     engine = {"workers": workers, "scheduler": scheduler, "executor": executor}
     tell = progress or (lambda _progress: None)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.case.case import AnyCase, Case, as_case
+from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
 from jointbayes.joint import HYPOTHESES, Parametrisation, under_hypothesis
@@ -102,7 +102,7 @@ def compare(
     Kass, R. E., Raftery, A. E. (1995). Bayes factors. Journal of the American Statistical Association 90(430),
     773-795. DOI 10.1080/01621459.1995.10476572
     """
-    given = [as_case(case) for case in cases]
+    given = [require_case(case) for case in cases]
     require_same_data(given)
     seed = given[0].spec.sampling.seed if seed is None else seed
     candidates = []

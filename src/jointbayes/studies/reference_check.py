@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.case.case import AnyCase, Case, as_case
+from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import signed
@@ -76,7 +76,7 @@ def check_posterior(case: AnyCase, posterior: Posterior) -> CheckResult:
     CaseError
         If the case has no reference.
     """
-    case = as_case(case)
+    case = require_case(case)
     reference = require_reference(case)
     lines = [
         CheckLine("sampler", posterior.reason, "converged", posterior.converged),

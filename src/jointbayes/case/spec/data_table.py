@@ -59,9 +59,9 @@ class NoiseSpec(Spec):
         elif self.coherence is None or self.averages is None:
             yield Finding(("coherence" if self.coherence is None else "averages",), missing=True)
         elif self.relative > 0:
-            found = f"found {self.relative!r} together with coherence"
+            fault = f"found {self.relative!r} together with coherence"
             expected = "relative, or coherence and averages, not both"
-            yield Finding(("relative",), found, expected, "remove one of the two")
+            yield Finding(("relative",), fault, expected, "remove one of the two")
 
 
 _STIFFNESS = Field(description="the stiffnesses of joints of other kinds or of several: by name, or by joint and name")
@@ -82,14 +82,14 @@ class TruthSpec(Spec):
     damping_ratio: Annotated[Ratios | None, _RATIO] = None
 
     @property
-    def by_name(self) -> dict[str, float]:
+    def stiffness_by_name(self) -> dict[str, float]:
         """Stiffness by its full name: ``"k11"``, ``"left.k11"``."""
         if self.stiffness is None:
             return {name: getattr(self, name) for name in ("k11", "k12", "k22")}
-        found: dict[str, float] = {}
+        by_name: dict[str, float] = {}
         for name, given in self.stiffness.items():
-            found |= {f"{name}.{own}": k for own, k in given.items()} if isinstance(given, dict) else {name: given}
-        return found
+            by_name |= {f"{name}.{key}": k for key, k in given.items()} if isinstance(given, dict) else {name: given}
+        return by_name
 
     def _findings(self) -> Iterator[Finding]:
         pair = {"k11": self.k11, "k12": self.k12, "k22": self.k22}
@@ -159,8 +159,8 @@ class SyntheticFrfSpec(DataTable):
         given = [key for key, value in band.items() if value is not None]
         if self.frequencies_hz is not None:
             if given:
-                found = f"given together with {', '.join(given)}"
-                yield Finding(("frequencies_hz",), found, "a list or a band, not both", "remove one of the two")
+                fault = f"given together with {', '.join(given)}"
+                yield Finding(("frequencies_hz",), fault, "a list or a band, not both", "remove one of the two")
             if len(self.frequencies_hz) < 2:
                 yield Finding(("frequencies_hz",), "", "at least two frequencies in Hz", "add frequencies")
         elif not given:
@@ -173,15 +173,15 @@ class SyntheticFrfSpec(DataTable):
             yield from not_above(lowest, self.f_max_hz, low_key, "f_max_hz", "in Hz")
             steps = (self.f_max_hz - lowest) / self.f_step_hz
             if 0 < steps < 1 - 1e-9:
-                found = f"empty band: {self.f_step_hz!r} Hz leaves only the line at {low_key} = {lowest!r}"
-                yield Finding(("f_step_hz",), found, "at least two lines up to f_max_hz", "lower f_step_hz")
+                fault = f"empty band: {self.f_step_hz!r} Hz leaves only the line at {low_key} = {lowest!r}"
+                yield Finding(("f_step_hz",), fault, "at least two lines up to f_max_hz", "lower f_step_hz")
             elif steps >= _MOST_LINES:
-                found = f"{self.f_step_hz!r} Hz makes {steps:.3g} lines"
-                yield Finding(("f_step_hz",), found, f"at most {_MOST_LINES} lines", "raise f_step_hz")
+                fault = f"{self.f_step_hz!r} Hz makes {steps:.3g} lines"
+                yield Finding(("f_step_hz",), fault, f"at most {_MOST_LINES} lines", "raise f_step_hz")
             elif steps * len(self.outputs) * len(self.inputs) > MOST_VALUES:
                 frfs = len(self.outputs) * len(self.inputs)
-                found = f"{self.f_step_hz!r} Hz makes {steps:.3g} lines in each of {frfs} FRFs"
-                yield Finding(("f_step_hz",), found, f"at most {MOST_VALUES} values", "raise f_step_hz")
+                fault = f"{self.f_step_hz!r} Hz makes {steps:.3g} lines in each of {frfs} FRFs"
+                yield Finding(("f_step_hz",), fault, f"at most {MOST_VALUES} values", "raise f_step_hz")
 
 
 class NaturalFrequenciesSpec(DataTable):
@@ -219,9 +219,9 @@ class NaturalFrequenciesSpec(DataTable):
     def _findings(self) -> Iterator[Finding]:
         if self.sd_relative + self.sd_hz == 0:
             stated = self.model_fields_set & {"sd_relative", "sd_hz"}
-            found = "sd_relative and sd_hz are both 0" if stated else "missing, and sd_hz too"
+            fault = "sd_relative and sd_hz are both 0" if stated else "missing, and sd_hz too"
             remedy = "write sd_relative = 0.005 for half a per cent of each frequency"
-            yield Finding(("sd_relative",), found, "sd_relative, sd_hz or both above 0", remedy)
+            yield Finding(("sd_relative",), fault, "sd_relative, sd_hz or both above 0", remedy)
 
 
 DataSpec = Annotated[

@@ -129,8 +129,8 @@ def _numbers(place: tuple[str | int, ...], value: object) -> Iterator[tuple[tupl
     if isinstance(value, int | float) and not isinstance(value, bool):
         yield place, value
     parts = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, tuple) else ()
-    for key, part in parts:
-        yield from _numbers((*place, key), part)
+    for key, entry in parts:
+        yield from _numbers((*place, key), entry)
 
 
 def key_field(description: str, example: object) -> object:
@@ -197,11 +197,11 @@ def _distinct(labels: tuple[str, ...]) -> tuple[str, ...]:
 
 def repeated(entries: Iterable[str]) -> Iterator[tuple[int, str]]:
     """Yield place and text of each entry that an earlier one is equal to."""
-    known: set[str] = set()
+    seen: set[str] = set()
     for i, entry in enumerate(entries):
-        if entry in known:
+        if entry in seen:
             yield i, entry
-        known.add(entry)
+        seen.add(entry)
 
 
 def listed(words: Sequence[str], most: int = 12) -> str:
@@ -210,7 +210,7 @@ def listed(words: Sequence[str], most: int = 12) -> str:
     return ", ".join(words[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
-def at_most(count: int) -> BeforeValidator:
+def max_length(count: int) -> BeforeValidator:
     """Refuses a longer list before its entries are looked at."""
 
     def check(value: object) -> object:
@@ -231,7 +231,7 @@ def _increasing(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
-def as_list(value: object) -> object:
+def to_list(value: object) -> object:
     """A value alone, as the list of one that it stands for."""
     return value if isinstance(value, list | tuple) else [value]
 
@@ -247,13 +247,13 @@ def _named(text: str) -> str:
 Name = Annotated[str, AfterValidator(_named)]
 # A TOML array is a list; the frozen models keep tuples, which strict mode would refuse to build from lists.
 Label = Annotated[str, AfterValidator(_label)]
-Labels = Annotated[tuple[Label, ...], Strict(False), AfterValidator(_distinct), at_most(MOST_LABELS)]
+Labels = Annotated[tuple[Label, ...], Strict(False), AfterValidator(_distinct), max_length(MOST_LABELS)]
 Positive = Annotated[float, Field(gt=0)]
 Fraction = Annotated[float, Field(gt=0, le=1)]
 Frequencies = Annotated[tuple[Positive, ...], Strict(False), AfterValidator(_increasing)]
 Ratio = Annotated[float, Field(ge=0, lt=1)]
 Ratios = Annotated[
-    tuple[Ratio, ...], Strict(False), Field(min_length=1), BeforeValidator(as_list), at_most(MOST_RATIOS)
+    tuple[Ratio, ...], Strict(False), Field(min_length=1), BeforeValidator(to_list), max_length(MOST_RATIOS)
 ]
 
 
@@ -267,11 +267,11 @@ class Spec(BaseModel):
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> Self:
-        raise_findings(self._beyond_limits())
+        raise_findings(self._limit_findings())
         raise_findings((*self._unused(), *self._findings()))
         return self
 
-    def _beyond_limits(self) -> Iterator[Finding]:
+    def _limit_findings(self) -> Iterator[Finding]:
         """Yield numbers that no machine has; NaN stands for none, where a key allows it."""
         fields = type(self).model_fields
         for key, limits in ((key, LIMITS[key]) for key in fields if key in LIMITS):
@@ -286,8 +286,8 @@ class Spec(BaseModel):
         for key, (switch, *choices) in self.used_with.items():
             value, chosen = getattr(self, key), getattr(self, switch)
             if chosen not in choices and value != type(self).model_fields[key].default:
-                found, names = f'found {value!r}, which {switch} = "{chosen}" does not use', (f'"{c}"' for c in choices)
-                yield Finding((key,), found, f"{switch} = {either(names)}", f"write {switch} so, or remove {key}")
+                fault, names = f'found {value!r}, which {switch} = "{chosen}" does not use', (f'"{c}"' for c in choices)
+                yield Finding((key,), fault, f"{switch} = {either(names)}", f"write {switch} so, or remove {key}")
 
     def _findings(self) -> Iterator[Finding]:
         """Yield what is wrong between keys that are each right by themselves."""
@@ -358,5 +358,5 @@ def law_findings(law: Spec, relative: float, floor: float) -> Iterator[Finding]:
 def not_above(low: float, high: float, low_key: str, high_key: str, unit: str) -> Iterator[Finding]:
     """Yield that the upper of two bounds does not lie above the lower one."""
     if high <= low:
-        found = f"found {high!r}, which is not above {low_key} = {low!r}"
-        yield Finding((high_key,), found, f"a number greater than {low_key} {unit}".rstrip(), "correct one of the two")
+        fault = f"found {high!r}, which is not above {low_key} = {low!r}"
+        yield Finding((high_key,), fault, f"a number greater than {low_key} {unit}".rstrip(), "correct one of the two")

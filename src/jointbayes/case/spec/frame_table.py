@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, Strict
 
-from jointbayes.case.spec.fields import Finding, Fraction, Spec, at_most, key_field, listed, not_negative, positive
+from jointbayes.case.spec.fields import Finding, Fraction, Spec, key_field, listed, max_length, not_negative, positive
 from jointbayes.case.spec.structure_table import (
     DAMPING,
     KIND,
@@ -72,7 +72,7 @@ class _Stuff(Spec):
 class MemberSpec(_Stuff):
     """A row of straight beams through points."""
 
-    points: Annotated[tuple[PointName, ...], Strict(False), Field(min_length=2), at_most(_MOST), _POINTS]
+    points: Annotated[tuple[PointName, ...], Strict(False), Field(min_length=2), max_length(_MOST), _POINTS]
     end_section: Annotated[SectionSpec | None, _END_SECTION] = None
     up: Annotated[_Place | None, _UP] = None
     offsets_mm: Annotated[Annotated[tuple[_Place, _Place], Strict(False)] | None, _OFFSETS] = None
@@ -102,7 +102,7 @@ class PointMassSpec(Spec):
 
     point: Annotated[PointName, key_field("the name of a point", "tip")]
     mass_kg: Annotated[float, not_negative("the mass in kg", 0.5)]
-    inertia_kg_m2: Annotated[tuple[float, ...], Strict(False), at_most(6), _INERTIA] = (0.0, 0.0, 0.0)
+    inertia_kg_m2: Annotated[tuple[float, ...], Strict(False), max_length(6), _INERTIA] = (0.0, 0.0, 0.0)
     offset_mm: Annotated[_Place, _OFFSET] = (0.0, 0.0, 0.0)
 
     def _findings(self) -> Iterator[Finding]:
@@ -113,11 +113,11 @@ class PointMassSpec(Spec):
 _Members = Annotated[
     tuple[MemberSpec, ...],
     Strict(False),
-    at_most(_MOST),
+    max_length(_MOST),
     Field(description="a list of members: each a table with points and, where it differs, section and material"),
 ]
 _Masses = Annotated[
-    tuple[PointMassSpec, ...], Strict(False), at_most(_MOST), Field(description="a list of masses at points")
+    tuple[PointMassSpec, ...], Strict(False), max_length(_MOST), Field(description="a list of masses at points")
 ]
 
 
@@ -162,9 +162,9 @@ class BodySpec(_Stuff):
     def _findings(self) -> Iterator[Finding]:
         for name in self.points:
             if not POINT.fullmatch(name):
-                found = f'found the name "{name[:40]}"'
+                fault = f'found the name "{name[:40]}"'
                 expected = "a number from 1, or a word of letters, digits, _ and - that begins with a letter"
-                yield Finding(("points",), found, expected, "rename the point")
+                yield Finding(("points",), fault, expected, "rename the point")
         if len(self.points) < 2:
             yield Finding(("points",), f"found {len(self.points)} points", "two points or more", "add a point")
         for kind, named in (
@@ -178,20 +178,20 @@ class BodySpec(_Stuff):
                     yield Finding((kind, i), f'found the point "{unknown[0][:40]}"', expected, "correct the name")
 
 
-def numbers_between(one: str, other: str, known: Mapping[str, object]) -> list[str]:
+def numbers_between(first: str, second: str, names: Mapping[str, object]) -> list[str]:
     """Numbers between two points that have numbers, if none of them is a point of its own: equally spaced points."""
-    if not (one.isdecimal() and other.isdecimal()) or abs(int(one) - int(other)) > 10_000:
+    if not (first.isdecimal() and second.isdecimal()) or abs(int(first) - int(second)) > 10_000:
         return []
-    low, high = sorted((int(one), int(other)))
+    low, high = sorted((int(first), int(second)))
     between = [str(number) for number in range(low + 1, high)]
-    return [] if any(name in known for name in between) else between
+    return [] if any(name in names for name in between) else between
 
 
 class FrameSpec(StructureBase):
     """The structure without its joints: Timoshenko beams in space, one body or several that joints alone connect."""
 
     kind: Annotated[Literal["frame"], KIND]
-    directions: Annotated[tuple[str, ...], Strict(False), Field(min_length=1), at_most(6), _DIRECTIONS] = _SIX
+    directions: Annotated[tuple[str, ...], Strict(False), Field(min_length=1), max_length(6), _DIRECTIONS] = _SIX
     element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
     youngs_modulus_gpa: Annotated[float, _E]
     poissons_ratio: Annotated[float, POISSON] = 0.3
@@ -270,8 +270,8 @@ class FrameSpec(StructureBase):
         """Yield bodies that are stated twice or not at all, misnamed, or with a member without a section."""
         if self.bodies and (self.points or self.members or self.masses):
             key = "points" if self.points else "members" if self.members else "masses"
-            found = f"found {key} beside [structure.bodies.{next(iter(self.bodies))}]"
-            yield Finding((key,), found, "either points of one body here, or bodies", "move it into a body")
+            fault = f"found {key} beside [structure.bodies.{next(iter(self.bodies))}]"
+            yield Finding((key,), fault, "either points of one body here, or bodies", "move it into a body")
             return
         if not self.bodies and not self.points:
             yield Finding(("points",), missing=True)
@@ -281,8 +281,8 @@ class FrameSpec(StructureBase):
         for name, body in self.all_bodies.items():
             loc = ("bodies", name) if self.bodies else ()
             if name and (not POINT.fullmatch(name) or name[0].isdecimal()):
-                found, expected = f'found the name "{name[:40]}"', "a word of letters, digits, _ and -"
-                yield Finding(loc, found, f"{expected} that begins with a letter", "rename the body")
+                fault, expected = f'found the name "{name[:40]}"', "a word of letters, digits, _ and -"
+                yield Finding(loc, fault, f"{expected} that begins with a letter", "rename the body")
             parts = body.members or (None,)
             for i, member in enumerate(parts):
                 if not (self.section or body.section or (member and member.section)):

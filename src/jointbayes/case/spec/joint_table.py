@@ -91,7 +91,7 @@ class JointSpec(Spec):
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
         """Its parameters, each of which needs a prior."""
-        return (*self._of_stiffness, *map(Coordinate.logarithm_of, self.damping))
+        return (*self._stiffness_coordinates, *map(Coordinate.logarithm_of, self.damping))
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -104,7 +104,7 @@ class JointSpec(Spec):
         return damping_quantities(self.stiffnesses, self.viscous, self.loss_factors)
 
     @property
-    def _of_stiffness(self) -> tuple[Coordinate, ...]:
+    def _stiffness_coordinates(self) -> tuple[Coordinate, ...]:
         match self.kind:
             case "rigid":
                 return ()
@@ -154,8 +154,8 @@ class JointSpec(Spec):
                 ("initial",), f'found a first guess with kind = "{self.kind}"', f'kind = "{_COUPLED}"', "remove it"
             )
         if self.kind != _COUPLED and "parametrisation" in self.model_fields_set:
-            found = f'found "{self.parametrisation}" with kind = "{self.kind}"'
-            yield Finding(("parametrisation",), found, f'kind = "{_COUPLED}"', "remove it")
+            fault = f'found "{self.parametrisation}" with kind = "{self.kind}"'
+            yield Finding(("parametrisation",), fault, f'kind = "{_COUPLED}"', "remove it")
         if len(self.against) not in (0, len(self.dofs)):
             pair = "no DOF (joint to ground) or two, the other side's translation and rotation"
             yield Finding(("against",), "", pair if self.kind == _COUPLED else "")
@@ -175,8 +175,8 @@ class JointSpec(Spec):
             alone = key == "loss_factors" and names == ("all",) and springs
             for i, name in enumerate(() if alone else names):
                 if name not in springs or name in names[:i]:
-                    known = either(f'"{spring}"' for spring in springs) if springs else "none"
-                    expected = f"each once of {known}"
+                    choices = either(f'"{spring}"' for spring in springs) if springs else "none"
+                    expected = f"each once of {choices}"
                     yield Finding((key, i), f'found "{name}"', expected, "correct the name or remove it")
 
     def _no_pair(self) -> Iterator[Finding]:
@@ -187,24 +187,24 @@ class JointSpec(Spec):
         for name, labels in (("dofs", self.dofs), ("against", self.against)):
             for i, (label, kind) in enumerate(zip(labels, ("translation", "rotation"), strict=False)):
                 if (":r" in label) != (kind == "rotation"):
-                    found = f'found entry {i + 1} = "{label}", which is no {kind}'
-                    yield Finding((name, i), found, "", 'write for example ["1:y", "1:rz"]')
+                    fault = f'found entry {i + 1} = "{label}", which is no {kind}'
+                    yield Finding((name, i), fault, "", 'write for example ["1:y", "1:rz"]')
                     break  # two labels in the wrong order are one fault
 
     def _crooked_axes(self) -> Iterator[Finding]:
         """Yield axes that are no unit vectors at right angles to each other, or left-handed."""
         if self.axes is None:
             return
-        for i, one in enumerate(self.axes):
+        for i, axis in enumerate(self.axes):
             for k, other in enumerate(self.axes[: i + 1]):
-                product = math.fsum(a * b for a, b in zip(one, other, strict=True))
+                product = math.fsum(a * b for a, b in zip(axis, other, strict=True))
                 if abs(product - (i == k)) > _CROOKED:
-                    found = (
+                    fault = (
                         f"entries {k + 1} and {i + 1} are not at right angles"
                         if i != k
                         else f"entry {i + 1} has length {math.sqrt(product):.6g}"
                     )
-                    yield Finding(("axes",), found, "three unit vectors at right angles to each other", "correct them")
+                    yield Finding(("axes",), fault, "three unit vectors at right angles to each other", "correct them")
                     return
         (a, b, c), (d, e, f), (u, v, w) = self.axes
         if a * (e * w - f * v) - b * (d * w - f * u) + c * (d * v - e * u) < 0:

@@ -22,16 +22,16 @@ from jointbayes.case.spec.fields import (
     Labels,
     Positive,
     Spec,
-    as_list,
-    at_most,
     count_field,
     key_field,
     law_findings,
     listed,
+    max_length,
     not_above,
     not_negative,
     positive,
     raise_findings,
+    to_list,
 )
 from jointbayes.joint.quantities import DIRECTIONS, direction_of, rotation_sign
 
@@ -47,7 +47,7 @@ def _signed(text: str) -> str:
     return text
 
 
-def _as_table(value: object) -> object:
+def _channel_table(value: object) -> object:
     """A channel that is a DOF alone, as the table it stands for."""
     return {"dof": value} if isinstance(value, str) else value
 
@@ -95,9 +95,9 @@ class RotationSpec(Spec):
     def _findings(self) -> Iterator[Finding]:
         needed = 2 if self.scheme == "first order" else 3
         if len(self.stations) != needed:
-            found = f'found {len(self.stations)} stations with scheme = "{self.scheme}"'
+            fault = f'found {len(self.stations)} stations with scheme = "{self.scheme}"'
             other = '"first order"' if len(self.stations) == 2 else '"second order, end" or "second order, centre"'
-            yield Finding(("stations",), found, f"{needed} stations", f"correct them or write scheme = {other}")
+            yield Finding(("stations",), fault, f"{needed} stations", f"correct them or write scheme = {other}")
         for i, station in enumerate(self.stations):
             if ":r" in station:
                 yield Finding(("stations", i), f'found "{station}"', "a translation", 'write for example "1:y"')
@@ -119,9 +119,9 @@ class RotationSpec(Spec):
         if len(directions) == 1 and rotation_sign(turn, directions[0], self.axis):
             return
         fitting = [d for d in DIRECTIONS[:3] if rotation_sign(turn, d, self.axis)]
-        found = f"found stations along {self.axis} that move in {' and '.join(directions)} for {turn}"
+        fault = f"found stations along {self.axis} that move in {' and '.join(directions)} for {turn}"
         expected = f"all of them in {fitting[0]}" if fitting else "stations along an axis that the rotation turns"
-        yield Finding(("rotations", label, "stations"), found, expected, "correct the stations, the rotation or axis")
+        yield Finding(("rotations", label, "stations"), fault, expected, "correct the stations, the rotation or axis")
 
 
 _SOURCE = key_field('where the variance comes from, "coherence", "repeats" or "relative"', "coherence")
@@ -190,19 +190,24 @@ _FileName = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
 _Band = tuple[Annotated[float, Field(ge=0)], Positive]
-_Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_as_table)]]
+_Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_channel_table)]]
 
 
 class MeasuredSpec(DataTable):
     """What all data from files have: the files, what their channels stand for, and the lines that are used."""
 
     file: Annotated[
-        tuple[_FileName, ...], Strict(False), Field(min_length=1), BeforeValidator(as_list), at_most(MOST_FILES), _FILE
+        tuple[_FileName, ...],
+        Strict(False),
+        Field(min_length=1),
+        BeforeValidator(to_list),
+        max_length(MOST_FILES),
+        _FILE,
     ]
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"] | None, _QUANTITY] = None
     f_min_hz: Annotated[float | None, positive("the lowest frequency used in Hz", 20.0)] = None
     f_max_hz: Annotated[float | None, positive("the highest frequency used in Hz", 2500.0)] = None
-    exclude_hz: Annotated[tuple[Annotated[_Band, Strict(False)], ...], Strict(False), at_most(1000), _EXCLUDED] = ()
+    exclude_hz: Annotated[tuple[Annotated[_Band, Strict(False)], ...], Strict(False), max_length(1000), _EXCLUDED] = ()
     conjugate: Annotated[bool, _CONJUGATE] = False
     thin: Annotated[int | None, count_field("every how many lines one is kept", 2, 1, 10_000)] = None
     accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
@@ -229,7 +234,7 @@ class MeasuredSpec(DataTable):
         """What a plan of the measurement asks for beside what all files give, by the names of `MeasurementPlan`."""
         return {}
 
-    def beside(self, structure: StructureBase) -> Iterator[Finding]:
+    def structure_findings(self, structure: StructureBase) -> Iterator[Finding]:
         """Yield what the structure lacks for it."""
         yield from ()
 
@@ -238,14 +243,14 @@ class MeasuredSpec(DataTable):
             yield from not_above(self.f_min_hz, self.f_max_hz, "f_min_hz", "f_max_hz", "in Hz")
         for i, (low, high) in enumerate(self.exclude_hz):
             if high <= low:
-                found = f"found the band from {low!r} to {high!r} Hz"
-                yield Finding(("exclude_hz", i), found, "the lower frequency first", "correct one of the two")
+                fault = f"found the band from {low!r} to {high!r} Hz"
+                yield Finding(("exclude_hz", i), fault, "the lower frequency first", "correct one of the two")
         if self.conjugate and self.records is not None:
-            found = "found true with time histories, of which the FRFs are made here"
-            yield Finding(("conjugate",), found, "it for FRFs of a file", "remove it")
+            fault = "found true with time histories, of which the FRFs are made here"
+            yield Finding(("conjugate",), fault, "it for FRFs of a file", "remove it")
         if not self.channels:
-            found, remedy = "found no channel", 'write for example "Point:11:Y+" = "11:y" in [data.channels]'
-            yield Finding(("channels",), found, "a DOF for each channel that is used", remedy)
+            fault, remedy = "found no channel", 'write for example "Point:11:Y+" = "11:y" in [data.channels]'
+            yield Finding(("channels",), fault, "a DOF for each channel that is used", remedy)
 
 
 class MeasuredFrfSpec(MeasuredSpec):
@@ -266,35 +271,35 @@ class MeasuredFrfSpec(MeasuredSpec):
         rotations = tuple(rotation.built(label, structure) for label, rotation in self.rotations.items())
         return {"outputs": self.outputs, "inputs": self.inputs, "rotations": rotations}
 
-    def beside(self, structure: StructureBase) -> Iterator[Finding]:
+    def structure_findings(self, structure: StructureBase) -> Iterator[Finding]:
         """Yield rotations of a structure without evenly spaced points, or from other points than these."""
         if self.rotations and structure.spans is None:
-            found = f'found rotations in a structure of kind = "{structure.kind}"'
-            yield Finding(("data", "rotations"), found, 'kind = "beam", whose points are evenly spaced', "remove it")
+            fault = f'found rotations in a structure of kind = "{structure.kind}"'
+            yield Finding(("data", "rotations"), fault, 'kind = "beam", whose points are evenly spaced', "remove it")
             return
         for label, rotation in self.rotations.items():
             loc, last = ("data", "rotations", label), (structure.spans or 0) + 1
             nodes = [int(station.split(":")[0]) for station in rotation.stations]
             steps = {b - a for a, b in itertools.pairwise(nodes)}
             if len(steps) != 1 or 0 in steps or max(nodes) > last:
-                found = f"found nodes {', '.join(map(str, nodes))}"
+                fault = f"found nodes {', '.join(map(str, nodes))}"
                 expected = f"different nodes, evenly spaced in one direction, from 1 to {last}"
-                yield Finding((*loc, "stations"), found, expected, "correct the stations")
+                yield Finding((*loc, "stations"), fault, expected, "correct the stations")
             if (words := structure.absent(label)) is not None:
                 yield Finding(loc, *words)
 
     def _findings(self) -> Iterator[Finding]:
         yield from super()._findings()
-        known = dict.fromkeys(channel.label for channel in self.channels.values())
+        measured = dict.fromkeys(channel.label for channel in self.channels.values())
         for key in ("outputs", "inputs"):
             for i, label in enumerate(getattr(self, key)):
-                if label not in known:
-                    found = f'found "{label}", which no channel stands for'
-                    yield Finding((key, i), found, f"one of {listed(list(known))}", "map its channel or remove it")
+                if label not in measured:
+                    fault = f'found "{label}", which no channel stands for'
+                    yield Finding((key, i), fault, f"one of {listed(list(measured))}", "map its channel or remove it")
         for label, rotation in self.rotations.items():
             if ":r" not in label:
-                found, expected = f'found "{label}"', "a rotation"
-                yield Finding(("rotations", label), found, expected, 'write for example [data.rotations."1:rz"]')
+                fault, expected = f'found "{label}"', "a rotation"
+                yield Finding(("rotations", label), fault, expected, 'write for example [data.rotations."1:rz"]')
                 continue
             if rotation.axis != "x":
                 place = ("rotations", label, "axis")
@@ -352,6 +357,6 @@ class MeasuredBodySpec(MeasuredSpec):
                 yield Finding(("rotations", label, "in_likelihood"), "found true", expected, "remove it")
             for i, station in enumerate(rotation.stations):
                 if station not in measured:
-                    found = f'found "{station}", which no channel of the body stands for'
+                    fault = f'found "{station}", which no channel of the body stands for'
                     place = ("rotations", label, "stations", i)
-                    yield Finding(place, found, "a DOF of the body", "map its channel or correct the station")
+                    yield Finding(place, fault, "a DOF of the body", "map its channel or correct the station")

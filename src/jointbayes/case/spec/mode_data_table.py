@@ -17,10 +17,10 @@ from jointbayes.case.spec.fields import (
     Label,
     Labels,
     Spec,
-    as_list,
-    at_most,
     key_field,
+    max_length,
     repeated,
+    to_list,
 )
 
 if TYPE_CHECKING:
@@ -40,22 +40,22 @@ def _repeated(depth: int) -> BeforeValidator:
 
 
 _Number = Annotated[float, Field(allow_inf_nan=True)]  # NaN where nothing was observed
-_Row = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), at_most(_MOST_MODES)]
-_Rows = Annotated[tuple[_Row, ...], Strict(False), Field(min_length=1), _repeated(2), at_most(_MOST_REPETITIONS)]
-_Shape = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), at_most(MOST_LABELS)]
-_Shapes = Annotated[tuple[_Shape, ...], Strict(False), Field(min_length=1), at_most(_MOST_MODES)]
+_Row = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
+_Rows = Annotated[tuple[_Row, ...], Strict(False), Field(min_length=1), _repeated(2), max_length(_MOST_REPETITIONS)]
+_Shape = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(MOST_LABELS)]
+_Shapes = Annotated[tuple[_Shape, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
 _AllShapes = Annotated[
-    tuple[_Shapes, ...], Strict(False), Field(min_length=1), _repeated(3), at_most(_MOST_REPETITIONS)
+    tuple[_Shapes, ...], Strict(False), Field(min_length=1), _repeated(3), max_length(_MOST_REPETITIONS)
 ]
 _EachMode = Annotated[
     tuple[Annotated[float, Field(ge=0)], ...],
     Strict(False),
     Field(min_length=1),
-    BeforeValidator(as_list),
-    at_most(_MOST_MODES),
+    BeforeValidator(to_list),
+    max_length(_MOST_MODES),
 ]
 _Numbers = Annotated[
-    tuple[Annotated[int, Field(ge=1, le=_MOST_MODES)], ...], Strict(False), Field(min_length=1), at_most(_MOST_MODES)
+    tuple[Annotated[int, Field(ge=1, le=_MOST_MODES)], ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)
 ]
 
 _EACH = "a number of at least 0, or a list of such numbers, one for each mode"
@@ -92,8 +92,8 @@ class ModeShapesSpec(Spec):
         tuple[Label, ...],
         Strict(False),
         Field(min_length=1),
-        BeforeValidator(as_list),
-        at_most(_MOST_MODES),
+        BeforeValidator(to_list),
+        max_length(_MOST_MODES),
         _REFERENCE,
     ]
     components: Annotated[_AllShapes, _COMPONENTS]
@@ -103,9 +103,9 @@ class ModeShapesSpec(Spec):
         if min(self.sd) == 0:
             yield Finding(("sd",), "found 0", "a number above 0", "state what a component is uncertain by")
         if len(self.reference) == 1 and self.reference[0] in self.dofs:
-            found = f'found the reference "{self.reference[0]}"'
+            fault = f'found the reference "{self.reference[0]}"'
             place = ("dofs", self.dofs.index(self.reference[0]))
-            yield Finding(place, found, "other DOFs, since its component is 1", "remove it and its components")
+            yield Finding(place, fault, "other DOFs, since its component is 1", "remove it and its components")
         n = len(self.components[0])
         for key, given in (("reference", self.reference), ("sd", self.sd)):
             if len(given) not in (1, n):
@@ -115,11 +115,11 @@ class ModeShapesSpec(Spec):
         for i, shapes in enumerate(self.components):
             for j, shape in enumerate(shapes):
                 if len(shape) != len(self.dofs):
-                    found = f"found {len(shape)} components of mode {j + 1} at {len(self.dofs)} DOFs"
-                    yield Finding(("components", i), found, "one for each of dofs, nan where none", "correct the list")
+                    fault = f"found {len(shape)} components of mode {j + 1} at {len(self.dofs)} DOFs"
+                    yield Finding(("components", i), fault, "one for each of dofs, nan where none", "correct the list")
             if len(shapes) != n:
-                found = f"found {len(shapes)} shapes in repetition {i + 1} and {n} in the first"
-                yield Finding(("components", i), found, "as many, nan where none was found", "correct the list")
+                fault = f"found {len(shapes)} shapes in repetition {i + 1} and {n} in the first"
+                yield Finding(("components", i), fault, "as many, nan where none was found", "correct the list")
         if any(math.isinf(value) for value in _flat(self.components)):
             yield Finding(("components",), "found inf", "", "write nan where nothing was found")
 
@@ -204,8 +204,8 @@ class ModesSpec(DataTable):
         given = [key for key in ("frequencies_hz", "eigenvalues") if getattr(self, key) is not None]
         if len(given) != 1:
             if given:
-                found = "given together with frequencies_hz"
-                yield Finding(("eigenvalues",), found, "one of the two", "remove one of the two")
+                fault = "given together with frequencies_hz"
+                yield Finding(("eigenvalues",), fault, "one of the two", "remove one of the two")
             else:
                 yield Finding(("frequencies_hz",), missing=True)
             return
@@ -231,12 +231,12 @@ class ModesSpec(DataTable):
         """Yield repetitions that hold other numbers of modes, and modes that none holds."""
         for i, row in enumerate(rows):
             if len(row) != n:
-                found = f"found {len(row)} modes in repetition {i + 1} and {n} in the first of the frequencies"
-                yield Finding((key, i), found, "as many, nan where none was found", "correct the list")
+                fault = f"found {len(row)} modes in repetition {i + 1} and {n} in the first of the frequencies"
+                yield Finding((key, i), fault, "as many, nan where none was found", "correct the list")
                 return
         if key != "damping_ratios" and any(all(math.isnan(row[i]) for row in rows) for i in range(n)):
-            found, remedy = "found a mode without any", "leave the mode out"
-            yield Finding((key,), found, "a frequency of each mode in one repetition at least", remedy)
+            fault, remedy = "found a mode without any", "leave the mode out"
+            yield Finding((key,), fault, "a frequency of each mode in one repetition at least", remedy)
 
     def _sd_findings(self, relative: str, absolute: str, n: int) -> Iterator[Finding]:
         """Yield standard deviations that are 0, or not one for each mode."""
@@ -248,8 +248,8 @@ class ModesSpec(DataTable):
                 )
                 return
         if min(getattr(self, relative)) + min(getattr(self, absolute)) == 0:
-            found, expected = f"{relative} and {absolute} are both 0", "at least one above 0, for each mode"
-            yield Finding((relative,), found, expected, "raise one")
+            fault, expected = f"{relative} and {absolute} are both 0", "at least one above 0, for each mode"
+            yield Finding((relative,), fault, expected, "raise one")
 
     def _number_findings(self, n: int) -> Iterator[Finding]:
         """Yield numbers of modes, and shapes, that are not one for each mode."""
@@ -262,9 +262,9 @@ class ModesSpec(DataTable):
         if self.match == "shape" and self.shapes is None:
             yield Finding(("match",), 'found "shape" without shapes', '"number", or [data.shapes]', "add [data.shapes]")
         if self.shapes is not None and len(self.shapes.components[0]) != n:
-            found = f"found {len(self.shapes.components[0])} shapes for {n} modes"
+            fault = f"found {len(self.shapes.components[0])} shapes for {n} modes"
             yield Finding(
-                ("shapes", "components"), found, "one for each mode, nan where none was found", "correct the list"
+                ("shapes", "components"), fault, "one for each mode, nan where none was found", "correct the list"
             )
 
 
@@ -285,7 +285,7 @@ def _observed(
 def _flat(values: object) -> Iterator[float]:
     """Numbers of lists in lists."""
     if isinstance(values, tuple):
-        for one in values:
-            yield from _flat(one)
+        for entry in values:
+            yield from _flat(entry)
     elif isinstance(values, int | float):
         yield float(values)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import pydantic
 
 from jointbayes.case.case_faults import fault_lines, fault_paths
-from jointbayes.case.case_text import CaseText, case_text, planned_texts, setup_texts, without_inherited
+from jointbayes.case.case_text import CaseText, case_text, drop_inherited, planned_texts, setup_texts
 from jointbayes.case.keys import DATA_FILE, named_files
 from jointbayes.case.spec import rules
 from jointbayes.case.spec.fields import Finding, KeyPath, either, show_key
@@ -41,8 +41,8 @@ class CheckedCaseSpec(CaseSpec):
         yield from rules.noise_findings(self.noise, self.data)
         yield from rules.plan_findings(self.plan, self.data)
         if self.reference is not None and (not lone_pair or any(joint.own for joint in self.all_joints.values())):
-            found, expected = "found k11, k12 and k22 to compare with", "one coupled joint, the same in all set-ups"
-            yield Finding(("reference",), found, expected, "remove [reference]")
+            fault, expected = "found k11, k12 and k22 to compare with", "one coupled joint, the same in all set-ups"
+            yield Finding(("reference",), fault, expected, "remove [reference]")
         yield from rules.virtual_test_findings(self.virtual_test, self.structure, self.data)
 
 
@@ -91,7 +91,7 @@ def parse_setups(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec
     specs, faults, dropped = _checked_each(texts)
     faults += [lines[0] for lines in dropped.values() if len(lines) == len(texts)]  # what no set-up can have
     if not faults:
-        between = [*between_setups(specs, texts), *integral_findings(specs), *parameter_findings(specs)]
+        between = [*shared_findings(specs, texts), *integral_findings(specs), *parameter_findings(specs)]
         faults = [_told(texts[setup], finding) for setup, finding in (*between, *hypotheses_findings(specs))]
     _raise_faults(faults)
     return specs
@@ -105,7 +105,7 @@ def parse_planned(source: CaseText) -> dict[str, CaseSpec]:
     specs, faults, _ = _checked_each(texts)
     faults += [_told(texts[name], finding) for name, spec in specs.items() for finding in _own_unknowns(spec)]
     if not faults:
-        between = between_setups(parse_setups(source) | specs, setup_texts(source) | texts)
+        between = shared_findings(parse_setups(source) | specs, setup_texts(source) | texts)
         faults = [_told(texts[name], finding) for name, finding in between if name in texts]
     _raise_faults(faults)
     return specs
@@ -124,13 +124,13 @@ def _told(text: CaseText, finding: Finding) -> str:
 
 def _own_unknowns(spec: CaseSpec) -> Iterator[Finding]:
     """Yield where a proposed set-up says that a joint, or its noise, is its own."""
-    own, remedy = "of its own, of which the present data say nothing", "remove own, or the set-up from the plan"
+    ending, remedy = "of its own, of which the present data say nothing", "remove own, or the set-up from the plan"
     for name, joint in spec.all_joints.items():
         if joint.own:
             loc = (*_joint_table(name), "own")
-            yield Finding(loc, f"found a joint {own}", "one that set-ups share", remedy)
+            yield Finding(loc, f"found a joint {ending}", "one that set-ups share", remedy)
     if spec.noise.own and spec.noise.inferred:
-        yield Finding(("noise", "own"), f"found parameters of the noise {own}", "those that set-ups share", remedy)
+        yield Finding(("noise", "own"), f"found parameters of the noise {ending}", "those that set-ups share", remedy)
 
 
 def _checked_each(
@@ -158,10 +158,10 @@ def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, 
             return CheckedCaseSpec.model_validate(text.data), [], without
         except pydantic.ValidationError as error:
             lines = fault_lines(error, CaseSpec, text)
-            left = [without_inherited(text, path) for path in fault_paths(error, CaseSpec, text)]
+            left = [drop_inherited(text, path) for path in fault_paths(error, CaseSpec, text)]
         if not all(left):
             return None, lines, without
-        key, text = next(one for one in left if one is not None)
+        key, text = next(inherited for inherited in left if inherited is not None)
         without[key] = lines[0]
 
 
@@ -171,20 +171,20 @@ def setups_findings(spec: CaseSpec) -> Iterator[Finding]:
     for name in spec.setups:
         for what, names in others.items():
             if name in names:
-                found = f"found the name of a {what}, so that {name}.k11 would be two things"
-                yield Finding(("setups", name), found, "a name of its own", "rename one of the two")
+                fault = f"found the name of a {what}, so that {name}.k11 would be two things"
+                yield Finding(("setups", name), fault, "a name of its own", "rename one of the two")
     levels = {name: setup.level for name, setup in spec.setups.items()}
     given = [name for name, level in levels.items() if level is not None]
     if given and spec.level is None:
-        found, expected = f"found a level of {given[0]}, of nothing that is named", '[level] with a name, as "torque"'
-        yield Finding(("setups", given[0], "level"), found, expected, "add a table [level]")
+        fault, expected = f"found a level of {given[0]}, of nothing that is named", '[level] with a name, as "torque"'
+        yield Finding(("setups", given[0], "level"), fault, expected, "add a table [level]")
     elif spec.level is not None and (len(given) < len(levels) or not levels):
         without = next((name for name, level in levels.items() if level is None), "")
-        found = f"found no level of set-up {without}" if without else "found no set-ups"
-        yield Finding(("level",), found, "a level in the table of each set-up", "add level = 2.0 or remove [level]")
+        fault = f"found no level of set-up {without}" if without else "found no set-ups"
+        yield Finding(("level",), fault, "a level in the table of each set-up", "add level = 2.0 or remove [level]")
     elif given and len({levels[name] for name in given}) < 2:
-        found = f"found the level {levels[given[0]]:g} alone, so that there is nothing to compare"
-        yield Finding(("level",), found, "two levels at least that differ", "correct the levels or remove [level]")
+        fault = f"found the level {levels[given[0]]:g} alone, so that there is nothing to compare"
+        yield Finding(("level",), fault, "two levels at least that differ", "correct the levels or remove [level]")
     yield from planned_findings(spec)
     if not spec.setups and not spec.plan.setups:
         yield from _own_of_one(spec)
@@ -197,9 +197,9 @@ def planned_findings(spec: CaseSpec) -> Iterator[Finding]:
         if name in spec.setups:
             yield Finding(loc, "found the name of a present set-up", "a name of its own", "rename it")
         if proposed.data is not None and spec.data.kind != "synthetic_frf":
-            found = f'found a table beside data of kind = "{spec.data.kind}"'
+            fault = f'found a table beside data of kind = "{spec.data.kind}"'
             expected = "a set-up that is measured as the present one"
-            yield Finding((*loc, "data"), found, expected, "remove it; other DOFs are candidates by themselves")
+            yield Finding((*loc, "data"), fault, expected, "remove it; other DOFs are candidates by themselves")
 
 
 def _own_of_one(spec: CaseSpec) -> Iterator[Finding]:
@@ -224,28 +224,28 @@ def _place_of(quantity: str) -> tuple[str, ...]:
 
 def _quantities_of_setups(specs: Mapping[str, CaseSpec]) -> tuple[str, ...]:
     """Names of the stiffnesses of the joints of all set-ups, those that are shared once."""
-    found = (
+    names = (
         prefixed(spec.joint_of_setup(setup, name)[0], quantity.name)
         for setup, spec in specs.items()
         for name, joint in spec.all_joints.items()
         if name not in spec.sharing
         for quantity in joint.quantities
     )
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(names))
 
 
 def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
     """Yield set-up and finding where the plan wants to know a stiffness that no set-up has."""
-    known = _quantities_of_setups(specs)
+    stiffnesses = _quantities_of_setups(specs)
     for setup, spec in specs.items():
         wanted = spec.plan.parameter
-        if not wanted or wanted in known:
+        if not wanted or wanted in stiffnesses:
             continue
-        nearest = similar(wanted, known)
+        nearest = similar(wanted, stiffnesses)
         expected, remedy = "no plan, since no joint has a stiffness", "remove it"
-        if known:
-            expected = "the stiffness to be known best, " + either(f'"{name}"' for name in known)
-            remedy = f'did you mean "{nearest}"?' if nearest else f'write for example parameter = "{known[0]}"'
+        if stiffnesses:
+            expected = "the stiffness to be known best, " + either(f'"{name}"' for name in stiffnesses)
+            remedy = f'did you mean "{nearest}"?' if nearest else f'write for example parameter = "{stiffnesses[0]}"'
         yield setup, Finding(("plan", "parameter"), f'found "{wanted}"', expected, remedy)
 
 
@@ -257,33 +257,33 @@ def hypotheses_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Fi
         for i, name in enumerate(spec.compare.hypotheses):
             undamped, springs = without_damping(name)
             if undamped:
-                found = f'found "{name}" of joints without damping, which is "{springs}"'
+                fault = f'found "{name}" of joints without damping, which is "{springs}"'
                 expected = "hypotheses on the springs, or viscous or loss_factors in the joint"
-                yield setup, Finding(("compare", "hypotheses", i), found, expected, "remove it")
+                yield setup, Finding(("compare", "hypotheses", i), fault, expected, "remove it")
 
 
-def between_setups(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]) -> Iterator[tuple[str, Finding]]:
+def shared_findings(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]) -> Iterator[tuple[str, Finding]]:
     """Yield set-up and finding where set-ups share what cannot be one: quantities of unlike joints, priors, spreads."""
     if list(specs) == [""]:
         return
-    known: dict[str, tuple[str, JointSpec]] = {}
+    first_by_quantity: dict[str, tuple[str, JointSpec]] = {}
     for setup, spec in specs.items():
         for name, joint in spec.all_joints.items():
             place = _joint_table(name)
             if not joint.own:
-                yield from ((setup, one) for one in _stated_alone(texts[setup], joint, place))
+                yield from ((setup, finding) for finding in _stated_alone(texts[setup], joint, place))
             if name in spec.sharing:
                 continue
-            first, other = known.setdefault(spec.joint_of_setup(setup, name)[1], (setup, joint))
+            first, other = first_by_quantity.setdefault(spec.joint_of_setup(setup, name)[1], (setup, joint))
             unlike = [what for what in ALIKE if getattr(joint, what) != getattr(other, what)]
             if unlike:
                 key = "dofs" if unlike[0] == "directions" else unlike[0]
-                found = (
+                fault = (
                     f"found another {' and '.join(unlike)} than in set-up {first}, with which it shares its quantities"
                 )
                 yield (
                     setup,
-                    Finding((*place, key), found, "joints alike, or own = true", "make them alike or add own = true"),
+                    Finding((*place, key), fault, "joints alike, or own = true", "make them alike or add own = true"),
                 )
     yield from _unlike_spreads(specs)
     yield from _unlike_priors(specs)
@@ -298,21 +298,21 @@ def _shared_bodies(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding
             if not body.propagate:
                 continue
             read = [(file, channel) for file in body.file for channel in body.channels]
-            other, (file, _) = next(((first[one], one) for one in read if one in first), (setup, ("", "")))
+            other, (file, _) = next(((first[column], column) for column in read if column in first), (setup, ("", "")))
             if other != setup:
-                found = f"found {file} in set-ups {other} and {setup}, with one error that would count as one of each"
+                fault = f"found {file} in set-ups {other} and {setup}, with one error that would count as one of each"
                 expected = "a measurement of the body for each set-up, or one set-up"
-                yield setup, Finding(("bodies", name), found, expected, "state another file, or remove a set-up")
-            first |= {one: first.get(one, setup) for one in read}
+                yield setup, Finding(("bodies", name), fault, expected, "state another file, or remove a set-up")
+            first |= {column: first.get(column, setup) for column in read}
 
 
 def integral_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
     """Yield one factor on the noise of several set-ups to be integrated out: each likelihood integrates its own."""
     sharing = [name for name, spec in specs.items() if spec.noise.scale == "integrated" and not spec.noise.own]
     for setup in sharing[1:]:
-        found = 'found "integrated" for one factor of several set-ups, of which each has its own'
+        fault = 'found "integrated" for one factor of several set-ups, of which each has its own'
         expected = 'own = true for a factor of each, or scale = "sampled" for one of all'
-        yield setup, Finding(("noise", "scale"), found, expected, "add own = true to [noise]")
+        yield setup, Finding(("noise", "scale"), fault, expected, "add own = true to [noise]")
 
 
 def _stated_alone(text: CaseText, joint: JointSpec, place: tuple[str, ...]) -> Iterator[Finding]:
@@ -320,8 +320,8 @@ def _stated_alone(text: CaseText, joint: JointSpec, place: tuple[str, ...]) -> I
     priors = ("prior",) if place == ("joint",) else (*place, "prior")
     for key in (priors, (*place, "initial")):
         if key in text.own:
-            found = "found it for one set-up, of a joint that all set-ups share"
-            yield Finding(key, found, "own = true in the table of the joint", "add it, or state this for all set-ups")
+            fault = "found it for one set-up, of a joint that all set-ups share"
+            yield Finding(key, fault, "own = true in the table of the joint", "add it, or state this for all set-ups")
 
 
 def _unlike_priors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
@@ -340,8 +340,8 @@ def _unlike_priors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding
         for place, prior in shared.items():
             other, there = first.setdefault(place, (setup, prior))
             if prior != there:
-                found = f"found another prior than in set-up {other}, with which it shares the quantity"
-                yield setup, Finding(place, found, "one for all, or own = true", "state one, or add own = true")
+                fault = f"found another prior than in set-up {other}, with which it shares the quantity"
+                yield setup, Finding(place, fault, "one for all, or own = true", "state one, or add own = true")
 
 
 def _unlike_spreads(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
@@ -354,6 +354,6 @@ def _unlike_spreads(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Findin
             length = spec.structure.stated[name][1]
             other, there = first.setdefault(name, (setup, length))
             if length != there:
-                found = f"found one factor for lengths of {there:g} mm in {other} and {length:g} mm in {setup}"
+                fault = f"found one factor for lengths of {there:g} mm in {other} and {length:g} mm in {setup}"
                 expected = "sd_percent, own = true for an error of each, or [uncertain.length_offset] for one of all"
-                yield setup, Finding((*_place_of(name), "sd_mm"), found, expected, "choose one of these")
+                yield setup, Finding((*_place_of(name), "sd_mm"), fault, expected, "choose one of these")

@@ -42,10 +42,10 @@ _AXES = {axis.name: axis for axes in COORDINATES.values() for axis in axes}
 _SPRINGS = {quantity.name: Coordinate.logarithm_of(quantity) for quantity in spring_stiffnesses(DIRECTIONS)}
 _FULL = {axis.name: axis for axis in full_coordinates(DIRECTIONS)}
 _DAMPING = {
-    one.name: Coordinate.logarithm_of(one)
+    damping.name: Coordinate.logarithm_of(damping)
     for stiffnesses in (spring_stiffnesses(DIRECTIONS), full_stiffnesses(DIRECTIONS))
     for springs in [[quantity.name for quantity in stiffnesses if not quantity.may_be_negative]]
-    for one in (*damping_quantities(stiffnesses, springs, springs), *damping_quantities(stiffnesses, [], ["all"]))
+    for damping in (*damping_quantities(stiffnesses, springs, springs), *damping_quantities(stiffnesses, [], ["all"]))
 }
 _COORDINATES = _AXES | {name: axis for name, axis in (_SPRINGS | _FULL | _DAMPING).items() if name not in _AXES}
 _UNITS = ", ".join(f"{axis.name}: {ascii_unit(axis.unit)}" for axis in _AXES.values() if axis.logarithmic)
@@ -66,8 +66,8 @@ def pair_findings(k11: float, k12: float, k22: float) -> Iterator[Finding]:
     bound = math.sqrt(k11) * math.sqrt(k22)  # not sqrt(k11 k22), which may overflow
     if abs(k12) > bound * (1 + 1e-12):
         squares = f"k12² = {k12 * k12:.6g} exceeds k11·k22 = {k11 * k22:.6g}"
-        found = f"{squares}: the joint matrix is not positive semidefinite"
-        yield Finding((_K12.name,), found, "k12² ≤ k11·k22", f"lower |k12| below {bound:.6g} N")
+        fault = f"{squares}: the joint matrix is not positive semidefinite"
+        yield Finding((_K12.name,), fault, "k12² ≤ k11·k22", f"lower |k12| below {bound:.6g} N")
 
 
 class StiffnessSpec(Spec):
@@ -245,8 +245,8 @@ class _SpreadSpec(Spec):
         forms = f"{', '.join(self._spreads)}, or {' and '.join(self._ends)}"
         if spreads:
             if len(given) > 1:
-                found = f"given together with {' and '.join(given[1:])}"
-                yield Finding((given[0],), found, f"{forms}, not both", "remove one of the two")
+                fault = f"given together with {' and '.join(given[1:])}"
+                yield Finding((given[0],), fault, f"{forms}, not both", "remove one of the two")
         elif not given:
             yield Finding((), "no prior", forms, f"add {self._examples}")
         elif low is None or high is None:
@@ -340,10 +340,10 @@ class UncertainSpec(Spec):
     @property
     def given(self) -> dict[str, FactorPriorSpec | OffsetPriorSpec]:
         """Priors that the file states, in the order of the fields, which is that of the coordinates."""
-        found = _stated(self, "")
-        for body, own in self.bodies.items():
-            found |= _stated(own, f"{body}.")
-        return found
+        priors = _stated(self, "")
+        for body, of_body in self.bodies.items():
+            priors |= _stated(of_body, f"{body}.")
+        return priors
 
 
 def _stated(spec: Spec, prefix: str) -> dict[str, FactorPriorSpec | OffsetPriorSpec]:

@@ -38,10 +38,10 @@ def dof_findings(
         labelled |= {(*place, "dofs"): joint.dofs, (*place, "against"): joint.against}
     free = structure.free_dofs
     if data.most_modes > free:
-        found = f"{data.most_modes} frequencies for {free} free DOFs"
+        fault = f"{data.most_modes} frequencies for {free} free DOFs"
         remedy = "raise structure.elements" if structure.spans else "remove the highest"
         key = "numbers" if getattr(data, "numbers", None) else "frequencies_hz"
-        yield Finding(("data", key), found, f"at most {free} frequencies", remedy)
+        yield Finding(("data", key), fault, f"at most {free} frequencies", remedy)
     labelled |= {**data.labelled, ("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
         immovable = list(_immovable_dofs(structure, _each(loc, labels), elsewhere))
@@ -49,8 +49,8 @@ def dof_findings(
         point = labels[0].split(":")[0] if labels else ""
         apart = [i for i, label in enumerate(labels) if label.split(":")[0] != point]
         if apart and not immovable and loc[0] in ("joint", "joints"):
-            found = f'found "{labels[apart[0]]}" beside "{labels[0]}"'
-            yield Finding((*loc, apart[0]), found, f"DOFs of one point, {point}", "correct it, or make it two joints")
+            fault = f'found "{labels[apart[0]]}" beside "{labels[0]}"'
+            yield Finding((*loc, apart[0]), fault, f"DOFs of one point, {point}", "correct it, or make it two joints")
     if data.files is not None:
         yield from _channel_findings(structure, data.files, elsewhere)
 
@@ -68,8 +68,8 @@ def _immovable_dofs(
         if absent is not None:
             yield Finding(loc, *absent)
         elif label in structure.supports:
-            found = f'"{label}" is held fixed by structure.supports'
-            yield Finding(loc, found, "a DOF that can move", "choose another or free this one")
+            fault = f'"{label}" is held fixed by structure.supports'
+            yield Finding(loc, fault, "a DOF that can move", "choose another or free this one")
 
 
 def _channel_findings(structure: StructureBase, data: MeasuredSpec, elsewhere: frozenset[str]) -> Iterator[Finding]:
@@ -79,19 +79,19 @@ def _channel_findings(structure: StructureBase, data: MeasuredSpec, elsewhere: f
     for name, channel in data.channels.items():
         loc = ("data", "channels", name)
         if channel.accelerometer_mass_g > 0 and structure.accelerometer_mass_g > 0:
-            found = "accelerometer_mass_g is given here and in [structure]"
+            fault = "accelerometer_mass_g is given here and in [structure]"
             expected = "the mass taken out of the data or put into the model, not both"
-            yield Finding((*loc, "accelerometer_mass_g"), found, expected, "remove one of the two")
+            yield Finding((*loc, "accelerometer_mass_g"), fault, expected, "remove one of the two")
         if channel.accelerometer_mass_g > 0 and ":r" in channel.label:
-            found = f'found a mass at "{channel.label}", a rotation'
-            yield Finding((*loc, "accelerometer_mass_g"), found, "a mass at a translation", "remove it")
+            fault = f'found a mass at "{channel.label}", a rotation'
+            yield Finding((*loc, "accelerometer_mass_g"), fault, "a mass at a translation", "remove it")
     if data.accelerometers == "roving" and structure.accelerometer_mass_g > 0:
-        found = 'found "roving" with a mass in [structure], which the model carries at every measured DOF at once'
+        fault = 'found "roving" with a mass in [structure], which the model carries at every measured DOF at once'
         expected = "the mass of a roving sensor at its channels, to be taken out of the data"
         yield Finding(
-            ("data", "accelerometers"), found, expected, "move the mass to accelerometer_mass_g of the channels"
+            ("data", "accelerometers"), fault, expected, "move the mass to accelerometer_mass_g of the channels"
         )
-    yield from data.beside(structure)
+    yield from data.structure_findings(structure)
 
 
 def joints_findings(
@@ -117,23 +117,23 @@ def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, Nam
     """Yield a joint that shares the quantities of none, of one that shares itself, or of an unlike one."""
     loc, other = ("joints", name, "shared"), joints.get(joint.shared or "")
     if other is None or other is joint or other.shared is not None:
-        owners = [own for own, one in joints.items() if one.shared is None and own != name]
+        owners = [owner for owner, candidate in joints.items() if candidate.shared is None and owner != name]
         expected = f"a joint with quantities of its own: {', '.join(owners) or 'there is none'}"
         yield Finding(loc, f'found "{joint.shared}"', expected, "correct the name or remove it")
         return
     unlike = [what for what in ALIKE if getattr(joint, what) != getattr(other, what)]
     if unlike:
-        found = f'found "{joint.shared}", a joint with another {" and ".join(unlike)}'
+        fault = f'found "{joint.shared}", a joint with another {" and ".join(unlike)}'
         yield Finding(
             loc,
-            found,
+            fault,
             "a joint of the same kind, directions, parametrisation and damping",
             "make them alike or remove it",
         )
     for what in ("prior", "initial"):
         if getattr(joint, what) is not None:
-            found = f'found a {what} with shared = "{joint.shared}"'
-            yield Finding(("joints", name, what), found, f"the {what} of {joint.shared} alone", "remove it")
+            fault = f'found a {what} with shared = "{joint.shared}"'
+            yield Finding(("joints", name, what), fault, f"the {what} of {joint.shared} alone", "remove it")
 
 
 def truth_names_findings(data: DataSpec, quantities: Sequence[str], *, lone_pair: bool) -> Iterator[Finding]:
@@ -143,14 +143,14 @@ def truth_names_findings(data: DataSpec, quantities: Sequence[str], *, lone_pair
     loc, truth = ("data", "truth"), data.synthetic.truth
     if truth.stiffness is None:
         if not lone_pair:
-            found = "k11, k12 and k22 of a coupled pair"
-            yield Finding(loc, found, f"a table stiffness with {', '.join(quantities)}", "write [data.truth.stiffness]")
+            fault = "k11, k12 and k22 of a coupled pair"
+            yield Finding(loc, fault, f"a table stiffness with {', '.join(quantities)}", "write [data.truth.stiffness]")
         return
-    stated = truth.by_name
+    stated = truth.stiffness_by_name
     for name in (*[n for n in stated if n not in quantities], *[n for n in quantities if n not in stated]):
-        found = f'found "{name}"' if name in stated else f"found no {name}"
+        fault = f'found "{name}"' if name in stated else f"found no {name}"
         yield Finding(
-            (*loc, "stiffness"), found, f"one number for each of {', '.join(quantities)}", "correct the names"
+            (*loc, "stiffness"), fault, f"one number for each of {', '.join(quantities)}", "correct the names"
         )
 
 
@@ -160,13 +160,13 @@ def prior_findings(joint: JointSpec, priors: PriorsSpec, at: tuple[str, ...] = (
     given = {name for name in PriorsSpec.model_fields if getattr(priors, name) is not None}
     missing = [name for name in needed if name not in given]
     for name in sorted(given.difference(needed)):
-        found, other = f'there is no {name} with joint.parametrisation = "{parametrisation}"', None
+        fault, other = f'there is no {name} with joint.parametrisation = "{parametrisation}"', None
         if joint.kind == "coupled":
             other = next((key for key, axes in COORDINATES.items() if name in {axis.name for axis in axes}), None)
         else:
-            found = f'there is no {name} in a joint of kind = "{joint.kind}" at {", ".join(joint.dofs)}'
+            fault = f'there is no {name} in a joint of kind = "{joint.kind}" at {", ".join(joint.dofs)}'
         swap = f'replace it by {missing.pop()} or write parametrisation = "{other}"' if missing and other else ""
-        yield Finding((*at, name), found, f"priors of {', '.join(needed) or 'none'}", swap or "remove it")
+        yield Finding((*at, name), fault, f"priors of {', '.join(needed) or 'none'}", swap or "remove it")
     yield from (Finding((*at, name), missing=True) for name in missing)
 
 
@@ -185,13 +185,13 @@ def uncertain_findings(uncertain: UncertainSpec, structure: StructureBase, data:
     yield from _foreign_quantities(uncertain, structure)
     if uncertain.length and uncertain.length.sd_mm and structure.stated.get("length", ("mm",))[0] != "mm":
         expected = "sd_percent, or [uncertain.bodies.NAME.length] for an error of each body in mm"
-        found = "found one factor for bodies of different lengths"
-        yield Finding(("uncertain", "length", "sd_mm"), found, expected, "choose one of the two")
+        fault = "found one factor for bodies of different lengths"
+        yield Finding(("uncertain", "length", "sd_mm"), fault, expected, "choose one of the two")
     if not data.frfs:
         seen = data.depends_on
         if mass > 0 and "accelerometer_mass" not in seen:
-            found = f"found {mass!r}, but {_UNSEEN['accelerometer_mass']}"
-            yield Finding(("structure", "accelerometer_mass_g"), found, f"0, or {_FRF_ONLY}", "remove it")
+            fault = f"found {mass!r}, but {_UNSEEN['accelerometer_mass']}"
+            yield Finding(("structure", "accelerometer_mass_g"), fault, f"0, or {_FRF_ONLY}", "remove it")
         for name in uncertain.given:
             if name in _UNSEEN and name not in seen:
                 yield Finding(("uncertain", name), _UNSEEN[name], _FRF_ONLY, f"remove [uncertain.{name}]")
@@ -200,16 +200,16 @@ def uncertain_findings(uncertain: UncertainSpec, structure: StructureBase, data:
         return
     yield from _damping_findings(uncertain, structure)
     if uncertain.mode_frequencies and structure.damping.law != "modal":
-        found = f'structure.damping has law = "{structure.damping.law}", whose modes are not those of the assembly'
-        yield Finding(("uncertain", "mode_frequencies"), found, 'law = "modal"', "remove it or change the law")
+        fault = f'structure.damping has law = "{structure.damping.law}", whose modes are not those of the assembly'
+        yield Finding(("uncertain", "mode_frequencies"), fault, 'law = "modal"', "remove it or change the law")
     translations = [label for label in data.loaded if ":r" not in label]
     if mass > 0 and not translations:
-        found = f"found {mass!r}, but data.outputs holds rotations only"
-        yield Finding(("structure", "accelerometer_mass_g"), found, "0, or a measured translation", "remove it")
+        fault = f"found {mass!r}, but data.outputs holds rotations only"
+        yield Finding(("structure", "accelerometer_mass_g"), fault, "0, or a measured translation", "remove it")
     if uncertain.accelerometer_mass and mass == 0:
-        found = "factor on structure.accelerometer_mass_g, which is 0"
+        fault = "factor on structure.accelerometer_mass_g, which is 0"
         remedy = "write for example accelerometer_mass_g = 2.0 in [structure]"
-        yield Finding(("uncertain", "accelerometer_mass"), found, "a mass above 0", remedy)
+        yield Finding(("uncertain", "accelerometer_mass"), fault, "a mass above 0", remedy)
 
 
 # Uncertain quantities that are no structure's, or are judged by the damping law.
@@ -218,16 +218,16 @@ _OF_NO_STRUCTURE = {"damping_ratio", "loss_factor", "mode_frequencies", "gain"}
 
 def _foreign_quantities(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:
     """Yield uncertain quantities that a structure of this kind, or with these bodies, does not have."""
-    known = structure.stated
+    offered = structure.stated
     for name in uncertain.given:
-        if name not in known and name not in _OF_NO_STRUCTURE:
+        if name not in offered and name not in _OF_NO_STRUCTURE:
             body, _, quantity = name.rpartition(".")
             loc = ("uncertain", "bodies", body, quantity) if body else ("uncertain", name)
-            found = f'a structure of kind = "{structure.kind}" without this quantity'
+            fault = f'a structure of kind = "{structure.kind}" without this quantity'
             if quantity == "length" and structure.kind == "frame":
-                found = "a body with members in several directions, offsets or inertias at points, or no such body"
-            expected = f"one of {listed([*known, *sorted(_OF_NO_STRUCTURE)])}"
-            yield Finding(loc, found, expected, "remove it or correct the name of the body")
+                fault = "a body with members in several directions, offsets or inertias at points, or no such body"
+            expected = f"one of {listed([*offered, *sorted(_OF_NO_STRUCTURE)])}"
+            yield Finding(loc, fault, expected, "remove it or correct the name of the body")
 
 
 def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:
@@ -247,38 +247,38 @@ def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Ite
             values = (damping.loss_factor,)
         loc, expected = ("uncertain", name), f'law = "{laws[name]}" with a {name.replace("_", " ")} above 0'
         if not values:
-            found, remedy = f'structure.damping has law = "{damping.law}"', f"remove [uncertain.{name}]"
+            fault, remedy = f'structure.damping has law = "{damping.law}"', f"remove [uncertain.{name}]"
             if isinstance(damping, RayleighDampingSpec):
-                found += ", and uncertain Rayleigh damping is not offered"
-            yield Finding(loc, found, expected, f"{remedy} or change the law")
+                fault += ", and uncertain Rayleigh damping is not offered"
+            yield Finding(loc, fault, expected, f"{remedy} or change the law")
         elif min(values) == 0:
-            found = f"factor on structure.damping, where a {name.replace('_', ' ')} is 0"
-            yield Finding(loc, found, expected, "state a value above 0 to which the factor applies")
+            fault = f"factor on structure.damping, where a {name.replace('_', ' ')} is 0"
+            yield Finding(loc, fault, expected, "state a value above 0 to which the factor applies")
         elif name == "damping_ratio" and prior.high_factor and max(values) * prior.high_factor >= 1:
-            found = f"found {prior.high_factor!r}, which takes the ratio {max(values)!r} to 1 or above"
+            fault = f"found {prior.high_factor!r}, which takes the ratio {max(values)!r} to 1 or above"
             remedy = f"lower high_factor below {1 / max(values):.6g}"
-            yield Finding((*loc, "high_factor"), found, "a factor that leaves the damping ratio below 1", remedy)
+            yield Finding((*loc, "high_factor"), fault, "a factor that leaves the damping ratio below 1", remedy)
 
 
 def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield a truth about damping ratios where the structure has none, and ratios to be measured without a file."""
     damping = structure.damping
     if isinstance(damping, ModalDampingSpec) and damping.measured and data.files is None:
-        found = f'found "measured" with data of kind = "{data.kind}"'
+        fault = f'found "measured" with data of kind = "{data.kind}"'
         remedy = "state the ratio: ratio = 0.01"
         expected = 'data of kind = "measured_frf" or "measured_frequencies"'
-        yield Finding(("structure", "damping", "ratio"), found, expected, remedy)
+        yield Finding(("structure", "damping", "ratio"), fault, expected, remedy)
     if data.synthetic is None:
         return
     truth = data.synthetic.truth
     for name, key in (("youngs_modulus", "youngs_modulus_gpa"), ("density", "density_kg_m3"), ("length", "length_mm")):
         offered = name in structure.stated and (name != "length" or structure.spans is not None)
         if getattr(truth, key) is not None and not offered:
-            found = f'no {name.replace("_", " ")} of its own in a structure of kind = "{structure.kind}"'
-            yield Finding(("data", "truth", key), found, "the structure as it is analysed", "remove it")
+            fault = f'no {name.replace("_", " ")} of its own in a structure of kind = "{structure.kind}"'
+            yield Finding(("data", "truth", key), fault, "the structure as it is analysed", "remove it")
     if truth.damping_ratio is not None and structure.damping.law != "modal":
-        found = f'damping ratio with law = "{structure.damping.law}" in structure.damping'
-        yield Finding(("data", "truth", "damping_ratio"), found, 'law = "modal"', "remove it or change the law")
+        fault = f'damping ratio with law = "{structure.damping.law}" in structure.damping'
+        yield Finding(("data", "truth", "damping_ratio"), fault, 'law = "modal"', "remove it or change the law")
 
 
 def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
@@ -301,18 +301,18 @@ def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
     """Yield plans without FRF data, and a wider band that is not wider or has none to widen."""
     if not data.frfs:
         if plan != PlanSpec():
-            found = "natural frequencies state neither the noise nor the band of a further FRF"
-            yield Finding(("plan",), found, _FRF_ONLY, "remove [plan]")
+            fault = "natural frequencies state neither the noise nor the band of a further FRF"
+            yield Finding(("plan",), fault, _FRF_ONLY, "remove [plan]")
     elif plan.f_max_hz is not None:
         if (made := data.synthetic) is None:
-            found = "the lines of a file are those that were measured"
-            yield Finding(("plan", "f_max_hz"), found, 'data of kind = "synthetic_frf"', "remove it")
+            fault = "the lines of a file are those that were measured"
+            yield Finding(("plan", "f_max_hz"), fault, 'data of kind = "synthetic_frf"', "remove it")
         elif made.f_max_hz is None:
-            found = "no band to widen, data.frequencies_hz is a list"
-            yield Finding(("plan", "f_max_hz"), found, "f_min_hz, f_max_hz, f_step_hz in [data]", "remove it")
+            fault = "no band to widen, data.frequencies_hz is a list"
+            yield Finding(("plan", "f_max_hz"), fault, "f_min_hz, f_max_hz, f_step_hz in [data]", "remove it")
         elif plan.f_max_hz <= made.f_max_hz:
-            found = f"found {plan.f_max_hz!r}, which does not widen the band up to {made.f_max_hz!r} Hz"
-            yield Finding(("plan", "f_max_hz"), found, f"a number above {made.f_max_hz!r}", "raise or remove it")
+            fault = f"found {plan.f_max_hz!r}, which does not widen the band up to {made.f_max_hz!r} Hz"
+            yield Finding(("plan", "f_max_hz"), fault, f"a number above {made.f_max_hz!r}", "raise or remove it")
 
 
 def virtual_test_findings(test: VirtualTestSpec, structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
@@ -326,5 +326,5 @@ def virtual_test_findings(test: VirtualTestSpec, structure: StructureBase, data:
     measured = frozenset(data.synthetic.outputs)
     for i, label in enumerate(test.extra_outputs):
         if label in measured:
-            found = f'"{label}" is one of data.outputs, which are measured anyway'
-            yield Finding((*loc, i), found, "a further DOF", "remove it")
+            fault = f'"{label}" is one of data.outputs, which are measured anyway'
+            yield Finding((*loc, i), fault, "a further DOF", "remove it")

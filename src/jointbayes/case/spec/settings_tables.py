@@ -233,8 +233,8 @@ class NoiseModelSpec(Spec):
         yield from not_above(self.scale_low_factor, self.scale_high_factor, "scale_low_factor", "scale_high_factor", "")
         if self.distribution != "gaussian" and self.scale == "integrated":
             law = self.distribution
-            found = f'found "integrated" with distribution = "{law}": the integral over the factor is Gaussian only'
-            yield Finding(("scale",), found, f'"known" or "sampled" with {law}', 'write scale = "sampled"')
+            fault = f'found "integrated" with distribution = "{law}": the integral over the factor is Gaussian only'
+            yield Finding(("scale",), fault, f'"known" or "sampled" with {law}', 'write scale = "sampled"')
         yield from self._discrepancy_findings()
 
     def _discrepancy_findings(self) -> Iterator[Finding]:
@@ -242,11 +242,11 @@ class NoiseModelSpec(Spec):
             return
         loc = ("discrepancy",)
         if self.distribution != "gaussian":
-            found = f"residuals that are correlated are computed as Gaussian ones, not as {self.distribution}"
-            yield Finding(loc, found, 'distribution = "gaussian" with a discrepancy', "remove one of the two")
+            fault = f"residuals that are correlated are computed as Gaussian ones, not as {self.distribution}"
+            yield Finding(loc, fault, 'distribution = "gaussian" with a discrepancy', "remove one of the two")
         if self.scale == "integrated":
-            found = "the factor cannot be integrated out where it scales only a part of the covariance"
-            yield Finding(loc, found, 'scale = "known" or "sampled" with a discrepancy', 'write scale = "sampled"')
+            fault = "the factor cannot be integrated out where it scales only a part of the covariance"
+            yield Finding(loc, fault, 'scale = "known" or "sampled" with a discrepancy', 'write scale = "sampled"')
 
 
 _METHOD = key_field('how the truth is measured, "frf", "impact" or "shaker"', "impact")

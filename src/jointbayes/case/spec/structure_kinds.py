@@ -13,9 +13,9 @@ from jointbayes.case.spec.fields import (
     Labels,
     Positive,
     Spec,
-    at_most,
     count_field,
     key_field,
+    max_length,
     not_negative,
     positive,
 )
@@ -108,9 +108,9 @@ class BeamSpec(StructureBase):
             expected = f"a node from 1 to {self.nodes} (elements + 1)"
             return f'"{label}": there is no node {node}', expected, f'write for example "{self.nodes}:{direction}"'
         if direction not in self.directions:
-            found = f'"{label}": no direction {direction} with dofs_per_node = {self.dofs_per_node}'
+            fault = f'"{label}": no direction {direction} with dofs_per_node = {self.dofs_per_node}'
             remedy = "set structure.dofs_per_node = 5" if direction in _DIRECTIONS[5] else "choose one of these"
-            return found, f"one of {', '.join(self.directions)}", remedy
+            return fault, f"one of {', '.join(self.directions)}", remedy
         return None
 
     def place(self, label: str) -> str:
@@ -161,12 +161,12 @@ class DampersSpec(DampingSpec):
 
     law: Annotated[Literal["dampers"], LAW]
     dampers: Annotated[
-        tuple[DamperSpec, ...], Strict(False), at_most(_MOST), Field(min_length=1, description="a list of dampers")
+        tuple[DamperSpec, ...], Strict(False), max_length(_MOST), Field(min_length=1, description="a list of dampers")
     ]
 
 
-_Rows = Annotated[tuple[Annotated[tuple[float, ...], Strict(False)], ...], Strict(False), at_most(_MOST)]
-_Diagonal = Annotated[tuple[float, ...], Strict(False), at_most(_MOST)]
+_Rows = Annotated[tuple[Annotated[tuple[float, ...], Strict(False)], ...], Strict(False), max_length(_MOST)]
+_Diagonal = Annotated[tuple[float, ...], Strict(False), max_length(_MOST)]
 _Matrix = str | _Diagonal | _Rows
 _MATRIX_TEXT = "a list of rows, a list of the diagonal, or the name of a .npy or .csv file"
 
@@ -200,7 +200,7 @@ class ChainSpec(StructureBase):
         dict[str, Positive], Field(description="the masses in kg, each by its name or number", min_length=1)
     ]
     springs: Annotated[
-        tuple[SpringSpec, ...], Strict(False), at_most(_MOST), Field(description="a list of springs")
+        tuple[SpringSpec, ...], Strict(False), max_length(_MOST), Field(description="a list of springs")
     ] = ()
     direction: Annotated[Literal["x", "y", "z", "rx", "ry", "rz"], key_field("the direction of the DOFs", "x")] = "x"
     damping: Annotated[LAWS | DampersSpec, DAMPING]
@@ -255,9 +255,9 @@ class ChainSpec(StructureBase):
             for i, pair in enumerate(pairs):
                 wrong = [end for end in pair if end != _GROUND and end not in self.masses_kg]
                 if wrong or pair[0] == pair[1]:
-                    found = f'found "{pair[0][:40]}" and "{pair[1][:40]}"'
+                    fault = f'found "{pair[0][:40]}" and "{pair[1][:40]}"'
                     expected = f"two of {', '.join([*list(self.masses_kg)[:12], _GROUND])}"
-                    yield Finding((*loc, i, "between"), found, expected, "correct the names")
+                    yield Finding((*loc, i, "between"), fault, expected, "correct the names")
         yield from super()._findings()
 
 
@@ -343,10 +343,10 @@ def _matrix_findings(key: str, given: object, rows: int | None) -> Iterator[Find
     if not square or count != wanted or not count:
         size = f"{wanted} rows of {wanted} numbers, or {wanted} numbers of the diagonal"
         lengths = sorted({len(row) for row in given if isinstance(row, tuple)})
-        found = (
+        fault = (
             f"found {count} rows of {' or '.join(map(str, lengths))} numbers" if lengths else f"found {count} numbers"
         )
-        yield Finding((key,), found, size, "correct the matrix, or structure.dofs")
+        yield Finding((key,), fault, size, "correct the matrix, or structure.dofs")
     elif isinstance(given[0], tuple):
         import numpy as np  # with matrices alone: other cases are read without it
 

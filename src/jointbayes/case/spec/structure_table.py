@@ -143,9 +143,9 @@ class TubeSpec(_ShapeSpec):
 
     def _findings(self) -> Iterator[Finding]:
         if self.inner_diameter_mm >= self.outer_diameter_mm:
-            found = f"found {self.inner_diameter_mm!r}, which leaves no wall"
+            fault = f"found {self.inner_diameter_mm!r}, which leaves no wall"
             expected = f"an inner diameter in mm below the outer one, {self.outer_diameter_mm!r}"
-            yield Finding(("inner_diameter_mm",), found, expected, "correct one of the two diameters")
+            yield Finding(("inner_diameter_mm",), fault, expected, "correct one of the two diameters")
 
 
 class RectangleSpec(_ShapeSpec):
@@ -167,8 +167,8 @@ class BoxSpec(_ShapeSpec):
     def _findings(self) -> Iterator[Finding]:
         half = min(self.width_mm, self.height_mm) / 2
         if self.wall_mm >= half:
-            found, expected = f"found {self.wall_mm!r}, which leaves no hollow", f"a wall below {half!r} mm"
-            yield Finding(("wall_mm",), found, f"{expected} (half the smaller side)", "make the wall thinner")
+            fault, expected = f"found {self.wall_mm!r}, which leaves no hollow", f"a wall below {half!r} mm"
+            yield Finding(("wall_mm",), fault, f"{expected} (half the smaller side)", "make the wall thinner")
 
 
 SectionSpec = Annotated[

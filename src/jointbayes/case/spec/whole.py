@@ -113,8 +113,8 @@ class CaseSpec(Spec):
     @property
     def all_quantities(self) -> tuple[str, ...]:
         """Names of the stiffnesses of all joints, those that are shared once."""
-        own = ((name, joint) for name, joint in self.all_joints.items() if name not in self.sharing)
-        return tuple(prefixed(name, quantity.name) for name, joint in own for quantity in joint.quantities)
+        stating = ((name, joint) for name, joint in self.all_joints.items() if name not in self.sharing)
+        return tuple(prefixed(name, quantity.name) for name, joint in stating for quantity in joint.quantities)
 
     @property
     def sharing(self) -> dict[str, str]:
@@ -144,8 +144,8 @@ class CaseSpec(Spec):
         """Coordinates of all joints."""
         from jointbayes.joint import blocks_of
 
-        own = {name: joint.parametrisation_object for name, joint in self.all_joints.items()}
-        return blocks_of({**own, **self.sharing})
+        by_name = {name: joint.parametrisation_object for name, joint in self.all_joints.items()}
+        return blocks_of({**by_name, **self.sharing})
 
     def joint_of_setup(self, setup: str, name: str) -> tuple[str, str]:
         """Names of a joint of a set-up, and of the one whose quantities it has, among the joints of all set-ups."""
@@ -169,20 +169,20 @@ class CaseSpec(Spec):
                 other, modelled = owners.setdefault(label, name), self.structure.absent(label) is None
                 if other != name or modelled:
                     where = f"[bodies.{other}]" if other != name else "[structure]"
-                    found = f'found "{label}", which is a DOF of {where} as well'
-                    yield Finding(("bodies", name, "channels"), found, "labels of its own", "give it another point")
+                    fault = f'found "{label}", which is a DOF of {where} as well'
+                    yield Finding(("bodies", name, "channels"), fault, "labels of its own", "give it another point")
             if body.propagate != next(iter(self.bodies.values())).propagate:
-                found, expected = f"found {str(body.propagate).lower()}", "the same in all bodies"
-                yield Finding(("bodies", name, "propagate"), found, expected, "change it")
+                fault, expected = f"found {str(body.propagate).lower()}", "the same in all bodies"
+                yield Finding(("bodies", name, "propagate"), fault, expected, "change it")
         if self.bodies:
-            yield from self._beside_bodies()
+            yield from self._measured_body_findings()
 
-    def _beside_bodies(self) -> Iterator[Finding]:
+    def _measured_body_findings(self) -> Iterator[Finding]:
         """Yield data and quantities that need modes, and joints between measured bodies alone without priors."""
         beside = "beside a body that is given by its FRFs and has no modes"
         if not (self.data.frfs and self.data.files):
-            found = f'found "{self.data.kind}" {beside}'
-            yield Finding(("data", "kind"), found, 'kind = "measured_frf"', "write it so")
+            fault = f'found "{self.data.kind}" {beside}'
+            yield Finding(("data", "kind"), fault, 'kind = "measured_frf"', "write it so")
         if self.uncertain.mode_frequencies is not None:
             yield Finding(("uncertain", "mode_frequencies"), f"found it {beside}", "other quantities", "remove it")
         damping = self.structure.damping

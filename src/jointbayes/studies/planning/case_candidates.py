@@ -10,7 +10,7 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.case.case import Case
-from jointbayes.case.case_files import as_measured
+from jointbayes.case.case_files import complete_from_data
 from jointbayes.case.case_objects import noise_law, noise_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
 from jointbayes.case.combined import CaseSetup
@@ -227,7 +227,7 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
         raise ModelError("found a case without its set-ups; expected the case file, of which they are; load it again")
     first = case.setups[0]
     if spec.data.files is not None:
-        spec = as_measured(spec, first.data)
+        spec = complete_from_data(spec, first.data)
     if isinstance(spec.structure, MatricesSpec):
         raise ModelError(
             "found a structure given by matrices; expected a beam, a frame or a chain, of which a set-up can change "

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jointbayes.case.case import AnyCase, Case, as_case
+from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.case.spec.fields import show_key
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
@@ -83,7 +83,7 @@ def plan(
     WriteError
         If the directory holds something else, or another process is at work in it.
     """
-    case = as_case(case)
+    case = require_case(case)
     tell = tell or (lambda line: None)
     bodies = [(part.test.name, body.name) for part in case.problem.parts for body in part.test.measured_bodies]
     if bodies:
