@@ -257,7 +257,7 @@ def test_a_verdict_is_unconditional_where_freed_inputs_leave_its_interval(freed,
     if not holds:
         assert exact["k"].condition == " only if density and length are exact"
         ends = rounded_interval(row.known["k"].interval95, row.known["k"].interval95_error, " to ")
-        assert exact["k"].beside == f"with them uncertain {ends} N/m, {row.verdict['k']}"
+        assert exact["k"].words_if_uncertain == f"with them uncertain {ends} N/m, {row.verdict['k']}"
     # a change that the Monte Carlo errors of the ends explain is none
     noisy = replace(row, known={"k": replace(row.known["k"], interval95_error=(8.0, 8.0))})
     within = run.verdict == row.verdict and 100 < row.known["k"].median < 110
@@ -270,7 +270,7 @@ def test_what_could_not_be_shown_is_no_reason_to_say_less():
     exact = inputs_taken_as_exact((run, none))
     assert list(exact) == ["k"]  # nothing is claimed of the other
     assert exact["k"].condition == " only if length is exact"
-    assert exact["k"].beside == "what is known with it uncertain could not be shown"
+    assert exact["k"].words_if_uncertain == "what is known with it uncertain could not be shown"
     assert exact["k"].as_json()["interval95"] is None
     # what is uncertain in the run itself is no condition, and where nothing else is there is none
     own = replace(run, uncertain=("length",))

@@ -236,7 +236,7 @@ def test_what_is_printed_is_the_more_cautious_end(cheap_posterior):
         assert known.likelihood95 == at95
         assert known.interval95 == cheap_posterior.interval(name)
         assert known.printed95 == (min(known.interval95[0], printed[0]), max(known.interval95[1], printed[1]))
-        assert known.by_likelihood == tuple(np.not_equal(known.printed95, known.interval95))
+        assert known.printed_by_likelihood == tuple(np.not_equal(known.printed95, known.interval95))
     identified = cheap_posterior.identifiability("k22")
     assert identified.verdict == "identified"
     assert np.isnan([identified.likelihood95, identified.printed95]).all()
@@ -371,7 +371,7 @@ def test_the_summary_has_both_intervals_and_what_is_printed(cheap_posterior):
         for key in ("likelihood95", "printed95"):
             ends = getattr(known, key)
             assert entry[key] == [end if math.isfinite(end) else None for end in ends]
-        assert entry["printed_by_likelihood"] == list(known.by_likelihood)
+        assert entry["printed_by_likelihood"] == list(known.printed_by_likelihood)
         assert entry["prior_volume"] == known.prior_volume
     table = str(cheap_posterior.summary())
     assert f"({cheap_posterior.identifiability('k11').interval()})" in table

@@ -133,7 +133,7 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
     say(posterior.reason)
     for name in posterior.stiffness_names:
         exact = knowledge.exact.get(name) if knowledge else None
-        say(verdict_line(posterior, name, *((exact.condition, exact.beside) if exact else ())))
+        say(verdict_line(posterior, name, *((exact.condition, exact.words_if_uncertain) if exact else ())))
     if knowledge and knowledge.bounds_sentence:
         say(knowledge.bounds_sentence)
     if posterior.solutions.sentence:

@@ -68,7 +68,7 @@ def identify(config: Path) -> None:
     case = load(config)
     from jointbayes.cli.progress import show_phase
     from jointbayes.identification import missing_for_iteration, part_to_iterate
-    from jointbayes.posterior.rounding import in_unit
+    from jointbayes.posterior.rounding import join_unit
     from jointbayes.workflow import find_map
     from jointbayes.workflow import identify as iterate
 
@@ -87,7 +87,7 @@ def identify(config: Path) -> None:
         say(f"The paper's iteration is left out. {missing}.")
     estimate = find_map(case, tell=show_phase)
     stiffnesses = zip(case.problem.quantities, estimate.values, strict=True)
-    say("MAP: " + ", ".join(in_unit(f"{q.name} = {value:.4e}", q.unit) for q, value in stiffnesses))
+    say("MAP: " + ", ".join(join_unit(f"{q.name} = {value:.4e}", q.unit) for q, value in stiffnesses))
     edges = case.problem.prior.at_edge(estimate.theta)
     if edges:
         say(f"No standard deviations: the MAP lies on an edge of the prior ({', '.join(edges)}); run the case.")

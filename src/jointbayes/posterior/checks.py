@@ -296,7 +296,7 @@ def check_frfs(
             "and one pair at least"
         )
     rows = np.broadcast_to(np.asarray(hyper, dtype=float), (len(z), np.shape(hyper)[-1]))
-    squares = np.array([np.vdot(one, one).real for one in z])
+    squares = np.array([np.vdot(residuals, residuals).real for residuals in z])
     noise, rows = noise.with_scale(squares, math.prod(z.shape[1:]), rows, rng)
     total, largest, observed = np.empty((3, len(z)))
     lags = np.empty((len(z), min(LAGS, z.shape[1] - 1)))

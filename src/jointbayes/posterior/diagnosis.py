@@ -189,7 +189,7 @@ def diagnose(data: Data, problem: Problem, theta: ArrayLike, rng: np.random.Gene
 
 
 @diagnose.register
-def _of_modes(data: ModalData, problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Diagnosis:
+def _diagnose_modes(data: ModalData, problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Diagnosis:
     prior, point = problem.prior, np.asarray(theta, dtype=float)[None]
     modes = modal_model(data, problem.test.structures, problem.test.joints)
     predicted = modes.modal_frequencies(prior.matrix(point), problem.structural(prior.factors(point)))[0]
@@ -197,7 +197,7 @@ def _of_modes(data: ModalData, problem: Problem, theta: ArrayLike, rng: np.rando
 
 
 @diagnose.register
-def _of_frfs(data: FrfData, problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Diagnosis:
+def _diagnose_frf_data(data: FrfData, problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Diagnosis:
     prior, point = problem.prior, np.asarray(theta, dtype=float)[None]
     factors, frf = prior.factors(point), data.frf
     model = problem.test.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
@@ -205,8 +205,10 @@ def _of_frfs(data: FrfData, problem: Problem, theta: ArrayLike, rng: np.random.G
     gain = float(problem.gain(factors)[0])
     factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
     sd = np.sqrt(problem.log_posterior.variance(point)[0]) / np.abs(factor)
-    found = diagnose_frfs(frf.frequency_hz, frf.values / factor, gain * receptance, sd, frf.outputs, frf.inputs, rng)
-    return replace(found, ignores_noise=problem.test.ignores_noise_of_bodies)
+    diagnosis = diagnose_frfs(
+        frf.frequency_hz, frf.values / factor, gain * receptance, sd, frf.outputs, frf.inputs, rng
+    )
+    return replace(diagnosis, ignores_noise=problem.test.ignores_noise_of_bodies)
 
 
 def diagnose_frequencies(measured_hz: Array, predicted_hz: Array, sd_hz: Array) -> Diagnosis:
@@ -247,9 +249,9 @@ def diagnose_frfs(
     """
     shape = (len(frequency_hz), len(outputs) * len(inputs))
     have, want, noise = measured.reshape(shape), predicted.reshape(shape), sd.reshape(shape)
-    found = SharedResonances(frequency_hz, have, want, noise)
-    ratios = found.ratios(have)
-    scatter = found.scatter(rng)
+    resonances = SharedResonances(frequency_hz, have, want, noise)
+    ratios = resonances.ratios(have)
+    scatter = resonances.scatter(rng)
     levels = _levels(have, want, ratios)
     labels = [(output, input_) for output in outputs for input_ in inputs]
     pairs = tuple(
@@ -260,10 +262,10 @@ def diagnose_frfs(
         by_mode = median_seen(ratios, axis=1)
     modes = tuple(
         ModeError(float(f * math.exp(shift)), float(f), float(math.exp(damping)))
-        for f, (shift, damping, _) in zip(found.predicted_hz, by_mode, strict=True)
+        for f, (shift, damping, _) in zip(resonances.predicted_hz, by_mode, strict=True)
     )
     by_mode_scatter = median_seen(scatter, axis=1)
-    bandwidth = 2 * np.exp(found.log_damping + np.maximum(by_mode[:, 1], 0.0))
+    bandwidth = 2 * np.exp(resonances.log_damping + np.maximum(by_mode[:, 1], 0.0))
     causes = _frequency_cause(by_mode[:, 0], by_mode_scatter[:, 0], _LEAST_FREQUENCY * bandwidth)
     level_scatter = _level_scatter(scatter[..., 2])
     sensor = _sensor(pairs, level_scatter, _GROSS if causes else _LEAST_LEVEL)

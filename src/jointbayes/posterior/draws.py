@@ -19,7 +19,7 @@ from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, chec
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
-from jointbayes.posterior.rounding import in_unit
+from jointbayes.posterior.rounding import join_unit
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import to_arviz
 
@@ -65,7 +65,7 @@ class PosteriorDraws:
         lines = [f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"]
         for name in map(str, self.draws.data_vars):
             low, middle, high = np.quantile(self.values(name), [0.025, 0.5, 0.975])
-            interval = f"95 % credible interval {in_unit(f'{low:.4g} to {high:.4g}', self.unit(name))}"
+            interval = f"95 % credible interval {join_unit(f'{low:.4g} to {high:.4g}', self.unit(name))}"
             lines.append(f"  {name}: median {middle:.4g}, {interval}".rstrip())
         return "\n".join(lines)
 

@@ -174,7 +174,7 @@ def nested_evidence(
         return _constant_evidence(log_likelihood)
     import dynesty
 
-    def at(theta: Array) -> float:
+    def bounded_log_likelihood(theta: Array) -> float:
         value = float(log_likelihood(theta[None])[0])
         if not value < math.inf:
             raise SamplingError(
@@ -184,7 +184,7 @@ def nested_evidence(
         return max(value, _IMPOSSIBLE)
 
     sampler = dynesty.NestedSampler(
-        at, lambda u: prior_transform(u[None])[0], dimension, nlive=live, sample="rwalk", rstate=rng
+        bounded_log_likelihood, lambda u: prior_transform(u[None])[0], dimension, nlive=live, sample="rwalk", rstate=rng
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of its own efficiency, and of logarithms of zero where ln L is flat
@@ -250,12 +250,14 @@ def evidence(
         return density
 
     if len(prior.names) <= MOST_DIMENSIONS:
-        found = integrate(lambda u: log_likelihood(prior.transform(u)), len(prior.names))
+        integral = integrate(lambda u: log_likelihood(prior.transform(u)), len(prior.names))
         # where it holds much less than these draws saw it has missed a mode
-        if found is not None and found.log_integral > estimate.log_z - 4 * estimate.error - _MISSED:
-            nodes = WeightedDraws(prior.transform(found.points), found.log_weight)
-            count = estimate.evaluations + found.evaluations
-            return Evidence(found.log_integral, found.error, math.nan, "quadrature", count, nodes.effective, nodes)
+        if integral is not None and integral.log_integral > estimate.log_z - 4 * estimate.error - _MISSED:
+            nodes = WeightedDraws(prior.transform(integral.points), integral.log_weight)
+            count = estimate.evaluations + integral.evaluations
+            return Evidence(
+                integral.log_integral, integral.error, math.nan, "quadrature", count, nodes.effective, nodes
+            )
     return nested_evidence(log_likelihood, prior.transform, len(prior.names), rng)
 
 

@@ -191,7 +191,7 @@ class FileRecord(_StoredPart):
     def run(self) -> RunRecord:
         """How the draws came about."""
         plain = self._plain["record"]
-        return RunRecord(**{part.name: plain[part.name] for part in fields(RunRecord)})
+        return RunRecord(**{entry.name: plain[entry.name] for entry in fields(RunRecord)})
 
     @property
     def stored_problem(self) -> Mapping[str, Any]:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.posterior.rounding import factor, in_unit, rounded, rounded_interval
+from jointbayes.posterior.rounding import factor, join_unit, rounded, rounded_interval
 
 Verdict = Literal["identified", "weakly identified", "not identified", "bounded below", "bounded above", "no verdict"]
 
@@ -94,7 +94,7 @@ class Identifiability:
         return (self.limit95, self.limit95) if math.isfinite(self.limit95) else self.interval95
 
     @property
-    def by_likelihood(self) -> tuple[bool, bool]:
+    def printed_by_likelihood(self) -> tuple[bool, bool]:
         """Whether each printed end is a likelihood-ratio limit."""
         pairs = zip(self.printed95, self.drawn95, strict=True)
         low, high = (math.isfinite(printed) and printed != drawn for printed, drawn in pairs)
@@ -102,7 +102,7 @@ class Identifiability:
 
     def interval(self, between: str = " … ") -> str:
         """The 95 % interval as it is printed, each end with the digits that it has."""
-        rows = zip(self.by_likelihood, self.printed95, self.interval95, self.interval95_error, strict=True)
+        rows = zip(self.printed_by_likelihood, self.printed95, self.interval95, self.interval95_error, strict=True)
         return between.join(rounded(end) if moved else rounded(drawn, error) for moved, end, drawn, error in rows)
 
     @property
@@ -112,7 +112,9 @@ class Identifiability:
             return ""
         side, end = ("above", 0) if self.verdict == "bounded below" else ("below", 1)
         drawn = rounded(self.limit95, self.limit95_error)
-        return f"{side} {in_unit(rounded(self.printed95[end]) if self.by_likelihood[end] else drawn, self.unit)}"
+        return (
+            f"{side} {join_unit(rounded(self.printed95[end]) if self.printed_by_likelihood[end] else drawn, self.unit)}"
+        )
 
     @property
     def limit_in_words(self) -> str:
@@ -122,12 +124,12 @@ class Identifiability:
     @property
     def source(self) -> str:
         """What the printed ends rest on where it is not the draws alone, and what these say; empty where it is."""
-        if not any(self.by_likelihood):
+        if not any(self.printed_by_likelihood):
             return ""
         if self.limit:
             return f"by likelihood ratio ({rounded(self.limit95, self.limit95_error)} by the draws)"
         drawn = rounded_interval(self.interval95, self.interval95_error, " to ")
-        ends = list(zip(self.by_likelihood, self.likelihood95, strict=True))
+        ends = list(zip(self.printed_by_likelihood, self.likelihood95, strict=True))
         closed = [moved and not math.isnan(limit) for moved, limit in ends]
         reached = [moved and math.isnan(limit) for moved, limit in ends]
         sentences = [

@@ -222,7 +222,7 @@ class NoiseOfBodies:
     def not_reciprocal(self) -> tuple[str, ...]:
         """Names of the bodies whose FRFs differ by more than their errors when force and response change places."""
         pairs = zip(self.bodies, self.discrepancy, strict=True)
-        return tuple(name for name, found in pairs if found is not None and found > NOT_RECIPROCAL)
+        return tuple(name for name, ratio in pairs if ratio is not None and ratio > NOT_RECIPROCAL)
 
     @property
     def narrow(self) -> str:
@@ -267,12 +267,12 @@ def noise_of_bodies(problem: Problem, theta: Array) -> NoiseOfBodies | None:
 
     Of several set-ups the one that is worst: that ignores it, of which most lines are doubtful, of which it is most.
     """
-    noise_by_setup = [one for part in problem.parts if (one := _noise_in_setup(part, theta)) is not None]
+    noise_by_setup = [noise for part in problem.parts if (noise := _noise_in_setup(part, theta)) is not None]
     return max(noise_by_setup, key=_badness, default=None)
 
 
-def _badness(found: NoiseOfBodies) -> tuple[bool, bool, float, float]:
-    return found.ignored, bool(found.not_reciprocal), found.doubtful_lines / found.lines, found.share
+def _badness(noise: NoiseOfBodies) -> tuple[bool, bool, float, float]:
+    return noise.ignored, bool(noise.not_reciprocal), noise.doubtful_lines / noise.lines, noise.share
 
 
 def _noise_in_setup(problem: Problem, theta: Array) -> NoiseOfBodies | None:

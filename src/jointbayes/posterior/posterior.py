@@ -81,13 +81,13 @@ class Curve:
         between = f"between {first} and {second}"
         if self.unjudged:
             return f"{self.name} {between}: nothing is said of a change, for {self.unjudged}."
-        least, own = (1.0, "") if self.relative else (0.0, f" {self.unit}" if self.unit != "1" else "")
+        least, quantity_unit = (1.0, "") if self.relative else (0.0, f" {self.unit}" if self.unit != "1" else "")
         text = f"{self.name} at {second} {'over' if self.relative else 'minus'} that at {first}"
         held = f"{100 * self.probability:g} % credible interval"
         if self.pairs > 1:
             text += f", of {self.pairs} pairs of levels the one that differs most clearly"
             held = f"{100 * self.probability:g} % credible interval for all pairs together"
-        text += f": median {middle:.4g}{own}, {held} {low:.4g} to {high:.4g}{own}"
+        text += f": median {middle:.4g}{quantity_unit}, {held} {low:.4g} to {high:.4g}{quantity_unit}"
         if low <= least <= high:
             return f"{text}; no change {between} is shown."
         return f"{text}; it {'rises' if low > least else 'falls'} {between}."
@@ -106,10 +106,10 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
     problem = posterior.problem
     names = [*posterior.stiffness_names, *(nuisance.name for nuisance in problem.prior.nuisances)]
     setups = _sorted_by_level(problem.tests)
-    own_names = [(one, own_name(one.name, name, names)) for one in setups]
-    named = [(one, own) for one, own in own_names if own is not None]
-    levels = {_value(one) for one, _ in named}
-    if len(levels) < 2 or not any(own != name for _, own in named):
+    own_names = [(test, own_name(test.name, name, names)) for test in setups]
+    named = [(test, quantity) for test, quantity in own_names if quantity is not None]
+    levels = {_value(test) for test, _ in named}
+    if len(levels) < 2 or not any(quantity != name for _, quantity in named):
         what = (
             f"{len(levels)} levels of set-ups with {name!r}" if len(levels) < 2 else f"{name!r} in no set-up of its own"
         )
@@ -117,11 +117,11 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
             f"curve: found {what}; expected a quantity that is each set-up's own, and two levels at least; give the "
             "set-ups levels that differ, and the joint own quantities"
         )
-    values = np.stack([posterior.values(own).ravel() for _, own in named], axis=-1)
+    values = np.stack([posterior.values(quantity).ravel() for _, quantity in named], axis=-1)
     tail = (1 - probability) / 2
     low, median, high = np.quantile(values, [tail, 0.5, 1 - tail], axis=0)
-    level = np.array([_value(one) for one, _ in named])
-    relative = all(_is_positive(posterior, own) for _, own in named)
+    level = np.array([_value(test) for test, _ in named])
+    relative = all(_is_positive(posterior, quantity) for _, quantity in named)
     pair, pairs, change = _change(values, level, relative=relative, tail=tail)
     first = named[0][0].level
     assert first is not None
@@ -129,8 +129,8 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
         name,
         posterior.unit(named[0][1]),
         first,
-        tuple(one.name for one, _ in named),
-        tuple(own for _, own in named),
+        tuple(test.name for test, _ in named),
+        tuple(quantity for _, quantity in named),
         level,
         median,
         low,
@@ -180,7 +180,7 @@ def _is_positive(posterior: PosteriorDraws, name: str) -> bool:
     """Whether a quantity is above 0 whatever the data say, so that a ratio of two tells their change."""
     problem = posterior.problem
     logarithmic = {axis.quantity for axis in problem.parametrisation.axes if axis.logarithmic}
-    signed = {one.name for one in problem.quantities if one.may_be_negative}
+    signed = {quantity.name for quantity in problem.quantities if quantity.may_be_negative}
     return (name in logarithmic or name not in signed) and bool((posterior.values(name) > 0).all())
 
 
@@ -188,10 +188,10 @@ def curves_of(posterior: PosteriorDraws) -> tuple[Curve, ...]:
     """The curve of every quantity of the joints that set-ups with levels have for themselves."""
     levels: dict[str, set[float]] = {}
     for name in posterior.stiffness_names:
-        for one in _sorted_by_level(posterior.problem.tests):
-            if name.startswith(f"{one.name}."):
-                levels.setdefault(name.removeprefix(f"{one.name}."), set()).add(_value(one))
-    return tuple(curve_of(posterior, name) for name, found in levels.items() if len(found) > 1)
+        for test in _sorted_by_level(posterior.problem.tests):
+            if name.startswith(f"{test.name}."):
+                levels.setdefault(name.removeprefix(f"{test.name}."), set()).add(_value(test))
+    return tuple(curve_of(posterior, name) for name, values in levels.items() if len(values) > 1)
 
 
 def _sorted_by_level(setups: Sequence[Test]) -> list[Test]:
@@ -230,20 +230,20 @@ def brief(posterior: JudgedPosterior) -> dict[str, Cell]:
         "misfit_p_value": check.misfit_p_value,
     }
     for index, name in enumerate(posterior.stiffness_names):
-        known = posterior.identifiability(name)
+        assessment = posterior.identifiability(name)
         row |= _quantity_columns(
             name,
             {
                 "unit": posterior.unit(name),
                 "map": float(posterior.estimate.values[index]),
-                "median": known.median,
-                "low95": known.interval95[0],
-                "high95": known.interval95[1],
-                "printed_low95": known.printed95[0],
-                "printed_high95": known.printed95[1],
-                "sd_log": known.sd_log,
-                "contraction": known.contraction,
-                "verdict": known.verdict,
+                "median": assessment.median,
+                "low95": assessment.interval95[0],
+                "high95": assessment.interval95[1],
+                "printed_low95": assessment.printed95[0],
+                "printed_high95": assessment.printed95[1],
+                "sd_log": assessment.sd_log,
+                "contraction": assessment.contraction,
+                "verdict": assessment.verdict,
             },
         )
     for index, nuisance in enumerate(prior.nuisances):

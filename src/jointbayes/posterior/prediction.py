@@ -73,11 +73,11 @@ def frfs_as_measured(
     ModelError
         If a DOF does not exist.
     """
-    known, problem = np.asarray(factors, dtype=float), problem.part(None)
+    factor_rows, problem = np.asarray(factors, dtype=float), problem.part(None)
     receptance = problem.test.receptance_model(ports).receptance(
-        problem.parametrisation.matrix(stiffness), problem.structural(known)
+        problem.parametrisation.matrix(stiffness), problem.structural(factor_rows)
     )
-    receptance *= problem.gain(known)[..., None, None, None]
+    receptance *= problem.gain(factor_rows)[..., None, None, None]
     receptance *= quantity_factor(ports.frequency_hz, quantity)[:, None, None]
     return receptance
 

@@ -37,12 +37,12 @@ def rounded(value: float, error: float = math.nan) -> str:
     return f"{mantissa}e{power}"
 
 
-def in_unit(text: str, unit: str) -> str:
+def join_unit(text: str, unit: str) -> str:
     """A number with its unit; a pure number, whose unit is "1", by itself.
 
     Examples
     --------
-    >>> in_unit("3.2e6", "N/m"), in_unit("0.08", "1")
+    >>> join_unit("3.2e6", "N/m"), join_unit("0.08", "1")
     ('3.2e6 N/m', '0.08')
     """
     return text if unit == "1" else f"{text} {unit}"
@@ -113,7 +113,7 @@ def signed(value: float, decimals: int = 2) -> str:
     return f"{round(value, decimals) + 0.0:+.{decimals}f}"
 
 
-def in_columns(rows: Sequence[Sequence[str]], alignment: str = "") -> list[str]:
+def align_columns(rows: Sequence[Sequence[str]], alignment: str = "") -> list[str]:
     """Lines of a table for a terminal, two blanks between columns.
 
     Parameters
@@ -125,7 +125,7 @@ def in_columns(rows: Sequence[Sequence[str]], alignment: str = "") -> list[str]:
 
     Examples
     --------
-    >>> in_columns([("Mode", "Hz"), ("1", "9.5")], "lr")
+    >>> align_columns([("Mode", "Hz"), ("1", "9.5")], "lr")
     ['Mode   Hz', '1     9.5']
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -183,16 +183,16 @@ def run_fingerprint(problem: Problem, case: SampledCase | None, seed: int, setti
         digest = hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in body.arrays))
         parts[f"measured body {name}"] = digest.hexdigest()[:16]
     parts |= {
-        f"sampling.{one.name}": str(getattr(settings, one.name))
-        for one in fields(settings)
-        if one.name not in _NO_MATTER
+        f"sampling.{setting.name}": str(getattr(settings, setting.name))
+        for setting in fields(settings)
+        if setting.name not in _NO_MATTER
     }
     if case is not None and case.stated is problem and case.setups:
-        for one in case.setups:
-            tables = json.loads(one.spec.model_dump_json(exclude=set(_ONLY_SHOWN)))
-            parts |= _flat(tables, f"setups.{one.name}." if one.name else "")
+        for setup in case.setups:
+            tables = json.loads(setup.spec.model_dump_json(exclude=set(_ONLY_SHOWN)))
+            parts |= _flat(tables, f"setups.{setup.name}." if setup.name else "")
     else:
-        parts |= {name: _short(part) for name, part in described(problem).items() if name != "name"}
+        parts |= {name: _short(plain) for name, plain in described(problem).items() if name != "name"}
     versions = {
         "python": platform.python_version(),
         **{name: version(name) for name in _PACKAGES},

@@ -92,15 +92,15 @@ def _frequencies(
     count, theta = len(measured) if measured else 3, posterior.estimate.theta
     fitted = problem.prior.factors(theta)  # the first guess is one of the joint, not of these
 
-    def at(stiffness: Sequence[float] | Array) -> tuple[float, ...]:
+    def frequencies_of(stiffness: Sequence[float] | Array) -> tuple[float, ...]:
         return tuple(problem.natural_frequencies_hz(np.asarray(stiffness), count, fitted)[0].tolist())
 
     predicted = posterior.predict_natural_frequencies(count, setup=problem.test.name or None)
     ends = np.quantile(predicted, [0.025, 0.975], axis=0).T
     return FrequencySummary(
         measured=tuple(measured) if measured else None,
-        initial=at(initial),
-        map=at(problem.prior.values(theta)),
+        initial=frequencies_of(initial),
+        map=frequencies_of(problem.prior.values(theta)),
         interval95=tuple(map(tuple, ends.tolist())),
     )
 

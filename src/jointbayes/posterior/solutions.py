@@ -15,7 +15,7 @@ from jointbayes.inference import Problem
 from jointbayes.joint.quantities import is_rotation
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.prediction import frfs_as_measured
-from jointbayes.posterior.rounding import in_unit, number, rounded, rounded_interval
+from jointbayes.posterior.rounding import join_unit, number, rounded, rounded_interval
 from jointbayes.sampling import INTERVAL, SeveralModes, quantile_spread
 
 #: A solution with less of the probability lies outside every 95 % interval.
@@ -90,7 +90,7 @@ class Solutions:
             (median, error), low, high = quantiles
             interval = rounded_interval((low[0], high[0]), (low[1], high[1]), " to ")
             unit = posterior.unit(name)
-            values.append(f"{in_unit(rounded(median, error), unit)} ({interval}) with probability {share:.2f}")
+            values.append(f"{join_unit(rounded(median, error), unit)} ({interval}) with probability {share:.2f}")
         return f"{_count(len(groups))} solutions: {' or '.join(values)}"
 
     @cached_property

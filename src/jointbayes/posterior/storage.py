@@ -136,21 +136,21 @@ def observed_dataset(data: Data) -> xr.Dataset:
 
 
 @observed_dataset.register
-def _of_frfs(data: FrfData) -> xr.Dataset:
+def _observed_frfs(data: FrfData) -> xr.Dataset:
     observed = _frf_dataset(data.frf)
     observed["frf_variance"] = (_FRF_DIMS, data.variance)
     return observed.assign_attrs(synthetic=int(data.synthetic))
 
 
 @observed_dataset.register
-def _of_frequencies(data: FrequencyData) -> xr.Dataset:
+def _observed_frequencies(data: FrequencyData) -> xr.Dataset:
     variables = {"natural_frequency": data.frequency_hz, "natural_frequency_sd": data.sd_hz}
     named = {name: ("mode", values, {"units": "Hz"}) for name, values in variables.items()}
     return xr.Dataset(named, coords={"mode": np.arange(1, data.frequency_hz.size + 1)})
 
 
 @observed_dataset.register
-def _of_modes(measured: ModeData) -> xr.Dataset:
+def _observed_modes(measured: ModeData) -> xr.Dataset:
     """Values of modes and their standard deviations by repetition; NaN where nothing was observed."""
     unit = "rad2 s-2" if measured.eigenvalues else "Hz"
     by_mode = ("repetition", "mode")
@@ -161,11 +161,14 @@ def _of_modes(measured: ModeData) -> xr.Dataset:
         named.append(("mode_shape", measured.shapes.components, (*by_mode, "shape_dof"), "1"))
         coords |= {"shape_dof": list(measured.shapes.dofs), "reference_dof": ("mode", list(measured.references))}
     variables: dict[str, tuple[tuple[str, ...], Array, dict[str, str]]] = {}
-    for name, part, dims, units in named:
-        if part is not None:
+    for name, observed, dims, units in named:
+        if observed is not None:
             # each quantity may have been observed in another number of repetitions
             axes = tuple(f"{name}_{dim}" if dim == "repetition" else dim for dim in dims)
-            variables |= {name: (axes, part.values, {"units": units}), f"{name}_sd": (axes, part.sd, {"units": units})}
+            variables |= {
+                name: (axes, observed.values, {"units": units}),
+                f"{name}_sd": (axes, observed.sd, {"units": units}),
+            }
     attrs = {"match": measured.match, "eigenvalues": int(measured.eigenvalues)}
     return xr.Dataset(variables, coords=coords, attrs=attrs)
 
@@ -213,7 +216,7 @@ def estimate_record(estimate: MapEstimate) -> dict[str, Any]:
                 "theta": mode.theta.tolist(),
                 "covariance": mode.covariance.tolist(),
                 "log_posterior": mode.log_posterior,
-                "inside": mode.inside and [part.tolist() for part in mode.inside],
+                "inside": mode.inside and [array.tolist() for array in mode.inside],
             }
             for mode in estimate.modes
         ],

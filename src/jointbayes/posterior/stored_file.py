@@ -64,13 +64,13 @@ class StoredFile:
         values = np.stack([self.numbers("posterior", name, 2) for name in names], axis=-1)
         before = np.stack([self.numbers("prior", name, 2) for name in names], axis=-1)
         log_density, ensemble = self.numbers("sample_stats", "lp", 2), self.numbers("posterior", "ensemble", 1)
-        for name, found, expected in (
+        for name, shape, expected_shape in (
             ("sample_stats/lp", log_density.shape, values.shape[:2]),
             ("posterior/ensemble", ensemble.shape, values.shape[:1]),
             ("prior", before.shape[:1], (1,)),
         ):
-            if found != expected:
-                raise self._fault(f"{name}: found shape {found}; expected {expected}")
+            if shape != expected_shape:
+                raise self._fault(f"{name}: found shape {shape}; expected {expected_shape}")
         if min(values.shape[1], before.shape[1]) < _LEAST:
             raise self._fault(
                 f"posterior, prior: found {values.shape[1]} and {before.shape[1]} draws; expected {_LEAST} or more"
@@ -127,7 +127,7 @@ class StoredFile:
         return values
 
     def _complex(self, group: str, name: str) -> NDArray[np.complex128]:
-        real, imaginary = (self._any_numbers(group, f"{name}_{part}") for part in ("real", "imag"))
+        real, imaginary = (self._any_numbers(group, f"{name}_{suffix}") for suffix in ("real", "imag"))
         if real.shape != imaginary.shape:
             raise self._fault(f"{group}/{name}: found parts of {real.shape} and {imaginary.shape}; expected one shape")
         values = np.empty(real.shape, np.complex128)
@@ -246,31 +246,31 @@ def _require_agreement(problem: Problem, record: FileRecord, where: str) -> None
     ):
         expected[f"record.{name}"] = (sorted(given), sorted(names))
     if record.knowledge is not None:
-        known = sorted(quantity.name for quantity in problem.quantities)
+        quantities = sorted(quantity.name for quantity in problem.quantities)
         for i, row in enumerate(record.knowledge.freed):
-            expected[f"knowledge.freed.{i}.known"] = (sorted(row.known), known if row.known else [])
+            expected[f"knowledge.freed.{i}.known"] = (sorted(row.known), quantities if row.known else [])
         for i, profile in enumerate(record.knowledge.profiles):
             expected[f"knowledge.profiles.{i}.theta"] = ({len(theta) for theta in profile.theta}, {d})
     _require(expected, where)
     require_estimate(problem, record.map, where)
 
 
-def require_estimate(problem: Problem, found: EstimateRecord, where: str) -> None:
+def require_estimate(problem: Problem, estimate: EstimateRecord, where: str) -> None:
     """Refuse a MAP estimate whose shapes are not those of the problem, as `_require_agreement` does."""
     d, stiffnesses = len(problem.names), len(problem.quantities)
     expected: dict[str, tuple[object, object]] = {
-        "map.theta": (len(found.theta), d),
-        "map.stiffness": (len(found.stiffness), stiffnesses),
+        "map.theta": (len(estimate.theta), d),
+        "map.stiffness": (len(estimate.stiffness), stiffnesses),
     }
-    for i, start in enumerate(found.starts):
+    for i, start in enumerate(estimate.starts):
         expected[f"map.starts.{i}"] = ((len(start.start), len(start.stiffness)), (stiffnesses, stiffnesses))
-    for i, mode in enumerate(found.modes):
+    for i, mode in enumerate(estimate.modes):
         expected[f"map.modes.{i}.theta"] = (len(mode.theta), d)
         if mode.inside is not None:
             expected[f"map.modes.{i}.inside"] = (len(mode.inside[0]), d)
     _require(expected, where)
-    covariances = {"map": found.covariance} | {f"map.modes.{i}": m.covariance for i, m in enumerate(found.modes)}
-    covariances |= {f"map.modes.{i}.inside": m.inside[1] for i, m in enumerate(found.modes) if m.inside is not None}
+    covariances = {"map": estimate.covariance} | {f"map.modes.{i}": m.covariance for i, m in enumerate(estimate.modes)}
+    covariances |= {f"map.modes.{i}.inside": m.inside[1] for i, m in enumerate(estimate.modes) if m.inside is not None}
     for place, matrix in covariances.items():
         if not _is_covariance(matrix, d):
             raise MeasurementError(

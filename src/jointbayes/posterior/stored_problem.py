@@ -36,12 +36,12 @@ def add_problem(tree: xr.DataTree, problem: Problem) -> tuple[xr.DataTree, dict[
     What is no part of this package, a distribution or a function of one's own, is only named in the description: it
     cannot be stored, and whoever loads the posterior passes the problem again.
     """
-    description = _Description.of(problem)
+    description = _Description.describe(problem)
     variables = {}
     for name, array in description.arrays.items():
         parts = {f"{name}_real": array.real, f"{name}_imag": array.imag} if np.iscomplexobj(array) else {name: array}
-        for part, values in parts.items():
-            variables[part] = (tuple(f"{name}_{axis}" for axis in range(array.ndim)), values)
+        for variable, values in parts.items():
+            variables[variable] = (tuple(f"{name}_{axis}" for axis in range(array.ndim)), values)
     groups = {name: node.to_dataset() for name, node in tree.children.items()}
     return xr.DataTree.from_dict({**groups, PROBLEM_GROUP: xr.Dataset(variables)}), description.as_json()
 
@@ -78,9 +78,9 @@ def problem_from(array: Callable[[str], NDArray[Any]], record: Mapping[str, Any]
         If parts of it could not be stored, this version knows them no more, or they make no problem: which.
     """
     if record["own"]:
-        own = ", ".join(f"{place} ({kind})" for place, kind in record["own"].items())
+        unstored = ", ".join(f"{place} ({kind})" for place, kind in record["own"].items())
         raise ModelError(
-            f"{where}: found a posterior with parts that no file can hold: {own}; expected the problem that was "
+            f"{where}: found a posterior with parts that no file can hold: {unstored}; expected the problem that was "
             "sampled; pass it as load_posterior(path, problem=...)"
         )
     problem = _Restoring(array, where).part(record["description"], "problem")
@@ -97,7 +97,7 @@ def require_same_problem(problem: Problem, record: Mapping[str, Any], where: str
     ModelError
         If another part is described, or an array holds other numbers.
     """
-    here = _Description.of(problem).as_json()
+    here = _Description.describe(problem).as_json()
     if here["description"] == record["description"] and here["sha256"] == record["sha256"]:
         return
     stated, given = (_parts(plain["description"]) for plain in (record, here))
@@ -125,7 +125,7 @@ class _Description:
     plain: Any = None
 
     @classmethod
-    def of(cls, problem: Problem) -> "_Description":
+    def describe(cls, problem: Problem) -> "_Description":
         description = cls()
         description.plain = description._taken(problem, "problem")
         return description
@@ -148,13 +148,13 @@ class _Description:
             self.arrays[name] = value
             return {"array": name}
         if isinstance(value, list | tuple):
-            return [self._taken(one, f"{place}[{i}]") for i, one in enumerate(value)]
+            return [self._taken(entry, f"{place}[{i}]") for i, entry in enumerate(value)]
         if isinstance(value, Mapping):
-            return {"mapping": [[key, self._taken(one, f"{place}[{key}]")] for key, one in value.items()]}
+            return {"mapping": [[key, self._taken(entry, f"{place}[{key}]")] for key, entry in value.items()]}
         if isinstance(value, Provenance):
             return {"provenance": value.as_json()}
         if _is_scipy_distribution(value):
-            given = [self._taken(part, place) for part in (value.args, value.kwds)]
+            given = [self._taken(arguments, place) for arguments in (value.args, value.kwds)]
             return {"scipy.stats": value.dist.name, "args": given[0], "kwds": given[1]}
         kind = type(value).__name__
         if is_dataclass(value) and _public_class(kind) is type(value):
@@ -178,7 +178,7 @@ class _Restoring:
 
     def part(self, plain: Any, place: str) -> Any:  # noqa: ANN401 (any part of a problem)
         if isinstance(plain, list):
-            return tuple(self.part(one, f"{place}[{i}]") for i, one in enumerate(plain))
+            return tuple(self.part(entry, f"{place}[{i}]") for i, entry in enumerate(plain))
         if not isinstance(plain, dict):
             return plain
         if "kind" in plain:
@@ -200,7 +200,7 @@ class _Restoring:
                 f"{self.where}: found a part of kind {plain['kind']!r}; expected one that this version of jointbayes "
                 "has; read it with the version that wrote it"
             )
-        given = {name: self.part(one, f"{place}.{name}") for name, one in plain.items() if name != "kind"}
+        given = {name: self.part(entry, f"{place}.{name}") for name, entry in plain.items() if name != "kind"}
         hints = get_type_hints(kind)
         for name, value in given.items():
             if not _fits(value, hints.get(name, Any)):
@@ -215,7 +215,7 @@ class _Restoring:
     def _mapping(self, pairs: Any, place: str) -> dict[Any, Any]:  # noqa: ANN401
         if not isinstance(pairs, list) or not all(isinstance(p, list) and len(p) == 2 for p in pairs):
             raise self._fault(place, "no pairs", "a list of names and values")
-        return {str(key): self.part(one, f"{place}.{key}") for key, one in pairs}
+        return {str(key): self.part(entry, f"{place}.{key}") for key, entry in pairs}
 
     def _distribution(self, plain: Mapping[str, Any], place: str) -> Any:  # noqa: ANN401
         stats = import_module("scipy.stats")
@@ -249,7 +249,7 @@ def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401
     if get_origin(hint) is Literal:
         return value in kinds
     if get_origin(hint) in (Union, UnionType):
-        return any(_fits(value, one) for one in kinds)
+        return any(_fits(value, kind) for kind in kinds)
     if get_origin(hint) is tuple:
         inner = kinds[:1] * len(value) if kinds[-1:] == (...,) and isinstance(value, tuple) else kinds
         return isinstance(value, tuple) and len(value) == len(inner) and all(map(_fits, value, inner))

@@ -16,7 +16,7 @@ from jointbayes.posterior.information.knowledge import Knowledge
 from jointbayes.posterior.information.uncertain_inputs import ExactInputs
 from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies
 from jointbayes.posterior.monte_carlo import effective_sizes
-from jointbayes.posterior.rounding import in_columns, number, rounded
+from jointbayes.posterior.rounding import align_columns, number, rounded
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
 from jointbayes.posterior.setup_summary import (
     FitSummary,
@@ -170,13 +170,13 @@ class Summary:
             f"[[Posterior of {record.case_name!r}]]",
             f"    {record.reason}; seed {record.seed}",
             "[[Joint: median (95 % interval), verdict]]",
-            *(f"    {line}" for line in in_columns(rows)),
+            *(f"    {line}" for line in align_columns(rows)),
             *(["[[Other quantities: median (95 % credible interval)]]"] if others else []),
-            *(f"    {line}" for line in in_columns(others)),
+            *(f"    {line}" for line in align_columns(others)),
             "[[Fit at the MAP]]",
             f"    {fit.n_data} values{synthetic}; squared residual over the stated noise {number(fit.chi2_per_line)} "
             "per value (1 is expected)",
-            *(f"    {one.check.sentence}" for one in self.setups.values()),
+            *(f"    {setup.check.sentence}" for setup in self.setups.values()),
             *([] if self.measured_bodies is None else [f"    {self.measured_bodies.sentence}"]),
             *([f"    {self.solutions}"] if self.solutions else []),
             *(f"    No verdict: {reason}" for reason in self.no_verdict),
@@ -184,9 +184,9 @@ class Summary:
         ]
         return "\n".join(lines)
 
-    def _bodies_json(self, found: NoiseOfBodies) -> dict[str, Any]:
+    def _bodies_json(self, noise: NoiseOfBodies) -> dict[str, Any]:
         files = {name: [asdict(file) for file in each] for name, each in self.files_of_bodies.items()}
-        return found.as_json() | {"files": files}
+        return noise.as_json() | {"files": files}
 
     def to_json(self) -> dict[str, Any]:
         """What ``summary.json`` holds: no NaN or infinity, ``None`` where a number does not exist."""
@@ -214,7 +214,7 @@ class Summary:
             "versions": record.versions,
             "data_sha256": self.data_sha256,
             "measurement": next(iter(self.setups.values())).measurement,
-            "setups": {name: one.as_json() for name, one in self.setups.items() if name},
+            "setups": {name: setup.as_json() for name, setup in self.setups.items() if name},
         }
         return _json_ready(summary)
 
@@ -321,29 +321,29 @@ def _nuisance(posterior: JudgedPosterior, index: int) -> NuisanceSummary:
 
 
 def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
-    known = p.known
+    assessment = p.known
     return {
         "unit": p.unit,
         "map": p.map,
         "mode": p.mode,
-        "median": known.median,
-        "median_error": known.median_error,
+        "median": assessment.median,
+        "median_error": assessment.median_error,
         "mean": p.mean,
-        "sd_log": known.sd_log,
-        "interval95": known.interval95,
-        "interval95_error": known.interval95_error,
+        "sd_log": assessment.sd_log,
+        "interval95": assessment.interval95,
+        "interval95_error": assessment.interval95_error,
         "prior_interval95": p.prior_interval95,
-        "contraction": known.contraction,
-        "verdict": known.verdict,
-        "verdict_reason": known.verdict_reason,
-        "if_model_right": known.if_model_right,
+        "contraction": assessment.contraction,
+        "verdict": assessment.verdict,
+        "verdict_reason": assessment.verdict_reason,
+        "if_model_right": assessment.if_model_right,
         "only_if_exact": None if p.exact is None else p.exact.as_json(),
-        "limit95": known.limit95,
-        "limit95_error": known.limit95_error,
-        "likelihood95": known.likelihood95,
-        "printed95": known.printed95,
-        "printed_by_likelihood": known.by_likelihood,
-        "prior_volume": known.prior_volume,
+        "limit95": assessment.limit95,
+        "limit95_error": assessment.limit95_error,
+        "likelihood95": assessment.likelihood95,
+        "printed95": assessment.printed95,
+        "printed_by_likelihood": assessment.printed_by_likelihood,
+        "prior_volume": assessment.prior_volume,
         "r_hat": p.r_hat,
         "ess_bulk": p.ess_bulk,
         "ess_tail": p.ess_tail,

@@ -23,7 +23,7 @@ from jointbayes.errors import ModelError
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, ratio_of, verdict_by_rule
 from jointbayes.posterior.information.likelihood_region import LikelihoodRegion
-from jointbayes.posterior.rounding import in_unit, number, rounded
+from jointbayes.posterior.rounding import join_unit, number, rounded
 from jointbayes.posterior.solutions import Solutions
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach, widen_posterior
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
@@ -121,31 +121,33 @@ def judge_stiffness(posterior: JudgedPosterior, name: str) -> Identifiability:
     ModelError
         If there is no such quantity.
     """
-    known = assess(posterior.values(name), posterior.prior_values(name))
+    assessment = assess(posterior.values(name), posterior.prior_values(name))
     draws = posterior.by_ensemble(name)
     low, high = (quantile_error(draws, probability) for probability in INTERVAL)
-    known = replace(known, median_error=quantile_error(draws, 0.5), interval95_error=(low, high))
+    assessment = replace(assessment, median_error=quantile_error(draws, 0.5), interval95_error=(low, high))
     reasons = (*reasons_for_no_verdict(posterior), *_moved_by_mesh(posterior, name))
     if reasons:
         reach = bounds_within_reach(posterior.problem.prior, posterior.theta)
         at_bound = [_bound_in_words(posterior, name, side) for held, side in reach if held == name]
         reasons += tuple(f"its draws reach {bound}" for bound in at_bound)
-        return replace(known, verdict="no verdict", verdict_reason="; ".join(reasons))
+        return replace(assessment, verdict="no verdict", verdict_reason="; ".join(reasons))
     if solutions := posterior.solutions.reason(name):
-        known = replace(known, verdict="not identified", verdict_reason=solutions)
-        return _judge_by_likelihood(posterior, name, known) if name in posterior.stiffness_names else known
+        assessment = replace(assessment, verdict="not identified", verdict_reason=solutions)
+        return _judge_by_likelihood(posterior, name, assessment) if name in posterior.stiffness_names else assessment
     if name in posterior.stiffness_names:
         if posterior.widened is not None:
-            known = with_wider_priors(
-                posterior, posterior.widened, name, known, posterior.values(name), partial(quantile_error, draws)
+            assessment = judge_with_wider_priors(
+                posterior, posterior.widened, name, assessment, posterior.values(name), partial(quantile_error, draws)
             )
-        known = _judge_by_likelihood(posterior, name, known)
+        assessment = _judge_by_likelihood(posterior, name, assessment)
     narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
     if narrow:
-        known = replace(known, verdict_reason=f"{known.verdict_reason}; {narrow}")
-    if not posterior.check.explains and known.verdict != "not identified":
-        known = replace(known, if_model_right=True, verdict_reason=f"{IF_MODEL_RIGHT}: {known.verdict_reason}")
-    return known
+        assessment = replace(assessment, verdict_reason=f"{assessment.verdict_reason}; {narrow}")
+    if not posterior.check.explains and assessment.verdict != "not identified":
+        assessment = replace(
+            assessment, if_model_right=True, verdict_reason=f"{IF_MODEL_RIGHT}: {assessment.verdict_reason}"
+        )
+    return assessment
 
 
 def _moved_by_mesh(posterior: JudgedPosterior, name: str) -> tuple[str, ...]:
@@ -177,16 +179,16 @@ def verdict_line(posterior: JudgedPosterior, name: str, condition: str = "", bes
 
     `condition` follows the verdict, and `beside` the reason, see `ExactInputs`.
     """
-    known = posterior.identifiability(name)
-    words = verdict_text(known.verdict, if_model_right=known.if_model_right, condition=condition)
-    reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-    reason = "; ".join(filter(None, [reason, known.prior_volume, beside]))
-    if known.limit:
-        return f"{name}: {known.limit_in_words}: {words} ({reason})"
-    median = in_unit(rounded(known.median, known.median_error), posterior.unit(name))
-    interval = f"95 % interval {known.interval(' to ')} {known.source}"
-    if not known.source:
-        interval = f"95 % credible interval {known.interval(' to ')}"
+    assessment = posterior.identifiability(name)
+    words = verdict_text(assessment.verdict, if_model_right=assessment.if_model_right, condition=condition)
+    reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
+    reason = "; ".join(filter(None, [reason, assessment.prior_volume, beside]))
+    if assessment.limit:
+        return f"{name}: {assessment.limit_in_words}: {words} ({reason})"
+    median = join_unit(rounded(assessment.median, assessment.median_error), posterior.unit(name))
+    interval = f"95 % interval {assessment.interval(' to ')} {assessment.source}"
+    if not assessment.source:
+        interval = f"95 % credible interval {assessment.interval(' to ')}"
     return f"{name}: median {median}, {interval}: {words} ({reason})"
 
 
@@ -209,8 +211,13 @@ def _holds(interval: tuple[float, float], value: float) -> bool:
     return interval[0] <= value <= interval[1]
 
 
-def with_wider_priors(
-    posterior: JudgedPosterior, wide: WidenedPosterior, name: str, known: Identifiability, values: Array, error: Error
+def judge_with_wider_priors(
+    posterior: JudgedPosterior,
+    wide: WidenedPosterior,
+    name: str,
+    assessment: Identifiability,
+    values: Array,
+    error: Error,
 ) -> Identifiability:
     """The verdict after a look at what wider priors make of it: never more certain, and every change has its reason.
 
@@ -222,7 +229,7 @@ def with_wider_priors(
         Draws under wider priors.
     name
         Of the stiffness.
-    known
+    assessment
         What its draws say.
     values
         These draws, any shape.
@@ -234,37 +241,37 @@ def with_wider_priors(
     wider = assess(beyond, wide.prior.values(wide.prior_theta)[:, place])
     if not wide.reliable:
         return _less_certain(
-            known, "not identified", f"rests on the prior: the posterior with {_WIDER} could not be computed"
+            assessment, "not identified", f"rests on the prior: the posterior with {_WIDER} could not be computed"
         )
     low, high = posterior.problem.prior.bounds_of(name) or (-math.inf, math.inf)
     below, above = float((beyond < low).mean()), float((beyond > high).mean())
     if below > BEYOND and above > BEYOND:
         both = " and ".join(_bound_in_words(posterior, name, side) for side in ("lower", "upper"))
-        return replace(known, verdict="not identified", verdict_reason=f"{both} limit it on both sides")
+        return replace(assessment, verdict="not identified", verdict_reason=f"{both} limit it on both sides")
     if below > BEYOND or above > BEYOND:
         side: Side = "upper" if above > BEYOND else "lower"
-        return _bounded(posterior, name, known, wider.verdict, side, values, error)
-    if not _holds(known.interval95, wider.median):
-        ends = [*known.interval95, *wider.interval95]
-        verdict, _ = verdict_by_rule(ratio_of((min(ends), max(ends))), known.contraction)
-        moved = f"its median goes from {rounded(known.median)} to {rounded(wider.median)} with {_WIDER}"
-        return replace(known, verdict=verdict, verdict_reason=f"rests on the prior: {moved}")
-    if _same_verdict(known, wider, _log_ratio_error(known, wider, beyond, wide.effective)):
-        return known
+        return _bounded(posterior, name, assessment, wider.verdict, side, values, error)
+    if not _holds(assessment.interval95, wider.median):
+        ends = [*assessment.interval95, *wider.interval95]
+        verdict, _ = verdict_by_rule(ratio_of((min(ends), max(ends))), assessment.contraction)
+        moved = f"its median goes from {rounded(assessment.median)} to {rounded(wider.median)} with {_WIDER}"
+        return replace(assessment, verdict=verdict, verdict_reason=f"rests on the prior: {moved}")
+    if _same_verdict(assessment, wider, _log_ratio_error(assessment, wider, beyond, wide.effective)):
+        return assessment
     which = "default priors, which no one stated" if posterior.has_default_prior(name) else "priors as stated"
-    changed = f"rests on the prior: {known.verdict} with the {which}, {wider.verdict} with {_WIDER}"
-    return _less_certain(known, wider.verdict, changed)
+    changed = f"rests on the prior: {assessment.verdict} with the {which}, {wider.verdict} with {_WIDER}"
+    return _less_certain(assessment, wider.verdict, changed)
 
 
-def _less_certain(known: Identifiability, verdict: Verdict, reason: str) -> Identifiability:
-    worst = min(known.verdict, verdict, key=lambda one: CERTAINTY.get(one, 0))
-    return replace(known, verdict=worst, verdict_reason=reason)
+def _less_certain(assessment: Identifiability, verdict: Verdict, reason: str) -> Identifiability:
+    worst = min(assessment.verdict, verdict, key=lambda either: CERTAINTY.get(either, 0))
+    return replace(assessment, verdict=worst, verdict_reason=reason)
 
 
 def _bounded(
     posterior: JudgedPosterior,
     name: str,
-    known: Identifiability,
+    assessment: Identifiability,
     wider: Verdict,
     side: Side,
     values: Array,
@@ -279,33 +286,35 @@ def _bounded(
     excluded = float(((prior < limit) if side == "upper" else (prior > limit)).mean())
     if excluded < LEAST_EXCLUDED:
         reason += f", and the data exclude only {100 * excluded:.0f} % of the prior"
-        return replace(known, verdict="not identified", verdict_reason=reason)
+        return replace(assessment, verdict="not identified", verdict_reason=reason)
     reason += f"; with {_WIDER} it would be {wider}" if wider in CERTAINTY else ""
     verdict: Verdict = "bounded below" if side == "upper" else "bounded above"
-    known = replace(known, unit=posterior.unit(name), verdict=verdict, verdict_reason=reason)
-    return replace(known, limit95=limit, limit95_error=error(_LIMIT[side]))
+    assessment = replace(assessment, unit=posterior.unit(name), verdict=verdict, verdict_reason=reason)
+    return replace(assessment, limit95=limit, limit95_error=error(_LIMIT[side]))
 
 
-def _judge_by_likelihood(posterior: JudgedPosterior, name: str, known: Identifiability) -> Identifiability:
+def _judge_by_likelihood(posterior: JudgedPosterior, name: str, assessment: Identifiability) -> Identifiability:
     """With what is printed: at each end the more cautious of what the draws and what the likelihood say."""
-    if known.verdict == "identified" or len(posterior.problem.names) > MOST_UNKNOWNS:
-        return known
-    bounded, index = math.isfinite(known.limit95), posterior.stiffness_names.index(name)
+    if assessment.verdict == "identified" or len(posterior.problem.names) > MOST_UNKNOWNS:
+        return assessment
+    bounded, index = math.isfinite(assessment.limit95), posterior.stiffness_names.index(name)
     fall = FALL_ONE_SIDED if bounded else FALL_TWO_SIDED
     at95, (low, high) = posterior.likelihood_region.limits(index, fall, FALL_PRINTED)
-    low, high = min(known.drawn95[0], low), max(known.drawn95[1], high)
+    low, high = min(assessment.drawn95[0], low), max(assessment.drawn95[1], high)
     if bounded:
-        low, high = (low, math.nan) if known.verdict == "bounded below" else (math.nan, high)
+        low, high = (low, math.nan) if assessment.verdict == "bounded below" else (math.nan, high)
         prior = posterior.prior_values(name)
         excluded = float(((prior < low) | (prior > high)).mean())
         if excluded < LEAST_EXCLUDED:
-            reason = f"{known.verdict_reason}, and by likelihood the data exclude {100 * excluded:.0f} % of the prior"
-            known = replace(known, verdict="not identified", verdict_reason=reason, limit95=math.nan)
-            return _judge_by_likelihood(posterior, name, known)
-    elif known.verdict_reason == verdict_by_rule(known.ratio, known.contraction)[1]:
-        _, reason = verdict_by_rule(known.ratio, known.contraction, ratio_of((low, high)))
-        known = replace(known, verdict_reason=reason)
-    return replace(known, unit=posterior.unit(name), likelihood95=at95, printed95=(low, high))
+            reason = (
+                f"{assessment.verdict_reason}, and by likelihood the data exclude {100 * excluded:.0f} % of the prior"
+            )
+            assessment = replace(assessment, verdict="not identified", verdict_reason=reason, limit95=math.nan)
+            return _judge_by_likelihood(posterior, name, assessment)
+    elif assessment.verdict_reason == verdict_by_rule(assessment.ratio, assessment.contraction)[1]:
+        _, reason = verdict_by_rule(assessment.ratio, assessment.contraction, ratio_of((low, high)))
+        assessment = replace(assessment, verdict_reason=reason)
+    return replace(assessment, unit=posterior.unit(name), likelihood95=at95, printed95=(low, high))
 
 
 def _bound_in_words(posterior: JudgedPosterior, name: str, side: Side) -> str:
@@ -314,20 +323,20 @@ def _bound_in_words(posterior: JudgedPosterior, name: str, side: Side) -> str:
     assert bounds is not None
     if posterior.has_default_prior(name):
         reach = "up to" if side == "upper" else "from"
-        end = in_unit(number(bounds[side == "upper"]), posterior.unit(name))
+        end = join_unit(number(bounds[side == "upper"]), posterior.unit(name))
         return f"the default range, {reach} {end}, which no one stated,"
-    return f"the prior's {side} bound {in_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
+    return f"the prior's {side} bound {join_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
 
 
-def _log_ratio_error(known: Identifiability, wider: Identifiability, values: Array, effective: float) -> float:
+def _log_ratio_error(assessment: Identifiability, wider: Identifiability, values: Array, effective: float) -> float:
     """Monte Carlo standard error of the difference of two ln (upper/lower end)."""
-    errors = [error / abs(end) for end, error in zip(known.interval95, known.interval95_error, strict=True)]
+    errors = [error / abs(end) for end, error in zip(assessment.interval95, assessment.interval95_error, strict=True)]
     for end, probability in zip(wider.interval95, INTERVAL, strict=True):
         errors.append(quantile_spread(values, probability, effective) / abs(end))
     return math.hypot(*errors)
 
 
-def _same_verdict(known: Identifiability, wider: Identifiability, error: float) -> bool:
+def _same_verdict(assessment: Identifiability, wider: Identifiability, error: float) -> bool:
     """Whether wider priors leave the verdict, within twice the Monte Carlo error of the ratio it hangs on."""
     near = (wider.ratio * math.exp(step * error) for step in (-2.0, 0.0, 2.0))
-    return known.verdict in {verdict_by_rule(ratio, wider.contraction)[0] for ratio in near}
+    return assessment.verdict in {verdict_by_rule(ratio, wider.contraction)[0] for ratio in near}

@@ -70,7 +70,7 @@ class WidenedPosterior:
         self.prior_theta.setflags(write=False)
 
 
-def with_prior(problem: Problem, prior: JointPrior) -> Problem:
+def replace_prior(problem: Problem, prior: JointPrior) -> Problem:
     """The problem under another prior; its likelihood is not built anew."""
     other = dataclasses.replace(problem, prior=prior)
     other.__dict__["log_posterior"] = LogPosterior(
@@ -190,7 +190,7 @@ def widen(
 
 def _drawn_anew(posterior: PosteriorDraws, rng: np.random.Generator, wide: JointPrior) -> DrawsOfWorth:
     """Importance draws from a proposal fitted to the wider posterior; a short run of the ensembles where they fail."""
-    problem = with_prior(posterior.problem, wide)
+    problem = replace_prior(posterior.problem, wide)
     log_posterior, systems = problem.log_posterior, coordinate_systems(problem)
     ends = [refine(log_posterior, posterior.mode_theta)]
     if len(posterior.estimate.modes) > 1:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
-from jointbayes.posterior.rounding import in_columns
+from jointbayes.posterior.rounding import align_columns
 
 Kind: TypeAlias = Literal["good", "caution", "bad"]
 SeriesKind: TypeAlias = Literal["line", "points", "band"]
@@ -135,7 +135,7 @@ class Table:
     def lines(self) -> list[str]:
         """Head and rows in columns, as a terminal shows them."""
         rows = [tuple(cell.translate(_NOT_ISOLATED) for cell in row) for row in (self.head, *self.rows)]
-        return in_columns(rows, self.alignment)
+        return align_columns(rows, self.alignment)
 
     def _natural_alignment(self, column: int) -> str:
         filled = [row[column] for row in self.rows if row[column].strip() not in _ABSENT_CELL]

@@ -117,7 +117,7 @@ def spread_in_words(sd: float) -> str:
 def name_directions(
     stiffness: ArrayLike,
     prior: ArrayLike,
-    known: Mapping[str, Identifiability] | None = None,
+    judged: Mapping[str, Identifiability] | None = None,
     wider: tuple[ArrayLike, ArrayLike] | None = None,
     parametrisation: Parametrisation | None = None,
 ) -> tuple[NamedDirection, ...]:
@@ -133,7 +133,7 @@ def name_directions(
         Posterior draws of the joint's stiffnesses, shape (n, q).
     prior
         Prior draws of the same, shape (m, q): a verdict asks what the data added.
-    known
+    judged
         What is already said of single stiffnesses, by name, so that it is said here in the same words; those that are
         not among them are assessed here.
     wider
@@ -149,7 +149,7 @@ def name_directions(
     """
     draws, before = np.asarray(stiffness, dtype=float), np.asarray(prior, dtype=float)
     after = None if wider is None else (np.asarray(wider[0], dtype=float), np.asarray(wider[1], dtype=float))
-    search = _Search(draws, before, dict(known or {}), after, parametrisation or parametrisation_named("log"))
+    search = _Search(draws, before, dict(judged or {}), after, parametrisation or parametrisation_named("log"))
     singles = [search.judged(quantity) for quantity in search.singles]
     if all(single.verdict == "identified" for single in singles):
         order = sorted(zip(search.singles, singles, strict=True), key=lambda pair: pair[1].ratio)
@@ -177,11 +177,11 @@ class _Search:
         self,
         stiffness: Array,
         prior: Array,
-        known: dict[str, Identifiability],
+        judged: dict[str, Identifiability],
         wider: tuple[Array, Array] | None,
         parametrisation: Parametrisation,
     ) -> None:
-        self._stiffness, self._prior, self._known, self._wider = stiffness, prior, known, wider
+        self._stiffness, self._prior, self._known, self._wider = stiffness, prior, judged, wider
         self._parametrisation = parametrisation_of_draws(
             parametrisation, stiffness if wider is None else np.vstack([stiffness, wider[0]])
         )
@@ -206,28 +206,28 @@ class _Search:
             quantity, judged = self._widest(axes) if last else self._best(axes)
             words = "" if judged.verdict in ("identified", "weakly identified") else self._moving_with(quantity)
             named.append(_named(quantity.name, judged, words))
-            beside = _beside(self._gradient(quantity), axes)
+            beside = _orthogonal_part(self._gradient(quantity), axes)
             axes = np.vstack([axes, beside / np.linalg.norm(beside)])
         return tuple(named)
 
     def judged(self, quantity: Combination) -> Identifiability:
         """What is known of a quantity, by its draws; of none is more said than of single stiffnesses."""
         if quantity.name not in self._known:
-            known = self._assessed(quantity)
-            withheld = [one.verdict for one in self._known.values() if str(one.verdict) == "no verdict"]
-            self._known[quantity.name] = replace(known, verdict=withheld[0]) if withheld else known
+            assessment = self._assessed(quantity)
+            withheld = [other.verdict for other in self._known.values() if str(other.verdict) == "no verdict"]
+            self._known[quantity.name] = replace(assessment, verdict=withheld[0]) if withheld else assessment
         return self._known[quantity.name]
 
     def _assessed(self, quantity: Combination) -> Identifiability:
         """By the draws, and no better than by those under wider priors."""
-        known = assess(quantity.of(self._stiffness), quantity.of(self._prior))
+        assessment = assess(quantity.of(self._stiffness), quantity.of(self._prior))
         if self._wider is None:
-            return known
+            return assessment
         wider = assess(*(quantity.of(draws) for draws in self._wider)).verdict
-        if CERTAINTY.get(wider, 0) >= CERTAINTY.get(known.verdict, 0):
-            return known
+        if CERTAINTY.get(wider, 0) >= CERTAINTY.get(assessment.verdict, 0):
+            return assessment
         reason = f"rests on the prior: {wider} with wider priors of the joint"
-        return replace(known, verdict=wider, verdict_reason=reason)
+        return replace(assessment, verdict=wider, verdict_reason=reason)
 
     def _best(self, axes: Array) -> tuple[Combination, Identifiability]:
         """The best known quantity that says something else than those named."""
@@ -271,7 +271,7 @@ class _Search:
     def _share(self, quantity: Combination, axes: Array) -> float:
         """Length of the gradient beside those already named; 0 where next to nothing of it is left."""
         gradient = self._gradient(quantity)
-        left = float(np.linalg.norm(_beside(gradient, axes)))
+        left = float(np.linalg.norm(_orthogonal_part(gradient, axes)))
         return left if left >= _NEW * np.linalg.norm(gradient) else 0.0
 
     def _powers(self, axes: Array) -> list[Combination]:
@@ -308,37 +308,37 @@ class _Search:
         return f" ({'; '.join(parts)})" if parts else ""
 
 
-def _beside(gradient: Array, axes: Array) -> Array:
+def _orthogonal_part(gradient: Array, axes: Array) -> Array:
     """What is left of a gradient, shape (p,), without its parts along orthonormal axes, shape (m, p)."""
     return gradient - axes.T @ (axes @ gradient)
 
 
-def _named(quantity: str, known: Identifiability, moving: str = "") -> NamedDirection:
+def _named(quantity: str, judged: Identifiability, moving: str = "") -> NamedDirection:
     """A quantity in words: its spread or limit, and the reason where the verdict does not follow from the spread."""
-    low, high = known.interval95
-    if known.limit:
-        spread = f"it is {known.limit_in_words}"
+    low, high = judged.interval95
+    if judged.limit:
+        spread = f"it is {judged.limit_in_words}"
     elif low <= 0 <= high:
         spread = f"its 95 % credible interval, {low:.3g} to {high:.3g}, contains zero"
-    elif math.isinf(known.ratio):
+    elif math.isinf(judged.ratio):
         spread = f"its 95 % credible interval is {low:.3g} to {high:.3g}, and it has draws of either sign"
     else:
-        spread = f"its 95 % credible interval spans {factor_in_words(known.ratio)}"
-        if known.verdict not in (verdict_by_rule(known.ratio, 1.0)[0], "no verdict"):
-            spread += f", and {known.verdict_reason.removeprefix(f'{IF_MODEL_RIGHT}: ')}"
-    verb = "has" if known.verdict == "no verdict" else "is"  # a failed run
-    sentence = f"{quantity} {verb} {known.verdict}: {spread}{moving}"
-    errors, spread_log = known.interval95_error, known.sd_log
+        spread = f"its 95 % credible interval spans {factor_in_words(judged.ratio)}"
+        if judged.verdict not in (verdict_by_rule(judged.ratio, 1.0)[0], "no verdict"):
+            spread += f", and {judged.verdict_reason.removeprefix(f'{IF_MODEL_RIGHT}: ')}"
+    verb = "has" if judged.verdict == "no verdict" else "is"  # a failed run
+    sentence = f"{quantity} {verb} {judged.verdict}: {spread}{moving}"
+    errors, spread_log = judged.interval95_error, judged.sd_log
     return NamedDirection(
-        quantity, (low, high), known.ratio, spread_log, known.verdict, sentence, errors, known.limit, known.median
+        quantity, (low, high), judged.ratio, spread_log, judged.verdict, sentence, errors, judged.limit, judged.median
     )
 
 
-def _moves_with(one: Coordinate, main: Coordinate, slope: float) -> str:
+def _moves_with(axis: Coordinate, main_axis: Coordinate, slope: float) -> str:
     """How one coordinate follows another over the draws."""
-    if not one.logarithmic:
-        return f"{one.name} moves with it, {slope * math.log(2):+.2g} as {main.name} doubles"
-    if not main.logarithmic:
-        return f"{one.name} moves with it, times {math.exp(0.1 * slope):.3g} as {main.name} grows by 0.1"
+    if not axis.logarithmic:
+        return f"{axis.name} moves with it, {slope * math.log(2):+.2g} as {main_axis.name} doubles"
+    if not main_axis.logarithmic:
+        return f"{axis.name} moves with it, times {math.exp(0.1 * slope):.3g} as {main_axis.name} grows by 0.1"
     power = f"{slope:.2g}".replace("-", "−")
-    return f"{one.name} moves with it: {one.name} ∝ {main.name}" + ("" if power == "1" else f"^{power}")
+    return f"{axis.name} moves with it: {axis.name} ∝ {main_axis.name}" + ("" if power == "1" else f"^{power}")

@@ -81,7 +81,7 @@ def simpler_joints(posterior: JudgedPosterior) -> tuple[SimplerJoint, ...]:
     problem = posterior.problem
     if problem.parametrisation.damped or problem.extra_log_likelihood is not None:
         return ()
-    out = []
+    simpler = []
     modes = [posterior.estimate.theta, posterior.mode_theta, *(mode.theta for mode in posterior.estimate.modes[1:])]
     theta = np.vstack([*modes, posterior.thinned(_TRIED)])
     for joint in known_by_bounds(posterior):
@@ -97,14 +97,14 @@ def simpler_joints(posterior: JudgedPosterior) -> tuple[SimplerJoint, ...]:
         for kind, put in values:
             worse = 2 * (best - _greatest(posterior, put, theta))
             limit = float(stats.chi2.isf(LEVEL, len(put)))
-            out.append(SimplerJoint(joint, kind, float(np.clip(worse, 0.0, _LARGEST)), limit))
-    return tuple(out)
+            simpler.append(SimplerJoint(joint, kind, float(np.clip(worse, 0.0, _LARGEST)), limit))
+    return tuple(simpler)
 
 
 def exclusion_sentence(joints: tuple[SimplerJoint, ...]) -> str:
     """What is excluded and what is not, joint by joint; empty without any."""
     sentences = []
-    for name in dict.fromkeys(one.joint for one in joints):
+    for name in dict.fromkeys(simpler.joint for simpler in joints):
         what = f"joint {name}" if name else "the joint"
         parts = []
         for excluded, words in ((True, "exclude"), (False, "do not exclude")):
@@ -152,7 +152,7 @@ def _climbed(posterior: JudgedPosterior, put: dict[int, float], start: Array, sc
     """The greatest of it that a climb from one point, shape (d,), reaches in steps of this scale, shape (d,)."""
     from scipy.optimize import minimize
 
-    low, high = np.array([one.support for one in posterior.problem.prior.all_marginals]).T
+    low, high = np.array([marginal.support for marginal in posterior.problem.prior.all_marginals]).T
     bounds = list(zip(*(np.clip((end - start) / scale, -_REACH, _REACH).tolist() for end in (low, high)), strict=True))
     steps = _STEP * np.vstack([np.eye(len(start)), -np.eye(len(start))])
 

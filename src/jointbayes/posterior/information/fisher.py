@@ -116,7 +116,7 @@ class FisherInformation:
         `free` names coordinates of θ, as in `sd`; for coordinates other than logarithms the derivative at θ is used.
         A stiffness that is zero has an infinite one.
         """
-        rows, own, covariance = self._rows(free), self.sd(free), self.covariance(free)
+        rows, sd_of_coordinate, covariance = self._rows(free), self.sd(free), self.covariance(free)
         theta = self.theta[: len(self.joint_names)]
         stiffness, derivative = self.parametrisation.values(theta), self.parametrisation.derivative(theta)
         sd_by_name: dict[str, float] = {}
@@ -124,15 +124,15 @@ class FisherInformation:
             if not row.any():
                 continue
             if quantity.name in self.joint_names:
-                sd_by_name[quantity.name] = own.get(quantity.name, 0.0)
+                sd_by_name[quantity.name] = sd_of_coordinate.get(quantity.name, 0.0)
                 continue
             with np.errstate(divide="ignore", invalid="ignore"):
                 slope = np.array([row[i] / k if i < row.size else 0.0 for i in rows])  # ∂ ln |k|/∂θ
             moved = slope != 0
-            undetermined = any(np.isinf(own[self.names[rows[i]]]) for i in np.flatnonzero(moved))
+            undetermined = any(np.isinf(sd_of_coordinate[self.names[rows[i]]]) for i in np.flatnonzero(moved))
             variance = slope[moved] @ covariance[np.ix_(moved, moved)] @ slope[moved]
-            known = not undetermined and np.isfinite(slope).all()
-            sd_by_name[quantity.name] = float(np.sqrt(variance)) if known else float("inf")
+            finite = not undetermined and np.isfinite(slope).all()
+            sd_by_name[quantity.name] = float(np.sqrt(variance)) if finite else float("inf")
         return sd_by_name
 
     def _rows(self, free: Sequence[str] | None) -> list[int]:

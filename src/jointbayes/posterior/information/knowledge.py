@@ -66,7 +66,7 @@ class Knowledge:
             "profiles": profiles,
             "freed": [asdict(row) for row in self.freed],
             "assumed": list(self.assumed),
-            "simpler": [asdict(one) for one in self.simpler],
+            "simpler": [asdict(joint) for joint in self.simpler],
         }
 
     @property
@@ -80,8 +80,8 @@ class Knowledge:
         if not self.simpler:
             return ""
         best = next((f"{d.sentence} ({d.value})" for d in self.directions if d.verdict in CERTAINTY), "")
-        known = f"Best known{self._condition and ', on the same condition'}: {best}."
-        text = f"{exclusion_sentence(self.simpler)}{f' {known}' if best else ''}"
+        best_known = f"Best known{self._condition and ', on the same condition'}: {best}."
+        text = f"{exclusion_sentence(self.simpler)}{f' {best_known}' if best else ''}"
         if self._condition:
             text = f"With {self._condition}: {text[0].lower()}{text[1:]}"
         return text if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {text[0].lower()}{text[1:]}"
@@ -132,7 +132,7 @@ class Knowledge:
                 for d in self.directions
             ],
             "bounds_sentence": self.bounds_sentence,
-            "simpler_joints": [asdict(one) | {"excluded": one.excluded} for one in self.simpler],
+            "simpler_joints": [asdict(joint) | {"excluded": joint.excluded} for joint in self.simpler],
             "profiles": {
                 p.name: {"interval95": list(p.interval), "open_below": p.open_below, "open_above": p.open_above}
                 for p in self.profiles
@@ -141,10 +141,10 @@ class Knowledge:
                 {
                     "freed": list(row.uncertain),
                     "source": row.source,
-                    "interval95": {name: list(found.interval95) for name, found in row.known.items()},
-                    "sd_log": {name: found.sd_log for name, found in row.known.items()},
+                    "interval95": {name: list(assessment.interval95) for name, assessment in row.known.items()},
+                    "sd_log": {name: assessment.sd_log for name, assessment in row.known.items()},
                     "verdict": row.verdict,
-                    "if_model_right": {name: found.if_model_right for name, found in row.known.items()},
+                    "if_model_right": {name: assessment.if_model_right for name, assessment in row.known.items()},
                 }
                 for row in self.freed
             ],
@@ -167,21 +167,21 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
     """
     problem = posterior.problem
     kept = posterior.kept_knowledge if freed is (posterior.case and posterior.case.workshop_problem) else None
-    known = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
+    assessments = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
     simpler = None if kept is None else kept.get("simpler")  # unknown to older files
     return Knowledge(
         posterior.check,
         name_directions(
             posterior.stiffness,
             posterior.prior_stiffness,
-            known,
+            assessments,
             _wider_prior_draws(posterior),
             problem.parametrisation,
         ),
         tuple(map(_profile_from, kept["profiles"])) if kept else _profiles(problem, posterior),
         tuple(map(_row_from, kept["freed"])) if kept else effect_of_uncertain_inputs(posterior, freed),
         tuple(kept["assumed"]) if kept else _assumed(problem, freed),
-        simpler_joints(posterior) if simpler is None else tuple(SimplerJoint(**one) for one in simpler),
+        simpler_joints(posterior) if simpler is None else tuple(SimplerJoint(**stored) for stored in simpler),
     )
 
 
@@ -217,8 +217,8 @@ def _prior_words(nuisance: Nuisance) -> str:
     if nuisance.additive:
         ends = nuisance.value(nuisance.range)
         sd = float(nuisance.value(nuisance.prior.sd))
-        known = f"±{sd:g}" if isinstance(nuisance.prior, Normal) else f"between {ends[0]:.3g} and {ends[1]:.3g}"
-        return f"{name} to {known} {nuisance.unit}"
+        spread = f"±{sd:g}" if isinstance(nuisance.prior, Normal) else f"between {ends[0]:.3g} and {ends[1]:.3g}"
+        return f"{name} to {spread} {nuisance.unit}"
     if isinstance(nuisance.prior, Normal):
         return f"{name} to {100 * nuisance.prior.sd:g} %"
     low, high = (math.exp(end) for end in nuisance.prior.support)
@@ -257,8 +257,8 @@ def _profile_from(kept: Mapping[str, Any]) -> ProfileLikelihood:
 
 def _row_from(kept: Mapping[str, Any]) -> UncertainInputsRow:
     pairs = ("interval95", "interval95_error", "likelihood95", "printed95")
-    known = {
-        name: Identifiability(**{**one, **{pair: tuple(one[pair]) for pair in pairs}})
-        for name, one in kept["known"].items()
+    assessments = {
+        name: Identifiability(**{**stored, **{pair: tuple(stored[pair]) for pair in pairs}})
+        for name, stored in kept["known"].items()
     }
-    return UncertainInputsRow(tuple(kept["uncertain"]), kept["source"], known)
+    return UncertainInputsRow(tuple(kept["uncertain"]), kept["source"], assessments)

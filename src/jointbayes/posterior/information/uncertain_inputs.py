@@ -20,10 +20,10 @@ from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.posterior.monte_carlo import pareto_k
-from jointbayes.posterior.rounding import factor_in_words, in_unit, rounded_interval
+from jointbayes.posterior.rounding import factor_in_words, join_unit, rounded_interval
 from jointbayes.posterior.solutions import LEAST_SHARE
-from jointbayes.posterior.verdicts import JudgedPosterior, with_wider_priors
-from jointbayes.posterior.widened import WidenedPosterior, widen, with_prior
+from jointbayes.posterior.verdicts import JudgedPosterior, judge_with_wider_priors
+from jointbayes.posterior.widened import WidenedPosterior, replace_prior, widen
 from jointbayes.sampling import (
     INTERVAL,
     Coordinates,
@@ -86,7 +86,7 @@ class UncertainInputsRow:
     @property
     def verdict(self) -> dict[str, Verdict]:
         """Verdict on each stiffness."""
-        return {name: found.verdict for name, found in self.known.items()}
+        return {name: assessment.verdict for name, assessment in self.known.items()}
 
 
 def uncertain_quantities(problem: Problem) -> tuple[str, ...]:
@@ -142,34 +142,34 @@ def _row(
     (random,) = rng.spawn(1)  # the rows that follow do not depend on whether a bound is within reach
 
     def drawn_anew(wide: JointPrior) -> tuple[Array, float, bool]:
-        draws, _, worth = _sampled(posterior, with_prior(problem, wide), uncertain, random)
+        draws, _, worth = _sampled(posterior, replace_prior(problem, wide), uncertain, random)
         return wide.sample(random, _DRAWS) if draws is None else draws, worth, draws is not None
 
     wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew)
-    known = {}
+    assessments = {}
     for quantity, values in zip(problem.quantities, problem.prior.values(theta).T, strict=True):
-        found = _judged(posterior, quantity.name, values, effective, wider)
-        conditional = not posterior.check.explains and found.verdict != "not identified"
-        known[quantity.name] = replace(found, unit=quantity.unit, if_model_right=conditional)
-    return UncertainInputsRow(uncertain, source, known)
+        assessment = _judged(posterior, quantity.name, values, effective, wider)
+        conditional = not posterior.check.explains and assessment.verdict != "not identified"
+        assessments[quantity.name] = replace(assessment, unit=quantity.unit, if_model_right=conditional)
+    return UncertainInputsRow(uncertain, source, assessments)
 
 
 def _sampled(
     posterior: JudgedPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
 ) -> tuple[Array | None, Source, float]:
     """Draws of all coordinates, shape (n, d), where they come from, and how many independent ones they are worth."""
-    part = _Part(problem, uncertain)
+    held = _Part(problem, uncertain)
     try:
-        starts = [(start, part.covariance(start)) for start in part.starts(posterior)]
-        systems = part.coordinate_systems()
+        starts = [(start, held.covariance(start)) for start in held.starts(posterior)]
+        systems = held.coordinate_systems()
         if len(starts) > 1:
-            proposal = fit_each_mode(part.log_density, systems, starts, None, rng)
+            proposal = fit_each_mode(held.log_density, systems, starts, None, rng)
         else:
-            proposal = fit_proposal(part.log_density, systems, starts, rng, enough=_ENOUGH)
-        draws, source, effective = _draws(part.log_density, proposal, rng)
+            proposal = fit_proposal(held.log_density, systems, starts, rng, enough=_ENOUGH)
+        draws, source, effective = _draws(held.log_density, proposal, rng)
     except (JointBayesError, np.linalg.LinAlgError):
         return None, "none", 0.0
-    return None if draws is None else part.whole(draws), source, effective
+    return None if draws is None else held.whole(draws), source, effective
 
 
 def _judged(
@@ -180,11 +180,11 @@ def _judged(
     def error(probability: float) -> float:
         return quantile_spread(values, probability, effective)
 
-    found = assess(values, posterior.prior_values(name).ravel())
-    found = replace(found, interval95_error=(error(INTERVAL[0]), error(INTERVAL[1])))
+    assessment = assess(values, posterior.prior_values(name).ravel())
+    assessment = replace(assessment, interval95_error=(error(INTERVAL[0]), error(INTERVAL[1])))
     if name in posterior.solutions.split:
-        return replace(found, verdict="not identified", verdict_reason="several solutions")
-    return found if wider is None else with_wider_priors(posterior, wider, name, found, values, error)
+        return replace(assessment, verdict="not identified", verdict_reason="several solutions")
+    return assessment if wider is None else judge_with_wider_priors(posterior, wider, name, assessment, values, error)
 
 
 class _Part:
@@ -199,9 +199,9 @@ class _Part:
 
     def whole(self, theta: Array) -> Array:
         """All coordinates, shape (n, d), of the free ones, shape (n, f)."""
-        out = np.zeros((len(theta), len(self._problem.names)))
-        out[:, self._free] = theta
-        return out
+        points = np.zeros((len(theta), len(self._problem.names)))
+        points[:, self._free] = theta
+        return points
 
     def log_density(self, theta: Array) -> Array:
         """Log density, shape (n,), of the free coordinates, shape (n, f)."""
@@ -213,13 +213,13 @@ class _Part:
 
     def starts(self, posterior: JudgedPosterior) -> list[Array]:
         """The likeliest point, shape (f,), among draws of each solution with what is held put at its stated value."""
-        known = np.vstack([posterior.estimate.theta, posterior.thinned(_TRIED)])
-        nearest = posterior.solutions.nearest(known)
+        candidates = np.vstack([posterior.estimate.theta, posterior.thinned(_TRIED)])
+        nearest = posterior.solutions.nearest(candidates)
         names = posterior.problem.names
-        tried = np.zeros((len(known), len(self._problem.names)))
+        tried = np.zeros((len(candidates), len(self._problem.names)))
         for i, name in enumerate(self._problem.names):
             if name in names:
-                tried[:, i] = known[:, names.index(name)]
+                tried[:, i] = candidates[:, names.index(name)]
         points = tried[:, self._free]
         density = self.log_density(points)
         likely = [mode for mode in np.unique(nearest) if posterior.solutions.shares[mode] >= LEAST_SHARE]
@@ -230,10 +230,10 @@ class _Part:
         """Rough covariance there, shape (f, f), no wider than the prior in any direction of a coordinate."""
         prior: JointPrior = self._problem.prior
         names = [self._problem.names[i] for i in self._free]
-        found = fisher_information(self._problem, self.whole(theta[None])[0]).covariance(names)
+        covariance = fisher_information(self._problem, self.whole(theta[None])[0]).covariance(names)
         sd = prior.sd[self._free]
-        variance = np.where(np.isfinite(np.diag(found)), np.diag(found), sd**2)
-        finite = np.where(np.isfinite(found), found, 0.0)
+        variance = np.where(np.isfinite(np.diag(covariance)), np.diag(covariance), sd**2)
+        finite = np.where(np.isfinite(covariance), covariance, 0.0)
         np.fill_diagonal(finite, variance)
         shrink = np.minimum(1.0, sd / np.sqrt(variance))
         return finite * np.outer(shrink, shrink)
@@ -286,13 +286,13 @@ class ExactInputs:
         return f" only if {listed(self.quantities)} {'are' if len(self.quantities) > 1 else 'is'} exact"
 
     @property
-    def beside(self) -> str:
+    def words_if_uncertain(self) -> str:
         """The interval with them uncertain, in words."""
         them = "them" if len(self.quantities) > 1 else "it"
         if self.freed is None:
             return f"what is known with {them} uncertain could not be shown"
         limit, ends = self.freed.limit, rounded_interval(self.freed.interval95, self.freed.interval95_error, " to ")
-        return f"with {them} uncertain {limit or in_unit(ends, self.freed.unit)}, {self.freed.verdict}"
+        return f"with {them} uncertain {limit or join_unit(ends, self.freed.unit)}, {self.freed.verdict}"
 
     def as_json(self) -> dict[str, Any]:
         """What ``parameters.<name>.only_if_exact`` of ``summary.json`` holds."""
@@ -323,8 +323,8 @@ def inputs_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> dict[str, Exact
     run, most = rows[0], max(rows, key=lambda row: len(row.uncertain))
     return {
         name: ExactInputs(exact, most.known.get(name))
-        for name, known in run.known.items()
-        if known.verdict != "not identified" and (not most.known or _is_weaker(most.known[name], known))
+        for name, assessment in run.known.items()
+        if assessment.verdict != "not identified" and (not most.known or _is_weaker(most.known[name], assessment))
     }
 
 
@@ -379,14 +379,14 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
     return f"With {names} uncertain: {'; '.join(parts)}."
 
 
-def _interval(known: Identifiability) -> str:
-    return known.limit or rounded_interval(known.interval95, known.interval95_error, " … ")
+def _interval(assessment: Identifiability) -> str:
+    return assessment.limit or rounded_interval(assessment.interval95, assessment.interval95_error, " … ")
 
 
-def _spread(found: Identifiability) -> str:
-    low, high = found.interval95
-    if found.limit:
-        return found.limit_in_words
+def _spread(assessment: Identifiability) -> str:
+    low, high = assessment.interval95
+    if assessment.limit:
+        return assessment.limit_in_words
     return "its sign is unknown" if low <= 0 <= high else factor_in_words(max(high / low, low / high))
 
 

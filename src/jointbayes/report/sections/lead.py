@@ -140,7 +140,7 @@ def verdict_sentences(summary: Summary) -> str:
     for name, p in summary.parameters.items():
         known = p.known
         reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-        reason += f"; {p.exact.beside}" if p.exact else ""
+        reason += f"; {p.exact.words_if_uncertain}" if p.exact else ""
         limit = f" {known.limit_in_words}," if known.limit else ""
         ends = f" {known.source}" if known.source and not known.limit else ""
         volume = f" {known.prior_volume.capitalize()}." if known.prior_volume else ""
@@ -161,7 +161,7 @@ def coupling_sentence(summary: Summary, coupling: Quantity, rotation: Quantity) 
     k12, k22 = (summary.parameters[quantity.name].known for quantity in (coupling, rotation))
     verdict = summary.parameters[coupling.name].verdict
     ends = k12.interval95 if any(map(math.isnan, k12.printed95)) else k12.printed95
-    interval = "95 % interval" if any(k12.by_likelihood) and not k12.limit else "95 % credible interval"
+    interval = "95 % interval" if any(k12.printed_by_likelihood) and not k12.limit else "95 % credible interval"
     shown = f"{rounded_interval(k12.interval95, k12.interval95_error) if k12.limit else k12.interval()} {coupling.unit}"
     if ends[0] <= 0 <= ends[1]:
         return (
