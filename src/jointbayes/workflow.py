@@ -154,7 +154,7 @@ def find_map(
             continue
         fitted = compliance_start(part.test.structure, part.test.joints, frfs)
         name = "compliance fit without a guess"
-        starts[f"{part.test.name}: {name}" if part.test.name else name] = own.from_matrix(fitted)
+        starts[f"{part.test.name}: {name}" if part.test.name else name] = own.values_of_matrix(fitted)
     iteration = identify(whole or problem, guess) if part_to_iterate(problem) is not None else None
     if iteration is not None:
         name = "paper's iteration"

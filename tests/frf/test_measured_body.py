@@ -15,7 +15,7 @@ from jointbayes.frf import (
     Substructures,
     receptance_model,
 )
-from jointbayes.joint import Joint, JointMatrix, Joints, as_joint_matrix
+from jointbayes.joint import Joint, JointMatrix, Joints, joint_matrix_of
 from jointbayes.structure import (
     BeamFamily,
     BeamRecipe,
@@ -64,7 +64,7 @@ def dynamic_stiffness(structure: Structure, omega: float) -> np.ndarray:
 
 def at_line(joint: np.ndarray, omega: float) -> np.ndarray:
     """K of a joint, or K + jωC + jH of one with damping."""
-    k, c, h = as_joint_matrix(joint).sides
+    k, c, h = joint_matrix_of(joint).sides
     return k + 1j * (omega * c + h)
 
 

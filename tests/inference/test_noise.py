@@ -238,7 +238,9 @@ def test_sum_of_squares_suffices_where_it_is_said_to(parts: int) -> None:
         rows = np.tile(np.array(hyper), (3, 1))
         if model.needs_chi2_only:
             assert not isinstance(model, StudentNoise | CorrelatedNoise | ProportionalNoise)
-            np.testing.assert_allclose(model.from_chi2(chi2, 80, rows), model.log_likelihood(z, rows), rtol=1e-12)
+            np.testing.assert_allclose(
+                model.log_likelihood_of_chi2(chi2, 80, rows), model.log_likelihood(z, rows), rtol=1e-12
+            )
 
 
 def test_impossible_rows_have_no_likelihood_and_spoil_no_other() -> None:

@@ -21,9 +21,9 @@ from jointbayes.joint import (
     Rigid,
     SignedCoupling,
     blocks_of,
+    joint_under_hypothesis,
     parametrisation_named,
     spring_stiffnesses,
-    under_hypothesis,
 )
 from jointbayes.measurement import FrequencyData
 from tests.conftest import CLAMP, PAIR, TABLE_3, best_of, lone_likelihood, pair_matrix, rod
@@ -72,7 +72,7 @@ def test_coordinates_and_stiffness_are_inverse_to_each_other(kind, seed):
     assert kind.is_positive_semidefinite(stiffness)
     kind.check(stiffness)
     np.testing.assert_allclose(kind.coordinates(stiffness), theta, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(kind.from_matrix(kind.matrix(stiffness)), stiffness)
+    np.testing.assert_allclose(kind.values_of_matrix(kind.matrix(stiffness)), stiffness)
 
 
 @ALL
@@ -141,7 +141,7 @@ def test_every_positive_definite_matrix_is_a_full_joint(r, seed):
     size = np.exp(rng.normal(10, 3, r))
     matrix = (root @ root.T + 1e-3 * np.eye(r)) * np.outer(size, size)
     full = FullStiffness(DIRECTIONS[:r])
-    stiffness = full.from_matrix(matrix)
+    stiffness = full.values_of_matrix(matrix)
     theta = full.coordinates(stiffness)
     assert full.feasible(theta)
     scale = np.outer(size, size)
@@ -232,14 +232,16 @@ def test_the_limits_of_each_joint_leave_the_others_in_the_middle():
 
 
 def test_a_hypothesis_is_that_of_every_joint():
-    assert under_hypothesis(TWO, "full").names == TWO.names
-    assert under_hypothesis(TWO, "rigid").names == ()
-    assert under_hypothesis(TWO, "translation").names == ("left.k11", "right.k11")
-    assert under_hypothesis(SHARED, "rotation").names == ("a.k22", "c.krz", "e.k22")
-    assert all(under_hypothesis(TWO, name).size == TWO.size for name in HYPOTHESES)
+    assert joint_under_hypothesis(TWO, "full").names == TWO.names
+    assert joint_under_hypothesis(TWO, "rigid").names == ()
+    assert joint_under_hypothesis(TWO, "translation").names == ("left.k11", "right.k11")
+    assert joint_under_hypothesis(SHARED, "rotation").names == ("a.k22", "c.krz", "e.k22")
+    assert all(joint_under_hypothesis(TWO, name).size == TWO.size for name in HYPOTHESES)
     full = parametrisation_named("full", ("x", "y", "rz"))
-    assert under_hypothesis(full, "translation").names == ("k11", "k22")
-    np.testing.assert_array_equal(under_hypothesis(full, "springs").matrix(full.rigid).stiffness, RIGID * np.eye(3))
+    assert joint_under_hypothesis(full, "translation").names == ("k11", "k22")
+    np.testing.assert_array_equal(
+        joint_under_hypothesis(full, "springs").matrix(full.rigid).stiffness, RIGID * np.eye(3)
+    )
 
 
 @pytest.mark.parametrize(

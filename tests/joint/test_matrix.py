@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointbayes.joint import JointMatrix, as_joint_matrix
+from jointbayes.joint import JointMatrix, joint_matrix_of
 
 RNG = np.random.default_rng(1)
 K, C, H = RNG.normal(size=(3, 5, 4, 4))
@@ -53,6 +53,6 @@ def test_motions_are_linked_where_any_of_the_three_is_not_zero():
 
 
 def test_an_array_is_a_joint_without_damping():
-    assert as_joint_matrix(K.tolist()).stiffness.shape == (5, 4, 4)
+    assert joint_matrix_of(K.tolist()).stiffness.shape == (5, 4, 4)
     joints = JointMatrix(K)
-    assert as_joint_matrix(joints) is joints
+    assert joint_matrix_of(joints) is joints

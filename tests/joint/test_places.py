@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import ModelError
-from jointbayes.joint import Joint, Joints, as_joints
+from jointbayes.joint import Joint, Joints, joints_of
 from tests.conftest import rod
 
 SIX = ("x", "y", "z", "rx", "ry", "rz")
@@ -87,8 +87,8 @@ def test_joints_side_by_side_are_their_selections_side_by_side():
     whole = np.zeros_like(expected)
     whole[structure.index(joints.labels)] = joints.deformations(joints.labels)
     np.testing.assert_array_equal(whole, expected)
-    assert as_joints(joints) is joints
-    assert as_joints([one, other]) == joints
+    assert joints_of(joints) is joints
+    assert joints_of([one, other]) == joints
     assert str(joints) == "one: 1:y, 1:rz to ground; other: 3:y to 8:y"
 
 

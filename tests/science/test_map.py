@@ -80,4 +80,4 @@ def test_without_noise_the_start_without_a_guess_is_exact_where_damping_allows_i
     text = re.sub(r"(?m)^ratio = .*$", "loss_factor = 0.02", text)
     problem = jb.case_from_text("loss", text).problem
     start = compliance_start(problem.test.structure, problem.test.joints, problem.test.data)
-    np.testing.assert_allclose(PAIR.from_matrix(start), TABLE_3, rtol=1e-5)
+    np.testing.assert_allclose(PAIR.values_of_matrix(start), TABLE_3, rtol=1e-5)

@@ -29,7 +29,7 @@ from jointbayes.case.toml_text import KeyPath, fault_start
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
-from jointbayes.joint import AnyJoint, Joint, Joints, as_joints
+from jointbayes.joint import AnyJoint, Joint, Joints, joints_of
 from jointbayes.measurement import Data
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
@@ -285,7 +285,7 @@ def _setup(
     with _told_of(source, spec) as tell:
         joints = "joints" if spec.joints else "joint"
         tell(joints)
-        joint = as_joints(spec.joint_objects)
+        joint = joints_of(spec.joint_objects)
         _require_dofs_of_offsets(spec, place)
         if spec.data.files is not None:
             from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need

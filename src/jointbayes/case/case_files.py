@@ -19,7 +19,7 @@ from jointbayes.case.spec.structure_table import ModalDampingSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, MeasurementError, printable
 from jointbayes.frf import MeasuredBody
-from jointbayes.joint import as_joints
+from jointbayes.joint import joints_of
 from jointbayes.measurement.data import Data
 from jointbayes.measurement.measurement_plan import Channel, MeasurementPlan, VarianceSource
 from jointbayes.measurement.rotations import Rotation
@@ -40,7 +40,7 @@ _DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from t
 
 def plan_of(spec: CaseSpec) -> MeasurementPlan:
     """What a case with data in measurement files asks for of these."""
-    files, joints = spec.data.files, as_joints(spec.joint_objects)
+    files, joints = spec.data.files, joints_of(spec.joint_objects)
     assert files is not None
     return replace(plan_of_files(files), joint_dofs=joints.labels, **files.asked_for(spec.structure))
 

@@ -20,7 +20,7 @@ from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import AnyStructure, MeasuredBody, NaturalFrequencies, Substructures, rigid_body_modes
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, Level, Marginal, NoiseModel, Nuisance, Problem, Test, Uniform
-from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, as_joints, blocks_of
+from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, blocks_of, joints_of
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
@@ -320,7 +320,7 @@ def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> int:
     """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
     if data.modes is not None:
         return max(data.modes.numbers)
-    rigid = rigid_frequencies_hz(recipe, as_joints(spec.joint_objects), _MOST_MODES)
+    rigid = rigid_frequencies_hz(recipe, joints_of(spec.joint_objects), _MOST_MODES)
     return max(1, int((rigid < 1.1 * data.top_hz).sum()))
 
 

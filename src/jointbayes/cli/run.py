@@ -88,7 +88,7 @@ def identify(config: Path) -> None:
     estimate = find_map(case, tell=show_phase)
     stiffnesses = zip(case.problem.quantities, estimate.values, strict=True)
     say("MAP: " + ", ".join(join_unit(f"{q.name} = {value:.4e}", q.unit) for q, value in stiffnesses))
-    edges = case.problem.prior.at_edge(estimate.theta)
+    edges = case.problem.prior.coordinates_at_edge(estimate.theta)
     if edges:
         say(f"No standard deviations: the MAP lies on an edge of the prior ({', '.join(edges)}); run the case.")
     else:

@@ -23,7 +23,7 @@ from jointbayes.frf.kernels.pair import PairCoupling, PairMisfit
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, substructures
 from jointbayes.frf.modal import AssembledModes
 from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, TakingPart, as_factors
-from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix
+from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.structure import Body, FreeModes
 
 ComplexArray = NDArray[np.complex128]
@@ -181,7 +181,7 @@ class LowRankCoupling:
 
     def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """Receptances (batch, lines, outputs, inputs), see `ReceptanceModel`."""
-        batch = as_joint_matrix(matrices).batch
+        batch = joint_matrix_of(matrices).batch
         if batch.damped:
             return self._damped(batch, factors)
         if self._known is not None:
@@ -195,7 +195,7 @@ class LowRankCoupling:
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along changes of one joint matrix, see `ReceptanceModel`."""
-        joint, changes, factor_rows = as_joint_matrix(matrix), as_joint_matrix(directions), as_factors(factors, 1)
+        joint, changes, factor_rows = joint_matrix_of(matrix), joint_matrix_of(directions), as_factors(factors, 1)
         if joint.damped:
             return self._damped_tangent(joint, changes, factor_rows)
         return (self._known or self._coupling_at(factor_rows[0])).tangent(joint.stiffness, changes.stiffness)
@@ -251,7 +251,7 @@ class _MisfitOfAnyJoint:
 
     def chi2(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), see `Misfit`."""
-        joints = as_joint_matrix(matrices)
+        joints = joint_matrix_of(matrices)
         if not joints.damped:
             return self._undamped.chi2(joints.stiffness, factors)
         chi2, left = np.empty(len(joints)), np.arange(len(joints))
@@ -266,7 +266,7 @@ class _MisfitOfAnyJoint:
 
     def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient by the stiffness of joints without damping, see `Misfit`."""
-        return self._undamped.chi2_gradient(as_joint_matrix(matrices).stiffness, factors)
+        return self._undamped.chi2_gradient(joint_matrix_of(matrices).stiffness, factors)
 
 
 class _UncertainMisfit:
@@ -370,7 +370,7 @@ class NoisePropagation:
 
     def _dynamic(self, matrices: AnyJointMatrix) -> ComplexArray:
         """Dynamic stiffness of the joint, shape (batch, lines, r, r); (batch, 1, r, r) without damping."""
-        batch = as_joint_matrix(matrices).batch
+        batch = joint_matrix_of(matrices).batch
         if batch.damped:
             return batch.dynamic_stiffness(self._model.omega)
         return np.ascontiguousarray(batch.stiffness[:, None].astype(complex))

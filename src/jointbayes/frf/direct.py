@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf.modal import rigid_body_modes
 from jointbayes.frf.ports import Ports
-from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix
+from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.structure import Structure
 
 
@@ -37,7 +37,7 @@ class DirectSolve:
 
     def receptance(self, matrices: AnyJointMatrix) -> NDArray[np.complex128]:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
-        batch = as_joint_matrix(matrices).batch
+        batch = joint_matrix_of(matrices).batch
         return np.stack([self._of_joint(batch[i]) for i in range(len(batch))])
 
     def _of_joint(self, matrix: JointMatrix) -> NDArray[np.complex128]:

@@ -12,7 +12,7 @@ from jointbayes.frf.damped_joints import add_joint, chi2_of
 from jointbayes.frf.kernels.modal_sum import ModalSum
 from jointbayes.frf.kernels.secular import add_springs, springs, workspace
 from jointbayes.frf.ports import Ports, TakingPart, as_factors
-from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix, symmetric_changes
+from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix_of, symmetric_changes
 from jointbayes.structure import Body
 from jointbayes.structure.body import MOST_HELD
 
@@ -150,7 +150,7 @@ class NaturalFrequencies(LowestModes):
 
         For joint matrices of shape (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
         """
-        stiffness = np.ascontiguousarray(as_joint_matrix(matrices).batch.stiffness)
+        stiffness = np.ascontiguousarray(joint_matrix_of(matrices).batch.stiffness)
         factor_rows = as_factors(factors, len(stiffness))
         eigenvalues, _, _ = self._modes.solve(stiffness, factor_rows)
         frequency: Array = np.sqrt(np.maximum(eigenvalues[:, self._counted], 0.0)) / (2 * np.pi)
@@ -161,11 +161,11 @@ class NaturalFrequencies(LowestModes):
     ) -> tuple[Array, Array]:
         """Frequencies (count,) in Hz and their derivative (p, count) along changes dK^J (p, r, r)."""
         factor_rows = as_factors(factors, 1)
-        (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_joint_matrix(matrix).batch.stiffness, factor_rows)
+        (eigenvalues,), (rows,), (springs,) = self._modes.solve(joint_matrix_of(matrix).batch.stiffness, factor_rows)
         shapes = np.linalg.solve(springs.T, rows)[:, self._counted]
         frequency = np.sqrt(np.maximum(eigenvalues[self._counted], 0.0)) / (2 * np.pi)
         (off,) = first_factors(self._body.frequency_factors(factor_rows), frequency.size)
-        slope = np.einsum("ir,pij,jr->pr", shapes, as_joint_matrix(directions).stiffness, shapes)
+        slope = np.einsum("ir,pij,jr->pr", shapes, joint_matrix_of(directions).stiffness, shapes)
         return off * frequency, off * slope / (8 * np.pi**2 * np.maximum(frequency, np.finfo(float).tiny))
 
     # as data of modes they are all there is
@@ -208,7 +208,7 @@ class AssembledModes:
 
         For joint matrices of shape (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
         """
-        batch = as_joint_matrix(matrices).batch
+        batch = joint_matrix_of(matrices).batch
         if batch.damped:
             return self._damped(batch, factors)
         return self._sum.receptance(*self._assembled(batch.stiffness, factors))
@@ -290,7 +290,7 @@ class AssembledModes:
         Fox, R. L., Kapoor, M. P. (1968). Rates of change of eigenvalues and eigenvectors. AIAA Journal
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
-        joint, changes, factor_rows = as_joint_matrix(matrix), as_joint_matrix(directions), as_factors(factors, 1)
+        joint, changes, factor_rows = joint_matrix_of(matrix), joint_matrix_of(directions), as_factors(factors, 1)
         if joint.damped:
             return self._damped_tangent(joint, changes, factor_rows)
         (lam,), (rows,), (springs,) = self._modes.solve(joint.batch.stiffness, factor_rows)
@@ -357,14 +357,14 @@ class AssembledMisfit:
 
     def chi2(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), see `Misfit`."""
-        joints = as_joint_matrix(matrices)
+        joints = joint_matrix_of(matrices)
         if joints.damped:
             return chi2_of(self._model.receptance(joints, factors), self._measured, self._weight)
         return self._model._sum.chi2(*self._model._assembled(joints.stiffness, factors), self._lines)
 
     def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient by the joint, see `Misfit`."""
-        stiffness = as_joint_matrix(matrices).stiffness
+        stiffness = joint_matrix_of(matrices).stiffness
         factor_rows = as_factors(factors, len(stiffness))
         changes = symmetric_changes(stiffness.shape[-1])
         gradient = np.empty_like(stiffness)

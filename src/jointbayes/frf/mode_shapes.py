@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from jointbayes.arrays import Array
 from jointbayes.frf.modal import JoinedModes, LowestModes, first_factors, turned_modes
 from jointbayes.frf.ports import TakingPart, as_factors
-from jointbayes.joint import AnyJoint, AnyJointMatrix, as_joint_matrix
+from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of
 from jointbayes.structure import Body
 
 
@@ -56,7 +56,7 @@ class AssembledShapes(LowestModes):
 
     def modes(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Modal:
         """Modes for joint matrices (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q)."""
-        sides = tuple(map(np.ascontiguousarray, as_joint_matrix(matrices).batch.sides))
+        sides = tuple(map(np.ascontiguousarray, joint_matrix_of(matrices).batch.sides))
         factor_rows = as_factors(factors, len(sides[0]))
         eigenvalues, rows, springs = self._modes.solve(sides[0], factor_rows)
         r, counted = self._along.shape[0], self._counted
@@ -92,7 +92,7 @@ class AssembledShapes(LowestModes):
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
         factor_rows, here = as_factors(factors, 1), self.modes(matrix, factors)
-        sides, changes = as_joint_matrix(matrix).batch.sides, as_joint_matrix(directions).sides
+        sides, changes = joint_matrix_of(matrix).batch.sides, joint_matrix_of(directions).sides
         (eigenvalues,), (rows,), (springs,) = self._modes.solve(sides[0], factor_rows)
         r, counted = self._along.shape[0], self._counted
         at_joint = np.linalg.solve(springs.T, rows[:r])

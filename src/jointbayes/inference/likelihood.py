@@ -42,7 +42,7 @@ from jointbayes.inference.likelihood_base import (
 from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.test import Test, likelihood_of
-from jointbayes.joint import AnyJointMatrix, JointMatrix, as_joint_matrix
+from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.measurement import FrfData
 from jointbayes.structure import is_mode_frequency
 
@@ -171,11 +171,11 @@ class FrfLikelihood(Likelihood):
 
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
-        joints = as_joint_matrix(matrices)
+        joints = joint_matrix_of(matrices)
         factor_rows = as_factors(factors, len(joints))
         if self._squares:
             chi2 = self._misfit.chi2(joints, self._structural(factor_rows))
-            value = self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(factor_rows))
+            value = self.constant + self.noise.log_likelihood_of_chi2(chi2, self.n_data, self.hyper(factor_rows))
         else:
             value = np.empty(len(joints))
             at_once = max(1, min(_AT_ONCE, _VALUES_AT_ONCE // self.n_data))
@@ -188,7 +188,7 @@ class FrfLikelihood(Likelihood):
 
     def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Residuals:
         """Residuals over σ, shape (batch, lines, pairs), see `Residual`."""
-        joints = as_joint_matrix(matrices)
+        joints = joint_matrix_of(matrices)
         return self._compared(joints, as_factors(factors, len(joints)))[0]
 
     def _compared(self, matrices: JointMatrix, factor_rows: Array) -> tuple[Residuals, Array]:
@@ -207,7 +207,7 @@ class FrfLikelihood(Likelihood):
 
     def variance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """σ² of the measured FRFs with what measured bodies add, in their quantity, (batch, lines, outputs, inputs)."""
-        joints = as_joint_matrix(matrices)
+        joints = joint_matrix_of(matrices)
         stated = self._data.variance
         if self.propagated is None:
             return np.broadcast_to(stated, (len(joints), *stated.shape))
@@ -217,10 +217,10 @@ class FrfLikelihood(Likelihood):
 
     def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """FRFs in the measured quantity, gain included, shape (batch, lines, outputs, inputs)."""
-        joints = as_joint_matrix(matrices)
+        joints = joint_matrix_of(matrices)
         return self._predicted(joints, as_factors(factors, len(joints))) * self._factor
 
-    def with_noise(self, predicted: ComplexArray, z: NDArray[Any]) -> ComplexArray:
+    def add_noise(self, predicted: ComplexArray, z: NDArray[Any]) -> ComplexArray:
         """What would be measured: predicted FRFs of one joint and noise z, both (lines, outputs, inputs)."""
         if self.kind == "complex":
             return predicted + np.sqrt(self._data.variance) * z
@@ -246,7 +246,7 @@ class FrfLikelihood(Likelihood):
         ModelError
             If the noise model correlates them.
         """
-        joints = as_joint_matrix(matrices)
+        joints = joint_matrix_of(matrices)
         factor_rows = as_factors(factors, len(joints))
         z = self.standardised(joints, factor_rows)
         values: Array = self.noise.pointwise(z, self.hyper(factor_rows))
@@ -263,7 +263,7 @@ class FrfLikelihood(Likelihood):
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
         if not (self._squares and self.gaussian):
             raise ModelError("gradient: found a noise model with parameters; expected Gaussian noise of known size")
-        joints = as_joint_matrix(matrices)
+        joints = joint_matrix_of(matrices)
         chi2, slope = self._misfit.chi2_gradient(joints, self._structural(as_factors(factors, len(joints))))
         return self.constant - chi2, -slope
 
@@ -271,7 +271,7 @@ class FrfLikelihood(Likelihood):
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
-        joint, factor_rows = as_joint_matrix(matrix), as_factors(factors, 1)
+        joint, factor_rows = joint_matrix_of(matrix), as_factors(factors, 1)
         structural = factor_rows[:, : self._n_structure]
         value, derivative = self._model.tangent(joint, directions, structural[0])
         if self._gain:
@@ -296,8 +296,8 @@ class FrfLikelihood(Likelihood):
         row = 0
         for some in (z, *filter(len, slopes)):
             white = self.noise.whiten(some, hyper).reshape(len(some), -1)
-            for part, values in enumerate((white.real, white.imag)[:parts]):
-                columns = rows[row : row + len(some), part * self.n_data : (part + 1) * self.n_data]
+            for side, values in enumerate((white.real, white.imag)[:parts]):
+                columns = rows[row : row + len(some), side * self.n_data : (side + 1) * self.n_data]
                 np.multiply(values, math.sqrt(2), out=columns)
             row += len(some)
         rows[row:] = 0.0
@@ -314,7 +314,7 @@ class FrfLikelihood(Likelihood):
 
 
 @likelihood_of.register
-def _of_frfs(data: FrfData, test: Test, *, gain: bool = False) -> FrfLikelihood:
+def _frf_likelihood(data: FrfData, test: Test, *, gain: bool = False) -> FrfLikelihood:
     whole = substructures(test.structure)
     family = whole.modelled
     if (errors := [name for name in family.names if is_mode_frequency(name)]) and (

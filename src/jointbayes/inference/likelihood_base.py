@@ -200,7 +200,7 @@ class Likelihood(ABC):
         return total / self.noise.typical_scale(total / 2, residual.size // self.noise.parts) ** 2, residual.size
 
     @abstractmethod
-    def with_noise(self, predicted: NDArray[Any], z: NDArray[Any]) -> NDArray[Any]:
+    def add_noise(self, predicted: NDArray[Any], z: NDArray[Any]) -> NDArray[Any]:
         """What would be measured: `predicted` of one joint with noise, z of a noise model, both as the data in shape.
 
         E|z|² is 1 of complex residuals and 1/2 of real ones.

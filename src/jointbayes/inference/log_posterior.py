@@ -161,7 +161,7 @@ class LogPosterior:
             return np.array([self._differences(point) for point in many]).reshape(t.shape)
         _, slope = self.likelihood.gradient(self._parametrisation.matrix(self._parametrisation.values(many)))
         by_theta = np.einsum(
-            "nk,nkt->nt", self._parametrisation.by_quantity(slope), self._parametrisation.derivative(many)
+            "nk,nkt->nt", self._parametrisation.slope_by_quantity(slope), self._parametrisation.derivative(many)
         )
         gradient: Array = by_theta - self.prior.precision * (many - self.prior.mean)
         return gradient.reshape(t.shape)

@@ -269,7 +269,7 @@ class OfStiffness:
     given: "Normal | Uniform | OwnMarginal"
 
     def __post_init__(self) -> None:
-        marginal = as_marginal(self.given)
+        marginal = marginal_of(self.given)
         object.__setattr__(self, "given", marginal)
         if isinstance(marginal, OfStiffness):
             raise ModelError("prior: found OfStiffness of OfStiffness; expected a distribution of k; give it once")
@@ -339,6 +339,6 @@ class OfStiffness:
 Marginal = Normal | Uniform | OwnMarginal | OfStiffness
 
 
-def as_marginal(given: object) -> Marginal:
+def marginal_of(given: object) -> Marginal:
     """A prior on one coordinate as it is, or a distribution of one's own as `OwnMarginal`."""
     return given if isinstance(given, Marginal) else OwnMarginal(given)

@@ -17,7 +17,7 @@ from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.test import Test, likelihood_of
-from jointbayes.joint import AnyJoint, AnyJointMatrix, as_joint_matrix, symmetric_changes
+from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of, symmetric_changes
 from jointbayes.measurement import ModalData, ModeData
 from jointbayes.structure import Body
 
@@ -237,11 +237,11 @@ class GaussianLikelihood(Likelihood):
 
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
-        joints = as_joint_matrix(matrices)
+        joints = joint_matrix_of(matrices)
         factor_rows = as_factors(factors, len(joints))
         chi2 = 0.5 * (self.standardised(joints, factor_rows) ** 2).sum(axis=-1)
         chi2[np.isnan(chi2)] = np.inf  # a shape relative to a DOF at rest
-        return self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(factor_rows))
+        return self.constant + self.noise.log_likelihood_of_chi2(chi2, self.n_data, self.hyper(factor_rows))
 
     def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Residuals over their standard deviation, shape (batch, n)."""
@@ -249,9 +249,9 @@ class GaussianLikelihood(Likelihood):
 
     def variance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Squared standard deviations as stated, shape (batch, n)."""
-        return np.broadcast_to(self._sd**2, (len(as_joint_matrix(matrices)), self._sd.size))
+        return np.broadcast_to(self._sd**2, (len(joint_matrix_of(matrices)), self._sd.size))
 
-    def with_noise(self, predicted: Array, z: NDArray[Any]) -> Array:
+    def add_noise(self, predicted: Array, z: NDArray[Any]) -> Array:
         """What would be measured: predicted values of one joint and noise z, both shape (n,)."""
         return predicted + math.sqrt(2) * self._sd * z.real  # z = r/(√2 sd), as noise models have it
 
@@ -262,13 +262,13 @@ class GaussianLikelihood(Likelihood):
 
     def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Natural frequencies in Hz, and what else was measured, shape (batch, n)."""
-        joints = as_joint_matrix(matrices)
+        joints = joint_matrix_of(matrices)
         structural = self._structural(as_factors(factors, len(joints)))
         return self._model.predicted_values(joints, structural)
 
     def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, n)."""
-        factor_rows = as_factors(factors, len(as_joint_matrix(matrices)))
+        factor_rows = as_factors(factors, len(joint_matrix_of(matrices)))
         values = -0.5 * self.white(matrices, factor_rows) ** 2 + self.constant / self.n_data
         return values - np.log(self.hyper(factor_rows)) if self.hyper_count else values
 
@@ -277,7 +277,7 @@ class GaussianLikelihood(Likelihood):
 
     def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
-        stiffness = as_joint_matrix(matrices).stiffness
+        stiffness = joint_matrix_of(matrices).stiffness
         factor_rows = as_factors(factors, len(stiffness))
         slope = np.empty_like(stiffness)
         changes = symmetric_changes(stiffness.shape[-1])
@@ -290,7 +290,7 @@ class GaussianLikelihood(Likelihood):
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
-        joint, factor_rows = as_joint_matrix(matrix), as_factors(factors, 1)
+        joint, factor_rows = joint_matrix_of(matrix), as_factors(factors, 1)
         structural, scale = self._structural(factor_rows), 1.0
         if self.hyper_count:
             (scale,) = self.hyper(factor_rows)[0]
@@ -303,7 +303,7 @@ class GaussianLikelihood(Likelihood):
 
 
 @likelihood_of.register
-def _of_modes(data: ModalData, test: Test, *, gain: bool = False) -> GaussianLikelihood:
+def _modal_likelihood(data: ModalData, test: Test, *, gain: bool = False) -> GaussianLikelihood:
     if test.measured_bodies:
         raise ModelError(
             f"measured body {test.measured_bodies[0].name}: found natural frequencies as data; expected FRFs, since a "

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.inference.marginals import Marginal, Normal, OfStiffness, Uniform, as_marginal
+from jointbayes.inference.marginals import Marginal, Normal, OfStiffness, Uniform, marginal_of
 from jointbayes.joint import JointMatrix, Parametrisation
 from jointbayes.structure import is_additive
 
@@ -147,7 +147,7 @@ class Nuisance:
     prior: Marginal
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "prior", as_marginal(self.prior))
+        object.__setattr__(self, "prior", marginal_of(self.prior))
         if isinstance(self.prior, OfStiffness):
             raise ModelError(
                 f"{self.name}: found {self.prior!r}; expected a prior on ln({self.name}/nominal), since OfStiffness is "
@@ -216,7 +216,7 @@ class JointPrior:
     nuisances: tuple[Nuisance, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "marginals", tuple(map(as_marginal, self.marginals)))
+        object.__setattr__(self, "marginals", tuple(map(marginal_of, self.marginals)))
         if len(self.marginals) != len(self.parametrisation.names):
             raise ModelError(
                 f"prior: found {len(self.marginals)} marginals; expected one for each of "
@@ -313,7 +313,7 @@ class JointPrior:
             inside = inside & (t[..., i] >= low) & (t[..., i] <= high)
         return inside
 
-    def at_edge(self, theta: Array) -> tuple[str, ...]:
+    def coordinates_at_edge(self, theta: Array) -> tuple[str, ...]:
         """Names of the coordinates of θ, shape (d,), that lie on an edge of the support, within 1e-4 of their sd."""
         low, high = self.support
         on_edge = np.minimum(theta - low, high - theta) < 1e-4 * self.sd

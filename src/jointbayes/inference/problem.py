@@ -16,7 +16,7 @@ from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.test import Test, arranged, columns_of_names, likelihood_of, own_name, require_own_bodies
 from jointbayes.inference.tests_likelihood import Term, TestsLikelihood
-from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, as_joints
+from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, joints_of
 from jointbayes.measurement import Data
 from jointbayes.structure import is_mode_frequency
 
@@ -79,7 +79,7 @@ class Problem:
                     "prior of a lone one by these names; name them"
                 )
         if not tests and structure is not None and joint is not None and data is not None:
-            tests = (Test("", structure, as_joints(joint), data, noise, residual_kind),)
+            tests = (Test("", structure, joints_of(joint), data, noise, residual_kind),)
         if not tests or prior is None:
             given = {"structure": structure, "joint": joint, "data": data} if not tests else {}
             missing = [name for name, value in (given | {"prior": prior}).items() if value is None]

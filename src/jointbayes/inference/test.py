@@ -21,7 +21,7 @@ from jointbayes.frf import (
 from jointbayes.frf.measured_body import substructures
 from jointbayes.inference.likelihood_base import Likelihood, ResidualKind
 from jointbayes.inference.noise.base import NoiseModel
-from jointbayes.joint import AnyJoint, Block, Blocks, Joints, Parametrisation, as_joints
+from jointbayes.joint import AnyJoint, Block, Blocks, Joints, Parametrisation, joints_of
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
 from jointbayes.structure import Body
@@ -100,7 +100,7 @@ class Test:
             raise ModelError(
                 f"problem: found no {', '.join(missing)}; expected structure, joints and data of a test; pass them"
             )
-        object.__setattr__(self, "joints", as_joints(self.joints))
+        object.__setattr__(self, "joints", joints_of(self.joints))
 
     def __repr__(self) -> str:
         return f"{f'{self.name}: ' if self.name else ''}{self.structure!r}; {self.data!r}"

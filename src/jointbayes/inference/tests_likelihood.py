@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.likelihood_base import Likelihood
-from jointbayes.joint import AnyJointMatrix, JointMatrix, as_joint_matrix
+from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +31,10 @@ class Term:
     rows: slice
     columns: NDArray[np.intp]
 
-    def of(self, matrices: AnyJointMatrix, factors: ArrayLike | None) -> tuple[JointMatrix, Any]:
+    def select(self, matrices: AnyJointMatrix, factors: ArrayLike | None) -> tuple[JointMatrix, Any]:
         """Joint matrices (..., r, r) and factors (..., q) of the test from those of all."""
         of_test = None if factors is None else np.asarray(factors, dtype=float)[..., self.columns]
-        return as_joint_matrix(matrices).block(self.rows), of_test
+        return joint_matrix_of(matrices).block(self.rows), of_test
 
 
 class TestsLikelihood(Likelihood):
@@ -84,28 +84,28 @@ class TestsLikelihood(Likelihood):
 
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,): the sum of all tests."""
-        return np.sum([term.likelihood.log_likelihood(*term.of(matrices, factors)) for term in self.terms], axis=0)
+        return np.sum([term.likelihood.log_likelihood(*term.select(matrices, factors)) for term in self.terms], axis=0)
 
     def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
         """Residuals over σ: of a lone test in its own shape, of several one after the other, shape (batch, n)."""
-        return self._joined([term.likelihood.standardised(*term.of(matrices, factors)) for term in self.terms])
+        return self._joined([term.likelihood.standardised(*term.select(matrices, factors)) for term in self.terms])
 
     def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
         """What is compared with the data, as `standardised`."""
-        return self._joined([term.likelihood.predicted(*term.of(matrices, factors)) for term in self.terms])
+        return self._joined([term.likelihood.predicted(*term.select(matrices, factors)) for term in self.terms])
 
-    def with_noise(self, predicted: NDArray[Any], z: NDArray[Any]) -> NDArray[Any]:
+    def add_noise(self, predicted: NDArray[Any], z: NDArray[Any]) -> NDArray[Any]:
         """What would be measured in a lone test."""
         (term,) = self.terms
-        return term.likelihood.with_noise(predicted, z)
+        return term.likelihood.add_noise(predicted, z)
 
     def variance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """σ² of what is compared, as `standardised`."""
-        return self._joined([term.likelihood.variance(*term.of(matrices, factors)) for term in self.terms])
+        return self._joined([term.likelihood.variance(*term.select(matrices, factors)) for term in self.terms])
 
     def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
         """ln L value by value, as `standardised`."""
-        return self._joined([term.likelihood.pointwise(*term.of(matrices, factors)) for term in self.terms])
+        return self._joined([term.likelihood.pointwise(*term.select(matrices, factors)) for term in self.terms])
 
     @staticmethod
     def _joined(of_tests: Sequence[NDArray[Any]]) -> NDArray[Any]:
@@ -115,20 +115,20 @@ class TestsLikelihood(Likelihood):
 
     def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
         """Real residuals, shape (batch, m), of all tests."""
-        return np.concatenate([term.likelihood.white(*term.of(matrices, factors)) for term in self.terms], axis=1)
+        return np.concatenate([term.likelihood.white(*term.select(matrices, factors)) for term in self.terms], axis=1)
 
     def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint."""
-        squares = [term.likelihood.typical_squares(*term.of(matrices, factors)) for term in self.terms]
+        squares = [term.likelihood.typical_squares(*term.select(matrices, factors)) for term in self.terms]
         return sum(total for total, _ in squares), sum(count for _, count in squares)
 
     def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, R, R) by the joint matrices."""
-        joints = as_joint_matrix(matrices)
+        joints = joint_matrix_of(matrices)
         factor_rows = np.empty((len(joints), 0)) if factors is None else np.asarray(factors, dtype=float)
         total, slope = np.zeros(len(joints)), np.zeros_like(joints.stiffness)
         for term in self.terms:
-            value, slope[:, term.rows, term.rows] = term.likelihood.gradient(*term.of(joints, factor_rows))
+            value, slope[:, term.rows, term.rows] = term.likelihood.gradient(*term.select(joints, factor_rows))
             total += value
         return total, slope
 
@@ -136,11 +136,11 @@ class TestsLikelihood(Likelihood):
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint, of all tests."""
-        changes = as_joint_matrix(directions)
+        changes = joint_matrix_of(directions)
         factor_rows = np.empty(0) if factors is None else np.asarray(factors, dtype=float)
         residuals, slopes = [], []
         for term in self.terms:
-            joint, of_test = term.of(matrix, factor_rows)
+            joint, of_test = term.select(matrix, factor_rows)
             residual, slope = term.likelihood.residuals(joint, changes.block(term.rows), of_test)
             whole = np.zeros((len(residual), len(changes) + len(self.names)))
             whole[:, : len(changes)] = slope[:, : len(changes)]

@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from jointbayes.joint.joint import AnyJoint as AnyJoint
     from jointbayes.joint.joint import Joint as Joint
     from jointbayes.joint.joint import Joints as Joints
-    from jointbayes.joint.joint import as_joints as as_joints
+    from jointbayes.joint.joint import joints_of as joints_of
+    from jointbayes.joint.kinds import joint_under_hypothesis as joint_under_hypothesis
     from jointbayes.joint.kinds import parametrisation_named as parametrisation_named
-    from jointbayes.joint.kinds import under_hypothesis as under_hypothesis
     from jointbayes.joint.log import LogStiffness as LogStiffness
     from jointbayes.joint.matrix import AnyJointMatrix as AnyJointMatrix
     from jointbayes.joint.matrix import JointMatrix as JointMatrix
-    from jointbayes.joint.matrix import as_joint_matrix as as_joint_matrix
+    from jointbayes.joint.matrix import joint_matrix_of as joint_matrix_of
     from jointbayes.joint.matrix import symmetric_changes as symmetric_changes
     from jointbayes.joint.parametrisation import RIGID as RIGID
     from jointbayes.joint.parametrisation import ComplianceCoordinates as ComplianceCoordinates

@@ -69,13 +69,13 @@ class Blocks(Parametrisation):
     @cached_property
     def axes(self) -> tuple[Coordinate, ...]:
         """The coordinates of all, with the names of their joints."""
-        return tuple(axis.of_joint(block.name) for block in self.blocks for axis in block.parametrisation.axes)
+        return tuple(axis.assign_to_joint(block.name) for block in self.blocks for axis in block.parametrisation.axes)
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
         """The quantities of all, with the names of their joints."""
         return tuple(
-            q.of_joint(block.name, block.rows) for block in self.blocks for q in block.parametrisation.quantities
+            q.assign_to_joint(block.name, block.rows) for block in self.blocks for q in block.parametrisation.quantities
         )
 
     @cached_property
@@ -202,9 +202,9 @@ class Blocks(Parametrisation):
         """φ of each joint, shape (n, d), of θ, shape (n, d)."""
         return self._side_by_side(self._each(lambda joint, t: joint.compliance(t), theta, False))
 
-    def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint each, shape (n,)."""
-        parts = [joint.from_compliance(phi[:, t]) for joint, t, _ in self._parts]
+        parts = [joint.coordinates_of_compliance(phi[:, t]) for joint, t, _ in self._parts]
         return self._side_by_side([theta for theta, _ in parts]), np.logical_and.reduce([inside for _, inside in parts])
 
     def log_compliance_volume(self, theta: Array) -> Array:

@@ -72,7 +72,7 @@ class CoupledPair(Parametrisation):
         """Compliance φ = (c11, c12, c22), C = (K^J)⁻¹, shape (n, d), of θ, shape (n, d)."""
         return _inverse_2x2(self.values(theta))
 
-    def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
         c11, c12, c22 = phi.T
         inside = (c11 > 0) & (c22 > 0) & (c11 * c22 > c12 * c12)

@@ -112,8 +112,8 @@ class Damped(Parametrisation):
         return np.asarray(self.of.describes(k[..., : self._q]) & (k[..., self._q :] > 0).all(axis=-1))
 
     def _coordinates(self, values: Array) -> Array:
-        own = self.of._coordinates(values[..., : self._q])
-        return np.concatenate([own, np.log(values[..., self._q :])], axis=-1)
+        springs = self.of._coordinates(values[..., : self._q])
+        return np.concatenate([springs, np.log(values[..., self._q :])], axis=-1)
 
     def derivative(self, theta: ArrayLike) -> Array:
         """∂k/∂θ, shape (..., q, d): quantity down, coordinate across."""
@@ -166,9 +166,9 @@ class Damped(Parametrisation):
         """
         return np.concatenate([self.of.compliance(theta[..., : self._d]), np.exp(theta[..., self._d :])], axis=-1)
 
-    def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
-        theta, inside = self.of.from_compliance(phi[:, : self._d])
+        theta, inside = self.of.coordinates_of_compliance(phi[:, : self._d])
         damping = phi[:, self._d :]
         logarithm = np.log(np.maximum(damping, np.finfo(float).tiny))
         return np.concatenate([theta, logarithm], axis=-1), inside & (damping > 0).all(axis=1)

@@ -103,7 +103,7 @@ class FullStiffness(Parametrisation):
         r = self._motions
         factor, _ = self._correlation_factor(t[..., r:])
         size = np.exp(t[..., :r] / 2)
-        values = self.from_matrix((factor @ factor.swapaxes(-1, -2)) * (size[..., :, None] * size[..., None, :]))
+        values = self.values_of_matrix((factor @ factor.swapaxes(-1, -2)) * (size[..., :, None] * size[..., None, :]))
         values[..., self._diagonal] = np.exp(t[..., :r])
         return values
 
@@ -141,14 +141,14 @@ class FullStiffness(Parametrisation):
             change = np.zeros_like(matrix)
             change[..., i, :] += matrix[..., i, :] / 2
             change[..., :, i] += matrix[..., :, i] / 2
-            slope[..., i] = self.from_matrix(change)
+            slope[..., i] = self.values_of_matrix(change)
         for column, (i, j) in enumerate(zip(*self._couplings, strict=True), r):
             rho = partial[..., j, i]
             turned = np.zeros_like(factor)  # ∂L/∂ρ_ij: row j alone
             turned[..., j, i] = np.prod(np.sqrt(1 - partial[..., j, :i] ** 2), axis=-1)
             turned[..., j, i + 1 : j + 1] = factor[..., j, i + 1 : j + 1] * (-rho / (1 - rho**2))[..., None]
             half = turned @ factor.swapaxes(-1, -2)
-            slope[..., column] = self.from_matrix((half + half.swapaxes(-1, -2)) * scale)
+            slope[..., column] = self.values_of_matrix((half + half.swapaxes(-1, -2)) * scale)
         return slope
 
     def _log_left(self, theta: Array) -> Array:
@@ -208,7 +208,7 @@ class FullStiffness(Parametrisation):
         """Entries of C = (K^J)⁻¹ on and above the diagonal, shape (n, d), of θ, shape (n, d)."""
         return self._inverse(self.values(theta))
 
-    def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
         inside = self.describes(phi)
         values = self._inverse(np.where(inside[:, None], phi, self._any))
@@ -219,7 +219,7 @@ class FullStiffness(Parametrisation):
     def _inverse(self, values: Array) -> Array:
         size, scaled = self._scaled(values)
         inverse = np.linalg.inv(scaled) / (size[..., :, None] * size[..., None, :])
-        return self.from_matrix((inverse + inverse.swapaxes(-1, -2)) / 2)
+        return self.values_of_matrix((inverse + inverse.swapaxes(-1, -2)) / 2)
 
     def log_compliance_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,): |∂C/∂K| of a symmetric r × r matrix is (det K)⁻⁽ʳ⁺¹⁾."""

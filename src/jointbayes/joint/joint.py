@@ -278,6 +278,6 @@ class Joints:
 AnyJoint = Joint | Joints
 
 
-def as_joints(given: AnyJoint | Iterable[Joint]) -> AnyJoint:
+def joints_of(given: AnyJoint | Iterable[Joint]) -> AnyJoint:
     """A joint or several as they are given, or several in a sequence."""
     return given if isinstance(given, Joint | Joints) else Joints(tuple(given))

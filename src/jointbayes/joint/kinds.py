@@ -16,8 +16,8 @@ from jointbayes.joint.quantities import (
     DIRECTIONS,
     is_rotation,
     is_rotation_unit,
+    split_hypothesis,
     spring_stiffnesses,
-    without_damping,
 )
 from jointbayes.joint.signed import SignedCoupling
 
@@ -47,7 +47,7 @@ def parametrisation_named(key: str, directions: Sequence[str] = ()) -> Parametri
     return FullStiffness(tuple(directions))
 
 
-def under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation:
+def joint_under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation:
     """Joints under one of `HYPOTHESES`: simpler ones, some with more couplings, or these themselves.
 
     Of several joints each is; a rigid one is rigid under all. Damping stays with the springs that yield, unless the
@@ -60,17 +60,18 @@ def under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation:
     """
     if isinstance(joint, Blocks):
         blocks = (
-            replace(block, parametrisation=under_hypothesis(block.parametrisation, name)) for block in joint.blocks
+            replace(block, parametrisation=joint_under_hypothesis(block.parametrisation, name))
+            for block in joint.blocks
         )
         return Blocks(tuple(blocks))
-    undamped, hypothesis = without_damping(name)
+    undamped, hypothesis = split_hypothesis(name)
     if isinstance(joint, Damped):
-        other = under_hypothesis(joint.of, name)
-        return other if undamped else _with_damping_of(joint, other)
+        other = joint_under_hypothesis(joint.of, name)
+        return other if undamped else _keep_damping(joint, other)
     if isinstance(joint, Rigid):
         return joint
     if hypothesis in ("full", "coupled"):
-        return _with_couplings(joint, hypothesis)
+        return _add_couplings(joint, hypothesis)
     springs = [quantity for quantity in joint.quantities if not quantity.may_be_negative]
     yielding = {
         "rigid": [],
@@ -81,7 +82,7 @@ def under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation:
     return PlainSprings(tuple(quantity.name for quantity in yielding), joint.quantities)
 
 
-def _with_damping_of(joint: Damped, other: Parametrisation) -> Parametrisation:
+def _keep_damping(joint: Damped, other: Parametrisation) -> Parametrisation:
     """Another joint with the damping of the springs that yield in it."""
     moving = {axis.quantity for axis in other.axes}
     # where couplings come in, springs have other names: they are known by their places
@@ -94,7 +95,7 @@ def _with_damping_of(joint: Damped, other: Parametrisation) -> Parametrisation:
     return Damped(other, viscous, loss) if viscous or loss else other
 
 
-def _with_couplings(joint: Parametrisation, hypothesis: str) -> Parametrisation:
+def _add_couplings(joint: Parametrisation, hypothesis: str) -> Parametrisation:
     directions = _directions(joint)
     if hypothesis == "coupled" and directions and tuple(map(is_rotation, directions)) != _PAIR:
         raise ModelError(

@@ -64,7 +64,7 @@ class JointMatrix:
 
     def __getitem__(self, index: Index) -> "JointMatrix":
         """Some of a batch, or with None or several indices along its axes, as of an array."""
-        return self._of_each(lambda side: side[index])
+        return self._change_each(lambda side: side[index])
 
     @property
     def batch(self) -> "JointMatrix":
@@ -73,11 +73,11 @@ class JointMatrix:
 
     def repeated(self, count: int) -> "JointMatrix":
         """One joint so many times, shape (count, r, r)."""
-        return self._of_each(lambda side: np.repeat(side[None], count, axis=0))
+        return self._change_each(lambda side: np.repeat(side[None], count, axis=0))
 
     def block(self, rows: slice) -> "JointMatrix":
         """Rows and columns of some of the DOFs."""
-        return self._of_each(lambda side: np.ascontiguousarray(side[..., rows, rows]))
+        return self._change_each(lambda side: np.ascontiguousarray(side[..., rows, rows]))
 
     def moved(self, changes: "JointMatrix", step: float) -> "JointMatrix":
         """These plus a step along changes, of which there may be a batch."""
@@ -103,7 +103,7 @@ class JointMatrix:
         dynamic.real = k[..., None, :, :]
         return dynamic
 
-    def _of_each(self, change: Callable[[Array], Array]) -> "JointMatrix":
+    def _change_each(self, change: Callable[[Array], Array]) -> "JointMatrix":
         if self.viscous is None or self.hysteretic is None:
             return JointMatrix(change(self.stiffness))
         return JointMatrix(change(self.stiffness), change(self.viscous), change(self.hysteretic))
@@ -113,7 +113,7 @@ class JointMatrix:
 AnyJointMatrix = JointMatrix | ArrayLike
 
 
-def as_joint_matrix(matrices: AnyJointMatrix) -> JointMatrix:
+def joint_matrix_of(matrices: AnyJointMatrix) -> JointMatrix:
     """Matrices of joints as an object, of one joint or of a batch."""
     return matrices if isinstance(matrices, JointMatrix) else JointMatrix(np.asarray(matrices, dtype=float))
 

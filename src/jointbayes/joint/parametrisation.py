@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of
-from jointbayes.joint.matrix import AnyJointMatrix, JointMatrix, as_joint_matrix
+from jointbayes.joint.matrix import AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.joint.quantities import Coordinate, Quantity
 
 
@@ -233,9 +233,9 @@ class Parametrisation(ABC):
         parts[2] = parts[2] * self.matrix(k).stiffness + factor * parts[0]
         return JointMatrix(*parts)
 
-    def from_matrix(self, matrix: AnyJointMatrix) -> Array:
+    def values_of_matrix(self, matrix: AnyJointMatrix) -> Array:
         """Quantities, shape (..., q), of joint matrices, see `matrix`: at their first places."""
-        joints = as_joint_matrix(matrix)
+        joints = joint_matrix_of(matrix)
         whole = np.concatenate(joints.sides, axis=-1) if self.damped else joints.stiffness
         rows, columns = np.array([q.places[0] for q in self.quantities], dtype=int).reshape(-1, 2).T
         side = {"stiffness": 0, "viscous": self.size, "loss factor": 2 * self.size}
@@ -244,7 +244,7 @@ class Parametrisation(ABC):
         entries[..., loss] /= whole[..., rows[loss], columns[loss]]
         return entries
 
-    def by_quantity(self, slope: Array) -> Array:
+    def slope_by_quantity(self, slope: Array) -> Array:
         """Derivative by each quantity, shape (n, q), of what has the derivative S by K^J, shape (n, R, R)."""
         return np.einsum("nij,kij->nk", slope, self.pattern)
 
@@ -292,7 +292,7 @@ class Parametrisation(ABC):
         """Compliance φ, entries of C = (K^J)⁻¹, shape (n, d), of θ, shape (n, d)."""
 
     @abstractmethod
-    def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
 
     @abstractmethod
@@ -392,7 +392,7 @@ class ComplianceCoordinates:
 
     def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
-        return self.parametrisation.from_compliance(phi)
+        return self.parametrisation.coordinates_of_compliance(phi)
 
     def log_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,)."""

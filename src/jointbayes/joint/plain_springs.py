@@ -129,7 +129,7 @@ class PlainSprings(Parametrisation):
         """φ = 1/k of each named spring, shape (..., d), of θ, shape (..., d)."""
         return np.exp(-theta)
 
-    def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ = 1/k, shape (n, d), and whether φ is positive, shape (n,)."""
         inside = np.asarray((phi > 0).all(axis=-1))
         return -np.log(np.where(inside[:, None], phi, 1.0)), inside

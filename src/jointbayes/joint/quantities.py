@@ -48,7 +48,7 @@ class Quantity:
         """Whether a joint that stores energy may have a negative one: off the diagonal."""
         return self.role == "stiffness" and any(row != column for row, column in self.places)
 
-    def of_joint(self, name: str, rows: Sequence[int]) -> "Quantity":
+    def assign_to_joint(self, name: str, rows: Sequence[int]) -> "Quantity":
         """The same quantity of a joint with a name, whose DOFs begin at these rows of a larger K^J."""
         places = tuple((row + i, row + j) for row in rows for i, j in self.places)
         return replace(self, name=prefixed(name, self.name), words=words_of(self.words, name), places=places)
@@ -203,7 +203,7 @@ class Coordinate:
         """Of a stiffness."""
         return cls(quantity.name, quantity.unit, quantity.name, quantity.words)
 
-    def of_joint(self, name: str) -> "Coordinate":
+    def assign_to_joint(self, name: str) -> "Coordinate":
         """The same coordinate of a joint with a name."""
         return replace(
             self,
@@ -287,12 +287,12 @@ HYPOTHESES = (
 )
 
 
-def without_damping(hypothesis: str) -> tuple[bool, str]:
+def split_hypothesis(hypothesis: str) -> tuple[bool, str]:
     """Whether a hypothesis leaves the joint's damping out, and what it says of the springs.
 
     Examples
     --------
-    >>> without_damping("undamped springs")
+    >>> split_hypothesis("undamped springs")
     (True, 'springs')
     """
     return hypothesis.startswith(_UNDAMPED), hypothesis.removeprefix(_UNDAMPED)

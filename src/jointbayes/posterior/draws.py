@@ -109,7 +109,7 @@ class PosteriorDraws:
     @property
     def at_prior_edge(self) -> tuple[str, ...]:
         """Coordinates whose mode lies on an edge of the prior's support: there the prior decides, not the data."""
-        return self.problem.prior.at_edge(self.mode_theta)
+        return self.problem.prior.coordinates_at_edge(self.mode_theta)
 
     @property
     def stiffness_names(self) -> tuple[str, ...]:

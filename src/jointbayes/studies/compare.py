@@ -9,7 +9,7 @@ from jointbayes.arrays import Array
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
-from jointbayes.joint import HYPOTHESES, Parametrisation, under_hypothesis
+from jointbayes.joint import HYPOTHESES, Parametrisation, joint_under_hypothesis
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import evidence
@@ -42,7 +42,7 @@ def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
     """
     if hypothesis not in HYPOTHESES:
         raise ModelError(f"comparison: found hypothesis {hypothesis!r}; expected one of {', '.join(HYPOTHESES)}")
-    simpler = under_hypothesis(problem.parametrisation, hypothesis)
+    simpler = joint_under_hypothesis(problem.parametrisation, hypothesis)
     known: dict[str, Marginal] = {}
     there = _places(problem.parametrisation)
     for axis, marginal in zip(problem.parametrisation.axes, problem.prior.marginals, strict=True):

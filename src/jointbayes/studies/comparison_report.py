@@ -11,7 +11,7 @@ from matplotlib.figure import Figure as Canvas
 
 from jointbayes.arrays import Array
 from jointbayes.case.case import Case
-from jointbayes.joint.quantities import without_damping
+from jointbayes.joint.quantities import split_hypothesis
 from jointbayes.posterior.evidence import PARETO_LIMIT
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import margin_labels, panels, svg
@@ -238,7 +238,7 @@ def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
 
 
 def _meaning(hypothesis: str) -> str:
-    undamped, joint = without_damping(hypothesis)
+    undamped, joint = split_hypothesis(hypothesis)
     return f"{_MEANING[joint]}{', without damping' if undamped else ''}"
 
 

@@ -250,7 +250,7 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
         )
     lines, pairs = len(predicted), math.prod(predicted.shape[1:])
     z = likelihood.noise.draw(rng, likelihood.hyper(factors), lines, pairs)[0].reshape(predicted.shape)
-    return likelihood.with_noise(predicted, z)
+    return likelihood.add_noise(predicted, z)
 
 
 def replace_values(problem: Problem, values: NDArray[Any]) -> Problem:

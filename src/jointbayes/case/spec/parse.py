@@ -18,7 +18,7 @@ from jointbayes.case.spec.joint_table import ALIKE, JointSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import similar
 from jointbayes.errors import CaseError
-from jointbayes.joint.quantities import prefixed, without_damping
+from jointbayes.joint.quantities import prefixed, split_hypothesis
 
 
 class CheckedCaseSpec(CaseSpec):
@@ -255,7 +255,7 @@ def hypotheses_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Fi
         return
     for setup, spec in specs.items():
         for i, name in enumerate(spec.compare.hypotheses):
-            undamped, springs = without_damping(name)
+            undamped, springs = split_hypothesis(name)
             if undamped:
                 fault = f'found "{name}" of joints without damping, which is "{springs}"'
                 expected = "hypotheses on the springs, or viscous or loss_factors in the joint"

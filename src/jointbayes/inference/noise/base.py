@@ -67,8 +67,8 @@ Absorbed = Literal["nothing", "outliers", "size", "discrepancy", "frequencies"]
 class NoiseModel(ABC):
     """How measured values scatter about the model's, given the stated standard deviation σ of each.
 
-    A model is a frozen dataclass with a field `parts`. It gives `scores` and `draw`, `log_likelihood` or `from_chi2`,
-    and `pointwise` where values are independent; the rest has defaults.
+    A model is a frozen dataclass with a field `parts`. It gives `scores` and `draw`, `log_likelihood` or
+    `log_likelihood_of_chi2`, and `pointwise` where values are independent; the rest has defaults.
     """
 
     parts: int
@@ -90,7 +90,7 @@ class NoiseModel(ABC):
         """Hyperparameters, in order; none by default."""
         return ()
 
-    def from_chi2(self, chi2: ArrayLike, n_values: int, hyper: ArrayLike) -> Array:
+    def log_likelihood_of_chi2(self, chi2: ArrayLike, n_values: int, hyper: ArrayLike) -> Array:
         """ln L (n,) from Σ|z|² (n,) of `n_values` values, without the constant, where this is all that it needs."""
         raise NotImplementedError
 
@@ -98,7 +98,7 @@ class NoiseModel(ABC):
         """ln L (n,) of residuals (n, lines, pairs), without the constant; −inf where a residual is not finite."""
         flat = columns_of(z, self.parts).reshape(len(z), -1)
         chi2 = np.einsum("ni,ni->n", flat, flat)
-        return finite_or_impossible(self.from_chi2(chi2, math.prod(z.shape[1:]), hyper))
+        return finite_or_impossible(self.log_likelihood_of_chi2(chi2, math.prod(z.shape[1:]), hyper))
 
     def pointwise(self, z: Residuals, hyper: ArrayLike) -> Array:
         """Log density of each value, shape (n, lines, pairs), without the constant.
@@ -180,7 +180,7 @@ class GaussianSpread(NoiseModel):
         """Residuals over their own standard deviations."""
         spread = self.spread(hyper, len(z))
         wide = spread if spread.shape[2] == 1 else np.repeat(spread, self.parts, axis=2)
-        return from_columns(columns_of(z, self.parts) / wide, self.parts)
+        return residuals_of_columns(columns_of(z, self.parts) / wide, self.parts)
 
     def draw(self, rng: np.random.Generator, hyper: ArrayLike, lines: int, pairs: int) -> Residuals:
         """Replicated residuals, shape (n, lines, pairs), one for each row of `hyper` (n, q)."""
@@ -212,7 +212,7 @@ def columns_of(z: Residuals, parts: int) -> Array:
     return np.ascontiguousarray(z.real, dtype=np.float64)
 
 
-def from_columns(columns: Array, parts: int) -> Residuals:
+def residuals_of_columns(columns: Array, parts: int) -> Residuals:
     """Reals (n, lines, pairs·parts) as residuals (n, lines, pairs)."""
     return columns.view(np.complex128) if parts == 2 else columns
 
@@ -229,4 +229,4 @@ def finite_or_impossible(value: Array) -> Array:
 
 def white(rng: np.random.Generator, shape: tuple[int, int, int], parts: int) -> Residuals:
     """Independent residuals under the stated noise: variance 1/2 in each part."""
-    return from_columns(math.sqrt(0.5) * rng.standard_normal((*shape[:2], shape[2] * parts)), parts)
+    return residuals_of_columns(math.sqrt(0.5) * rng.standard_normal((*shape[:2], shape[2] * parts)), parts)

@@ -18,8 +18,8 @@ from jointbayes.inference.noise.base import (
     Residuals,
     columns_of,
     finite_or_impossible,
-    from_columns,
     log_uniform,
+    residuals_of_columns,
     rows_of,
 )
 from jointbayes.inference.noise.kernels import correlate, innovations, ou_log_likelihood
@@ -121,7 +121,7 @@ class CorrelatedNoise(NoiseModel):
         columns = self._lines(z)
         white = np.empty_like(columns)
         innovations(columns, self._kind, self._spacing, self._variances(hyper, len(z)), white)
-        return from_columns(white, self.parts)
+        return residuals_of_columns(white, self.parts)
 
     def draw(self, rng: np.random.Generator, hyper: ArrayLike, lines: int, pairs: int) -> Residuals:
         """Replicated residuals, shape (n, lines, pairs), one for each row of `hyper` (n, q)."""
@@ -130,7 +130,7 @@ class CorrelatedNoise(NoiseModel):
         shape = (n, lines, pairs * self.parts)
         noise = np.sqrt(rows[:, 0, None, None] / 2) * rng.standard_normal(shape)
         correlate(math.sqrt(0.5) * rng.standard_normal(shape), self._kind, self._spacing, rows, noise)
-        return from_columns(noise, self.parts)
+        return residuals_of_columns(noise, self.parts)
 
     @property
     def absorbs(self) -> Absorbed:

@@ -17,7 +17,7 @@ from jointbayes.inference.noise.base import (
     check_positive,
     columns_of,
     finite_or_impossible,
-    from_columns,
+    residuals_of_columns,
     rows_of,
     white,
 )
@@ -53,7 +53,7 @@ class GaussianNoise(GaussianSpread):
     needs_chi2_only: ClassVar[bool] = True
     as_stated: ClassVar[bool] = True
 
-    def from_chi2(self, chi2: ArrayLike, n_values: int, hyper: ArrayLike) -> Array:
+    def log_likelihood_of_chi2(self, chi2: ArrayLike, n_values: int, hyper: ArrayLike) -> Array:
         """ln L (n,) from Σ|z|² (n,) of `n_values` values, without the constant."""
         return -np.asarray(chi2, dtype=float)
 
@@ -80,7 +80,7 @@ class ScaledNoise(GaussianSpread):
     names: ClassVar[tuple[str, ...]] = ("noise_scale",)
     needs_chi2_only: ClassVar[bool] = True
 
-    def from_chi2(self, chi2: ArrayLike, n_values: int, hyper: ArrayLike) -> Array:
+    def log_likelihood_of_chi2(self, chi2: ArrayLike, n_values: int, hyper: ArrayLike) -> Array:
         """ln L (n,) from Σ|z|² (n,) of `n_values` values, without the constant; hyper (n, 1)."""
         total = np.asarray(chi2, dtype=float)
         scale = rows_of(hyper, total.size, self.names)[:, 0]
@@ -133,7 +133,7 @@ class IntegratedScale(NoiseModel):
         """Shape a and rate b of the prior of 1/s², a gamma distribution."""
         return self.dof / 2, self.dof * self.scale**2 / 2
 
-    def from_chi2(self, chi2: ArrayLike, n_values: int, hyper: ArrayLike) -> Array:
+    def log_likelihood_of_chi2(self, chi2: ArrayLike, n_values: int, hyper: ArrayLike) -> Array:
         """ln L (n,) from Σ|z|² (n,) of `n_values` values, without the constant."""
         a, b = self._shape_rate()
         m = self.parts * n_values / 2
@@ -159,7 +159,7 @@ class IntegratedScale(NoiseModel):
 
     def scores(self, z: Residuals, hyper: ArrayLike) -> Residuals:
         """Residuals (n, lines, pairs) over the prior's scale; for the data's own scale divide by `typical_scale`."""
-        return from_columns(columns_of(z, self.parts) / self.scale, self.parts)
+        return residuals_of_columns(columns_of(z, self.parts) / self.scale, self.parts)
 
     def draw(self, rng: np.random.Generator, hyper: ArrayLike, lines: int, pairs: int) -> Residuals:
         """Replicated residuals, shape (n, lines, pairs), each row with a scale of its own from the prior."""

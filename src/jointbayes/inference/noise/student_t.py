@@ -16,7 +16,7 @@ from jointbayes.inference.noise.base import (
     check_positive,
     columns_of,
     finite_or_impossible,
-    from_columns,
+    residuals_of_columns,
     rows_of,
     squares_of,
     white,
@@ -107,7 +107,7 @@ class StudentNoise(NoiseModel):
 
     def whiten(self, z: Residuals, hyper: ArrayLike) -> Residuals:
         """Residuals (k, lines, pairs) over the scale of one set of hyperparameters."""
-        return from_columns(columns_of(z, self.parts) / self._scale(hyper, len(z)), self.parts)
+        return residuals_of_columns(columns_of(z, self.parts) / self._scale(hyper, len(z)), self.parts)
 
     def scores(self, z: Residuals, hyper: ArrayLike) -> Residuals:
         """Gaussian residuals of the same probability and direction: white with the stated variance if the model holds.
@@ -123,7 +123,7 @@ class StudentNoise(NoiseModel):
             beyond = np.maximum(special.stdtr(self.dof, -math.sqrt(2) * size), 1e-300)
             equal = -special.ndtri(beyond) / math.sqrt(2)
         ratio = np.divide(equal, size * scale, out=np.zeros_like(size), where=size > 0)
-        return from_columns(columns_of(z, self.parts), self.parts) * ratio
+        return residuals_of_columns(columns_of(z, self.parts), self.parts) * ratio
 
     def draw(self, rng: np.random.Generator, hyper: ArrayLike, lines: int, pairs: int) -> Residuals:
         """Replicated residuals, shape (n, lines, pairs), one for each row of `hyper` (n, 0 or 1)."""

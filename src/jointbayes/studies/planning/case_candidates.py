@@ -23,7 +23,7 @@ from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
-from jointbayes.joint import as_joints
+from jointbayes.joint import joints_of
 from jointbayes.measurement import FrfData
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 from jointbayes.studies.planning.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
@@ -234,7 +234,7 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
             "something; remove it"
         )
     recipe = recipe_of(spec.structure, spec.data, first.data)
-    joint = as_joints(spec.joint_objects)
+    joint = joints_of(spec.joint_objects)
     joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
     noise, of_noise = noise_of(spec.noise, first.data)
     return CaseSetup(name, text, spec, recipe, (), joint, first.data, noise, of_noise)
