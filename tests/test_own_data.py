@@ -68,7 +68,7 @@ def static_likelihood(data, test, *, gain=False):
 
 @compared_section.register(StaticDeflections)
 def static_section(data, inputs):
-    problem, theta = inputs.part, inputs.posterior.estimate.theta
+    problem, theta = inputs.problem, inputs.posterior.estimate.theta
     predicted = problem.log_posterior.predicted(theta)[0]
     pairs = [foreign(f"{output}/{input_}") for output in data.outputs for input_ in data.inputs]
     rows = zip(pairs, data.deflection.ravel(), data.sd.ravel(), predicted, strict=True)

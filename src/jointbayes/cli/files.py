@@ -71,12 +71,12 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
         )
     _require_other_file(out, config, "--out")
     case = load_case(config, allow_outside=outside_allowed())
-    targets = {one.name: out.with_stem(f"{out.stem}-{one.name}") if one.name else out for one in case.setups}
+    targets = {setup.name: out.with_stem(f"{out.stem}-{setup.name}") if setup.name else out for setup in case.setups}
     measured = {}
-    for one in case.setups:  # all of them before any is written
-        _require_other_file(targets[one.name], config, "--out")
-        rng = generator_of(one.spec.virtual_test.seed if seed is None else seed, one.name)
-        measured[one.name] = measure(case, None, rng, one.name)
+    for setup in case.setups:  # all of them before any is written
+        _require_other_file(targets[setup.name], config, "--out")
+        rng = generator_of(setup.spec.virtual_test.seed if seed is None else seed, setup.name)
+        measured[setup.name] = measure(case, None, rng, setup.name)
     for name, records in measured.items():
         write_records(records, targets[name], chosen)
         for line in describe(records):

@@ -158,7 +158,7 @@ def calibrate(
     click.get_current_context().meta[UNFINISHED] = (
         f"the data sets that are done are kept in {directory}, where the same command goes on"
     )
-    found = judged(
+    calibration = judged(
         case,
         count,
         seed=seed,
@@ -169,11 +169,11 @@ def calibrate(
         scheduler=scheduler,
         progress=show_calibration(),
     )
-    found.write(directory)
-    for line in calibration_lines(found):
+    calibration.write(directory)
+    for line in calibration_lines(calibration):
         say(line)
     say(f"Report: {directory / 'report.html'} and {directory / 'report.pdf'}")
-    if not found.passed:
+    if not calibration.passed:
         sys.exit(NOT_MATCHED)
 
 

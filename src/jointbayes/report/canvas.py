@@ -155,7 +155,7 @@ def logarithmic(axes: Axes) -> None:
 def margin_labels(labels: Sequence[str]) -> tuple[list[str], float]:
     """Labels of the vertical axis, long ones cut in the middle, and the left margin that they need in inches."""
     half = _LONGEST // 2
-    short = [one if len(one) <= _LONGEST else f"{one[: half - 1]}…{one[-half:]}" for one in labels]
+    short = [label if len(label) <= _LONGEST else f"{label[: half - 1]}…{label[-half:]}" for label in labels]
     return short, 0.3 + 0.07 * max(map(len, short))
 
 

@@ -58,7 +58,10 @@ def _data_sections(inputs: ReportInputs) -> list[ReportSection]:
     if len(inputs.setups) == 1:
         return _written(SECTIONS_OF_DATA, inputs.setups[0])
     each = enumerate(inputs.setups, 1)
-    return [overview_section(inputs), *(setup_section(n, one, _written(SECTIONS_OF_DATA, one)) for n, one in each)]
+    return [
+        overview_section(inputs),
+        *(setup_section(n, setup, _written(SECTIONS_OF_DATA, setup)) for n, setup in each),
+    ]
 
 
 def _written(sections: Iterable[Callable[[Inputs], ReportSection | None]], inputs: Inputs) -> list[ReportSection]:

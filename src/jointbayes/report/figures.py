@@ -235,7 +235,7 @@ def traces(names: Sequence[str], theta: Array, ensemble: NDArray[np.intp]) -> st
         steps = [group.mean() for group in groups]
         for e in np.unique(ensemble):
             parts = (theta[ensemble == e][:, group] for group in groups)
-            ranges = np.transpose([np.quantile(part, [0.025, 0.5, 0.975], axis=(0, 1)) for part in parts])
+            ranges = np.transpose([np.quantile(draws, [0.025, 0.5, 0.975], axis=(0, 1)) for draws in parts])
             colour = SERIES_COLOURS[int(e) % len(SERIES_COLOURS)]
             for axes, name, (low, middle, high) in zip(column, names, ranges, strict=True):
                 axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0)

@@ -97,12 +97,12 @@ def _rich(text: str) -> Markup:
     """HTML of a text with bold and code; every run is escaped before it is wrapped."""
     parts = []
     for run in parse(text):
-        part = Markup(ISOLATED.sub(r"<bdi>\1</bdi>", str(escape(run.text))))  # escaped before, and never nested
+        markup = Markup(ISOLATED.sub(r"<bdi>\1</bdi>", str(escape(run.text))))  # escaped before, and never nested
         if run.code:
-            part = Markup("<code>{}</code>").format(part)
+            markup = Markup("<code>{}</code>").format(markup)
         if run.bold:
-            part = Markup("<strong>{}</strong>").format(part)
-        parts.append(part)
+            markup = Markup("<strong>{}</strong>").format(markup)
+        parts.append(markup)
     return Markup("").join(parts)
 
 
@@ -113,7 +113,7 @@ def _data_uri(svg: str) -> str:
 
 def _payload(plot: LinePlot) -> Markup:
     """JSON of an interactive plot, safe inside a script element."""
-    ordinates = np.concatenate([part for one in plot.series for part in one.columns[1:]])
+    ordinates = np.concatenate([column for series in plot.series for column in series.columns[1:]])
     reach = np.log10(ordinates) if plot.log_y else ordinates
     tolerance = _TOLERANCE * float(np.ptp(reach))
     data = {
@@ -123,13 +123,13 @@ def _payload(plot: LinePlot) -> Markup:
         "log_y": plot.log_y,
         "series": [
             {
-                "name": plain(one.name),
-                "kind": one.kind,
-                "dashed": one.dashed,
+                "name": plain(series.name),
+                "kind": series.kind,
+                "dashed": series.dashed,
                 "colour": SERIES_COLOURS[index % len(SERIES_COLOURS)],
-                **_points(one, tolerance, log=plot.log_y),
+                **_points(series, tolerance, log=plot.log_y),
             }
-            for index, one in enumerate(plot.series)
+            for index, series in enumerate(plot.series)
         ],
     }
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
@@ -143,13 +143,13 @@ def _points(series: Series, tolerance: float, *, log: bool) -> dict[str, Any]:
     Zoomed in by ten, a curve is off by less than a pixel; peaks are always there.
     """
     x, *ordinates = series.columns
-    drawn = [np.log10(part) if log else part for part in ordinates if part.size]
+    drawn = [np.log10(column) if log else column for column in ordinates if column.size]
     kept = points_of_polyline(x, np.stack(drawn, axis=1), tolerance) if series.kind != "points" else np.arange(x.size)
     if kept.size > _MOST_POINTS:
-        kept = np.unique(np.concatenate([extremes(part, _MOST_POINTS // (2 * len(drawn))) for part in drawn]))
+        kept = np.unique(np.concatenate([extremes(column, _MOST_POINTS // (2 * len(drawn))) for column in drawn]))
     packed = {
-        name: _packed(part[kept] if part.size else part, log=log)
-        for name, part in zip(("y", "y_low", "y_high"), ordinates, strict=True)
+        name: _packed(column[kept] if column.size else column, log=log)
+        for name, column in zip(("y", "y_low", "y_high"), ordinates, strict=True)
     }
     return {"x": _packed_x(x, kept), **packed}
 

@@ -19,15 +19,15 @@ class SetupInputs:
     ----------
     posterior
         Of all set-ups.
-    part
+    problem
         The problem of this one.
-    said
+    summary
         The numbers of its data.
     """
 
     posterior: Posterior
-    part: Problem
-    said: SetupSummary
+    problem: Problem
+    summary: SetupSummary
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class ReportInputs:
     @property
     def setups(self) -> tuple[SetupInputs, ...]:
         """Each set-up; a lone test is one."""
-        parts, said = self.posterior.problem.parts, self.summary.setups
-        return tuple(SetupInputs(self.posterior, part, said[part.test.name]) for part in parts)
+        parts, summaries = self.posterior.problem.parts, self.summary.setups
+        return tuple(SetupInputs(self.posterior, part, summaries[part.test.name]) for part in parts)
 
     @cached_property
     def knowledge(self) -> Knowledge:

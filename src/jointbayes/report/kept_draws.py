@@ -40,7 +40,7 @@ def draws_kept(posterior: Posterior, directory: Path, within: Path | None = None
     """
     # "." and ".." have no name of their own
     named = directory if directory.name.strip(".") else Path(os.path.abspath(directory))
-    kept = _beside(named) if within is None else within / "posterior.nc"
+    kept = _reserve_file(named) if within is None else within / "posterior.nc"
     try:
         save_draws(posterior, kept, directory)
     except BaseException:
@@ -51,7 +51,7 @@ def draws_kept(posterior: Posterior, directory: Path, within: Path | None = None
     except (Exception, KeyboardInterrupt) as error:
         if within is not None:
             with suppress(OSError):
-                kept = kept.replace(_beside(named))
+                kept = kept.replace(_reserve_file(named))
         raise _explained(error, kept, directory) from error
     kept.unlink(missing_ok=True)
 
@@ -111,7 +111,7 @@ def _explained(error: BaseException, draws: Path, directory: Path) -> ReportErro
     return ReportError(f"{directory}: no report: {_one_line(error)}; {_go_on(draws, directory)}")
 
 
-def _beside(named: Path) -> Path:
+def _reserve_file(named: Path) -> Path:
     """A file for draws beside a run directory; its name is taken."""
     return next(path for path in _places(named) if _reserved(path))
 

@@ -242,9 +242,9 @@ def format_numbers(text: str) -> str:
 def _code_runs(text: str, *, bold: bool) -> list[Run]:
     # Splitting on one group alternates text, code, text, ...
     return [
-        Run(part if index % 2 else format_numbers(part), bold=bold, code=bool(index % 2))
-        for index, part in enumerate(_CODE.split(text))
-        if part
+        Run(piece if index % 2 else format_numbers(piece), bold=bold, code=bool(index % 2))
+        for index, piece in enumerate(_CODE.split(text))
+        if piece
     ]
 
 
@@ -294,7 +294,7 @@ def _restore_words(run: Run, words: Iterator[str]) -> str:
     return re.sub(_PLACE, lambda _: f"{_OPEN}{typeset(next(words))}{_CLOSE}", run.text)
 
 
-def as_characters(text: str) -> str:
+def plain_characters(text: str) -> str:
     """Text of a run for places that take only characters: isolates stay where words run from right to left."""
     return ISOLATED.sub(lambda words: words[0] if _runs_leftward(words[1]) else words[1], text)
 
@@ -311,4 +311,4 @@ def plain(text: str) -> str:
     >>> plain("Stiffness of `k12`")
     'Stiffness of k12'
     """
-    return as_characters("".join(run.text for run in parse(text)))
+    return plain_characters("".join(run.text for run in parse(text)))

@@ -178,8 +178,8 @@ class Series:
     def __post_init__(self) -> None:
         where = f"series {self.name!r}"
         if self.kind not in get_args(SeriesKind):
-            known = ", ".join(get_args(SeriesKind))
-            raise ValueError(f"{where}: kind {self.kind!r}, expected one of {known}")
+            kinds = ", ".join(get_args(SeriesKind))
+            raise ValueError(f"{where}: kind {self.kind!r}, expected one of {kinds}")
         for field in ("x", "y", "y_low", "y_high"):
             values = np.array(getattr(self, field), dtype=float)
             values.setflags(write=False)
@@ -235,12 +235,12 @@ class LinePlot:
     def __post_init__(self) -> None:
         if not self.series:
             raise ValueError(f"plot of {self.y_label!r}: no series")
-        for one in self.series:
-            x, *ordinates = one.columns
+        for series in self.series:
+            x, *ordinates = series.columns
             if self.log_x and x[0] <= 0:
-                raise ValueError(f"series {one.name!r}: x must be positive on a logarithmic axis")
+                raise ValueError(f"series {series.name!r}: x must be positive on a logarithmic axis")
             if self.log_y and np.concatenate(ordinates).min() <= 0:
-                raise ValueError(f"series {one.name!r}: y must be positive on a logarithmic axis")
+                raise ValueError(f"series {series.name!r}: y must be positive on a logarithmic axis")
 
 
 @dataclass(frozen=True, slots=True)

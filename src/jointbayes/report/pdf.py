@@ -10,7 +10,7 @@ from typing import Any
 
 import typst
 
-from jointbayes.report.markup import SYMBOLS, as_characters, badge, clean, parse, plain
+from jointbayes.report.markup import SYMBOLS, badge, clean, parse, plain, plain_characters
 from jointbayes.report.model import Block, Callout, Code, Figure, Paragraph, Report, Table
 
 _LONG_WORD = re.compile(r"\S{20,}")
@@ -122,7 +122,7 @@ def _cell(text: str) -> dict[str, Any]:
 
 def _runs(text: str) -> list[dict[str, Any]]:
     return [
-        {"text": _breakable(as_characters(run.text)), "style": {"bold": run.bold, "code": run.code}}
+        {"text": _breakable(plain_characters(run.text)), "style": {"bold": run.bold, "code": run.code}}
         for run in parse(text)
     ]
 

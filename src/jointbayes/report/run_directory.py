@@ -137,7 +137,9 @@ def write_whole(
 def write_into(target: Path, report: Report, files: Mapping[str, str]) -> None:
     """Write report, figures and other files, in this order, into a directory of a study; each is whole or absent."""
     real_directory(target / "figures")
-    figures = {f"figures/{one.identifier}.svg": one.svg for one in report.blocks() if isinstance(one, Figure)}
+    figures = {
+        f"figures/{figure.identifier}.svg": figure.svg for figure in report.blocks() if isinstance(figure, Figure)
+    }
     rendered = {"report.html": render_html(report).encode(), "report.pdf": render_pdf(report)}
     for name, content in (rendered | {name: text.encode() for name, text in {**figures, **files}.items()}).items():
         write_whole_file(target / name, content)
@@ -196,11 +198,11 @@ def _require_ours(target: Path) -> None:
     if target.is_symlink():
         raise CaseError(f"{target}: found a link; {_REMEDY}")
     for entry in sorted(target.iterdir()):
-        known, below = entry.name in _FILES, [entry]
+        expected, below = entry.name in _FILES, [entry]
         if entry.name in _FOLDERS and entry.is_dir() and not entry.is_symlink():
             below = sorted(entry.iterdir())
         for file in below:
-            ours = known if file is entry else file.suffix == _FOLDERS[entry.name]
+            ours = expected if file is entry else file.suffix == _FOLDERS[entry.name]
             ours = ours or file.name in _OF_THE_SYSTEM
             if not ours or file.is_symlink() or not file.is_file():
                 raise CaseError(f"{target}: found {file.relative_to(target)} in it, which no run wrote; {_REMEDY}")

@@ -24,18 +24,18 @@ _PER_TIME = {"receptance": "", "mobility": "s ", "accelerance": "s² "}
 
 def fit_section(inputs: SetupInputs) -> ReportSection:
     """Measured against predicted."""
-    said, fit = inputs.said, inputs.said.fit
+    summary, fit = inputs.summary, inputs.summary.fit
     text = (
         f"At the MAP the squared residual is {number(fit.chi2_per_line, 4)} times what the stated noise predicts, "
         f"over {fit.n_data} values (1 is expected)."
     )
-    blocks: list[Block] = [Paragraph(text), Paragraph(said.check.sentence)]
-    data = inputs.part.test.data.frfs
+    blocks: list[Block] = [Paragraph(text), Paragraph(summary.check.sentence)]
+    data = inputs.problem.test.data.frfs
     if data is not None:
-        blocks.append(_residuals(data, said.check))
-    blocks += _measure(said.diagnosis)
+        blocks.append(_residuals(data, summary.check))
+    blocks += _measure(summary.diagnosis)
     if data is not None:
-        blocks += _frf_figures(inputs.posterior, inputs.part, data, said.diagnosis)
+        blocks += _frf_figures(inputs.posterior, inputs.problem, data, summary.diagnosis)
     return ReportSection("fit", "Measured and predicted", tuple(blocks))
 
 

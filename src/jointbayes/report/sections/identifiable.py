@@ -87,10 +87,11 @@ def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ..
     uncertain = ", ".join(readable(name) for name in row.uncertain) or "none"
     if not row.known:
         return (uncertain, *("–" for _ in names), "–", "–")
-    known = row.known
-    intervals = (rounded_interval(known[name].interval95, known[name].interval95_error) for name in names)
+    assessments = row.known
+    intervals = (rounded_interval(assessments[name].interval95, assessments[name].interval95_error) for name in names)
     verdicts = "; ".join(
-        f"{name} {verdict_text(known[name].verdict, if_model_right=known[name].if_model_right)}" for name in names
+        f"{name} {verdict_text(assessments[name].verdict, if_model_right=assessments[name].if_model_right)}"
+        for name in names
     )
     return (uncertain, *intervals, verdicts, row.source)
 
@@ -104,10 +105,10 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
     for profile in knowledge.profiles:
         low, high = map(profile.coordinate.value, profile.interval)
         ends = ("none" if profile.open_below else number(low), "none" if profile.open_above else number(high))
-        known = summary.parameters.get(profile.name)
-        rows.append((profile.name, *ends, interval(known.known.interval95) if known else "–"))
+        parameter = summary.parameters.get(profile.name)
+        rows.append((profile.name, *ends, interval(parameter.known.interval95) if parameter else "–"))
     others = [p.coordinate for p in knowledge.profiles if p.name not in summary.parameters]
-    units = "".join(f"; {one.name} {'has none' if one.unit == '1' else f'in {one.unit}'}" for one in others)
+    units = "".join(f"; {axis.name} {'has none' if axis.unit == '1' else f'in {axis.unit}'}" for axis in others)
     blocks: tuple[Block, ...] = (
         Paragraph(
             "These are likelihood-ratio confidence limits, not credible intervals. They bound the values at which the "

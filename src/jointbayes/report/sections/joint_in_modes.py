@@ -20,7 +20,7 @@ _MOST_MODES = 12
 
 def joint_in_modes_section(inputs: SetupInputs) -> ReportSection | None:
     """Effect of the joint on each natural frequency in the band of the data; None where there is none."""
-    problem = inputs.part
+    problem = inputs.problem
     names = tuple(problem.quantities[i].name for i in _stiffnesses(problem))
     modes, best, rigid, change = _modes_in_band(problem, inputs.posterior.estimate.theta)
     if not modes.size:
@@ -47,23 +47,23 @@ def joint_in_modes_section(inputs: SetupInputs) -> ReportSection | None:
         rows,
         note=note,
     )
-    said = _sentence(modes, names, change)
-    if not inputs.said.check.explains:
-        said = f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
-    return ReportSection("joint-in-modes", "Which modes show the joint", (Paragraph(said), table))
+    sentence = _sentence(modes, names, change)
+    if not inputs.summary.check.explains:
+        sentence = f"{IF_MODEL_RIGHT.capitalize()}: {sentence[0].lower()}{sentence[1:]}"
+    return ReportSection("joint-in-modes", "Which modes show the joint", (Paragraph(sentence), table))
 
 
 def _sentence(modes: NDArray[np.intp], names: tuple[str, ...], change: Array) -> str:
     """How well the mode that shows a stiffness most would tell it."""
-    said = []
+    accuracies = []
     for name, slopes in zip(names, change, strict=True):
         most = int(np.argmax(np.abs(slopes)))
         reached = _KNOWN_PERCENT / max(abs(slopes[most]), np.finfo(float).tiny)
         to = f"to {number(reached, 2)} %" if reached < 100 else "not even by its order"
-        said.append(f"**{foreign(name)}** {to} (mode {modes[most]})")
+        accuracies.append(f"**{foreign(name)}** {to} (mode {modes[most]})")
     return (
         f"One natural frequency that is known to {_KNOWN_PERCENT:g} %, with all else known exactly, tells "
-        f"{', '.join(said)}; in brackets the mode that shows this stiffness most."
+        f"{', '.join(accuracies)}; in brackets the mode that shows this stiffness most."
     )
 
 

@@ -24,7 +24,7 @@ def lead(inputs: ReportInputs) -> tuple[Block, ...]:
         *_banners(inputs),
         _verdict_table(inputs),
         Paragraph(verdict_sentences(summary)),
-        *([Paragraph(f"**{said}**")] if (said := inputs.knowledge.bounds_sentence) else []),
+        *([Paragraph(f"**{sentence}**")] if (sentence := inputs.knowledge.bounds_sentence) else []),
         *([] if summary.no_verdict else map(Paragraph, _coupling_sentences(inputs))),
         *_explained(summary),
     )
@@ -36,8 +36,8 @@ def _banners(inputs: ReportInputs) -> list[Block]:
     if posterior.converged:
         banners.append(Callout("good", f"**The sampler** {posterior.reason}"))
     else:
-        found = posterior.reason.removeprefix("not converged ")
-        banners.append(Callout("bad", f"**The sampler has NOT converged, do not use these numbers**: {found}"))
+        reason = posterior.reason.removeprefix("not converged ")
+        banners.append(Callout("bad", f"**The sampler has NOT converged, do not use these numbers**: {reason}"))
     if not posterior.mode_agrees:
         banners.append(
             Callout(
@@ -76,7 +76,7 @@ def _explained(summary: Summary) -> list[Block]:
         return []
     if len(summary.setups) == 1:
         return [Paragraph(_bold_head(summary.check.sentence))]
-    if not all(one.check.explains for one in summary.setups.values()):
+    if not all(setup.check.explains for setup in summary.setups.values()):
         return []
     all_of = f"**The model explains the data of all {len(summary.setups)} set-ups.**"
     return [Paragraph(f"{all_of} {summary.check.sentence}")]
@@ -85,11 +85,11 @@ def _explained(summary: Summary) -> list[Block]:
 def _check_banners(summary: Summary) -> list[Block]:
     """A banner for each set-up whose data the model does not explain, with what helps, or whose noise is overstated."""
     banners: list[Block] = []
-    for one in summary.setups.values():
-        if not one.check.explains:
-            banners.append(Callout("bad", f"{_bold_head(one.check.sentence)} {one.diagnosis.sentence}"))
-        elif one.check.finding == "noise overstated":
-            banners.append(Callout("caution", _bold_head(one.check.sentence)))
+    for setup in summary.setups.values():
+        if not setup.check.explains:
+            banners.append(Callout("bad", f"{_bold_head(setup.check.sentence)} {setup.diagnosis.sentence}"))
+        elif setup.check.finding == "noise overstated":
+            banners.append(Callout("caution", _bold_head(setup.check.sentence)))
     return banners
 
 
@@ -105,11 +105,11 @@ def _verdict_table(inputs: ReportInputs) -> Table:
     head = ["Quantity" if damped else "Stiffness", "Median", "95 % interval", "Unit", "Verdict"]
     rows = []
     for i, (name, p) in enumerate(parameters.items()):
-        known = p.known
+        assessment = p.known
         row = [
             name,
-            rounded(known.median, known.median_error),
-            known.limit.removesuffix(f" {known.unit}") or known.interval(),
+            rounded(assessment.median, assessment.median_error),
+            assessment.limit.removesuffix(f" {assessment.unit}") or assessment.interval(),
             "–" if p.unit == "1" else p.unit,
             p.verdict,
         ]
@@ -138,22 +138,24 @@ def verdict_sentences(summary: Summary) -> str:
     """Each stiffness's verdict with its reason, a sentence each."""
     sentences = []
     for name, p in summary.parameters.items():
-        known = p.known
-        reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
+        assessment = p.known
+        reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
         reason += f"; {p.exact.words_if_uncertain}" if p.exact else ""
-        limit = f" {known.limit_in_words}," if known.limit else ""
-        ends = f" {known.source}" if known.source and not known.limit else ""
-        volume = f" {known.prior_volume.capitalize()}." if known.prior_volume else ""
+        limit = f" {assessment.limit_in_words}," if assessment.limit else ""
+        ends = f" {assessment.source}" if assessment.source and not assessment.limit else ""
+        volume = f" {assessment.prior_volume.capitalize()}." if assessment.prior_volume else ""
         sentences.append(f"**{name}**{ends}:{limit} {p.verdict} ({reason}).{volume}")
     return " ".join(sentences)
 
 
 def _coupling_sentences(inputs: ReportInputs) -> list[str]:
     """One sentence on each coupling against the stiffness of the second motion that it couples."""
-    quantities = [one for one in inputs.posterior.problem.quantities if one.role == "stiffness" and one.places]
+    quantities = [
+        quantity for quantity in inputs.posterior.problem.quantities if quantity.role == "stiffness" and quantity.places
+    ]
     diagonal = {quantity.places[0]: quantity for quantity in quantities if not quantity.may_be_negative}
     couplings = [quantity for quantity in quantities if quantity.may_be_negative][:_MOST_COUPLINGS]
-    return [coupling_sentence(inputs.summary, one, diagonal[one.places[0][1:] * 2]) for one in couplings]
+    return [coupling_sentence(inputs.summary, coupling, diagonal[coupling.places[0][1:] * 2]) for coupling in couplings]
 
 
 def coupling_sentence(summary: Summary, coupling: Quantity, rotation: Quantity) -> str:

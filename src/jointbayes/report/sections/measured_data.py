@@ -17,7 +17,7 @@ _MOST_CHANNELS = 40  # in the table
 
 def mode_table(inputs: SetupInputs) -> tuple[Block, ...]:
     """Natural frequencies and damping ratios that the FRFs show; empty where none were found."""
-    provenance = inputs.part.test.data.provenance
+    provenance = inputs.problem.test.data.provenance
     if provenance is None or not provenance.modes:
         return ()
     predicted = _predicted(inputs, provenance.modes)
@@ -43,7 +43,7 @@ def mode_table(inputs: SetupInputs) -> tuple[Block, ...]:
 
 def _predicted(inputs: SetupInputs, modes: Sequence[MeasuredMode]) -> list[float]:
     """The model's natural frequency nearest to each measured one; NaN where the model has none."""
-    problem, theta = inputs.part, inputs.posterior.estimate.theta
+    problem, theta = inputs.problem, inputs.posterior.estimate.theta
     measured = np.array([mode.frequency_hz for mode in modes])
     if not problem.test.most_modes:
         return [float("nan")] * len(measured)
@@ -54,7 +54,7 @@ def _predicted(inputs: SetupInputs, modes: Sequence[MeasuredMode]) -> list[float
 
 def measurement_section(inputs: SetupInputs) -> ReportSection | None:
     """Files, channels, variance, what was changed, and what is doubtful."""
-    p = inputs.part.test.data.provenance
+    p = inputs.problem.test.data.provenance
     if p is None:
         return None
     averages = f", {p.averages} averages" if p.averages else ""

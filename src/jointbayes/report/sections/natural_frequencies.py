@@ -22,7 +22,7 @@ _MOST_ROWS, _MOST_FIGURES = 60, 8
 
 def frequency_section(inputs: SetupInputs) -> ReportSection | None:
     """Natural frequencies: measured, first guess, MAP, interval; None where the model has none."""
-    frequencies = inputs.said.natural_frequencies_hz
+    frequencies = inputs.summary.natural_frequencies_hz
     if not frequencies.map:
         return None
     measured = frequencies.measured
@@ -39,13 +39,13 @@ def frequency_section(inputs: SetupInputs) -> ReportSection | None:
         head.insert(1, "Measured (Hz)")
     blocks: list[Block] = [Table("Natural frequencies, undamped", tuple(head), tuple(rows))]
     if measured:
-        modes = inputs.part.test.data.modes
+        modes = inputs.problem.test.data.modes
         sd = None if modes is None else modes.sd_hz
         low, high = np.array(frequencies.interval95).T
         series = {"MAP": np.array(frequencies.map), "95 % interval": (low, high)}
         svg = figures.frequency_errors(np.array(measured), sd, series)
         caption = "Predicted natural frequencies against the measured ones."
-        if inputs.said.fit.synthetic_data:
+        if inputs.summary.fit.synthetic_data:
             caption += " The FRF data are synthetic, so that these measured frequencies were not fitted."
         worst = max(abs(100 * (b / m - 1)) for b, m in zip(frequencies.map, measured, strict=True))
         alt = f"Deviation of predicted natural frequencies by mode; the largest at the MAP is {worst:.2f} per cent."
@@ -74,7 +74,7 @@ class _Compared:
 
 def own_section(inputs: SetupInputs) -> ReportSection | None:
     """The section that the kind of data registers, see `compared_section`; None where it has none."""
-    return compared_section(inputs.part.test.data, inputs)
+    return compared_section(inputs.problem.test.data, inputs)
 
 
 @singledispatch
@@ -88,14 +88,14 @@ def compared_section(data: Data, inputs: SetupInputs) -> ReportSection | None:
 
 @compared_section.register
 def _modes_section(measured: ModeData, inputs: SetupInputs) -> ReportSection:
-    posterior, problem = inputs.posterior, inputs.part
+    posterior, problem = inputs.posterior, inputs.problem
     prediction = ModePrediction(measured, problem.test.structures, problem.test.joints)
     parts, likeness, places = _compared(posterior, problem, measured, prediction)
     head = ("Measured", "sd", "MAP", "MAP − measured (sd)", "95 % interval")
     rows = []
-    for name, part in parts.items():
+    for name, compared in parts.items():
         if name != "shape":
-            rows += [(f"{name}, mode {n}", *part.row((i,))) for i, n in enumerate(measured.numbers)]
+            rows += [(f"{name}, mode {n}", *compared.row((i,))) for i, n in enumerate(measured.numbers)]
     repetitions = len(measured.frequency.values)
     note = f"Means over {repetitions} repetitions, weighted by their precision, and their standard deviations. "
     note = (note if repetitions > 1 else "") + "Frequencies are undamped ones."
@@ -110,8 +110,8 @@ def _modes_section(measured: ModeData, inputs: SetupInputs) -> ReportSection:
         more = f"The first {_MOST_ROWS} of {len(each)}." if len(each) > _MOST_ROWS else ""
         blocks.append(Table("Components of mode shapes", ("Component", *head), tuple(each[:_MOST_ROWS]), note=more))
         matched = tuple(
-            (str(n), str(place + 1), number(one, 4))
-            for n, place, one in zip(measured.numbers, places, likeness, strict=True)
+            (str(n), str(place + 1), number(mac, 4))
+            for n, place, mac in zip(measured.numbers, places, likeness, strict=True)
         )
         how = "the number that the data state" if measured.match == "number" else "the nearest shape"
         note = f"Matched by {how}, at the MAP. Modal assurance criterion: 1 where the two shapes are proportional."
@@ -140,10 +140,10 @@ def _compared(
         predicted["shape"], given["shape"] = prediction.components(modal), measured.shapes.components
         likeness = np.diagonal(mac(prediction.measured_shapes, modal.shapes[0]))
     parts = {}
-    for name, part in given.items():
-        if part is not None:
+    for name, observed in given.items():
+        if observed is not None:
             low, high = np.quantile(predicted[name][1:], [0.025, 0.975], axis=0)
-            parts[name] = _Compared(*part.mean(), predicted[name][0], low, high)
+            parts[name] = _Compared(*observed.mean(), predicted[name][0], low, high)
     return parts, likeness, places[0]
 
 
@@ -151,7 +151,7 @@ def _figures(measured: ModeData, shape: _Compared) -> list[Block]:
     """Components, measured and predicted, of each mode of which some were measured."""
     assert measured.shapes is not None
     blocks: list[Block] = []
-    with_some = [i for i, one in enumerate(shape.measured) if not np.isnan(one).all()]
+    with_some = [i for i, components in enumerate(shape.measured) if not np.isnan(components).all()]
     for i in with_some[:_MOST_FIGURES]:
         n = measured.numbers[i]
         name = f"mode-shape-{n}"

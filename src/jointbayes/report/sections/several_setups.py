@@ -15,15 +15,15 @@ from jointbayes.report.sections.measured_data import mode_table
 
 def overview_section(inputs: ReportInputs) -> ReportSection:
     """A row for each set-up: its data, and whether the model explains them."""
-    levels = [one.said.level for one in inputs.setups if one.said.level is not None]
+    levels = [setup.summary.level for setup in inputs.setups if setup.summary.level is not None]
     rows = []
-    for one in inputs.setups:
-        fit, check = one.said.fit, one.said.check
-        data = one.part.test.data.in_short(foreign)
-        row = [foreign(one.part.test.name), data, str(fit.n_data), number(fit.chi2_per_line, 4)]
+    for setup in inputs.setups:
+        fit, check = setup.summary.fit, setup.summary.check
+        data = setup.problem.test.data.in_short(foreign)
+        row = [foreign(setup.problem.test.name), data, str(fit.n_data), number(fit.chi2_per_line, 4)]
         row.append("yes" if check.explains else "no")
         if levels:
-            level = one.said.level
+            level = setup.summary.level
             row.insert(1, "–" if level is None else number(level.value))
         rows.append(tuple(row))
     head = ["Set-up", "Data", "Values", "Squared residual", "Explained"]
@@ -35,7 +35,7 @@ def overview_section(inputs: ReportInputs) -> ReportSection:
         "posterior predictive check of its data is passed. A quantity whose name begins with that of a set-up is its "
         "own; all others are one for all."
     )
-    kinds = tuple("" if one.said.check.explains else "bad" for one in inputs.setups)
+    kinds = tuple("" if setup.summary.check.explains else "bad" for setup in inputs.setups)
     table = Table("Set-ups", tuple(head), tuple(rows), note=note, row_kinds=kinds)
     return ReportSection("setups", "Set-ups", (table,))
 
@@ -46,7 +46,7 @@ def setup_section(place: int, inputs: SetupInputs, sections: Sequence[ReportSect
     for section in sections:
         blocks.append(Paragraph(f"**{section.title}.**"))
         blocks += (_name_setup(place, block) for block in section.blocks)
-    return ReportSection(f"setup-{place}", f"Set-up {foreign(inputs.part.test.name)}", tuple(blocks))
+    return ReportSection(f"setup-{place}", f"Set-up {foreign(inputs.problem.test.name)}", tuple(blocks))
 
 
 def _name_setup(place: int, block: Block) -> Block:
@@ -74,8 +74,8 @@ def _axis(curve: Curve) -> str:
 def _table(inputs: ReportInputs, curve: Curve) -> Table:
     rows, kinds = [], []
     for i, (setup, name) in enumerate(zip(curve.setups, curve.quantities, strict=True)):
-        known = inputs.summary.parameters[name].known
-        verdict = verdict_text(known.verdict, if_model_right=known.if_model_right)
+        assessment = inputs.summary.parameters[name].known
+        verdict = verdict_text(assessment.verdict, if_model_right=assessment.if_model_right)
         ends = interval((curve.low[i], curve.high[i]))
         rows.append((number(curve.level[i]), foreign(setup), number(curve.median[i]), ends, curve.unit, verdict))
         kinds.append(kind_of(verdict))
