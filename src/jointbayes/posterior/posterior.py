@@ -195,7 +195,7 @@ def curves_of(posterior: PosteriorDraws) -> tuple[Curve, ...]:
 
 
 def _sorted_by_level(setups: Sequence[Test]) -> list[Test]:
-    return sorted((one for one in setups if one.level is not None), key=_value)
+    return sorted((test for test in setups if test.level is not None), key=_value)
 
 
 def _value(test: Test) -> float:

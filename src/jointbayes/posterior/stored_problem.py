@@ -121,7 +121,7 @@ class _Description:
     """A problem taken apart: plain values, its arrays, and what could only be named, by its place."""
 
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
-    own: dict[str, str] = field(default_factory=dict)
+    unstored: dict[str, str] = field(default_factory=dict)
     plain: Any = None
 
     @classmethod
@@ -136,7 +136,7 @@ class _Description:
             digest.update(np.ascontiguousarray(array).tobytes())
         # as a file gives it back: lists for tuples
         plain = json.loads(json.dumps(self.plain))
-        return {"description": plain, "own": self.own, "sha256": digest.hexdigest()}
+        return {"description": plain, "own": self.unstored, "sha256": digest.hexdigest()}
 
     def _taken(self, value: Any, place: str) -> Any:  # noqa: ANN401 (any part of a problem)
         if value is None or isinstance(value, str | bool | int | float):
@@ -161,7 +161,7 @@ class _Description:
             parts = {f.name: self._taken(getattr(value, f.name), f"{place}.{f.name}") for f in fields(value) if f.init}
             return {"kind": kind, **parts}
         name = getattr(value, "__qualname__", type(value).__qualname__)
-        self.own[place] = name
+        self.unstored[place] = name
         return {"own": name}
 
 
