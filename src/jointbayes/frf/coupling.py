@@ -22,7 +22,7 @@ from jointbayes.frf.kernels.multi_dof import MultiDofCoupling, MultiDofMisfit
 from jointbayes.frf.kernels.pair import PairCoupling, PairMisfit
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, substructures
 from jointbayes.frf.modal import AssembledModes
-from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, TakingPart, as_factors
+from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, TakingPart, factors_batch
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.structure import Body, FreeModes
 
@@ -186,7 +186,7 @@ class LowRankCoupling:
             return self._damped(batch, factors)
         if self._known is not None:
             return self._known.receptance(batch.stiffness)
-        factor_rows = as_factors(factors, len(batch))
+        factor_rows = factors_batch(factors, len(batch))
         return np.concatenate(
             [self._coupling_at(row).receptance(k) for k, row in zip(batch.stiffness, factor_rows, strict=True)]
         )
@@ -195,7 +195,7 @@ class LowRankCoupling:
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along changes of one joint matrix, see `ReceptanceModel`."""
-        joint, changes, factor_rows = joint_matrix_of(matrix), joint_matrix_of(directions), as_factors(factors, 1)
+        joint, changes, factor_rows = joint_matrix_of(matrix), joint_matrix_of(directions), factors_batch(factors, 1)
         if joint.damped:
             return self._damped_tangent(joint, changes, factor_rows)
         return (self._known or self._coupling_at(factor_rows[0])).tangent(joint.stiffness, changes.stiffness)
@@ -211,7 +211,7 @@ class LowRankCoupling:
 
     def _damped(self, matrices: JointMatrix, factors: ArrayLike | None) -> ComplexArray:
         """Receptances of a batch of joints with damping."""
-        factor_rows, receptances = as_factors(factors, len(matrices)), []
+        factor_rows, receptances = factors_batch(factors, len(matrices)), []
         for start in range(0, len(matrices), _AT_ONCE):
             batch = slice(start, start + _AT_ONCE)
             receptances.append(
@@ -260,7 +260,7 @@ class _MisfitOfAnyJoint:
             chi2[possible] = self._undamped.yielding_chi2(compliance[possible], places)
             left = left[~possible]
         if left.size:
-            row = as_factors(factors, len(joints))[left]
+            row = factors_batch(factors, len(joints))[left]
             chi2[left] = chi2_of(self._model.receptance(joints[left], row), self._measured, self._weight)
         return chi2
 
@@ -277,14 +277,14 @@ class _UncertainMisfit:
 
     def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), see `Misfit`."""
-        factor_rows = as_factors(factors, len(stiffness))
+        factor_rows = factors_batch(factors, len(stiffness))
         return np.concatenate(
             [self._coupling_at(row).chi2(k[None]) for k, row in zip(stiffness, factor_rows, strict=True)]
         )
 
     def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient by the joint, see `Misfit`."""
-        factor_rows = as_factors(factors, len(stiffness))
+        factor_rows = factors_batch(factors, len(stiffness))
         terms = [self._coupling_at(row).chi2_gradient(k[None]) for k, row in zip(stiffness, factor_rows, strict=True)]
         return np.concatenate([chi2 for chi2, _ in terms]), np.concatenate([slope for _, slope in terms])
 
@@ -377,7 +377,7 @@ class NoisePropagation:
 
     def _free(self, batch: int, factors: ArrayLike | None) -> ComplexArray:
         """Receptance without the joint, shape (batch, lines, k, k); (1, …) where it is the same for all."""
-        return self._model.free(as_factors(factors, batch))
+        return self._model.free(factors_batch(factors, batch))
 
 
 def _root(body: MeasuredBody) -> Array:

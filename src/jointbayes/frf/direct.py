@@ -38,9 +38,9 @@ class DirectSolve:
     def receptance(self, matrices: AnyJointMatrix) -> NDArray[np.complex128]:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
         batch = joint_matrix_of(matrices).batch
-        return np.stack([self._of_joint(batch[i]) for i in range(len(batch))])
+        return np.stack([self._solve_joint(batch[i]) for i in range(len(batch))])
 
-    def _of_joint(self, matrix: JointMatrix) -> NDArray[np.complex128]:
+    def _solve_joint(self, matrix: JointMatrix) -> NDArray[np.complex128]:
         if not matrix.damped:
             added = self._joined @ matrix.stiffness @ self._joined.T
             return self._structure.solve_lines(self._omega, self._outputs, self._inputs, added, rigid=self._rigid)

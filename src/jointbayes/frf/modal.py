@@ -11,7 +11,7 @@ from jointbayes.errors import ModelError
 from jointbayes.frf.damped_joints import add_joint, chi2_of
 from jointbayes.frf.kernels.modal_sum import ModalSum
 from jointbayes.frf.kernels.secular import add_springs, springs, workspace
-from jointbayes.frf.ports import Ports, TakingPart, as_factors
+from jointbayes.frf.ports import Ports, TakingPart, factors_batch
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix_of, symmetric_changes
 from jointbayes.structure import Body
 from jointbayes.structure.body import MOST_HELD
@@ -89,7 +89,7 @@ class JoinedModes:
             motions; and the directions L of the springs, δ = Lᵀx with x the joint's motion.
         """
         directions, stiffness = springs(matrices)
-        free, motions = self._free(as_factors(factors, len(matrices)))
+        free, motions = self._free(factors_batch(factors, len(matrices)))
         joined, rest = np.ascontiguousarray(motions[:, : self._r]), np.ascontiguousarray(motions[:, self._r :])
         batch, m = len(matrices), free.shape[1]
         lam = np.empty((batch, m))
@@ -151,7 +151,7 @@ class NaturalFrequencies(LowestModes):
         For joint matrices of shape (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
         """
         stiffness = np.ascontiguousarray(joint_matrix_of(matrices).batch.stiffness)
-        factor_rows = as_factors(factors, len(stiffness))
+        factor_rows = factors_batch(factors, len(stiffness))
         eigenvalues, _, _ = self._modes.solve(stiffness, factor_rows)
         frequency: Array = np.sqrt(np.maximum(eigenvalues[:, self._counted], 0.0)) / (2 * np.pi)
         return frequency * first_factors(self._body.frequency_factors(factor_rows), frequency.shape[1])
@@ -160,7 +160,7 @@ class NaturalFrequencies(LowestModes):
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Frequencies (count,) in Hz and their derivative (p, count) along changes dK^J (p, r, r)."""
-        factor_rows = as_factors(factors, 1)
+        factor_rows = factors_batch(factors, 1)
         (eigenvalues,), (rows,), (springs,) = self._modes.solve(joint_matrix_of(matrix).batch.stiffness, factor_rows)
         shapes = np.linalg.solve(springs.T, rows)[:, self._counted]
         frequency = np.sqrt(np.maximum(eigenvalues[self._counted], 0.0)) / (2 * np.pi)
@@ -215,7 +215,7 @@ class AssembledModes:
 
     def _damped(self, matrices: JointMatrix, factors: ArrayLike | None) -> NDArray[np.complex128]:
         """Receptances of a batch of joints with damping."""
-        factor_rows, (r, q) = as_factors(factors, len(matrices)), self._along.shape
+        factor_rows, (r, q) = factors_batch(factors, len(matrices)), self._along.shape
         eigenvalues, rows, springs = self._modes.solve(np.ascontiguousarray(matrices.stiffness), factor_rows)
         ratios = self._stated(factor_rows, eigenvalues)
         # between the joint's own motions and the ports' others, as outputs and as inputs
@@ -247,7 +247,7 @@ class AssembledModes:
 
     def _assembled(self, matrices: Array, factors: ArrayLike | None) -> tuple[Array, Array, Array]:
         """Assembled eigenvalues (batch, m), shapes at outputs and inputs (batch, outputs + inputs, m), and ζ."""
-        factor_rows = as_factors(factors, len(matrices))
+        factor_rows = factors_batch(factors, len(matrices))
         eigenvalues, rows, springs = self._modes.solve(matrices, factor_rows)
         r = self._along.shape[0]
         shapes = rows[:, r:]
@@ -290,7 +290,7 @@ class AssembledModes:
         Fox, R. L., Kapoor, M. P. (1968). Rates of change of eigenvalues and eigenvectors. AIAA Journal
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
-        joint, changes, factor_rows = joint_matrix_of(matrix), joint_matrix_of(directions), as_factors(factors, 1)
+        joint, changes, factor_rows = joint_matrix_of(matrix), joint_matrix_of(directions), factors_batch(factors, 1)
         if joint.damped:
             return self._damped_tangent(joint, changes, factor_rows)
         (lam,), (rows,), (springs,) = self._modes.solve(joint.batch.stiffness, factor_rows)
@@ -365,7 +365,7 @@ class AssembledMisfit:
     def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient by the joint, see `Misfit`."""
         stiffness = joint_matrix_of(matrices).stiffness
-        factor_rows = as_factors(factors, len(stiffness))
+        factor_rows = factors_batch(factors, len(stiffness))
         changes = symmetric_changes(stiffness.shape[-1])
         gradient = np.empty_like(stiffness)
         for matrix, row, slope in zip(stiffness, factor_rows, gradient, strict=True):

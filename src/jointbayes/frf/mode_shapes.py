@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
 from jointbayes.frf.modal import JoinedModes, LowestModes, first_factors, turned_modes
-from jointbayes.frf.ports import TakingPart, as_factors
+from jointbayes.frf.ports import TakingPart, factors_batch
 from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of
 from jointbayes.structure import Body
 
@@ -57,7 +57,7 @@ class AssembledShapes(LowestModes):
     def modes(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Modal:
         """Modes for joint matrices (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q)."""
         sides = tuple(map(np.ascontiguousarray, joint_matrix_of(matrices).batch.sides))
-        factor_rows = as_factors(factors, len(sides[0]))
+        factor_rows = factors_batch(factors, len(sides[0]))
         eigenvalues, rows, springs = self._modes.solve(sides[0], factor_rows)
         r, counted = self._along.shape[0], self._counted
         at_joint = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r, counted])
@@ -91,7 +91,7 @@ class AssembledShapes(LowestModes):
         Fox, R. L., Kapoor, M. P. (1968). Rates of change of eigenvalues and eigenvectors. AIAA Journal
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
-        factor_rows, here = as_factors(factors, 1), self.modes(matrix, factors)
+        factor_rows, here = factors_batch(factors, 1), self.modes(matrix, factors)
         sides, changes = joint_matrix_of(matrix).batch.sides, joint_matrix_of(directions).sides
         (eigenvalues,), (rows,), (springs,) = self._modes.solve(sides[0], factor_rows)
         r, counted = self._along.shape[0], self._counted

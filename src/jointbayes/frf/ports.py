@@ -82,13 +82,13 @@ class TakingPart:
         return cls(dofs, joined[dofs], along, motions - joined[dofs] @ along)
 
 
-def as_batch(stiffness: ArrayLike) -> Array:
+def stiffness_batch(stiffness: ArrayLike) -> Array:
     """Stiffness matrices with a leading batch axis, shape (batch, r, r)."""
     matrices = np.asarray(stiffness, dtype=float)
     return matrices[None] if matrices.ndim == 2 else matrices
 
 
-def as_factors(factors: ArrayLike | None, batch: int) -> Array:
+def factors_batch(factors: ArrayLike | None, batch: int) -> Array:
     """Factors on a structure's uncertain quantities for each of a batch, shape (batch, q); (batch, 0) without any."""
     if factors is None:
         return np.empty((batch, 0))

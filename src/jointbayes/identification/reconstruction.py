@@ -217,9 +217,9 @@ class _Misfit:
                     row, column = quantity.places[0]
                     self._own[i] = np.log(data.body_stiffness[row] * data.body_stiffness[column]) / 2
         self._springs = np.isfinite(self._own)
-        self._ends = self._of_theta(self._low), self._of_theta(self._high)
+        self._ends = self._unit_coordinates(self._low), self._unit_coordinates(self._high)
 
-    def _of_theta(self, joint: Array) -> Array:
+    def _unit_coordinates(self, joint: Array) -> Array:
         x = (joint - self._low) / (self._high - self._low)
         return np.where(self._springs, 1 / (1 + np.exp(np.where(self._springs, self._own - joint, 0.0))), x)
 
@@ -241,7 +241,7 @@ class _Misfit:
         """Points of the prior, each shape (count,), for points of the unit cube, shape (n, count)."""
         whole = np.full((len(unit), self._prior.mean.size), 0.5)
         whole[:, : self._count] = unit
-        return list(self.clipped(self._of_theta(self._prior.joint(self._prior.transform(whole)))))
+        return list(self.clipped(self._unit_coordinates(self._prior.joint(self._prior.transform(whole)))))
 
     def nearly_rigid(self) -> Array:
         """All springs nearly rigid, everything else in the middle, shape (count,)."""

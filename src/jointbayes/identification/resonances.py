@@ -67,10 +67,14 @@ def _peaks(data: FrfData, values: Complex, output: int, input_: int) -> list[tup
         return []
     log_magnitude[~np.isfinite(log_magnitude)] = log_magnitude[np.isfinite(log_magnitude)].min()
     peaks = prominent_peaks(log_magnitude, PROMINENCE)
-    return [(_between_lines(frequency, values, ratio, int(k)), float(ratio[k])) for k in peaks if ratio[k] > LEAST_SD]
+    return [
+        (_interpolate_frequency(frequency, values, ratio, int(k)), float(ratio[k]))
+        for k in peaks
+        if ratio[k] > LEAST_SD
+    ]
 
 
-def _between_lines(frequency: Array, values: NDArray[np.complex128], ratio: Array, peak: int) -> float:
+def _interpolate_frequency(frequency: Array, values: NDArray[np.complex128], ratio: Array, peak: int) -> float:
     """Frequency of a peak between its lines: the zero of Re 1/H, which near one mode is linear in ω².
 
     Each line counts by the variance of 1/H, which goes with 1/(|H| ratio)². Lines coarser than the peak is wide miss

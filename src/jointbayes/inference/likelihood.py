@@ -30,7 +30,7 @@ from jointbayes.frf import (
 )
 from jointbayes.frf.kernels.by_line import noise_roots
 from jointbayes.frf.measured_body import substructures
-from jointbayes.frf.ports import as_factors
+from jointbayes.frf.ports import factors_batch
 from jointbayes.inference.likelihood_base import (
     PURE_NOISE,
     STEP,
@@ -172,7 +172,7 @@ class FrfLikelihood(Likelihood):
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
         joints = joint_matrix_of(matrices)
-        factor_rows = as_factors(factors, len(joints))
+        factor_rows = factors_batch(factors, len(joints))
         if self._squares:
             chi2 = self._misfit.chi2(joints, self._structural(factor_rows))
             value = self.constant + self.noise.log_likelihood_of_chi2(chi2, self.n_data, self.hyper(factor_rows))
@@ -189,7 +189,7 @@ class FrfLikelihood(Likelihood):
     def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Residuals:
         """Residuals over σ, shape (batch, lines, pairs), see `Residual`."""
         joints = joint_matrix_of(matrices)
-        return self._compared(joints, as_factors(factors, len(joints)))[0]
+        return self._compared(joints, factors_batch(factors, len(joints)))[0]
 
     def _compared(self, matrices: JointMatrix, factor_rows: Array) -> tuple[Residuals, Array]:
         """Residuals over σ, and what a noise that depends on the joint takes from ln L, shape (batch,)."""
@@ -211,14 +211,14 @@ class FrfLikelihood(Likelihood):
         stated = self._data.variance
         if self.propagated is None:
             return np.broadcast_to(stated, (len(joints), *stated.shape))
-        roots = self._roots(joints, as_factors(factors, len(joints)))
+        roots = self._roots(joints, factors_batch(factors, len(joints)))
         whole = self.propagated.variance(roots).reshape(len(joints), *stated.shape)
         return whole * np.abs(self._factor) ** 2
 
     def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """FRFs in the measured quantity, gain included, shape (batch, lines, outputs, inputs)."""
         joints = joint_matrix_of(matrices)
-        return self._predicted(joints, as_factors(factors, len(joints))) * self._factor
+        return self._predicted(joints, factors_batch(factors, len(joints))) * self._factor
 
     def add_noise(self, predicted: ComplexArray, z: NDArray[Any]) -> ComplexArray:
         """What would be measured: predicted FRFs of one joint and noise z, both (lines, outputs, inputs)."""
@@ -247,7 +247,7 @@ class FrfLikelihood(Likelihood):
             If the noise model correlates them.
         """
         joints = joint_matrix_of(matrices)
-        factor_rows = as_factors(factors, len(joints))
+        factor_rows = factors_batch(factors, len(joints))
         z = self.standardised(joints, factor_rows)
         values: Array = self.noise.pointwise(z, self.hyper(factor_rows))
         if self.propagated is not None:
@@ -264,14 +264,14 @@ class FrfLikelihood(Likelihood):
         if not (self._squares and self.gaussian):
             raise ModelError("gradient: found a noise model with parameters; expected Gaussian noise of known size")
         joints = joint_matrix_of(matrices)
-        chi2, slope = self._misfit.chi2_gradient(joints, self._structural(as_factors(factors, len(joints))))
+        chi2, slope = self._misfit.chi2_gradient(joints, self._structural(factors_batch(factors, len(joints))))
         return self.constant - chi2, -slope
 
     def residuals(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
-        joint, factor_rows = joint_matrix_of(matrix), as_factors(factors, 1)
+        joint, factor_rows = joint_matrix_of(matrix), factors_batch(factors, 1)
         structural = factor_rows[:, : self._n_structure]
         value, derivative = self._model.tangent(joint, directions, structural[0])
         if self._gain:

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledShapes, Modal, NaturalFrequencies, rigid_body_modes
-from jointbayes.frf.ports import as_factors
+from jointbayes.frf.ports import factors_batch
 from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.noise.gaussian import GaussianNoise
@@ -238,7 +238,7 @@ class GaussianLikelihood(Likelihood):
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
         joints = joint_matrix_of(matrices)
-        factor_rows = as_factors(factors, len(joints))
+        factor_rows = factors_batch(factors, len(joints))
         chi2 = 0.5 * (self.standardised(joints, factor_rows) ** 2).sum(axis=-1)
         chi2[np.isnan(chi2)] = np.inf  # a shape relative to a DOF at rest
         return self.constant + self.noise.log_likelihood_of_chi2(chi2, self.n_data, self.hyper(factor_rows))
@@ -263,12 +263,12 @@ class GaussianLikelihood(Likelihood):
     def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Natural frequencies in Hz, and what else was measured, shape (batch, n)."""
         joints = joint_matrix_of(matrices)
-        structural = self._structural(as_factors(factors, len(joints)))
+        structural = self._structural(factors_batch(factors, len(joints)))
         return self._model.predicted_values(joints, structural)
 
     def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, n)."""
-        factor_rows = as_factors(factors, len(joint_matrix_of(matrices)))
+        factor_rows = factors_batch(factors, len(joint_matrix_of(matrices)))
         values = -0.5 * self.white(matrices, factor_rows) ** 2 + self.constant / self.n_data
         return values - np.log(self.hyper(factor_rows)) if self.hyper_count else values
 
@@ -278,7 +278,7 @@ class GaussianLikelihood(Likelihood):
     def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
         stiffness = joint_matrix_of(matrices).stiffness
-        factor_rows = as_factors(factors, len(stiffness))
+        factor_rows = factors_batch(factors, len(stiffness))
         slope = np.empty_like(stiffness)
         changes = symmetric_changes(stiffness.shape[-1])
         for joint, row, gradient in zip(stiffness, factor_rows, slope, strict=True):
@@ -290,7 +290,7 @@ class GaussianLikelihood(Likelihood):
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
-        joint, factor_rows = joint_matrix_of(matrix), as_factors(factors, 1)
+        joint, factor_rows = joint_matrix_of(matrix), factors_batch(factors, 1)
         structural, scale = self._structural(factor_rows), 1.0
         if self.hyper_count:
             (scale,) = self.hyper(factor_rows)[0]

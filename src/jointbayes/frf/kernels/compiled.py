@@ -60,7 +60,7 @@ def inner(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", numba.njit(nogil=True, inline="always", fastmath=fast, error_model="numpy")(function))
 
 
-def in_order(function: Callable[P, R]) -> Callable[P, R]:
+def keep_order(function: Callable[P, R]) -> Callable[P, R]:
     """A part of compiled functions whose sums are taken as written, (a − b) − c not as a − (b + c)."""
     return cast("Callable[P, R]", numba.njit(nogil=True, fastmath=_FAST, error_model="numpy")(function))
 

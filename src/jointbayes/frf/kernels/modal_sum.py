@@ -103,7 +103,7 @@ def _prepare(
 
 
 @compiled
-def _over_lines(
+def _evaluate_lines(
     lam: Array, shapes: Array, n_out: int, ratio: Array, limit: float, nodes: Array, w2: Array, omega: Array,
     basis: Array, data: Array, chi2: Array, lines: Array,
 ) -> None:  # fmt: skip
@@ -180,7 +180,7 @@ def _many_pairs(
     lam: Array, shapes: Array, n_out: int, ratio: Array, limit: float, nodes: Array, w2: Array, omega: Array,
     basis: Array, data: Array, chi2: Array, parts: Array,
 ) -> None:  # fmt: skip
-    """As `_over_lines`, each mode's fraction worked out once for all pairs, and the data read once for a few draws.
+    """As `_evaluate_lines`, each mode's fraction worked out once for all pairs, and the data read once for a few draws.
 
     Where `parts` (batch, lines, 2·pairs) has any row it takes the real and imaginary parts of the receptances.
     """
@@ -288,8 +288,8 @@ class ModalSum:
         return total
 
     def run(self, eigenvalues: Array, shapes: Array, ratio: Array, data: Array, chi2: Array, lines: Array) -> None:
-        """Fill `chi2`, or `lines` if it has any row; see `_over_lines` and `_many_pairs`."""
-        (_over_lines if len(data) <= _FEW_PAIRS else _many_pairs)(
+        """Fill `chi2`, or `lines` if it has any row; see `_evaluate_lines` and `_many_pairs`."""
+        (_evaluate_lines if len(data) <= _FEW_PAIRS else _many_pairs)(
             eigenvalues, shapes, self.n_out, ratio, self.limit, self.nodes, self.omega2, self.omega, self.basis,
             data, chi2, lines,
         )  # fmt: skip

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import aligned_zeros, compiled, inner, lane_blocks
 from jointbayes.frf.kernels.secular import springs
-from jointbayes.frf.ports import as_batch
+from jointbayes.frf.ports import stiffness_batch
 
 ComplexArray = NDArray[np.complex128]
 
@@ -178,8 +178,8 @@ def _overlap(h: Array, data: Array, x: Array, y: Array) -> float:
 
 
 @compiled
-def _over_lines(
-    unit: Array, turn: Array, d: Array, along: Array, free: Array, ports: NDArray[np.int64], data: Array, out: Array,
+def _evaluate_lines(
+    unit: Array, turn: Array, d: Array, along: Array, free: Array, ports: NDArray[np.int64], data: Array, chi2: Array,
     slope: Array, value: Array, delta: Array,
 ) -> None:  # fmt: skip
     """χ² (batch,), and its gradient in the springs' coordinates (batch, r, r) where `slope` has any row.
@@ -193,10 +193,10 @@ def _over_lines(
     a, rest, half = np.empty((r, (r + q) * row)), np.empty((r, q * row)), np.empty((r + q) * row)
     inverse, f, h = np.empty((r, row)), np.empty(row), np.empty((len(ports), row))
     at_joint = along.any()
-    out[:] = 0.0
+    chi2[:] = 0.0
     slope[:] = 0.0
     for b in range(len(free)):
-        for i in range(len(out)):
+        for i in range(len(chi2)):
             if unit[i] == 0.0:
                 _add_compliance(turn[i], free[b], a)
             else:
@@ -211,7 +211,7 @@ def _over_lines(
                 if len(value) > 0:
                     _copy(h[n], value[i, b, n])
                 else:
-                    out[i] += _distance(h[n], data[b, n])
+                    chi2[i] += _distance(h[n], data[b, n])
                 if len(slope) > 0:  # dH = −δ_oᵀ dK̃ δ_i
                     for p in range(r):
                         for k in range(r):
@@ -236,16 +236,22 @@ def _pack(free: ComplexArray, rows: NDArray[np.int64], out: Array) -> None:
 
 @compiled
 def _yielding_over_lines(
-    compliance: Array, places: NDArray[np.int64], r: int, free: Array, ports: NDArray[np.int64], data: Array, out: Array
+    compliance: Array,
+    places: NDArray[np.int64],
+    r: int,
+    free: Array,
+    ports: NDArray[np.int64],
+    data: Array,
+    chi2: Array,
 ) -> None:
     """χ² (batch,) of joints with another compliance at each line: entries (batch, blocks, entries·row) at places."""
     row = 2 * _WIDTH
     q = free.shape[2] // row - r
     a, d = np.empty((r, (r + q) * row)), np.ones(r)
     inverse, f, h = np.empty((r, row)), np.empty(row), np.empty((len(ports), row))
-    out[:] = 0.0
+    chi2[:] = 0.0
     for b in range(len(free)):
-        for i in range(len(out)):
+        for i in range(len(chi2)):
             for k in range(r):
                 _copy(free[b, k, k * row :], a[k, k * row :])
             for e in range(len(places)):
@@ -253,7 +259,7 @@ def _yielding_over_lines(
                 _add(1.0, compliance[i, b, e * row : (e + 1) * row], a[x, y : y + row])
             _eliminate(0.0, d, ports, free[b], a, inverse, h, f)
             for n in range(len(ports)):
-                out[i] += _distance(h[n], data[b, n])
+                chi2[i] += _distance(h[n], data[b, n])
 
 
 class MultiDofCoupling:
@@ -274,18 +280,18 @@ class MultiDofCoupling:
 
     def receptance(self, stiffness: ArrayLike) -> ComplexArray:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
-        matrices = as_batch(stiffness)
+        matrices = stiffness_batch(stiffness)
         value = np.empty((len(matrices), len(self.free), len(self.ports), 2 * _WIDTH))
         self.run(matrices, value=value)
-        return np.moveaxis(self._as_lines(value), 1, 2).reshape(-1, self._lines, self._n_out, self._n_in)
+        return np.moveaxis(self._complex_lines(value), 1, 2).reshape(-1, self._lines, self._n_out, self._n_in)
 
     def tangent(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along p changes of one joint matrix; see `ReceptanceModel`."""
-        matrices, (r, q) = as_batch(stiffness), self.along.shape
+        matrices, (r, q) = stiffness_batch(stiffness), self.along.shape
         value = np.empty((1, len(self.free), len(self.ports), 2 * _WIDTH))
         stretches = np.empty((1, len(self.free), r, q * 2 * _WIDTH))
         turn, _, _ = self.run(matrices, value=value, delta=stretches)
-        delta = self._as_lines(stretches.reshape(1, len(self.free), r, q, -1))[0]
+        delta = self._complex_lines(stretches.reshape(1, len(self.free), r, q, -1))[0]
         back = np.linalg.inv(turn[0])
         change = back @ np.asarray(directions, dtype=float) @ back.T
         at_outputs, at_inputs = delta[:, self.ports[:, 0]], delta[:, self.ports[:, 1]]
@@ -296,7 +302,7 @@ class MultiDofCoupling:
                 -1, *at_inputs.shape[1:]
             )
             slope[:] = -(at_outputs[rows] * moved).sum(axis=0).T
-        h = self._as_lines(value)[0].T
+        h = self._complex_lines(value)[0].T
         return h.reshape(self._lines, self._n_out, self._n_in), slopes.reshape(
             -1, *h.shape[:1], self._n_out, self._n_in
         )
@@ -319,7 +325,7 @@ class MultiDofCoupling:
         value: Array = _NO_ROWS,
         delta: Array = _NO_ROWS,
     ) -> tuple[Array, Array, Array]:
-        """Fill what has any row, see `_over_lines`; the springs' directions, χ² (batch,), and the slope."""
+        """Fill what has any row, see `_evaluate_lines`; the springs' directions, χ² (batch,), and the slope."""
         turn, d, along = self.springs(matrices)
         unit, chi2 = np.ones(len(turn)), np.empty(len(turn))
         if not (len(slope) or len(delta) or along.any()):
@@ -329,10 +335,10 @@ class MultiDofCoupling:
                 product = np.einsum("bii,bii->bi", compliance, matrices)
             plain = (d > 0).all(axis=1) & (product <= _WELL_CONDITIONED).all(axis=1)
             unit[plain], turn[plain], d[plain] = 0.0, compliance[plain], 1.0
-        _over_lines(unit, turn, d, along, self.free, self.ports, data, chi2, slope, value, delta)
+        _evaluate_lines(unit, turn, d, along, self.free, self.ports, data, chi2, slope, value, delta)
         return turn, chi2, slope
 
-    def _as_lines(self, rows: Array) -> ComplexArray:
+    def _complex_lines(self, rows: Array) -> ComplexArray:
         """Rows (batch, blocks, ..., row) as complex numbers (batch, ..., lines)."""
         value = np.moveaxis(rows[..., :_WIDTH] + 1j * rows[..., _WIDTH:], 1, -2)
         return value.reshape(*value.shape[:-2], -1)[..., : self._lines]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import LANES, compiled, inner, lane_blocks
 from jointbayes.frf.kernels.secular import RIGID
-from jointbayes.frf.ports import as_batch
+from jointbayes.frf.ports import stiffness_batch
 
 ComplexArray = NDArray[np.complex128]
 
@@ -27,9 +27,9 @@ def _parts(u1: float, u2: float, u3: float, u4: float, D: Array, E: Array, j: in
 
 
 @compiled
-def _chi2(u: Array, d: Array, e: Array, out: Array) -> None:
+def _chi2(u: Array, d: Array, e: Array, chi2: Array) -> None:
     """χ² (n,) of joints u (n, 4) from D (blocks·8·LANES) and weighted residuals times D, e (pairs, blocks·9·LANES)."""
-    out[:] = 0.0
+    chi2[:] = 0.0
     for b in range(d.size // (8 * LANES)):
         D = d[b * 8 * LANES : (b + 1) * 8 * LANES]
         for p in range(e.shape[0]):
@@ -40,16 +40,16 @@ def _chi2(u: Array, d: Array, e: Array, out: Array) -> None:
                 for j in range(LANES):
                     dr, di, er, ei = _parts(u1, u2, u3, u4, D, E, j)
                     total += (er * er + ei * ei) / (dr * dr + di * di)
-                out[i] += total
+                chi2[i] += total
 
 
 @compiled
-def _chi2_slope(u: Array, d: Array, e: Array, out: Array, slope: Array) -> None:
+def _chi2_slope(u: Array, d: Array, e: Array, chi2: Array, slope: Array) -> None:
     """χ² (n,) and its derivative (n, 4) by u; the arrays are those of `_chi2`.
 
     With E = e·u and D = d·u, ∂(|E|²/|D|²)/∂u_k = 2 Re(Ē e_k/|D|² − |E|² D̄ d_k/|D|⁴).
     """
-    out[:] = 0.0
+    chi2[:] = 0.0
     slope[:] = 0.0
     q = np.empty(4 * LANES)
     for b in range(d.size // (8 * LANES)):
@@ -66,7 +66,7 @@ def _chi2_slope(u: Array, d: Array, e: Array, out: Array, slope: Array) -> None:
                     total += x
                     x *= w
                     q[j], q[LANES + j], q[2 * LANES + j], q[3 * LANES + j] = er * w, ei * w, dr * x, di * x
-                out[i] += total
+                chi2[i] += total
                 s1, s2, s3, s4 = 0.0, 0.0, 0.0, 0.0
                 for j in range(LANES):
                     er, ei, dr, di = q[j], q[LANES + j], q[2 * LANES + j], q[3 * LANES + j]
@@ -105,13 +105,13 @@ class PairCoupling:
 
     def receptance(self, stiffness: ArrayLike) -> ComplexArray:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
-        u = self._padded_coordinates(as_batch(stiffness))
+        u = self._padded_coordinates(stiffness_batch(stiffness))
         return _weighted(u, self._n) / _weighted(u, self._d)[:, :, None, None]
 
     def tangent(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along p changes of one joint matrix; see `ReceptanceModel`."""
-        k, dk = self._padded(as_batch(stiffness)), self._padded(as_batch(directions))
-        u = self._padded_coordinates(as_batch(stiffness))
+        k, dk = self._padded(stiffness_batch(stiffness)), self._padded(stiffness_batch(directions))
+        u = self._padded_coordinates(stiffness_batch(stiffness))
         d_det = dk[:, 0, 0] * k[0, 1, 1] + dk[:, 1, 1] * k[0, 0, 0] - 2 * k[0, 0, 1] * dk[:, 0, 1]
         du = np.stack([np.zeros(len(dk)), dk[:, 0, 0], dk[:, 0, 1], dk[:, 1, 1], d_det], axis=-1)
         denominator = _weighted(u, self._d)[0, :, None, None]

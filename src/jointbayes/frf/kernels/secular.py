@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.frf.kernels.compiled import LANES, compiled, in_order
+from jointbayes.frf.kernels.compiled import LANES, compiled, keep_order
 
 #: A joint stiffer than this (N/m and so on) is rigid to the last bit, one softer than its inverse absent; and the
 #: determinant squared is still a number.
@@ -106,7 +106,7 @@ def workspace(modes: int, rows: int) -> tuple[Array, Array]:
     return np.zeros((rows + 2, -(-modes // 8) * 8)), np.zeros(_SIZE)
 
 
-@in_order
+@keep_order
 def _sums(lam: Array, v: Array, lanes: int, w: Array) -> None:
     """f = Σ v_s²/(λ_s − μ), f' and f''/2 at μ = origin + tau of every root."""
     for k in range(lanes):
@@ -122,7 +122,7 @@ def _sums(lam: Array, v: Array, lanes: int, w: Array) -> None:
             w[_F2 + k] += m * t
 
 
-@in_order
+@keep_order
 def _step(inverse: float, lanes: int, w: Array) -> int:
     """Move every root by rational interpolation of third order; returns how many moved by more than rounding."""
     moving = 0
@@ -151,7 +151,7 @@ def _step(inverse: float, lanes: int, w: Array) -> int:
     return moving
 
 
-@in_order
+@keep_order
 def _roots(lam: Array, v: Array, inverse: float, start: int, lanes: int, w: Array) -> None:
     """Roots μ = origin + tau of inverse + Σ v_s²/(λ_s − μ), from number `start` on."""
     n = len(lam)
@@ -173,14 +173,14 @@ def _roots(lam: Array, v: Array, inverse: float, start: int, lanes: int, w: Arra
             break
 
 
-@in_order
+@keep_order
 def _separate(lam: Array, shift: float) -> None:
     """Part eigenvalues that are equal by a rounding error: between two of them there must be room for a root."""
     for s in range(len(lam) - 1):
         lam[s + 1] = max(lam[s + 1], lam[s] + _APART * (abs(lam[s]) + 1e-8 * shift))
 
 
-@in_order
+@keep_order
 def _turn(lam: Array, v: Array, rows: Array, start: int, lanes: int, w: Array, out: Array) -> None:
     """Motions in the new modes, Σ_s y_s v_s/(λ_s − μ_k) over their norm, into `out`."""
     for k in range(lanes):
@@ -204,7 +204,7 @@ def _turn(lam: Array, v: Array, rows: Array, start: int, lanes: int, w: Array, o
             out[i, start + k] *= scale
 
 
-@in_order
+@keep_order
 def _add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, work: Array, w: Array) -> None:
     """Add spring number p, of stiffness d > 0, whose stretch is row p; eigenvalues and rows are replaced."""
     n, count, inverse = len(lam), len(rows), 1.0 / d
