@@ -163,7 +163,7 @@ def test_every_case_has_a_line_with_its_numbers(campaign):
 def test_estimates_are_drawn_together_and_narrower_given_the_others(findings):
     found = findings.joints
     for q in found.quantities[:2]:
-        own, shrunken = np.log(q.own), np.log(q.shrunken)
+        own, shrunken = np.log(q.unpooled), np.log(q.shrunken)
         assert shrunken[:, 1].std() < own[:, 1].std()
         assert np.median((shrunken[:, 2] - shrunken[:, 0]) / (own[:, 2] - own[:, 0])) < 0.9
 

@@ -22,7 +22,7 @@ def test_scatter_is_that_of_the_joints_without_the_errors_of_their_estimates():
 
 
 def test_so_many_joints_lie_beyond_their_limits_as_is_stated():
-    beyond = np.mean([control_chart(*estimates(300, seed)).beyond.mean() for seed in range(100)])
+    beyond = np.mean([control_chart(*estimates(300, seed)).exceeds_limits.mean() for seed in range(100)])
     assert beyond == pytest.approx(0.0027, abs=0.0015)
 
 
@@ -60,7 +60,7 @@ def test_a_drift_widens_the_scatter_of_all_but_not_the_limits():
     chart = control_chart(value + np.linspace(-1.5, 1.5, 200), sd)
     assert chart.short_term == pytest.approx(0.2, rel=0.25)
     assert chart.long_term > 0.6
-    assert chart.beyond.mean() > 0.1
+    assert chart.exceeds_limits.mean() > 0.1
 
 
 def test_a_joint_that_is_hardly_known_is_no_outlier_and_does_not_move_the_others():
@@ -68,11 +68,11 @@ def test_a_joint_that_is_hardly_known_is_no_outlier_and_does_not_move_the_others
     unknown, wide = np.append(value, 9.0), np.append(sd, 5.0)
     chart = control_chart(unknown, wide)
     assert abs(chart.score[-1]) < 2
-    assert not chart.beyond[-1]
+    assert not chart.exceeds_limits[-1]
     assert chart.centre == pytest.approx(control_chart(value, sd).centre, abs=0.02)
 
 
 def test_one_joint_has_a_chart():
     chart = control_chart(np.array([1.0]), np.array([0.1]))
     assert chart.centre == 1.0
-    assert not chart.beyond.any()
+    assert not chart.exceeds_limits.any()

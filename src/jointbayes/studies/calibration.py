@@ -355,7 +355,7 @@ def ranks_csv(calibration: Calibration) -> str:
     names = calibration.names
     stream = io.StringIO()
     table = csv.writer(stream, lineterminator="\n")
-    each = [f"{name}.{part}" for name in names for part in ("rank", "truth", "low95", "high95")]
+    each = [f"{name}.{field}" for name in names for field in ("rank", "truth", "low95", "high95")]
     table.writerow(["data_set", "status", "converged", "ess", "seconds", "error", *each])
     for data_set in calibration.data_sets:
         if data_set.error:

@@ -43,16 +43,18 @@ def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
     if hypothesis not in HYPOTHESES:
         raise ModelError(f"comparison: found hypothesis {hypothesis!r}; expected one of {', '.join(HYPOTHESES)}")
     simpler = joint_under_hypothesis(problem.parametrisation, hypothesis)
-    known: dict[str, Marginal] = {}
+    marginal_by_name: dict[str, Marginal] = {}
     there = _places(problem.parametrisation)
     for axis, marginal in zip(problem.parametrisation.axes, problem.prior.marginals, strict=True):
-        known[axis.name] = known[axis.quantity] = known[there[axis.quantity]] = marginal
+        marginal_by_name[axis.name] = marginal_by_name[axis.quantity] = marginal_by_name[there[axis.quantity]] = (
+            marginal
+        )
     here, marginals = _places(simpler), []
     for axis in simpler.axes:
         # a coordinate that the joint has itself keeps its prior; a spring has that of what stands for it or its place
         names = (axis.name, axis.quantity, here[axis.quantity])
-        found = next((known[name] for name in names if name in known), None)
-        marginals.append(found or Uniform(*axis.bounds))
+        inherited = next((marginal_by_name[name] for name in names if name in marginal_by_name), None)
+        marginals.append(inherited or Uniform(*axis.bounds))
     prior = replace(problem.prior, parametrisation=simpler, marginals=tuple(marginals))
     return replace(problem, prior=prior, initial=_initial(problem, here))
 
@@ -63,8 +65,8 @@ def _initial(problem: Problem, here: dict[str, str]) -> Array | None:
         return None
     there = _places(problem.parametrisation)
     pairs = list(zip(there, np.asarray(problem.initial, dtype=float).tolist(), strict=True))
-    known = {there[name]: k for name, k in pairs} | dict(pairs)
-    return np.array([known.get(name, known.get(place, 0.0)) for name, place in here.items()])
+    guess = {there[name]: k for name, k in pairs} | dict(pairs)
+    return np.array([guess.get(name, guess.get(place, 0.0)) for name, place in here.items()])
 
 
 def _places(parametrisation: Parametrisation) -> dict[str, str]:

@@ -279,8 +279,8 @@ class Comparison:
     def _loo(self, candidate: WeighedModel) -> dict[str, Any] | None:
         if candidate.loo is None:
             return None
-        known = [c.loo for c in self.candidates if c.loo is not None]
-        best = max(known, key=lambda loo: loo.elpd)
+        estimates = [c.loo for c in self.candidates if c.loo is not None]
+        best = max(estimates, key=lambda loo: loo.elpd)
         difference, se = candidate.loo.difference(best)
         return {
             "elpd": candidate.loo.elpd,

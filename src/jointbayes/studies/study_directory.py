@@ -79,12 +79,12 @@ def kept_lines(file: Path, head: Mapping[str, str], kind: str, study: str) -> li
     WriteError
         If the file cannot be begun, or is no regular file.
     """
-    found, *rest = read_lines(file) or [None]
-    if found is None and all(line is None for line in rest):
+    stored_head, *rest = read_lines(file) or [None]
+    if stored_head is None and all(line is None for line in rest):
         file.unlink(missing_ok=True)
         append_line(file, dict(head))
-    elif found != head:
-        what = "whose first line is damaged" if found is None else f"of another {_difference(found, head)}"
+    elif stored_head != head:
+        what = "whose first line is damaged" if stored_head is None else f"of another {_difference(stored_head, head)}"
         raise CaseError(
             f"{file}: found {kind} {what}; expected those of this {study}; choose "
             "another --out, or delete the directory"
@@ -92,10 +92,10 @@ def kept_lines(file: Path, head: Mapping[str, str], kind: str, study: str) -> li
     return rest
 
 
-def _difference(found: Any, head: Mapping[str, Any]) -> str:  # noqa: ANN401 (whatever JSON the file holds)
-    if not isinstance(found, dict):
+def _difference(stored_head: Any, head: Mapping[str, Any]) -> str:  # noqa: ANN401 (whatever JSON the file holds)
+    if not isinstance(stored_head, dict):
         return "kind"
-    names = sorted(name for name in {*head, *found} if found.get(name) != head.get(name))
+    names = sorted(name for name in {*head, *stored_head} if stored_head.get(name) != head.get(name))
     return " and ".join(printable(name) for name in names[:_SHOWN]) + (" and more" if len(names) > _SHOWN else "")
 
 

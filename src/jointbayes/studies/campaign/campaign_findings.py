@@ -131,7 +131,7 @@ def _examined(draws: CampaignDraws, seed: int) -> PopulationFindings:
 def _quantities(draws: CampaignDraws, population: Population, rng: np.random.Generator) -> tuple[ChartedQuantity, ...]:
     """Every stiffness that is positive, by its logarithm; for one of either sign the coordinate that stands for it."""
     parametrisation, theta = draws.parametrisation, draws.draws.theta
-    names, out = parametrisation.names, []
+    names, charted = parametrisation.names, []
     free = [q for q in parametrisation.quantities if any(axis.quantity == q.name for axis in parametrisation.axes)]
     limit = outlier_limit(len(theta), len(free)) if len(theta) >= FEWEST else np.inf
     for quantity in free:
@@ -144,8 +144,8 @@ def _quantities(draws: CampaignDraws, population: Population, rng: np.random.Gen
             values, logarithmic = np.log(parametrisation.values(theta)[..., place]), True
             name, unit = quantity.name, quantity.unit
         label = name if name == quantity.name else f"{name}, for {quantity.name}"
-        out.append(_quantity((name, label, unit), values, logarithmic, draws, population, limit, rng))
-    return tuple(out)
+        charted.append(_quantity((name, label, unit), values, logarithmic, draws, population, limit, rng))
+    return tuple(charted)
 
 
 def _quantity(
@@ -158,13 +158,15 @@ def _quantity(
     rng: np.random.Generator,
 ) -> ChartedQuantity:
     there = draws.draws.log_prior < np.inf
-    own = weighted_quantiles(values, there / there.sum(axis=1, keepdims=True), (0.025, 0.5, 0.975, *_CENTRAL))
-    sd = np.maximum((own[:, 4] - own[:, 3]) / 2, np.finfo(float).eps * np.maximum(np.abs(own[:, 1]), 1.0))
-    chart = control_chart(own[:, 1], sd)
+    quantiles = weighted_quantiles(values, there / there.sum(axis=1, keepdims=True), (0.025, 0.5, 0.975, *_CENTRAL))
+    sd = np.maximum(
+        (quantiles[:, 4] - quantiles[:, 3]) / 2, np.finfo(float).eps * np.maximum(np.abs(quantiles[:, 1]), 1.0)
+    )
+    chart = control_chart(quantiles[:, 1], sd)
     shrunken = population.shrunken(values)
     scale = np.exp if logarithmic else np.asarray
     rank = _ranks(values, population.weight, rng)
-    return ChartedQuantity(*words, logarithmic, scale(own[:, :3]), scale(shrunken), rank, chart, limit)
+    return ChartedQuantity(*words, logarithmic, scale(quantiles[:, :3]), scale(shrunken), rank, chart, limit)
 
 
 def _ranks(values: Array, weight: Array, rng: np.random.Generator) -> Array:
@@ -223,7 +225,7 @@ def _unlike_the_others(joints: PopulationFindings) -> list[tuple[str, int, str]]
         for i in np.flatnonzero(quantity.outlier):
             side = "high" if score[i] > 0 else "low"
             told.append((rows[i].key, 4, f"{quantity.name} is an outlier, {side} by {abs(score[i]):.1f} sd"))
-        for i in np.flatnonzero(quantity.chart.beyond & ~quantity.outlier):
+        for i in np.flatnonzero(quantity.chart.exceeds_limits & ~quantity.outlier):
             side = "above" if quantity.chart.value[i] > quantity.chart.centre else "below"
             told.append((rows[i].key, 8, f"{quantity.name} lies {side} its control limits"))
     return told

@@ -53,7 +53,9 @@ def campaign_summary(name: str, findings: CampaignFindings) -> dict[str, Any]:
 
 def _population(joints: PopulationFindings) -> dict[str, Any]:
     population, prior, names = joints.population, joints.prior, joints.draws.parametrisation.names
-    mean, scatter = (np.quantile(part, [0.5, 0.025, 0.975], axis=0).T for part in (population.mean, population.scatter))
+    mean, scatter = (
+        np.quantile(values, [0.5, 0.025, 0.975], axis=0).T for values in (population.mean, population.scatter)
+    )
     trusted = population.trusted
     return {
         "joints": len(joints.draws.rows),
@@ -102,7 +104,7 @@ def _chart(joints: PopulationFindings, quantity: ChartedQuantity) -> dict[str, A
         "short_term_scatter": chart.short_term,
         "long_term_scatter": chart.long_term,
         "limits_in_sd": SIGMAS,
-        "beyond_limits": [key for key, beyond in zip(keys, chart.beyond, strict=True) if beyond],
+        "beyond_limits": [key for key, beyond in zip(keys, chart.exceeds_limits, strict=True) if beyond],
         "outlier_limit": quantity.outlier_limit,
         "probability_of_a_false_outlier_in_the_campaign": FALSE_ALARM,
         "outliers": [
@@ -120,12 +122,12 @@ def joints_csv(findings: CampaignFindings) -> str:
     head = ["key", "serial", "date", "status", "converged", "explains", "need_a_look", "effective_draws"]
     for q in quantities:
         unit = "" if q.unit == "1" else f" ({q.unit})"
-        head += [f"{q.name}.{part}{unit}" for part in ("median", "low95", "high95")]
-        head += [f"{q.name}.given_all.{part}{unit}" for part in ("median", "low95", "high95")]
-        head += [f"{q.name}.{part}" for part in ("score", "rank", "rank_low95", "rank_high95")]
+        head += [f"{q.name}.{field}{unit}" for field in ("median", "low95", "high95")]
+        head += [f"{q.name}.given_all.{field}{unit}" for field in ("median", "low95", "high95")]
+        head += [f"{q.name}.{field}" for field in ("score", "rank", "rank_low95", "rank_high95")]
     looks = {look.row.key: "; ".join(look.reasons) for look in findings.look}
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(head)
     for row in findings.rows:
         date = "" if row.date is None else row.date.isoformat(sep=" ")
@@ -139,10 +141,10 @@ def joints_csv(findings: CampaignFindings) -> str:
         i = place[row.key]
         line.append(f"{joints.population.effective[i]:.1f}")
         for q in quantities:
-            ends = [values[i, k] for values in (q.own, q.shrunken) for k in (1, 0, 2)]
+            ends = [values[i, k] for values in (q.unpooled, q.shrunken) for k in (1, 0, 2)]
             line += [f"{value:.6g}" for value in (*ends, q.chart.score[i], *(q.rank[i, k] for k in (1, 0, 2)))]
         writer.writerow(line)
-    return out.getvalue()
+    return stream.getvalue()
 
 
 def _no_formula(text: str) -> str:

@@ -246,8 +246,8 @@ def run_cases(
 
 def _content(case: CampaignCase, seed: int) -> tuple[str, tuple[Path, ...], int]:
     text, spec = case.read()
-    own = "seed" in spec.sampling.model_fields_set and case.cells is not None and "sampling.seed" in case.cells
-    return text, case.files(spec), spec.sampling.seed if own else case_seed(seed, case.key)
+    states_seed = "seed" in spec.sampling.model_fields_set and case.cells is not None and "sampling.seed" in case.cells
+    return text, case.files(spec), spec.sampling.seed if states_seed else case_seed(seed, case.key)
 
 
 def _fingerprint(text: str, files: Sequence[Path], seed: int, draws: int, full: bool) -> str:

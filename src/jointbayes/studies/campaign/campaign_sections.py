@@ -192,7 +192,7 @@ def _population_section(joints: PopulationFindings) -> ReportSection:
 
 def _coordinate_row(joints: PopulationFindings, i: int, axis: Coordinate) -> tuple[str, ...]:
     population, prior = joints.population, joints.prior
-    mean, scatter = (np.quantile(part[:, i], [0.5, 0.025, 0.975]) for part in (population.mean, population.scatter))
+    mean, scatter = (np.quantile(values[:, i], [0.5, 0.025, 0.975]) for values in (population.mean, population.scatter))
     return (
         axis.label,
         f"{number(mean[0], 5)} ({interval(mean[1:].tolist(), 5)})",
@@ -230,7 +230,7 @@ def _control_section(joints: PopulationFindings) -> ReportSection:
     )
     blocks: list[Block] = [Paragraph(text), _chart_table(joints)]
     for q in joints.quantities:
-        beyond = int((q.chart.beyond | q.outlier).sum())
+        beyond = int((q.chart.exceeds_limits | q.outlier).sum())
         shown = "each joint with its 95 % credible interval" if count <= MOST_INTERVALS else (
             "medians; joints beyond their limits with their 95 % credible intervals, the limits as medians over "
             "stretches of joints"
@@ -256,7 +256,7 @@ def _chart_table(joints: PopulationFindings) -> Table:
             f"{number(100 * s, 2)} %" if q.logarithmic else number(s, 2)
             for s in (q.chart.short_term, q.chart.long_term)
         ]
-        rows.append((q.label, centre, *scatter, str(int(q.chart.beyond.sum())), str(int(q.outlier.sum()))))
+        rows.append((q.label, centre, *scatter, str(int(q.chart.exceeds_limits.sum())), str(int(q.outlier.sum()))))
     limit = joints.quantities[0].outlier_limit
     note = "Scatter by medians, in percent that of ln k; a scatter of all above that from joint to joint is a drift. "
     if np.isfinite(limit):
@@ -318,7 +318,7 @@ def _joint_section(joints: PopulationFindings) -> ReportSection:
     for q in joints.quantities:
         unit = "" if q.unit == "1" else f" ({q.unit})"
         head += [f"{q.name}{unit} by itself", "given all"]
-        for ends in (q.own, q.shrunken):
+        for ends in (q.unpooled, q.shrunken):
             cells.append([f"{number(ends[i, 1])} ({interval((ends[i, 0], ends[i, 2]))})" for i in chosen])
     head.append("Effective draws")
     cells.append([f"{joints.population.effective[i]:.0f}" for i in chosen])

@@ -122,12 +122,12 @@ def _set(data: dict[str, Any], key: str, value: object, where: str) -> None:
         )
     *above, last = parts
     table = data
-    for part in above:
-        below = table.get(part, {})
-        table[part] = table = dict(below) if isinstance(below, dict) else below  # the base keeps its own
+    for name in above:
+        below = table.get(name, {})
+        table[name] = table = dict(below) if isinstance(below, dict) else below  # the base keeps its own
         if not isinstance(table, dict):
             raise CaseError(
-                f"{where}: {key}: found that {part} is no table in the base case; expected one that holds {last}; "
+                f"{where}: {key}: found that {name} is no table in the base case; expected one that holds {last}; "
                 "correct the column's name"
             )
     table[last] = value
@@ -253,8 +253,8 @@ def read_cases(
         raise CaseError(f"{tables[0]}: found a table and {len(paths) - 1} more; expected one table, or case files")
     if not tables and base is not None:
         raise CaseError(f"{base}: found a base case with case files; expected it with a table; give a table in CSV")
-    found = _rows(tables[0], base) if tables else _case_files(sources)
-    cases = tuple(replace(case, allow_outside=allow_outside) for case in found)
+    listed = _rows(tables[0], base) if tables else _case_files(sources)
+    cases = tuple(replace(case, allow_outside=allow_outside) for case in listed)
     _require_own_keys(cases)
     faults: list[str] = []
     for case in cases:
@@ -273,13 +273,13 @@ def read_cases(
 
 
 def _case_files(sources: Sequence[str | Path]) -> Iterator[CampaignCase]:
-    found: list[Path] = []
+    files: list[Path] = []
     for source in sources:
         matches = sorted(glob(str(source), recursive=True)) if not Path(source).exists() else [str(source)]
         if not matches:
             raise CaseError(f"{source}: found no such file; expected a table in CSV or case files; check the path")
-        found += map(Path, matches)
-    for order, path in enumerate(found):
+        files += map(Path, matches)
+    for order, path in enumerate(files):
         yield CampaignCase(_key(path.stem, str(path)), order, str(path), path)
 
 
@@ -300,13 +300,13 @@ def _rows(table: Path, base: str | Path | None) -> Iterator[CampaignCase]:
         if order == _MOST_CASES:
             raise CaseError(f"{where}: found more than {_MOST_CASES} cases; expected fewer; make several campaigns")
         row = dict(zip(head, (cell.strip() for cell in cells), strict=True))
-        own = {name: row.pop(name, "") for name in _OWN}
-        if not own["case"] and base is None:
+        campaign_cells = {name: row.pop(name, "") for name in _OWN}
+        if not campaign_cells["case"] and base is None:
             raise CaseError(f"{where}: case: found no base case; expected a case file; fill the cell or give --base")
-        path = table.parent / own["case"] if own["case"] else Path(base or "")
-        key = own["key"] or own["serial"] or f"{order + 1:05d}"
-        date = _date(own["date"], where) if own["date"] else None
-        yield CampaignCase(_key(key, where), order, where, path, row, own["serial"] or None, date)
+        path = table.parent / campaign_cells["case"] if campaign_cells["case"] else Path(base or "")
+        key = campaign_cells["key"] or campaign_cells["serial"] or f"{order + 1:05d}"
+        date = _date(campaign_cells["date"], where) if campaign_cells["date"] else None
+        yield CampaignCase(_key(key, where), order, where, path, row, campaign_cells["serial"] or None, date)
         order += 1
     if order == 0:
         raise CaseError(f"{table}:1: found no row; expected one for each case below the names of the columns")
@@ -343,8 +343,8 @@ def _cells(table: Path) -> Iterator[tuple[int, list[str]]]:
 def _require_columns(head: list[str], table: Path, base: str | Path | None) -> None:
     twice = next((name for name in head if head.count(name) > 1), None)
     if twice is not None or "" in head or not head:
-        found = "a column without a name" if "" in head or not head else f"two columns {twice!r}"
-        raise CaseError(f"{table}:1: found {found}; expected a name of its own for each; correct the first line")
+        actual = "a column without a name" if "" in head or not head else f"two columns {twice!r}"
+        raise CaseError(f"{table}:1: found {actual}; expected a name of its own for each; correct the first line")
     slips = {name: near for name in head if name not in _OWN and "." not in name and (near := similar(name, _OWN))}
     for name, near in slips.items():
         if name not in CaseSpec.model_fields:
@@ -379,9 +379,9 @@ def _date(text: str, where: str) -> datetime.datetime:
 
 
 def _require_own_keys(cases: Sequence[CampaignCase]) -> None:
-    known: dict[str, CampaignCase] = {}
+    case_by_key: dict[str, CampaignCase] = {}
     for case in cases:
-        other = known.setdefault(case.key.casefold(), case)  # some systems take A and a for one name
+        other = case_by_key.setdefault(case.key.casefold(), case)  # some systems take A and a for one name
         if other is not case:
             raise CaseError(
                 f"{case.where}: key: found {case.key!r}, which {other.where} has already; expected a key of its own "

@@ -41,13 +41,13 @@ def control_figure(quantity: ChartedQuantity, labels: Sequence[str], order: str)
     def draw(canvas: Canvas) -> None:
         axes = panels(canvas, left=1.05, bottom=0.95, top=0.3)[0, 0]
         chart, place = quantity.chart, np.arange(1.0, len(labels) + 1)
-        beyond = chart.beyond | quantity.outlier
+        beyond = chart.exceeds_limits | quantity.outlier
         _limits(axes, quantity, place)
         axes.axhline(float(quantity.value_in_unit(np.array(chart.centre))), color=_GREEN, lw=1.0, label="centre line")
         few = len(place) <= MOST_INTERVALS
-        _points(axes, place[~beyond], quantity.own[~beyond], _BLUE, intervals=few, label="joint")
+        _points(axes, place[~beyond], quantity.unpooled[~beyond], _BLUE, intervals=few, label="joint")
         if beyond.any():
-            _points(axes, place[beyond], quantity.own[beyond], _ORANGE, intervals=True, label="beyond its limits")
+            _points(axes, place[beyond], quantity.unpooled[beyond], _ORANGE, intervals=True, label="beyond its limits")
         axes.set_xlim(0.3, len(place) + 0.7)
         _scale(axes, quantity, beyond, few)
         _joint_labels(axes, labels, order)
@@ -89,7 +89,7 @@ def _limits(axes: Axes, quantity: ChartedQuantity, place: Array) -> None:
 def _scale(axes: Axes, quantity: ChartedQuantity, beyond: Flags, few: bool) -> None:
     """Reach of the axis of values: all medians, limits, and what intervals are shown, but no more than is legible."""
     chart = quantity.chart
-    ends = np.log(quantity.own) if quantity.logarithmic else quantity.own
+    ends = np.log(quantity.unpooled) if quantity.logarithmic else quantity.unpooled
     shown = ends if few else ends[beyond]
     usual = float(np.quantile(chart.half_width, 0.95))
     far = np.concatenate([chart.value, [chart.centre - usual, chart.centre + usual]])
@@ -152,14 +152,14 @@ def control_plot(quantity: ChartedQuantity, order: str) -> LinePlot:
     place = np.arange(1.0, len(chart.value) + 1)
     low, high = (quantity.value_in_unit(chart.centre + side * chart.half_width) for side in (-1, 1))
     centre = quantity.value_in_unit(np.full(len(place), chart.centre))
-    beyond = chart.beyond | quantity.outlier
+    beyond = chart.exceeds_limits | quantity.outlier
     series = [
         Series("within control limits", place, kind="band", y_low=low, y_high=high),
         Series("centre line", place, centre),
-        Series("median of the joint", place, quantity.own[:, 1], kind="points"),
+        Series("median of the joint", place, quantity.unpooled[:, 1], kind="points"),
     ]
     if beyond.any():
-        series.append(Series("beyond its limits", place[beyond], quantity.own[beyond, 1], kind="points"))
+        series.append(Series("beyond its limits", place[beyond], quantity.unpooled[beyond, 1], kind="points"))
     return LinePlot(f"Joint, by {order}", _axis_label(quantity), tuple(series), log_y=quantity.logarithmic)
 
 

@@ -59,7 +59,7 @@ class ControlChart:
         return SIGMAS * np.hypot(self.short_term, self.sd)
 
     @property
-    def beyond(self) -> NDArray[np.bool_]:
+    def exceeds_limits(self) -> NDArray[np.bool_]:
         """Whether a joint lies beyond its control limits, shape (joints,)."""
         return np.asarray(np.abs(self.value - self.centre) > self.half_width)
 
@@ -81,7 +81,7 @@ class ChartedQuantity:
         Of the stiffness or coordinate; the label is that of an axis.
     logarithmic
         Whether chart and scores are those of the logarithm.
-    own
+    unpooled
         Median and interval of each joint by itself.
     shrunken
         Median and interval of each joint given all the others.
@@ -97,7 +97,7 @@ class ChartedQuantity:
     label: str
     unit: str
     logarithmic: bool
-    own: Array
+    unpooled: Array
     shrunken: Array
     rank: Array
     chart: ControlChart

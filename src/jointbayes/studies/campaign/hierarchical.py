@@ -69,14 +69,14 @@ class PopulationPrior:
     scale: Array
 
     def __post_init__(self) -> None:
-        parts = [np.asarray(part, dtype=float) for part in (self.mean, self.sd, self.scale)]
-        widths = np.concatenate([part.ravel() for part in parts[1:]])
-        if len({part.shape for part in parts}) > 1 or parts[0].ndim != 1 or not np.isfinite(parts).all():
+        arrays = [np.asarray(array, dtype=float) for array in (self.mean, self.sd, self.scale)]
+        widths = np.concatenate([array.ravel() for array in arrays[1:]])
+        if len({array.shape for array in arrays}) > 1 or arrays[0].ndim != 1 or not np.isfinite(arrays).all():
             raise ModelError("population prior: expected finite mean, sd and scale of the same length; correct them")
         if not (widths > 0).all():
             raise ModelError(f"population prior: found widths {widths.tolist()}; expected numbers above 0")
-        for name, part in zip(("mean", "sd", "scale"), parts, strict=True):
-            object.__setattr__(self, name, part)
+        for name, array in zip(("mean", "sd", "scale"), arrays, strict=True):
+            object.__setattr__(self, name, array)
 
     @classmethod
     def from_joints(cls, mean: ArrayLike, sd: ArrayLike) -> "PopulationPrior":
@@ -186,12 +186,12 @@ def hierarchical_posterior(
 
     def log_density(phi: Array) -> Array:
         mu, log_scatter = phi[:, :d], phi[:, d:]
-        out = np.full(len(phi), -np.inf)
+        log_densities = np.full(len(phi), -np.inf)
         inside = (log_scatter >= least).all(axis=1) & (log_scatter < _LARGEST).all(axis=1) & np.isfinite(mu).all(axis=1)
         if inside.any():
             here = target.log_likelihood(mu[inside], np.exp(log_scatter[inside]))
-            out[inside] = here + prior.log_density(mu[inside], log_scatter[inside])
-        return out
+            log_densities[inside] = here + prior.log_density(mu[inside], log_scatter[inside])
+        return log_densities
 
     rng = np.random.default_rng([seed, 7])
     phi, effective, how, converged = _drawn(target, log_density, prior, least, rng)
@@ -325,23 +325,25 @@ def population_stiffness(
     strata = ndtri((np.arange(_JOINTS) + 0.5) / _JOINTS)  # evenly spread: quantiles of one coordinate are all but exact
     z = np.stack([rng.permutation(strata) for _ in range(d)], axis=1)
     rows = np.linspace(0, len(population.mean) - 1, min(_POPULATIONS, len(population.mean))).round().astype(int)
-    found = []
+    summaries = []
     for mu, sigma in zip(population.mean[rows], population.scatter[rows], strict=True):
         theta = mu + sigma * z
         k = parametrisation.values(theta[parametrisation.feasible(theta)])
         if len(k) > 1:
             log = np.log(np.where(k > 0, k, 1.0))
-            found.append((*np.quantile(k, [0.5, 0.025, 0.975], axis=0), log.std(axis=0), k.std(axis=0)))
+            summaries.append((*np.quantile(k, [0.5, 0.025, 0.975], axis=0), log.std(axis=0), k.std(axis=0)))
     # (populations, 5, quantities)
-    ends = np.quantile(np.array(found), [0.5, 0.025, 0.975], axis=0)
+    ends = np.quantile(np.array(summaries), [0.5, 0.025, 0.975], axis=0)
     logarithmic = {axis.name for axis in parametrisation.axes if axis.logarithmic}
-    out = []
+    stiffness = []
     for i, quantity in enumerate(parametrisation.quantities):
         positive = quantity.name in logarithmic or not quantity.may_be_negative
         parts = ends[:, :, i].T
         scatter = parts[3] if positive else parts[4]
-        out.append(PopulationStiffness(quantity.name, quantity.unit, parts[0], parts[1], parts[2], scatter, positive))
-    return tuple(out)
+        stiffness.append(
+            PopulationStiffness(quantity.name, quantity.unit, parts[0], parts[1], parts[2], scatter, positive)
+        )
+    return tuple(stiffness)
 
 
 def weighted_quantiles(values: Array, weight: Array, probabilities: tuple[float, ...]) -> Array:
@@ -359,13 +361,13 @@ def weighted_quantiles(values: Array, weight: Array, probabilities: tuple[float,
     share = np.take_along_axis(weight, order, axis=1)
     middle = np.cumsum(share, axis=1) - share / 2
     rows = np.arange(len(values))
-    out = []
+    quantiles = []
     for p in probabilities:
         after = np.clip((middle < p).sum(axis=1), 1, values.shape[1] - 1) if values.shape[1] > 1 else 0
         if values.shape[1] == 1:
-            out.append(ranked[:, 0])
+            quantiles.append(ranked[:, 0])
             continue
         low, high = middle[rows, after - 1], middle[rows, after]
-        part = np.clip((p - low) / np.maximum(high - low, np.finfo(float).tiny), 0.0, 1.0)
-        out.append(ranked[rows, after - 1] * (1 - part) + ranked[rows, after] * part)
-    return np.stack(out, axis=1)
+        fraction = np.clip((p - low) / np.maximum(high - low, np.finfo(float).tiny), 0.0, 1.0)
+        quantiles.append(ranked[rows, after - 1] * (1 - fraction) + ranked[rows, after] * fraction)
+    return np.stack(quantiles, axis=1)

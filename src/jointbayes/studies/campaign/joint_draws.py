@@ -96,8 +96,12 @@ def read_draws(directory: str | os.PathLike[str], rows: Sequence[CaseRow]) -> Ca
             continue
         at, density = parametrisation.coordinates(k), case.log_prior
         if case.coordinates != common:
-            own = parametrisation_named(case.coordinates)
-            density = density - own.log_slope(own.coordinates(k)) + parametrisation.log_slope(at)
+            case_parametrisation = parametrisation_named(case.coordinates)
+            density = (
+                density
+                - case_parametrisation.log_slope(case_parametrisation.coordinates(k))
+                + parametrisation.log_slope(at)
+            )
         theta.append(at)
         log_prior.append(density)
         kept.append(case)
@@ -148,9 +152,9 @@ def _inside(directory: Path, file: str) -> Path:
 
 def _piled_up(case: _Case) -> str:
     """At which ends of its prior the draws of a case accumulate; empty if at none."""
-    own = parametrisation_named(case.coordinates)
-    theta, ends = own.coordinates(case.stiffness), []
-    for i, axis in enumerate(own.axes):
+    parametrisation = parametrisation_named(case.coordinates)
+    theta, ends = parametrisation.coordinates(case.stiffness), []
+    for i, axis in enumerate(parametrisation.axes):
         low, high = float(case.prior["low"][i]), float(case.prior["high"][i])
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             continue

@@ -102,7 +102,7 @@ class Candidate:
     setup
         Of a proposed set-up its name, with which the names of its own quantities begin; of a further measurement on
         one of several present set-ups the name of that one.
-    own
+    own_nuisances
         Quantities that a proposed set-up has for itself, such as ``short.length``, with their priors.
     joint
         Of a proposed set-up where the joints act; None where that is as in the present one.
@@ -120,7 +120,7 @@ class Candidate:
     above_hz: float = 0.0
     position: str = ""
     setup: str = ""
-    own: tuple[Nuisance, ...] = ()
+    own_nuisances: tuple[Nuisance, ...] = ()
     joint: AnyJoint | None = None
     noise: NoiseModel | None = None
     residual_kind: ResidualKind | None = None
@@ -139,15 +139,15 @@ class Candidate:
             Source of the noise; None leaves the FRFs exact, with their variance still stated.
         """
         point = np.asarray(theta, dtype=float)
-        known = next((part for part in problem.parts if part.test.name == self.setup), problem.parts[0])
+        present = next((part for part in problem.parts if part.test.name == self.setup), problem.parts[0])
         test = replace(
-            known.test,
-            name=self.setup or known.test.name,
+            present.test,
+            name=self.setup or present.test.name,
             structure=self.structure,
-            joints=known.test.joints if self.joint is None else self.joint,
-            residual_kind=self.residual_kind or known.test.residual_kind,
+            joints=present.test.joints if self.joint is None else self.joint,
+            residual_kind=self.residual_kind or present.test.residual_kind,
         )
-        there = replace(known, tests=(test,), extra_log_likelihood=None)  # what else is known is known once
+        there = replace(present, tests=(test,), extra_log_likelihood=None)  # what else is known is known once
         factors = there.prior.factors(point)
         model = test.receptance_model(self.ports)
         true = model.receptance(there.prior.matrix(point), there.structural(factors))[0]
@@ -158,10 +158,10 @@ class Candidate:
         lines, values, variance = self.ports.frequency_hz[kept], true[kept], self.law.variance(true)[kept]
         frf = FrfSet(lines, values, self.ports.outputs, self.ports.inputs, self.quantity)
         if rng is not None:
-            noise = _noise(known, there, self.noise, point, FrfData(frf, variance), rng)
+            noise = _noise(present, there, self.noise, point, FrfData(frf, variance), rng)
             frf = replace(frf, values=values - np.sqrt(variance) * noise)
         measurement = FrfData(frf, variance, synthetic=True)
-        law = self.noise or known.test.noise
+        law = self.noise or present.test.noise
         noise_model = law and law.fitted_to(measurement, law.parts)
         return there.with_test(data=measurement, noise=noise_model)
 

@@ -49,7 +49,7 @@ def candidates_of(case: Case) -> tuple[Candidate, ...]:
     specs = {test.name: test.spec for test in case.setups} or {"": case.spec}
     sources = {test.name: test.source for test in case.setups}
     stated = next((spec.plan for spec in specs.values() if spec.plan != PlanSpec()), case.spec.plan)
-    found: list[Candidate] = []
+    candidates: list[Candidate] = []
     for part in case.problem.parts:
         if part.test.data.frfs is None:
             source, loc = sources.get(part.test.name, case.source), ("data", "kind")
@@ -60,8 +60,8 @@ def candidates_of(case: Case) -> tuple[Candidate, ...]:
         # a set-up that lacks one of the plan's DOFs reads none of the plan
         dofs = {key: tuple(x for x in getattr(stated, key) if spec.structure.absent(x) is None) for key in _DOFS}
         planned = spec.model_copy(update={"plan": stated.model_copy(update=dofs)})
-        found += _Maker(planned, part, part.test.data.frfs).all()
-    return (*found, *proposed_setups(case))
+        candidates += _Maker(planned, part, part.test.data.frfs).all()
+    return (*candidates, *proposed_setups(case))
 
 
 class _Maker:
@@ -79,17 +79,17 @@ class _Maker:
 
     def all(self) -> tuple[Candidate, ...]:
         seen = {frozenset((o, i)) for o in self._data.outputs for i in self._data.inputs}
-        found: list[Candidate] = []
+        candidates: list[Candidate] = []
         for candidate in self._dof_candidates():
             ports = candidate.ports
             pairs = {frozenset((o, i)) for o in ports.outputs for i in ports.inputs}
             if self._recipe.accelerometer_mass > 0 or not pairs <= seen:
-                found.append(candidate)
+                candidates.append(candidate)
                 seen |= pairs
         noise = self._problem.test.noise
         if noise is None or noise.averages_out:
-            found.append(repeated(self._problem, self._spec.plan.averages_factor))
-        return tuple(map(self._name_after_setup, (*found, *self._band(), *self._mass())))
+            candidates.append(repeated(self._problem, self._spec.plan.averages_factor))
+        return tuple(map(self._name_after_setup, (*candidates, *self._band(), *self._mass())))
 
     def _name_after_setup(self, candidate: Candidate) -> Candidate:
         """A candidate with the name of its set-up, if it is one of several."""
@@ -101,9 +101,9 @@ class _Maker:
 
     def _family(self, recipe: StructureRecipe) -> Body:
         """Structures of a recipe that the prior thinks possible."""
-        known = self._problem.prior.nuisances
+        nuisances = self._problem.prior.nuisances
         names, columns = self._problem.test.structures.names, self._problem.structural_columns
-        return family_of_recipe(recipe, {name: known[i].range for name, i in zip(names, columns, strict=True)})
+        return family_of_recipe(recipe, {name: nuisances[i].range for name, i in zip(names, columns, strict=True)})
 
     def _dof_candidates(self) -> Iterator[Candidate]:
         here, struck = self._data.outputs, self._data.inputs
@@ -113,10 +113,10 @@ class _Maker:
             yield self._measured(dof, "accelerometer", self._sensor(dof), (dof,), struck)
         for dof in new_inputs:
             yield self._measured(f"hammer {dof}", "hammer", self._hammer(dof), here, (dof,))
-        for out in new_outputs:
+        for output in new_outputs:
             for dof in new_inputs:
-                words = f"{self._sensor(out)} with {self._hammer(dof)}"
-                yield self._measured(f"{out} / hammer {dof}", "pair", words, (out,), (dof,))
+                words = f"{self._sensor(output)} with {self._hammer(dof)}"
+                yield self._measured(f"{output} / hammer {dof}", "pair", words, (output,), (dof,))
 
     def _measured(
         self, name: str, kind: CandidateKind, words: str, outputs: tuple[str, ...], inputs: tuple[str, ...]
@@ -211,14 +211,14 @@ def proposed_setups(case: Case) -> tuple[Candidate, ...]:
     CaseError
         If one cannot be; file, line and key.
     """
-    texts, found = planned_texts(case.source), []
+    texts, candidates = planned_texts(case.source), []
     for name, spec in parse_planned(case.source).items():
         try:
-            found.append(_candidate(_built(name, texts[name], spec, case), case.problem))
+            candidates.append(_candidate(_built(name, texts[name], spec, case), case.problem))
         except JointBayesError as error:
             place = fault_start(*texts[name].place(()))
             raise CaseError(f"{place} plan.setups.{name}: {error}") from error
-    return tuple(found)
+    return tuple(candidates)
 
 
 def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
@@ -254,17 +254,19 @@ def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
         if lacking is not None:
             raise ModelError(f"found no {label} in its structure; expected the DOFs of the present data; number alike")
     named, of_noise = setup.named_nuisances()
-    own = tuple(
-        nuisance for nuisance, known in zip(named, setup.quantities, strict=True) if nuisance.name != known.name
+    own_nuisances = tuple(
+        nuisance for nuisance, original in zip(named, setup.quantities, strict=True) if nuisance.name != original.name
     )
-    known = {nuisance.name for nuisance in problem.prior.nuisances}
-    foreign = [nuisance.name for nuisance in named if nuisance not in own and nuisance.name not in known]
+    present_names = {nuisance.name for nuisance in problem.prior.nuisances}
+    foreign = [
+        nuisance.name for nuisance in named if nuisance not in own_nuisances and nuisance.name not in present_names
+    ]
     if foreign:
         raise ModelError(
             f"found that {foreign[0]} is uncertain, which it shares with present set-ups that do not have it; expected "
             f"one of its own; state it in [plan.setups.{name}.uncertain]"
         )
-    unknown = [nuisance.name for nuisance in of_noise if nuisance.name not in known]
+    unknown = [nuisance.name for nuisance in of_noise if nuisance.name not in present_names]
     if unknown:
         raise ModelError(
             f"found that {unknown[0]} of its noise is inferred, which no present set-up shares with it; expected noise "
@@ -281,7 +283,7 @@ def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
         law,
         position=" / ".join(dict.fromkeys(places)),
         setup=name,
-        own=own,
+        own_nuisances=own_nuisances,
         joint=setup.joint,
         noise=setup.noise,
         residual_kind=setup.spec.noise.residuals,
@@ -290,16 +292,16 @@ def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
 
 def _changes(text: CaseText) -> str:
     """What a set-up has different from the rest of the file, for a sentence; not how well it is known."""
-    keys = [key for key in text.own if key[0] != "uncertain" and all(isinstance(part, str) for part in key)]
+    keys = [key for key in text.own if key[0] != "uncertain" and all(isinstance(step, str) for step in key)]
     ends = sorted((key for key in keys if not any(o[: len(key)] == key and o != key for o in keys)), key=text.order)
-    said = [f"{key[-1]} = {_value(text.data, key)}" for key in ends[:_NAMED]]
-    if not said:
+    changes = [f"{key[-1]} = {_value(text.data, key)}" for key in ends[:_NAMED]]
+    if not changes:
         return ""
-    return f" ({', '.join(said)}{', …' if len(ends) > _NAMED else ''})"
+    return f" ({', '.join(changes)}{', …' if len(ends) > _NAMED else ''})"
 
 
 def _value(data: Mapping[str, Any], key: tuple[str | int, ...]) -> str:
     value: Any = data
-    for part in key:
-        value = value[part]
+    for step in key:
+        value = value[step]
     return json.dumps(value, ensure_ascii=False)

@@ -25,7 +25,7 @@ _PRESENT = "(present)"
 
 def own_of(candidates: Iterable[Candidate]) -> tuple[Nuisance, ...]:
     """Quantities that candidates have for themselves, in their order."""
-    return tuple({nuisance.name: nuisance for candidate in candidates for nuisance in candidate.own}.values())
+    return tuple({nuisance.name: nuisance for candidate in candidates for nuisance in candidate.own_nuisances}.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,21 +36,21 @@ class WithOwn:
     ----------
     present
         The problem in hand.
-    own
+    own_nuisances
         The further quantities; with none of them all is as it is.
     """
 
     present: Problem
-    own: tuple[Nuisance, ...]
+    own_nuisances: tuple[Nuisance, ...]
 
     @cached_property
     def problem(self) -> Problem:
         """Problem over all quantities, those of the noise last, for the priors and set-ups; it is not to be sampled."""
-        if not self.own:
+        if not self.own_nuisances:
             return self.present
-        known = self.present.prior.nuisances
-        end = len(known) - self.present.log_posterior.likelihood.hyper_count
-        prior = replace(self.present.prior, nuisances=(*known[:end], *self.own, *known[end:]))
+        nuisances = self.present.prior.nuisances
+        end = len(nuisances) - self.present.log_posterior.likelihood.hyper_count
+        prior = replace(self.present.prior, nuisances=(*nuisances[:end], *self.own_nuisances, *nuisances[end:]))
         if len(self.present.tests) > 1 or self.present.test.name:
             return replace(self.present, prior=prior)
         return replace(self.present, prior=prior, tests=(replace(self.present.test, name=_PRESENT),))
@@ -63,46 +63,50 @@ class WithOwn:
     @cached_property
     def own_columns(self) -> NDArray[np.intp]:
         """Where the others stand."""
-        return np.array([self.problem.names.index(nuisance.name) for nuisance in self.own], dtype=np.intp)
+        return np.array([self.problem.names.index(nuisance.name) for nuisance in self.own_nuisances], dtype=np.intp)
 
-    def joined(self, theta: ArrayLike, own: ArrayLike) -> Array:
+    def joined(self, theta: ArrayLike, own_theta: ArrayLike) -> Array:
         """θ of all, shape (n, D), from that of the present problem, shape (n, d), and the others, shape (n, D − d)."""
-        known = np.asarray(theta, dtype=float)
-        if not self.own:
-            return known
-        out = np.empty((len(known), len(self.problem.names)))
-        out[:, self.present_columns], out[:, self.own_columns] = known, own
-        return out
+        present_theta = np.asarray(theta, dtype=float)
+        if not self.own_nuisances:
+            return present_theta
+        whole = np.empty((len(present_theta), len(self.problem.names)))
+        whole[:, self.present_columns], whole[:, self.own_columns] = present_theta, own_theta
+        return whole
 
     def drawn(self, theta: ArrayLike, rng: np.random.Generator) -> Array:
         """Draws of all, shape (n, D), from draws of the present problem, shape (n, d)."""
-        known = np.asarray(theta, dtype=float)
-        own = [nuisance.prior.sample(rng, len(known)) for nuisance in self.own]
-        return self.joined(known, np.stack(own, axis=-1) if own else np.empty((len(known), 0)))
+        present_theta = np.asarray(theta, dtype=float)
+        own_draws = [nuisance.prior.sample(rng, len(present_theta)) for nuisance in self.own_nuisances]
+        return self.joined(
+            present_theta, np.stack(own_draws, axis=-1) if own_draws else np.empty((len(present_theta), 0))
+        )
 
     def middle(self, theta: ArrayLike) -> Array:
         """θ of all, shape (n, D), with the others in the middle of their priors, from θ (n, d)."""
-        known = np.asarray(theta, dtype=float)
-        return self.joined(known, np.tile([nuisance.prior.mean for nuisance in self.own], (len(known), 1)))
+        present_theta = np.asarray(theta, dtype=float)
+        return self.joined(
+            present_theta, np.tile([nuisance.prior.mean for nuisance in self.own_nuisances], (len(present_theta), 1))
+        )
 
     def log_density(self, theta: ArrayLike) -> Array:
         """ln p(θ | present data) up to the evidence, shape (n,), of θ of all, shape (n, D)."""
         t = np.atleast_2d(np.asarray(theta, dtype=float))
-        if not self.own:
+        if not self.own_nuisances:
             return self.present.log_posterior(t)
-        out = self.present.log_posterior(t[:, self.present_columns])
-        for column, nuisance in zip(self.own_columns, self.own, strict=True):
-            out += nuisance.prior.log_density(t[:, column])
-        return out
+        density = self.present.log_posterior(t[:, self.present_columns])
+        for column, nuisance in zip(self.own_columns, self.own_nuisances, strict=True):
+            density += nuisance.prior.log_density(t[:, column])
+        return density
 
     def fisher(self, theta: ArrayLike) -> FisherInformation:
         """Information of the present data and of the priors of all, at θ of all, shape (D,)."""
         point = np.asarray(theta, dtype=float)
-        known = fisher_information(self.present, point[self.present_columns])
-        if not self.own:
-            return known
+        present = fisher_information(self.present, point[self.present_columns])
+        if not self.own_nuisances:
+            return present
         data = np.zeros((point.size, point.size))
-        data[np.ix_(self.present_columns, self.present_columns)] = known.data
+        data[np.ix_(self.present_columns, self.present_columns)] = present.data
         prior = self.problem.prior
         return FisherInformation(
             self.problem.names, point, data, np.diag(prior.precision), prior.sd, self.problem.parametrisation

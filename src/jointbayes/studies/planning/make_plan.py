@@ -149,14 +149,14 @@ def _present(case: Case, seed: int, checkpoint: Path | None, tell: Callable[[str
 
 def _stated_sets(case: Case, candidates: Mapping[str, Candidate]) -> tuple[Names, ...]:
     """Sets that the plan of a case states, in the order in which their candidates are named."""
-    found = []
+    stated_sets = []
     for number, names in enumerate(case.spec.plan.together):
         unknown = [name for name in names if name not in candidates]
         if unknown:
             words = f'found "{unknown[0]}"', f"expected names of candidates: {', '.join(candidates)}", "correct it"
             raise CaseError(case.source.fault(("plan", "together", number), "plan.together", *words))
-        found.append(tuple(name for name in candidates if name in names))
-    return tuple(dict.fromkeys(found))
+        stated_sets.append(tuple(name for name in candidates if name in names))
+    return tuple(dict.fromkeys(stated_sets))
 
 
 def _chosen(

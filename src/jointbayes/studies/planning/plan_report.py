@@ -188,13 +188,13 @@ class Plan:
             )
         assert best.simulation is not None
         low, high = best.simulation.range80
-        said = (
+        advice = (
             f"Measure next: {best.words}. It is expected to make {self.parameter} known to "
             f"{spread_in_words(best.sd_after)} ({best.simulation.verdict}); now it is known to {now}. In 80 % of "
             f"simulated measurements: {spread_in_words(low)} to {spread_in_words(high)}."
         )
         others = ", ".join(data.words for data in self.as_good)
-        return f"{said} About as good: {others}." if others else said
+        return f"{advice} About as good: {others}." if others else advice
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -304,10 +304,10 @@ def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:
     if not simulated["valid"]:
         return names, where, "–", "–", "–", f"{simulated['lost']} of {simulated['truths']} simulations failed"
     low, high = simulated["sd_range80"]
-    known = f"{spread_in_words(simulated['sd_median'])} ({spread_in_words(low)} to {spread_in_words(high)})"
+    spread = f"{spread_in_words(simulated['sd_median'])} ({spread_in_words(low)} to {spread_in_words(high)})"
     sds = f"{number(simulated['sd_median'])} ({number(low)} to {number(high)})"
     count = simulated["truths"] - simulated["lost"]
-    return names, where, known, sds, simulated["verdict"], f"{count} simulations"
+    return names, where, spread, sds, simulated["verdict"], f"{count} simulations"
 
 
 def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report:

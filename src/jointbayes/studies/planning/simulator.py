@@ -64,11 +64,11 @@ class WithFurther:
     def __call__(self, theta: ArrayLike) -> Array:
         """Log density, shape (n,), of θ, shape (n, d)."""
         t = np.atleast_2d(np.asarray(theta, dtype=float))
-        out = self._present(t)
-        inside = np.isfinite(out)
+        log_density = self._present(t)
+        inside = np.isfinite(log_density)
         if inside.any():
-            out[inside] += self.new_log_likelihood(t[inside])
-        return out
+            log_density[inside] += self.new_log_likelihood(t[inside])
+        return log_density
 
     def new_log_likelihood(self, theta: Array) -> Array:
         """ln L of the further data alone, shape (n,), of θ, shape (n, d), inside the prior's support."""
@@ -144,9 +144,11 @@ class Simulator:
         A candidate has the same noise for the same truth, alone and in every set.
         """
         whole = WithOwn(self._problem, own_of(candidates))
-        names = tuple(nuisance.name for nuisance in whole.own)
-        own = [nuisance.prior.sample(self._generator(truth, nuisance.name), 1) for nuisance in whole.own]
-        theta = whole.joined(self.truths[truth][None], np.reshape(own, (1, -1)))[0]
+        names = tuple(nuisance.name for nuisance in whole.own_nuisances)
+        own_values = [
+            nuisance.prior.sample(self._generator(truth, nuisance.name), 1) for nuisance in whole.own_nuisances
+        ]
+        theta = whole.joined(self.truths[truth][None], np.reshape(own_values, (1, -1)))[0]
         further = [c.problem(whole.problem, theta, self.noise(truth, c)) for c in candidates]
         density = WithFurther(whole.log_density, further)
         rng = self._generator(truth, *(c.name for c in candidates), "draws")
@@ -188,10 +190,10 @@ class Simulator:
         widest = fisher.prior_sd.copy()
         widest[whole.present_columns] = np.minimum(widest[whole.present_columns], self._draw_sd)
         variance = np.diag(covariance)
-        known = np.isfinite(variance)
-        shrink = np.minimum(1.0, widest / np.sqrt(np.where(known, variance, widest**2)))
+        finite = np.isfinite(variance)
+        shrink = np.minimum(1.0, widest / np.sqrt(np.where(finite, variance, widest**2)))
         bounded = np.where(np.isfinite(covariance), covariance, 0.0) * np.outer(shrink, shrink)
-        bounded[~known, ~known] = widest[~known] ** 2
+        bounded[~finite, ~finite] = widest[~finite] ** 2
         return theta, bounded
 
     def _posterior(self, draws: WeightedDraws, rng: np.random.Generator, method: Method) -> SimulatedPosterior:
@@ -291,14 +293,14 @@ def assumed_truth(problem: Problem, theta: Array, stiffness: ArrayLike) -> Array
     if moving.start == moving.stop:
         return start
 
-    def whole(part: Array) -> Array:
-        return np.concatenate([joint, part, start[moving.stop :]])
+    def whole(moving_theta: Array) -> Array:
+        return np.concatenate([joint, moving_theta, start[moving.stop :]])
 
-    def residual(part: Array) -> Array:
-        return log_posterior.residuals(whole(part))[0]
+    def residual(moving_theta: Array) -> Array:
+        return log_posterior.residuals(whole(moving_theta))[0]
 
-    def jacobian(part: Array) -> Array:
-        return log_posterior.residuals(whole(part))[1][:, moving]
+    def jacobian(moving_theta: Array) -> Array:
+        return log_posterior.residuals(whole(moving_theta))[1][:, moving]
 
     inner = 1e-9 * (high - low)[moving]
     inner[~np.isfinite(inner)] = 0.0
