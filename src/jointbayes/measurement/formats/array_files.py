@@ -224,6 +224,8 @@ def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
         whole.real, whole.imag = values["real"], values["imag"]
         values = whole
     if kind == "char":
+        if values.dtype.kind != "u":
+            raise MeasurementError(f"{where}: found text stored as {item.dtype}; expected whole numbers; {REMEDY}")
         return np.array(_characters(values), dtype=str)
     return np.asarray(values).T if matlab else values
 
