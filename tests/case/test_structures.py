@@ -384,7 +384,7 @@ def test_a_frame_is_kept_in_a_posterior_file_as_it_is():
     recipe = built(SPINDLE, "tool.tip:y", "tool.tip:y").problem.test.structure
     description = _Description()
     plain = description._taken(recipe, "structure")
-    assert description.own == {}
+    assert description.unstored == {}
     again = _Restoring(lambda name: description.arrays[name], "here").part(json.loads(json.dumps(plain)), "structure")
     assert isinstance(again, FrameFamily)
     assert again.recipe == recipe.recipe
