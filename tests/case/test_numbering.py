@@ -8,8 +8,8 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.case.case import Case, case_from_text
-from jointbayes.case.doubts import find_numbering
 from jointbayes.cli.commands import main
+from jointbayes.identification.numbering import find_numbering
 from tests.conftest import CONFIGS
 
 BAR = """

@@ -5,29 +5,29 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.case.case_files import complete_from_data, plan_of, read_matrices, require_inside
+from jointbayes.case.case_files import CaseHome, complete_from_data, measured_bodies, plan_of, read_matrices
 from jointbayes.case.case_objects import measurement_of, noise_of, recipe_of
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
 from jointbayes.case.combined import (
     CaseSetup,
     default_priors_of,
-    largest_ratio,
     prior_of,
     problem_of,
     require_lowest,
 )
-from jointbayes.case.doubts import find_numbering, numbering_warnings, sign_warnings, truth_warnings
-from jointbayes.case.plausibility import input_warnings
+from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
 from jointbayes.case.spec.parse import needs_files, parse_planned, parse_setups
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import KeyPath, fault_start
+from jointbayes.case.toml_text import fault_line
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError
 from jointbayes.frf import MeasuredBody
+from jointbayes.identification.numbering import find_numbering
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Joint, Joints, joints_of
 from jointbayes.measurement import Data
@@ -101,12 +101,8 @@ class Case:
         wanted = stated or self.spec.plan.parameter
         if not names or (wanted and wanted not in names):
             fault = f'found "{wanted}"' if names else "found no stiffness in the joint"
-            words = (
-                fault,
-                f"expected {', '.join(names) or 'one to be known best'}",
-                "correct it or plan another problem",
-            )
-            raise CaseError(self.source.fault(("plan", "parameter"), "plan.parameter", *words))
+            words = fault, ", ".join(names) or "one to be known best", "correct it or plan another problem"
+            raise CaseError(self.source.fault(("plan", "parameter"), *words))
         return wanted or next((quantity.name for quantity in quantities if quantity.may_be_negative), names[0])
 
     @property
@@ -146,7 +142,8 @@ class Case:
         """
         if self.problem is not self.stated or not self.setups:
             return None
-        largest = max(largest_ratio(setup.spec) for setup in self.setups)
+        ratios = (setup.spec.structure.damping.values.get("damping_ratio", ()) for setup in self.setups)
+        largest = max(chain.from_iterable(ratios), default=0.0)
         return problem_of([setup.with_workshop_uncertainty(largest) for setup in self.setups], self.name)
 
     @cached_property
@@ -246,7 +243,7 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
     if stated and not needs_files(specs):
         texts = setup_texts(source)
         setups = tuple(
-            _setup(name, texts[name], spec, Path(), test_problem.test.data, allow_outside=False)
+            _setup(name, CaseHome(Path(), texts[name]), spec, test_problem.test.data)
             for (name, spec), test_problem in zip(specs.items(), problem.parts, strict=True)
         )
     return Case(problem.name, source, next(iter(specs.values())), problem, problem if stated else None, setups)
@@ -256,7 +253,7 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
 def _build(name: str, source: CaseText, directory: Path, data: Data | None, allow_outside: bool) -> Case:
     texts = setup_texts(source)
     setups = [
-        _setup(setup, texts[setup], spec, directory, data, allow_outside)
+        _setup(setup, CaseHome(directory, texts[setup], allow_outside), spec, data)
         for setup, spec in parse_setups(source).items()
     ]
     parse_planned(source)  # what is wrong in a proposed set-up is told now
@@ -269,59 +266,44 @@ def _build(name: str, source: CaseText, directory: Path, data: Data | None, allo
     return Case(name, source, first.spec, problem, problem, tuple(setups))
 
 
-def _setup(
-    name: str,
-    source: CaseText,
-    spec: CaseSpec,
-    directory: Path,
-    data: Data | None,
-    allow_outside: bool,
-) -> CaseSetup:
-    def place(path: KeyPath) -> str:
-        return fault_start(*source.place(path))
-
-    spec = read_matrices(spec, directory, allow_outside, lambda path: f"{place(path)} {'.'.join(path)}:")
-    stated = spec
+def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> CaseSetup:
+    source = home.source
+    stated = spec = read_matrices(spec, home)
     with _told_of(source, spec) as tell:
         joints = "joints" if spec.joints else "joint"
         tell(joints)
         joint = joints_of(spec.joint_objects)
-        _require_dofs_of_offsets(spec, place)
+        _require_dofs_of_offsets(spec, source)
         if spec.data.files is not None:
             from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
 
             tell("data")
-            if data is None and not allow_outside:
-                require_inside(directory, spec.data.files.file, lambda number: place(("data", "file", number)))
-            data = data or read_measurement(spec.data.files.file, directory, plan_of(spec))
+            if data is None:
+                home.require_inside(("data", "file"), spec.data.files.file)
+            data = data or read_measurement(spec.data.files.file, home.directory, plan_of(spec))
             spec = complete_from_data(spec, data)
             tell("structure")
             recipe = recipe_of(spec.structure, spec.data, data)
-            _require_one_place(spec, joint, recipe, place)
+            _require_one_place(spec, joint, recipe, source)
         else:
             tell("structure")
             recipe = recipe_of(spec.structure, spec.data)
-            _require_one_place(spec, joint, recipe, place)
+            _require_one_place(spec, joint, recipe, source)
             tell("data")
             data = data or measurement_of(spec, joint, name)
         tell("noise")
         noise, of_noise = noise_of(spec.noise, data)
         bodies: tuple[MeasuredBody, ...] = ()
         if spec.bodies:
-            from jointbayes.case.case_files import measured_bodies
-
             tell("bodies")
-            named = (*joint.labels, *data.dofs)
-            bodies = measured_bodies(spec, named, directory, allow_outside, place)
+            bodies = measured_bodies(spec, (*joint.labels, *data.dofs), home)
         tell("data")
         require_lowest(stated, recipe, joint, data)
         data.require_enough()
     return CaseSetup(name, source, spec, recipe, bodies, joint, data, noise, of_noise)
 
 
-def _require_one_place(
-    spec: CaseSpec, joint: AnyJoint, recipe: StructureRecipe, place: Callable[[KeyPath], str]
-) -> None:
+def _require_one_place(spec: CaseSpec, joint: AnyJoint, recipe: StructureRecipe, source: CaseText) -> None:
     """Refuse joints whose sides do not meet, by the key of the other side."""
     for name, side in zip(spec.all_joints, joint.joints if isinstance(joint, Joints) else (joint,), strict=True):
         path = ("joints", name, "against") if name else ("joint", "against")
@@ -329,10 +311,10 @@ def _require_one_place(
             side.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
         except ModelError as error:
             message = str(error).partition(": ")[2]  # without the name of the joint, which the key has
-            raise CaseError(f"{place(path)} {'.'.join(path)}: {message}, offset_mm") from error
+            raise CaseError(source.fault(path, f"{message}, offset_mm")) from error
 
 
-def _require_dofs_of_offsets(spec: CaseSpec, place: Callable[[KeyPath], str]) -> None:
+def _require_dofs_of_offsets(spec: CaseSpec, source: CaseText) -> None:
     """Refuse own axes and offsets of joints that need DOFs which the structure lacks, by their keys."""
     for name, joint in spec.all_joints.items():
         sides = (
@@ -350,10 +332,8 @@ def _require_dofs_of_offsets(spec: CaseSpec, place: Callable[[KeyPath], str]) ->
                 table = ("joints", name) if name else ("joint",)
                 path = (*table, "axes" if label in turned else key)
                 what = "which is held fixed" if held else "which the structure does not have"
-                raise CaseError(
-                    f"{place(path)} {'.'.join(path)}: found that {', '.join(dofs)} then move with {label}, {what}; "
-                    "expected DOFs that move; let the structure have it, or correct this"
-                )
+                words = f"found that {', '.join(dofs)} then move with {label}, {what}", "DOFs that move"
+                raise CaseError(source.fault(path, *words, "let the structure have it, or correct this"))
 
 
 @contextmanager
@@ -386,4 +366,4 @@ def _told_of(source: CaseText, spec: CaseSpec) -> Iterator[Callable[[str], None]
                 f"found numbers that are too far apart to be computed with ({error}); expected those of one machine; "
                 "check sizes, material and stiffnesses"
             )
-        raise CaseError(f"{fault_start(*place)} {key}: {message}") from error
+        raise CaseError(fault_line(*place, key, message)) from error

@@ -214,7 +214,7 @@ def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, st
         rename = f'"{meant}" is given already, drop one of the two' if clash else _converted(place, meant)
         hints.insert(0, f'did you mean "{meant}"? {rename}')
     mistake = f"unknown {'table' if isinstance(place.value, Mapping) else 'key'}"
-    return mistake, f"expected {expected}", ", or ".join(hints) or "remove it"
+    return mistake, expected, ", or ".join(hints) or "remove it"
 
 
 def _elsewhere(path: KeyPath, root: type[BaseModel]) -> str:
@@ -252,7 +252,7 @@ def _missing_wording(fault: _Fault) -> tuple[str, str, str]:
         mistake, remedy = "missing table", f"add a table [{show_key(place.path)}]"
     else:
         mistake, remedy = "missing", f"add {key} = {_example(info)} {where}"
-    return mistake, f"expected {info.description if info else key}", remedy
+    return mistake, (info and info.description) or key, remedy
 
 
 def _value_wording(fault: _Fault) -> tuple[str, str, str]:
@@ -260,7 +260,7 @@ def _value_wording(fault: _Fault) -> tuple[str, str, str]:
     entry = f" as entry {place.path[-1] + 1}" if isinstance(place.path[-1], int) else ""
     mistake = finding.found or f"found {_show(place.value)}{entry}"
     expected = finding.expected or (place.info.description if place.info else "") or ""
-    return mistake, f"expected {expected}", finding.remedy or _value_remedy(place)
+    return mistake, expected, finding.remedy or _value_remedy(place)
 
 
 def _value_remedy(place: _Place) -> str:
@@ -332,5 +332,5 @@ def fault_lines(error: ValidationError, model: type[BaseModel], source: CaseText
                 words = (*words[:2], f'take it out with remove = ["{show_key(path)}"] in {where}')
         else:
             words = _missing_wording(fault) if fault.kind == "missing" else _value_wording(fault)
-        shown.append(source.fault(path, show_key(source.written(path)), *words))
+        shown.append(source.fault(path, *words))
     return [*shown, f"and {left_out} more"] if left_out else shown

@@ -1,21 +1,20 @@
 """Files that a case names: how measurement files are read and what they decide; measured bodies; matrices."""
 
-import json
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from jointbayes.arrays import Array
+from jointbayes.case.case_text import CaseText, find_outside
+from jointbayes.case.spec.fields import KeyPath
 from jointbayes.case.spec.measured_table import (
     MeasuredBodySpec,
     MeasuredSpec,
     VarianceSpec,
 )
 from jointbayes.case.spec.prior_tables import FactorPriorSpec
-from jointbayes.case.spec.structure_kinds import MatricesSpec, MatrixDampingSpec, asymmetry
-from jointbayes.case.spec.structure_table import ModalDampingSpec
+from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix, matrix_findings
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, MeasurementError, printable
 from jointbayes.frf import MeasuredBody
@@ -31,8 +30,6 @@ from jointbayes.measurement.variance import RelativeNoise
 _MOST_BYTES = 200_000_000
 _MOST_ROWS = 2000
 
-Start = Callable[[tuple[str, ...]], str]
-"""Start of a message about a key: file, line, key."""
 _MM, _G = 1e-3, 1e-3
 _NEARLY_GAUSSIAN = 400  # degrees of freedom: the mean square is half a per cent off
 _DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from the data
@@ -76,41 +73,29 @@ def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:
     return ImpactSettings(hits, spec.force_window_s, spec.exponential_end, spec.estimator, *band)
 
 
-def require_inside(
-    directory: Path, names: Sequence[str], place: str | Callable[[int], str], key: str = "data.file"
-) -> None:
-    """Refuse measurement files outside the directory of their case: a case of somebody else may name any file.
+@dataclass(frozen=True)
+class CaseHome:
+    """From where the names of files in a case count.
 
     Parameters
     ----------
     directory
-        Of the case.
-    names
-        Of the files, as the case has them; where they lead by ``..`` or by links is what counts.
-    place
-        Start of the message: where the name stands, or a function that says it of the file of that number.
-    key
-        That names it.
-
-    Raises
-    ------
-    CaseError
-        If one lies elsewhere.
+        Of the case file.
+    source
+        Text of the case, or of one of its set-ups, for the places of keys.
+    allow_outside
+        Whether files may lie outside of the directory.
     """
-    home = directory.resolve()
-    for number, name in enumerate(names):
-        try:
-            inside = (directory / name).resolve().is_relative_to(home)
-        except (OSError, RuntimeError, ValueError):  # links in a circle, a null byte: found again on reading
-            inside = True
-        if not inside:
-            shown = f'"{name}"' if name.isprintable() else json.dumps(name)
-            start = place if isinstance(place, str) else place(number)
-            raise CaseError(
-                f"{start} {key}: found {shown}, which leads out of the directory of the case file; "
-                "expected a measurement file in it or below; move the file there, or allow it: --allow-outside, in "
-                "Python allow_outside=True"
-            )
+
+    directory: Path
+    source: CaseText
+    allow_outside: bool = False
+
+    def require_inside(self, path: KeyPath, names: Sequence[str]) -> None:
+        """Refuse files outside the directory, by the key that names them, with a `CaseError`."""
+        outside = None if self.allow_outside else find_outside(self.directory, names)
+        if outside is not None:
+            raise CaseError(self.source.fault((*path, outside[0]), *outside[1]))
 
 
 def complete_from_data(spec: CaseSpec, measured: Data) -> CaseSpec:
@@ -152,7 +137,7 @@ def _take_measured_damping(spec: CaseSpec, measured: Data) -> CaseSpec:
         If the data show no mode with a damping ratio between 0 and 1.
     """
     damping = spec.structure.damping
-    if not (isinstance(damping, ModalDampingSpec) and damping.measured):
+    if not damping.measured:
         return spec
     assert measured.provenance is not None
     ratios = tuple(float(mode.damping_ratio) for mode in measured.provenance.modes)
@@ -170,13 +155,7 @@ def _take_measured_damping(spec: CaseSpec, measured: Data) -> CaseSpec:
     return spec.model_copy(update={"structure": structure, "uncertain": uncertain})
 
 
-def measured_bodies(
-    spec: CaseSpec,
-    used: Iterable[str],
-    directory: Path,
-    allow_outside: bool,
-    place: Callable[[tuple[str, ...]], str],
-) -> tuple[MeasuredBody, ...]:
+def measured_bodies(spec: CaseSpec, used: Iterable[str], home: CaseHome) -> tuple[MeasuredBody, ...]:
     """Read the bodies of a case.
 
     Parameters
@@ -185,12 +164,8 @@ def measured_bodies(
         The case.
     used
         DOFs that joints and data name: others of a body are left out.
-    directory
-        From which the names of files count.
-    allow_outside
-        Whether files may lie outside of it.
-    place
-        Start of a message for a key, with file and line.
+    home
+        From where the names of files count.
 
     Raises
     ------
@@ -201,10 +176,9 @@ def measured_bodies(
     """
     wanted, bodies = frozenset(used), []
     for name, body in spec.bodies.items():
-        if not allow_outside:
-            require_inside(directory, body.file, place(("bodies", name, "file")), f"bodies.{name}.file")
+        home.require_inside(("bodies", name, "file"), body.file)
         try:
-            bodies.append(_body(name, body, wanted, directory))
+            bodies.append(_body(name, body, wanted, home.directory))
         except MeasurementError as error:
             # messages of the files name the table of the data
             raise MeasurementError(str(error).replace("data.", f"bodies.{name}.")) from error
@@ -233,88 +207,53 @@ def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: 
     return replace(whole.seen_at(motions), files=measured.provenance.files)
 
 
-def read_matrices(spec: CaseSpec, directory: Path, allow_outside: bool, start: Start) -> CaseSpec:
+def read_matrices(spec: CaseSpec, home: CaseHome) -> CaseSpec:
     """The case with the matrices of files that its structure names.
-
-    Parameters
-    ----------
-    spec
-        The case.
-    directory
-        Where files are looked for.
-    allow_outside
-        Whether they may lie elsewhere.
-    start
-        Gives the start of a message about a key.
 
     Raises
     ------
     CaseError
-        If a file cannot be read, or holds no square, symmetric matrix of the right size: file and key.
+        If a file lies outside, cannot be read, or holds no square, symmetric matrix of the right size: file and key.
     """
-    structure = spec.structure
+    structure, read = spec.structure, dict[str, object]()
     if not isinstance(structure, MatricesSpec):
         return spec
-    update: dict[str, object] = {}
-    for key in ("stiffness", "mass"):
-        named = getattr(structure, key)
-        if isinstance(named, str):
-            update[key] = _matrix(named, directory, allow_outside, start, ("structure", key), len(structure.dofs))
-    damping = structure.damping
-    if isinstance(damping, MatrixDampingSpec):
-        given = damping.damping_matrix
-        path = ("structure", "damping", "damping_matrix")
-        if isinstance(given, str):
-            given = _matrix(given, directory, allow_outside, start, path, len(structure.dofs))
-        if len(given) != len(structure.dofs):
-            raise CaseError(
-                f"{start(path)} found {len(given)} rows for {len(structure.dofs)} DOFs; expected as many; correct it"
-            )
-        update["damping"] = damping.model_copy(update={"damping_matrix": given})
-    return spec.model_copy(update={"structure": structure.model_copy(update=update)}) if update else spec
+    for loc, name in structure.matrices.items():
+        if isinstance(name, str):
+            path = ("structure", *loc)
+            home.require_inside(path, [name])
+            try:
+                read[loc[-1]] = _matrix(home.directory / name, len(structure.dofs))
+            except CaseError as error:
+                raise CaseError(home.source.fault(path, f"{printable(name)}: {error}")) from error
+    damping = structure.damping.model_copy(update={key: read.pop(key) for key in ["damping_matrix"] if key in read})
+    return spec.model_copy(update={"structure": structure.model_copy(update={**read, "damping": damping})})
 
 
-def _matrix(
-    name: str, directory: Path, allow_outside: bool, start: Start, path: tuple[str, ...], rows: int
-) -> tuple[tuple[float, ...], ...]:
-    begin = f"{start(path)} {printable(name)}:"
-    if not allow_outside:
-        require_inside(directory, [name], start(path).rpartition(" ")[0], ".".join(path))
-    matrix = _read(directory / name, begin)
-    if matrix.ndim == 1 and matrix.size == rows:
-        matrix = np.diag(matrix)
-    if matrix.shape != (rows, rows):
-        raise CaseError(
-            f"{begin} found an array of shape {matrix.shape}; expected ({rows}, {rows}), a row for each of "
-            "structure.dofs; correct the file or the labels"
-        )
-    if not np.isfinite(matrix).all():
-        raise CaseError(f"{begin} found NaN or infinity; expected finite numbers; correct the file")
-    words = asymmetry(matrix)
-    if words is not None:
-        raise CaseError(f"{begin} {words}; expected a symmetric matrix; correct one of the two entries")
-    return tuple(map(tuple, matrix.tolist()))
-
-
-def _read(file: Path, begin: str) -> Array:
-    """Array of a .npy or .csv file."""
-    kinds: Sequence[str] = (".npy", ".csv")
+def _matrix(file: Path, rows: int) -> Matrix:
+    """Matrix of a .npy or .csv file."""
+    kinds = (".npy", ".csv")
     if file.suffix.lower() not in kinds:
-        raise CaseError(f"{begin} found the ending {file.suffix!r}; expected {' or '.join(kinds)}; rename the file")
+        raise CaseError(f"found the ending {file.suffix!r}; expected {' or '.join(kinds)}; rename the file")
     try:
         if not file.is_file():  # nor a pipe, which might never end
-            raise CaseError(f"{begin} found no such file; expected one with the matrix; correct the name")
+            raise CaseError("found no such file; expected one with the matrix; correct the name")
         if file.stat().st_size > _MOST_BYTES:
-            raise CaseError(f"{begin} found more than {_MOST_BYTES:g} bytes; expected a matrix of {_MOST_ROWS} rows")
+            raise CaseError(f"found more than {_MOST_BYTES:g} bytes; expected a matrix of {_MOST_ROWS} rows")
         if file.suffix.lower() == ".npy":
             array = np.load(file, allow_pickle=False)
         else:
             array = np.loadtxt(file, delimiter=",", ndmin=2)
-        if array.dtype.kind not in "biuf":
-            raise ValueError(f"numbers of kind {array.dtype}")
-        return np.asarray(array, dtype=float)
+        if array.dtype.kind not in "biuf" or array.ndim not in (1, 2):
+            raise ValueError(f"{array.ndim} dimensions, numbers of kind {array.dtype}")
     except (OSError, ValueError, EOFError, UnicodeError) as error:
         reason = " ".join(str(error).split())[:100]
         raise CaseError(
-            f"{begin} found no readable array ({reason}); expected numbers, in .csv separated by commas; correct it"
+            f"found no readable array ({reason}); expected numbers, in .csv separated by commas; correct it"
         ) from error
+    if not np.isfinite(array).all():
+        raise CaseError("found NaN or infinity; expected finite numbers; correct the file")
+    matrix: Matrix = tuple(tuple(row) if array.ndim == 2 else row for row in array.astype(float).tolist())
+    for wrong in matrix_findings((), matrix, rows):
+        raise CaseError(f"{wrong.found}; expected {wrong.expected}; {wrong.remedy}")
+    return matrix

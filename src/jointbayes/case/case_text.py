@@ -8,14 +8,14 @@ tables out of the base first, such as a table of another kind. Each key keeps th
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from jointbayes.case.keys import rename_files
-from jointbayes.case.spec.fields import Finding
+from jointbayes.case.spec.fields import Finding, show_key
 from jointbayes.case.toml_text import (
     KeyPath,
     fault_line,
@@ -104,9 +104,10 @@ class CaseText:
         file, line = self.place(path)
         return file != self.name, file, line
 
-    def fault(self, path: KeyPath, key: str, *parts: str) -> str:
-        """One line of a `CaseError` on a key: file, line, key, then found; expected; what to do."""
-        return fault_line(*self.place(path), key, *parts)
+    def fault(self, path: KeyPath, found: str, expected: str = "", remedy: str = "") -> str:
+        """One line of a `CaseError` on a key: file, line, key as it is written, then found; expected; what to do."""
+        words = (found, expected and f"expected {expected}", remedy)
+        return fault_line(*self.place(path), show_key(self.written(path)), *words)
 
     def warnings(self, findings: Iterable[Finding]) -> tuple[InputWarning, ...]:
         """Findings as warnings, each at the file and line of its key."""
@@ -164,8 +165,8 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
         return CaseText(name, text, data, places)
     source = CaseText(name, text, data, places)
     if file is None:
-        mistake, expected = "found a text that is no file and builds on one", "a text that is whole"
-        raise CaseError(source.fault((_EXTENDS,), _EXTENDS, mistake, f"expected {expected}", "load it as a file"))
+        mistake = "found a text that is no file and builds on one"
+        raise CaseError(source.fault((_EXTENDS,), mistake, "a text that is whole", "load it as a file"))
     chain = _chain(source, file, allow_outside)
     whole, places = chain[-1]
     for over in reversed(chain[:-1]):
@@ -180,44 +181,35 @@ def _chain(source: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict
     read, chain = [_real(file)], [(dict(source.data), dict(source.places))]
     while (base := current.data.get(_EXTENDS)) is not None:
         if not isinstance(base, str) or not base:
-            expected = "the name of a case file, a text"
-            raise _fault(
-                current, f"found {type(base).__name__}", expected, f'write for example {_EXTENDS} = "base.toml"'
-            )
+            expected, remedy = "the name of a case file, a text", f'write for example {_EXTENDS} = "base.toml"'
+            raise CaseError(current.fault((_EXTENDS,), f"found {type(base).__name__}", expected, remedy))
         here = here.parent / base
         if not allow_outside and not _inside(here, home):
-            remedy = "move the file there, or allow it: --allow-outside, in Python allow_outside=True"
-            mistake = f'found "{printable(base)}", which leads out of the directory of the case file'
-            raise _fault(current, mistake, "a case file in it or below", remedy)
+            raise CaseError(current.fault((_EXTENDS,), *_words_of_outside(base, "case file")))
         name = os.path.join(os.path.dirname(current.name), base)  # as the user would write it
         if _real(here) in read:
             circle = " → ".join(printable(visited.name) for visited in (*read[read.index(_real(here)) :], here))
-            raise _fault(
-                current, f"found a circle, {circle}", "files that end at one that extends none", "remove one extends"
-            )
+            words = f"found a circle, {circle}", "files that end at one that extends none", "remove one extends"
+            raise CaseError(current.fault((_EXTENDS,), *words))
         if len(chain) == _MOST_FILES:
-            raise _fault(
-                current, f"found more than {_MOST_FILES} files that build on each other", "fewer", "merge some"
-            )
+            words = f"found more than {_MOST_FILES} files that build on each other", "fewer", "merge some"
+            raise CaseError(current.fault((_EXTENDS,), *words))
         read.append(_real(here))
         text = read_text(here) if here.exists() else None
         if text is None:
             near = similar(here.name, (p.name for p in here.parent.glob("*.toml") if p != file))
             remedy = f'did you mean "{near}"?' if near else "check the name; it is relative to this file"
-            raise _fault(current, f'found "{printable(base)}", which is no file', "a case file to build on", remedy)
+            words = f'found "{printable(base)}", which is no file', "a case file to build on", remedy
+            raise CaseError(current.fault((_EXTENDS,), *words))
         data = parse_toml(text, name)
         current = CaseText(name, text, data, {path: (name, line) for path, line in key_lines(text).items()})
         if here.parent != home:
             data = rename_files(data, partial(_moved, here.parent, home))
         chain.append((dict(data), dict(current.places)))
     if _REMOVE in current.data:
-        mistake, expected = "found it in a file that builds on none", f"a file with {_EXTENDS}"
-        raise CaseError(current.fault((_REMOVE,), _REMOVE, mistake, f"expected {expected}", "remove it"))
+        words = "found it in a file that builds on none", f"a file with {_EXTENDS}", "remove it"
+        raise CaseError(current.fault((_REMOVE,), *words))
     return chain
-
-
-def _fault(source: CaseText, mistake: str, expected: str, remedy: str) -> CaseError:
-    return CaseError(source.fault((_EXTENDS,), _EXTENDS, mistake, f"expected {expected}", remedy))
 
 
 def _real(file: Path) -> Path:
@@ -228,7 +220,30 @@ def _real(file: Path) -> Path:
 
 
 def _inside(file: Path, home: Path) -> bool:
-    return _real(file).is_relative_to(_real(home))
+    """Whether a file lies in a directory or below; where it leads by ``..`` or by links is what counts."""
+    try:
+        return file.resolve().is_relative_to(home.resolve())
+    except (OSError, RuntimeError, ValueError):  # links in a circle, a null byte: found again on reading
+        return True
+
+
+def _words_of_outside(name: str, what: str) -> tuple[str, str, str]:
+    shown = f'"{name}"' if name.isprintable() else printable(name)
+    return (
+        f"found {shown}, which leads out of the directory of the case file",
+        f"a {what} in it or below",
+        "move the file there, or allow it: --allow-outside, in Python allow_outside=True",
+    )
+
+
+def find_outside(directory: Path, names: Sequence[str]) -> tuple[int, tuple[str, str, str]] | None:
+    """The first of some measurement files outside the directory of their case, whose author may be somebody else.
+
+    Its number among the names, and what was found, what is expected and what to do; None where all lie inside.
+    """
+    outside = (number for number, name in enumerate(names) if not _inside(directory / name, directory))
+    number = next(outside, None)
+    return None if number is None else (number, _words_of_outside(names[number], "measurement file"))
 
 
 def _moved(here: Path, home: Path, name: str) -> str:
@@ -250,8 +265,8 @@ def merged(base: CaseText, over: CaseText) -> tuple[dict[str, Any], dict[KeyPath
             shown = ".".join(path)
             near = similar(shown, (".".join(map(str, stated)) for stated in base.places))
             remedy = f'did you mean "{near}"?' if near else "correct or remove it"
-            words = (f'found "{printable(shown)}", which the base does not have', "expected a key of it", remedy)
-            raise CaseError(over.fault((_REMOVE, index), ".".join(map(str, over.written((_REMOVE,)))), *words))
+            words = f'found "{printable(shown)}", which the base does not have', "a key of it", remedy
+            raise CaseError(over.fault((_REMOVE, index), *words))
         places = {stated: place for stated, place in places.items() if stated[: len(path)] != path}
     _lay_over(data, {key: value for key, value in over.data.items() if key not in (_EXTENDS, _REMOVE)}, (), places)
     places_over = {path: place for path, place in over.places.items() if path[0] not in (_EXTENDS, _REMOVE)}
@@ -273,12 +288,8 @@ def _removed(over: CaseText) -> list[tuple[str, ...]]:
     paths: list[tuple[str, ...]]
     paths = [key_parts(entry) if isinstance(entry, str) else () for entry in given] if isinstance(given, list) else [()]
     if not all(paths):
-        words = (
-            "found what is no key",
-            "expected a list of keys of the base",
-            'write for example remove = ["prior.k12"]',
-        )
-        raise CaseError(over.fault((_REMOVE, paths.index(())), ".".join(map(str, over.written((_REMOVE,)))), *words))
+        words = "found what is no key", "a list of keys of the base", 'write for example remove = ["prior.k12"]'
+        raise CaseError(over.fault((_REMOVE, paths.index(())), *words))
     return paths
 
 

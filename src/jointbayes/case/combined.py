@@ -12,9 +12,9 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.case.case_text import CaseText
-from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec
+from jointbayes.case.spec.joint_table import JointSpec
 from jointbayes.case.spec.prior_tables import FactorPriorSpec
-from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase
+from jointbayes.case.spec.structure_table import StructureBase
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import AnyStructure, MeasuredBody, NaturalFrequencies, Substructures, rigid_body_modes
@@ -129,9 +129,14 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
             kinds[named] = owner if named != owner else joint.parametrisation_object
             if named == owner:
                 sizes = own_stiffnesses(joint, setup.spec.structure, family_of_recipe(setup.recipe), setup.data)
-                priors = joint_marginals(setup.spec, joint, sizes, setup.recipe.extent)
-                marginals += priors
-                guesses.append(guess_of(joint, sizes, priors))
+                extent = setup.recipe.extent
+                priors = setup.spec.priors_of(name)
+                of_joint = [
+                    getattr(priors, axis.name).marginal() if priors else _default_marginal(axis, sizes, extent)
+                    for axis in joint.coordinates
+                ]
+                marginals += of_joint
+                guesses.append(guess_of(joint, sizes, of_joint))
     nuisances: dict[str, Nuisance] = {}
     of_noise: dict[str, Nuisance] = {}
     for setup in setups:
@@ -147,8 +152,8 @@ def default_priors_of(specs: Mapping[str, CaseSpec]) -> frozenset[str]:
     return frozenset(
         prefixed(spec.joint_of_setup(setup, name)[0], axis.name)
         for setup, spec in specs.items()
-        for name, joint in spec.all_joints.items()
-        if name not in spec.sharing and (joint.prior if isinstance(joint, NamedJointSpec) else spec.prior) is None
+        for name, joint in spec.stating_joints.items()
+        if spec.priors_of(name) is None
         for axis in joint.coordinates
     )
 
@@ -225,16 +230,6 @@ def own_stiffnesses(joint: JointSpec, structure: StructureBase, body: Body, data
     return sizes
 
 
-def joint_marginals(
-    spec: CaseSpec, joint: JointSpec, sizes: Mapping[str, OwnStiffness], length: float
-) -> list[Marginal]:
-    """Priors on the coordinates of one joint of a case: as stated, or from the structure's own stiffnesses and size."""
-    priors = joint.prior if isinstance(joint, NamedJointSpec) else spec.prior
-    if priors is None:
-        return [_default_marginal(axis, sizes, length) for axis in joint.coordinates]
-    return [getattr(priors, axis.name).marginal() for axis in joint.coordinates]
-
-
 def _default_marginal(axis: Coordinate, sizes: Mapping[str, OwnStiffness], length: float) -> Marginal:
     """Prior of a case that states none: far softer than the beam to far stiffer, any coupling, an arm on the beam."""
     if axis.logarithmic and axis.unit not in [quantity.unit for quantity in COUPLED]:  # a loss factor, or a dashpot
@@ -273,12 +268,6 @@ def guess_of(joint: JointSpec, sizes: Mapping[str, OwnStiffness], marginals: Seq
     return np.concatenate([guess, damping])
 
 
-def largest_ratio(spec: CaseSpec) -> float:
-    """The largest damping ratio that a case, or one set-up, states; 0 without any."""
-    damping = spec.structure.damping
-    return max(damping.ratio, default=0.0) if isinstance(damping, ModalDampingSpec) else 0.0
-
-
 def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, FactorPriorSpec]:
     """Priors on material, length and damping as in a workshop, where the case takes them as exactly known.
 
@@ -288,8 +277,7 @@ def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, Fac
     usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items() if name in offered}
     if "length_offset" in stated:  # the error of the length is stated
         usual.pop("length", None)
-    damping = spec.structure.damping
-    if isinstance(damping, ModalDampingSpec) and min(damping.ratio) > 0 and data.frfs is not None:
+    if min(spec.structure.damping.values.get("damping_ratio", [0.0])) > 0 and data.frfs is not None:
         widest = min(10.0, 0.9 / largest)
         usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
     return {name: prior for name, prior in usual.items() if name not in stated}
@@ -301,8 +289,8 @@ def quantities_of(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> list[t
     stated = structure.stated | {"gain": ("1", 1.0)}
     quantities: list[tuple[Nuisance, bool]] = []
     for name, prior in spec.uncertain.given.items():
-        if name == "damping_ratio" and isinstance(structure.damping, ModalDampingSpec):
-            ratios = structure.damping.ratio
+        if name == "damping_ratio":
+            ratios = structure.damping.values[name]
             labels = [name] if len(ratios) == 1 else [f"{name}_{i + 1}" for i in range(len(ratios))]
             each = [Nuisance(n, "1", r, prior.marginal()) for n, r in zip(labels, ratios, strict=True)]
         elif name == "mode_frequencies":
@@ -344,10 +332,8 @@ def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, mea
     MeasurementError
         If natural frequencies, or damping ratios mode by mode, are taken from the data and a lower mode was missed.
     """
-    damping = spec.structure.damping
-    ratios = isinstance(damping, ModalDampingSpec) and damping.measured
     modes = measured.provenance.modes if measured.provenance else ()
-    if not modes or not (ratios or measured.modes is not None):
+    if not modes or not (spec.structure.damping.measured or measured.modes is not None):
         return
     rigid = rigid_frequencies_hz(recipe, joint, len(modes))
     for number, (mode, highest) in enumerate(zip(modes, rigid, strict=False), 1):

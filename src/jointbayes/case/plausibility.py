@@ -1,16 +1,22 @@
-"""What in a case file is possible and yet unlikely: most often a slip of the unit. Warnings, never errors."""
+"""What in a case file is possible and yet unlikely, as a slip of the unit or a wrong sign. Warnings, never errors."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from jointbayes.case.case_text import CaseText, InputWarning
-from jointbayes.case.spec.fields import Finding
+from jointbayes.case.spec.fields import Finding, numbers_in
 from jointbayes.case.spec.frame_table import FrameSpec
 from jointbayes.case.spec.structure_kinds import BeamSpec
 from jointbayes.case.spec.structure_table import StructureBase
 from jointbayes.case.spec.whole import CaseSpec
+
+if TYPE_CHECKING:
+    from jointbayes.identification.numbering import Renumbered
+    from jointbayes.inference import JointPrior
+    from jointbayes.measurement.provenance import Provenance
 
 #: Velocity of sound √(E/ρ) in metals, wood, concrete, plastics and ceramics, m/s.
 WAVE_SPEED = 500.0, 20_000.0
@@ -70,40 +76,27 @@ def input_warnings(spec: CaseSpec, text: CaseText, band_hz: tuple[float, float] 
         Lowest and highest measured frequency, Hz; None where they are not known yet.
     """
     structure = spec.structure
-    fractions = [*_fractions(text.data)]
     findings = [*_materials(structure)]
     if isinstance(structure, BeamSpec):
         findings += _shape(structure)
         if not findings and band_hz is not None:  # with findings the frequencies are off because of these
             findings = [*_band(spec, structure, band_hz)]
-    return text.warnings([*findings, *fractions])
+    return text.warnings([*findings, *_fractions(text.data)])
 
 
-def _fractions(table: Mapping[str, object], path: tuple[str, ...] = ()) -> Iterator[Finding]:
+def _fractions(data: Mapping[str, object]) -> Iterator[Finding]:
     """Yield fractions that may be given in per cent, and percentages that may be fractions, at any depth."""
-    for key, value in table.items():
-        place = (*path, key)
-        if isinstance(value, Mapping):
-            yield from _fractions(value, place)
-            continue
-        for number in _numbers(value):
-            limit, whole = LARGEST_FRACTION.get(key, (math.inf, ""))
-            if number > limit:
-                expected = f"a fraction of {whole}, seldom above {limit:g}"
-                yield Finding(place, f"found {number!r}", expected, f"if it is in per cent, write {number / 100:g}")
-            least = SMALLEST_PERCENT.get(path[-1] if path else "", SMALLEST_PERCENT[""])
-            if key == "sd_percent" and number < least:
-                expected = f"per cent, seldom below {least:g}"
-                yield Finding(place, f"found {number!r}", expected, f"if it is a fraction, write {100 * number:g}")
-
-
-def _numbers(value: object) -> Iterator[float]:
-    """Yield the numbers of a value, or of a list of values at any depth."""
-    if isinstance(value, list):
-        for entry in value:
-            yield from _numbers(entry)
-    elif isinstance(value, int | float) and not isinstance(value, bool):
-        yield value
+    for path, number in numbers_in(data):
+        place = tuple(key for key in path if isinstance(key, str))
+        *_, table, key = ("", *place)
+        limit, whole = LARGEST_FRACTION.get(key, (math.inf, ""))
+        if number > limit:
+            expected = f"a fraction of {whole}, seldom above {limit:g}"
+            yield Finding(place, f"found {number!r}", expected, f"if it is in per cent, write {number / 100:g}")
+        least = SMALLEST_PERCENT.get(table, SMALLEST_PERCENT[""])
+        if key == "sd_percent" and number < least:
+            expected = f"per cent, seldom below {least:g}"
+            yield Finding(place, f"found {number!r}", expected, f"if it is a fraction, write {100 * number:g}")
 
 
 def _materials(structure: StructureBase) -> Iterator[Finding]:
@@ -227,3 +220,69 @@ def _likely(length: float, thickness: float) -> bool:
 def _remedy(key: str, slips: Sequence[tuple[str, float]]) -> str:
     """What to write where a number was given in another unit; empty where nothing fits."""
     return " or ".join(f"if it is {label}, write {key} = {value:.5g}" for label, value in slips[:2])
+
+
+def truth_warnings(spec: CaseSpec, text: CaseText, prior: JointPrior) -> tuple[InputWarning, ...]:
+    """Look whether the prior excludes the joint that makes the data, so that no analysis can find it.
+
+    Of a set-up the prior is that of its own joints alone.
+    """
+    return text.warnings(_excluded(spec, prior, text.setup))
+
+
+def sign_warnings(provenance: Provenance | None, text: CaseText) -> tuple[InputWarning, ...]:
+    """Doubts of the sign, or of the sign of i, of FRFs of files, with which every number of a run would be wrong."""
+    doubts = provenance.sign_doubts if provenance else ()
+    findings = (Finding(("data", "file"), f"found that at {w.where} {w.sentence}", "", w.remedy) for w in doubts)
+    return text.warnings(findings)
+
+
+def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: bool) -> tuple[InputWarning, ...]:
+    """A doubt of the numbers of measured modes, or of their unit, as `find_numbering` finds it."""
+    if doubt is None:
+        return ()
+    loc = ("data", "file") if from_files else ("data", "frequencies_hz")
+    squares = (
+        f"squared residuals of {doubt.better_squares:.3g} and {doubt.stated_squares:.3g} standard deviations in all, "
+        "the joint fitted anew for each"
+    )
+    if doubt.rad_per_s:
+        oddity = f"found natural frequencies that fit far better divided by 2π, as if they were in rad/s: {squares}"
+        return text.warnings([Finding(loc, oddity, "natural frequencies in Hz", "divide them by 2π")])
+    stated, better = (", ".join(map(str, numbers)) for numbers in (doubt.stated, doubt.better))
+    oddity = (
+        f"found natural frequencies that fit far better as those of modes {better} than of modes {stated}: {squares}"
+    )
+    expected = "modes counted from the lowest one, those included in which the structure moves rigidly on a soft joint"
+    remedy = f'if a lower one was left out, write kind = "modes" with numbers = [{better}]'
+    return text.warnings([Finding(loc, oddity, expected, remedy)])
+
+
+def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding]:
+    """Yield stiffnesses of the truth that have no coordinates, or coordinates of it that the prior excludes."""
+    if spec.data.synthetic is None:
+        return
+    joint, loc, stated = prior.parametrisation, ("data", "truth"), spec.data.synthetic.truth
+    truth = [stated.stiffness_by_name[_name_in_tables(setup, name)] for name in joint.stiffness_names]
+    if not joint.describes(truth):
+        each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))
+        kinds = " and ".join(dict.fromkeys(joint_spec.parametrisation for joint_spec in spec.all_joints.values()))
+        oddity = f'found {each}, which joint.parametrisation = "{kinds}" cannot describe'
+        yield Finding(loc, oddity, "a truth that the analysis can find", "choose another parametrisation or truth")
+        return
+    for axis, marginal, value in zip(joint.axes, prior.marginals, joint.coordinates(truth), strict=True):
+        low, high = marginal.support
+        if not low <= value <= high:
+            shown, least, most = (math.exp(x) if axis.logarithmic else x for x in (value, low, high))
+            oddity = f"found a truth with {axis.name} = {shown:.4g}, which the prior excludes"
+            expected = f"{axis.name} from {least:.4g} to {most:.4g}, so that the analysis can find it"
+            of_truth = _name_in_tables(setup, axis.quantity)
+            place = (of_truth,) if stated.stiffness is None else ("stiffness", *of_truth.split("."))
+            owner, _, name = _name_in_tables(setup, axis.name).rpartition(".")
+            table = f"joints.{owner}.prior.{name}" if owner else f"prior.{name}"
+            yield Finding((*loc, *place), oddity, expected, f"widen [{table}] or correct the truth")
+
+
+def _name_in_tables(setup: str, name: str) -> str:
+    """Name of a quantity of a set-up as its own tables have it."""
+    return name.removeprefix(f"{setup}.") if setup else name

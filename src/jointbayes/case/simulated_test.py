@@ -12,9 +12,7 @@ from jointbayes.case.case import Case
 from jointbayes.case.case_objects import noise_law, true_family, true_stiffness
 from jointbayes.case.combined import CaseSetup
 from jointbayes.case.spec.data_table import SyntheticFrfSpec
-from jointbayes.case.spec.fields import show_key
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
-from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, quantity_factor, receptance_model, rigid_body_modes
 from jointbayes.joint import JointMatrix
@@ -72,10 +70,9 @@ class Truth:
         """The case's `[data]`."""
         data = self.case_setup.spec.data.synthetic
         if data is None:
-            loc, source = ("data", "kind"), self.case_setup.source
-            expected = 'expected "synthetic_frf", whose [data.truth] a virtual test can measure'
+            expected = '"synthetic_frf", whose [data.truth] a virtual test can measure'
             words = f'found "{self.case_setup.spec.data.kind}"', expected, "state a truth"
-            raise CaseError(source.fault(loc, show_key(source.written(loc)), *words))
+            raise CaseError(self.case_setup.source.fault(("data", "kind"), *words))
         return data
 
     @cached_property
@@ -138,10 +135,8 @@ def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Genera
     try:
         return _measured(truth, settings, rng)
     except MeasurementError as error:
-        source = truth.case_setup.source
-        place = fault_start(*source.place(("virtual_test",)))
-        key = show_key(source.written(("virtual_test",)))
-        raise MeasurementError(f"{place} {key}: {str(error).removeprefix('virtual test: ')}") from error
+        words = str(error).removeprefix("virtual test: ")
+        raise MeasurementError(truth.case_setup.source.fault(("virtual_test",), words)) from error
 
 
 def _measured(truth: Truth, settings: VirtualTestSpec | None, rng: np.random.Generator) -> list[Record]:
@@ -190,13 +185,8 @@ def _rig(truth: Truth, test: VirtualTestSpec, outputs: tuple[str, ...]) -> Rig:
     )
 
 
-def _band(truth: Truth) -> tuple[float, float]:
-    lines = truth.data.lines_hz()
-    return lines[0], lines[-1]
-
-
 def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> list[Record]:
-    low, high = _band(truth)
+    low, high = truth.data.band_hz
     hammer = Hammer(averages, 1 / high, test.double_hits, test.overloads)
     records = list(hammer_records(rig, hammer, ChannelNoise(test.force_noise, test.response_noise), rng))
     if test.writes == "time":
@@ -212,7 +202,7 @@ def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
 
 
 def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> list[Record]:
-    low, high = _band(truth)
+    low, high = truth.data.band_hz
     settings = ShakerSettings(rig.block / rig.sample_rate_hz, test.overlap, "hann", test.estimator, low, high)
     hop = max(round(rig.block * (1 - test.overlap)), 1)
     window = np.asarray(scipy.signal.get_window("hann", rig.block), dtype=float)

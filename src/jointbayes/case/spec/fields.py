@@ -124,13 +124,13 @@ def limit_text(value: float) -> str:
     return f"{mantissa}e{int(exponent)}" if e else (mantissa if value < 1e4 else f"1e{len(mantissa) - 1}")
 
 
-def _numbers(place: tuple[str | int, ...], value: object) -> Iterator[tuple[tuple[str | int, ...], float]]:
-    """Yield place and value of each number in lists and tables of numbers."""
+def numbers_in(value: object, place: KeyPath = ()) -> Iterator[tuple[KeyPath, float]]:
+    """Yield place and value of each number in lists and tables."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         yield place, value
-    parts = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, tuple) else ()
+    parts = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list | tuple) else ()
     for key, entry in parts:
-        yield from _numbers((*place, key), entry)
+        yield from numbers_in(entry, (*place, key))
 
 
 def key_field(description: str, example: object) -> object:
@@ -275,7 +275,7 @@ class Spec(BaseModel):
         """Yield numbers that no machine has; NaN stands for none, where a key allows it."""
         fields = type(self).model_fields
         for key, limits in ((key, LIMITS[key]) for key in fields if key in LIMITS):
-            for loc, value in _numbers((key,), getattr(self, key)):
+            for loc, value in numbers_in(getattr(self, key), (key,)):
                 if value != 0 and not limits.least <= abs(value) <= limits.most and not math.isnan(value):
                     what = str(fields[key].description).rstrip(".")
                     expected = f"{what}, of a magnitude from {limit_text(limits.least)} to {limit_text(limits.most)}"

@@ -16,11 +16,9 @@ from jointbayes.case.spec.structure_table import (
     LAWS,
     POINT,
     POISSON,
-    Absence,
     PointName,
     SectionSpec,
     StructureBase,
-    absent_point,
     metres,
 )
 
@@ -221,11 +219,6 @@ class FrameSpec(StructureBase):
         )
 
     @property
-    def free_dofs(self) -> int:
-        """Number of DOFs at points that are not held."""
-        return len(self.points_in_order) * len(self.directions) - len(self.supports)
-
-    @property
     def stated(self) -> dict[str, tuple[str, float]]:
         """Unit and value of each quantity that may be uncertain, of all bodies and of one; shares of what is stated.
 
@@ -240,10 +233,6 @@ class FrameSpec(StructureBase):
             stated["length"] = ("mm", high) if math.isclose(low, high) else ("× stated", 1.0)
         stated |= {f"{name}.length": ("mm", length) for name, length in lengths.items() if name}
         return stated | super().stated
-
-    def absent(self, label: str) -> Absence | None:
-        """What to say of a DOF that does not exist."""
-        return absent_point(label, self.points_in_order, self.directions)
 
     def recipe(self, loaded: tuple[str, ...]) -> FrameRecipe:
         """The frame, with accelerometers where they sit."""

@@ -64,8 +64,13 @@ _Share = Annotated[float, Field(ge=-1, le=1)]
 _Unit = Annotated[tuple[_Share, _Share, _Share], Strict(False)]
 
 
-#: What must be the same in joints that share their quantities.
-ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")
+# What must be the same in joints that share their quantities.
+_ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")
+
+
+def joint_table(name: str) -> tuple[str, ...]:
+    """Key of the table of a joint; of a lone one, which has no name, that of all."""
+    return ("joints", name) if name else ("joint",)
 
 
 class JointSpec(Spec):
@@ -91,7 +96,15 @@ class JointSpec(Spec):
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
         """Its parameters, each of which needs a prior."""
-        return (*self._stiffness_coordinates, *map(Coordinate.logarithm_of, self.damping))
+        logarithms = tuple(map(Coordinate.logarithm_of, self.quantities))
+        match self.kind:
+            case "rigid" | "springs":
+                return logarithms
+            case "full":
+                axes = full_coordinates(self.directions)
+            case _:
+                axes = COORDINATES[self.parametrisation]
+        return (*axes, *logarithms[len(self.stiffnesses) :])
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -104,17 +117,6 @@ class JointSpec(Spec):
         return damping_quantities(self.stiffnesses, self.viscous, self.loss_factors)
 
     @property
-    def _stiffness_coordinates(self) -> tuple[Coordinate, ...]:
-        match self.kind:
-            case "rigid":
-                return ()
-            case "springs":
-                return tuple(map(Coordinate.logarithm_of, spring_stiffnesses(self.directions)))
-            case "full":
-                return full_coordinates(self.directions)
-        return COORDINATES[self.parametrisation]
-
-    @property
     def stiffnesses(self) -> tuple[Quantity, ...]:
         """Its stiffnesses."""
         match self.kind:
@@ -125,6 +127,10 @@ class JointSpec(Spec):
             case "full":
                 return full_stiffnesses(self.directions)
         return COUPLED
+
+    def unlike(self, other: JointSpec) -> list[str]:
+        """What keeps it from sharing its quantities with another joint."""
+        return [what for what in _ALIKE if getattr(self, what) != getattr(other, what)]
 
     def built(self, name: str = "") -> Joint:
         """Where it acts."""

@@ -19,6 +19,7 @@ from jointbayes.case.spec.fields import (
     Spec,
     key_field,
     max_length,
+    numbers_in,
     repeated,
     to_list,
 )
@@ -120,7 +121,7 @@ class ModeShapesSpec(Spec):
             if len(shapes) != n:
                 fault = f"found {len(shapes)} shapes in repetition {i + 1} and {n} in the first"
                 yield Finding(("components", i), fault, "as many, nan where none was found", "correct the list")
-        if any(math.isinf(value) for value in _flat(self.components)):
+        if any(math.isinf(value) for _, value in numbers_in(self.components)):
             yield Finding(("components",), "found inf", "", "write nan where nothing was found")
 
 
@@ -212,7 +213,7 @@ class ModesSpec(DataTable):
         (key,) = given
         rows = getattr(self, key)
         yield from self._row_findings(key, rows, len(rows[0]))
-        if any(value <= 0 or math.isinf(value) for value in _flat(rows)):
+        if any(value <= 0 or math.isinf(value) for _, value in numbers_in(rows)):
             yield Finding((key,), "found one that is not above 0", "", "correct it, or write nan where none was found")
             return
         absolute, other = ("eigenvalue_sd", "sd_hz") if key == "eigenvalues" else ("sd_hz", "eigenvalue_sd")
@@ -222,7 +223,7 @@ class ModesSpec(DataTable):
         yield from self._sd_findings("sd_relative", absolute, n)
         if self.damping_ratios is not None:
             yield from self._row_findings("damping_ratios", self.damping_ratios, n)
-            if any(not 0 <= value < 1 for value in _flat(self.damping_ratios) if not math.isnan(value)):
+            if any(not 0 <= value < 1 for _, value in numbers_in(self.damping_ratios) if not math.isnan(value)):
                 yield Finding(("damping_ratios",), "found one outside 0 to 1", "", "write 0.01 for 1 %")
             yield from self._sd_findings("damping_sd_relative", "damping_sd", n)
         yield from self._number_findings(n)
@@ -280,12 +281,3 @@ def _observed(
     seen = ~np.isnan(values)
     mean = np.where(seen, values, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
     return Observed(values, np.hypot(np.array(relative) * mean, absolute))
-
-
-def _flat(values: object) -> Iterator[float]:
-    """Numbers of lists in lists."""
-    if isinstance(values, tuple):
-        for entry in values:
-            yield from _flat(entry)
-    elif isinstance(values, int | float):
-        yield float(values)

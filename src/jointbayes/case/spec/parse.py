@@ -1,6 +1,6 @@
 """From the text of a case file to its checked tables, each test by itself and then all together.
 
-Rules between tables stand in `rules`; here they come together, and those between the tests of one case.
+Rules between the tables of one test stand in `rules`; here those between the tests of one case.
 """
 
 from __future__ import annotations
@@ -12,38 +12,13 @@ import pydantic
 from jointbayes.case.case_faults import fault_lines, fault_paths
 from jointbayes.case.case_text import CaseText, case_text, drop_inherited, planned_texts, setup_texts
 from jointbayes.case.keys import DATA_FILE, named_files
-from jointbayes.case.spec import rules
-from jointbayes.case.spec.fields import Finding, KeyPath, either, show_key
-from jointbayes.case.spec.joint_table import ALIKE, JointSpec
+from jointbayes.case.spec.fields import Finding, KeyPath, either
+from jointbayes.case.spec.joint_table import JointSpec, joint_table
+from jointbayes.case.spec.prior_tables import quantity_table
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import similar
 from jointbayes.errors import CaseError
 from jointbayes.joint.quantities import prefixed, split_hypothesis
-
-
-class CheckedCaseSpec(CaseSpec):
-    """A case that agrees with itself."""
-
-    def _findings(self) -> Iterator[Finding]:
-        yield from setups_findings(self)
-        if self.joint is None and not self.joints:
-            yield Finding(("joint",), missing=True)
-            return
-        yield from super()._findings()
-        yield from rules.joints_findings(self.joint, self.joints, self.prior)
-        yield from rules.dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels)
-        if self.prior is not None and self.joint is not None:
-            yield from rules.prior_findings(self.joint, self.prior)
-        lone_pair = self.joint is not None and self.joint.kind == "coupled" and not self.joint.damping
-        yield from rules.truth_names_findings(self.data, self.all_quantities, lone_pair=lone_pair)
-        yield from rules.uncertain_findings(self.uncertain, self.structure, self.data)
-        yield from rules.truth_findings(self.structure, self.data)
-        yield from rules.noise_findings(self.noise, self.data)
-        yield from rules.plan_findings(self.plan, self.data)
-        if self.reference is not None and (not lone_pair or any(joint.own for joint in self.all_joints.values())):
-            fault, expected = "found k11, k12 and k22 to compare with", "one coupled joint, the same in all set-ups"
-            yield Finding(("reference",), fault, expected, "remove [reference]")
-        yield from rules.virtual_test_findings(self.virtual_test, self.structure, self.data)
 
 
 def needs_files(specs: Mapping[str, CaseSpec]) -> bool:
@@ -118,8 +93,7 @@ def _raise_faults(faults: Sequence[str]) -> None:
 
 def _told(text: CaseText, finding: Finding) -> str:
     """A fault between set-ups in one line."""
-    key = show_key(text.written(finding.loc))
-    return text.fault(finding.loc, key, finding.found, f"expected {finding.expected}", finding.remedy)
+    return text.fault(finding.loc, finding.found, finding.expected, finding.remedy)
 
 
 def _own_unknowns(spec: CaseSpec) -> Iterator[Finding]:
@@ -127,7 +101,7 @@ def _own_unknowns(spec: CaseSpec) -> Iterator[Finding]:
     ending, remedy = "of its own, of which the present data say nothing", "remove own, or the set-up from the plan"
     for name, joint in spec.all_joints.items():
         if joint.own:
-            loc = (*_joint_table(name), "own")
+            loc = (*joint_table(name), "own")
             yield Finding(loc, f"found a joint {ending}", "one that set-ups share", remedy)
     if spec.noise.own and spec.noise.inferred:
         yield Finding(("noise", "own"), f"found parameters of the noise {ending}", "those that set-ups share", remedy)
@@ -155,7 +129,7 @@ def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, 
     without: dict[KeyPath, str] = {}
     while True:
         try:
-            return CheckedCaseSpec.model_validate(text.data), [], without
+            return CaseSpec.model_validate(text.data), [], without
         except pydantic.ValidationError as error:
             lines = fault_lines(error, CaseSpec, text)
             left = [drop_inherited(text, path) for path in fault_paths(error, CaseSpec, text)]
@@ -165,70 +139,12 @@ def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, 
         without[key] = lines[0]
 
 
-def setups_findings(spec: CaseSpec) -> Iterator[Finding]:
-    """Yield names of set-ups that are none or another's, levels of some only, and `own` in a case of one test."""
-    others = {"joint": set(spec.joints), "body": {*spec.bodies, *getattr(spec.structure, "bodies", {})}}
-    for name in spec.setups:
-        for what, names in others.items():
-            if name in names:
-                fault = f"found the name of a {what}, so that {name}.k11 would be two things"
-                yield Finding(("setups", name), fault, "a name of its own", "rename one of the two")
-    levels = {name: setup.level for name, setup in spec.setups.items()}
-    given = [name for name, level in levels.items() if level is not None]
-    if given and spec.level is None:
-        fault, expected = f"found a level of {given[0]}, of nothing that is named", '[level] with a name, as "torque"'
-        yield Finding(("setups", given[0], "level"), fault, expected, "add a table [level]")
-    elif spec.level is not None and (len(given) < len(levels) or not levels):
-        without = next((name for name, level in levels.items() if level is None), "")
-        fault = f"found no level of set-up {without}" if without else "found no set-ups"
-        yield Finding(("level",), fault, "a level in the table of each set-up", "add level = 2.0 or remove [level]")
-    elif given and len({levels[name] for name in given}) < 2:
-        fault = f"found the level {levels[given[0]]:g} alone, so that there is nothing to compare"
-        yield Finding(("level",), fault, "two levels at least that differ", "correct the levels or remove [level]")
-    yield from planned_findings(spec)
-    if not spec.setups and not spec.plan.setups:
-        yield from _own_of_one(spec)
-
-
-def planned_findings(spec: CaseSpec) -> Iterator[Finding]:
-    """Yield names of proposed set-ups that are none or a present one's, and data that a plan cannot make."""
-    for name, proposed in spec.plan.setups.items():
-        loc = ("plan", "setups", name)
-        if name in spec.setups:
-            yield Finding(loc, "found the name of a present set-up", "a name of its own", "rename it")
-        if proposed.data is not None and spec.data.kind != "synthetic_frf":
-            fault = f'found a table beside data of kind = "{spec.data.kind}"'
-            expected = "a set-up that is measured as the present one"
-            yield Finding((*loc, "data"), fault, expected, "remove it; other DOFs are candidates by themselves")
-
-
-def _own_of_one(spec: CaseSpec) -> Iterator[Finding]:
-    """Yield `own` where there is nothing that others could share."""
-    owned: list[tuple[str | int, ...]] = [
-        *(_joint_table(name) for name, joint in spec.all_joints.items() if joint.own),
-        *(_place_of(name) for name, prior in spec.uncertain.given.items() if prior.own),
-        *([("noise",)] if spec.noise.own else []),
-    ]
-    for loc in owned:
-        yield Finding((*loc, "own"), "found true in a case of one test", "several, as [setups.long]", "remove it")
-
-
-def _joint_table(name: str) -> tuple[str, ...]:
-    return ("joints", name) if name else ("joint",)
-
-
-def _place_of(quantity: str) -> tuple[str, ...]:
-    body, _, name = quantity.rpartition(".")
-    return ("uncertain", "bodies", body, name) if body else ("uncertain", name)
-
-
 def _quantities_of_setups(specs: Mapping[str, CaseSpec]) -> tuple[str, ...]:
     """Names of the stiffnesses of the joints of all set-ups, those that are shared once."""
     names = (
         prefixed(spec.joint_of_setup(setup, name)[0], quantity.name)
         for setup, spec in specs.items()
-        for name, joint in spec.all_joints.items()
-        if name not in spec.sharing
+        for name, joint in spec.stating_joints.items()
         for quantity in joint.quantities
     )
     return tuple(dict.fromkeys(names))
@@ -269,13 +185,13 @@ def shared_findings(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]
     first_by_quantity: dict[str, tuple[str, JointSpec]] = {}
     for setup, spec in specs.items():
         for name, joint in spec.all_joints.items():
-            place = _joint_table(name)
+            place = joint_table(name)
             if not joint.own:
                 yield from ((setup, finding) for finding in _stated_alone(texts[setup], joint, place))
             if name in spec.sharing:
                 continue
             first, other = first_by_quantity.setdefault(spec.joint_of_setup(setup, name)[1], (setup, joint))
-            unlike = [what for what in ALIKE if getattr(joint, what) != getattr(other, what)]
+            unlike = joint.unlike(other)
             if unlike:
                 key = "dofs" if unlike[0] == "directions" else unlike[0]
                 fault = (
@@ -329,7 +245,7 @@ def _unlike_priors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding
     first: dict[tuple[str, ...], tuple[str, object]] = {}
     for setup, spec in specs.items():
         shared: dict[tuple[str, ...], object] = {
-            _place_of(name): prior for name, prior in spec.uncertain.given.items() if not prior.own
+            quantity_table(name): prior for name, prior in spec.uncertain.given.items() if not prior.own
         }
         if spec.noise.inferred and not spec.noise.own:
             noise = spec.noise
@@ -356,4 +272,4 @@ def _unlike_spreads(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Findin
             if length != there:
                 fault = f"found one factor for lengths of {there:g} mm in {other} and {length:g} mm in {setup}"
                 expected = "sd_percent, own = true for an error of each, or [uncertain.length_offset] for one of all"
-                yield setup, Finding((*_place_of(name), "sd_mm"), fault, expected, "choose one of these")
+                yield setup, Finding((*quantity_table(name), "sd_mm"), fault, expected, "choose one of these")

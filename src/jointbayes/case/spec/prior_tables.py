@@ -346,6 +346,12 @@ class UncertainSpec(Spec):
         return priors
 
 
+def quantity_table(name: str) -> tuple[str, ...]:
+    """Key of the table of an uncertain quantity, also of one body's."""
+    body, _, quantity = name.rpartition(".")
+    return ("uncertain", "bodies", body, quantity) if body else ("uncertain", name)
+
+
 def _stated(spec: Spec, prefix: str) -> dict[str, FactorPriorSpec | OffsetPriorSpec]:
     each = ((name, getattr(spec, name)) for name in type(spec).model_fields)
     return {f"{prefix}{name}": prior for name, prior in each if isinstance(prior, FactorPriorSpec | OffsetPriorSpec)}

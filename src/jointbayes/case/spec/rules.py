@@ -6,16 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from jointbayes.case.spec.data_table import DataSpec
 from jointbayes.case.spec.fields import Finding, KeyPath, listed
-from jointbayes.case.spec.joint_table import ALIKE, JointSpec, NamedJointSpec
+from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table
 from jointbayes.case.spec.measured_table import MeasuredSpec
-from jointbayes.case.spec.prior_tables import PriorsSpec, UncertainSpec
-from jointbayes.case.spec.settings_tables import NoiseModelSpec, PlanSpec, VirtualTestSpec
-from jointbayes.case.spec.structure_table import (
-    LossFactorDampingSpec,
-    ModalDampingSpec,
-    RayleighDampingSpec,
-    StructureBase,
-)
+from jointbayes.case.spec.prior_tables import PriorsSpec, UncertainSpec, quantity_table
+from jointbayes.case.spec.settings_tables import LevelSpec, NoiseModelSpec, PlanSpec, VirtualTestSpec
+from jointbayes.case.spec.structure_table import StructureBase
 from jointbayes.joint import COORDINATES
 
 _FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
@@ -34,7 +29,7 @@ def dof_findings(
     """
     labelled: dict[KeyPath, tuple[str, ...]] = {}
     for name, joint in joints.items():
-        place = ("joints", name) if name else ("joint",)
+        place = joint_table(name)
         labelled |= {(*place, "dofs"): joint.dofs, (*place, "against"): joint.against}
     free = structure.free_dofs
     if data.most_modes > free:
@@ -94,6 +89,21 @@ def _channel_findings(structure: StructureBase, data: MeasuredSpec, elsewhere: f
     yield from data.structure_findings(structure)
 
 
+def level_findings(level: LevelSpec | None, levels: Mapping[str, float | None]) -> Iterator[Finding]:
+    """Yield levels of nothing that is named, of some set-ups only, or all alike."""
+    given = [name for name, value in levels.items() if value is not None]
+    if given and level is None:
+        fault, expected = f"found a level of {given[0]}, of nothing that is named", '[level] with a name, as "torque"'
+        yield Finding(("setups", given[0], "level"), fault, expected, "add a table [level]")
+    elif level is not None and (len(given) < len(levels) or not levels):
+        without = next((name for name, value in levels.items() if value is None), "")
+        fault = f"found no level of set-up {without}" if without else "found no set-ups"
+        yield Finding(("level",), fault, "a level in the table of each set-up", "add level = 2.0 or remove [level]")
+    elif given and len({levels[name] for name in given}) < 2:
+        fault = f"found the level {levels[given[0]]:g} alone, so that there is nothing to compare"
+        yield Finding(("level",), fault, "two levels at least that differ", "correct the levels or remove [level]")
+
+
 def joints_findings(
     lone: JointSpec | None, joints: Mapping[str, NamedJointSpec], priors: PriorsSpec | None
 ) -> Iterator[Finding]:
@@ -121,8 +131,7 @@ def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, Nam
         expected = f"a joint with quantities of its own: {', '.join(owners) or 'there is none'}"
         yield Finding(loc, f'found "{joint.shared}"', expected, "correct the name or remove it")
         return
-    unlike = [what for what in ALIKE if getattr(joint, what) != getattr(other, what)]
-    if unlike:
+    if unlike := joint.unlike(other):
         fault = f'found "{joint.shared}", a joint with another {" and ".join(unlike)}'
         yield Finding(
             loc,
@@ -221,34 +230,24 @@ def _foreign_quantities(uncertain: UncertainSpec, structure: StructureBase) -> I
     offered = structure.stated
     for name in uncertain.given:
         if name not in offered and name not in _OF_NO_STRUCTURE:
-            body, _, quantity = name.rpartition(".")
-            loc = ("uncertain", "bodies", body, quantity) if body else ("uncertain", name)
             fault = f'a structure of kind = "{structure.kind}" without this quantity'
-            if quantity == "length" and structure.kind == "frame":
+            if name.rpartition(".")[2] == "length" and structure.kind == "frame":
                 fault = "a body with members in several directions, offsets or inertias at points, or no such body"
             expected = f"one of {listed([*offered, *sorted(_OF_NO_STRUCTURE)])}"
-            yield Finding(loc, fault, expected, "remove it or correct the name of the body")
+            yield Finding(quantity_table(name), fault, expected, "remove it or correct the name of the body")
 
 
 def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:
     """Yield uncertain damping that is not that of the structure, is a factor on zero, or passes the critical one."""
     damping = structure.damping
-    stated = {"damping_ratio": uncertain.damping_ratio, "loss_factor": uncertain.loss_factor}
-    laws = {"damping_ratio": "modal", "loss_factor": "loss_factor"}
-    for name, prior in stated.items():
-        if prior is None:
+    for name, law in (("damping_ratio", "modal"), ("loss_factor", "loss_factor")):
+        prior, values = getattr(uncertain, name), damping.values.get(name)
+        if prior is None or values == ():  # ratios to be measured are above 0 once they are known
             continue
-        values: tuple[float, ...] = ()
-        if name == "damping_ratio" and isinstance(damping, ModalDampingSpec) and damping.measured:
-            continue  # ratios above 0 once they are known
-        if name == "damping_ratio" and isinstance(damping, ModalDampingSpec):
-            values = damping.ratio
-        elif name == "loss_factor" and isinstance(damping, LossFactorDampingSpec):
-            values = (damping.loss_factor,)
-        loc, expected = ("uncertain", name), f'law = "{laws[name]}" with a {name.replace("_", " ")} above 0'
-        if not values:
+        loc, expected = ("uncertain", name), f'law = "{law}" with a {name.replace("_", " ")} above 0'
+        if values is None:
             fault, remedy = f'structure.damping has law = "{damping.law}"', f"remove [uncertain.{name}]"
-            if isinstance(damping, RayleighDampingSpec):
+            if damping.law == "rayleigh":
                 fault += ", and uncertain Rayleigh damping is not offered"
             yield Finding(loc, fault, expected, f"{remedy} or change the law")
         elif min(values) == 0:
@@ -263,7 +262,7 @@ def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Ite
 def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield a truth about damping ratios where the structure has none, and ratios to be measured without a file."""
     damping = structure.damping
-    if isinstance(damping, ModalDampingSpec) and damping.measured and data.files is None:
+    if damping.measured and data.files is None:
         fault = f'found "measured" with data of kind = "{data.kind}"'
         remedy = "state the ratio: ratio = 0.01"
         expected = 'data of kind = "measured_frf" or "measured_frequencies"'

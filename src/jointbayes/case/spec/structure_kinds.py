@@ -10,6 +10,7 @@ from pydantic import Field, Strict
 from jointbayes.case.spec.fields import (
     Finding,
     Fraction,
+    KeyPath,
     Labels,
     Positive,
     Spec,
@@ -31,7 +32,6 @@ from jointbayes.case.spec.structure_table import (
     PointName,
     SectionSpec,
     StructureBase,
-    absent_point,
     metres,
 )
 from jointbayes.errors import ModelError
@@ -64,11 +64,6 @@ class BeamSpec(StructureBase):
     damping: Annotated[LAWS, DAMPING]
 
     @property
-    def nodes(self) -> int:
-        """Number of nodes."""
-        return self.elements + 1
-
-    @property
     def directions(self) -> tuple[str, ...]:
         """Directions of the DOFs of each node."""
         return _DIRECTIONS[self.dofs_per_node]
@@ -76,12 +71,7 @@ class BeamSpec(StructureBase):
     @property
     def points_in_order(self) -> tuple[str, ...]:
         """Numbers of all nodes."""
-        return tuple(str(node) for node in range(1, self.nodes + 1))
-
-    @property
-    def free_dofs(self) -> int:
-        """Number of DOFs at the nodes that are not held."""
-        return self.nodes * len(self.directions) - len(self.supports)
+        return tuple(str(node) for node in range(1, self.elements + 2))
 
     @property
     def spans(self) -> int:
@@ -103,10 +93,10 @@ class BeamSpec(StructureBase):
 
     def absent(self, label: str) -> Absence | None:
         """What to say of a DOF that does not exist."""
-        node, _, direction = label.rpartition(":")
-        if not node.isdecimal() or int(node) > self.nodes:
-            expected = f"a node from 1 to {self.nodes} (elements + 1)"
-            return f'"{label}": there is no node {node}', expected, f'write for example "{self.nodes}:{direction}"'
+        (node, _, direction), last = label.rpartition(":"), self.elements + 1
+        if not node.isdecimal() or int(node) > last:
+            expected = f"a node from 1 to {last} (elements + 1)"
+            return f'"{label}": there is no node {node}', expected, f'write for example "{last}:{direction}"'
         if direction not in self.directions:
             fault = f'"{label}": no direction {direction} with dofs_per_node = {self.dofs_per_node}'
             remedy = "set structure.dofs_per_node = 5" if direction in _DIRECTIONS[5] else "choose one of these"
@@ -167,7 +157,7 @@ class DampersSpec(DampingSpec):
 
 _Rows = Annotated[tuple[Annotated[tuple[float, ...], Strict(False)], ...], Strict(False), max_length(_MOST)]
 _Diagonal = Annotated[tuple[float, ...], Strict(False), max_length(_MOST)]
-_Matrix = str | _Diagonal | _Rows
+Matrix = str | _Diagonal | _Rows
 _MATRIX_TEXT = "a list of rows, a list of the diagonal, or the name of a .npy or .csv file"
 
 
@@ -175,10 +165,7 @@ class MatrixDampingSpec(DampingSpec):
     """Viscous damping by its matrix C."""
 
     law: Annotated[Literal["matrix"], LAW]
-    damping_matrix: Annotated[_Matrix, key_field(f"C in SI units (N s/m): {_MATRIX_TEXT}", "C.npy")]
-
-    def _findings(self) -> Iterator[Finding]:
-        yield from _matrix_findings("damping_matrix", self.damping_matrix, None)
+    damping_matrix: Annotated[Matrix, key_field(f"C in SI units (N s/m): {_MATRIX_TEXT}", "C.npy")]
 
     def built(self) -> ViscousMatrix:
         """The law of the matrix."""
@@ -211,13 +198,9 @@ class ChainSpec(StructureBase):
         return tuple(self.masses_kg)
 
     @property
-    def free_dofs(self) -> int:
-        """Number of masses that are not held."""
-        return len(self.masses_kg) - len(self.supports)
-
-    def absent(self, label: str) -> Absence | None:
-        """What to say of a DOF that does not exist."""
-        return absent_point(label, self.masses_kg, (self.direction,))
+    def directions(self) -> tuple[str, ...]:
+        """The one."""
+        return (self.direction,)
 
     def place(self, label: str) -> str:
         """The mass itself."""
@@ -266,13 +249,21 @@ class MatricesSpec(StructureBase):
 
     kind: Annotated[Literal["matrices"], KIND]
     dofs: Annotated[Labels, Field(min_length=1), key_field("the DOF labels of the rows, in order", ["1:x", "2:x"])]
-    stiffness: Annotated[_Matrix, key_field(f"K in SI units (N/m): {_MATRIX_TEXT}", "K.npy")]
-    mass: Annotated[_Matrix, key_field(f"M in SI units (kg): {_MATRIX_TEXT}", "M.npy")]
+    stiffness: Annotated[Matrix, key_field(f"K in SI units (N/m): {_MATRIX_TEXT}", "K.npy")]
+    mass: Annotated[Matrix, key_field(f"M in SI units (kg): {_MATRIX_TEXT}", "M.npy")]
     points: Annotated[
         dict[str, Annotated[tuple[float, float, float], Strict(False)]],
         Field(description="the places of points in mm by their names, where they are known"),
     ] = {}  # noqa: RUF012 (pydantic copies it)
     damping: Annotated[LAWS | MatrixDampingSpec, DAMPING]
+
+    @property
+    def matrices(self) -> dict[tuple[str, ...], Matrix]:
+        """Its matrices by their keys below the table."""
+        stated: dict[tuple[str, ...], Matrix] = {("stiffness",): self.stiffness, ("mass",): self.mass}
+        if isinstance(self.damping, MatrixDampingSpec):
+            stated["damping", "damping_matrix"] = self.damping.damping_matrix
+        return stated
 
     @property
     def points_in_order(self) -> tuple[str, ...]:
@@ -307,12 +298,12 @@ class MatricesSpec(StructureBase):
         )
 
     def _findings(self) -> Iterator[Finding]:
-        for key in ("stiffness", "mass"):
-            yield from _matrix_findings(key, getattr(self, key), len(self.dofs))
+        for loc, matrix in self.matrices.items():
+            yield from matrix_findings(loc, matrix, len(self.dofs))
         yield from super()._findings()
 
 
-def _array(matrix: _Matrix, key: str) -> Array:
+def _array(matrix: Matrix, key: str) -> Array:
     import numpy as np
 
     from jointbayes.structure.given_matrices import matrix_of
@@ -320,36 +311,24 @@ def _array(matrix: _Matrix, key: str) -> Array:
     return matrix_of(np.array(matrix), key)
 
 
-def asymmetry(matrix: Array) -> str | None:
-    """What is not symmetric about a square matrix, in words; None where it is."""
-    gap = abs(matrix - matrix.T)
-    row, column = divmod(int(gap.argmax()), len(gap))
-    if gap[row, column] <= 1e-10 * abs(matrix).max(initial=0.0):
-        return None
-    values = f"{matrix[row, column]:g} and {matrix[column, row]:g}"
-    return f"found {values} at row {row + 1}, column {column + 1} and across the diagonal"
-
-
-def _matrix_findings(key: str, given: object, rows: int | None) -> Iterator[Finding]:
-    """Yield a matrix in the file that is not square, not of the right size or not symmetric."""
+def matrix_findings(loc: KeyPath, given: Matrix, rows: int) -> Iterator[Finding]:
+    """Yield that a matrix is not square, not of the right size or not symmetric; of a file only once it is read."""
     if isinstance(given, str):
         return
-    assert isinstance(given, tuple)
-    if not given or not isinstance(given[0], tuple):
-        count, square = len(given), True
-    else:
-        count, square = len(given), all(len(row) == len(given) for row in given)
-    wanted = rows or count
-    if not square or count != wanted or not count:
-        size = f"{wanted} rows of {wanted} numbers, or {wanted} numbers of the diagonal"
-        lengths = sorted({len(row) for row in given if isinstance(row, tuple)})
-        fault = (
-            f"found {count} rows of {' or '.join(map(str, lengths))} numbers" if lengths else f"found {count} numbers"
+    lengths = sorted({len(row) for row in given if isinstance(row, tuple)})
+    if len(given) != rows or lengths not in ([], [rows]):
+        size = f"{rows} rows of {rows} numbers, or {rows} numbers of the diagonal"
+        fault = f"found {len(given)} rows of {' or '.join(map(str, lengths))} numbers"
+        yield Finding(
+            loc, fault if lengths else f"found {len(given)} numbers", size, "correct the matrix, or structure.dofs"
         )
-        yield Finding((key,), fault, size, "correct the matrix, or structure.dofs")
-    elif isinstance(given[0], tuple):
+    elif lengths:
         import numpy as np  # with matrices alone: other cases are read without it
 
-        words = asymmetry(np.array(given))
-        if words is not None:
-            yield Finding((key,), words, "a symmetric matrix", "correct one of the two entries")
+        matrix = np.array(given)
+        gap = abs(matrix - matrix.T)
+        row, column = divmod(int(gap.argmax()), rows)
+        if gap[row, column] > 1e-10 * abs(matrix).max():
+            values = f"{matrix[row, column]:g} and {matrix[column, row]:g}"
+            fault = f"found {values} at row {row + 1}, column {column + 1} and across the diagonal"
+            yield Finding(loc, fault, "a symmetric matrix", "correct one of the two entries")

@@ -41,9 +41,14 @@ class DampingSpec(Spec):
     law: Annotated[str, LAW]
 
     @property
-    def loss(self) -> float | None:
-        """Its loss factor, where the law has one."""
-        return None
+    def values(self) -> dict[str, tuple[float, ...]]:
+        """Its damping ratios or its loss factor by the name of the uncertain quantity; other laws have none."""
+        return {}
+
+    @property
+    def measured(self) -> bool:
+        """Whether its damping ratios are those that the data show."""
+        return self.values.get("damping_ratio") == ()
 
     def built(self) -> DampingLaw:
         """The law."""
@@ -60,9 +65,9 @@ class ModalDampingSpec(DampingSpec):
     ratio: Annotated[Ratios, WrapValidator(_or_measured), _RATIO]
 
     @property
-    def measured(self) -> bool:
-        """Whether the ratios are those that the data show."""
-        return not self.ratio
+    def values(self) -> dict[str, tuple[float, ...]]:
+        """The ratios."""
+        return {"damping_ratio": self.ratio}
 
     def built(self) -> DampingLaw:
         """Modal damping."""
@@ -78,9 +83,9 @@ class LossFactorDampingSpec(DampingSpec):
     loss_factor: Annotated[float, not_negative("the structural loss factor", 0.01)]
 
     @property
-    def loss(self) -> float:
+    def values(self) -> dict[str, tuple[float, ...]]:
         """The loss factor."""
-        return self.loss_factor
+        return {"loss_factor": (self.loss_factor,)}
 
     def built(self) -> DampingLaw:
         """Structural damping."""
@@ -197,29 +202,42 @@ class StructureBase(Spec):
     accelerometer_mass_g: Annotated[float, _MASS] = 0.0
     damping: Annotated[DampingSpec, Field(description="the damping")]
 
+    if TYPE_CHECKING:  # a key of a frame, and of no other kind
+
+        @property
+        def directions(self) -> tuple[str, ...]:
+            """Directions of the DOFs of each point."""
+
     @property
     @abstractmethod
     def points_in_order(self) -> tuple[str, ...]:
         """Names of all points, as they stand before the colon of a DOF label."""
 
     @property
-    @abstractmethod
     def free_dofs(self) -> int:
         """Number of DOFs that can be named and are not held."""
+        return len(self.points_in_order) * len(self.directions) - len(self.supports)
 
     @property
     def stated(self) -> dict[str, tuple[str, float]]:
         """Unit and value of each quantity that may be uncertain, and of no other."""
-        return {} if self.damping.loss is None else {"loss_factor": ("1", self.damping.loss)}
+        return {name: ("1", values[0]) for name, values in self.damping.values.items() if name == "loss_factor"}
 
     @property
     def spans(self) -> int | None:
         """Equal spans between the numbered points of a straight beam; None for other structures."""
         return None
 
-    @abstractmethod
     def absent(self, label: str) -> Absence | None:
         """What to say of a DOF that does not exist; None where it does."""
+        point, _, direction = label.rpartition(":")
+        names, ways = self.points_in_order, self.directions
+        if point not in names:
+            remedy = f'write for example "{names[0]}:{direction}"' if names else "state the points"
+            return f'"{label}": there is no point {point}', f"one of {listed(names)}", remedy
+        if direction not in ways:
+            return f'"{label}": no direction {direction}', f"one of {', '.join(ways)}", "choose one of these"
+        return None
 
     @abstractmethod
     def recipe(self, loaded: tuple[str, ...]) -> StructureRecipe:
@@ -232,18 +250,6 @@ class StructureBase(Spec):
     def _findings(self) -> Iterator[Finding]:
         each = ((i, self.absent(label)) for i, label in enumerate(self.supports))
         yield from (Finding(("supports", i), *words) for i, words in each if words is not None)
-
-
-def absent_point(label: str, points: Iterable[str], directions: Iterable[str]) -> Absence | None:
-    """What to say of a DOF where points have names."""
-    point, _, direction = label.rpartition(":")
-    names, ways = tuple(points), tuple(directions)
-    if point not in names:
-        remedy = f'write for example "{names[0]}:{direction}"' if names else "state the points"
-        return f'"{label}": there is no point {point}', f"one of {listed(names)}", remedy
-    if direction not in ways:
-        return f'"{label}": no direction {direction}', f"one of {', '.join(ways)}", "choose one of these"
-    return None
 
 
 def metres(millimetres: Iterable[float]) -> tuple[float, float, float]:

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BeforeValidator, Field, Strict
 
+from jointbayes.case.spec import rules
 from jointbayes.case.spec.data_table import DataSpec
 from jointbayes.case.spec.fields import Finding, Name, Spec, key_field
 from jointbayes.case.spec.frame_table import FrameSpec
-from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec
+from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table
 from jointbayes.case.spec.measured_table import MeasuredBodySpec
-from jointbayes.case.spec.prior_tables import PriorsSpec, UncertainSpec
+from jointbayes.case.spec.prior_tables import PriorsSpec, UncertainSpec, quantity_table
 from jointbayes.case.spec.settings_tables import (
     CompareSpec,
     IdentificationSpec,
@@ -32,7 +33,7 @@ from jointbayes.case.spec.settings_tables import (
     VirtualTestSpec,
 )
 from jointbayes.case.spec.structure_kinds import BeamSpec, ChainSpec, MatricesSpec
-from jointbayes.case.spec.structure_table import POINT, ModalDampingSpec
+from jointbayes.case.spec.structure_table import POINT
 from jointbayes.joint.quantities import prefixed
 
 if TYPE_CHECKING:
@@ -65,8 +66,7 @@ StructureSpec = Annotated[
 class CaseSpec(Spec):
     """A whole case file; of one that builds on another what both are together, without `extends` and `remove`.
 
-    Of several set-ups it is that of one: the rest of the file with what the set-up changes. Whether its tables agree
-    with each other is for `CheckedCaseSpec` of `parse` to say.
+    Of several set-ups it is that of one: the rest of the file with what the set-up changes.
     """
 
     extends: Annotated[str, _EXTENDS] = ""
@@ -113,8 +113,18 @@ class CaseSpec(Spec):
     @property
     def all_quantities(self) -> tuple[str, ...]:
         """Names of the stiffnesses of all joints, those that are shared once."""
-        stating = ((name, joint) for name, joint in self.all_joints.items() if name not in self.sharing)
-        return tuple(prefixed(name, quantity.name) for name, joint in stating for quantity in joint.quantities)
+        joints = self.stating_joints.items()
+        return tuple(prefixed(name, quantity.name) for name, joint in joints for quantity in joint.quantities)
+
+    @property
+    def stating_joints(self) -> dict[str, JointSpec]:
+        """Joints that state their quantities: all but those that have another's."""
+        return {name: joint for name, joint in self.all_joints.items() if name not in self.sharing}
+
+    def priors_of(self, name: str) -> PriorsSpec | None:
+        """Priors that are stated for a joint."""
+        joint = self.all_joints[name]
+        return joint.prior if isinstance(joint, NamedJointSpec) else self.prior
 
     @property
     def sharing(self) -> dict[str, str]:
@@ -156,6 +166,56 @@ class CaseSpec(Spec):
         return named, owning
 
     def _findings(self) -> Iterator[Finding]:
+        """Yield where its tables do not agree with each other."""
+        yield from self._setup_findings()
+        if not self.all_joints:
+            yield Finding(("joint",), missing=True)
+            return
+        yield from self._body_findings()
+        yield from rules.joints_findings(self.joint, self.joints, self.prior)
+        yield from rules.dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels)
+        if self.prior is not None and self.joint is not None:
+            yield from rules.prior_findings(self.joint, self.prior)
+        lone_pair = self.joint is not None and self.joint.kind == "coupled" and not self.joint.damping
+        yield from rules.truth_names_findings(self.data, self.all_quantities, lone_pair=lone_pair)
+        yield from rules.uncertain_findings(self.uncertain, self.structure, self.data)
+        yield from rules.truth_findings(self.structure, self.data)
+        yield from rules.noise_findings(self.noise, self.data)
+        yield from rules.plan_findings(self.plan, self.data)
+        if self.reference is not None and (not lone_pair or any(joint.own for joint in self.all_joints.values())):
+            fault, expected = "found k11, k12 and k22 to compare with", "one coupled joint, the same in all set-ups"
+            yield Finding(("reference",), fault, expected, "remove [reference]")
+        yield from rules.virtual_test_findings(self.virtual_test, self.structure, self.data)
+
+    def _setup_findings(self) -> Iterator[Finding]:
+        """Yield names of set-ups that are another thing's, levels of some only, and `own` in a case of one test."""
+        others = {"joint": set(self.joints), "body": {*self.bodies, *getattr(self.structure, "bodies", {})}}
+        for name in self.setups:
+            for what, names in others.items():
+                if name in names:
+                    fault = f"found the name of a {what}, so that {name}.k11 would be two things"
+                    yield Finding(("setups", name), fault, "a name of its own", "rename one of the two")
+        yield from rules.level_findings(self.level, {name: setup.level for name, setup in self.setups.items()})
+        for name, proposed in self.plan.setups.items():
+            loc = ("plan", "setups", name)
+            if name in self.setups:
+                yield Finding(loc, "found the name of a present set-up", "a name of its own", "rename it")
+            if proposed.data is not None and self.data.kind != "synthetic_frf":
+                fault = f'found a table beside data of kind = "{self.data.kind}"'
+                expected = "a set-up that is measured as the present one"
+                yield Finding((*loc, "data"), fault, expected, "remove it; other DOFs are candidates by themselves")
+        if not self.setups and not self.plan.setups:
+            owned = [
+                *(joint_table(name) for name, joint in self.all_joints.items() if joint.own),
+                *(quantity_table(name) for name, prior in self.uncertain.given.items() if prior.own),
+                *([("noise",)] if self.noise.own else []),
+            ]
+            for table in owned:
+                yield Finding(
+                    (*table, "own"), "found true in a case of one test", "several, as [setups.long]", "remove it"
+                )
+
+    def _body_findings(self) -> Iterator[Finding]:
         """Yield what measured bodies cannot stand beside."""
         owners: dict[str, str] = {}
         for name, body in self.bodies.items():
@@ -185,14 +245,12 @@ class CaseSpec(Spec):
             yield Finding(("data", "kind"), fault, 'kind = "measured_frf"', "write it so")
         if self.uncertain.mode_frequencies is not None:
             yield Finding(("uncertain", "mode_frequencies"), f"found it {beside}", "other quantities", "remove it")
-        damping = self.structure.damping
-        if isinstance(damping, ModalDampingSpec) and damping.measured:
+        if self.structure.damping.measured:
             expected = "damping ratios of the modelled structure by itself"
             yield Finding(("structure", "damping", "ratio"), f'found "measured" {beside}', expected, "state them")
-        for name, joint in self.all_joints.items():
+        for name, joint in self.stating_joints.items():
             modelled = any(self.structure.absent(side[0]) is None for side in (joint.dofs, joint.against) if side)
-            prior = joint.prior if isinstance(joint, NamedJointSpec) else self.prior
-            if joint.coordinates and prior is None and not modelled and name not in self.sharing:
+            if joint.coordinates and self.priors_of(name) is None and not modelled:
                 place = ("joints", name, "prior") if name else ("prior",)
                 expected = "one for a joint that no modelled body has a side of, whose size nobody knows"
                 yield Finding(place, "found no prior", expected, "state it")

@@ -16,10 +16,9 @@ from typing import Any
 import pydantic
 
 from jointbayes.case.case_faults import fault_lines
-from jointbayes.case.case_files import require_inside
-from jointbayes.case.case_text import CaseText, read_case_text
+from jointbayes.case.case_text import CaseText, find_outside, read_case_text
 from jointbayes.case.keys import named_files
-from jointbayes.case.spec.parse import CheckedCaseSpec, parse_case
+from jointbayes.case.spec.parse import parse_case
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import key_parts, similar, toml_text
 from jointbayes.errors import CaseError, path_fault
@@ -80,7 +79,7 @@ class BaseCase:
         for key, value in values.items():
             _set(data, key, value, where)
         try:
-            return data, CheckedCaseSpec.model_validate(data), []
+            return data, CaseSpec.model_validate(data), []
         except pydantic.ValidationError as error:
             return data, None, fault_lines(error, CaseSpec, self._marked(data))
 
@@ -213,7 +212,9 @@ class CampaignCase:
     def require_inside(self, spec: CaseSpec) -> None:
         """Refuse files outside the directory of the case file, or of the base case."""
         for key, names in named_files(spec).items():
-            require_inside(self.path.parent, names, lambda _number: f"{self.where}:", ".".join(key))
+            if (outside := find_outside(self.path.parent, names)) is not None:
+                found, expected, remedy = outside[1]
+                raise CaseError(f"{self.where}: {'.'.join(key)}: {found}; expected {expected}; {remedy}")
 
     @staticmethod
     def fingerprint(text: str, files: Sequence[Path], *of_run: object) -> str:

@@ -14,7 +14,6 @@ from jointbayes.case.case_files import complete_from_data
 from jointbayes.case.case_objects import noise_law, noise_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
 from jointbayes.case.combined import CaseSetup
-from jointbayes.case.spec.fields import show_key
 from jointbayes.case.spec.parse import parse_planned
 from jointbayes.case.spec.settings_tables import PlanSpec
 from jointbayes.case.spec.structure_kinds import MatricesSpec
@@ -52,10 +51,9 @@ def candidates_of(case: Case) -> tuple[Candidate, ...]:
     candidates: list[Candidate] = []
     for part in case.problem.parts:
         if part.test.data.frfs is None:
-            source, loc = sources.get(part.test.name, case.source), ("data", "kind")
-            expected = "expected FRFs, whose noise and band a plan can vary"
+            expected = "FRFs, whose noise and band a plan can vary"
             words = f"found {part.test.data.words} as data", expected, 'write kind = "synthetic_frf" or "measured_frf"'
-            raise CaseError(source.fault(loc, show_key(source.written(loc)), *words))
+            raise CaseError(sources.get(part.test.name, case.source).fault(("data", "kind"), *words))
         spec = specs.get(part.test.name, case.spec)
         # a set-up that lacks one of the plan's DOFs reads none of the plan
         dofs = {key: tuple(x for x in getattr(stated, key) if spec.structure.absent(x) is None) for key in _DOFS}

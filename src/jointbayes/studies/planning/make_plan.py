@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from jointbayes.case.case import AnyCase, Case, require_case
-from jointbayes.case.spec.fields import show_key
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.coordinates import coordinate_systems
@@ -89,9 +88,9 @@ def plan(
     if bodies:
         setup, name = bodies[0]
         source = {test.name: test.source for test in case.setups}.get(setup, case.source)
-        expected = "expected a modelled structure, for FRFs of a body say nothing of other lines and DOFs"
+        expected = "a modelled structure, for FRFs of a body say nothing of other lines and DOFs"
         words = "found a measured body", expected, "plan with a model of it"
-        raise CaseError(source.fault(("bodies", name), show_key(source.written(("bodies", name))), *words))
+        raise CaseError(source.fault(("bodies", name), *words))
     candidates = {c.name: c for c in candidates_of(case)}
     if posterior is not None and posterior.problem.names != case.problem.names:
         raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")
@@ -153,8 +152,8 @@ def _stated_sets(case: Case, candidates: Mapping[str, Candidate]) -> tuple[Names
     for number, names in enumerate(case.spec.plan.together):
         unknown = [name for name in names if name not in candidates]
         if unknown:
-            words = f'found "{unknown[0]}"', f"expected names of candidates: {', '.join(candidates)}", "correct it"
-            raise CaseError(case.source.fault(("plan", "together", number), "plan.together", *words))
+            words = f'found "{unknown[0]}"', f"names of candidates: {', '.join(candidates)}", "correct it"
+            raise CaseError(case.source.fault(("plan", "together", number), *words))
         stated_sets.append(tuple(name for name in candidates if name in names))
     return tuple(dict.fromkeys(stated_sets))
 

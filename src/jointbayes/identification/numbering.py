@@ -1,26 +1,16 @@
-"""Doubts of the data of a case: a truth that the prior excludes, signs of files, numbers of modes. Never errors."""
-
-from __future__ import annotations
+"""Whether measured natural frequencies fit far better as those of other modes, or in another unit, than is stated."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.case.case_text import CaseText, InputWarning
-from jointbayes.case.spec.fields import Finding
-from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import JointBayesError
-from jointbayes.inference import JointPrior, Problem
+from jointbayes.inference import Problem
 from jointbayes.measurement import ModalData
-
-if TYPE_CHECKING:
-    from jointbayes.measurement.provenance import Provenance
 
 #: Modes that the first measured one may be away from its stated number.
 SHIFTS = (*range(-3, 0), *range(1, 7))
@@ -113,69 +103,3 @@ def _least_squares(
         fitted = scipy.optimize.least_squares(fit, x, slope, bounds=(low, high), max_nfev=30)
         least = min(least, 2 * float(fitted.cost))
     return least
-
-
-def truth_warnings(spec: CaseSpec, text: CaseText, prior: JointPrior) -> tuple[InputWarning, ...]:
-    """Look whether the prior excludes the joint that makes the data, so that no analysis can find it.
-
-    Of a set-up the prior is that of its own joints alone.
-    """
-    return text.warnings(_excluded(spec, prior, text.setup))
-
-
-def sign_warnings(provenance: Provenance | None, text: CaseText) -> tuple[InputWarning, ...]:
-    """Doubts of the sign, or of the sign of i, of FRFs of files, with which every number of a run would be wrong."""
-    doubts = provenance.sign_doubts if provenance else ()
-    findings = (Finding(("data", "file"), f"found that at {w.where} {w.sentence}", "", w.remedy) for w in doubts)
-    return text.warnings(findings)
-
-
-def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: bool) -> tuple[InputWarning, ...]:
-    """A doubt of the numbers of measured modes, or of their unit, as `find_numbering` finds it."""
-    if doubt is None:
-        return ()
-    loc = ("data", "file") if from_files else ("data", "frequencies_hz")
-    squares = (
-        f"squared residuals of {doubt.better_squares:.3g} and {doubt.stated_squares:.3g} standard deviations in all, "
-        "the joint fitted anew for each"
-    )
-    if doubt.rad_per_s:
-        oddity = f"found natural frequencies that fit far better divided by 2π, as if they were in rad/s: {squares}"
-        return text.warnings([Finding(loc, oddity, "natural frequencies in Hz", "divide them by 2π")])
-    stated, better = (", ".join(map(str, numbers)) for numbers in (doubt.stated, doubt.better))
-    oddity = (
-        f"found natural frequencies that fit far better as those of modes {better} than of modes {stated}: {squares}"
-    )
-    expected = "modes counted from the lowest one, those included in which the structure moves rigidly on a soft joint"
-    remedy = f'if a lower one was left out, write kind = "modes" with numbers = [{better}]'
-    return text.warnings([Finding(loc, oddity, expected, remedy)])
-
-
-def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding]:
-    """Yield stiffnesses of the truth that have no coordinates, or coordinates of it that the prior excludes."""
-    if spec.data.synthetic is None:
-        return
-    joint, loc, stated = prior.parametrisation, ("data", "truth"), spec.data.synthetic.truth
-    truth = [stated.stiffness_by_name[_name_in_tables(setup, name)] for name in joint.stiffness_names]
-    if not joint.describes(truth):
-        each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))
-        kinds = " and ".join(dict.fromkeys(joint_spec.parametrisation for joint_spec in spec.all_joints.values()))
-        oddity = f'found {each}, which joint.parametrisation = "{kinds}" cannot describe'
-        yield Finding(loc, oddity, "a truth that the analysis can find", "choose another parametrisation or truth")
-        return
-    for axis, marginal, value in zip(joint.axes, prior.marginals, joint.coordinates(truth), strict=True):
-        low, high = marginal.support
-        if not low <= value <= high:
-            shown, least, most = (math.exp(x) if axis.logarithmic else x for x in (value, low, high))
-            oddity = f"found a truth with {axis.name} = {shown:.4g}, which the prior excludes"
-            expected = f"{axis.name} from {least:.4g} to {most:.4g}, so that the analysis can find it"
-            of_truth = _name_in_tables(setup, axis.quantity)
-            place = (of_truth,) if stated.stiffness is None else ("stiffness", *of_truth.split("."))
-            owner, _, name = _name_in_tables(setup, axis.name).rpartition(".")
-            table = f"joints.{owner}.prior.{name}" if owner else f"prior.{name}"
-            yield Finding((*loc, *place), oddity, expected, f"widen [{table}] or correct the truth")
-
-
-def _name_in_tables(setup: str, name: str) -> str:
-    """Name of a quantity of a set-up as its own tables have it."""
-    return name.removeprefix(f"{setup}.") if setup else name
