@@ -166,11 +166,3 @@ def test_a_sensor_off_the_joint_is_stated_by_the_joints_offset(directory):
     link = body.seen_at({"nose:y": {"nose:y": 1.0, "nose:rz": 0.02}, "nose:rz": {"nose:rz": 1.0}})
     by_hand = here.problem.with_test(structure=Substructures(here.problem.test.structures, (link,)))
     assert moved.problem.log_posterior(theta) == pytest.approx(by_hand.log_posterior(theta), rel=1e-9)
-
-
-def test_one_measurement_of_a_body_in_two_set_ups_is_refused_by_its_key(directory):
-    two = "\n[setups.a]\n[setups.b]\n"
-    with pytest.raises(CaseError) as told:
-        case_of(directory, (TEXT, TEXT + two))
-    (line,) = str(told.value).splitlines()
-    assert "case.toml:11: bodies.spindle: found spindle.uff in set-ups a and b, with one error" in line

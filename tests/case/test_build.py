@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import simpson
 
 import jointbayes as jb
 from jointbayes.errors import CaseError
@@ -15,7 +14,6 @@ from jointbayes.inference import (
     Normal,
     ScaledNoise,
     StudentNoise,
-    Uniform,
 )
 from tests.conftest import cheap_text, edited, pair_matrix
 
@@ -126,23 +124,6 @@ def test_a_stated_joint_is_refused_as_soon_as_it_is_not_positive_semidefinite(fa
             case_of(*changes)
 
 
-def test_mass_length_and_accelerometers_move_a_beam_on_soft_springs_as_a_rigid_body():
-    case = case_of(
-        ("supports = []", "supports = []\naccelerometer_mass_g = 50.0"),
-        ("density_kg_m3 = 7800.0", "density_kg_m3 = 2700.0"),
-    )
-    area, inertia = math.pi * 0.025**2 / 4, math.pi * 0.025**4 / 64
-    beam, sensor = 2700.0 * area * L, 0.050
-    # about the joint's node; the cross-sections turn as well
-    first = beam * L / 2 + sensor * L
-    second = beam * L**2 / 3 + sensor * L**2 + 2700.0 * inertia * L
-    m = np.array([[beam + sensor, first], [first, second]])
-    tip = np.array([1.0, L])
-    f_hz = 3.0
-    accelerance = -((2 * math.pi * f_hz) ** 2) * receptance(case, [1e-3, 0.0, 1e-5], f_hz=f_hz)
-    assert accelerance.real == pytest.approx(tip @ np.linalg.solve(m, tip), rel=2e-4)
-
-
 def test_a_loss_factor_makes_the_beam_complex_and_not_the_joint():
     law = ('law = "modal"                # or "loss_factor", "rayleigh"', 'law = "loss_factor"')
     case = case_of(STATED_SHEAR, law, ("ratio = 0.01", "loss_factor = 0.3"))
@@ -151,73 +132,7 @@ def test_a_loss_factor_makes_the_beam_complex_and_not_the_joint():
     assert found == pytest.approx(beam / (1 + 0.3j) + 1 / 3e8 + L**2 / 2e5, rel=1e-6)
 
 
-def test_rayleigh_damping_takes_its_two_factors_from_their_keys():
-    law = ('law = "modal"                # or "loss_factor", "rayleigh"', 'law = "rayleigh"')
-    alpha, beta, f_hz = 40.0, 2e-4, 0.05
-    case = case_of(STATED_SHEAR, law, ("ratio = 0.01", f"alpha_per_s = {alpha}\nbeta_s = {beta}"))
-    omega = 2 * math.pi * f_hz
-    area, inertia = math.pi * 0.025**2 / 4, math.pi * 0.025**4 / 64
-    # quasi-static: the beam's compliance over 1 + jωβ; the loss by αM follows from the static shape, ∫ ρA v² dx
-    k11, k22 = 3e8, 2e5
-    x = np.linspace(0.0, L, 4001)
-    bending = (3 * L * x**2 - x**3) / (6 * E * inertia) + x / (KAPPA * G * area)
-    shape = bending + 1 / k11 + L * x / k22
-    slope = (2 * L * x - x**2) / (2 * E * inertia) + L / k22
-    moved = simpson(RHO * area * shape**2 + RHO * inertia * slope**2, x=x)
-    beam = cantilever(area, inertia)
-    expected = -omega * (beta * beam + alpha * moved)
-    assert receptance(case, [k11, 0.0, k22], f_hz=f_hz).imag == pytest.approx(expected, rel=1e-4)
-
-
 TRUTH = "[data.truth]                 # the joint that makes the data: Table 3 of the paper"
-EXACT = ("added = true", "added = false")
-LINES = ("f_min_hz = 20.0\nf_max_hz = 2500.0\nf_step_hz = 10.0", "frequencies_hz = [0.01, 3.0]")
-
-
-def measured(*changes: tuple[str, str]) -> np.ndarray:
-    return case_of(EXACT, STATED_SHEAR, LINES, *changes).problem.test.data.frf.values[:, 0, 0]
-
-
-def test_the_data_are_made_with_what_the_truth_states_otherwise():
-    area, inertia = math.pi * 0.025**2 / 4, math.pi * 0.025**4 / 64
-    (c11, c12), (_, c22) = np.linalg.inv([[5.05e9, 3.44e7], [3.44e7, 1.52e6]])
-    stated = f"{TRUTH}\nlength_mm = 360.0\nyoungs_modulus_gpa = 200.0\ngain = 1.05"
-    expected = 1.05 * (cantilever(area, inertia, 2.0e11, 0.36) + c11 + 2 * 0.36 * c12 + 0.36**2 * c22)
-    assert measured((TRUTH, stated))[0].real == pytest.approx(expected, rel=1e-6)
-
-
-def test_a_damping_ratio_of_the_truth_makes_the_data_as_that_of_the_structure_would():
-    near = ("[0.01, 3.0]", str([round(118.0 + 0.02 * i, 2) for i in range(300)]))
-    found = measured(near, (TRUTH, f"{TRUTH}\ndamping_ratio = 0.002"))
-    np.testing.assert_allclose(found, measured(near, ("ratio = 0.01", "ratio = 0.002")), rtol=1e-12)
-    # one mode alone: the peak is 1/2ζ of its static share
-    ten_times = measured(near, (TRUTH, f"{TRUTH}\ndamping_ratio = 0.02"))
-    assert np.abs(found).max() / np.abs(ten_times).max() == pytest.approx(10.0, rel=0.02)
-
-
-def test_priors_stand_in_the_order_of_the_coordinates():
-    log = case_of().problem
-    assert log.names[:3] == ("k11", "k12", "k22")
-    assert [np.exp(m.support).tolist() for m in log.prior.marginals] == [
-        pytest.approx(ends) for ends in ([1e6, 1e11], [1e4, 1e10], [1e3, 1e8])
-    ]
-    old_k12 = '[prior.k12]                  # N\ndistribution = "log_uniform"\nlow = 1.0e4\nhigh = 1.0e10'
-    signed = case_of(
-        ('parametrisation = "log" ', 'parametrisation = "signed" '),
-        (old_k12, '[prior.rho]\ndistribution = "uniform"\nlow = -0.5\nhigh = 0.9'),
-    ).problem
-    assert signed.names[:3] == ("k11", "k22", "rho")
-    assert signed.prior.marginals[2] == Uniform(-0.5, 0.9)
-    centre = case_of(
-        ('parametrisation = "log" ', 'parametrisation = "elastic_centre" '),
-        (old_k12, '[prior.arm]\ndistribution = "uniform"\nlow = -0.05\nhigh = 0.02'),
-        ("[prior.k22] ", "[prior.k22c] "),
-    ).problem
-    assert centre.prior.labels == ("ln k11", "arm", "ln k22c")
-    assert centre.prior.marginals[1] == Uniform(-0.05, 0.02)
-    assert np.isfinite(centre.log_posterior([np.log(3e8), -0.01, np.log(2e5)])).all()
-
-
 MORE = (
     "[identification]",
     "[noise]\n{lines}\n\n[identification]",
@@ -240,26 +155,6 @@ def test_the_noise_table_chooses_the_distribution_with_its_numbers(lines, expect
     assert (problem.test.noise or GaussianNoise(2)) == expected
     if "sampled" in lines:
         assert np.exp(problem.prior.nuisances[-1].prior.support) == pytest.approx((0.5, 3.0))
-
-
-def test_the_noise_of_synthetic_data_is_that_of_the_case_file():
-    case = case_of(EXACT)
-    frf = np.abs(case.problem.test.data.frf.values[:, 0, 0])
-    expected = 2 * (0.008 * frf + 0.0016 * np.median(frf)) ** 2
-    np.testing.assert_allclose(case.problem.test.data.variance[:, 0, 0], expected, rtol=1e-12)
-    coherent = case_of(EXACT, ("relative = 0.008", "coherence = 0.98\naverages = 8")).problem.test.data
-    expected = 2 * (np.sqrt(0.02 / (2 * 8 * 0.98)) * frf + 0.0016 * np.median(frf)) ** 2
-    np.testing.assert_allclose(coherent.variance[:, 0, 0], expected, rtol=1e-12)
-
-
-def test_the_standard_deviation_of_frequencies_adds_in_squares():
-    text = 'kind = "natural_frequencies"\nfrequencies_hz = [120.0, 762.0]\nsd_relative = 0.005\nsd_hz = 0.5\n\n'
-    whole = cheap_text()
-    start, end = whole.index('kind = "synthetic_frf"'), whole.index("[identification]")
-    case = jb.case_from_text("wiring", whole[:start] + text + whole[end:])
-    np.testing.assert_allclose(
-        case.problem.test.data.sd_hz, [math.sqrt(0.6**2 + 0.5**2), math.sqrt(3.81**2 + 0.5**2)], rtol=1e-12
-    )
 
 
 @pytest.mark.parametrize(("above", "modes"), [(1.05, 2), (1.15, 1)])

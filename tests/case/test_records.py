@@ -55,17 +55,6 @@ def test_hammer_records_become_frfs_and_find_the_joint(tmp_path):
     assert sd < 0.05
 
 
-def test_the_damping_of_an_exponential_window_is_taken_out(tmp_path):
-    table = 'method = "impact"\nwrites = "time"\naverages = 6'
-    virtual_records(tmp_path / "hits.npz", table)
-    windowed = loaded(tmp_path, '[data.records]\nmethod = "impact"\nexponential_end = 0.02')
-    plain = loaded(tmp_path, '[data.records]\nmethod = "impact"')
-    assert any("damping of the exponential window" in note for note in windowed.problem.test.data.provenance.notes)
-    damping = [[mode.damping_ratio for mode in case.problem.test.data.provenance.modes] for case in (windowed, plain)]
-    np.testing.assert_allclose(damping[0], damping[1], rtol=0.03)
-    np.testing.assert_allclose(damping[0], 0.01, rtol=0.05)
-
-
 def test_shaker_records_become_frfs(tmp_path):
     virtual_records(tmp_path / "hits.npz", 'method = "shaker"\nwrites = "time"\naverages = 40\nblock_s = 4.0')
     case = loaded(tmp_path, '[data.records]\nmethod = "shaker"\nblock_s = 4.0')
