@@ -1,7 +1,5 @@
 """Runs that are stopped from outside: by a signal, by another run, by what stands in their way."""
 
-import hashlib
-import json
 import os
 import signal
 import subprocess
@@ -128,24 +126,6 @@ def test_a_changed_case_is_refused_by_its_key(config, tmp_path):
     assert cli("sample", config, "--out", "x.nc", "--resume").exit_code in (0, 3)
 
 
-@pytest.mark.parametrize("estimate", [{}, {"theta": [1.0]}, None], ids=["empty", "of another shape", "of 2 numbers"])
-def test_an_estimate_that_is_not_of_this_problem_is_found_again(config, tmp_path, estimate, monkeypatch):
-    monkeypatch.setattr(checkpoint, "SECONDS_BETWEEN", 0.0)
-    monkeypatch.setattr(checkpoint, "_TIMES_THE_COST", 0)
-    case, settings, told = jb.load_case(config), SamplerSettings(walkers=8, max_steps=100), []
-    expected = jb.sample(case, seed=2, settings=settings, checkpoint=tmp_path / "run").theta.tobytes()
-    lines = (tmp_path / "run" / "blocks").read_bytes().splitlines(keepends=True)
-    (number,) = (i for i, line in enumerate(lines) if b'"estimate"' in line)
-    kept = json.loads(lines[number][65:])["estimate"]
-    kept = estimate if estimate is not None else {**kept, "theta": kept["theta"][:2]}
-    text = json.dumps({"estimate": kept}).encode()
-    lines[number] = hashlib.sha256(text).hexdigest().encode() + b" " + text + b"\n"
-    (tmp_path / "run" / "blocks").write_bytes(b"".join(lines))
-    again = jb.sample(case, seed=2, settings=settings, checkpoint=tmp_path / "run", resume=True, tell=told.append)
-    assert again.theta.tobytes() == expected
-    assert any("found no estimate of the mode of this problem; searching for the mode again" in line for line in told)
-
-
 def test_a_run_directory_with_a_file_of_the_user_is_refused_before_any_work(config, tmp_path, monkeypatch):
     monkeypatch.setattr("jointbayes.workflow.find_map", None)
     (tmp_path / "out" / "figures").mkdir(parents=True)
@@ -268,9 +248,8 @@ def test_no_worker_outlives_its_run(config, tmp_path, number):
         [sys.executable, "-c", code, "sample", config.name, "--out", "x.nc"],
         cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True,
     ) as process:  # fmt: skip
-        blocks = tmp_path / "x.nc.unfinished" / "blocks"
         patience = time.monotonic() + 120
-        while not (blocks.exists() and b'"stage"' in blocks.read_bytes()):
+        while not (tmp_path / "x.nc.unfinished" / "stage-0.npz").exists():
             assert process.poll() is None
             assert time.monotonic() < patience
             time.sleep(0.1)

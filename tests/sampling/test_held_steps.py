@@ -7,8 +7,8 @@ import pytest
 
 from jointbayes.sampling import SamplerSettings, run_ensembles
 from jointbayes.sampling.chains import spacing
-from jointbayes.sampling.ensemble import advance
 from jointbayes.sampling.stopping import diagnose
+from jointbayes.sampling.workers import advance
 
 NEVER = SamplerSettings(walkers=8, max_steps=1500, check_every=10, tau_factor=1e9)
 

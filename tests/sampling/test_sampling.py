@@ -14,7 +14,7 @@ from emcee.autocorr import integrated_time
 from jointbayes.errors import SamplingError
 from jointbayes.sampling import SamplerSettings, quantile_error, run_ensembles
 from jointbayes.sampling.diagnostics import autocorrelation_time, split_r_hat
-from jointbayes.sampling.ensemble import EnsembleState, Streams, advance
+from jointbayes.sampling.ensemble import EnsembleState, Streams
 from jointbayes.sampling.starting import weighted_moves
 from jointbayes.sampling.stopping import (
     Check,
@@ -27,6 +27,7 @@ from jointbayes.sampling.stopping import (
     next_check,
     worst_end_error,
 )
+from jointbayes.sampling.workers import advance
 
 SHORT = SamplerSettings(walkers=8, max_steps=300, check_every=100)
 

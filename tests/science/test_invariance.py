@@ -13,8 +13,9 @@ from scipy import stats
 
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.distributions import StudentT
-from jointbayes.sampling.ensemble import EnsembleState, WeightedMove, advance
+from jointbayes.sampling.ensemble import EnsembleState, WeightedMove
 from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove
+from jointbayes.sampling.workers import advance
 from tests.science.known_densities import TARGETS
 
 ENSEMBLES, WALKERS, STEPS = 32, 32, 50

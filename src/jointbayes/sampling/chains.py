@@ -1,6 +1,6 @@
 """The steps of a run: those made so far, what the checks found, and what the run leaves behind."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -206,8 +206,8 @@ class HeldSteps:
 
     Parameters
     ----------
-    steps, rows
-        How many steps, and how many rows of blocks, these were.
+    steps
+        How many these were.
     every
         Distance of those that are held, of which the first is step number `every`.
     theta, log_density
@@ -215,7 +215,6 @@ class HeldSteps:
     """
 
     steps: int = 0
-    rows: int = 0
     every: int = 1
     theta: list[Array] = field(default_factory=list)
     log_density: list[Array] = field(default_factory=list)
@@ -232,7 +231,6 @@ class HeldSteps:
         self.theta.append(theta)
         self.log_density.append(log_density)
         self.steps += sum(len(row[0].theta) for row in rows)
-        self.rows += len(rows)
 
     def joined(self, rows: Sequence[list[StepBlock]], every: int) -> tuple[Array, Array]:
         """θ and log-density at this distance, of what is held and of the rows that follow."""
@@ -304,21 +302,14 @@ class Stage:
         states: list[EnsembleState],
         streams: Streams,
         settings: SamplerSettings,
-        kept: Callable[[int, int, tuple[int, ...]], list[StepBlock] | None] | None = None,
     ) -> list[EnsembleState]:
-        """Move every ensemble on by one block and return where they stand.
-
-        Where `kept` is given it is asked first, by stage, number and shape, for a block that was made before.
-        """
+        """Move every ensemble on by one block and return where they stand."""
         size = min(settings.check_every, settings.max_steps - self.step)
         number = self.step // settings.check_every
-        walkers, dimension = states[0].theta.shape
-        row = kept and kept(streams.stage, number, (size, len(states), walkers, dimension + 1))
-        if not row:
-            seeds = [streams.block(ensemble, number) for ensemble in range(len(states))]
-            row = move_on(states, size, seeds)
-        self.blocks.append(row)
+        seeds = [streams.block(ensemble, number) for ensemble in range(len(states))]
+        row = move_on(states, size, seeds)
         self.step += size
+        self.blocks.append(row)
         self.accepted = self.accepted or [0] * len(row)
         for ensemble, block in enumerate(row):
             self.singular += block.singular
@@ -340,17 +331,12 @@ class Stage:
         self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None, every, self.step, modes))
         self.checks[-1] = add_end_error(settings, self.checks, theta, quantities, every)
 
-    def condense(self, rows: int) -> None:
-        """Hold fewer of the steps of a long stage: of its first so many rows, which nobody else asks for any more."""
-        count = min(rows - self.held.rows, len(self.blocks) - 1)
+    def condense(self) -> None:
+        """Hold fewer of the steps of a long stage; of the last block all, which say where the ensembles stand."""
+        count = len(self.blocks) - 1
         if self.step > MOST_HELD and count >= _AT_ONCE:
             self.held.take(self.blocks[:count], spacing(self.step))
             del self.blocks[:count]
-
-    @property
-    def rows(self) -> int:
-        """Number of rows of blocks so far."""
-        return self.held.rows + len(self.blocks)
 
     def report(self, settings: SamplerSettings, verdict: Verdict, seconds: float) -> Progress:
         """Where the run stands, for the caller."""

@@ -1,85 +1,47 @@
-"""A run on disk while it is not finished: its blocks of steps, beside the result, so that it can go on."""
+"""A run on disk while it is not finished: its stages so far, beside the result, so that it can go on."""
 
-import hashlib
+import io
 import json
-import math
-import os
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
+from os import O_RDONLY, PathLike, fdopen
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import CheckpointError, WriteError
-from jointbayes.own_directory import OwnDirectory, sync_directory
+from jointbayes.own_directory import OwnDirectory
+from jointbayes.sampling.chains import HeldSteps, Stage, spacing
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.ensemble import EnsembleState, MoveCount, StepBlock
+from jointbayes.sampling.ensemble import EnsembleState, MoveCount
+from jointbayes.sampling.stopping import Check, EndError
+from jointbayes.whole_file import swept, write_whole_file
 
 #: Least time between two writings, and how many times as long as the last one took: they cost less than 2 %.
 SECONDS_BETWEEN = 5.0
 _TIMES_THE_COST = 50
 
-_VERSION = 2
-_BLOCKS, _DRAWS = "blocks", "draws"
-_FILES = (_BLOCKS, _DRAWS, "posterior.nc")  # the last one while the report is written
+T = TypeVar("T")
 
-_Count = Annotated[int, Field(ge=0, lt=2**62)]
-
-
-class _SignedLine(BaseModel):
-    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
-
-    def written(self) -> bytes:
-        """The line, with its digest before it."""
-        text = json.dumps(self.model_dump()).encode()
-        return hashlib.sha256(text).hexdigest().encode() + b" " + text + b"\n"
-
-
-class _HeadLine(_SignedLine):
-    """What all blocks are of."""
-
-    version: int
-    fingerprint: dict[str, str]
-
-
-class _EstimateLine(_SignedLine):
-    """What was found before the first step."""
-
-    estimate: dict[str, Any]
-
-
-class _BlockLine(_SignedLine):
-    """A block of steps of all ensembles: where it is in the file of draws, and its digest."""
-
-    stage: _Count
-    block: _Count
-    offset: _Count
-    shape: tuple[_Count, _Count, _Count, _Count]  # steps, ensembles, walkers, θ and log-density
-    sha256: str
-    moves: tuple[dict[str, tuple[_Count, _Count]], ...]
-    singular: _Count
-    seconds: Annotated[float, Field(ge=0, allow_inf_nan=False)]  # spent on the stage so far
-
-    @property
-    def size(self) -> int:
-        """Bytes of draws."""
-        return 8 * math.prod(self.shape)
-
-
-_ANY_LINE = TypeAdapter[_HeadLine | _EstimateLine | _BlockLine](_HeadLine | _EstimateLine | _BlockLine)
+_VERSION = 3
+_RUN, _STAGE = "run.npz", "stage-{}.npz"
+_OLDER = {"blocks", "draws"}  # files of version 2
+_DRAWS = "posterior.nc"  # while the report is written
 
 
 class UnfinishedRun:
     """The directory of a run that is not finished, locked by the process that is at work on it.
 
-    ``draws`` has the draws of blocks of steps, one after the other. ``blocks`` has a line for each, with its digest,
-    and before them what the run is of, twice, and the mode that was found. Both only grow, the draws first. The random
-    numbers of a block are a function of its number: one that is damaged is made again, bit for bit, and the others
-    stay.
+    ``run.npz`` says what the run is of, and has the mode that was found; ``stage-N.npz`` has the steps of a stage so
+    far. Each is written whole or not at all, and its archive has a check sum. The random numbers of a block of steps
+    are a function of its number: a stage whose file is damaged is made again, bit for bit.
 
     Parameters
     ----------
@@ -88,7 +50,7 @@ class UnfinishedRun:
     resume
         Go on with what is there; where nothing is, begin.
     tell
-        Called with one line where blocks are damaged, where there is no run to go on with, and where none can be
+        Called with one line where a stage is damaged, where there is no run to go on with, and where nothing can be
         written.
     remedy
         What a user should do who did not ask to go on.
@@ -104,7 +66,7 @@ class UnfinishedRun:
 
     def __init__(
         self,
-        path: str | os.PathLike[str],
+        path: str | PathLike[str],
         *,
         resume: bool = False,
         tell: Callable[[str], None] = lambda _: None,
@@ -120,16 +82,18 @@ class UnfinishedRun:
             private=True,
         )
         self._resume, self._tell, self._remedy = resume, tell, remedy
-        self._head: _HeadLine | None = None
-        self._blocks: dict[tuple[int, int], _BlockLine] = {}  # by stage and number
-        self._rows: dict[int, int] = {}  # of each stage: so many blocks from its first one on are on disk
-        self._end = dict.fromkeys((_BLOCKS, _DRAWS), 0)  # what comes after it was not written whole
-        self._begun = self._kept_estimate = self._failed = self._discarded = False
+        self._fingerprint: dict[str, str] | None = None
+        self._stages: dict[int, tuple[Stage, list[EnsembleState], float]] = {}  # as they were read
+        self._steps: dict[int, int] = {}  # of each stage, on disk
+        #: Whether there is anything to go on from.
+        self.holds_a_run = False
+        self._run_is_written = self._failed = self._discarded = False
         self._saved = self._cost = 0.0
 
     def __enter__(self) -> Self:
         self._own.__enter__()
         try:
+            swept(self.path)
             self._look()
         except BaseException:
             self._own.leave()
@@ -145,14 +109,9 @@ class UnfinishedRun:
         self._own.leave()
 
     @property
-    def holds_a_run(self) -> bool:
-        """Whether there is anything to go on from."""
-        return self._end[_BLOCKS] > 0
-
-    @property
     def steps(self) -> int:
         """Steps of each ensemble that are on disk, of all stages."""
-        return sum(block.shape[0] for block in self._blocks.values())
+        return sum(self._steps.values())
 
     def begin(self, fingerprint: Mapping[str, str]) -> None:
         """Say what this is a run of: parts by name, each as a short text.
@@ -162,8 +121,8 @@ class UnfinishedRun:
         CheckpointError
             If what is there is of something else: which parts.
         """
-        kept = dict(fingerprint) if self._head is None else self._head.fingerprint
-        self._head = _HeadLine(version=_VERSION, fingerprint=dict(fingerprint))
+        kept = dict(fingerprint) if self._fingerprint is None else self._fingerprint
+        self._fingerprint = dict(fingerprint)
         names = [name for name in {**kept, **fingerprint} if kept.get(name) != fingerprint.get(name)]
         if names:
             differences = "; ".join(
@@ -178,93 +137,50 @@ class UnfinishedRun:
 
     def keep_estimate(self, estimate: dict[str, Any]) -> None:
         """Keep what was found before the first step; written at once where finding it took long."""
-        self.estimate, self._kept_estimate = estimate, False
+        self.estimate, self._run_is_written = estimate, False
         if self._due(now=False):
             with self._timed():
-                self._write([], b"")
+                self._write_run()
 
-    def block(self, stage: int, number: int, shape: tuple[int, ...]) -> list[StepBlock] | None:
-        """A block of all ensembles of a stage, if it is on disk and of this shape."""
-        kept = self._blocks.get((stage, number))
-        if kept is None or kept.shape != shape:
-            self._blocks.pop((stage, number), None)
-            return None
-        values = np.frombuffer(self._content(_DRAWS, kept.offset, kept.size), dtype="<f8").reshape(kept.shape)
-        return [
-            StepBlock(
-                np.ascontiguousarray(values[:, e, :, :-1], dtype=float),
-                np.ascontiguousarray(values[:, e, :, -1], dtype=float),
-                {name: MoveCount(*count) for name, count in moves.items()},
-                kept.singular if e == 0 else 0,
-            )
-            for e, moves in enumerate(kept.moves)
-        ]
+    def stage(self, number: int) -> tuple[Stage, list[EnsembleState], float] | None:
+        """A stage that was on disk, where its ensembles stand, and the seconds spent on it; None where it was not."""
+        return self._stages.pop(number, None)
 
-    def ends_with(self, stage: int, rows: int) -> bool:
-        """Whether the last of so many blocks of a stage is on disk, and the next one is not."""
-        return (stage, rows - 1) in self._blocks and (stage, rows) not in self._blocks
-
-    def seconds(self, stage: int) -> float:
-        """Time that was spent on a stage before this process went on with it."""
-        return max((block.seconds for (of, _), block in self._blocks.items() if of == stage), default=0.0)
-
-    def keep(self, number: int, first: int, rows: list[list[StepBlock]], seconds: float, *, now: bool = False) -> None:
-        """Write the blocks that are not on disk if the last writing is long enough ago, or now.
+    def keep(self, number: int, stage: Stage, seconds: float, *, now: bool = False) -> None:
+        """Write a stage if it has new steps and the last writing is long enough ago, or now.
 
         Parameters
         ----------
         number : int
             Number of the stage.
-        first : int
-            Number of the first of these rows.
-        rows : list of list of StepBlock
-            The last blocks of all ensembles, and all that are not on disk among them.
+        stage : Stage
+            All steps so far.
         seconds : float
             Time spent on it.
         now : bool
             Write whenever there is something new.
         """
-        new = [(n, row) for n, row in enumerate(rows, first) if (number, n) not in self._blocks]
-        if not new or not self._due(now=now):
+        if self._steps.get(number, 0) == stage.step or not self._due(now=now):
             return
         with self._timed():
-            blocks, content = list[_BlockLine](), bytearray()
-            for n, row in new:
-                draws = _bytes(row)
-                blocks.append(
-                    _BlockLine(
-                        stage=number,
-                        block=n,
-                        offset=self._end[_DRAWS] + len(content),
-                        shape=(len(row[0].theta), len(row), row[0].theta.shape[1], row[0].theta.shape[2] + 1),
-                        sha256=hashlib.sha256(draws).hexdigest(),
-                        moves=tuple({k: (int(c.accepted), int(c.proposed)) for k, c in b.moves.items()} for b in row),
-                        singular=sum(int(block.singular) for block in row),
-                        seconds=seconds,
-                    )
-                )
-                content += draws
-            self._write(blocks, bytes(content))
-
-    def rows_on_disk(self, number: int) -> int:
-        """Blocks of a stage that have been written, from its first one to the first that has not."""
-        count = self._rows.get(number, 0)
-        while (number, count) in self._blocks:
-            count += 1
-        self._rows[number] = count
-        return count
+            self._write_run()
+            self._write(_STAGE.format(number), *_taken_apart(stage, seconds))
+            self._steps[number] = stage.step
 
     def discard(self) -> None:
         """Remove the directory: the run is finished, or was never begun. What is not ours in it stays."""
-        self._own.dissolve(*_FILES)
+        self._own.dissolve(_RUN, _DRAWS, *(_STAGE.format(number) for number in self._stage_numbers()))
         self._discarded = True
+
+    def _stage_numbers(self) -> list[int]:
+        matches = (re.fullmatch(r"stage-(\d{1,3})\.npz", name) for name in self._own.names())
+        return sorted(int(match[1]) for match in matches if match)
 
     def _look(self) -> None:
         """Read what is there, and leave out what is damaged."""
         names = self._own.names()
-        text = self._content(_BLOCKS) if _BLOCKS in names else b""
-        self._end[_BLOCKS] = text.rfind(b"\n") + 1
-        if not text:
+        self.holds_a_run = bool(names & {_RUN, *_OLDER})
+        if not self.holds_a_run:
             if self._resume:
                 self._tell(f"{self.path}: found no unfinished run; beginning one")
             return
@@ -273,43 +189,34 @@ class UnfinishedRun:
                 f"{self.path}: found an unfinished run; expected none; to go on with it {self._remedy}, or remove that "
                 "directory to begin anew"
             )
-        lines = [_parsed(line) for line in text[: self._end[_BLOCKS]].split(b"\n")[:-1]]
-        damaged = lines.count(None)
-        for line in lines:
-            if isinstance(line, _HeadLine):
-                self._head, self._begun = line, True
-            elif isinstance(line, _EstimateLine):
-                self.estimate, self._kept_estimate = line.estimate, True
-            elif isinstance(line, _BlockLine):
-                if _DRAWS in names and self._is_whole(line):
-                    self._blocks[line.stage, line.block] = line
-                    self._end[_DRAWS] = max(self._end[_DRAWS], line.offset + line.size)
-                else:
-                    damaged += 1
-        if self._head is None or self._head.version != _VERSION:
-            state = "a damaged checkpoint" if self._head is None else f"checkpoint version {self._head.version}"
+        record: dict[str, Any] | None
+        record = self._read(_RUN, lambda plain, _: dict(plain)) if _RUN in names else {"version": 2}
+        if record is None or record.get("version") != _VERSION:
+            state = "a damaged checkpoint" if record is None else f"checkpoint version {record.get('version')}"
             raise CheckpointError(
                 f"{self.path}: found {state}; expected version {_VERSION}; remove that directory to begin anew"
             )
-        if damaged:
-            self._tell(f"{self.path}: found {damaged} damaged blocks of steps; they are made again")
+        self._fingerprint, self.estimate, self._run_is_written = (
+            record.get("fingerprint", {}),
+            record.get("estimate"),
+            True,
+        )
+        for number in self._stage_numbers():
+            stage = self._read(_STAGE.format(number), _put_together)
+            if stage is None:
+                self._tell(f"{self.path}: found a damaged {_STAGE.format(number)}; its steps are made again")
+            else:
+                self._stages[number], self._steps[number] = stage, stage[0].step
 
-    def _is_whole(self, block: _BlockLine) -> bool:
-        """Whether the draws of a block are as they were written."""
-        if not block.size or len(block.moves) != block.shape[1] or block.shape[3] < 2:
-            return False
-        content = self._content(_DRAWS, block.offset, block.size)
-        if hashlib.sha256(content).hexdigest() != block.sha256:
-            return False
-        return bool(np.isfinite(np.frombuffer(content, dtype="<f8")).all())
-
-    def _content(self, name: str, offset: int = 0, size: int | None = None) -> bytes:
-        """What is in a file, or so many bytes of it; nothing if it has not as many."""
-        with os.fdopen(self._own.open(name, os.O_RDONLY), "rb") as stream:
-            if size is not None and offset + size > os.fstat(stream.fileno()).st_size:
-                return b""
-            stream.seek(offset)
-            return stream.read(-1 if size is None else size)
+    def _read(self, name: str, make: Callable[[dict[str, Any], dict[str, NDArray[Any]]], T]) -> T | None:
+        """What is made of the record and the arrays of a file; None where they are not what was written."""
+        with fdopen(self._own.open(name, O_RDONLY), "rb") as stream:
+            try:
+                with np.load(stream, allow_pickle=False) as archive:
+                    arrays = dict(archive)
+                return make(json.loads(str(arrays.pop("record"))), arrays)
+            except Exception:  # a flipped bit may lead to any
+                return None
 
     def _due(self, *, now: bool) -> bool:
         return now or time.monotonic() - self._saved >= max(SECONDS_BETWEEN, _TIMES_THE_COST * self._cost)
@@ -320,34 +227,69 @@ class UnfinishedRun:
         begun = time.monotonic()
         try:
             yield
-        except (OSError, WriteError) as error:
-            reason = getattr(error, "strerror", None) or error
+        except WriteError as error:
+            reason = getattr(error.__cause__, "strerror", None) or error
             if not self._failed:
                 self._tell(f"{self.path}: no checkpoint could be written ({reason}); going on without")
             self._failed = True
         self._saved = time.monotonic()
         self._cost = self._saved - begun
 
-    def _write(self, blocks: list[_BlockLine], draws: bytes) -> None:
-        """Append draws, and then the lines that say what they are."""
-        assert self._head is not None
-        lines = [] if self._begun else [self._head.written()] * 2  # either will do
-        if self.estimate is not None and not self._kept_estimate:
-            lines.append(_EstimateLine(estimate=self.estimate).written())
-        lines += [block.written() for block in blocks]
-        text = b"".join(lines)
-        for name, content in ((_DRAWS, draws), (_BLOCKS, text)):
-            with os.fdopen(self._own.open(name, os.O_WRONLY | os.O_CREAT), "wb") as stream:
-                stream.truncate(self._end[name])
-                stream.seek(self._end[name])
-                stream.write(content)
-                stream.flush()
-                os.fsync(stream.fileno())
-        if not self._begun:
-            sync_directory(self.path)
-        self._end = {_DRAWS: self._end[_DRAWS] + len(draws), _BLOCKS: self._end[_BLOCKS] + len(text)}
-        self._begun, self._kept_estimate = True, self.estimate is not None
-        self._blocks |= {(block.stage, block.block): block for block in blocks}
+    def _write_run(self) -> None:
+        if not self._run_is_written:
+            record = {"version": _VERSION, "fingerprint": self._fingerprint, "estimate": self.estimate}
+            self._write(_RUN, record, {})
+            self._run_is_written = True
+
+    def _write(self, name: str, record: dict[str, Any], arrays: Mapping[str, Any]) -> None:
+        content = io.BytesIO()
+        text = json.dumps(record, default=lambda value: value.tolist())
+        np.savez(content, record=np.array(text), **arrays)
+        write_whole_file(self.path / name, content.getbuffer())
+        self.holds_a_run = True
+
+
+def _taken_apart(stage: Stage, seconds: float) -> tuple[dict[str, Any], dict[str, Array]]:
+    """A stage as plain values and arrays: of a long one the steps that it holds, and always the last."""
+    every, ends = spacing(stage.step), [block.end for block in stage.blocks[-1]]
+    theta, log_density = stage.held.joined(stage.blocks, every)
+    record = {
+        "step": stage.step,
+        "every": every,
+        "checks": [asdict(check) for check in stage.checks],
+        "counts": {name: (count.accepted, count.proposed) for name, count in stage.counts.items()},
+        "accepted": stage.accepted,
+        "singular": stage.singular,
+        "seconds": seconds,
+    }
+    return record, {
+        "theta": theta,
+        "log_density": log_density,
+        "end": np.stack([state.theta for state in ends]),
+        "end_log_density": np.stack([state.log_density for state in ends]),
+    }
+
+
+def _put_together(
+    record: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> tuple[Stage, list[EnsembleState], float]:
+    """A stage, where its ensembles stand, and the seconds spent on it, from what `_taken_apart` made of it."""
+    stage = Stage(
+        checks=[_check(plain) for plain in record["checks"]],
+        step=record["step"],
+        held=HeldSteps(record["step"], record["every"], [arrays["theta"]], [arrays["log_density"]]),
+        counts={name: MoveCount(*count) for name, count in record["counts"].items()},
+        accepted=list(record["accepted"]),
+        singular=record["singular"],
+    )
+    pairs = zip(arrays["end"], arrays["end_log_density"], strict=True)
+    return stage, [EnsembleState(theta, log_density) for theta, log_density in pairs], record["seconds"]
+
+
+def _check(plain: dict[str, Any]) -> Check:
+    arrays = {name: np.array(plain[name], dtype=float) for name in ("tau", "r_hat")}
+    end_error = plain["end_error"] and EndError(**plain["end_error"])
+    return Check(**{**plain, **arrays, "end_error": end_error})
 
 
 def require_same_density(log_density: LogDensity, states: list[EnsembleState]) -> None:
@@ -366,20 +308,3 @@ def require_same_density(log_density: LogDensity, states: list[EnsembleState]) -
                 f"checkpoint: found ln p = {computed[worst]:.6g} where the unfinished run had "
                 f"{state.log_density[worst]:.6g}; expected the same density; undo the change, or begin anew"
             )
-
-
-def _bytes(row: list[StepBlock]) -> bytes:
-    """A block of all ensembles as it is kept: θ and log-density, the steps slowest."""
-    values = [np.concatenate([block.theta, block.log_density[..., None]], axis=-1) for block in row]
-    return np.stack(values, axis=1).astype("<f8", copy=False).tobytes()
-
-
-def _parsed(written: bytes) -> _HeadLine | _EstimateLine | _BlockLine | None:
-    """What a line says; None where it is not what was written."""
-    digest, _, text = written.partition(b" ")
-    if hashlib.sha256(text).hexdigest().encode() != digest:
-        return None
-    try:
-        return _ANY_LINE.validate_json(text)
-    except ValueError:
-        return None

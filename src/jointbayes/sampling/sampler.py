@@ -132,35 +132,38 @@ def run_stage(
     """
     import jointbayes.sampling.moves  # noqa: F401  (emcee's import is no part of the sampling that is timed)
 
-    states, stage = initial_states(log_density, start, settings), Stage()
-    verdict = stage.verdict(settings)
     number = streams.stage
-    began = time.perf_counter() - (keeper.seconds(number) if keeper is not None else 0.0)
+    kept = None if keeper is None else keeper.stage(number)
+    if kept is None:
+        stage, states, spent = Stage(), initial_states(log_density, start, settings), 0.0
+    else:
+        stage, states, spent = kept
+        require_same_density(log_density, states)
+    verdict, whole_steps, began = stage.verdict(settings), stage.step, time.perf_counter() - spent
 
     def is_done() -> bool:
         return verdict.converged or stage.step >= settings.max_steps or bool(slow and stage.is_slow(slow))
 
     def keep(*, now: bool) -> None:
         if keeper is not None:
-            keeper.keep(number, stage.held.rows, stage.blocks, time.perf_counter() - began, now=now)
+            keeper.keep(number, stage, time.perf_counter() - began, now=now)
 
     moves, processes = weighted_moves(coordinates, proposal), min(settings.processes, settings.ensembles)
-    kept = None if keeper is None else keeper.block
     try:
         with mover(log_density, moves, processes) as move_on:
             while not is_done():
                 with finished_first(wait=keeper is not None) as asked_to_stop:
-                    states = stage.extend(move_on, states, streams, settings, kept)
-                    if keeper is not None and keeper.ends_with(number, stage.rows):
-                        require_same_density(log_density, states)
+                    states = stage.extend(move_on, states, streams, settings)
+                    whole_steps = stage.step
                     stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
                     verdict = stage.verdict(settings)
                     keep(now=bool(asked_to_stop) or is_done())
-                    stage.condense(stage.rows if keeper is None else keeper.rows_on_disk(number))
+                    stage.condense()
                 if progress is not None:
                     progress(stage.report(settings, verdict, time.perf_counter() - began))
     except KeyboardInterrupt:
-        keep(now=True)
+        if stage.step == whole_steps:  # a second signal may have come before a block was counted
+            keep(now=True)
         raise
     return stage.chains(settings, verdict, time.perf_counter() - began)
 
