@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
 from jointbayes.case.case import AnyCase, Case, case_around, require_case
-from jointbayes.errors import MeasurementError, ModelError
+from jointbayes.errors import ModelError
 from jointbayes.identification import (
     Images,
     IterationHistory,
@@ -26,8 +26,10 @@ from jointbayes.identification import (
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
-from jointbayes.posterior.run_record import run_fingerprint, sampler_figures
-from jointbayes.posterior.storage import draws_tree, estimate_record
+from jointbayes.posterior.file_record import estimate_record, parse_estimate
+from jointbayes.posterior.run_record import sampler_figures
+from jointbayes.posterior.storage import draws_tree
+from jointbayes.posterior.stored_problem import run_fingerprint
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
     Chains,
@@ -271,21 +273,11 @@ def _found_mode(
     if checkpoint is None:
         return find_map(case, seed=seed, tell=tell)
     problem, _ = _problem_and_case(case)
-    estimate = None
-    if checkpoint.estimate is not None:
-        from jointbayes.posterior.file_record import parse_estimate
-        from jointbayes.posterior.stored_file import require_estimate
-
-        try:
-            kept = parse_estimate(checkpoint.estimate, str(checkpoint.path))
-            require_estimate(problem, kept, str(checkpoint.path))
-            estimate = kept.estimate
-        except MeasurementError:
-            tell(f"{checkpoint.path}: found no estimate of the mode of this problem; searching for the mode again")
-    if estimate is None:
+    if checkpoint.estimate is None:
         estimate = find_map(case, seed=seed, tell=tell)
         checkpoint.keep_estimate(estimate_record(estimate))
         return estimate
+    estimate = parse_estimate(checkpoint.estimate, f"{checkpoint.path}: mode")
     tell(f"going on with the run that was interrupted, after {checkpoint.steps} steps")
     iteration = identify(case) if part_to_iterate(problem) is not None else None
     return replace(estimate, iteration=iteration)

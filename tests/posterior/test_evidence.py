@@ -1,6 +1,7 @@
 """The evidence: its parts against closed forms, and when which method is used."""
 
 import importlib
+import json
 import math
 
 import numpy as np
@@ -14,10 +15,9 @@ from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
-from jointbayes.posterior.file_record import parse_estimate
+from jointbayes.posterior.file_record import estimate_record, parse_estimate
 from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.quadrature import Quadrature
-from jointbayes.posterior.storage import estimate_record
 from jointbayes.sampling import Proposal, StudentT, fit_proposal, starting_walkers
 from tests.conftest import CONFIGS
 
@@ -365,7 +365,8 @@ class TestModes:
         )
         assert start.shape == (settings.ensembles, settings.walkers, 3)
         assert ((start[..., 2] > 0).sum(axis=1) == settings.walkers // 2).all()
-        back = parse_estimate(estimate_record(estimate), "").estimate
+        plain = json.dumps(estimate_record(estimate), default=lambda array: array.tolist())
+        back = parse_estimate(json.loads(plain), "")
         for one, other in zip(back.starts_for_draws, estimate.starts_for_draws, strict=True):
             np.testing.assert_array_equal(one[0], other[0])
             np.testing.assert_array_equal(one[1], other[1])

@@ -148,7 +148,7 @@ def test_what_is_excluded_is_in_a_file_and_found_anew_for_one_that_lacks_it(boun
     knowledge = of_bounded.knowledge
     bounded.save(tmp_path / "draws.nc", knowledge)
     kept = jb.load_posterior(tmp_path / "draws.nc")
-    older = replace(bounded, kept_knowledge={k: v for k, v in knowledge.kept().items() if k != "simpler"})
+    older = replace(bounded, _kept_knowledge=replace(knowledge.kept, simpler=None))
     vars(older).update({name: found for name, found in vars(bounded).items() if name not in vars(older)})
     assert gather_knowledge(older, older.case.workshop_problem).simpler == knowledge.simpler
     monkeypatch.setattr("jointbayes.posterior.information.knowledge.simpler_joints", lambda _: pytest.fail("kept"))

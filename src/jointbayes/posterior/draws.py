@@ -1,7 +1,6 @@
 """Draws from a posterior in physical units, the mode, and what is computed from them alone."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -48,8 +47,6 @@ class PosteriorDraws:
         How the draws came about.
     case
         The case that was sampled, for its report; None where there was none.
-    kept_knowledge
-        What `gather_knowledge` once found, as it was read with the draws; None where nothing was kept.
     """
 
     problem: Problem
@@ -59,7 +56,8 @@ class PosteriorDraws:
     mode_log_density: float
     record: RunRecord
     case: SampledCase | None = None
-    kept_knowledge: Mapping[str, Any] | None = None
+    #: What `gather_knowledge` once found, as it was read with the draws.
+    _kept_knowledge: Any = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         lines = [f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"]

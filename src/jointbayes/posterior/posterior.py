@@ -2,8 +2,8 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Self
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import xarray as xr
@@ -13,8 +13,9 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import Level, Test
 from jointbayes.inference.test import own_name
 from jointbayes.posterior.draws import PosteriorDraws
+from jointbayes.posterior.file_record import BestDraw, FileRecord
 from jointbayes.posterior.information.knowledge import Knowledge
-from jointbayes.posterior.storage import estimate_record, log_prior_of_joint, write_tree
+from jointbayes.posterior.storage import log_prior_of_joint, write_tree
 from jointbayes.posterior.stored_problem import add_problem
 from jointbayes.posterior.summary import Summary, summarise
 from jointbayes.posterior.verdicts import JudgedPosterior, reasons_for_no_verdict
@@ -352,16 +353,17 @@ class Posterior(JudgedPosterior):
         WriteError
             If the file cannot be written; an older one is then still there.
         """
-        record: dict[str, Any] = {
-            "record": asdict(self.record),
-            "mode": {"theta": self.mode_theta.tolist(), "log_density": self.mode_log_density},
-            "map": estimate_record(self.estimate),
-            "knowledge": self.kept_knowledge if knowledge is None else knowledge.kept(),
-            "of_case_text": self.case is not None and self.case.stated is self.problem,
-        }
-        tree, record["problem"] = add_problem(self.tree, self.problem)
+        tree, description = add_problem(self.tree, self.problem)
+        record = FileRecord(
+            self.record,
+            BestDraw(self.mode_theta, self.mode_log_density),
+            self.estimate,
+            description,
+            self._kept_knowledge if knowledge is None else knowledge.kept,
+            self.case is not None and self.case.stated is self.problem,
+        )
         if self.problem.prior.marginals:
             before = log_prior_of_joint(self.problem.prior, self.theta.reshape(*self.log_density.shape, -1))
             groups = {name: node.to_dataset() for name, node in tree.children.items()}
             tree = xr.DataTree.from_dict({**groups, "log_prior": before})
-        write_tree(tree, record, path)
+        write_tree(tree, record.as_text(), path)

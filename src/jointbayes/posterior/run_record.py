@@ -1,12 +1,11 @@
-"""How the draws of a posterior came about, of which case and data they are, and by what a run that goes on is known."""
+"""How the draws of a posterior came about, and of which case and data they are."""
 
 import hashlib
-import json
 import platform
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Any, Protocol
+from typing import Annotated, Any, NotRequired, Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +14,31 @@ from jointbayes.arrays import Array
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
-from jointbayes.posterior.stored_problem import described
 from jointbayes.reproducibility import code_version
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
 
-#: Settings that change no draw, and tables of a case that are only shown or compared with the result.
-_NO_MATTER = frozenset({"processes"})
-_ONLY_SHOWN = frozenset({"title", "reference", "sampling", "compare", "plan", "virtual_test", "setups"})
-_SHOWN = 60  # characters; of longer values a digest
-_PACKAGES = ("numpy", "scipy", "numba", "emcee")
+_Count = Annotated[int, (0, 2**63)]
+
+
+class SamplerFigures(TypedDict):
+    """Settings and figures of the sampler; NaN where a chain was too short for one."""
+
+    ensembles: _Count
+    walkers: _Count
+    steps: _Count
+    max_steps: _Count
+    burn_in: _Count
+    processes: NotRequired[_Count]
+    thin: Annotated[int, (1, 2**31)]
+    acceptance: Annotated[float, (0, 1)]
+    move_acceptance: Mapping[str, float]
+    proposal_efficiency: float
+    tau: Mapping[str, float]
+    ess: Mapping[str, float]
+    evaluations: _Count
+    singular: _Count
+    seconds: Annotated[float, (0, 1e12)]
+    ess_per_second: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +63,10 @@ class RunRecord:
 
     case_name: str
     case_text: str
-    seed: int
+    seed: Annotated[int, (0, 2**128)]
     converged: bool
     reason: str
-    sampler: Mapping[str, Any]
+    sampler: SamplerFigures
     r_hat: Mapping[str, float]
     versions: Mapping[str, str]
 
@@ -115,10 +130,11 @@ def data_sha256(problem: Problem) -> str:
     arrays: list[NDArray[Any]] = [array for part in problem.parts for array in part.test.data.arrays.values()]
     for body in bodies_of(problem).values():
         arrays += body.arrays
-    return _sha256(arrays)
+    return sha256_of(arrays)
 
 
-def _sha256(arrays: Iterable[NDArray[Any]]) -> str:
+def sha256_of(arrays: Iterable[NDArray[Any]]) -> str:
+    """Digest of the numbers in arrays, the same on every machine."""
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<")).tobytes())
@@ -127,7 +143,7 @@ def _sha256(arrays: Iterable[NDArray[Any]]) -> str:
 
 def sampler_figures(
     settings: SamplerSettings, chains: Chains, proposal: Proposal, names: Sequence[str]
-) -> dict[str, Any]:
+) -> SamplerFigures:
     """Settings and figures of a run of the ensembles, as the record has them; `names` are those of the coordinates."""
     ess = chains.ess
     return {
@@ -159,60 +175,3 @@ def package_versions() -> dict[str, str]:
         **{name: version(name) for name in packages},
         "jointbayes": code_version(),
     }
-
-
-def run_fingerprint(problem: Problem, case: SampledCase | None, seed: int, settings: SamplerSettings) -> dict[str, str]:
-    """Parts of a run by name: seed, settings, versions, data, and the keys of the case or the parts of the problem.
-
-    Parameters
-    ----------
-    problem
-        What is sampled.
-    case
-        The case that states it, if one does.
-    seed, settings
-        Of the run.
-    """
-    parts = {"seed": str(seed), "data": "".join(_sha256(test.data.arrays.values())[:16] for test in problem.tests)}
-    for part in problem.parts:
-        if (joint_frf := part.test.data.joint_frf) is not None:
-            values = np.ascontiguousarray(joint_frf.values)
-            name = f"data at the joint in {part.test.name}" if part.test.name else "data at the joint"
-            parts[name] = hashlib.sha256(values.tobytes()).hexdigest()[:16]
-    for name, body in bodies_of(problem).items():
-        digest = hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in body.arrays))
-        parts[f"measured body {name}"] = digest.hexdigest()[:16]
-    parts |= {
-        f"sampling.{setting.name}": str(getattr(settings, setting.name))
-        for setting in fields(settings)
-        if setting.name not in _NO_MATTER
-    }
-    if case is not None and case.stated is problem and case.setups:
-        for setup in case.setups:
-            tables = json.loads(setup.spec.model_dump_json(exclude=set(_ONLY_SHOWN)))
-            parts |= _flat(tables, f"setups.{setup.name}." if setup.name else "")
-    else:
-        parts |= {name: _short(plain) for name, plain in described(problem).items() if name != "name"}
-    versions = {
-        "python": platform.python_version(),
-        **{name: version(name) for name in _PACKAGES},
-        "jointbayes": code_version(),
-    }
-    return parts | {f"version of {name}": number for name, number in versions.items()}
-
-
-def _flat(table: Mapping[str, Any], above: str = "") -> dict[str, str]:
-    """Values by dotted key."""
-    flat: dict[str, str] = {}
-    for key, value in table.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{above}{key}.")
-        elif value is not None:
-            flat[f"{above}{key}"] = _short(value)
-    return flat
-
-
-def _short(value: object) -> str:
-    """A value as a message may show it; of a long one its digest."""
-    text = json.dumps(value, ensure_ascii=False, sort_keys=True)
-    return text if len(text) <= _SHOWN else hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -3,10 +3,8 @@
 The edge to ArviZ: its 0.x (InferenceData) and 1.x (DataTree) differ.
 """
 
-import json
 import os
 import warnings
-from dataclasses import asdict
 from functools import singledispatch
 from importlib.metadata import version
 from types import ModuleType
@@ -18,14 +16,11 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf import FrfSet
-from jointbayes.identification import MapEstimate
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.measurement import Data, FrequencyData, FrfData, ModeData, Observed
 from jointbayes.sampling import Draws
 from jointbayes.whole_file import write_whole_file
 
-#: Of the file: raised when an older reader would misread it. Version 1 held the text of a case instead of a problem.
-FILE_VERSION = 2
 #: Attribute that holds the record.
 RECORD = "jointbayes"
 _FRF_DIMS = ("frequency", "output", "input")
@@ -200,32 +195,8 @@ def log_prior_of_joint(prior: JointPrior, theta: Array) -> xr.Dataset:
     return xr.Dataset({"joint": (("chain", "draw"), density)}, attrs=attrs)
 
 
-def estimate_record(estimate: MapEstimate) -> dict[str, Any]:
-    """JSON-ready form of a MAP estimate."""
-    return {
-        "theta": estimate.theta.tolist(),
-        "stiffness": estimate.values.tolist(),
-        "covariance": estimate.covariance.tolist(),
-        "log_posterior": estimate.log_posterior,
-        "starts": [
-            {**asdict(start), "start": start.start.tolist(), "stiffness": start.stiffness.tolist()}
-            for start in estimate.starts
-        ],
-        "modes": [
-            {
-                "theta": mode.theta.tolist(),
-                "covariance": mode.covariance.tolist(),
-                "log_posterior": mode.log_posterior,
-                "inside": mode.inside and [array.tolist() for array in mode.inside],
-            }
-            for mode in estimate.modes
-        ],
-        "effort": asdict(estimate.effort) if estimate.effort is not None else None,
-    }
-
-
-def write_tree(tree: xr.DataTree, record: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Write groups and record, whole or not at all; the record goes into one JSON attribute.
+def write_tree(tree: xr.DataTree, record: str, path: str | os.PathLike[str]) -> None:
+    """Write groups and record, whole or not at all; the record, JSON text, goes into one attribute.
 
     NetCDF knows neither booleans nor dictionaries as attributes. The file is made in memory: where a disk is full,
     the HDF5 library ends the whole process.
@@ -236,7 +207,7 @@ def write_tree(tree: xr.DataTree, record: dict[str, Any], path: str | os.PathLik
         If the file cannot be written.
     """
     stored = tree.copy()
-    stored.attrs = {RECORD: json.dumps({"file_version": FILE_VERSION, **record})}
+    stored.attrs = {RECORD: record}
     view = stored.to_netcdf(None, engine="h5netcdf")
     assert isinstance(view, memoryview)
     content = bytes(view)

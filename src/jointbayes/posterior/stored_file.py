@@ -20,10 +20,11 @@ from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.measurement.formats.array_files import read_arrays
 from jointbayes.posterior.draws import PosteriorDraws
-from jointbayes.posterior.file_record import EstimateRecord, FileRecord, parse_record
+from jointbayes.posterior.file_record import FileRecord, parse_record
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.storage import RECORD, value_units, values_tree
-from jointbayes.posterior.stored_problem import PROBLEM_GROUP, REMEDY, problem_from, require_same_problem
+from jointbayes.posterior.stored_problem import PROBLEM_GROUP, problem_from, require_same_problem
+from jointbayes.posterior.typed import REMEDY
 
 _EXPECTED = "expected a posterior.nc written by jointbayes"
 _LEAST = 2  # draws of a chain, and of the prior: one has no spread
@@ -161,7 +162,7 @@ def read_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
         As `jointbayes.load_posterior` says.
     """
     stored, passed = read_stored(path), problem is not None
-    where, record, description = stored.where, stored.record, stored.record.stored_problem
+    where, record, description = stored.where, stored.record, stored.record.problem
     with one_line_of(where):
         if problem is None:
             problem = problem_from(stored.problem_array, description, where)
@@ -171,11 +172,11 @@ def read_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
         posterior = Posterior(
             problem,
             stored.draws(problem),
-            record.map.estimate,
-            np.array(record.mode.theta),
+            record.map,
+            record.mode.theta,
             record.mode.log_density,
-            record.run,
-            kept_knowledge=None if record.knowledge is None else record.knowledge.model_dump(),
+            record.record,
+            _kept_knowledge=record.knowledge,
         )
         if not passed:
             _require_same_density(posterior, where, passed=False)
@@ -206,7 +207,8 @@ def read_stored(path: str | os.PathLike[str]) -> StoredFile:
     text = groups.get("", {}).get(RECORD)
     if text is None or text.dtype.kind != "U" or text.ndim:
         raise MeasurementError(f"{where}: found no posterior in it; {_EXPECTED}; give the path of one")
-    return StoredFile(where, parse_record(str(text), where), groups)
+    with one_line_of(where):
+        return StoredFile(where, parse_record(str(text), where), groups)
 
 
 @contextmanager
@@ -237,62 +239,43 @@ def _require_agreement(problem: Problem, record: FileRecord, where: str) -> None
     MeasurementError
         If anything has another shape or other names: which.
     """
-    names, d = problem.names, len(problem.names)
-    expected: dict[str, tuple[object, object]] = {"mode.theta": (len(record.mode.theta), d)}
-    for name, given in (
-        ("r_hat", record.record.r_hat),
-        ("sampler.tau", record.record.sampler.tau),
-        ("sampler.ess", record.record.sampler.ess),
-    ):
-        expected[f"record.{name}"] = (sorted(given), sorted(names))
+    d, q, estimate, sampler = len(problem.names), len(problem.quantities), record.map, record.record.sampler
+    names = {"r_hat": record.record.r_hat, "sampler.tau": sampler["tau"], "sampler.ess": sampler["ess"]}
+    expected: dict[str, tuple[object, object]] = {
+        f"record.{name}": (sorted(values), sorted(problem.names)) for name, values in names.items()
+    }
+    expected["record.versions"] = ([name for name in record.record.versions if name == "jointbayes"], ["jointbayes"])
+    shapes = {"mode.theta": (record.mode.theta, d), "map.theta": (estimate.theta, d)}
+    shapes["map.stiffness"], covariances = (estimate.values, q), {"map": estimate.covariance}
+    for i, start in enumerate(estimate.starts):
+        shapes |= {f"map.starts.{i}.start": (start.start, q), f"map.starts.{i}.stiffness": (start.stiffness, q)}
+    for i, mode in enumerate(estimate.modes):
+        shapes[f"map.modes.{i}.theta"], covariances[f"map.modes.{i}"] = (mode.theta, d), mode.covariance
+        if mode.inside is not None:
+            shapes[f"map.modes.{i}.inside"], covariances[f"map.modes.{i}.inside"] = (mode.inside[0], d), mode.inside[1]
+    expected |= {place: (array.shape, (size,)) for place, (array, size) in shapes.items()}
     if record.knowledge is not None:
         quantities = sorted(quantity.name for quantity in problem.quantities)
         for i, row in enumerate(record.knowledge.freed):
             expected[f"knowledge.freed.{i}.known"] = (sorted(row.known), quantities if row.known else [])
         for i, profile in enumerate(record.knowledge.profiles):
-            expected[f"knowledge.profiles.{i}.theta"] = ({len(theta) for theta in profile.theta}, {d})
-    _require(expected, where)
-    require_estimate(problem, record.map, where)
-
-
-def require_estimate(problem: Problem, estimate: EstimateRecord, where: str) -> None:
-    """Refuse a MAP estimate whose shapes are not those of the problem, as `_require_agreement` does."""
-    d, stiffnesses = len(problem.names), len(problem.quantities)
-    expected: dict[str, tuple[object, object]] = {
-        "map.theta": (len(estimate.theta), d),
-        "map.stiffness": (len(estimate.stiffness), stiffnesses),
-    }
-    for i, start in enumerate(estimate.starts):
-        expected[f"map.starts.{i}"] = ((len(start.start), len(start.stiffness)), (stiffnesses, stiffnesses))
-    for i, mode in enumerate(estimate.modes):
-        expected[f"map.modes.{i}.theta"] = (len(mode.theta), d)
-        if mode.inside is not None:
-            expected[f"map.modes.{i}.inside"] = (len(mode.inside[0]), d)
-    _require(expected, where)
-    covariances = {"map": estimate.covariance} | {f"map.modes.{i}": m.covariance for i, m in enumerate(estimate.modes)}
-    covariances |= {f"map.modes.{i}.inside": m.inside[1] for i, m in enumerate(estimate.modes) if m.inside is not None}
+            n = max(1, profile.log_ratio.size)
+            of_arrays = [array.shape for array in (profile.value, profile.log_ratio, profile.theta)]
+            expected[f"knowledge.profiles.{i}.value, log_ratio, theta"] = (of_arrays, [(n,), (n,), (n, d)])
+    for place, (there, wanted) in expected.items():
+        if there != wanted:
+            raise MeasurementError(f"{where}: record.{place}: found {there}; expected {wanted}; {REMEDY}")
     for place, matrix in covariances.items():
         if not _is_covariance(matrix, d):
             raise MeasurementError(
-                f"{where}: record, {place}.covariance: found none; expected a covariance of {d} numbers; {REMEDY}"
+                f"{where}: record.{place}.covariance: found none; expected a covariance of {d} numbers; {REMEDY}"
             )
 
 
-def _require(expected: dict[str, tuple[object, object]], where: str) -> None:
-    for place, (there, wanted) in expected.items():
-        if there != wanted:
-            raise MeasurementError(f"{where}: record, {place}: found {there}; expected {wanted}; {REMEDY}")
-
-
-def _is_covariance(rows: tuple[tuple[float, ...], ...], dimension: int) -> bool:
-    if len(rows) != dimension or any(len(row) != dimension for row in rows):
-        return False
-    matrix = np.array(rows).reshape(dimension, dimension)
-    if not dimension:
-        return True
-    sd = np.sqrt(np.maximum(np.diag(matrix), 0))
-    if not (sd > 0).all():
-        return False
+def _is_covariance(matrix: Array, dimension: int) -> bool:
+    if matrix.shape != (dimension, dimension) or not (np.diag(matrix) > 0).all():
+        return not dimension and not matrix.size
+    sd = np.sqrt(np.diag(matrix))
     correlation = matrix / sd / sd[:, None]
     return bool(np.allclose(correlation, correlation.T, atol=1e-6) and np.linalg.eigvalsh(correlation).min() > -1e-6)
 

@@ -1,36 +1,61 @@
-"""A problem as a JSON description with arrays, and back, to the last bit."""
+"""A problem as a JSON description with arrays, and back, to the last bit; and by what a run of it is known."""
 
 import hashlib
 import json
+import platform
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from importlib import import_module
+from importlib.metadata import version
 from pkgutil import iter_modules
 from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypedDict, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, ValidationError
 
 import jointbayes.inference.noise
-from jointbayes.errors import MeasurementError, ModelError
+from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
 from jointbayes.measurement.provenance import Provenance
+from jointbayes.posterior.run_record import SampledCase, bodies_of, sha256_of
+from jointbayes.posterior.typed import REMEDY, is_plain, typed
+from jointbayes.reproducibility import code_version
+from jointbayes.sampling import SamplerSettings
 
-#: What to do about any file that holds no whole posterior.
-REMEDY = "sample again, or take another copy of the file"
 #: Group of its arrays in a posterior file.
 PROBLEM_GROUP = "problem"
 #: Rooms whose public classes may stand in a description.
 _ROOMS = ("structure", "joint", "frf", "measurement", "inference")
-_SHOWN = 60  # characters of a wrong value in a message
+#: Settings that change no draw, and tables of a case that are only shown or compared with the result.
+_NO_MATTER = frozenset({"processes"})
+_ONLY_SHOWN = frozenset({"title", "reference", "sampling", "compare", "plan", "virtual_test", "setups"})
+_LONGEST = 60  # characters of a part as it is shown; of longer ones a digest
+_PACKAGES = ("numpy", "scipy", "numba", "emcee")
 
 
-def add_problem(tree: xr.DataTree, problem: Problem) -> tuple[xr.DataTree, dict[str, Any]]:
+class StoredProblem(TypedDict):
+    """A problem without its arrays.
+
+    Parameters
+    ----------
+    description
+        Its parts, each as plain values.
+    own
+        What could only be named, by its place.
+    sha256
+        Digest of its arrays.
+    """
+
+    description: Mapping[str, Any]
+    own: Mapping[str, str]
+    sha256: str
+
+
+def add_problem(tree: xr.DataTree, problem: Problem) -> tuple[xr.DataTree, StoredProblem]:
     """The groups of a posterior with one more for the arrays of its problem, and the problem's description.
 
     What is no part of this package, a distribution or a function of one's own, is only named in the description: it
@@ -60,7 +85,7 @@ def described(problem: Problem) -> dict[str, Any]:
     return plain
 
 
-def problem_from(array: Callable[[str], NDArray[Any]], record: Mapping[str, Any], where: str) -> Problem:
+def problem_from(array: Callable[[str], NDArray[Any]], record: StoredProblem, where: str) -> Problem:
     """The problem from what `add_problem` made of it.
 
     Parameters
@@ -89,7 +114,7 @@ def problem_from(array: Callable[[str], NDArray[Any]], record: Mapping[str, Any]
     return problem
 
 
-def require_same_problem(problem: Problem, record: Mapping[str, Any], where: str) -> None:
+def require_same_problem(problem: Problem, record: StoredProblem, where: str) -> None:
     """Refuse a problem that is not the one a posterior was drawn from, as far as its description tells.
 
     Raises
@@ -130,7 +155,7 @@ class _Description:
         description.plain = description._taken(problem, "problem")
         return description
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> StoredProblem:
         digest = hashlib.sha256()
         for array in self.arrays.values():
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -186,7 +211,7 @@ class _Restoring:
         if "array" in plain:
             return self.array(str(plain["array"]))
         if "provenance" in plain:
-            return _provenance(plain["provenance"], self.where)
+            return typed(Provenance, plain["provenance"], f"{self.where}: {place}")
         if "mapping" in plain:
             return self._mapping(plain["mapping"], place)
         if "scipy.stats" in plain:
@@ -228,7 +253,7 @@ class _Restoring:
         args, kwds = self.part(plain.get("args", []), place), self.part(plain.get("kwds", {"mapping": []}), place)
         if not isinstance(args, tuple) or not isinstance(kwds, dict):
             raise self._fault(place, "no arguments", "numbers of a distribution")
-        if not all(_fits(value, float) for value in (*args, *kwds.values())):
+        if not all(is_plain(value, float) for value in (*args, *kwds.values())):
             raise self._fault(place, "other arguments than numbers", "numbers of a distribution")
         try:
             return law(*args, **kwds)
@@ -241,13 +266,9 @@ class _Restoring:
 
 def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401
     """Whether a value is of a plain type; of other hints nothing is said."""
-    if hint in (float, int, bool, str):
-        if isinstance(value, bool) or hint is bool:
-            return isinstance(value, bool) and hint is bool
-        return isinstance(value, (int, float) if hint is float else hint)
     kinds = get_args(hint)
-    if get_origin(hint) is Literal:
-        return value in kinds
+    if hint in (float, int, bool, str) or get_origin(hint) is Literal:
+        return is_plain(value, hint)
     if get_origin(hint) in (Union, UnionType):
         return any(_fits(value, kind) for kind in kinds)
     if get_origin(hint) is tuple:
@@ -276,36 +297,58 @@ def _public_class(name: str) -> type | None:
     return None
 
 
-class _Measured(BaseModel):
-    model_config = ConfigDict(frozen=True, strict=True, extra="ignore")
-    provenance: Provenance
+def run_fingerprint(problem: Problem, case: SampledCase | None, seed: int, settings: SamplerSettings) -> dict[str, str]:
+    """Parts of a run by name: seed, settings, versions, data, and the keys of the case or the parts of the problem.
 
-
-def _provenance(record: Mapping[str, Any], where: str) -> Provenance:
-    """Where measured data came from, typed.
-
-    Raises
-    ------
-    MeasurementError
-        If a field of it is not what it must be: which.
+    Parameters
+    ----------
+    problem
+        What is sampled.
+    case
+        The case that states it, if one does.
+    seed, settings
+        Of the run.
     """
-    try:
-        return _Measured.model_validate_json(json.dumps({"provenance": record})).provenance
-    except ValidationError as error:
-        raise MeasurementError(f"{where}: {fault_in_record(error)}") from None
+    parts = {"seed": str(seed), "data": "".join(sha256_of(test.data.arrays.values())[:16] for test in problem.tests)}
+    for part in problem.parts:
+        if (joint_frf := part.test.data.joint_frf) is not None:
+            values = np.ascontiguousarray(joint_frf.values)
+            name = f"data at the joint in {part.test.name}" if part.test.name else "data at the joint"
+            parts[name] = hashlib.sha256(values.tobytes()).hexdigest()[:16]
+    for name, body in bodies_of(problem).items():
+        digest = hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in body.arrays))
+        parts[f"measured body {name}"] = digest.hexdigest()[:16]
+    parts |= {
+        f"sampling.{setting.name}": str(getattr(settings, setting.name))
+        for setting in fields(settings)
+        if setting.name not in _NO_MATTER
+    }
+    if case is not None and case.stated is problem and case.setups:
+        for setup in case.setups:
+            tables = json.loads(setup.spec.model_dump_json(exclude=set(_ONLY_SHOWN)))
+            parts |= _flat(tables, f"setups.{setup.name}." if setup.name else "")
+    else:
+        parts |= {name: _shortened(plain) for name, plain in described(problem).items() if name != "name"}
+    versions = {
+        "python": platform.python_version(),
+        **{name: version(name) for name in _PACKAGES},
+        "jointbayes": code_version(),
+    }
+    return parts | {f"version of {name}": number for name, number in versions.items()}
 
 
-def fault_in_record(error: ValidationError) -> str:
-    """The first fault: where, what was found, what is expected."""
-    first = error.errors(include_url=False)[0]
-    place = ".".join(map(str, first["loc"])) or "record"
-    shown = repr(first["input"])
-    shown = "nothing" if first["type"] == "missing" else shown if len(shown) <= _SHOWN else f"{shown[:_SHOWN]}…"
-    more = f" ({error.error_count()} faults in all)" if error.error_count() > 1 else ""
-    return f"record, {place}: found {shown}; {_expected(first['msg'])}{more}; {REMEDY}"
+def _flat(table: Mapping[str, Any], above: str = "") -> dict[str, str]:
+    """Values by dotted key."""
+    flat: dict[str, str] = {}
+    for key, value in table.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{above}{key}.")
+        elif value is not None:
+            flat[f"{above}{key}"] = _shortened(value)
+    return flat
 
 
-def _expected(message: str) -> str:
-    """What pydantic wants, in the words of other messages."""
-    wanted = message.removeprefix("Value error, ")
-    return wanted if wanted.startswith("expected") else f"expected another value: {wanted[:1].lower()}{wanted[1:]}"
+def _shortened(value: object) -> str:
+    """A value as a message may show it; of a long one its digest."""
+    text = json.dumps(value, ensure_ascii=False, sort_keys=True)
+    return text if len(text) <= _LONGEST else hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -16,7 +16,7 @@ import pydantic
 from jointbayes.case.case import Case, require_case
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
-from jointbayes.posterior.run_record import run_fingerprint
+from jointbayes.posterior.stored_problem import run_fingerprint
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration import Calibration, calibration_directory
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, Job, analyse_packed, require_simulable

@@ -1,7 +1,6 @@
 """What the data say beyond the draws: does the model explain them, what is known of the joint, and resting on what."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -10,9 +9,8 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Nuisance, Problem
-from jointbayes.joint.quantities import Coordinate
 from jointbayes.posterior.checks import PredictiveCheck
-from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
+from jointbayes.posterior.identifiability import CERTAINTY
 from jointbayes.posterior.information.directions import NamedDirection, name_directions, summary_sentence
 from jointbayes.posterior.information.excluded import SimplerJoint, exclusion_sentence, simpler_joints
 from jointbayes.posterior.information.profile import ProfileLikelihood, profile_likelihood
@@ -27,6 +25,16 @@ from jointbayes.posterior.information.uncertain_inputs import (
     uncertain_quantities,
 )
 from jointbayes.posterior.verdicts import FALL_PRINTED, FALL_TWO_SIDED, IF_MODEL_RIGHT, MOST_UNKNOWNS, JudgedPosterior
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptKnowledge:
+    """What took time to find, kept with the draws; `simpler` is unknown to older files."""
+
+    profiles: tuple[ProfileLikelihood, ...]
+    freed: tuple[UncertainInputsRow, ...]
+    assumed: tuple[str, ...]
+    simpler: tuple[SimplerJoint, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +66,10 @@ class Knowledge:
     assumed: tuple[str, ...]
     simpler: tuple[SimplerJoint, ...] = ()
 
-    def kept(self) -> dict[str, Any]:
-        """What took time to find, as `Posterior.save` keeps it: profiles, and the effect of uncertain inputs."""
-        as_lists = {"value", "log_ratio", "theta"}
-        profiles = [{k: v.tolist() if k in as_lists else v for k, v in asdict(p).items()} for p in self.profiles]
-        return {
-            "profiles": profiles,
-            "freed": [asdict(row) for row in self.freed],
-            "assumed": list(self.assumed),
-            "simpler": [asdict(joint) for joint in self.simpler],
-        }
+    @property
+    def kept(self) -> KeptKnowledge:
+        """What took time to find, as `Posterior.save` keeps it."""
+        return KeptKnowledge(self.profiles, self.freed, self.assumed, self.simpler)
 
     @property
     def exact(self) -> dict[str, ExactInputs]:
@@ -166,9 +168,10 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
         own problem takes all as exactly known.
     """
     problem = posterior.problem
-    kept = posterior.kept_knowledge if freed is (posterior.case and posterior.case.workshop_problem) else None
+    of_case = freed is (posterior.case and posterior.case.workshop_problem)
+    kept: KeptKnowledge | None = posterior._kept_knowledge if of_case else None
     assessments = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
-    simpler = None if kept is None else kept.get("simpler")  # unknown to older files
+    simpler = None if kept is None else kept.simpler
     return Knowledge(
         posterior.check,
         name_directions(
@@ -178,10 +181,10 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
             _wider_prior_draws(posterior),
             problem.parametrisation,
         ),
-        tuple(map(_profile_from, kept["profiles"])) if kept else _profiles(problem, posterior),
-        tuple(map(_row_from, kept["freed"])) if kept else effect_of_uncertain_inputs(posterior, freed),
-        tuple(kept["assumed"]) if kept else _assumed(problem, freed),
-        simpler_joints(posterior) if simpler is None else tuple(SimplerJoint(**stored) for stored in simpler),
+        kept.profiles if kept else _profiles(problem, posterior),
+        kept.freed if kept else effect_of_uncertain_inputs(posterior, freed),
+        kept.assumed if kept else _assumed(problem, freed),
+        simpler_joints(posterior) if simpler is None else simpler,
     )
 
 
@@ -246,19 +249,3 @@ def _replace_limits(profile: ProfileLikelihood, posterior: JudgedPosterior) -> P
     support = np.array(posterior.problem.prior.support)[:, posterior.problem.names.index(profile.name)]
     low, high = np.where(is_open, support, np.log(limits)).tolist()
     return replace(profile, interval=(low, high), open_below=bool(is_open[0]), open_above=bool(is_open[1]))
-
-
-def _profile_from(kept: Mapping[str, Any]) -> ProfileLikelihood:
-    arrays = {name: np.array(kept[name], dtype=float) for name in ("value", "log_ratio", "theta")}
-    low, high = kept["interval"]
-    coordinate = Coordinate(**{**kept["coordinate"], "bounds": tuple(kept["coordinate"]["bounds"])})
-    return ProfileLikelihood(**{**kept, **arrays, "coordinate": coordinate, "interval": (low, high)})
-
-
-def _row_from(kept: Mapping[str, Any]) -> UncertainInputsRow:
-    pairs = ("interval95", "interval95_error", "likelihood95", "printed95")
-    assessments = {
-        name: Identifiability(**{**stored, **{pair: tuple(stored[pair]) for pair in pairs}})
-        for name, stored in kept["known"].items()
-    }
-    return UncertainInputsRow(tuple(kept["uncertain"]), kept["source"], assessments)

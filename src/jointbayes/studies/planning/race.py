@@ -10,7 +10,7 @@ from pathlib import Path
 import pydantic
 
 from jointbayes.case.case import Case
-from jointbayes.posterior.run_record import run_fingerprint
+from jointbayes.posterior.stored_problem import run_fingerprint
 from jointbayes.studies.planning.candidates import Candidate, SimulatedPosterior, Simulation
 from jointbayes.studies.planning.first_look import Names
 from jointbayes.studies.planning.simulator import Simulator
