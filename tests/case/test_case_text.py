@@ -1,6 +1,5 @@
 """Cases that build on another file: what they become, where their faults are said to be, and what is refused."""
 
-import json
 import tomllib
 from pathlib import Path
 
@@ -171,20 +170,6 @@ file = "nose.uff"
 def test_a_text_alone_builds_on_no_file():
     with pytest.raises(CaseError, match=r"x\.toml:1: extends: found a text that is no file"):
         parse_case('extends = "base.toml"\n', "x.toml")
-
-
-def test_a_shipped_case_shortened_by_its_base_is_the_same_problem(tmp_path, configs):
-    whole = (configs / "clamped_beam.toml").read_text()
-    case = write(
-        tmp_path, base=whole, case='extends = "base.toml"\ntitle = "Shorter"\n[structure]\nlength_mm = 390.0\n'
-    )
-    changed = jb.load_case(case)
-    assert changed.title == "Shorter"
-    assert changed.spec.structure.length_mm == 390.0
-    again = jb.case_from_text("again", changed.text)
-    assert again.spec == changed.spec
-    assert jb.load_case(configs / "clamped_beam.toml").spec.prior == changed.spec.prior
-    assert json.loads(changed.spec.model_dump_json())["extends"] == ""
 
 
 def test_faults_and_warnings_name_the_file_and_line_they_come_from(tmp_path, configs):

@@ -105,7 +105,6 @@ BROKEN = {
     "no joint": ((TWO[TWO.index("[joints.left]") : TWO.index("[data]")], ""), "joint", "missing table"),
     "one and several": (("[joints.left]\n", f"[joint]\n{LEFT}[joints.left]\n"), "joint", "one joint or several"),
     "priors apart": (("[data]\n", f"[prior]\nk11 = {PRIOR}\n[data]\n"), "prior", "joints.left.prior"),
-    "a name": (("[joints.right]", '[joints."a b"]'), 'joints."a b"', "rename it"),
     "shared with none": (in_place_of_springs("shared = 'middle'"), "joints.right.shared", "left"),
     "shared with itself": (in_place_of_springs("shared = 'right'"), "joints.right.shared", "left"),
     "shared between unlike kinds": (
@@ -147,9 +146,6 @@ BROKEN = {
         "joints.right.against",
         "DOFs of one point, 5",
     ),
-    "no direction": ((LEFT, 'dofs = ["1:y", "1:w"]\n'), "joints.left.dofs", "direction"),
-    "a held DOF": (("supports = []", 'supports = ["11:y"]'), "joints.right.dofs", "held fixed"),
-    "places": ((RIGHT, RIGHT + '\nagainst = ["9:y", "9:rz"]'), "joints.right.against", "different places"),
     "an indefinite truth": (("k12 = 4e5", "k12 = 4e9"), "data", "positive semidefinite"),
 }
 

@@ -7,6 +7,7 @@ import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError
 from tests.case.test_files import frf_data, stored, text, virtual
+from tests.conftest import edited
 
 TIP = 'outputs = ["5:y"]'
 COMMANDS = ["run", "identify", "sample", "check", "compare", "plan", "simulate"]
@@ -84,7 +85,7 @@ def test_a_case_from_text_is_confined_to_the_directory_given(home):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_that_reads_a_case_has_the_option(home, monkeypatch, command):
+def test_every_command_that_reads_a_case_has_the_option_and_tells_of_slips_first(home, monkeypatch, command):
     def stop(*_arguments, **_options):
         raise CaseError("stopped here")
 
@@ -92,10 +93,15 @@ def test_every_command_that_reads_a_case_has_the_option(home, monkeypatch, comma
                   "studies.compare.compare", "studies.planning.make_plan.plan"):  # fmt: skip
         monkeypatch.setattr(f"jointbayes.{place}", stop)
     path = case_in(home, '"../tip.npz"')
+    path.write_text(edited(path.read_text("utf-8"), ("length_mm = 383.0", "length_mm = 0.383")), encoding="utf-8")
+    line = 1 + next(i for i, row in enumerate(path.read_text("utf-8").splitlines()) if row.startswith("length_mm"))
+    slip = f"jointbayes: warning: {path}:{line}: structure.length_mm: found 0.383: "
     arguments = [command, str(path), *(["--out", str(home / "out.csv")] if command == "simulate" else [])]
     refused = CliRunner().invoke(main, arguments)
-    assert (refused.exit_code, refused.stderr.count("\n")) == (2, 1)
-    assert "leads out of the directory of the case file" in refused.stderr
+    assert (refused.exit_code, refused.stdout) == (2, "")
+    *warnings, last = refused.stderr.splitlines()
+    assert [warning[: len(slip)] for warning in warnings] == [slip] * (command != "simulate")
+    assert "leads out of the directory of the case file" in last
     allowed = CliRunner().invoke(main, [*arguments, "--allow-outside"])
-    assert allowed.exit_code == 2
-    assert allowed.stderr.splitlines()[-1] == "jointbayes: stopped here"
+    assert (allowed.exit_code, allowed.stderr.splitlines()[-1]) == (2, "jointbayes: stopped here")
+    assert allowed.stderr.startswith(slip) == (command != "simulate")

@@ -1,14 +1,12 @@
 """Inputs that no machine has are errors with their key; inputs that are probably slips are warnings that name them."""
 
 import datetime
-import json
 import math
 import re
 from dataclasses import replace
 from typing import get_args
 
 import pytest
-from click.testing import CliRunner
 from pydantic import BaseModel
 
 import jointbayes as jb
@@ -17,7 +15,6 @@ from jointbayes.case.case_text import case_text
 from jointbayes.case.spec.fields import LIMITS, TABLE, limit_text
 from jointbayes.case.spec.parse import parse_case
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError
 from jointbayes.posterior import summarise
 from jointbayes.report import ReportInputs, build_report
@@ -142,30 +139,6 @@ def test_a_warning_knows_its_line():
     assert text.splitlines()[warning.line - 1].startswith("length_mm = 0.383")
 
 
-@pytest.mark.parametrize("command", ["run", "identify", "sample", "check", "compare", "plan"])
-def test_every_command_that_reads_a_case_prints_its_warnings_on_standard_error(tmp_path, monkeypatch, command):
-    def stop(*_arguments, **_options):
-        raise CaseError("stopped here")
-
-    for name in (
-        "workflow.sample",
-        "workflow.find_map",
-        "studies.compare.compare",
-        "studies.planning.make_plan.plan",
-    ):
-        monkeypatch.setattr(f"jointbayes.{name}", stop)
-    monkeypatch.setattr("jointbayes.workflow.identify", stop)
-    config = tmp_path / "short.toml"
-    config.write_text(edited(cheap_text(), (LENGTH, "length_mm = 0.383")), encoding="utf-8")
-    result = CliRunner().invoke(main, [command, str(config)])
-    first, last = result.stderr.splitlines()
-    number = 1 + config.read_text(encoding="utf-8").splitlines().index(
-        next(line for line in config.read_text(encoding="utf-8").splitlines() if line.startswith("length_mm"))
-    )
-    assert first.startswith(f"jointbayes: warning: {config}:{number}: structure.length_mm: found 0.383: ")
-    assert (last, result.stdout, result.exit_code) == ("jointbayes: stopped here", "", 2)
-
-
 @pytest.mark.usefixtures("plain_reports")
 def test_report_and_summary_keep_the_warnings(frequency_posterior):
     notes = ("structure.length_mm: found 0.383; expected more; write 383",)
@@ -174,16 +147,6 @@ def test_report_and_summary_keep_the_warnings(frequency_posterior):
     first = build_report(inputs, datetime.date(2026, 1, 5)).lead[0]
     assert first == Callout("caution", f"**Check the case file.** {notes[0]}.")
     assert summarise(frequency_posterior, (1e8, 0.0, 0.0)).warnings == ()
-
-
-@pytest.mark.science
-@pytest.mark.usefixtures("plain_reports")
-def test_a_run_writes_the_warnings_of_its_case(tmp_path, frequency_posterior):
-    text = edited(cheap_frequencies_text(), (DENSITY, "density_kg_m3 = 7.8"))
-    jb.write_report(replace(frequency_posterior, case=jb.case_from_text("case", text)), tmp_path / "out")
-    (line,) = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["warnings"]
-    assert line.startswith("structure.density_kg_m3: found 7.8, ")
-    assert "if it is in g/cm³, write density_kg_m3 = 7800" in (tmp_path / "out" / "report.html").read_text("utf-8")
 
 
 # ---- what no machine has

@@ -480,32 +480,6 @@ def test_the_clamped_beam_is_the_one_of_the_paper():
     assert (case.joint.initial.k11, case.joint.initial.k12, case.joint.initial.k22) == (1e8, 0.0, 0.0)
 
 
-def test_optional_tables_have_the_documented_defaults():
-    case = parse_case(GOOD[: GOOD.index("[identification]")])
-    assert (case.identification.sensitivity, case.identification.max_steps) == ("measured", 30)
-    sampling = case.sampling
-    assert (sampling.seed, sampling.ensembles, sampling.walkers, sampling.max_steps) == (1, 4, 48, 20000)
-    assert sampling.processes == 1
-    assert case.reference is None
-    assert case.structure.accelerometer_mass_g == 0
-    assert case.uncertain.given == {}
-    noise = case.noise
-    assert (noise.residuals, noise.distribution, noise.scale, noise.discrepancy) == (
-        "complex",
-        "gaussian",
-        "known",
-        None,
-    )
-    assert (noise.dof, noise.scale_dof, noise.scale_guess) == (4.0, 4.0, 1.0)
-    assert (noise.scale_low_factor, noise.scale_high_factor) == (0.1, 10.0)
-    assert case.compare.hypotheses == ("rigid", "translation", "rotation", "springs", "full")
-    plan = case.plan
-    assert (plan.max_measurements, plan.averages_factor) == (1, 4.0)
-    assert (plan.f_max_hz, plan.added_mass_g) == (None, None)
-    truth = case.data.truth
-    assert (truth.youngs_modulus_gpa, truth.length_mm, truth.gain, truth.damping_ratio) == (None, None, 1.0, None)
-
-
 def test_a_discrepancy_needs_its_lengths_only():
     lengths = "\n[noise.discrepancy]\nlength_low_hz = 5.0\nlength_high_hz = 500.0\n"
     discrepancy = parse_case(GOOD + lengths).noise.discrepancy

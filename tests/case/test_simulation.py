@@ -126,8 +126,6 @@ def test_a_case_without_a_truth_cannot_be_simulated(frequency_case):
         ('method = "shaker"\ndouble_hits = 1', 'virtual_test.double_hits: found 1, which method = "shaker"'),
         ('extra_outputs = ["9:y"]', "there is no node 9"),
         ('extra_outputs = ["5:y"]', "measured anyway"),
-        ("averages = 0", "virtual_test.averages"),
-        ('method = "impact"\nexponential_end = 0', "virtual_test.exponential_end"),
     ],
 )
 def test_faults_of_the_table_are_named(table, message):
@@ -180,22 +178,6 @@ def test_other_laws_of_damping_are_tested_as_well(law, key):
     assert z.mean() == pytest.approx(1.125, abs=0.3)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_the_damping_of_an_exponential_window_is_taken_out_of_simulated_frfs(seed):
-    case = virtual_case(
-        ('"receptance"', '"accelerance"'), table='method = "impact"\nblock_s = 0.6\nexponential_end = 0.01'
-    )
-    (record,) = simulate(case, None, np.random.default_rng(seed))
-    found, true = as_set([record]), Truth(case).frf(record.frequency_hz, ("5:y",)).values
-    # the three modes in the band and no more, although the noise of neighbouring lines is alike
-    assert record.notes[1].endswith("taken out by the 3 modes that were found")
-    rate = -np.log(0.01) / 0.6
-    assert rate > 2 * np.pi * 121 * 0.01  # the window damps the first mode more than the structure does
-    peak = np.abs(true[:, 0, 0]).argmax()
-    assert abs(found.values[peak, 0, 0] / true[peak, 0, 0] - 1) < 0.005
-    assert (np.abs(found.values - true) ** 2 / coherence_variance(found)).mean() < 1.6
-
-
 def test_the_decay_rate_is_that_of_the_slowest_mode():
     assert Truth(virtual_case()).decay_rate == pytest.approx(0.01 * 2 * np.pi * 121.5, rel=0.01)
     damping = ('law = "modal"', 'law = "rayleigh"'), ("ratio = 0.01", "alpha_per_s = 20.0\nbeta_s = 0.0")
@@ -215,12 +197,6 @@ def test_time_histories_are_written_hit_by_hit_with_double_hits_and_overloads():
     hits = find_hits([r for r in records if r.quantity == "force"], HitSettings())
     assert sorted(hit.reason.split(",")[0] for hit in hits) == ["", "", "double hit", "force overloaded"]
     assert describe(records) == ["12 time histories of 1.4 s at 20000 samples per second, 4 hits or runs"]
-
-
-def test_blocks_are_as_long_and_as_finely_sampled_as_stated():
-    table = 'method = "impact"\nwrites = "time"\naverages = 1\nblock_s = 0.5\nsample_rate_hz = 8000.0'
-    record = simulate(virtual_case(table=table), None, np.random.default_rng(1))[0]
-    assert (record.values.size, record.sample_rate_hz) == (4000, 8000.0)
 
 
 def test_what_cannot_be_tested_is_refused():

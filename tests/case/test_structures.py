@@ -21,7 +21,6 @@ from jointbayes.structure import (
     LossFactor,
     Member,
     ModalDamping,
-    PointMass,
     Section,
     chain,
 )
@@ -129,22 +128,6 @@ def test_a_portal_frame_is_what_it_says():
     assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
 
 
-def test_a_holder_and_a_tool_inherit_what_they_do_not_state():
-    case = built(SPINDLE, "tool.tip:y", "tool.tip:y")
-    (holder_name, holder), (tool_name, tool) = case.problem.test.structure.recipe.bodies
-    assert (holder_name, tool_name) == ("holder", "tool")
-    assert holder.members[1].end_section == Section.circle(0.04)
-    assert holder.members[1].up == (0, 0, 1)
-    assert holder.members[0].material == BeamMaterial(2.1e11, 0.3, 7800.0)
-    assert tool.members[0].material == BeamMaterial(6e11, 0.3, 14500.0)
-    assert tool.masses == (PointMass("tip", 0.02, (1e-6, 2e-6, 2e-6), (1e-3, 0, 0)),)
-    assert case.problem.test.structure.names == ("youngs_modulus", "tool.density")
-    assert case.problem.names[-2:] == ("youngs_modulus", "tool.density")
-    assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
-    workshop = case.workshop_problem
-    assert workshop.names[3:] == ("youngs_modulus", "density", "tool.density")
-
-
 STRAIGHT = SPINDLE.replace(", inertia_kg_m2 = [1e-6, 2e-6, 2e-6], offset_mm = [1, 0, 0]", "")
 
 
@@ -181,6 +164,9 @@ def test_a_workshop_knows_the_lengths_of_straight_frames_to_half_a_per_cent():
     lengths = [n for n in case.workshop_problem.prior.nuisances if n.name == "length"]
     assert [(n.unit, n.prior.sd) for n in lengths] == [("× stated", 0.005)]
     assert "length" not in built(PORTAL, "3:y", "1:x").workshop_problem.names
+    case = built(SPINDLE, "tool.tip:y", "tool.tip:y")
+    assert case.problem.names[3:] == case.problem.test.structure.names == ("youngs_modulus", "tool.density")
+    assert case.workshop_problem.names[3:] == ("youngs_modulus", "density", "tool.density")
 
 
 def test_a_case_without_priors_takes_the_frames_own_stiffness():
@@ -301,16 +287,6 @@ def test_matrices_come_from_the_text_or_from_files(kind, tmp_path):
     found = case.problem.test.structure.nominal.damping
     assert found == LossFactor(0.02)
     assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
-
-
-def test_matrices_beside_a_base_in_another_directory_are_found(tmp_path):
-    (tmp_path / "sub").mkdir()
-    np.save(tmp_path / "sub" / "K.npy", np.array([[2e5, -1e4], [-1e4, 1e3]]))
-    text = text_of(MATRICES, "1:y", "1:y").replace("[[2e5, -1e4], [-1e4, 1e3]]", '"K.npy"')
-    (tmp_path / "sub" / "base.toml").write_text(text)
-    (tmp_path / "case.toml").write_text('extends = "sub/base.toml"\n')
-    case = jb.load_case(tmp_path / "case.toml")
-    assert_allclose(case.problem.test.structure.nominal.stiffness, [[2e5, -1e4], [-1e4, 1e3]])
 
 
 def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
