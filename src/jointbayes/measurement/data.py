@@ -24,8 +24,7 @@ class Data(ABC):
 
     A kind of data inherits from it and states what is not as here. What other rooms make of its values it registers:
     its likelihood with `jointbayes.inference.likelihood_of`, and, if it has any to give, a diagnosis of misfits with
-    `jointbayes.posterior.diagnose`, a group of the stored draws with `jointbayes.posterior.observed_dataset`, and a
-    section of the report with `jointbayes.report.compared_section`.
+    `jointbayes.posterior.diagnose`, and a section of the report with `jointbayes.report.compared_section`.
     """
 
     __slots__ = ()

@@ -8,7 +8,6 @@ from jointbayes.posterior.information.knowledge import Knowledge, gather_knowled
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.prediction import FrfPrediction
 from jointbayes.posterior.run_record import RunRecord, data_sha256, package_versions
-from jointbayes.posterior.storage import observed_dataset
 from jointbayes.posterior.summary import summarise
 
 __all__ = [
@@ -28,7 +27,6 @@ __all__ = [
     "evidence",
     "importance_evidence",
     "nested_evidence",
-    "observed_dataset",
     "package_versions",
     "summarise",
 ]

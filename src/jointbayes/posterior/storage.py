@@ -5,7 +5,7 @@ The edge to ArviZ: its 0.x (InferenceData) and 1.x (DataTree) differ.
 
 import os
 import warnings
-from functools import singledispatch
+from collections.abc import Mapping
 from importlib.metadata import version
 from types import ModuleType
 from typing import Any
@@ -15,15 +15,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.frf import FrfSet
 from jointbayes.inference import JointPrior, Problem
-from jointbayes.measurement import Data, FrequencyData, FrfData, ModeData, Observed
 from jointbayes.sampling import Draws
 from jointbayes.whole_file import write_whole_file
 
 #: Attribute that holds the record.
 RECORD = "jointbayes"
-_FRF_DIMS = ("frequency", "output", "input")
 
 
 def _arviz() -> ModuleType:
@@ -106,14 +103,10 @@ def values_tree(
         "/sample_stats": stats,
         "/prior": _values_dataset(problem, before),
     }
-    for part in problem.parts:
-        groups[f"/{observed_group(part.test.name)}"] = observed_dataset(part.test.data)
+    for test in problem.tests:
+        suffix = f"_{test.name.replace('/', '_')}" if test.name else ""
+        groups[f"/observed_data{suffix}"] = array_dataset(test.data.arrays)
     return xr.DataTree.from_dict(groups)
-
-
-def observed_group(setup: str) -> str:
-    """Group of the data of a set-up; a lone test has no name."""
-    return f"observed_data_{setup.replace('/', '_')}" if setup else "observed_data"
 
 
 def _values_dataset(problem: Problem, values: Array) -> xr.Dataset:
@@ -123,57 +116,14 @@ def _values_dataset(problem: Problem, values: Array) -> xr.Dataset:
     return xr.Dataset(variables, coords={"chain": np.arange(chains), "draw": np.arange(draws)})
 
 
-@singledispatch
-def observed_dataset(data: Data) -> xr.Dataset:
-    """Data as ArviZ shows them: their arrays, where the kind of data registers nothing else."""
-    axes = {name: tuple(f"{name}_{i}" for i in range(array.ndim)) for name, array in data.arrays.items()}
-    return xr.Dataset({name: (axes[name], array) for name, array in data.arrays.items()})
-
-
-@observed_dataset.register
-def _observed_frfs(data: FrfData) -> xr.Dataset:
-    observed = _frf_dataset(data.frf)
-    observed["frf_variance"] = (_FRF_DIMS, data.variance)
-    return observed.assign_attrs(synthetic=int(data.synthetic))
-
-
-@observed_dataset.register
-def _observed_frequencies(data: FrequencyData) -> xr.Dataset:
-    variables = {"natural_frequency": data.frequency_hz, "natural_frequency_sd": data.sd_hz}
-    named = {name: ("mode", values, {"units": "Hz"}) for name, values in variables.items()}
-    return xr.Dataset(named, coords={"mode": np.arange(1, data.frequency_hz.size + 1)})
-
-
-@observed_dataset.register
-def _observed_modes(measured: ModeData) -> xr.Dataset:
-    """Values of modes and their standard deviations by repetition; NaN where nothing was observed."""
-    unit = "rad2 s-2" if measured.eigenvalues else "Hz"
-    by_mode = ("repetition", "mode")
-    named: list[tuple[str, Observed | None, tuple[str, ...], str]]
-    named = [("mode_frequency", measured.frequency, by_mode, unit), ("damping_ratio", measured.damping, by_mode, "1")]
-    coords: dict[str, Any] = {"mode": list(measured.numbers)}
-    if measured.shapes is not None:
-        named.append(("mode_shape", measured.shapes.components, (*by_mode, "shape_dof"), "1"))
-        coords |= {"shape_dof": list(measured.shapes.dofs), "reference_dof": ("mode", list(measured.references))}
-    variables: dict[str, tuple[tuple[str, ...], Array, dict[str, str]]] = {}
-    for name, observed, dims, units in named:
-        if observed is not None:
-            # each quantity may have been observed in another number of repetitions
-            axes = tuple(f"{name}_{dim}" if dim == "repetition" else dim for dim in dims)
-            variables |= {
-                name: (axes, observed.values, {"units": units}),
-                f"{name}_sd": (axes, observed.sd, {"units": units}),
-            }
-    attrs = {"match": measured.match, "eigenvalues": int(measured.eigenvalues)}
-    return xr.Dataset(variables, coords=coords, attrs=attrs)
-
-
-def _frf_dataset(frf: FrfSet) -> xr.Dataset:
-    return xr.Dataset(
-        {"frf_real": (_FRF_DIMS, frf.values.real), "frf_imag": (_FRF_DIMS, frf.values.imag)},
-        coords={"frequency": frf.frequency_hz, "output": list(frf.outputs), "input": list(frf.inputs)},
-        attrs={"quantity": frf.quantity},
-    )
+def array_dataset(arrays: Mapping[str, NDArray[Any]]) -> xr.Dataset:
+    """Arrays by name, each with axes of its own; a complex one as ``NAME_real`` and ``NAME_imag``."""
+    variables = {}
+    for name, array in arrays.items():
+        parts = {f"{name}_real": array.real, f"{name}_imag": array.imag} if np.iscomplexobj(array) else {name: array}
+        axes = tuple(f"{name}_{axis}" for axis in range(array.ndim))
+        variables |= {variable: (axes, values) for variable, values in parts.items()}
+    return xr.Dataset(variables)
 
 
 def log_prior_of_joint(prior: JointPrior, theta: Array) -> xr.Dataset:

@@ -22,6 +22,7 @@ from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.run_record import SampledCase, bodies_of, sha256_of
+from jointbayes.posterior.storage import array_dataset
 from jointbayes.posterior.typed import REMEDY, is_plain, typed
 from jointbayes.reproducibility import code_version
 from jointbayes.sampling import SamplerSettings
@@ -62,13 +63,8 @@ def add_problem(tree: xr.DataTree, problem: Problem) -> tuple[xr.DataTree, Store
     cannot be stored, and whoever loads the posterior passes the problem again.
     """
     description = _Description.describe(problem)
-    variables = {}
-    for name, array in description.arrays.items():
-        parts = {f"{name}_real": array.real, f"{name}_imag": array.imag} if np.iscomplexobj(array) else {name: array}
-        for variable, values in parts.items():
-            variables[variable] = (tuple(f"{name}_{axis}" for axis in range(array.ndim)), values)
     groups = {name: node.to_dataset() for name, node in tree.children.items()}
-    return xr.DataTree.from_dict({**groups, PROBLEM_GROUP: xr.Dataset(variables)}), description.as_json()
+    return xr.DataTree.from_dict({**groups, PROBLEM_GROUP: array_dataset(description.arrays)}), description.as_json()
 
 
 def described(problem: Problem) -> dict[str, Any]:
