@@ -37,7 +37,7 @@ from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Test, Un
 from jointbayes.joint import Joint, LogStiffness
 from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.information.fisher import fisher_information
+from jointbayes.posterior.fisher import fisher_information
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.workflow import sample

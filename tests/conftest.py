@@ -17,8 +17,7 @@ from jointbayes.identification import MapEstimate, ModeSearch
 from jointbayes.inference import Likelihood, LogPosterior, Problem, Test, likelihood_of
 from jointbayes.joint import AnyJoint, Joint, LogStiffness
 from jointbayes.measurement import Data
-from jointbayes.posterior import Posterior
-from jointbayes.posterior.information import knowledge
+from jointbayes.posterior import Posterior, knowledge
 from jointbayes.report import ReportInputs, figures
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.information.directions import (
+from jointbayes.posterior.directions import (
     interval_ratio,
     name_directions,
     spread_in_words,
     summary_sentence,
 )
+from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.rounding import factor_in_words
 from tests.conftest import PAIR
 

@@ -16,9 +16,9 @@ from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
-from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.quadrature import Quadrature
 from jointbayes.sampling import Proposal, StudentT, fit_proposal, starting_walkers
+from jointbayes.sampling.diagnostics import pareto_k
 from tests.conftest import CONFIGS
 
 LOG = JointPrior(LogStiffness(), (Normal(20.0, 2.0), Normal(16.0, 1.5), Uniform(11.0, 16.0)))

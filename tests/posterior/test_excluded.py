@@ -12,8 +12,7 @@ import jointbayes as jb
 from jointbayes.cli.common import print_summary
 from jointbayes.inference import Uniform
 from jointbayes.posterior import gather_knowledge
-from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.information.excluded import (
+from jointbayes.posterior.excluded import (
     LEVEL,
     SimplerJoint,
     _greatest,
@@ -21,8 +20,9 @@ from jointbayes.posterior.information.excluded import (
     known_by_bounds,
     simpler_joints,
 )
-from jointbayes.posterior.information.uncertain_inputs import UncertainInputsRow
+from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.rounding import rounded, rounded_interval
+from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
 from jointbayes.report import ReportInputs
 from jointbayes.report.model import Paragraph
 from jointbayes.report.sections.lead import lead
@@ -101,7 +101,7 @@ def test_what_else_is_uncertain_is_fitted_anew(bounded, of_bounded, monkeypatch)
     at = np.append(bounded.estimate.theta, 0.0)
     posterior = replace(bounded, problem=uncertain, estimate=replace(bounded.estimate, theta=at), mode_theta=at)
     posterior.__dict__["theta"] = np.hstack([bounded.theta, modulus])
-    monkeypatch.setattr("jointbayes.posterior.information.excluded.known_by_bounds", lambda _: ("",))
+    monkeypatch.setattr("jointbayes.posterior.excluded.known_by_bounds", lambda _: ("",))
     freed = by_kind(simpler_joints(posterior))["rigid"]
     # a modulus that is lower takes up part of what a rigid joint misses, at the price of its own prior
     parts, rigid = bounded.problem.parts, np.array(exact(RIGID))
@@ -151,7 +151,7 @@ def test_what_is_excluded_is_in_a_file_and_found_anew_for_one_that_lacks_it(boun
     older = replace(bounded, _kept_knowledge=replace(knowledge.kept, simpler=None))
     vars(older).update({name: found for name, found in vars(bounded).items() if name not in vars(older)})
     assert gather_knowledge(older, older.case.workshop_problem).simpler == knowledge.simpler
-    monkeypatch.setattr("jointbayes.posterior.information.knowledge.simpler_joints", lambda _: pytest.fail("kept"))
+    monkeypatch.setattr("jointbayes.posterior.knowledge.simpler_joints", lambda _: pytest.fail("kept"))
     assert gather_knowledge(kept, kept.case and kept.case.workshop_problem).simpler == knowledge.simpler
 
 
@@ -188,7 +188,7 @@ def test_every_mode_is_climbed_from(monkeypatch):
         x = points[:, 0]
         return np.where(x < 5, -3 - x**2, -50 * (x - 10.5) ** 2)
 
-    monkeypatch.setattr("jointbayes.posterior.information.excluded._log_likelihood", log_likelihood)
+    monkeypatch.setattr("jointbayes.posterior.excluded._log_likelihood", log_likelihood)
     modes = tuple((np.array([x]), np.eye(1) / 100) for x in (0.0, 10.0))
     posterior = SimpleNamespace(
         estimate=SimpleNamespace(starts_for_draws=modes),

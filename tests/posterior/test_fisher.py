@@ -11,7 +11,7 @@ from jointbayes.identification.refine import laplace_covariance
 from jointbayes.inference import JointPrior, Normal, Problem, Uniform
 from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
 from jointbayes.measurement import RelativeNoise, synthesise_frf
-from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
+from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from tests.conftest import TABLE_3, pair_matrix
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "length")

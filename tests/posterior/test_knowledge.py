@@ -14,15 +14,15 @@ from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
 from jointbayes.posterior import gather_knowledge, summarise
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.information.knowledge import KeptKnowledge, assumed_words
-from jointbayes.posterior.information.uncertain_inputs import (
+from jointbayes.posterior.knowledge import KeptKnowledge, assumed_words
+from jointbayes.posterior.rounding import rounded_interval
+from jointbayes.posterior.storage import typed
+from jointbayes.posterior.uncertain_inputs import (
     UncertainInputsRow,
     effect_of_uncertain_inputs,
     effect_sentence,
     inputs_taken_as_exact,
 )
-from jointbayes.posterior.rounding import rounded_interval
-from jointbayes.posterior.typed import typed
 from jointbayes.report import ReportInputs, build_report, render_html
 from jointbayes.report.markup import badge, nuisance_label
 from jointbayes.report.model import Callout, Paragraph, Table
@@ -335,8 +335,8 @@ def test_what_a_case_takes_as_exact_beside_its_own_uncertain_quantities_is_freed
 
 
 def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_posterior, uncertain, monkeypatch):
-    monkeypatch.setattr("jointbayes.posterior.information.uncertain_inputs.pareto_k", lambda log_weight: 0.71)
-    monkeypatch.setattr("jointbayes.posterior.information.uncertain_inputs._SHORT_R_HAT", 1.0)
+    monkeypatch.setattr("jointbayes.posterior.uncertain_inputs.pareto_k", lambda log_weight: 0.71)
+    monkeypatch.setattr("jointbayes.posterior.uncertain_inputs._SHORT_R_HAT", 1.0)
     rows = effect_of_uncertain_inputs(cheap_posterior, uncertain.problem)
     assert len(rows) == 2
     assert rows[-1].source == "none"
@@ -417,7 +417,7 @@ def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(unc
     text = json.dumps(asdict(gathered.kept), default=lambda array: array.tolist())
     kept = typed(KeptKnowledge, json.loads(text), "")
     for name in ("_profiles", "effect_of_uncertain_inputs"):
-        monkeypatch.setattr(f"jointbayes.posterior.information.knowledge.{name}", lambda *_: pytest.fail("found anew"))
+        monkeypatch.setattr(f"jointbayes.posterior.knowledge.{name}", lambda *_: pytest.fail("found anew"))
     again = gather_knowledge(replace(uncertain, _kept_knowledge=kept), uncertain.case.workshop_problem)
     assert repr(again.freed) == repr(gathered.freed)
     assert again.assumed == gathered.assumed

@@ -15,9 +15,9 @@ from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Unif
 from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.identifiability import WEAK_RATIO, assess
-from jointbayes.posterior.information.knowledge import _profiles
-from jointbayes.posterior.information.likelihood_region import LikelihoodRegion
-from jointbayes.posterior.information.profile import profile_likelihood
+from jointbayes.posterior.knowledge import _profiles
+from jointbayes.posterior.likelihood_region import LikelihoodRegion
+from jointbayes.posterior.profile import profile_likelihood
 from jointbayes.posterior.rounding import factor as ratio_in_words
 from jointbayes.posterior.rounding import rounded, rounded_interval
 from jointbayes.posterior.verdicts import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LEAST_EXCLUDED, verdict_line

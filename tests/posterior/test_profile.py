@@ -10,8 +10,8 @@ from jointbayes.case.case import case_from_text
 from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Uniform
 from jointbayes.joint import LogStiffness, Parametrisation
-from jointbayes.posterior.information.fisher import fisher_information
-from jointbayes.posterior.information.profile import _compress_rows, profile_likelihood
+from jointbayes.posterior.fisher import fisher_information
+from jointbayes.posterior.profile import _compress_rows, profile_likelihood
 from tests.conftest import cheap_text, edited
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "noise_scale")

@@ -84,7 +84,7 @@ class TestSettings:
 
     def test_settings_import_neither_emcee_nor_scipy(self):
         code = (
-            "import sys, jointbayes.sampling.sampler_settings as s; s.SamplerSettings(); "
+            "import sys, jointbayes.sampling.ensemble as s; s.SamplerSettings(); "
             "print(sorted({'emcee', 'scipy'} & set(sys.modules)))"
         )
         found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -15,9 +15,9 @@ from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Uniform
 from jointbayes.joint import LogStiffness
 from jointbayes.measurement import FrfData
+from jointbayes.posterior.directions import interval_ratio
+from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from jointbayes.posterior.identifiability import verdict_by_rule
-from jointbayes.posterior.information.directions import interval_ratio
-from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section, beam
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, edited, pair_matrix, rod

@@ -11,7 +11,7 @@ from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
 from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.measurement import FrfData, RelativeNoise
-from jointbayes.posterior.information.fisher import fisher_information
+from jointbayes.posterior.fisher import fisher_information
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.case_candidates import candidates_of

@@ -11,10 +11,10 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
 from jointbayes.inference import LogPosterior
-from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.quadrature import MOST_DIMENSIONS, integrate
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Coordinates, LogDensity, Proposal, Start, fit_proposal, importance_efficiency
+from jointbayes.sampling.diagnostics import pareto_k
 
 Method = Literal["exact", "importance sampling", "quadrature", "nested sampling"]
 

@@ -11,10 +11,10 @@ from typing import Any
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.identification import MapEstimate
-from jointbayes.posterior.information.knowledge import KeptKnowledge
+from jointbayes.posterior.knowledge import KeptKnowledge
 from jointbayes.posterior.run_record import RunRecord
+from jointbayes.posterior.storage import typed
 from jointbayes.posterior.stored_problem import StoredProblem
-from jointbayes.posterior.typed import typed
 
 #: Of the file: raised when an older reader would misread it. Version 1 held the text of a case instead of a problem.
 FILE_VERSION = 2

@@ -14,7 +14,7 @@ from jointbayes.inference import Level, Test
 from jointbayes.inference.test import own_name
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import BestDraw, FileRecord
-from jointbayes.posterior.information.knowledge import Knowledge
+from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.storage import log_prior_of_joint, write_tree
 from jointbayes.posterior.stored_problem import add_problem
 from jointbayes.posterior.summary import Summary, summarise

@@ -22,9 +22,8 @@ from jointbayes.measurement.formats.array_files import read_arrays
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import FileRecord, parse_record
 from jointbayes.posterior.posterior import Posterior
-from jointbayes.posterior.storage import RECORD, value_units, values_tree
+from jointbayes.posterior.storage import RECORD, REMEDY, value_units, values_tree
 from jointbayes.posterior.stored_problem import PROBLEM_GROUP, problem_from, require_same_problem
-from jointbayes.posterior.typed import REMEDY
 
 _EXPECTED = "expected a posterior.nc written by jointbayes"
 _LEAST = 2  # draws of a chain, and of the prior: one has no spread

@@ -22,8 +22,7 @@ from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.run_record import SampledCase, bodies_of, sha256_of
-from jointbayes.posterior.storage import array_dataset
-from jointbayes.posterior.typed import REMEDY, is_plain, typed
+from jointbayes.posterior.storage import REMEDY, array_dataset, is_plain, typed
 from jointbayes.reproducibility import code_version
 from jointbayes.sampling import SamplerSettings
 

@@ -22,7 +22,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, ratio_of, verdict_by_rule
-from jointbayes.posterior.information.likelihood_region import LikelihoodRegion
+from jointbayes.posterior.likelihood_region import LikelihoodRegion
 from jointbayes.posterior.rounding import join_unit, number, rounded
 from jointbayes.posterior.solutions import Solutions
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach, widen_posterior

@@ -6,9 +6,9 @@ from jointbayes.sampling.coordinate_maps import ComposedCoordinates, Coordinates
 from jointbayes.sampling.density import LogDensity, SeveralModes
 from jointbayes.sampling.diagnostics import quantile_error, quantile_spread
 from jointbayes.sampling.distributions import StudentT, drawn_without_replacement, importance_efficiency, truncated
+from jointbayes.sampling.ensemble import SamplerSettings
 from jointbayes.sampling.proposal import Proposal, Start, fit_each_mode, fit_proposal
 from jointbayes.sampling.sampler import run_adapted, run_ensembles
-from jointbayes.sampling.sampler_settings import SamplerSettings
 from jointbayes.sampling.starting import replace_far_walkers, starting_walkers
 from jointbayes.sampling.stopping import INTERVAL, Quantities
 

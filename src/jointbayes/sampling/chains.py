@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.diagnostics import effective_sample_size
-from jointbayes.sampling.ensemble import EnsembleState, MoveCount, MoveOn, StepBlock, Streams
-from jointbayes.sampling.sampler_settings import SamplerSettings
+from jointbayes.sampling.ensemble import EnsembleState, MoveCount, MoveOn, SamplerSettings, StepBlock, Streams
 from jointbayes.sampling.stopping import (
     Check,
     Quantities,

@@ -13,9 +13,8 @@ from jointbayes.sampling.coordinate_maps import Coordinates, straightened
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.distribution_fit import GOOD_MIXTURE, first_mixture, good_efficiency, most_likely_mixture
 from jointbayes.sampling.distributions import StudentMixture
-from jointbayes.sampling.ensemble import Streams
+from jointbayes.sampling.ensemble import SamplerSettings, Streams
 from jointbayes.sampling.proposal import AboutModes, Proposal, joined
-from jointbayes.sampling.sampler_settings import SamplerSettings
 from jointbayes.sampling.starting import initial_states, weighted_moves
 from jointbayes.sampling.stopping import Quantities
 from jointbayes.sampling.workers import finished_first, mover

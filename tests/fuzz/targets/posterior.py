@@ -65,7 +65,7 @@ class PosteriorTarget(Target):
 
     def _read(self, path: Path, report: Path | None) -> None:
         import jointbayes as jb
-        from jointbayes.posterior.information import knowledge
+        from jointbayes.posterior import knowledge
 
         posterior = jb.load_posterior(path)
         json.dumps(posterior.summary().to_json(), allow_nan=False)

@@ -3,10 +3,10 @@
 import numpy as np
 
 from jointbayes.posterior import Knowledge, Posterior
+from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.identifiability import Verdict
-from jointbayes.posterior.information.directions import NamedDirection
-from jointbayes.posterior.information.uncertain_inputs import UncertainInputsRow
 from jointbayes.posterior.rounding import factor, interval, number, rounded_interval
+from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
 from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.own_directory import OwnDirectory
-from jointbayes.posterior.information.directions import spread_in_words
+from jointbayes.posterior.directions import spread_in_words
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.markup import foreign

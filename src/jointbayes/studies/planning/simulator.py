@@ -26,8 +26,8 @@ from jointbayes.inference import Problem
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.sampling import Coordinates, Start, fit_proposal
+from jointbayes.sampling.diagnostics import pareto_k
 from jointbayes.studies.planning.candidates import Candidate, Method, SimulatedPosterior
 from jointbayes.studies.planning.first_look import WithOwn, measurement_information, own_of
 

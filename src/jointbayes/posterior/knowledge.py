@@ -10,11 +10,11 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Nuisance, Problem
 from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
+from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentence, simpler_joints
 from jointbayes.posterior.identifiability import CERTAINTY
-from jointbayes.posterior.information.directions import NamedDirection, name_directions, summary_sentence
-from jointbayes.posterior.information.excluded import SimplerJoint, exclusion_sentence, simpler_joints
-from jointbayes.posterior.information.profile import ProfileLikelihood, profile_likelihood
-from jointbayes.posterior.information.uncertain_inputs import (
+from jointbayes.posterior.profile import ProfileLikelihood, profile_likelihood
+from jointbayes.posterior.uncertain_inputs import (
     ExactInputs,
     UncertainInputsRow,
     effect_of_uncertain_inputs,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jointbayes.posterior.monte_carlo import effective_sizes, pareto_k
+from jointbayes.sampling.diagnostics import effective_sizes, pareto_k
 
 
 def _autoregressive(rng: np.random.Generator, chains: int, draws: int, memory: float) -> np.ndarray:

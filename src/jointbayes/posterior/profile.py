@@ -21,7 +21,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import Coordinate
-from jointbayes.posterior.information.fisher import inverse_information
+from jointbayes.posterior.fisher import inverse_information
 
 #: An unbounded prior counts as bounded so many standard deviations from its mean.
 _UNBOUNDED = 8.0

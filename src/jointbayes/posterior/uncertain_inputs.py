@@ -17,9 +17,8 @@ from jointbayes.errors import JointBayesError
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.posterior.coordinates import compliance_and_scores
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
+from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
-from jointbayes.posterior.information.fisher import fisher_information
-from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.rounding import factor_in_words, join_unit, rounded_interval
 from jointbayes.posterior.solutions import LEAST_SHARE
 from jointbayes.posterior.verdicts import JudgedPosterior, judge_with_wider_priors
@@ -36,6 +35,7 @@ from jointbayes.sampling import (
     run_ensembles,
     truncated,
 )
+from jointbayes.sampling.diagnostics import pareto_k
 from jointbayes.structure import is_mode_frequency
 
 Source = Literal["this run", "importance sampling", "short run", "none"]

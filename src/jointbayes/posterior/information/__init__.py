@@ -1,1 +1,0 @@
-"""How well what is known: linearised and from draws."""
