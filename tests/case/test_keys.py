@@ -23,7 +23,7 @@ from click.testing import CliRunner
 from pydantic import BaseModel
 
 from jointbayes import workflow
-from jointbayes.case import case_files, case_objects, simulated_test
+from jointbayes.case import case_objects, simulated_test
 from jointbayes.case.case import case_from_text
 from jointbayes.case.spec.prior_tables import PriorsSpec
 from jointbayes.case.spec.whole import CaseSpec
@@ -170,7 +170,7 @@ class Bench:
         monkeypatch.setattr(Problem, "log_posterior", None)
         monkeypatch.setattr(case_objects, "synthesise_frf", self._synthesised)
         monkeypatch.setattr(assemble, "read_measurement", self._read)
-        monkeypatch.setattr(case_files, "Rotation", self._rotation)
+        monkeypatch.setattr(case_objects, "Rotation", self._rotation)
         monkeypatch.setattr(workflow, "sensitivity_iteration", self._iterated)
         monkeypatch.setattr(make_plan, "_chosen", self._planned)
         for name in ("FirstLook", "Simulator", "coordinate_systems"):

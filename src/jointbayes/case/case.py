@@ -11,8 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.case.case_files import CaseHome, complete_from_data, measured_bodies, plan_of, read_matrices
-from jointbayes.case.case_objects import measurement_of, noise_of, recipe_of
+from jointbayes.case.case_objects import (
+    CaseHome,
+    complete_from_data,
+    measured_bodies,
+    measurement_of,
+    noise_of,
+    plan_of,
+    read_matrices,
+    recipe_of,
+)
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
 from jointbayes.case.combined import (
     CaseSetup,

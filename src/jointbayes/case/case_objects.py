@@ -1,29 +1,80 @@
-"""From the tables of one test of a case to the objects they describe: structure, data, noise model."""
+"""From the tables of one test of a case, and the files they name, to the objects they describe."""
 
 import zlib
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 
 from jointbayes.arrays import Array
+from jointbayes.case.case_text import CaseText, find_outside
 from jointbayes.case.spec.data_table import NoiseSpec, SyntheticFrfSpec
-from jointbayes.case.spec.fields import DataTable
+from jointbayes.case.spec.fields import DataTable, KeyPath
+from jointbayes.case.spec.measured_table import MeasuredBodySpec, MeasuredSpec, VarianceSpec
+from jointbayes.case.spec.prior_tables import FactorPriorSpec
 from jointbayes.case.spec.settings_tables import NoiseModelSpec
+from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix, matrix_findings
 from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.frf import Ports
+from jointbayes.errors import CaseError, MeasurementError, printable
+from jointbayes.frf import MeasuredBody, Ports
 from jointbayes.inference import NoiseModel, Nuisance
 from jointbayes.inference.noise.base import NoiseChoice
-from jointbayes.joint import AnyJoint
-from jointbayes.measurement import (
-    CoherenceNoise,
-    Data,
-    NoiseLaw,
-    RelativeNoise,
-    synthesise_frf,
-)
+from jointbayes.joint import AnyJoint, joints_of
+from jointbayes.measurement import CoherenceNoise, Data, NoiseLaw, RelativeNoise, synthesise_frf
+from jointbayes.measurement.measurement_plan import Channel, MeasurementPlan, VarianceSource
+from jointbayes.measurement.rotations import Rotation
+from jointbayes.measurement.signals.hits import HitSettings
+from jointbayes.measurement.signals.impact import ImpactSettings
+from jointbayes.measurement.signals.spectra import ShakerSettings
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
+
+_MOST_BYTES = 200_000_000
+_MOST_ROWS = 2000
+
+_MM, _G = 1e-3, 1e-3
+_NEARLY_GAUSSIAN = 400  # degrees of freedom: the mean square is half a per cent off
+_DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from the data
+
+
+def plan_of(spec: CaseSpec) -> MeasurementPlan:
+    """What a case with data in measurement files asks for of these."""
+    files, joints = spec.data.files, joints_of(spec.joint_objects)
+    assert files is not None
+    return replace(plan_of_files(files), joint_dofs=joints.labels, **files.asked_for(spec.structure))
+
+
+def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
+    """What all tables of measurement files ask for of these."""
+    return MeasurementPlan(
+        {name: Channel(c.label, c.sign, c.gain, c.accelerometer_mass_g * _G) for name, c in data.channels.items()},
+        _variance(data.variance) if data.variance else None,
+        data.quantity,
+        data.f_min_hz,
+        data.f_max_hz,
+        data.thin,
+        data.accelerometers == "roving",
+        _signals(data) if data.records else None,
+        exclude_hz=data.exclude_hz,
+        conjugate=data.conjugate,
+    )
+
+
+def _variance(spec: VarianceSpec) -> VarianceSource:
+    law = RelativeNoise(spec.relative, spec.floor) if spec.relative + spec.floor > 0 else None
+    return VarianceSource(spec.source, law, spec.averages, "relative" in spec.model_fields_set)
+
+
+def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:
+    spec, band = data.records, (data.f_min_hz, data.f_max_hz)
+    assert spec is not None
+    if spec.method == "shaker":
+        assert spec.block_s is not None
+        return ShakerSettings(spec.block_s, spec.overlap, spec.window, spec.estimator, *band)
+    hits = HitSettings(spec.block_s, spec.pretrigger_s, force_range_n=spec.force_range_n)
+    return ImpactSettings(hits, spec.force_window_s, spec.exponential_end, spec.estimator, *band)
 
 
 def recipe_of(spec: StructureBase, data: DataTable, measurement: Data | None = None) -> StructureRecipe:
@@ -112,3 +163,189 @@ def noise_law(spec: NoiseSpec) -> NoiseLaw:
     if spec.coherence is not None and spec.averages is not None:
         return CoherenceNoise(spec.coherence, spec.averages, spec.floor)
     return RelativeNoise(spec.relative, spec.floor)
+
+
+@dataclass(frozen=True)
+class CaseHome:
+    """From where the names of files in a case count.
+
+    Parameters
+    ----------
+    directory
+        Of the case file.
+    source
+        Text of the case, or of one of its set-ups, for the places of keys.
+    allow_outside
+        Whether files may lie outside of the directory.
+    """
+
+    directory: Path
+    source: CaseText
+    allow_outside: bool = False
+
+    def require_inside(self, path: KeyPath, names: Sequence[str]) -> None:
+        """Refuse files outside the directory, by the key that names them, with a `CaseError`."""
+        outside = None if self.allow_outside else find_outside(self.directory, names)
+        if outside is not None:
+            raise CaseError(self.source.fault((*path, outside[0]), *outside[1]))
+
+
+def complete_from_data(spec: CaseSpec, measured: Data) -> CaseSpec:
+    """The case with what it leaves to its data: damping ratios, and the distribution of residuals.
+
+    Raises
+    ------
+    MeasurementError
+        If the data show no mode with a damping ratio between 0 and 1, and the case asks for them.
+    """
+    return _choose_distribution(_take_measured_damping(spec, measured), measured)
+
+
+def _choose_distribution(spec: CaseSpec, measured: Data) -> CaseSpec:
+    """The case with Student-t residuals where the variance of FRFs was estimated line by line from few data.
+
+    A residual over an estimated standard deviation is not Gaussian: with dof degrees of freedom its square is
+    dof/(dof − 2) on average, not 1. Only where the case does not choose a distribution itself, and nothing else
+    forbids it.
+    """
+    dof = measured.variance_dof
+    noise = spec.noise
+    free = "distribution" not in noise.model_fields_set and noise.discrepancy is None and noise.scale != "integrated"
+    if dof is None or dof >= _NEARLY_GAUSSIAN or not free or noise.residuals != "complex":
+        return spec
+    chosen = noise.model_copy(update={"distribution": "student_t", "dof": float(dof)})
+    return spec.model_copy(update={"noise": chosen})
+
+
+def _take_measured_damping(spec: CaseSpec, measured: Data) -> CaseSpec:
+    """The case with the damping ratios that the data show, where it asks for them.
+
+    For FRFs each ratio stays uncertain by a factor of 3 either way, unless the case says otherwise: the same data are
+    in the likelihood, and a prior as narrow as the modal fit would count them twice.
+
+    Raises
+    ------
+    MeasurementError
+        If the data show no mode with a damping ratio between 0 and 1.
+    """
+    damping = spec.structure.damping
+    if not damping.measured:
+        return spec
+    assert measured.provenance is not None
+    ratios = tuple(float(mode.damping_ratio) for mode in measured.provenance.modes)
+    if not ratios or not all(0 < ratio < 1 for ratio in ratios):
+        raise MeasurementError(
+            f"structure.damping.ratio: found the ratios {list(ratios)} in the data; expected some between 0 and 1; "
+            "state a ratio"
+        )
+    structure = spec.structure.model_copy(update={"damping": damping.model_copy(update={"ratio": ratios})})
+    uncertain = spec.uncertain
+    if uncertain.damping_ratio is None and measured.frfs is not None:
+        high = max(min(_DAMPING_FACTOR, 0.9 / max(ratios)), 1.0)
+        prior = FactorPriorSpec(low_factor=1 / _DAMPING_FACTOR, high_factor=high, own=True)
+        uncertain = uncertain.model_copy(update={"damping_ratio": prior})
+    return spec.model_copy(update={"structure": structure, "uncertain": uncertain})
+
+
+def measured_bodies(spec: CaseSpec, used: Iterable[str], home: CaseHome) -> tuple[MeasuredBody, ...]:
+    """Read the bodies of a case.
+
+    Parameters
+    ----------
+    spec
+        The case.
+    used
+        DOFs that joints and data name: others of a body are left out.
+    home
+        From where the names of files count.
+
+    Raises
+    ------
+    CaseError
+        If a file lies outside.
+    MeasurementError
+        If a file is missing or wrong, or lacks an FRF.
+    """
+    wanted, bodies = frozenset(used), []
+    for name, body in spec.bodies.items():
+        home.require_inside(("bodies", name, "file"), body.file)
+        try:
+            bodies.append(_body(name, body, wanted, home.directory))
+        except MeasurementError as error:
+            # messages of the files name the table of the data
+            raise MeasurementError(str(error).replace("data.", f"bodies.{name}.")) from error
+    return tuple(bodies)
+
+
+def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: Path) -> MeasuredBody:
+    from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
+
+    measured = read_measurement(spec.file, directory, plan_of_files(spec)).frfs
+    assert measured is not None
+    assert measured.provenance is not None  # as of all that is read
+    whole = MeasuredBody.of(measured.frf, measured.variance, name)
+    motions = {label: {label: 1.0} for label in whole.dofs if label in wanted}
+    for label, rotation in spec.rotations.items():
+        if label in wanted:
+            assert rotation.spacing_mm is not None  # as its table asks
+            spacing = rotation.spacing_mm * _MM
+            weights = Rotation(label, rotation.stations, spacing, rotation.scheme, axis=rotation.axis).weights
+            motions[label] = dict(zip(rotation.stations, weights.tolist(), strict=True))
+    if not motions:
+        raise MeasurementError(
+            f"measured body {name}: found no joint, output or input at its DOFs {', '.join(spec.labels)}; expected a "
+            "joint to one of them; name its DOF in the joint, or remove the body"
+        )
+    return replace(whole.seen_at(motions), files=measured.provenance.files)
+
+
+def read_matrices(spec: CaseSpec, home: CaseHome) -> CaseSpec:
+    """The case with the matrices of files that its structure names.
+
+    Raises
+    ------
+    CaseError
+        If a file lies outside, cannot be read, or holds no square, symmetric matrix of the right size: file and key.
+    """
+    structure, read = spec.structure, dict[str, object]()
+    if not isinstance(structure, MatricesSpec):
+        return spec
+    for loc, name in structure.matrices.items():
+        if isinstance(name, str):
+            path = ("structure", *loc)
+            home.require_inside(path, [name])
+            try:
+                read[loc[-1]] = _matrix(home.directory / name, len(structure.dofs))
+            except CaseError as error:
+                raise CaseError(home.source.fault(path, f"{printable(name)}: {error}")) from error
+    damping = structure.damping.model_copy(update={key: read.pop(key) for key in ["damping_matrix"] if key in read})
+    return spec.model_copy(update={"structure": structure.model_copy(update={**read, "damping": damping})})
+
+
+def _matrix(file: Path, rows: int) -> Matrix:
+    """Matrix of a .npy or .csv file."""
+    kinds = (".npy", ".csv")
+    if file.suffix.lower() not in kinds:
+        raise CaseError(f"found the ending {file.suffix!r}; expected {' or '.join(kinds)}; rename the file")
+    try:
+        if not file.is_file():  # nor a pipe, which might never end
+            raise CaseError("found no such file; expected one with the matrix; correct the name")
+        if file.stat().st_size > _MOST_BYTES:
+            raise CaseError(f"found more than {_MOST_BYTES:g} bytes; expected a matrix of {_MOST_ROWS} rows")
+        if file.suffix.lower() == ".npy":
+            array = np.load(file, allow_pickle=False)
+        else:
+            array = np.loadtxt(file, delimiter=",", ndmin=2)
+        if array.dtype.kind not in "biuf" or array.ndim not in (1, 2):
+            raise ValueError(f"{array.ndim} dimensions, numbers of kind {array.dtype}")
+    except (OSError, ValueError, EOFError, UnicodeError) as error:
+        reason = " ".join(str(error).split())[:100]
+        raise CaseError(
+            f"found no readable array ({reason}); expected numbers, in .csv separated by commas; correct it"
+        ) from error
+    if not np.isfinite(array).all():
+        raise CaseError("found NaN or infinity; expected finite numbers; correct the file")
+    matrix: Matrix = tuple(tuple(row) if array.ndim == 2 else row for row in array.astype(float).tolist())
+    for wrong in matrix_findings((), matrix, rows):
+        raise CaseError(f"{wrong.found}; expected {wrong.expected}; {wrong.remedy}")
+    return matrix

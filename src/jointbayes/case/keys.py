@@ -1,6 +1,6 @@
 """What is known of keys by their names: units at their end, and which of them name files."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 #: Units at the end of a key: what each measures, its size in SI, and how it reads.
@@ -63,9 +63,10 @@ def same_stem(key: str, keys: Iterable[str]) -> str | None:
     return min(alike, key=lambda name: UNITS.get(unit_of(name), ("",))[0] != kind, default=None)
 
 
+_Path = tuple[str, ...]
 _ANY = "*"  # each key of a table
 DATA_FILE = ("data", "file")
-_KEYS: tuple[tuple[str, ...], ...] = (
+_KEYS: tuple[_Path, ...] = (
     DATA_FILE,
     ("bodies", _ANY, "file"),
     ("structure", "stiffness"),  # and so on: numbers, or the name of a file
@@ -73,35 +74,20 @@ _KEYS: tuple[tuple[str, ...], ...] = (
     ("structure", "damping", "damping_matrix"),
 )
 #: Tables that state the same keys again, as tables of the file.
-_WITHIN: tuple[tuple[str, ...], ...] = ((), ("setups", _ANY), ("plan", "setups", _ANY))
+_WITHIN: tuple[_Path, ...] = ((), ("setups", _ANY), ("plan", "setups", _ANY))
 
 
-def named_files(case: object) -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Names of files that a case states, by key.
+def named_files(data: Mapping[str, Any]) -> dict[_Path, _Path]:
+    """Names of files that the tables of a case state, by key; not those of its set-ups."""
+    names: dict[_Path, _Path] = {}
 
-    Parameters
-    ----------
-    case
-        The checked case; of several set-ups that of one.
-    """
-    names_by_path = ((path, _names(value)) for key in _KEYS for path, value in _values(case, key))
-    return {path: names for path, names in names_by_path if names}
+    def note(path: _Path, name: str) -> str:
+        names[path] = (*names.get(path, ()), name)
+        return name
 
-
-def _values(table: object, key: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], object]]:
-    if not key:
-        yield (), table
-        return
-    first, *rest = key
-    inner = table if first == _ANY else {first: getattr(table, first, None)}
-    for name, value in inner.items() if isinstance(inner, Mapping) else ():
-        yield from (((name, *path), entry) for path, entry in _values(value, tuple(rest)))
-
-
-def _names(value: object) -> tuple[str, ...]:
-    if isinstance(value, str):
-        return (value,)
-    return tuple(entry for entry in value if isinstance(entry, str)) if isinstance(value, tuple) else ()
+    for key in _KEYS:
+        _changed(data, (), key, note)
+    return names
 
 
 def rename_files(data: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
@@ -117,17 +103,18 @@ def rename_files(data: Mapping[str, Any], change: Callable[[str], str]) -> dict[
     whole: Any = dict(data)
     for within in _WITHIN:
         for key in _KEYS:
-            whole = _changed(whole, (*within, *key), change)
+            whole = _changed(whole, (), (*within, *key), lambda _, name: change(name))
     return dict(whole)
 
 
-def _changed(value: Any, key: tuple[str, ...], change: Callable[[str], str]) -> Any:  # noqa: ANN401 (whatever TOML knows)
+def _changed(value: Any, path: _Path, key: _Path, change: Callable[[_Path, str], str]) -> Any:  # noqa: ANN401 (TOML)
+    """A value at a path with the names of files changed that stand at a key below it."""
     if not key:
-        if isinstance(value, list):
-            return [change(entry) if isinstance(entry, str) else entry for entry in value]
-        return change(value) if isinstance(value, str) else value
+        if isinstance(value, list | tuple):
+            return [change(path, entry) if isinstance(entry, str) else entry for entry in value]
+        return change(path, value) if isinstance(value, str) else value
     if not isinstance(value, Mapping):
         return value
     first, *rest = key
     names = value if first == _ANY else {first} & value.keys()
-    return {**value, **{name: _changed(value[name], tuple(rest), change) for name in names}}
+    return {**value, **{name: _changed(value[name], (*path, name), tuple(rest), change) for name in names}}

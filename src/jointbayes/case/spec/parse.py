@@ -29,7 +29,7 @@ def needs_files(specs: Mapping[str, CaseSpec]) -> bool:
     specs
         Its set-ups, as `parse_setups` gives them.
     """
-    return any(setup or key != DATA_FILE for setup, spec in specs.items() for key in named_files(spec))
+    return any(setup or key != DATA_FILE for setup, spec in specs.items() for key in named_files(spec.model_dump()))
 
 
 def parse_case(text: str | CaseText, name: str = "case") -> CaseSpec:

@@ -207,11 +207,11 @@ class CampaignCase:
 
     def files(self, spec: CaseSpec) -> tuple[Path, ...]:
         """Files that it names: of measurements, measured bodies and matrices."""
-        return tuple(self.path.parent / name for names in named_files(spec).values() for name in names)
+        return tuple(self.path.parent / name for names in named_files(spec.model_dump()).values() for name in names)
 
     def require_inside(self, spec: CaseSpec) -> None:
         """Refuse files outside the directory of the case file, or of the base case."""
-        for key, names in named_files(spec).items():
+        for key, names in named_files(spec.model_dump()).items():
             if (outside := find_outside(self.path.parent, names)) is not None:
                 found, expected, remedy = outside[1]
                 raise CaseError(f"{self.where}: {'.'.join(key)}: {found}; expected {expected}; {remedy}")

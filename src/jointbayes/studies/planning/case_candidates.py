@@ -10,8 +10,7 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.case.case import Case
-from jointbayes.case.case_files import complete_from_data
-from jointbayes.case.case_objects import noise_law, noise_of, recipe_of
+from jointbayes.case.case_objects import complete_from_data, noise_law, noise_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
 from jointbayes.case.combined import CaseSetup
 from jointbayes.case.spec.parse import parse_planned
