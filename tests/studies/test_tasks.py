@@ -73,14 +73,21 @@ def test_tasks_are_taken_only_as_workers_come_free():
 
 
 def test_task_whose_worker_dies_is_done_again_and_one_that_kills_each_time_is_set_aside(tmp_path):
+    """Tasks 3 and 7 die of nothing they do again, so task 5 is forgiven what chance may bring in its milliseconds.
+
+    At the highest rate that counts, a death in 20 s, one is forgiven from 2 ms to 0.28 s of work, two up to 1.7 s, and
+    three where the machine is so slow that its attempts took longer together.
+    """
     found = by_key(run_tasks(kill_some, numbered(12, str(tmp_path), (3, 7), (5,)), workers=2))
     assert len(found) == 12
     assert {key for key, o in found.items() if o.killed_worker} == {"task 5"}
     assert found["task 5"].error == "its worker ended by SIGKILL"
     assert found["task 5"].value is None
-    assert {key: o.attempts for key, o in found.items() if o.attempts > 1} == {"task 3": 2, "task 5": 2, "task 7": 2}
+    again = {key: o.attempts for key, o in found.items() if o.attempts > 1}
+    assert (kills := again.pop("task 5")) in (2, 3, 4, 5)
+    assert again == {"task 3": 2, "task 7": 2}
     assert all(found[f"task {i}"].value == i**2 for i in range(12) if i != 5)
-    assert len(list(tmp_path.iterdir())) == 15  # attempts in all: none was done twice without need
+    assert len(list(tmp_path.iterdir())) == 13 + kills  # attempts in all: none was done twice without need
 
 
 def test_task_that_raises_has_its_error_in_words_and_is_tried_once_more():
@@ -229,7 +236,8 @@ def test_dask_cluster_loses_no_task_and_names_the_one_that_kills(cluster, tmp_pa
     assert {key for key, o in found.items() if o.killed_worker} == {"task 6"}
     assert all(found[f"task {i}"].value == i**2 for i in range(10) if i != 6)
     again = {key: o.attempts for key, o in found.items() if o.attempts > 1}
-    assert again.pop("task 6") in (2, 3, 4)  # more than two where the death of task 3, which ended well, speaks for it
+    # more than two where the death of task 3, which ended well, speaks for it: by seconds until a worker is missed
+    assert 2 <= again.pop("task 6") <= 6
     assert again == {"task 3": 2}
 
 
@@ -298,14 +306,15 @@ def test_the_fingerprint_of_the_code_sees_one_changed_digit(tmp_path):
 
 
 class OneWorker:
-    """A crew of one worker and a clock: somebody kills it every 80 s on average, a task of its own doing after 2 s."""
+    """A crew of one worker and a clock: somebody kills it every so often, a task of its own doing after 2 s."""
 
-    def __init__(self, killer: str, rng: np.random.Generator) -> None:
+    def __init__(self, killer: str, seconds: float, apart: float, rng: np.random.Generator) -> None:
         self.now, self.free, self._killer, self._rng = 0.0, 1, killer, rng
+        self._seconds, self._apart = seconds, apart
 
     def start(self, task: Task, call: bytes) -> None:
         self.free = 0
-        needed, chance = 2.0 if task.key == self._killer else 60.0, self._rng.exponential(80.0)
+        needed, chance = 2.0 if task.key == self._killer else self._seconds, self._rng.exponential(self._apart)
         died = task.key == self._killer or chance < needed
         self.now += min(needed, chance)
         self._event = Event(task, None, "its worker ended by itself") if died else Event(task, Reply(task.key))
@@ -317,14 +326,21 @@ class OneWorker:
     def stop(self) -> None: ...
 
 
-def test_kills_from_outside_are_no_fault_of_a_task_and_a_task_that_kills_is_still_set_aside(monkeypatch):
-    """Each of 30 tasks of a minute outlives a worker with probability 0.47: two deaths in a row would condemn eight."""
-    crew = OneWorker("task 5", np.random.default_rng(3))
+@pytest.mark.parametrize(("count", "seconds", "apart", "most"), [(30, 60.0, 80.0, 5), (200, 9.0, 20.0, 8)])
+def test_kills_from_outside_are_no_fault_of_a_task_and_a_task_that_kills_is_still_set_aside(
+    monkeypatch, count, seconds, apart, most
+):
+    """Each of the first tasks outlives a worker with probability 0.47: two deaths in a row would condemn eight of 30.
+
+    Of deaths 80 s apart the 2 s of each attempt of task 5 explain 0.125 in 5 attempts, for which chance is allowed 3;
+    20 s apart they explain 0.8 in 8, for which it is allowed 6. More attempts than that prove its guilt.
+    """
+    crew = OneWorker("task 5", seconds, apart, np.random.default_rng(3))
     monkeypatch.setattr("jointbayes.studies.tasks.time.monotonic", lambda: crew.now)
-    driver = _Driver(square, ((f"task {i}", (f"task {i}",)) for i in range(30)), 2, None)
+    driver = _Driver(square, ((f"task {i}", (f"task {i}",)) for i in range(count)), 2, None)
     ended = by_key(driver.outcomes(lambda: crew))
     assert {key for key, outcome in ended.items() if outcome.killed_worker} == {"task 5"}
-    assert ended["task 5"].attempts <= 4
+    assert 2 < ended["task 5"].attempts <= most
     assert max(outcome.attempts for outcome in ended.values()) > 2
 
 

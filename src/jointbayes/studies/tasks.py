@@ -11,6 +11,8 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from scipy import special
+
 from jointbayes.errors import WorkerError
 from jointbayes.studies.crews import Crew, Event, ExecutorCrew, ProcessCrew, Task, packed
 
@@ -19,8 +21,7 @@ if TYPE_CHECKING:
 
 
 _TICK = 0.5  # seconds between two calls of `watch`
-_FORGIVEN = 5.0  # times as many deaths as expected are taken for chance
-_MOST_FORGIVEN = 10
+_CHANCE = 1e-4  # probability below which so many deaths are no chance
 _MOST_DEATHS = 1 / 20  # of a worker in a second that may be somebody else's doing
 
 
@@ -65,7 +66,8 @@ def run_tasks(
 
     A task that raises is begun again at once, `attempts` times in all; the others go on. One whose worker dies is begun
     again when all others have had their turn. Where workers also die of tasks that end well in the end, somebody else
-    kills them, and a task is given up only where its own die clearly more often in the time that they work.
+    kills them: beyond its `attempts` a task is then forgiven as many deaths as chance would bring, at the rate of those
+    others, in the time that it has worked.
     The first task runs by itself, so that only one process compiles what is not yet compiled. Where the loop over the
     outcomes is left, by Ctrl-C too, all workers end.
 
@@ -142,8 +144,7 @@ class _Driver:
         self._again: deque[Task] = deque()
         self._killed: list[Task] = []  # tried again at the end
         self._set_aside: list[Outcome] = []
-        self._worked = 0.0  # seconds of all attempts
-        self._deaths = self._innocent = 0  # of workers: in all, and of those at tasks that ended well
+        self._innocent_seconds, self._innocent_deaths = 0.0, 0  # of workers at tasks that ended well
         self._running: list[Task] = []
         self._warm = False
 
@@ -193,12 +194,16 @@ class _Driver:
         return None
 
     def _allowed(self, task: Task) -> int:
-        """How many of its workers may die: `attempts`, and more where workers die that tasks have no part in."""
-        if not self._innocent:
-            return self._attempts
-        others = max(self._worked - task.worked, 1e-9)
-        expected = min((self._deaths - task.kills) / others, _MOST_DEATHS) * task.worked
-        return self._attempts + min(round(_FORGIVEN * expected), _MOST_FORGIVEN)
+        """How many of its workers may die: `attempts`, and more where workers die that tasks have no part in.
+
+        These are deaths by chance, a Poisson process whose rate is seen at tasks that ended well: so many more that a
+        further one in the time that the task has worked has a probability below 1e-4.
+        """
+        rate = self._innocent_deaths / self._innocent_seconds if self._innocent_deaths else 0.0
+        expected, forgiven = min(rate, _MOST_DEATHS) * task.worked, 0
+        while special.pdtrc(forgiven, expected) >= _CHANCE:
+            forgiven += 1
+        return self._attempts + forgiven
 
     def _judged(self, event: Event) -> Outcome | None:
         """The outcome of a task that has ended for good; one that has not waits again, before all others."""
@@ -209,10 +214,10 @@ class _Driver:
             self._again.appendleft(task)
             return None
         self._warm = True
-        spent = time.monotonic() - task.began
-        task.worked, self._worked = task.worked + spent, self._worked + spent
+        task.worked += time.monotonic() - task.began
         if reply is not None and reply.error is None:
-            self._innocent += task.kills
+            self._innocent_deaths += task.kills
+            self._innocent_seconds += task.worked
             return Outcome(task.key, reply.value, None, task.attempts, False)
         if not event.certain:
             task.alone = True
@@ -220,7 +225,6 @@ class _Driver:
             self._again.appendleft(task)
         elif reply is None and not event.overdue:
             task.kills, task.reason = task.kills + 1, event.reason
-            self._deaths += 1
             self._killed.append(task)
         elif task.attempts - task.kills < self._attempts:
             self._again.appendleft(task)
