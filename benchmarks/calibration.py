@@ -12,7 +12,6 @@ import jointbayes as jb
 from benchmarks.calibration_data import VARIANTS, case_of
 from benchmarks.calibration_page import SUMMARY, write_figure, write_page
 from benchmarks.record import merged
-from jointbayes.studies.calibrate import CalibrationProgress
 from jointbayes.studies.calibration import calibration_lines
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,9 +29,9 @@ def main() -> None:
     options = parser.parse_args()
     for variant in options.variant or VARIANTS:
 
-        def tell(progress: CalibrationProgress, variant: str = variant) -> None:
+        def tell(progress: jb.Progress, variant: str = variant) -> None:
             if progress.done % 10 == 0:
-                print(f"{variant}: {progress.done} of {progress.count}", flush=True)
+                print(f"{variant}: {progress}", flush=True)
 
         directory = PARTIAL / variant.replace(" ", "-")
         found = jb.calibrate(

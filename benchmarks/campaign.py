@@ -27,7 +27,8 @@ import numpy as np
 import psutil
 
 from benchmarks.record import ROOT, environment
-from jointbayes.studies.campaign.campaign_run import CampaignProgress, campaign
+from jointbayes.progress import Progress
+from jointbayes.studies.campaign.campaign_run import campaign
 from jointbayes.studies.campaign.index import INDEX
 
 RESULTS = ROOT / "benchmarks" / "campaign.json"
@@ -117,8 +118,8 @@ def measured(
     pids = workers.pop("pids", local_workers)
     me, memory = psutil.Process(), []
 
-    def note(now: CampaignProgress) -> None:
-        if now.done >= len(memory) * max(1, now.total // 20):
+    def note(now: Progress) -> None:
+        if now.done >= len(memory) * max(1, (now.total or 0) // 20):
             memory.append((now.done, round(me.memory_info().rss / 1e6, 1)))
         killer.note(now.done)
 

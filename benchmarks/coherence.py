@@ -35,7 +35,7 @@ def ratio(case: Case, settings: VirtualTestSpec, tests: int) -> np.ndarray:
     """Mean predicted variance over the scatter of the tests, shape (lines,)."""
     values, predicted = [], []
     for seed in range(tests):
-        (record,) = simulate(case, settings, np.random.default_rng(seed))
+        (record,) = simulate(case, settings, seed=seed)
         values.append(record.values)
         predicted.append(coherence_variance(as_set(record)).ravel())
     return np.mean(predicted, axis=0) / np.var(values, axis=0, ddof=1)

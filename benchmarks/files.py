@@ -77,7 +77,7 @@ def analyse(index: int) -> Outcome:
     rng = np.random.default_rng([20261121, index])
     truth = case_of("joint").problem.prior.values(case_of("joint").problem.prior.sample(rng, 1))[0]
     text = truth_text(np.array([float(k) for k in truth]).tolist())
-    records = simulate(jb.case_from_text("virtual test", text), None, rng)
+    records = simulate(jb.case_from_text("virtual test", text), seed=int(rng.integers(2**32)))
     seed = int(rng.integers(2**32))
     known: dict[str, tuple[bool, bool, bool]] = {}
     held, converged = {}, True

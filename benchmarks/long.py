@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 import jointbayes as jb
+from jointbayes.progress import Progress
 from jointbayes.sampling import SamplerSettings, run_ensembles
 from jointbayes.studies.tasks import run_tasks
 
@@ -140,10 +141,9 @@ def _steps(count: int, place: Path) -> Iterator[tuple[int, Held]]:
     looks: list[tuple[int, Held]] = []
     every = max(settings.check_every, count // _POINTS // settings.check_every * settings.check_every)
 
-    def look(progress: object) -> None:
-        steps: int = progress.steps  # type: ignore[attr-defined]
-        if steps % every == 0:
-            looks.append((steps, held(place)))
+    def look(progress: Progress) -> None:
+        if progress.done % every == 0:
+            looks.append((progress.done, held(place)))
             _print_row(*looks[-1])
 
     start = rng.normal(size=(settings.ensembles, settings.walkers, 3))

@@ -80,7 +80,7 @@ def draws(case: jb.Case, tau_factor: float | None = None) -> dict[str, Any]:
     """A whole run: seconds, of the processor too, and effective draws of the quantity that has the fewest."""
     settings = replace(case.sampler, tau_factor=tau_factor or case.sampler.tau_factor)
     wall, own = time.perf_counter(), time.process_time()
-    posterior = jb.sample(case, seed=1, settings=settings, tell=lambda line: print(line, flush=True))
+    posterior = jb.sample(case, seed=1, settings=settings, progress=lambda now: print(now, flush=True))
     sampler = posterior.record.sampler
     found = {
         "seconds": time.perf_counter() - wall,

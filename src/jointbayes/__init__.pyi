@@ -44,6 +44,8 @@ from jointbayes.measurement.modal_fit import identify_modes as identify_modes
 from jointbayes.measurement.variance import coherence_variance as coherence_variance
 from jointbayes.posterior import Posterior as Posterior
 from jointbayes.posterior.summary import Summary as Summary
+from jointbayes.progress import Progress as Progress
+from jointbayes.progress import ProgressCallback as ProgressCallback
 from jointbayes.report.run_directory import write_report as write_report
 from jointbayes.sampling import SamplerSettings as SamplerSettings
 from jointbayes.structure import BeamFamily as BeamFamily

@@ -1,7 +1,6 @@
 """The steps of a run: identify, find the MAP, sample, load. One function each, from a case or a problem to a result."""
 
 import os
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -30,10 +29,10 @@ from jointbayes.posterior.file_record import estimate_record, parse_estimate
 from jointbayes.posterior.run_record import sampler_figures
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.posterior.stored_problem import run_fingerprint
+from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
     Chains,
-    Progress,
     Proposal,
     SamplerSettings,
     UnfinishedRun,
@@ -114,7 +113,7 @@ def find_map(
     initial: ArrayLike | None = None,
     *,
     seed: int | None = None,
-    tell: Callable[[str], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> MapEstimate:
     """Find the posterior mode from several starts and its Laplace covariance.
 
@@ -135,16 +134,16 @@ def find_map(
         First guess of the joint's quantities, shape (q,); by default the problem's.
     seed
         Seed for the starts drawn from the prior; by default the case's, 1 of a problem.
-    tell
-        Called with the name of each phase as it begins, and with one line before each further round of the search.
+    progress
+        Called as the search begins, and before each further round of it.
 
     Raises
     ------
     ModelError
         If no start lies inside the prior's support.
     """
-    if tell is not None:
-        tell("searching for the mode")
+    tell = progress or tell_nobody
+    tell(Progress("searching for the mode"))
     problem, whole = _problem_and_case(case)
     seed = _seed(whole, seed)
     guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
@@ -186,8 +185,7 @@ def sample(
     *,
     settings: SamplerSettings | None = None,
     seed: int | None = None,
-    progress: Callable[[Progress], None] | None = None,
-    tell: Callable[[str], None] | None = None,
+    progress: ProgressCallback | None = None,
     checkpoint: str | os.PathLike[str] | UnfinishedRun | None = None,
     resume: bool = False,
 ) -> Posterior:
@@ -203,10 +201,8 @@ def sample(
         Seed of all random numbers; by default the case's, 1 of a problem. The same seed gives the same draws bit for
         bit.
     progress
-        Called after each block of steps.
-    tell
-        Called with the name of each phase as it begins, and with one line before each further round of the search for
-        the mode.
+        Called as each stage begins, before each further round of the search for the mode, and after each block of
+        steps.
     checkpoint
         Directory in which the run is kept while it is made, so that what a killed process has drawn is not lost; by
         default none. It stays when the run is finished: remove it once the posterior is saved.
@@ -229,20 +225,20 @@ def sample(
         another problem, seed or settings, or of other versions: which.
     """
     if checkpoint is not None and not isinstance(checkpoint, UnfinishedRun):
-        with UnfinishedRun(checkpoint, resume=resume, tell=tell or (lambda _line: None)) as unfinished:
-            return sample(case, settings=settings, seed=seed, progress=progress, tell=tell, checkpoint=unfinished)
+        with UnfinishedRun(checkpoint, resume=resume, progress=progress or tell_nobody) as unfinished:
+            return sample(case, settings=settings, seed=seed, progress=progress, checkpoint=unfinished)
     problem, whole = _problem_and_case(case)
     for test in problem.tests:
         test.data.require_enough()
     seed = _seed(whole, seed)
-    tell = tell or (lambda _line: None)
+    tell = progress or tell_nobody
     dimension = len(problem.prior.names)
     settings = settings or (SamplerSettings().for_dimension(dimension) if whole is None else whole.sampler)
     settings.require_dimension(dimension)
     if checkpoint is not None:
         checkpoint.begin(run_fingerprint(problem, whole, seed, settings))
     estimate = _found_mode(whole or problem, seed, tell, checkpoint)
-    tell("fitting a proposal to the posterior")
+    tell(Progress("fitting a proposal to the posterior"))
     log_posterior = problem.log_posterior
     modes, systems = estimate.starts_for_draws, coordinate_systems(problem)
     proposal = fit_each_mode(
@@ -251,7 +247,7 @@ def sample(
     start = starting_walkers(modes, problem.prior.log_density, settings, _generator(seed, _WALKERS), proposal.shares)
     least = estimate.log_posterior - _NO_DRAW
     start = replace_far_walkers(start, log_posterior, least, proposal, _generator(seed, _FAR_WALKERS))
-    tell("sampling")
+    tell(Progress("sampling"))
     chains, proposal = run_adapted(
         log_posterior,
         start,
@@ -267,18 +263,18 @@ def sample(
 
 
 def _found_mode(
-    case: Case | Problem, seed: int, tell: Callable[[str], None], checkpoint: UnfinishedRun | None
+    case: Case | Problem, seed: int, tell: ProgressCallback, checkpoint: UnfinishedRun | None
 ) -> MapEstimate:
     """The MAP estimate, from the checkpoint if it is there."""
     if checkpoint is None:
-        return find_map(case, seed=seed, tell=tell)
+        return find_map(case, seed=seed, progress=tell)
     problem, _ = _problem_and_case(case)
     if checkpoint.estimate is None:
-        estimate = find_map(case, seed=seed, tell=tell)
+        estimate = find_map(case, seed=seed, progress=tell)
         checkpoint.keep_estimate(estimate_record(estimate))
         return estimate
     estimate = parse_estimate(checkpoint.estimate, f"{checkpoint.path}: mode")
-    tell(f"going on with the run that was interrupted, after {checkpoint.steps} steps")
+    tell(Progress("checkpoint", f"going on with the run that was interrupted, after {checkpoint.steps} steps"))
     iteration = identify(case) if part_to_iterate(problem) is not None else None
     return replace(estimate, iteration=iteration)
 

@@ -20,7 +20,7 @@ def virtual_records(path: Path, table: str, kind: str = "npz") -> None:
     quantity = ('quantity = "receptance"', 'quantity = "accelerance"')
     band = ("f_max_hz = 2500.0", "f_max_hz = 1000.0")
     case = jb.case_from_text("virtual", edited(cheap_text(), quantity, band) + f"\n[virtual_test]\n{table}\n")
-    write_records(simulate(case, None, np.random.default_rng(5)), path, kind)
+    write_records(simulate(case, seed=5), path, kind)
 
 
 def loaded(folder: Path, records: str) -> Case:

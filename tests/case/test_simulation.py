@@ -49,7 +49,7 @@ def test_the_frfs_of_a_virtual_test_are_those_of_the_truth(quantity, unit):
         ("k11 = 5.05e9", "gain = 1.5\nk11 = 5.05e9"),
         table='extra_outputs = ["3:y", "1:rz"]',
     )
-    records = simulate(case, None, np.random.default_rng(1))
+    records = simulate(case, seed=1)
     assert [(r.response, r.reference) for r in records] == [
         (response, "Point:5:Y+") for response in ("Point:5:Y+", "Point:3:Y+", "Point:1:RZ+")
     ]
@@ -101,22 +101,22 @@ def test_one_average_has_no_coherence_and_none_is_refused():
 def test_averages_are_those_of_the_test_then_of_the_noise():
     by_coherence = ("relative = 0.008", "coherence = 0.9\naverages = 7")
     for case, averages in ((virtual_case(by_coherence), 7), (virtual_case(by_coherence, table="averages = 4"), 4)):
-        assert simulate(case, None, np.random.default_rng(1))[0].averages == averages
+        assert simulate(case, seed=1)[0].averages == averages
     case = virtual_case(by_coherence, ("floor = 0.0016", "floor = 0"))
-    coherence = as_set(simulate(case, None, np.random.default_rng(1))).coherence
+    coherence = as_set(simulate(case, seed=1)).coherence
     assert coherence.mean() == pytest.approx(0.9, abs=0.02)
 
 
 def test_the_same_seed_gives_the_same_test():
     case = virtual_case()
-    first, again, other = (simulate(case, None, np.random.default_rng(seed))[0].values for seed in (1, 1, 2))
+    first, again, other = (simulate(case, seed=seed)[0].values for seed in (1, 1, 2))
     assert first.tobytes() == again.tobytes()
     assert (first != other).all()
 
 
 def test_a_case_without_a_truth_cannot_be_simulated(frequency_case):
     with pytest.raises(CaseError, match=r'frequencies:\d+: data.kind: found "natural_frequencies"; expected'):
-        simulate(frequency_case, None, np.random.default_rng(1))
+        simulate(frequency_case, seed=1)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_faults_of_the_table_are_named(table, message):
 
 def test_settings_override_those_of_the_case():
     settings = VirtualTestSpec(averages=3)
-    assert simulate(virtual_case(), settings, np.random.default_rng(1))[0].averages == 3
+    assert simulate(virtual_case(), settings, seed=1)[0].averages == 3
 
 
 def test_coherence_noise_of_the_case_is_used_as_stated():
@@ -156,7 +156,7 @@ def test_the_frfs_of_simulated_records_are_those_of_the_truth_within_their_noise
         ('quantity = "receptance"', f'quantity = "{quantity}"'),
         table=f'method = "{method}"\naverages = 12\nextra_outputs = ["3:y"]',
     )
-    found = as_set(simulate(case, None, np.random.default_rng(4)))
+    found = as_set(simulate(case, seed=4))
     assert found.outputs == ("Point:5:Y+", "Point:3:Y+")
     lines = np.array(case.spec.data.lines_hz())
     assert_allclose(found.frequency_hz, lines, rtol=1e-9)
@@ -172,7 +172,7 @@ def test_the_frfs_of_simulated_records_are_those_of_the_truth_within_their_noise
 def test_other_laws_of_damping_are_tested_as_well(law, key):
     damping = ('law = "modal"', f'law = "{law}"'), ("ratio = 0.01", key)
     case = virtual_case(*damping, ('"receptance"', '"accelerance"'), table='method = "impact"')
-    found = as_set(simulate(case, None, np.random.default_rng(4)))
+    found = as_set(simulate(case, seed=4))
     true = Truth(case).frf(found.frequency_hz, ("5:y",)).values
     z = np.abs(found.values - true) ** 2 / coherence_variance(found)
     assert z.mean() == pytest.approx(1.125, abs=0.3)
@@ -186,7 +186,7 @@ def test_the_decay_rate_is_that_of_the_slowest_mode():
 
 def test_time_histories_are_written_hit_by_hit_with_double_hits_and_overloads():
     table = 'method = "impact"\nwrites = "time"\naverages = 2\ndouble_hits = 1\noverloads = 1\nextra_outputs = ["3:y"]'
-    records = simulate(virtual_case(table=table), None, np.random.default_rng(1))
+    records = simulate(virtual_case(table=table), seed=1)
     assert all(isinstance(record, TimeRecord) for record in records)
     assert [(r.hit, r.channel, r.quantity, r.unit) for r in records[:3]] == [
         (1, "Point:5:Y+", "force", "N"),
@@ -202,12 +202,12 @@ def test_time_histories_are_written_hit_by_hit_with_double_hits_and_overloads():
 def test_what_cannot_be_tested_is_refused():
     slow = virtual_case(table='method = "impact"\nsample_rate_hz = 5000.0')
     with pytest.raises(MeasurementError, match="5000 samples per second for lines up to 2500 Hz"):
-        simulate(slow, None, np.random.default_rng(1))
+        simulate(slow, seed=1)
     undamped = virtual_case(
         ("ratio = 0.01", "ratio = 0.0"), ("f_min_hz = 20.0", "f_min_hz = 21.3"), table='method = "impact"'
     )
     with pytest.raises(MeasurementError, match="without damping"):
-        simulate(undamped, None, np.random.default_rng(1))
+        simulate(undamped, seed=1)
 
 
 # command line
@@ -232,7 +232,7 @@ def test_simulate_writes_every_format(tmp_path, form):
         "2 FRFs (receptance) of 249 lines, 20 to 2500 Hz, averages: 10",
         f"Measurement: {out} ({form})",
     ]
-    expected = simulate(virtual_case(table='extra_outputs = ["3:y"]'), None, np.random.default_rng(7))
+    expected = simulate(virtual_case(table='extra_outputs = ["3:y"]'), seed=7)
     for found, record in zip(read(out), expected, strict=True):
         assert (found.response, found.reference, found.averages) == (record.response, record.reference, 10)
         assert_allclose(found.values, record.values, rtol=1e-5)
@@ -257,7 +257,7 @@ def test_a_file_of_hits_gives_back_the_frfs_of_the_test(tmp_path):
     assert command(tmp_path, table + 'writes = "time"', "--out", str(out)).exit_code == 0
     settings = ImpactSettings(force_window_s=2 / 2500, f_min_hz=20, f_max_hz=2500)
     (found,) = frfs_of_hits(read(out), settings).frfs
-    (record,) = simulate(direct, None, np.random.default_rng(1))
+    (record,) = simulate(direct, seed=1)
     assert found.averages == record.averages == 3
     kept = lines_apart(found.frequency_hz, 10.0)
     assert_allclose(found.values[kept], record.values, rtol=1e-4)

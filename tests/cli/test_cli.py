@@ -165,7 +165,7 @@ def test_a_run_states_the_numbers_of_its_summary(finished):
     assert lines[4] == summary["check"]["sentence"]
     assert str(place / "out" / "report.html") in lines[5]
     said = result.stderr.splitlines()
-    phases = [line for line in said if not line.startswith("sampling: step ")]
+    phases = [line for line in said if not line.startswith("sampling: ")]
     assert [re.sub(r"^ *\d+\.\d s  ", "", line) for line in phases] == [
         "searching for the mode",
         "fitting a proposal to the posterior",

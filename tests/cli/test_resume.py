@@ -21,8 +21,8 @@ EVERY_BLOCK = "import jointbayes.sampling.checkpoint as c; c.SECONDS_BETWEEN = 0
 STOPPED = EVERY_BLOCK + (
     "import os, signal, sys\nfrom jointbayes.cli import progress\n"
     "from jointbayes.cli.commands import main\n"
-    "def report(told):\n    if told.steps >= 100: os.kill(os.getpid(), {signal})\n"
-    "progress._plain = lambda: report\nmain()"
+    "def report(told):\n    if told.done >= 100: os.kill(os.getpid(), {signal})\n"
+    "progress._print_lines = lambda: report\nmain()"
 )
 
 
@@ -164,7 +164,7 @@ def test_a_case_of_two_set_ups_killed_after_a_block_goes_on_to_the_same_bits(tmp
     settings = SamplerSettings(walkers=8, max_steps=200)
 
     def kill(told):
-        if told.steps >= 100:
+        if told.done >= 100:
             raise Killed
 
     def case(of=text):
@@ -178,8 +178,9 @@ def test_a_case_of_two_set_ups_killed_after_a_block_goes_on_to_the_same_bits(tmp
         with pytest.raises(CheckpointError, match=words):
             jb.sample(case(changed), seed=2, settings=settings, checkpoint=tmp_path / "run", resume=True)
     told = []
-    resumed = jb.sample(case(), seed=2, settings=settings, checkpoint=tmp_path / "run", resume=True, tell=told.append)
-    assert "going on with the run that was interrupted, after 100 steps" in told
+    again = {"checkpoint": tmp_path / "run", "resume": True, "progress": told.append}
+    resumed = jb.sample(case(), seed=2, settings=settings, **again)
+    assert jb.Progress("checkpoint", "going on with the run that was interrupted, after 100 steps") in told
     undisturbed = jb.sample(case(), seed=2, settings=settings)
     assert resumed.theta.tobytes() == undisturbed.theta.tobytes()
     assert resumed.log_density.tobytes() == undisturbed.log_density.tobytes()

@@ -176,13 +176,13 @@ def test_a_search_whose_end_does_not_explain_the_data_goes_on_until_it_finds_the
     assert went.gain > 100
     assert went.explains
     assert not went.sentence
-    assert "round 1 of at most 3" in lines[0]
+    assert "round 1 of at most 3" in lines[0].text
 
 
 def test_a_search_that_explains_the_data_does_not_go_on(cheap_case):
     lines: list[str] = []
-    estimate = jb.find_map(cheap_case, tell=lines.append)
-    assert lines == ["searching for the mode"]
+    estimate = jb.find_map(cheap_case, progress=lines.append)
+    assert lines == [jb.Progress("searching for the mode")]
     assert estimate.effort.rounds == 0
     assert estimate.effort.squares == pytest.approx(1.0, abs=0.2)
     assert estimate.sentence == ""

@@ -63,7 +63,7 @@ def short(begin):
 
 def killed_after(steps):
     def progress(told):
-        if told.steps >= steps:
+        if told.done >= steps:
             raise Killed
 
     return progress
@@ -76,13 +76,13 @@ def killed(begin, place, steps, **options):
 
 
 def begun(begin, place, told=None, **options):
-    with UnfinishedRun(place, tell=(told if told is not None else []).append) as keeper:
+    with UnfinishedRun(place, progress=(told if told is not None else []).append) as keeper:
         keeper.begin(PARTS)
         return run(begin, keeper, **options)
 
 
 def resumed(begin, place, told=None, **options):
-    with UnfinishedRun(place, resume=True, tell=(told if told is not None else []).append) as keeper:
+    with UnfinishedRun(place, resume=True, progress=(told if told is not None else []).append) as keeper:
         keeper.begin(PARTS)
         return run(begin, keeper, **options)
 
@@ -155,7 +155,9 @@ def test_a_stage_that_is_damaged_is_made_again(begin, undisturbed, tmp_path, dam
     damage(tmp_path / "run")
     told = []
     same(resumed(begin, tmp_path / "run", told), undisturbed)
-    assert told == [f"{tmp_path / 'run'}: found a damaged stage-0.npz; its steps are made again"] * damaged
+    assert [now.text for now in told] == [
+        f"{tmp_path / 'run'}: found a damaged stage-0.npz; its steps are made again"
+    ] * damaged
     told.clear()
     same(resumed(begin, tmp_path / "run", told), undisturbed)  # what was made again is on disk
     assert told == []
@@ -315,11 +317,13 @@ def test_a_disk_that_is_full_costs_no_draws_and_says_so_once(begin, undisturbed,
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     told = []
-    with UnfinishedRun(tmp_path / "run", tell=told.append) as keeper:
+    with UnfinishedRun(tmp_path / "run", progress=told.append) as keeper:
         monkeypatch.setattr(os, "fsync", full)
         keeper.begin(PARTS)
         same(run(begin, keeper), undisturbed)
-    assert told == [f"{tmp_path / 'run'}: no checkpoint could be written (No space left on device); going on without"]
+    assert [now.text for now in told] == [
+        f"{tmp_path / 'run'}: no checkpoint could be written (No space left on device); going on without"
+    ]
 
 
 def test_a_second_name_that_appears_during_a_run_keeps_what_it_named(begin, undisturbed, tmp_path):
@@ -327,7 +331,7 @@ def test_a_second_name_that_appears_during_a_run_keeps_what_it_named(begin, undi
     copied = []
 
     def progress(told):
-        if told.steps == 300:
+        if told.done == 300:
             os.link(tmp_path / "run" / "stage-0.npz", tmp_path / "copy")
             copied.append((tmp_path / "copy").read_bytes())
 

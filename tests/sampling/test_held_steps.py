@@ -95,8 +95,8 @@ def test_what_is_held_does_not_grow_with_the_steps(monkeypatch):
     memory = {}
 
     def look(progress):
-        if progress.steps in (1000, 3000):
-            memory[progress.steps] = tracemalloc.get_traced_memory()[0]
+        if progress.done in (1000, 3000):
+            memory[progress.done] = tracemalloc.get_traced_memory()[0]
 
     tracemalloc.start()
     try:

@@ -261,5 +261,5 @@ def test_a_case_of_many_unknowns_has_as_many_walkers_as_they_need_unless_it_stat
     too_few = case_from_text("six", edited(text, ("walkers = 96", "walkers = 48")))
     told = []
     with pytest.raises(SamplingError, match="found 48 for 36 parameters, expected at least 72"):
-        sample(too_few, tell=told.append)
+        sample(too_few, progress=told.append)
     assert told == []  # before the search for the mode

@@ -483,11 +483,10 @@ class TestRun:
     def test_progress_is_reported_after_each_block(self, capsys):
         seen = []
         chains = run(1, SamplerSettings(walkers=8, max_steps=20_000, check_every=100), progress=seen.append)
-        assert [report.steps for report in seen] == list(range(100, chains.steps + 1, 100))
-        assert all(report.steps <= report.expected_steps <= report.max_steps == 20_000 for report in seen)
-        assert seen[-1].expected_steps == seen[-1].steps
-        assert seen[-1].tau == chains.tau.max()
-        assert seen[-1].r_hat == chains.r_hat.max()
+        assert [report.done for report in seen] == list(range(100, chains.steps + 1, 100))
+        assert all(report.done <= report.total <= 20_000 for report in seen)
+        assert seen[-1].total == seen[-1].done
+        assert seen[-1].figures == {"tau": chains.tau.max(), "r_hat": chains.r_hat.max()}
         elapsed = [report.elapsed_seconds for report in seen]
         assert elapsed == sorted(elapsed)
         assert capsys.readouterr() == ("", "")

@@ -280,13 +280,14 @@ class TestDriver:
         assert (index["status"] == "done").all()
         assert all(tries(tmp_path, key) == 1 for key in kept["key"])
 
-    def test_progress_counts_cases_and_says_which_run(self, tmp_path):
+    def test_progress_counts_cases_and_how_many_run(self, tmp_path):
         seen = []
         pretend(tmp_path, ROWS, progress=seen.append)
-        assert (seen[-1].total, seen[-1].done, seen[-1].failed, seen[-1].earlier) == (7, 5, 2, 0)
-        assert {key for now in seen for key in now.running} == {f"c{i}" for i in range(7)}
+        assert (seen[-1].total, seen[-1].done, seen[-1].figures["failed"], seen[-1].earlier) == (7, 7, 2, 0)
+        assert {now.figures["running"] for now in seen} == {0, 1, 2}
+        assert str(seen[-1]).startswith("sampling: 7 of 7 cases, 2 failed, 0 running")
         pretend(tmp_path, ROWS, progress=seen.append)
-        assert (seen[-1].done, seen[-1].failed, seen[-1].earlier) == (5, 2, 6)
+        assert (seen[-1].done, seen[-1].figures["failed"], seen[-1].earlier) == (7, 2, 6)
 
 
 class TestDirectory:

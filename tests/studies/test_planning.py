@@ -425,8 +425,8 @@ def test_those_whose_range_overlaps_that_of_the_first_are_simulated_further():
 
 def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     case = jb.case_from_text("cheap", planned_text(('"5:rz"]\n', '"5:rz"]\nmax_measurements = 2\n')))
-    lines = []
-    plan = jb.plan(case, cheap_posterior, seed=3, simulations=4, tell=lines.append)
+    told = []
+    plan = jb.plan(case, cheap_posterior, seed=3, simulations=4, progress=told.append)
     summary = plan.summary()
     assert json.loads(json.dumps(summary, allow_nan=False)) == json.loads(
         json.dumps(jb.plan(case, cheap_posterior, seed=3, simulations=4).summary())
@@ -436,7 +436,7 @@ def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     assert plan.recommended is plan.measurements[0]
     assert len(plan.measurements) == 6  # three alone, three pairs
     assert plan.now.sd == pytest.approx(np.log(cheap_posterior.values("k12")).std(), rel=1e-9)
-    assert lines[1].startswith("simulating candidate 1 of 6: ")
+    assert [now.done for now in told if now.stage == "simulating"] == list(range(1, 25))
     assert plan.sentence in plan_lines(plan)
     report = build_plan_report(summary, datetime.date(2026, 1, 1))
     assert report.lead[0].text == plan.sentence

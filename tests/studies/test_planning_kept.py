@@ -10,7 +10,6 @@ import pytest
 from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.cli import progress
 from jointbayes.cli.commands import main
 from jointbayes.errors import WriteError
 from jointbayes.studies.planning import race
@@ -39,8 +38,8 @@ def made(monkeypatch):
 def interrupting(made, count):
     """A callback that interrupts once so many simulations are made."""
 
-    def tell(line):
-        if len(made) == count and line.startswith("simulating"):
+    def tell(now):
+        if len(made) == count and now.stage == "simulating":
             raise KeyboardInterrupt
 
     return tell
@@ -59,15 +58,15 @@ def test_a_plan_that_was_interrupted_goes_on_and_is_the_same(cheap_posterior, ma
     made.clear()
     for count in (4, 7):
         with pytest.raises(KeyboardInterrupt):
-            few(cheap_posterior, tmp_path, tell=interrupting(made, count))
+            few(cheap_posterior, tmp_path, progress=interrupting(made, count))
     assert made == all_made[:7]
     assert not (tmp_path / "lock").exists()
     file = tmp_path / KEPT
     file.write_bytes(file.read_bytes()[:-9])  # as of a process killed while it wrote: that one is made again
-    lines = []
-    assert few(cheap_posterior, tmp_path, tell=lines.append).summary() == whole
+    told = []
+    assert few(cheap_posterior, tmp_path, progress=told.append).summary() == whole
     assert made == all_made[:7] + all_made[6:]
-    assert lines[0] == "going on with 6 simulations that are kept"
+    assert str(told[0]) == "going on: 6 simulations are kept"
     assert few(cheap_posterior, tmp_path).summary() == whole
     assert len(made) == len(all_made) + 1
 
@@ -134,7 +133,7 @@ def test_a_line_that_holds_no_simulation_is_passed_over(values, tmp_path):
 
 
 def test_the_time_left_is_that_of_all_that_may_follow(monkeypatch):
-    clock, lines = [0.0], []
+    clock, told = [0.0], []
 
     def after(_candidates, truth):
         clock[0] += 10.0
@@ -144,23 +143,13 @@ def test_the_time_left_is_that_of_all_that_may_follow(monkeypatch):
     names = [("a",), ("b",), ("c",), ("d",)]
     kept = KeptSimulations(None, {})
     kept.add(("a",), 0, WANTED)  # of an earlier start: it took no time of this one
-    run = Race(SimpleNamespace(posterior_after=after), dict.fromkeys("abcd"), kept, lines.append)
+    run = Race(SimpleNamespace(posterior_after=after), dict.fromkeys("abcd"), kept, told.append)
     outcome = run.run(names, 2, 5)
     # 7 of the first two truths and 9 that may follow, 10 s each
-    assert lines[0] == "simulating candidate 1 of 4: a, measurement 2 of 2, about 150 s left"
-    assert lines[6] == "simulating candidate 4 of 4: d, measurement 2 of 2, about 90 s left"
-    assert lines[-1].startswith("simulating candidate 3 of 3: ")
-    assert lines[-1].endswith(", measurement 5 of 5, about 0 s left")
+    assert str(told[0]) == "simulating: 1 of 16 measurements, last of a, about 2 min left"
+    assert [told[i].left_seconds for i in (0, 6, -1)] == [150.0, 90.0, 0.0]
+    assert told[-1].done == 16
     assert sorted(len(one.posteriors) for one in outcome.values()) == [2, 5, 5, 5]
-
-
-def test_lines_of_one_step_are_thinned(monkeypatch, capsys):
-    clock = iter([0.0, 0.1, 0.2, 6.0, 6.1])
-    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(clock)))
-    tell = progress.show_steps()
-    for line in ("candidate 1: 1", "candidate 1: 2", "candidate 2: 1", "candidate 2: 2", "candidate 2: 3"):
-        tell(line)
-    assert capsys.readouterr().err.split("\n")[:-1] == ["candidate 1: 1", "candidate 2: 1", "candidate 2: 2"]
 
 
 def test_the_command_that_was_interrupted_says_what_is_kept_and_goes_on(made, tmp_path, monkeypatch):
@@ -168,9 +157,9 @@ def test_the_command_that_was_interrupted_says_what_is_kept_and_goes_on(made, tm
     monkeypatch.chdir(tmp_path)
     text = planned_text(('"3:y", "5:rz"', '"1:y"'))
     (tmp_path / "cheap.toml").write_text(text, encoding="utf-8")
-    command, steps = ["plan", "cheap.toml", "--seed", "2"], progress.show_steps
+    command = ["plan", "cheap.toml", "--seed", "2"]
     with monkeypatch.context() as patch:
-        patch.setattr("jointbayes.cli.studies.show_steps", lambda: interrupting(made, 4))
+        patch.setattr("jointbayes.cli.progress._print_lines", lambda: interrupting(made, 4))
         stopped = CliRunner().invoke(main, command)
     directory = tmp_path / "reports" / "cheap-plan"
     assert stopped.exit_code == 130
@@ -178,14 +167,13 @@ def test_the_command_that_was_interrupted_says_what_is_kept_and_goes_on(made, tm
     assert stopped.stderr == kept
     assert {path.name for path in directory.iterdir()} == {".jointbayes", KEPT, "present"}
 
-    monkeypatch.setattr("jointbayes.cli.studies.show_steps", steps)
     monkeypatch.setattr("jointbayes.workflow.find_map", lambda *_, **__: pytest.fail("the mode was sought again"))
     ended = CliRunner().invoke(main, command)
     monkeypatch.undo()
     assert ended.exit_code == 0, ended.output
     assert len(made) == len(set(made))
-    assert "going on with 4 simulations that are kept" in ended.stderr
-    assert re.search(r"^simulating candidate 2 of 2: .*, about \d+ s left$", ended.stderr, re.MULTILINE)
+    assert "going on: 4 simulations are kept" in ended.stderr
+    assert re.search(r"^simulating: (\d+) of \1 measurements, .*, about 0 s left$", ended.stderr, re.MULTILINE)
     assert "Report: reports/cheap-plan/report.html and " in ended.stdout
     case, written = jb.load_case(tmp_path / "cheap.toml"), (directory / "plan.json").read_text(encoding="utf-8")
     with monkeypatch.context() as patch:

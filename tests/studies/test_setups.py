@@ -73,7 +73,7 @@ def test_a_case_with_set_ups_is_calibrated():
 
 def test_each_set_up_is_measured_in_a_virtual_test(tmp_path):
     case = case_of(TWO + HEARD.replace("natural_frequencies", "natural_frequencies"))
-    records = simulate(case, None, np.random.default_rng(1), "short")
+    records = simulate(case, setup="short", seed=1)
     assert {record.response for record in records} == {"11:y", "6:y"} or len(records) == 2
     lines = np.array([100.0, 400.0])
     part = case.problem.part("short")
@@ -81,9 +81,9 @@ def test_each_set_up_is_measured_in_a_virtual_test(tmp_path):
     exact = model.receptance(part.prior.matrix(np.log(TABLE_3)[None]))[0]
     assert_allclose(Truth(case, "short").frf(lines, ("6:y",)).values, exact, rtol=1e-6)
     with pytest.raises(CaseError, match="expected one of long, short, heard"):
-        simulate(case, None, np.random.default_rng(1))
+        simulate(case, seed=1)
     with pytest.raises(CaseError, match=r"^case:\d+: setups.heard.data.kind: found \"natural_frequencies\"; expected"):
-        simulate(case, None, np.random.default_rng(1), "heard")
+        simulate(case, setup="heard", seed=1)
 
 
 def test_simulate_writes_a_file_for_each_set_up(tmp_path):

@@ -8,8 +8,8 @@ import numpy as np
 import scipy  # its parts load at first use
 
 from jointbayes.arrays import Array
-from jointbayes.case.case import Case
-from jointbayes.case.case_objects import noise_law, true_family, true_stiffness
+from jointbayes.case.case import AnyCase, Case, require_case
+from jointbayes.case.case_objects import generator_of, noise_law, true_family, true_stiffness
 from jointbayes.case.combined import CaseSetup
 from jointbayes.case.spec.data_table import SyntheticFrfSpec
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
@@ -104,20 +104,23 @@ class Truth:
 
 
 @one_blas_thread()
-def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Generator, setup: str = "") -> list[Record]:
+def simulate(
+    case: AnyCase, settings: VirtualTestSpec | None = None, *, setup: str = "", seed: int | None = None
+) -> list[Record]:
     """Measure the truth of a case in a virtual test.
 
     Parameters
     ----------
     case
-        Case with data of kind ``"synthetic_frf"``: its `[data.truth]` is measured at its outputs, for its inputs, in
-        its band. The noise of `[data.noise]` is that of method ``"frf"``; the others have noise on their channels.
+        Case, or path of its file, with data of kind ``"synthetic_frf"``: its `[data.truth]` is measured at its outputs,
+        for its inputs, in its band. The noise of `[data.noise]` is that of method ``"frf"``; the others have noise on
+        their channels.
     settings
-        The `[virtual_test]` table; None takes the case's own.
-    rng
-        Source of all noise, hits and forces.
+        The `[virtual_test]` table; by default the case's own.
     setup
         Which of several set-ups is measured.
+    seed
+        Seed of all noise, hits and forces; by default that of the `[virtual_test]` table.
 
     Returns
     -------
@@ -131,16 +134,17 @@ def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Genera
     MeasurementError
         If the test cannot be made so, for example with blocks too short for the lines.
     """
-    truth = Truth(case, setup)
+    truth = Truth(require_case(case), setup)
+    test = truth.case_setup.spec.virtual_test if settings is None else settings
+    rng = generator_of(test.seed if seed is None else seed, truth.case_setup.name)
     try:
-        return _measured(truth, settings, rng)
+        return _measured(truth, test, rng)
     except MeasurementError as error:
         words = str(error).removeprefix("virtual test: ")
         raise MeasurementError(truth.case_setup.source.fault(("virtual_test",), words)) from error
 
 
-def _measured(truth: Truth, settings: VirtualTestSpec | None, rng: np.random.Generator) -> list[Record]:
-    test = truth.case_setup.spec.virtual_test if settings is None else settings
+def _measured(truth: Truth, test: VirtualTestSpec, rng: np.random.Generator) -> list[Record]:
     outputs = truth.data.outputs + test.extra_outputs
     averages = test.averages or truth.data.noise.averages or _AVERAGES
     if test.method == "frf":

@@ -58,7 +58,8 @@ def load(config: Path) -> "Case":
     from jointbayes.case.plausibility import input_warnings
     from jointbayes.case.spec.parse import parse_setups
     from jointbayes.case.toml_text import fault_line
-    from jointbayes.cli.progress import show_phase
+    from jointbayes.cli.progress import show_stage
+    from jointbayes.progress import Progress
 
     # what is wrong with the file itself is said before anything heavy is loaded
     text = read_case_text(config, outside_allowed())
@@ -72,7 +73,7 @@ def load(config: Path) -> "Case":
             say(f"jointbayes: warning: {place}", err=True)
 
     tell(early)
-    show_phase("reading the case", on_terminal_only=True)
+    show_stage(Progress("reading the case"), on_terminal_only=True)
     from jointbayes.case.case import load_case
 
     case = load_case(config, allow_outside=outside_allowed())
@@ -82,11 +83,11 @@ def load(config: Path) -> "Case":
 
 def draw(case: "Case", seed: int | None, checkpoint: "UnfinishedRun | None" = None) -> "Posterior":
     """Sample a case with progress on standard error."""
-    from jointbayes.cli.progress import show_phase, show_progress
+    from jointbayes.cli.progress import show_progress
     from jointbayes.workflow import sample as draw
 
     with show_progress() as progress:
-        return draw(case, seed=seed, progress=progress, tell=show_phase, checkpoint=checkpoint)
+        return draw(case, seed=seed, progress=progress, checkpoint=checkpoint)
 
 
 @contextmanager
@@ -103,7 +104,7 @@ def unfinished(
     again = shlex.join([*words, "--resume"])
     place = target.with_name(f"{target.name}.unfinished")
     with UnfinishedRun(
-        place, resume=resume, tell=lambda line: say(f"jointbayes: {line}", err=True), remedy=f"use: {again}"
+        place, resume=resume, progress=lambda now: say(f"jointbayes: {now.text}", err=True), remedy=f"use: {again}"
     ) as kept:
         try:
             yield kept

@@ -57,7 +57,6 @@ def _require_other_file(written: Path, read: Path, option: str) -> None:
 def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> None:
     """Measure the truth of a case in a virtual test and write a measurement file, or one for each set-up."""
     from jointbayes.case.case import load_case
-    from jointbayes.case.case_objects import generator_of
     from jointbayes.case.simulated_test import describe
     from jointbayes.case.simulated_test import simulate as measure
     from jointbayes.errors import CaseError
@@ -75,8 +74,7 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
     measured = {}
     for setup in case.setups:  # all of them before any is written
         _require_other_file(targets[setup.name], config, "--out")
-        rng = generator_of(setup.spec.virtual_test.seed if seed is None else seed, setup.name)
-        measured[setup.name] = measure(case, None, rng, setup.name)
+        measured[setup.name] = measure(case, setup=setup.name, seed=seed)
     for name, records in measured.items():
         write_records(records, targets[name], chosen)
         for line in describe(records):

@@ -1,103 +1,77 @@
-"""Progress of a run: its phases with the time so far, and of sampling a bar on a terminal, plain lines elsewhere."""
+"""What commands print of their progress: stages with the time so far, and a bar, or lines now and then, of counts."""
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 from jointbayes.cli.output import say
-
-if TYPE_CHECKING:
-    from jointbayes.sampling import Progress
-    from jointbayes.studies.calibrate import CalibrationProgress
-
+from jointbayes.errors import printable
+from jointbayes.progress import Progress, ProgressCallback
 
 _BEGIN = time.monotonic()
 
 _LINES_AT_LEAST_APART = 5.0  # seconds
+_LINES_OF_A_STAGE = 60  # about so many in the second half of a long one
 
 
-def show_phase(name: str, *, on_terminal_only: bool = False) -> None:
-    """Print the name of a phase that begins, with the seconds since the program did, on standard error.
+def show_stage(progress: Progress, *, on_terminal_only: bool = False) -> None:
+    """Print a stage that begins, with the seconds since the program did, on standard error.
 
     Until the input is read only on a terminal: elsewhere what is wrong with it is the one line that is printed.
     """
     if on_terminal_only and not sys.stderr.isatty():
         return
-    say(f"{time.monotonic() - _BEGIN:6.1f} s  {name}", err=True)
+    say(f"{time.monotonic() - _BEGIN:6.1f} s  {progress}", err=True)
 
 
 @contextmanager
-def show_progress() -> Iterator[Callable[["Progress"], None]]:
-    """Yield the callback that a run reports to; all of it goes to standard error."""
+def show_progress() -> Iterator[ProgressCallback]:
+    """Yield the callback that a command reports to; all of it goes to standard error."""
     if not sys.stderr.isatty():
-        yield _plain()
+        yield _print_lines()
         return
     from rich.console import Console
-    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
 
-    columns = (TextColumn("sampling"), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
-               TextColumn("{task.description}"))  # fmt: skip
+    columns = (TextColumn("{task.fields[stage]}", markup=False), BarColumn(), TimeElapsedColumn(),
+               TextColumn("{task.description}", markup=False))  # fmt: skip
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None)
 
-        def report(progress: "Progress") -> None:
-            bar.update(task, completed=progress.steps, total=progress.expected_steps, description=_figures(progress))
+        def report(progress: Progress) -> None:
+            if progress.total is None:
+                show_stage(progress)
+                return
+            if not bar.tasks or bar.tasks[-1].fields["stage"] != progress.stage:
+                for task in bar.tasks:
+                    bar.remove_task(task.id)
+                bar.add_task("", total=None, stage=progress.stage)
+            bar.update(
+                bar.tasks[-1].id,
+                completed=progress.done,
+                total=progress.total,
+                description=printable(progress.details),
+            )
 
         yield report
 
 
-def _plain() -> Callable[["Progress"], None]:
-    last = -_LINES_AT_LEAST_APART
+def _print_lines() -> ProgressCallback:
+    """A callback that prints counts where they begin and end, and from time to time."""
+    last, stage = 0.0, ""
 
-    def report(progress: "Progress") -> None:
-        nonlocal last
-        if progress.elapsed_seconds - last >= _LINES_AT_LEAST_APART or progress.steps >= progress.expected_steps:
-            last = progress.elapsed_seconds
-            left = progress.elapsed_seconds * (progress.expected_steps / progress.steps - 1)
-            say(
-                f"sampling: step {progress.steps} of about {progress.expected_steps}, {_figures(progress)}, "
-                f"{progress.elapsed_seconds:.0f} s so far, about {left:.0f} s left",
-                err=True,
-            )
-
-    return report
-
-
-def _figures(progress: "Progress") -> str:
-    return f"τ = {progress.tau:.0f}, R̂ = {progress.r_hat:.3f}"
-
-
-def show_calibration() -> Callable[["CalibrationProgress"], None]:
-    """Give the callback that a calibration reports to: a line on standard error from time to time."""
-    began = last = time.monotonic()
-
-    def report(progress: "CalibrationProgress") -> None:
-        nonlocal last
-        now, fresh = time.monotonic(), progress.done - progress.before
-        if fresh and progress.done < progress.count and now - last < _LINES_AT_LEAST_APART:
-            return
-        last = now
-        left = f", about {(now - began) / fresh * (progress.count - progress.done):.0f} s left" if fresh else ""
-        say(f"{progress.done} of {progress.count} data sets{left}", err=True)
-
-    return report
-
-
-def show_steps() -> Callable[[str], None]:
-    """Give the callback for lines of text: printed at once where they begin anew, else from time to time.
-
-    Lines that are alike up to their colon are of the same step.
-    """
-    last, step = 0.0, ""
-
-    def report(line: str) -> None:
-        nonlocal last, step
-        now, name = time.monotonic(), line.partition(":")[0]
-        if name != step or now - last >= _LINES_AT_LEAST_APART:
-            last, step = now, name
-            say(line, err=True)
+    def report(progress: Progress) -> None:
+        nonlocal last, stage
+        now = time.monotonic()
+        if progress.total is None:
+            show_stage(progress)
+        elif (
+            progress.stage != stage
+            or progress.done >= progress.total
+            or now - last >= max(_LINES_AT_LEAST_APART, progress.elapsed_seconds / _LINES_OF_A_STAGE)
+        ):
+            last, stage = now, progress.stage
+            say(str(progress), err=True)
 
     return report

@@ -31,7 +31,7 @@ from jointbayes.cli.output import say
 def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> None:
     """Identify, sample and write the report of a case file."""
     case = load(config)
-    from jointbayes.cli.progress import show_phase
+    from jointbayes.cli.progress import show_stage
     from jointbayes.errors import ReportError, ReportInterruptedError
     from jointbayes.report.inputs import ReportInputs
     from jointbayes.report.kept_draws import draws_kept
@@ -44,7 +44,7 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
         inputs = ReportInputs(posterior)
         try:
             with draws_kept(posterior, target, kept.path) as draws:
-                note_written(write_run(posterior, target, show_phase, inputs))
+                note_written(write_run(posterior, target, show_stage, inputs))
         except (ReportError, ReportInterruptedError):
             if not draws.exists():  # they are whole beside the run directory
                 kept.discard()
@@ -66,7 +66,7 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
 def identify(config: Path) -> None:
     """Run the paper's sensitivity iteration and the MAP search; print both."""
     case = load(config)
-    from jointbayes.cli.progress import show_phase
+    from jointbayes.cli.progress import show_stage
     from jointbayes.identification import missing_for_iteration, part_to_iterate
     from jointbayes.posterior.rounding import join_unit
     from jointbayes.workflow import find_map
@@ -85,7 +85,7 @@ def identify(config: Path) -> None:
         say(f"The paper's iteration{history.on_setup} {history.reason}.")
     elif missing := missing_for_iteration(case.problem):
         say(f"The paper's iteration is left out. {missing}.")
-    estimate = find_map(case, tell=show_phase)
+    estimate = find_map(case, progress=show_stage)
     stiffnesses = zip(case.problem.quantities, estimate.values, strict=True)
     say("MAP: " + ", ".join(join_unit(f"{q.name} = {value:.4e}", q.unit) for q, value in stiffnesses))
     edges = case.problem.prior.coordinates_at_edge(estimate.theta)
@@ -136,9 +136,10 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
 def report(posterior: Path, out: Path | None) -> None:
     """Write the report of a posterior file."""
-    from jointbayes.cli.progress import show_phase
+    from jointbayes.cli.progress import show_stage
+    from jointbayes.progress import Progress
 
-    show_phase("reading the draws", on_terminal_only=True)  # before the seconds that the rest takes to load
+    show_stage(Progress("reading the draws"), on_terminal_only=True)  # before the seconds that the rest takes to load
     from jointbayes.report.kept_draws import draws_explained
     from jointbayes.report.run_directory import require_writable, write_run
     from jointbayes.workflow import load_posterior
@@ -147,7 +148,7 @@ def report(posterior: Path, out: Path | None) -> None:
     target = out or Path("reports") / directory_name(loaded.record.case_name, posterior)
     require_writable(target)
     with draws_explained(posterior, target):
-        note_written(write_run(loaded, target, show_phase))
+        note_written(write_run(loaded, target, show_stage))
     say(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
     exit_by_convergence(loaded)
 

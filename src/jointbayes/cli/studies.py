@@ -2,9 +2,6 @@
 
 import json
 import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,11 +21,11 @@ from jointbayes.cli.common import (
     seed_option,
 )
 from jointbayes.cli.output import say
-from jointbayes.cli.progress import show_calibration, show_phase, show_steps
+from jointbayes.cli.progress import show_progress, show_stage
 from jointbayes.errors import CaseError, WorkerError, printable
+from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
-    from jointbayes.studies.campaign.campaign_run import CampaignProgress
     from jointbayes.studies.campaign.index import Campaign
 
 
@@ -48,7 +45,8 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
     require_same_data(cases)
     if out is not None:
         require_writable(out, COMPARISON_MARK)
-    comparison = weigh(cases, seed=seed, tell=lambda name: say(f"weighing {name}", err=True))
+    with show_progress() as progress:
+        comparison = weigh(cases, seed=seed, progress=progress)
     for line in evidence_table(comparison.summary(), method=True).lines():
         say(line)
     for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):
@@ -100,7 +98,8 @@ def plan(config: Path, out: Path | None, as_json: bool, assume: tuple[str, ...],
     directory = out or Path("reports") / f"{directory_name(case.name, config)}-plan"
     require_room(directory)
     click.get_current_context().meta[UNFINISHED] = f"what is done is kept in {directory}; the same command goes on"
-    result = ranked(case, seed=seed, assume=stated or None, directory=directory, tell=show_steps())
+    with show_progress() as progress:
+        result = ranked(case, seed=seed, assume=stated or None, directory=directory, progress=progress)
     result.write(directory)
     if as_json:
         text = json.dumps(result.summary(), indent=2, ensure_ascii=False, allow_nan=False)
@@ -158,17 +157,18 @@ def calibrate(
     click.get_current_context().meta[UNFINISHED] = (
         f"the data sets that are done are kept in {directory}, where the same command goes on"
     )
-    calibration = judged(
-        case,
-        count,
-        seed=seed,
-        data_from=source,
-        settings=case.sampler.for_one_of_many(full=full),
-        directory=directory,
-        workers=workers,
-        scheduler=scheduler,
-        progress=show_calibration(),
-    )
+    with show_progress() as progress:
+        calibration = judged(
+            case,
+            count,
+            seed=seed,
+            data_from=source,
+            settings=case.sampler.for_one_of_many(full=full),
+            directory=directory,
+            workers=workers,
+            scheduler=scheduler,
+            progress=progress,
+        )
     calibration.write(directory)
     for line in calibration_lines(calibration):
         say(line)
@@ -179,7 +179,6 @@ def calibrate(
 
 _TABLES = (".csv", ".tsv", ".txt")
 _SHOWN = 10  # cases that are named on the terminal
-_LINES_APART = 30.0  # seconds between two lines where there is no terminal
 
 
 @click.command()
@@ -210,15 +209,16 @@ def campaign(
 
     Started again on the same directory it goes on: what is done is not done again.
     """
-    show_phase("reading the cases", on_terminal_only=True)
+    show_stage(Progress("reading the cases"), on_terminal_only=True)
     from jointbayes.studies.campaign.campaign_run import campaign as sample_all
 
     target = out or Path("reports") / (cases[0].stem if cases[0].suffix.lower() in _TABLES else "campaign")
     kept = click.get_current_context().meta
-    with _shown_progress() as progress:
+    with show_progress() as progress:
 
-        def tell(now: "CampaignProgress") -> None:
-            kept[UNFINISHED] = f"{now.done} of {now.total} cases are done in {target}; the same command goes on"
+        def tell(now: Progress) -> None:
+            done = now.done - round(now.figures["failed"])
+            kept[UNFINISHED] = f"{done} of {now.total} cases are done in {target}; the same command goes on"
             progress(now)
 
         try:
@@ -235,7 +235,7 @@ def campaign(
 def _write_report(ended: "Campaign") -> None:
     from jointbayes.studies.campaign.campaign_report import write_campaign_report
 
-    show_phase("looking at all cases together, and writing the report")
+    show_stage(Progress("looking at all cases together, and writing the report"))
     note_written(write_campaign_report(ended.directory))
 
 
@@ -263,47 +263,3 @@ def _exit_by(ended: "Campaign") -> None:
         sys.exit(CASES_FAILED)
     if len(doubtful) or doubted:
         sys.exit(NOT_CONVERGED)
-
-
-@contextmanager
-def _shown_progress() -> "Iterator[Callable[[CampaignProgress], None]]":
-    """Yield what a campaign tells its progress to: a bar on a terminal, a line now and then elsewhere."""
-    if not sys.stderr.isatty():
-        yield _lines()
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    columns = (TextColumn("cases"), BarColumn(), TextColumn("{task.description}", markup=False))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda now: bar.update(task, completed=now.done + now.failed, total=now.total, description=_figures(now))
-
-
-def _lines() -> "Callable[[CampaignProgress], None]":
-    last = 0.0
-
-    def report(now: "CampaignProgress") -> None:
-        nonlocal last
-        ended = now.done + now.failed
-        if (ended > now.earlier and time.monotonic() - last > _LINES_APART) or (ended == now.total and now.running):
-            last = time.monotonic()
-            say(f"cases: {_figures(now)}, {now.elapsed_seconds:.0f} s so far", err=True)
-
-    return report
-
-
-def _figures(now: "CampaignProgress") -> str:
-    parts = [f"{now.done} of {now.total} done", f"{now.failed} failed"]
-    if now.earlier:
-        parts.append(f"{now.earlier} of these at an earlier start")
-    parts.append(f"{len(now.running)} running")
-    if now.left_seconds:
-        parts.append(f"about {_duration(now.left_seconds)} left")
-    return ", ".join(parts)
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

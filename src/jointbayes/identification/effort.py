@@ -1,7 +1,5 @@
 """A search for the mode that goes on by itself where its result does not explain the data, and what it says then."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from jointbayes.arrays import Array
@@ -10,6 +8,7 @@ from jointbayes.identification.mode_search import Images, ModeSearch
 from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.starting_points import frequency_starts, screened_draws
 from jointbayes.inference import LogPosterior, Problem
+from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 
 #: Squared residuals this many standard deviations above their expectation are far more than the noise allows.
 FAR = 8.0
@@ -59,7 +58,7 @@ def squared_residuals(log_posterior: LogPosterior, theta: Array) -> tuple[float,
 
 
 def search_further(
-    search: ModeSearch, problem: Problem, seed: int, tell: Callable[[str], None] | None = None
+    search: ModeSearch, problem: Problem, seed: int, progress: ProgressCallback = tell_nobody
 ) -> SearchEffort:
     """Go on searching while the best mode does not explain the data and starts disagree, at most three rounds.
 
@@ -76,8 +75,8 @@ def search_further(
         The problem.
     seed
         Of the further starts.
-    tell
-        Called with one line before each round.
+    progress
+        Called before each round.
     """
     log_posterior = problem.log_posterior
     first, rounds, last_gain, many, images = search.best[1], 0, 0.0, False, Images.from_problem(problem)
@@ -92,12 +91,12 @@ def search_further(
         if effort.explains or agreed or rounds == ROUNDS or in_vain:
             return effort
         rounds += 1
-        if tell is not None:
-            tell(
-                f"the best mode so far does not explain the data ({squares:.3g} times the expected noise), and "
-                f"{effort.starts - effort.agreeing} of {effort.starts} starts disagree: searching further, round "
-                f"{rounds} of at most {ROUNDS}"
-            )
+        text = (
+            f"the best mode so far does not explain the data ({squares:.3g} times the expected noise), and "
+            f"{effort.starts - effort.agreeing} of {effort.starts} starts disagree: searching further, round {rounds} "
+            f"of at most {ROUNDS}"
+        )
+        progress(Progress("searching for the mode", text))
         many = _climb_round(search, problem, np.random.default_rng([seed, 3, rounds]), rounds)
         last_gain = search.best[1] - density
 

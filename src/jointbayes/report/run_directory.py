@@ -12,6 +12,7 @@ from jointbayes.errors import CaseError, WriteError
 from jointbayes.inference import Problem
 from jointbayes.own_directory import real_directory
 from jointbayes.posterior import Posterior
+from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.kept_draws import draws_kept
 from jointbayes.reproducibility import one_blas_thread
@@ -29,7 +30,9 @@ _STEPS = 1000  # of each ensemble; the shipped cases take 100 to 950
 
 
 @one_blas_thread()
-def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Path:
+def write_report(
+    posterior: Posterior, directory: str | os.PathLike[str], *, progress: ProgressCallback | None = None
+) -> Path:
     """Write a run directory.
 
     The draws are on disk, whole, in a file beside the directory, before any figure is drawn; the file goes when the
@@ -42,6 +45,8 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     directory
         Where to write. It is written beside and renamed, so that it is whole or absent; an older run directory of
         the same name is replaced, any other directory is refused.
+    progress
+        Called as each stage begins.
 
     Returns
     -------
@@ -61,13 +66,13 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     target = Path(directory)
     require_writable(target)
     with draws_kept(posterior, target):
-        return write_run(posterior, target)
+        return write_run(posterior, target, progress or tell_nobody)
 
 
 def write_run(
     posterior: Posterior,
     target: Path,
-    tell: Callable[[str], None] = lambda _: None,
+    progress: ProgressCallback = tell_nobody,
     inputs: ReportInputs | None = None,
 ) -> Path:
     """Write a run directory, without a copy of the draws elsewhere until it is there.
@@ -78,8 +83,8 @@ def write_run(
         The posterior.
     target
         The directory.
-    tell
-        Called with the name of each phase as it begins.
+    progress
+        Called as each stage begins.
     inputs
         What is computed of the posterior, to be used again.
 
@@ -90,15 +95,15 @@ def write_run(
     """
     require_writable(target)
     inputs = inputs or ReportInputs(posterior)
-    tell("checking the model, and what the verdicts rest on")
+    progress(Progress("checking the model, and what the verdicts rest on"))
     summary = inputs.summary
-    tell("drawing figures")
+    progress(Progress("drawing figures"))
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 
     files = {"summary.json": json_text(summary.to_json())}
     if inputs.case_text:
         files["case.toml"] = inputs.case_text
-    tell("writing HTML, PDF and draws")
+    progress(Progress("writing HTML, PDF and draws"))
     write_whole(target, report, files, lambda path: posterior.save(path, inputs.knowledge))
     return target
 

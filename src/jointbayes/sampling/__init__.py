@@ -1,6 +1,6 @@
 """Draws from a posterior of which nothing but the log-density is known."""
 
-from jointbayes.sampling.chains import Chains, Draws, Progress
+from jointbayes.sampling.chains import Chains, Draws
 from jointbayes.sampling.checkpoint import UnfinishedRun
 from jointbayes.sampling.coordinate_maps import ComposedCoordinates, Coordinates, NormalScores, ProductCoordinates
 from jointbayes.sampling.density import LogDensity, SeveralModes
@@ -38,7 +38,6 @@ __all__ = [
     # Results
     "Chains",
     "Draws",
-    "Progress",
     # Diagnostics
     "INTERVAL",
     "importance_efficiency",

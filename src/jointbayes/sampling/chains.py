@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
+from jointbayes.progress import Progress
 from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.diagnostics import effective_sample_size
 from jointbayes.sampling.ensemble import EnsembleState, MoveCount, MoveOn, SamplerSettings, StepBlock, Streams
@@ -21,32 +22,6 @@ from jointbayes.sampling.stopping import (
     next_check,
     thinning,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """Where a run stands after a block of steps.
-
-    Parameters
-    ----------
-    steps, max_steps : int
-        Steps made by each ensemble, and their limit.
-    expected_steps : int
-        Estimate of the step at which the run will stop; ``steps`` itself in the last report.
-    tau : float
-        τ of the slowest parameter in steps, at the last check.
-    r_hat : float
-        Largest R̂ at the last check.
-    elapsed_seconds : float
-        Wall time since the run began.
-    """
-
-    steps: int
-    max_steps: int
-    expected_steps: int
-    tau: float
-    r_hat: float
-    elapsed_seconds: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -341,12 +316,13 @@ class Stage:
         """Where the run stands, for the caller."""
         last = self.checks[-1]
         return Progress(
-            steps=self.step,
-            max_steps=settings.max_steps,
-            expected_steps=self.step if verdict.converged else expected_steps(settings, last),
-            tau=last.tau_max,
-            r_hat=last.r_hat_max,
+            "sampling",
+            f"τ = {last.tau_max:.0f}, R̂ = {last.r_hat_max:.3f}",
+            done=self.step,
+            total=self.step if verdict.converged else expected_steps(settings, last),
+            unit="steps",
             elapsed_seconds=seconds,
+            figures={"tau": last.tau_max, "r_hat": last.r_hat_max},
         )
 
     def chains(self, settings: SamplerSettings, verdict: Verdict, seconds: float) -> Chains:

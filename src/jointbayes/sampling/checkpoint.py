@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import CheckpointError, WriteError
 from jointbayes.own_directory import OwnDirectory
+from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.sampling.chains import HeldSteps, Stage, spacing
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.ensemble import EnsembleState, MoveCount
@@ -49,8 +50,8 @@ class UnfinishedRun:
         The directory; it is made if it is not there. One that somebody else made is refused.
     resume
         Go on with what is there; where nothing is, begin.
-    tell
-        Called with one line where a stage is damaged, where there is no run to go on with, and where nothing can be
+    progress
+        Called with a remark where a stage is damaged, where there is no run to go on with, and where nothing can be
         written.
     remedy
         What a user should do who did not ask to go on.
@@ -69,7 +70,7 @@ class UnfinishedRun:
         path: str | PathLike[str],
         *,
         resume: bool = False,
-        tell: Callable[[str], None] = lambda _: None,
+        progress: ProgressCallback = tell_nobody,
         remedy: str = "pass resume=True",
     ) -> None:
         self.path = Path(path)
@@ -81,7 +82,7 @@ class UnfinishedRun:
             error=CheckpointError,
             private=True,
         )
-        self._resume, self._tell, self._remedy = resume, tell, remedy
+        self._resume, self._progress, self._remedy = resume, progress, remedy
         self._fingerprint: dict[str, str] | None = None
         self._stages: dict[int, tuple[Stage, list[EnsembleState], float]] = {}  # as they were read
         self._steps: dict[int, int] = {}  # of each stage, on disk
@@ -182,7 +183,7 @@ class UnfinishedRun:
         self.holds_a_run = bool(names & {_RUN, *_OLDER})
         if not self.holds_a_run:
             if self._resume:
-                self._tell(f"{self.path}: found no unfinished run; beginning one")
+                self._tell("found no unfinished run; beginning one")
             return
         if not self._resume:
             raise CheckpointError(
@@ -204,9 +205,12 @@ class UnfinishedRun:
         for number in self._stage_numbers():
             stage = self._read(_STAGE.format(number), _put_together)
             if stage is None:
-                self._tell(f"{self.path}: found a damaged {_STAGE.format(number)}; its steps are made again")
+                self._tell(f"found a damaged {_STAGE.format(number)}; its steps are made again")
             else:
                 self._stages[number], self._steps[number] = stage, stage[0].step
+
+    def _tell(self, remark: str) -> None:
+        self._progress(Progress("checkpoint", f"{self.path}: {remark}"))
 
     def _read(self, name: str, make: Callable[[dict[str, Any], dict[str, NDArray[Any]]], T]) -> T | None:
         """What is made of the record and the arrays of a file; None where they are not what was written."""
@@ -230,7 +234,7 @@ class UnfinishedRun:
         except WriteError as error:
             reason = getattr(error.__cause__, "strerror", None) or error
             if not self._failed:
-                self._tell(f"{self.path}: no checkpoint could be written ({reason}); going on without")
+                self._tell(f"no checkpoint could be written ({reason}); going on without")
             self._failed = True
         self._saved = time.monotonic()
         self._cost = self._saved - begun

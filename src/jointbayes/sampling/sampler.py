@@ -1,13 +1,14 @@
 """Run ensembles until they agree, and let them learn from their first steps what to propose."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.sampling.chains import Chains, Progress, Slow, Stage
+from jointbayes.progress import Progress, ProgressCallback
+from jointbayes.sampling.chains import Chains, Slow, Stage
 from jointbayes.sampling.checkpoint import UnfinishedRun, require_same_density
 from jointbayes.sampling.coordinate_maps import Coordinates, straightened
 from jointbayes.sampling.density import LogDensity
@@ -44,7 +45,7 @@ def run_ensembles(
     start: Array,
     rng: np.random.Generator,
     settings: SamplerSettings,
-    progress: Callable[[Progress], None] | None = None,
+    progress: ProgressCallback | None = None,
     *,
     coordinates: Coordinates | None = None,
     proposal: Proposal | None = None,
@@ -108,7 +109,7 @@ def run_stage(
     start: Array,
     streams: Streams,
     settings: SamplerSettings,
-    progress: Callable[[Progress], None] | None,
+    progress: ProgressCallback | None,
     *,
     coordinates: Coordinates | None,
     proposal: Proposal | None,
@@ -172,7 +173,7 @@ def run_adapted(
     start: Array,
     rng: np.random.Generator,
     settings: SamplerSettings,
-    progress: Callable[[Progress], None] | None = None,
+    progress: ProgressCallback | None = None,
     *,
     systems: Sequence[Coordinates],
     proposal: Proposal,
@@ -349,16 +350,12 @@ def _draws(chains: Chains) -> Array:
     return kept[:, ::every].reshape(-1, kept.shape[-1])
 
 
-def _counted_on(
-    progress: Callable[[Progress], None], steps: int, limit: int, seconds: float
-) -> Callable[[Progress], None]:
+def _counted_on(progress: ProgressCallback, steps: int, limit: int, seconds: float) -> ProgressCallback:
     """Progress of a stage told as that of the whole run."""
 
     def tell(now: Progress) -> None:
-        expected = min(now.expected_steps + steps, limit)
+        expected = min((now.total or now.done) + steps, limit)
         elapsed = now.elapsed_seconds + seconds
-        progress(
-            replace(now, steps=now.steps + steps, max_steps=limit, expected_steps=expected, elapsed_seconds=elapsed)
-        )
+        progress(replace(now, done=now.done + steps, total=expected, elapsed_seconds=elapsed))
 
     return tell

@@ -4,10 +4,11 @@ import hashlib
 import json
 import os
 import pickle
+import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from jointbayes.case.case import Case, require_case
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.stored_problem import run_fingerprint
+from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration import Calibration, calibration_directory
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, Job, analyse_packed, require_simulable
@@ -33,15 +35,6 @@ KEPT = "data_sets.jsonl"
 _LINE = pydantic.TypeAdapter(DataSet)
 
 
-@dataclass(frozen=True, slots=True)
-class CalibrationProgress:
-    """How far a calibration is: data sets that are done, those of them that were so before, and all."""
-
-    done: int
-    before: int
-    count: int
-
-
 def calibrate(
     case: Analysed,
     n: int = 1000,
@@ -53,7 +46,7 @@ def calibrate(
     workers: int | None = None,
     scheduler: "str | Client | None" = None,
     executor: Executor | Callable[[], Executor] | None = None,
-    progress: Callable[[CalibrationProgress], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Calibration:
     """Judge the whole analysis of a case by simulated data whose truths are known.
 
@@ -80,7 +73,7 @@ def calibrate(
     workers, scheduler, executor
         On what data sets are analysed: see `run_tasks`. By default one process for each processor.
     progress
-        Called with a `CalibrationProgress` at the beginning and after each data set.
+        Called at the beginning and after each data set.
 
     Returns
     -------
@@ -110,7 +103,7 @@ def calibrate(
         data_from = require_case(data_from, "a case, a problem")
     job = _job(case, data_from, settings, seed)
     engine = {"workers": workers, "scheduler": scheduler, "executor": executor}
-    tell = progress or (lambda _progress: None)
+    tell = progress or tell_nobody
     if directory is None:
         done = _done(job, n, None, {}, tell, engine)
     else:
@@ -128,12 +121,13 @@ def _done(
     n: int,
     file: Path | None,
     done: dict[int, DataSet],
-    tell: Callable[[CalibrationProgress], None],
+    tell: ProgressCallback,
     engine: dict[str, Any],
 ) -> dict[int, DataSet]:
     """The first n data sets by number: those that are done, and the others, kept in a file as they come."""
-    before = len(done)
-    tell(CalibrationProgress(before, before, n))
+    start = Progress("calibrating", done=len(done), total=n, unit="data sets", earlier=len(done))
+    tell(start)
+    began = time.monotonic()
     packed = _packed(job)
     tasks = ((str(i), (packed, i)) for i in range(n) if i not in done)
     for outcome in run_tasks(analyse_packed, tasks, preload=[analyse_packed.__module__], **engine):
@@ -144,7 +138,7 @@ def _done(
                 append_line(file, asdict(outcome.value))
         else:  # not kept: a worker may have died of something else, and is given another chance next time
             done[i] = DataSet(i, 0.0, error=outcome.error)
-        tell(CalibrationProgress(len(done), before, n))
+        tell(replace(start, done=len(done), elapsed_seconds=time.monotonic() - began))
     return done
 
 

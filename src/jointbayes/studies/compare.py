@@ -1,6 +1,7 @@
 """Which joint, and which case, explains the data best: the evidence of each hypothesis."""
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from jointbayes.joint import HYPOTHESES, Parametrisation, joint_under_hypothesis
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import evidence
+from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Start
 from jointbayes.studies.comparison import Comparison, LeaveOneOut, PriorEdge, WeighedModel, leave_one_out
@@ -76,7 +78,7 @@ def _places(parametrisation: Parametrisation) -> dict[str, str]:
 
 @one_blas_thread()
 def compare(
-    cases: Sequence[AnyCase], *, seed: int | None = None, tell: Callable[[str], None] | None = None
+    cases: Sequence[AnyCase], *, seed: int | None = None, progress: ProgressCallback | None = None
 ) -> Comparison:
     """Weigh the hypotheses of cases that hold the same data against each other.
 
@@ -86,8 +88,8 @@ def compare(
         Cases, or paths of their files, each with its list of hypotheses.
     seed
         Seed of all random numbers; by default the first case's.
-    tell
-        Told which candidate is next.
+    progress
+        Called before each candidate.
 
     Returns
     -------
@@ -107,17 +109,18 @@ def compare(
     given = [require_case(case) for case in cases]
     require_same_data(given)
     seed = given[0].spec.sampling.seed if seed is None else seed
-    candidates = []
-    for case in given:
-        for hypothesis in case.spec.compare.hypotheses:
-            if tell is not None:
-                tell(f"{hypothesis} in {case.name}")
-            try:
-                candidates.append(_candidate(case, hypothesis, seed))
-            except CaseError:
-                raise
-            except JointBayesError as error:
-                raise CaseError(f"{case.name}, {hypothesis}: {error}") from error
+    tell, began = progress or tell_nobody, time.monotonic()
+    pairs = [(case, hypothesis) for case in given for hypothesis in case.spec.compare.hypotheses]
+    candidates: list[WeighedModel] = []
+    for done, (case, hypothesis) in enumerate(pairs):
+        text, elapsed = f"now {hypothesis} in {case.name}", time.monotonic() - began
+        tell(Progress("weighing", text, done=done, total=len(pairs), unit="candidates", elapsed_seconds=elapsed))
+        try:
+            candidates.append(_candidate(case, hypothesis, seed))
+        except CaseError:
+            raise
+        except JointBayesError as error:
+            raise CaseError(f"{case.name}, {hypothesis}: {error}") from error
     return Comparison(tuple(candidates), seed, data_sha256(given[0].problem))
 
 

@@ -3,16 +3,18 @@
 import hashlib
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jointbayes.errors import ModelError
 from jointbayes.own_directory import real_directory
 from jointbayes.posterior.posterior import Cell
+from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.reproducibility import code_version
 from jointbayes.studies.campaign.case_table import CampaignCase, read_cases
 from jointbayes.studies.campaign.index import DONE, FAILED, KILLED, Campaign, Index, Row, campaign_directory, kept_rows
@@ -84,41 +86,6 @@ _FORM = 1  # of what a case is reduced to: raised where all cases must be done a
 _PRELOAD = ("jointbayes.workflow", "jointbayes.case.case", "jointbayes.studies.campaign.campaign_run")
 
 
-@dataclass(frozen=True, slots=True)
-class CampaignProgress:
-    """How far a campaign is.
-
-    Parameters
-    ----------
-    total
-        Cases in all.
-    done, failed
-        Cases that have ended, those of an earlier start too; `failed` with those that killed their workers.
-    earlier
-        How many of these were not done again.
-    not_converged
-        Of those that are done.
-    running
-        Keys of those that run.
-    elapsed_seconds
-        Since this start.
-    """
-
-    total: int
-    done: int = 0
-    failed: int = 0
-    earlier: int = 0
-    not_converged: int = 0
-    running: tuple[str, ...] = ()
-    elapsed_seconds: float = 0.0
-
-    @property
-    def left_seconds(self) -> float | None:
-        """Time that the rest will take, as far as the cases of this start tell; None where there were none."""
-        ended = self.done + self.failed - self.earlier
-        return self.elapsed_seconds / ended * (self.total - self.done - self.failed) if ended else None
-
-
 def case_seed(seed: int, key: str) -> int:
     """Seed of a case: of the campaign's seed and the case's key alone, so that no other case changes its draws."""
     return int.from_bytes(hashlib.sha256(f"{seed}:{key}".encode()).digest()[:4], "big")
@@ -138,7 +105,7 @@ def campaign(
     seconds: float | None = None,
     again: bool = False,
     allow_outside: bool = False,
-    progress: Callable[[CampaignProgress], None] = lambda _: None,
+    progress: ProgressCallback | None = None,
 ) -> Campaign:
     """Sample many cases side by side: one posterior file a case, and an index of all.
 
@@ -190,7 +157,7 @@ def campaign(
     with campaign_directory(directory) as locked:
         run_cases(
             table, locked.path, seed=seed, draws=draws, full=full, again=again, allow_outside=allow_outside,
-            progress=progress, workers=workers, executor=executor, scheduler=scheduler, seconds=seconds,
+            progress=progress or tell_nobody, workers=workers, executor=executor, scheduler=scheduler, seconds=seconds,
         )  # fmt: skip
     return Campaign(locked.path)
 
@@ -203,7 +170,7 @@ def run_cases(
     draws: int,
     again: bool,
     full: bool = False,
-    progress: Callable[[CampaignProgress], None],
+    progress: ProgressCallback,
     allow_outside: bool = False,
     do: Callable[[CaseWork], Row] = do_case,
     **workers: Any,  # noqa: ANN401 (passed on)
@@ -286,31 +253,31 @@ def _row(case: CampaignCase, outcome: Outcome, directory: Path, seed: int) -> Ro
 
 
 class _Counter:
-    """Counts what has ended, and tells."""
+    """Counts cases that have ended, and tells."""
 
-    def __init__(self, tell: Callable[[CampaignProgress], None], total: int, kept: Any) -> None:  # noqa: ANN401
-        self._tell, self._begin = tell, time.monotonic()
-        self._now = CampaignProgress(total)
+    def __init__(self, tell: ProgressCallback, total: int, kept: Iterable[Row]) -> None:
+        self._tell, self._began, self._total = tell, time.monotonic(), total
+        self._ended: Counter[str] = Counter()
+        self._running: tuple[str, ...] = ()
         for row in kept:
             self._count(row)
-        self._now = replace(self._now, earlier=self._now.done + self._now.failed)
-        tell(self._now)
+        self._earlier = self._ended["cases"]
+        self.running(())
 
     def _count(self, row: Row) -> None:
-        now, done = self._now, row["status"] == DONE
-        self._now = replace(
-            now,
-            done=now.done + done,
-            failed=now.failed + (not done),
-            not_converged=now.not_converged + (done and not row["converged"]),
-        )
+        done = row["status"] == DONE
+        self._ended.update(cases=1, failed=not done, not_converged=done and not row["converged"])
 
     def ended(self, row: Row) -> None:
         """Count a case that has ended."""
         self._count(row)
-        self.running(tuple(key for key in self._now.running if key != row["key"]))
+        self.running(tuple(key for key in self._running if key != row["key"]))
 
     def running(self, keys: tuple[str, ...]) -> None:
         """Tell which cases run."""
-        self._now = replace(self._now, running=keys, elapsed_seconds=time.monotonic() - self._begin)
-        self._tell(self._now)
+        self._running, ended = keys, self._ended
+        figures = {"failed": ended["failed"], "not_converged": ended["not_converged"], "running": len(keys)}
+        earlier = f"{self._earlier} of these at an earlier start, " if self._earlier else ""
+        text = f"{ended['failed']} failed, {earlier}{len(keys)} running"
+        elapsed = time.monotonic() - self._began
+        self._tell(Progress("sampling", text, ended["cases"], self._total, "cases", self._earlier, elapsed, figures))

@@ -1,7 +1,7 @@
 """What to measure next: the plan of a case, ranked by simulated measurements."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -11,8 +11,8 @@ from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.coordinates import coordinate_systems
+from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.sampling import Progress
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.first_look import FirstLook, Linearised, Names, sets_of, worth_simulating
@@ -41,7 +41,7 @@ def plan(
     assume: Mapping[str, float] | None = None,
     simulations: int = ALL,
     directory: str | os.PathLike[str] | None = None,
-    tell: Callable[[str], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Plan:
     """Rank the further measurements that a case could be given.
 
@@ -63,8 +63,8 @@ def plan(
     directory
         Where the draws of the present posterior and each simulation are kept as they are made: a plan that was cut off
         goes on where it was, and is the same bit for bit. By default nowhere.
-    tell
-        Called with a line of text at each step, of simulations with about how long the others will take.
+    progress
+        Called as each stage begins, after each block of steps of the present posterior, and after each simulation.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def plan(
         If the directory holds something else, or another process is at work in it.
     """
     case = require_case(case)
-    tell = tell or (lambda line: None)
+    tell = progress or tell_nobody
     bodies = [(part.test.name, body.name) for part in case.problem.parts for body in part.test.measured_bodies]
     if bodies:
         setup, name = bodies[0]
@@ -102,7 +102,9 @@ def plan(
     with nullcontext() if target is None else plan_directory(target):
         kept = KeptSimulations(target and target / KEPT, plan_fingerprint(case, seed, assume, truths))
         if posterior is None:
-            posterior = _present(case, seed, target and target / "present", tell)
+            tell(Progress("sampling the present posterior"))
+            kept_run = target and target / "present"
+            posterior = sample(case, seed=seed, progress=progress, checkpoint=kept_run, resume=True)
         truth = None if joint is None else assumed_truth(problem, posterior.mode_theta, joint)
         simulator = Simulator(
             problem, parameter, posterior.theta, coordinate_systems(problem), np.random.default_rng([seed, 7]),
@@ -110,8 +112,8 @@ def plan(
         )  # fmt: skip
         kept.take(simulator.digest)
         if kept.done:
-            tell(f"going on with {len(kept.done)} simulations that are kept")
-        tell(f"first look at {len(candidates)} candidates")
+            tell(Progress("going on", f"{len(kept.done)} simulations are kept"))
+        tell(Progress(f"first look at {len(candidates)} candidates"))
         look = FirstLook(problem, candidates, parameter, simulator.truths[:FIRST])
         chosen, others, left_out = _chosen(candidates, look, settings.max_measurements, stated)
         # truths from draws that have not converged would be simulated for nothing
@@ -132,18 +134,6 @@ def plan(
         case.name, case.title, seed, parameter, simulator.now, tuple(planned), posterior.converged,
         posterior.reason, truth is not None, left_out, case.text,
     )  # fmt: skip
-
-
-def _present(case: Case, seed: int, checkpoint: Path | None, tell: Callable[[str], None]) -> Posterior:
-    """Draws of the present posterior, kept in a directory of their own while they are made."""
-    tell("sampling the present posterior")
-
-    def report(progress: Progress) -> None:
-        left = max(0.0, progress.elapsed_seconds * (progress.expected_steps / progress.steps - 1))
-        tell(f"sampling the present posterior: step {progress.steps} of about {progress.expected_steps}, about "
-             f"{left:.0f} s left before candidates are simulated")  # fmt: skip
-
-    return sample(case, seed=seed, progress=report, checkpoint=checkpoint, resume=True)
 
 
 def _stated_sets(case: Case, candidates: Mapping[str, Candidate]) -> tuple[Names, ...]:

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,6 +11,7 @@ import pydantic
 
 from jointbayes.case.case import Case
 from jointbayes.posterior.stored_problem import run_fingerprint
+from jointbayes.progress import Progress, ProgressCallback
 from jointbayes.studies.planning.candidates import Candidate, SimulatedPosterior, Simulation
 from jointbayes.studies.planning.first_look import Names
 from jointbayes.studies.planning.simulator import Simulator
@@ -99,7 +100,7 @@ class Race:
     kept
         What is done already, and where each simulation is kept.
     tell
-        Called with a line after each simulation: which it was, and how long the others will take.
+        Called after each simulation.
     """
 
     def __init__(
@@ -107,7 +108,7 @@ class Race:
         simulator: Simulator,
         candidates: Mapping[str, Candidate],
         kept: KeptSimulations,
-        tell: Callable[[str], None],
+        tell: ProgressCallback,
     ) -> None:
         self._simulator, self._candidates, self._kept, self._tell = simulator, candidates, kept, tell
         self._began, self._made = time.monotonic(), 0
@@ -127,16 +128,16 @@ class Race:
         """Simulations of these truths; `later` is how many may follow, for the time that is left."""
         done, outcome = self._kept.done, {}
         left = later + sum((names, truth) not in done for names in entrants for truth in truths)
-        for number, names in enumerate(entrants, start=1):
+        for names in entrants:
             measured = [self._candidates[name] for name in names]
             for truth in truths:
                 if (names, truth) in done:
                     continue
                 self._kept.add(names, truth, self._simulator.posterior_after(measured, truth))
                 left, self._made = left - 1, self._made + 1
-                seconds = (time.monotonic() - self._began) / self._made * left
-                self._tell(f"simulating candidate {number} of {len(entrants)}: {' + '.join(names)}, measurement "
-                           f"{truth + 1} of {truths.stop}, about {seconds:.0f} s left")  # fmt: skip
+                text, elapsed = f"last of {' + '.join(names)}", time.monotonic() - self._began
+                total = self._made + left
+                self._tell(Progress("simulating", text, self._made, total, "measurements", elapsed_seconds=elapsed))
             outcome[names] = Simulation(tuple(done[names, truth] for truth in truths))
         return outcome
 

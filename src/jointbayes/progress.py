@@ -1,0 +1,74 @@
+"""Where a long command stands: what each of them tells the callback that it is given as ``progress=``."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Where a command stands; as text it is the line that the command line prints.
+
+    Parameters
+    ----------
+    stage
+        What is being done: ``"searching for the mode"``, ``"sampling"``, ``"simulating"``.
+    text
+        What else is to be said of it.
+    done, total
+        How many steps, simulations, data sets or cases of this stage are done, and how many there will be; of steps and
+        simulations an estimate. `total` is None where nothing is counted.
+    unit
+        What is counted, in the plural.
+    earlier
+        How many of those that are done were so before the command began.
+    elapsed_seconds
+        Since the stage began.
+    figures
+        Further numbers by name: ``"tau"`` and ``"r_hat"`` of a sampler at its last check, ``"failed"``,
+        ``"not_converged"`` and ``"running"`` of a campaign.
+
+    Examples
+    --------
+    >>> print(Progress("sampling", "R̂ = 1.010", done=750, total=900, unit="steps", elapsed_seconds=40.0))
+    sampling: 750 of 900 steps, R̂ = 1.010, about 8 s left
+    """
+
+    stage: str
+    text: str = ""
+    done: int = 0
+    total: int | None = None
+    unit: str = ""
+    earlier: int = 0
+    elapsed_seconds: float = 0.0
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def left_seconds(self) -> float | None:
+        """How long the rest of the stage will take at the pace so far; None where that is not known."""
+        if self.total is None or self.done <= self.earlier:
+            return None
+        return self.elapsed_seconds / (self.done - self.earlier) * (self.total - self.done)
+
+    @property
+    def details(self) -> str:
+        """All but the stage."""
+        counted = "" if self.total is None else f"{self.done} of {self.total} {self.unit}"
+        left = "" if self.left_seconds is None else f"about {_duration(self.left_seconds)} left"
+        return ", ".join(filter(None, (counted, self.text, left)))
+
+    def __str__(self) -> str:
+        return ": ".join(filter(None, (self.stage, self.details)))
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+#: What is called with each `Progress`; what it returns is ignored, and what it raises ends the command.
+ProgressCallback = Callable[[Progress], object]
+
+
+def tell_nobody(progress: Progress) -> None:
+    """Do nothing: the callback of a command that is given none."""
