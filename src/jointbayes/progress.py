@@ -1,7 +1,8 @@
 """Where a long command stands: what each of them tells the callback that it is given as ``progress=``."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +67,11 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-#: What is called with each `Progress`; what it returns is ignored, and what it raises ends the command.
-ProgressCallback = Callable[[Progress], object]
+class ProgressCallback(Protocol):
+    """What is called with each `Progress`: what it returns is ignored, and what it raises ends the command."""
+
+    def __call__(self, progress: Progress, /) -> object:
+        """Tell of it."""
 
 
 def tell_nobody(progress: Progress) -> None:
