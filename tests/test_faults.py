@@ -86,6 +86,7 @@ def plant(place, name, target, *, marks):
     path.symlink_to(target)
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("command", ["sample", *LONG])
 def test_nothing_is_written_through_a_link_at_any_name(tmp_path, monkeypatch, command):
     arguments = COMMANDS[command]

@@ -142,6 +142,7 @@ def test_a_climb_stops_at_the_edge_of_the_prior_and_goes_on_along_it(cheap_case)
     assert theta[0, 2] == pytest.approx(np.log(1.4e6), abs=1e-9)
 
 
+@pytest.mark.science
 def test_the_mode_at_the_end_of_a_curved_ridge_is_reached():
     """Rotation by differences: the climb stopped 26 standard deviations from the mode at the bound of k11."""
     case = jb.load_case(CONFIGS / "measured_rotation.toml")

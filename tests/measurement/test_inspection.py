@@ -154,6 +154,7 @@ def test_what_is_no_measurement_is_one_line_and_exit_2(content, part, tmp_path):
     assert str(path) in result.output
 
 
+@pytest.mark.science
 def test_many_frfs_are_streamed(monkeypatch):
     monkeypatch.setattr(inspection, "_MOST_LINES", 0)  # the fit is not what is measured
     lines = np.arange(10, 6410) * 0.25

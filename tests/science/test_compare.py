@@ -8,6 +8,8 @@ from jointbayes.posterior.evidence import nested_evidence
 from jointbayes.studies.compare import compare, hypothesis_problem
 from tests.conftest import CONFIGS, on_paper_elements
 
+pytestmark = pytest.mark.science
+
 LONG, SHORT = "clamped_beam_frequencies", "clamped_beam_frequencies_360mm"
 #: ln Z by nested sampling of another implementation (the rigid joint: its likelihood).
 KNOWN = {

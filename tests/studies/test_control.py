@@ -31,6 +31,7 @@ def test_joints_that_are_all_alike_have_no_scatter():
     assert np.median([one.long_term for one in charts]) < 0.5 * ERROR
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("joints", [12, 200])
 def test_of_campaigns_without_outliers_the_stated_share_has_any(joints):
     limit = outlier_limit(joints, 1)

@@ -220,6 +220,7 @@ def test_weighted_quantiles_of_equal_weights_are_those_of_numpy():
     assert weighted_quantiles(np.array([[7.0]]), np.ones((1, 1)), (0.025, 0.5)).tolist() == [[7.0, 7.0]]
 
 
+@pytest.mark.science
 def test_a_population_whose_posterior_is_no_students_t_is_drawn_all_the_same(monkeypatch):
     toy = Toy(joints=3, draws=300)
     found = hierarchical_posterior(toy.draws, toy.prior)

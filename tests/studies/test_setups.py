@@ -22,6 +22,7 @@ def case_of(more, base=BASE):
     return jb.case_from_text("case", base + more)
 
 
+@pytest.mark.science
 def test_the_score_at_the_truth_of_simulated_set_ups_is_zero_in_the_mean():
     """E ∇ ln L = 0 where the data of every set-up come from its own likelihood."""
     narrow = BASE.replace("low = 1e8, high = 1e12", "low = 4e9, high = 6e9")
