@@ -17,8 +17,6 @@ from jointbayes.measurement import CoherenceNoise, RelativeNoise
 from jointbayes.measurement.formats import FORMATS, detect_format, iter_records
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.signals.hits import HitSettings, find_hits
-from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
-from jointbayes.measurement.signals.windows import lines_apart
 from jointbayes.measurement.simulated import noisy_frf
 from jointbayes.measurement.variance import coherence_variance
 from tests.conftest import TABLE_3, cheap_text, edited, pair_matrix
@@ -249,18 +247,6 @@ def test_the_ending_chooses_the_format_and_the_table_the_seed(tmp_path):
         values[name] = read(out)[0].values
     assert_array_equal(values["a.npz"], values["b.npz"])
     assert (values["a.npz"] != values["c.csv"]).all()
-
-
-def test_a_file_of_hits_gives_back_the_frfs_of_the_test(tmp_path):
-    table = 'method = "impact"\naverages = 3\ndouble_hits = 1\n'
-    direct, out = virtual_case(table=table), tmp_path / "hits.uff"
-    assert command(tmp_path, table + 'writes = "time"', "--out", str(out)).exit_code == 0
-    settings = ImpactSettings(force_window_s=2 / 2500, f_min_hz=20, f_max_hz=2500)
-    (found,) = frfs_of_hits(read(out), settings).frfs
-    (record,) = simulate(direct, seed=1)
-    assert found.averages == record.averages == 3
-    kept = lines_apart(found.frequency_hz, 10.0)
-    assert_allclose(found.values[kept], record.values, rtol=1e-4)
 
 
 def test_simulate_offers_the_formats_that_can_be_written():

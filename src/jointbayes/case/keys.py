@@ -6,15 +6,16 @@ from typing import Any
 #: Units at the end of a key: what each measures, its size in SI, and how it reads.
 UNITS = {
     "m": ("length", 1.0, "in m"),
+    "in": ("length", 0.0254, "in inches"),
     "cm": ("length", 1e-2, "in cm"),
     "mm": ("length", 1e-3, "in mm"),
     "um": ("length", 1e-6, "in µm"),
-    "in": ("length", 0.0254, "in inches"),
     "pa": ("pressure", 1.0, "in Pa"),
     "mpa": ("pressure", 1e6, "in MPa"),
     "gpa": ("pressure", 1e9, "in GPa"),
     "psi": ("pressure", 6894.757, "in psi"),
     "ksi": ("pressure", 6.894757e6, "in ksi"),
+    "kpa": ("pressure", 1e3, "in kPa"),
     "hz": ("frequency", 1.0, "in Hz"),
     "khz": ("frequency", 1e3, "in kHz"),
     "kg": ("mass", 1.0, "in kg"),
@@ -35,6 +36,9 @@ UNITS = {
     "kg_mm2": ("inertia", 1e-6, "in kg·mm²"),
     "kg_m3": ("density", 1.0, "in kg/m³"),
     "g_cm3": ("density", 1e3, "in g/cm³"),
+    "t_mm3": ("density", 1e12, "in t/mm³"),
+    "kg_mm3": ("density", 1e9, "in kg/mm³"),
+    "lb_in3": ("density", 27679.9, "in lb/in³"),
     "percent": ("fraction", 1e-2, "in percent"),
     "relative": ("fraction", 1.0, "as a fraction"),
     "ratio": ("fraction", 1.0, "as a fraction"),
@@ -61,6 +65,12 @@ def same_stem(key: str, keys: Iterable[str]) -> str | None:
     alike = [name for name in keys if stem_of(name) == stem_of(key)]
     kind = UNITS.get(unit_of(key), ("",))[0]
     return min(alike, key=lambda name: UNITS.get(unit_of(name), ("",))[0] != kind, default=None)
+
+
+def other_units(unit: str) -> list[tuple[str, float]]:
+    """Units that measure the same as one: how each reads, and the factor from a number in it to one in this unit."""
+    kind, size, _ = UNITS[unit]
+    return [(words, given / size) for other, given, words in UNITS.values() if other == kind and given != size]
 
 
 _Path = tuple[str, ...]

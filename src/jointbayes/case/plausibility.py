@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from jointbayes.case.case_text import CaseText, InputWarning
+from jointbayes.case.keys import other_units
 from jointbayes.case.spec.fields import Finding, numbers_in
 from jointbayes.case.spec.frame_table import FrameSpec
 from jointbayes.case.spec.structure_kinds import BeamSpec
@@ -41,22 +42,9 @@ LARGEST_FRACTION = {
 SMALLEST_PERCENT = {"length": 0.005, "": 0.1}
 
 # What a number may have been given in instead, and the factor that makes it right.
-_MODULUS_SLIPS = (
-    ("in Pa", 1e-9),
-    ("in MPa", 1e-3),
-    ("in psi", 6.894757e-6),
-    ("in ksi", 6.894757e-3),
-    ("in kPa", 1e-6),
-    ("a thousand times too small", 1e3),
-)
-_DENSITY_SLIPS = (
-    ("in g/cm³", 1e3),
-    ("in t/mm³", 1e12),
-    ("in kg/mm³", 1e9),
-    ("in lb/in³", 27679.9),
-    ("a thousand times too large", 1e-3),
-)
-_LENGTH_SLIPS = (("in m", 1e3), ("in inches", 25.4), ("in cm", 10.0), ("in µm", 1e-3))
+_MODULUS_SLIPS = *other_units("gpa"), ("a thousand times too small", 1e3)
+_DENSITY_SLIPS = *other_units("kg_m3"), ("a thousand times too large", 1e-3)
+_LENGTH_SLIPS = other_units("mm")
 _USUAL_MODULUS, _USUAL_DENSITY = (0.5, 1300.0), (200.0, 23_000.0)  # that a slip is corrected to
 _USUAL_LENGTH, _USUAL_THICKNESS, _USUAL_SLENDERNESS = (5.0, 1e5), (0.5, 3000.0), (2.0, 200.0)  # mm
 _SHORT_MM, _LOW_HZ = 20.0, 100.0  # a length and a band below these may be in m and in kHz

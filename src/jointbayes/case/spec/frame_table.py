@@ -21,11 +21,11 @@ from jointbayes.case.spec.structure_table import (
     StructureBase,
     metres,
 )
+from jointbayes.joint import DIRECTIONS
 
 if TYPE_CHECKING:
     from jointbayes.structure import FrameBody, FrameRecipe, Member
 
-_SIX = ("x", "y", "z", "rx", "ry", "rz")
 _MOST = 2000  # points, members and masses
 _VECTOR = "three numbers x, y, z"
 
@@ -189,7 +189,7 @@ class FrameSpec(StructureBase):
     """The structure without its joints: Timoshenko beams in space, one body or several that joints alone connect."""
 
     kind: Annotated[Literal["frame"], KIND]
-    directions: Annotated[tuple[str, ...], Strict(False), Field(min_length=1), max_length(6), _DIRECTIONS] = _SIX
+    directions: Annotated[tuple[str, ...], Strict(False), Field(min_length=1), max_length(6), _DIRECTIONS] = DIRECTIONS
     element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
     youngs_modulus_gpa: Annotated[float, _E]
     poissons_ratio: Annotated[float, POISSON] = 0.3
@@ -251,7 +251,7 @@ class FrameSpec(StructureBase):
     def _findings(self) -> Iterator[Finding]:
         yield from self._geometry_findings()
         for i, direction in enumerate(self.directions):
-            if direction not in _SIX or direction in self.directions[:i]:
+            if direction not in DIRECTIONS or direction in self.directions[:i]:
                 yield Finding(("directions", i), f'found "{direction[:40]}"', "", "each direction once")
         yield from super()._findings()
 
