@@ -7,7 +7,7 @@ Society A 222, 309-368. DOI 10.1098/rsta.1922.0009
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,14 +70,6 @@ class FisherInformation:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joint's coordinates."""
         return self.parametrisation.names
-
-    def with_bounds(self) -> "FisherInformation":
-        """The same with uniform priors as normal ones of their standard deviation.
-
-        Where data leave a combination of parameters nearly open, it is the width of the prior that ends its spread.
-        """
-        bounds = np.where(np.diag(self.prior) > 0, 0.0, self.prior_sd**-2.0)
-        return replace(self, prior=self.prior + np.diag(bounds))
 
     def total(self, free: Sequence[str] | None = None) -> Array:
         """Information about the parameters in `free`, in that order (all if None), the others exactly known: (f, f).

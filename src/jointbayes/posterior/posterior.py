@@ -14,10 +14,18 @@ from jointbayes.inference import Level, Test
 from jointbayes.inference.test import own_name
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import BestDraw, FileRecord
+from jointbayes.posterior.identifiability import Identifiability, Verdict
 from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.storage import log_prior_of_joint, write_tree
 from jointbayes.posterior.stored_problem import add_problem
-from jointbayes.posterior.summary import Summary, summarise
+from jointbayes.posterior.summary import (
+    NuisanceSummary,
+    StiffnessSummary,
+    Summary,
+    nuisance_summary,
+    stiffness_summary,
+    summarise,
+)
 from jointbayes.posterior.verdicts import JudgedPosterior, reasons_for_no_verdict
 from jointbayes.reproducibility import one_blas_thread
 
@@ -231,44 +239,27 @@ def brief(posterior: JudgedPosterior) -> dict[str, Cell]:
         "misfit_p_value": check.misfit_p_value,
     }
     for index, name in enumerate(posterior.stiffness_names):
-        assessment = posterior.identifiability(name)
-        row |= _quantity_columns(
-            name,
-            {
-                "unit": posterior.unit(name),
-                "map": float(posterior.estimate.values[index]),
-                "median": assessment.median,
-                "low95": assessment.interval95[0],
-                "high95": assessment.interval95[1],
-                "printed_low95": assessment.printed95[0],
-                "printed_high95": assessment.printed95[1],
-                "sd_log": assessment.sd_log,
-                "contraction": assessment.contraction,
-                "verdict": assessment.verdict,
-            },
-        )
+        stiffness = stiffness_summary(posterior, index, name)
+        printed = dict(zip(("printed_low95", "printed_high95"), stiffness.known.printed95, strict=True))
+        row |= _columns(name, stiffness, stiffness.known, printed, stiffness.known.verdict)
     for index, nuisance in enumerate(prior.nuisances):
-        values = posterior.values(nuisance.name)
-        low, median, high = np.quantile(values, [0.025, 0.5, 0.975]).tolist()
-        sd, prior_sd = (float(nuisance.coordinate(v).std()) for v in (values, posterior.prior_values(nuisance.name)))
-        row |= _quantity_columns(
-            nuisance.name,
-            {
-                "unit": nuisance.unit,
-                "map": float(prior.nuisance_values(posterior.estimate.theta)[index]),
-                "median": median,
-                "low95": low,
-                "high95": high,
-                "sd_log": sd,
-                "contraction": 1 - (sd / prior_sd) ** 2,
-                "verdict": None,
-            },
-        )
+        quantity = nuisance_summary(posterior, index)
+        row |= _columns(nuisance.name, quantity, quantity, {}, None)
     return row
 
 
-def _quantity_columns(name: str, cells: Mapping[str, Cell]) -> dict[str, Cell]:
+def _columns(
+    name: str,
+    summary: StiffnessSummary | NuisanceSummary,
+    known: Identifiability | NuisanceSummary,
+    printed: Mapping[str, float],
+    verdict: Verdict | None,
+) -> dict[str, Cell]:
     """Columns of one quantity; a number that is not finite is none."""
+    cells: dict[str, Cell] = {"unit": summary.unit, "map": summary.map, "median": known.median}
+    cells |= dict(zip(("low95", "high95"), known.interval95, strict=True))
+    cells |= printed
+    cells |= {"sd_log": known.sd_log, "contraction": known.contraction, "verdict": verdict}
     return {
         f"{name}.{column}": None if isinstance(value, float) and not np.isfinite(value) else value
         for column, value in cells.items()

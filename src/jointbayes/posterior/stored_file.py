@@ -116,22 +116,14 @@ class StoredFile:
         MeasurementError
             If there is none, or its real and imaginary parts are of different shapes.
         """
-        if name in self.groups.get(PROBLEM_GROUP, {}):
-            return self._any_numbers(PROBLEM_GROUP, name)
-        return self._complex(PROBLEM_GROUP, name)
-
-    def _any_numbers(self, group: str, name: str) -> NDArray[Any]:
-        values = self.array(group, name)
-        if values.dtype.kind not in "iufb":
-            raise self._fault(f"{group}/{name}: found what is no number; expected numbers")
-        return values
-
-    def _complex(self, group: str, name: str) -> NDArray[np.complex128]:
-        real, imaginary = (self._any_numbers(group, f"{name}_{suffix}") for suffix in ("real", "imag"))
-        if real.shape != imaginary.shape:
-            raise self._fault(f"{group}/{name}: found parts of {real.shape} and {imaginary.shape}; expected one shape")
-        values = np.empty(real.shape, np.complex128)
-        values.real, values.imag = real, imaginary
+        is_real = name in self.groups.get(PROBLEM_GROUP, {})
+        parts = [self.array(PROBLEM_GROUP, part) for part in ([name] if is_real else [f"{name}_real", f"{name}_imag"])]
+        if any(values.dtype.kind not in "iufb" or values.shape != parts[0].shape for values in parts):
+            raise self._fault(f"{PROBLEM_GROUP}/{name}: found what is no number; expected numbers, parts of one shape")
+        if is_real:
+            return parts[0]
+        values = np.empty(parts[0].shape, np.complex128)
+        values.real, values.imag = parts
         return values
 
     def _fault(self, found: str) -> MeasurementError:

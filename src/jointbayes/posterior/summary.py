@@ -248,10 +248,10 @@ def summarise(
         warnings=tuple(warnings),
         no_verdict=reasons_for_no_verdict(posterior),
         parameters={
-            name: replace(_stiffness(posterior, i, name), exact=knowledge.exact.get(name) if knowledge else None)
+            name: replace(stiffness_summary(posterior, i, name), exact=knowledge.exact.get(name) if knowledge else None)
             for i, name in enumerate(posterior.stiffness_names)
         },
-        nuisances={n.name: _nuisance(posterior, i) for i, n in enumerate(posterior.problem.prior.nuisances)},
+        nuisances={n.name: nuisance_summary(posterior, i) for i, n in enumerate(posterior.problem.prior.nuisances)},
         map=MapSummary(
             log_posterior=estimate.log_posterior,
             coordinates=posterior.problem.names,
@@ -283,7 +283,8 @@ def _interval95(values: Array) -> Interval:
     return low, high
 
 
-def _stiffness(posterior: JudgedPosterior, index: int, name: str) -> StiffnessSummary:
+def stiffness_summary(posterior: JudgedPosterior, index: int, name: str) -> StiffnessSummary:
+    """The numbers of the stiffness at one place."""
     values, r_hat = posterior.values(name), posterior.record.r_hat
     ess_bulk, ess_tail = effective_sizes(np.log(values) if (values > 0).all() else values)
     return StiffnessSummary(
@@ -299,7 +300,8 @@ def _stiffness(posterior: JudgedPosterior, index: int, name: str) -> StiffnessSu
     )
 
 
-def _nuisance(posterior: JudgedPosterior, index: int) -> NuisanceSummary:
+def nuisance_summary(posterior: JudgedPosterior, index: int) -> NuisanceSummary:
+    """The numbers of the uncertain quantity at one place."""
     prior = posterior.problem.prior
     nuisance = prior.nuisances[index]
     values, before = posterior.values(nuisance.name), posterior.prior_values(nuisance.name)

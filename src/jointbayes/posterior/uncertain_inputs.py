@@ -98,7 +98,7 @@ def uncertain_quantities(problem: Problem) -> tuple[str, ...]:
 
 
 def effect_of_uncertain_inputs(
-    posterior: JudgedPosterior, freed: Problem | None = None, *, each: bool = False
+    posterior: JudgedPosterior, freed: Problem | None = None
 ) -> tuple[UncertainInputsRow, ...]:
     """What the verdicts rest on: the run, then other sets of uncertain quantities.
 
@@ -109,8 +109,6 @@ def effect_of_uncertain_inputs(
     freed
         The same problem with more quantities uncertain. Where the run takes any of them as exactly known, the last row
         is that with all uncertain.
-    each
-        Whether each quantity is looked at alone as well, a second or two for each.
 
     Returns
     -------
@@ -129,7 +127,6 @@ def effect_of_uncertain_inputs(
         return ()
     rng = np.random.default_rng([posterior.record.seed, 3])
     sets: list[tuple[str, ...]] = [()] if present else []
-    sets += [(name,) for name in every] if each and len(every) > 1 else []
     sets += [every] if set(every) > set(present) else []
     return run, *(_row(posterior, problem, names, rng) for names in sets)
 
@@ -381,7 +378,7 @@ def _is_weaker(freed: Identifiability, run: Identifiability) -> bool:
 
 
 def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
-    """The table in words: whose verdict is worse with all quantities uncertain, and what a single one does."""
+    """The table in words: whose verdict is worse, and whose interval another, with all quantities uncertain."""
     settled = [row for row in rows if row.known]
     least, most = (pick(settled, key=lambda row: len(row.uncertain)) for pick in (min, max))
     if not most.uncertain or least.uncertain or len(settled) < 2:
@@ -390,11 +387,9 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
     for name, verdict in least.verdict.items():
         if _RANK[most.verdict[name]] <= _RANK[verdict]:
             continue
-        alone = [r.uncertain[0] for r in settled if len(r.uncertain) == 1 and r.verdict[name] == most.verdict[name]]
-        enough = f", {' or '.join(alone)} alone suffices" if alone and len(most.uncertain) > 1 else ""
         parts.append(
             f"{name} goes from {verdict} ({_spread(least.known[name])}) to {most.verdict[name]} "
-            f"({_spread(most.known[name])}{enough.replace('_', ' ')})"
+            f"({_spread(most.known[name])})"
         )
         wider.pop(name, None)
     for name in wider:

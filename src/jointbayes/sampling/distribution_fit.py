@@ -18,7 +18,7 @@ _DRAWS = 2000
 _STUDENT_ROUNDS = 4
 _GOOD = 0.8  # a further round would cost more than it gains
 _STUDENT_EM_STEPS = 10  # each brings the fit four times nearer
-_FLOOR = 1e-3  # of the scale before that is added to a new one, so that few draws still span the space
+_FLOOR = 1e-3  # of the scale before, or of the overall covariance, added to a new one: few draws still span the space
 
 
 @dataclass(slots=True)
@@ -160,7 +160,6 @@ _MOST = 12  # components besides the wide one
 _DEFENSIVE = 0.05  # weight of one wide component, which bounds the importance weights
 _WIDER = 3.0  # it than all others together
 _STARVED = 2  # effective draws per parameter of a component, below which it is dropped
-_FLOOR = 1e-3  # of the overall covariance, added to each scale
 
 
 def first_mixture(x: Array, weight: Array, components: int, rng: np.random.Generator) -> StudentMixture:
@@ -268,7 +267,6 @@ def _widened(narrow: list[StudentT], weight: Array, mean: Array, covariance: Arr
     return StudentMixture((*narrow, wide), weights)
 
 
-_DRAWS = 2000
 _CONFIRMING = 4000
 _LOOKED_AT_AGAIN = 2
 _TRIALS = 3  # rounds in each system, before the best is refined

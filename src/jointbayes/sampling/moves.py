@@ -151,24 +151,18 @@ class EachAlone(Move):  # type: ignore[misc]  # emcee is not typed
         return state, settle(model, state, slice(None), proposed, log_factor)
 
 
-class IndependenceMove(EachAlone):
-    """Propose all walkers at once from one fixed distribution in coordinates φ.
+class FittedMove(EachAlone):
+    """Propose by a fitted distribution in coordinates φ, with respect to which the proposal is reversible.
 
-    Each walker is a chain of its own here. Its acceptance compares the importance weights p/q of the two places,
-    with q the proposal's density over θ: that over φ divided by |∂θ/∂φ|. The nearer q is to p, the nearer the draws
-    are to independent ones; where q is too narrow a walker waits long, so other moves belong beside this one.
+    The acceptance compares the importance weights p/q of the two places, with q the distribution's density over θ: that
+    over φ divided by |∂θ/∂φ|. Subclasses give `drawn`.
 
     Parameters
     ----------
     coordinates
         Coordinates in which to propose.
     density
-        Distribution of the proposals in these coordinates.
-
-    References
-    ----------
-    L. Tierney, Markov chains for exploring posterior distributions (1994), section 2.3.3,
-    DOI 10.1214/aos/1176325750.
+        Distribution in these coordinates.
     """
 
     def __init__(self, coordinates: Coordinates, density: ProposalDensity) -> None:
@@ -177,21 +171,38 @@ class IndependenceMove(EachAlone):
     def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:
         """Propose for the walkers at θ, shape (n, d), with ln q(θ) − ln q(proposed), shape (n,)."""
         coordinates, density = self._coordinates, self._density
-        phi = density.draw(random, len(theta))
-        proposed, inside = coordinates.inverse(phi)
+        here = coordinates.forward(theta)
+        there = self.drawn(here, random)
+        proposed, inside = coordinates.inverse(there)
         # a walker sent out of the region is proposed where it is, and refused
         proposed = np.where(inside[:, None], proposed, theta)
-        here = density.log_density(coordinates.forward(theta)) - coordinates.log_volume(theta)
-        there = density.log_density(phi) - coordinates.log_volume(proposed)
-        return proposed, np.where(inside, here - there, -np.inf)
+        before = density.log_density(here) - coordinates.log_volume(theta)
+        after = density.log_density(there) - coordinates.log_volume(proposed)
+        return proposed, np.where(inside, before - after, -np.inf)
 
 
-class AutoregressiveMove(EachAlone):
+class IndependenceMove(FittedMove):
+    """Propose all walkers at once from one fixed distribution in coordinates φ.
+
+    Each walker is a chain of its own here. The nearer q is to p, the nearer the draws are to independent ones; where q
+    is too narrow a walker waits long, so other moves belong beside this one.
+
+    References
+    ----------
+    L. Tierney, Markov chains for exploring posterior distributions (1994), section 2.3.3,
+    DOI 10.1214/aos/1176325750.
+    """
+
+    def drawn(self, here: Array, random: np.random.RandomState) -> Array:
+        """New places φ, shape (n, d), for the walkers at others."""
+        return self._density.draw(random, len(here))
+
+
+class AutoregressiveMove(FittedMove):
     """Propose each walker part of the way from where it is to a new draw of a Student-t in coordinates φ.
 
     In many dimensions even a good fit is refused where the whole place changes at once; part of the way is accepted.
-    The proposal is reversible with respect to the Student-t, whose stretch is first drawn given the place, so that
-    the acceptance compares p/q of the two places as that of an independence move does.
+    The stretch of the Student-t is first drawn given the place.
 
     Parameters
     ----------
@@ -209,22 +220,15 @@ class AutoregressiveMove(EachAlone):
     """
 
     def __init__(self, coordinates: Coordinates, density: StudentT, kept: float) -> None:
-        self._coordinates, self._density, self._kept = coordinates, density, kept
+        super().__init__(coordinates, density)
+        self._student, self._kept = density, kept
 
-    def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:
-        """Propose for the walkers at θ, shape (n, d), with ln q(θ) − ln q(proposed), shape (n,)."""
-        coordinates, density = self._coordinates, self._density
-        phi = coordinates.forward(theta)
-        n, d = phi.shape
-        squared = (density.dof + density.squared_distance(phi)) / random.chisquare(density.dof + d, n)
+    def drawn(self, here: Array, random: np.random.RandomState) -> Array:
+        """New places φ, shape (n, d), for the walkers at others."""
+        density, (n, d) = self._student, here.shape
+        squared = (density.dof + density.squared_distance(here)) / random.chisquare(density.dof + d, n)
         fresh = density.scaled(random.standard_normal((n, d))) * np.sqrt(squared * (1 - self._kept**2))[:, None]
-        there = density.mean + self._kept * (phi - density.mean) + fresh
-        proposed, inside = coordinates.inverse(there)
-        # a walker sent out of the region is proposed where it is, and refused
-        proposed = np.where(inside[:, None], proposed, theta)
-        before = density.log_density(phi) - coordinates.log_volume(theta)
-        after = density.log_density(there) - coordinates.log_volume(proposed)
-        return proposed, np.where(inside, before - after, -np.inf)
+        return density.mean + self._kept * (here - density.mean) + fresh
 
 
 class JumpMove(EachAlone):
