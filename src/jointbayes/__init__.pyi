@@ -68,7 +68,7 @@ from jointbayes.studies.calibration import Calibration as Calibration
 from jointbayes.studies.campaign.campaign_run import campaign as campaign
 from jointbayes.studies.campaign.index import Campaign as Campaign
 from jointbayes.studies.compare import compare as compare
-from jointbayes.studies.comparison import Comparison as Comparison
+from jointbayes.studies.comparison_report import Comparison as Comparison
 from jointbayes.studies.planning.make_plan import plan as plan
 from jointbayes.studies.planning.plan_report import Plan as Plan
 from jointbayes.studies.reference_check import check_posterior as check_posterior

@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import datetime
 import shutil
 import subprocess
 
@@ -18,8 +17,8 @@ from jointbayes.report import render_html, render_pdf
 from jointbayes.report.inspect_figure import inspect_figure
 from jointbayes.studies.calibration import Calibration, build_calibration_report
 from jointbayes.studies.campaign.campaign_report import write_campaign_report
-from jointbayes.studies.comparison import Comparison, WeighedModel
-from jointbayes.studies.comparison_report import build_comparison_report
+from jointbayes.studies.comparison import WeighedModel
+from jointbayes.studies.comparison_report import Comparison, build_comparison_report
 from jointbayes.studies.data_sets import DataSet
 from jointbayes.studies.planning.candidates import SimulatedPosterior, Simulation
 from jointbayes.studies.planning.case_candidates import candidates_of
@@ -30,7 +29,6 @@ from tests.hostile import beacons, browser, in_page, opened
 from tests.studies.campaign_directory import campaign_directory, write_index
 
 pytestmark = pytest.mark.science
-DATE = datetime.date(2026, 1, 2)
 
 
 def hostile(posterior, text):
@@ -148,12 +146,12 @@ def test_hostile_studies_run_nothing_and_ask_for_nothing(tmp_path, cheap_case):
             for one in candidates_of(cheap_case)[:2]
         )  # fmt: skip
         for place, report in (
-            ("compare", build_comparison_report(Comparison(candidates, 1, text).summary(), DATE)),
+            ("compare", build_comparison_report(Comparison(candidates, 1, text).summary())),
             (
                 "calibrate",
-                build_calibration_report(Calibration(text, text, 1, ("k11",), (numbers, failed)), text, DATE),
+                build_calibration_report(Calibration(text, text, 1, ("k11",), (numbers, failed), text)),
             ),
-            ("plan", build_plan_report(Plan(text, text, 1, "k12", now, measured, False, text).summary(), DATE)),
+            ("plan", build_plan_report(Plan(text, text, 1, "k12", now, measured, False, text).summary())),
         ):
             path = tmp_path / f"{place}.html"
             path.write_text(render_html(report), encoding="utf-8")

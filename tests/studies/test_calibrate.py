@@ -13,13 +13,14 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError, ModelError, WriteError
+from jointbayes.own_directory import OwnDirectory
 from jointbayes.studies import calibrate as driver
 from jointbayes.studies import data_sets
 from jointbayes.studies.calibrate import KEPT, kept_data_sets
 from jointbayes.studies.calibration import (
+    A_CALIBRATION,
     FALSE_ALARM,
     Calibration,
-    calibration_directory,
     calibration_table,
     ranks_csv,
 )
@@ -130,7 +131,7 @@ def test_data_sets_of_another_calibration_are_not_mixed_in(kept, options, part):
 
 
 def test_two_calibrations_in_one_directory_are_refused(kept):
-    with calibration_directory(kept[0]), pytest.raises(WriteError, match="found another process at work in it"):
+    with OwnDirectory(kept[0], A_CALIBRATION), pytest.raises(WriteError, match="found another process at work in it"):
         calibrated(directory=kept[0])
     assert not (kept[0] / "lock").exists()
 

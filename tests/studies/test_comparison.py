@@ -1,7 +1,6 @@
 """Comparing joints: hypotheses, words, the same-data rule, prior edges, cross-validation, files and the command."""
 
 import dataclasses
-import datetime
 import json
 import re
 
@@ -14,18 +13,16 @@ from jointbayes.joint import RIGID
 from jointbayes.posterior.evidence import Evidence
 from jointbayes.studies.compare import HYPOTHESES, compare, hypothesis_problem, require_same_data
 from jointbayes.studies.comparison import (
-    Comparison,
     PriorEdge,
     WeighedModel,
     bayes_factor_words,
     leave_one_out,
     model_probabilities,
 )
-from jointbayes.studies.comparison_report import build_comparison_report, evidence_table, write_comparison
+from jointbayes.studies.comparison_report import Comparison, build_comparison_report, evidence_table
 from tests.cli.test_cli import cli
 from tests.conftest import cheap_frequencies_text, cheap_text, edited, pair_matrix
 
-DATE = datetime.date(2026, 1, 2)
 #: Coordinates under each hypothesis; None for those of the case.
 YIELDING = {
     "rigid": (),
@@ -291,12 +288,12 @@ def test_the_table_has_the_best_first_and_aligned_columns(comparison):
 
 
 def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(comparison):
-    report = build_comparison_report(comparison.summary(), DATE)
+    report = build_comparison_report(comparison.summary())
     assert comparison.verdict in report.lead[0].text
     assert report.lead[0].kind == "good"
     doubtful = dataclasses.replace(comparison.best, evidence=Evidence(-14.0, 0.1, 0.9, "importance sampling", 1, 1.0))
     doubt = Comparison((doubtful, comparison.candidates[0]), 1, "").summary()
-    report = build_comparison_report(doubt, DATE)
+    report = build_comparison_report(doubt)
     assert report.lead[0].kind == "caution"
     assert "error of the evidence is unreliable for: springs in short" in report.lead[1].text
 
@@ -307,7 +304,7 @@ def test_cross_validation_has_its_table_where_there_is_one():
     rows = found.summary()["candidates"]
     assert rows[1]["loo"]["difference"] == 0.0
     assert rows[0]["loo"]["difference"] == pytest.approx(rows[0]["loo"]["elpd"] - rows[1]["loo"]["elpd"])
-    report = build_comparison_report(found.summary(), DATE)
+    report = build_comparison_report(found.summary())
     (section,) = [s for s in report.sections if s.identifier == "cross-validation"]
     assert section.blocks[-1].rows[0][1] == "cheap"
 
@@ -331,12 +328,13 @@ def test_compare_prints_the_table_and_the_winner_and_leaves_a_whole_directory(tm
     assert {p.name for p in tmp_path.iterdir()} == {"long.toml", "short.toml", "out"}
     listed = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
     assert listed == {
-        "report.html", "report.pdf", "compare.json", "cases/long.toml", "cases/short.toml", "figures/evidence-plot.svg"
+        "report.html", "report.pdf", "compare.json", "cases/long.toml", "cases/short.toml", "figures/evidence-plot.svg",
+        ".jointbayes",
     }  # fmt: skip
     assert json.loads((out / "compare.json").read_text(encoding="utf-8")) == comparison.summary()
     assert (out / "report.pdf").read_bytes().startswith(b"%PDF-")
     assert comparison.best.label in (out / "report.html").read_text(encoding="utf-8")
-    write_comparison(comparison, cases, out)  # an earlier comparison may be replaced
+    comparison.write(out)  # an earlier comparison may be replaced
     assert {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()} == listed
 
 

@@ -36,15 +36,18 @@ if TYPE_CHECKING:
 @seed_option
 def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> None:
     """Compare hypotheses on the joint, from rigid to a full matrix, in one case file or several of the same data."""
-    from jointbayes.report.run_directory import require_writable
+    from jointbayes.own_directory import OwnDirectory
+    from jointbayes.report.run_directory import require_room
     from jointbayes.studies.compare import compare as weigh
     from jointbayes.studies.compare import require_same_data
-    from jointbayes.studies.comparison_report import COMPARISON_MARK, evidence_table, write_comparison
+    from jointbayes.studies.comparison_report import A_COMPARISON, evidence_table
 
     cases = [load(path) for path in config]
     require_same_data(cases)
     if out is not None:
-        require_writable(out, COMPARISON_MARK)
+        require_room(out)
+        with OwnDirectory(out, A_COMPARISON):  # refused before any work
+            pass
     with show_progress() as progress:
         comparison = weigh(cases, seed=seed, progress=progress)
     for line in evidence_table(comparison.summary(), method=True).lines():
@@ -52,7 +55,7 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
     for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):
         say(f"Cross-validation is {note}.")
     if out is not None:
-        write_comparison(comparison, cases, out)
+        comparison.write(out)
         say(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
     if not comparison.trusted:
         say("NOT TRUSTED: the error of an evidence is unknown, see the table.")

@@ -7,7 +7,8 @@ may carry ``**bold**`` and `` `code` `` and nothing else (see :mod:`jointbayes.r
 
 import datetime
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from importlib.metadata import version
 from itertools import chain
 from typing import ClassVar, Literal, TypeAlias, get_args
 
@@ -180,12 +181,12 @@ class Series:
         if self.kind not in get_args(SeriesKind):
             kinds = ", ".join(get_args(SeriesKind))
             raise ValueError(f"{where}: kind {self.kind!r}, expected one of {kinds}")
-        for field in ("x", "y", "y_low", "y_high"):
-            values = np.array(getattr(self, field), dtype=float)
+        for name in ("x", "y", "y_low", "y_high"):
+            values = np.array(getattr(self, name), dtype=float)
             values.setflags(write=False)
             if not np.isfinite(values).all():
-                raise ValueError(f"{where}: {field} has NaN or infinite values; leave those points out")
-            object.__setattr__(self, field, values)
+                raise ValueError(f"{where}: {name} has NaN or infinite values; leave those points out")
+            object.__setattr__(self, name, values)
         self._check_shapes(where)
 
     @property
@@ -341,9 +342,9 @@ class Report:
     sections : tuple of ReportSection
         The body.
     date : datetime.date
-        Printed on the report; also the time stamp inside the PDF, so that reruns are byte-identical.
+        Printed on the report, by default today; also the time stamp inside the PDF, so that reruns are byte-identical.
     version : str
-        Version of jointbayes that wrote the report.
+        Version of jointbayes that wrote the report, by default this one.
 
     Raises
     ------
@@ -355,8 +356,8 @@ class Report:
     subtitle: str
     lead: tuple[Block, ...]
     sections: tuple[ReportSection, ...]
-    date: datetime.date
-    version: str
+    date: datetime.date = field(default_factory=lambda: datetime.datetime.now(datetime.UTC).date())
+    version: str = field(default_factory=lambda: version("jointbayes"))
 
     def __post_init__(self) -> None:
         if not self.title.strip():

@@ -20,9 +20,9 @@ from jointbayes.sampling import SamplerSettings
 from jointbayes.whole_file import exchanged, scratch_directory, swept, write_whole_file
 
 _MARK = "summary.json"  # by which a run directory is known
-#: What may be in a run directory, or in that of a comparison; any other file is the user's.
-_FILES = ("report.html", "report.pdf", "posterior.nc", "summary.json", "case.toml", "compare.json")
-_FOLDERS = {"figures": ".svg", "cases": ".toml"}
+#: What may be in a run directory; any other file is the user's.
+_FILES = ("report.html", "report.pdf", "posterior.nc", "summary.json", "case.toml")
+_FIGURES, _FIGURE = "figures", ".svg"
 _OF_THE_SYSTEM = (".DS_Store", "Thumbs.db", "desktop.ini")  # what looking at a directory leaves in it
 _ROOM = 3_000_000  # bytes of a report without its draws: HTML, PDF and figures
 _REMEDY = "expected a new directory or an earlier run directory; choose another --out"
@@ -113,12 +113,7 @@ def json_text(numbers: dict[str, Any]) -> str:
     return json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def write_whole(
-    target: Path,
-    report: Report,
-    files: Mapping[str, str],
-    save_draws: Callable[[Path], None] | None = None,
-) -> None:
+def write_whole(target: Path, report: Report, files: Mapping[str, str], save_draws: Callable[[Path], None]) -> None:
     """Write report, figures, other files and draws beside the target, then put them in its place."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with scratch_directory(target) as scratch:
@@ -132,8 +127,7 @@ def write_whole(
         for name, text in files.items():
             (new / name).parent.mkdir(exist_ok=True)
             _write_synced(new / name, text.encode())
-        if save_draws is not None:
-            save_draws(new / "posterior.nc")
+        save_draws(new / "posterior.nc")
         if target.is_dir():
             _require_ours(target)  # once more: hours may have passed
         exchanged(new, target, scratch)
@@ -141,12 +135,13 @@ def write_whole(
 
 def write_into(target: Path, report: Report, files: Mapping[str, str]) -> None:
     """Write report, figures and other files, in this order, into a directory of a study; each is whole or absent."""
-    real_directory(target / "figures")
     figures = {
         f"figures/{figure.identifier}.svg": figure.svg for figure in report.blocks() if isinstance(figure, Figure)
     }
     rendered = {"report.html": render_html(report).encode(), "report.pdf": render_pdf(report)}
     for name, content in (rendered | {name: text.encode() for name, text in {**figures, **files}.items()}).items():
+        if "/" in name:
+            real_directory((target / name).parent)
         write_whole_file(target / name, content)
 
 
@@ -158,7 +153,7 @@ def _write_synced(path: Path, content: bytes) -> None:
         os.fsync(stream.fileno())
 
 
-def require_writable(target: Path, mark: str = _MARK, room: int = _ROOM) -> None:
+def require_writable(target: Path, room: int = _ROOM) -> None:
     """Refuse a place where a run directory cannot or must not be written; before the work, not after it.
 
     What processes that died there while they wrote have left is removed.
@@ -167,8 +162,6 @@ def require_writable(target: Path, mark: str = _MARK, room: int = _ROOM) -> None
     ----------
     target
         The directory to be.
-    mark
-        File by which an earlier one is known.
     room
         Bytes that will be written at least.
 
@@ -186,7 +179,7 @@ def require_writable(target: Path, mark: str = _MARK, room: int = _ROOM) -> None
     if place.is_mount():
         raise CaseError(f"{target}: found a disk's own directory, which cannot be replaced; {_REMEDY}")
     if target.is_dir():
-        if any(target.iterdir()) and not (target / mark).is_file():
+        if any(target.iterdir()) and not (target / _MARK).is_file():
             raise CaseError(f"{target}: found a directory that holds other files; {_REMEDY}")
         _require_ours(target)
     elif os.path.lexists(target):
@@ -204,10 +197,10 @@ def _require_ours(target: Path) -> None:
         raise CaseError(f"{target}: found a link; {_REMEDY}")
     for entry in sorted(target.iterdir()):
         expected, below = entry.name in _FILES, [entry]
-        if entry.name in _FOLDERS and entry.is_dir() and not entry.is_symlink():
+        if entry.name == _FIGURES and entry.is_dir() and not entry.is_symlink():
             below = sorted(entry.iterdir())
         for file in below:
-            ours = expected if file is entry else file.suffix == _FOLDERS[entry.name]
+            ours = expected if file is entry else file.suffix == _FIGURE
             ours = ours or file.name in _OF_THE_SYSTEM
             if not ours or file.is_symlink() or not file.is_file():
                 raise CaseError(f"{target}: found {file.relative_to(target)} in it, which no run wrote; {_REMEDY}")

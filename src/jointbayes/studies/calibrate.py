@@ -7,20 +7,18 @@ import pickle
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pydantic
-
 from jointbayes.case.case import Case, require_case
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
+from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.stored_problem import run_fingerprint
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.sampling import SamplerSettings
-from jointbayes.studies.calibration import Calibration, calibration_directory
+from jointbayes.studies.calibration import A_CALIBRATION, Calibration
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, Job, analyse_packed, require_simulable
 from jointbayes.studies.study_directory import append_line, kept_lines
 from jointbayes.studies.tasks import run_tasks
@@ -32,7 +30,6 @@ if TYPE_CHECKING:
 
 #: File of data sets that are done.
 KEPT = "data_sets.jsonl"
-_LINE = pydantic.TypeAdapter(DataSet)
 
 
 def calibrate(
@@ -108,7 +105,7 @@ def calibrate(
         done = _done(job, n, None, {}, tell, engine)
     else:
         head = fingerprint(case, case if data_from is None else data_from, job.settings, job.seed)
-        with calibration_directory(directory) as locked:
+        with OwnDirectory(directory, A_CALIBRATION) as locked:
             kept = kept_data_sets(locked.path / KEPT, head, len(job.names))
             done = _done(job, n, locked.path / KEPT, {i: kept[i] for i in kept if i < n}, tell, engine)
     other = "" if job.source is job.analysis else job.source.name
@@ -194,12 +191,10 @@ def kept_data_sets(file: Path, head: Mapping[str, str], quantities: int) -> dict
         If the file holds data sets that depend on something else: what differs.
     """
     done = {}
-    for line in kept_lines(file, head, "data sets", "calibration"):
-        with suppress(pydantic.ValidationError):
-            kept = _LINE.validate_python(line)
-            ranked = (kept.truth, kept.rank, kept.low, kept.high)
-            if kept.error or all(len(values) == quantities for values in ranked):
-                done[kept.index] = kept
+    for kept in kept_lines(file, head, DataSet, "data sets", "calibration"):
+        ranked = (kept.truth, kept.rank, kept.low, kept.high)
+        if kept.error or all(len(values) == quantities for values in ranked):
+            done[kept.index] = kept
     return done
 
 

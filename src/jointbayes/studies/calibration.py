@@ -1,13 +1,11 @@
 """What a calibration found: ranks and coverage of each quantity, judged together, and the report of it."""
 
 import csv
-import datetime
 import io
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,24 +14,21 @@ from matplotlib.figure import Figure as Canvas
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import panels, svg
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
-from jointbayes.report.run_directory import json_text, write_into
+from jointbayes.report.run_directory import json_text
 from jointbayes.studies.data_sets import DRAWS, DataSet
 from jointbayes.studies.ranks import QuantityCalibration, judge
+from jointbayes.studies.study_directory import write_study
 
+#: What the directory of a calibration holds.
+A_CALIBRATION = "a calibration"
 #: Share of right analyses that fail, at most: over all quantities together, each at this over their number.
 FALSE_ALARM = 0.01
 #: Below this the verdict says that a second seed should be looked at.
 SUSPICIOUS = 0.05
 _SHOWN = 3  # different errors in a summary
-
-
-def calibration_directory(directory: str | os.PathLike[str]) -> OwnDirectory:
-    """The directory of a calibration, new or of an earlier start; entered, it keeps other processes out."""
-    return OwnDirectory(directory, "a calibration")
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,12 +178,9 @@ class Calibration:
         WriteError
             If a file cannot be written, the directory holds something else, or another process is at work in it.
         """
-        report = build_calibration_report(self, self.title or self.name, datetime.datetime.now(datetime.UTC).date())
         files = {"ranks.csv": ranks_csv(self)} | ({"case.toml": self.case_text} if self.case_text else {})
-        files["summary.json"] = json_text(self.summary())  # last: where it is, all the rest is
-        with calibration_directory(directory) as locked:
-            write_into(locked.path, report, files)
-        return locked.path
+        files["summary.json"] = json_text(self.summary())
+        return write_study(directory, A_CALIBRATION, build_calibration_report(self), files)
 
     def summary(self) -> dict[str, Any]:
         """The numbers as JSON: what ``summary.json`` of a calibration holds."""
@@ -262,7 +254,7 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     return [*calibration_table(calibration).lines(), *calibration.notes, calibration.verdict]
 
 
-def build_calibration_report(calibration: Calibration, title: str, date: datetime.date) -> Report:
+def build_calibration_report(calibration: Calibration) -> Report:
     """Build the report, the verdict first."""
     suspicious = calibration.p_value < SUSPICIOUS or bool(calibration.notes)
     kind: Kind = "bad" if not calibration.passed else "caution" if suspicious else "good"
@@ -273,12 +265,10 @@ def build_calibration_report(calibration: Calibration, title: str, date: datetim
     )
     source = f", by data of {calibration.source}" if calibration.source else ""
     return Report(
-        title=title,
+        title=calibration.title or calibration.name,
         subtitle=f"Calibration of the analysis of {calibration.name}{source}",
         lead=(Callout(kind, calibration.verdict), *(Callout("caution", note) for note in calibration.notes)),
         sections=sections,
-        date=date,
-        version=version("jointbayes"),
     )
 
 

@@ -17,7 +17,8 @@ from jointbayes.posterior.evidence import evidence
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Start
-from jointbayes.studies.comparison import Comparison, LeaveOneOut, PriorEdge, WeighedModel, leave_one_out
+from jointbayes.studies.comparison import LeaveOneOut, PriorEdge, WeighedModel, leave_one_out
+from jointbayes.studies.comparison_report import Comparison
 from jointbayes.workflow import find_map
 
 _KEPT = 2000  # posterior draws, for what the evidence does not need
@@ -121,7 +122,8 @@ def compare(
             raise
         except JointBayesError as error:
             raise CaseError(f"{case.name}, {hypothesis}: {error}") from error
-    return Comparison(tuple(candidates), seed, data_sha256(given[0].problem))
+    texts = {case.name: case.text for case in given}
+    return Comparison(tuple(candidates), seed, data_sha256(given[0].problem), texts)
 
 
 def require_same_data(cases: Sequence[Case]) -> None:

@@ -1,8 +1,7 @@
-"""What a comparison of joints found: evidence and cross-validation of each candidate, and the best of them."""
+"""One hypothesis about the joint in one case: its evidence, its cross-validation, and the words for either."""
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,8 +9,7 @@ from numpy.typing import ArrayLike
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
-from jointbayes.joint import COUPLED, RIGID, Quantity
-from jointbayes.posterior import package_versions
+from jointbayes.joint import COUPLED, Quantity
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
 from jointbayes.posterior.storage import loo_pointwise
 
@@ -170,135 +168,6 @@ class WeighedModel:
     def trusted(self) -> bool:
         """Whether the stated error of the evidence may be believed."""
         return not self.evidence.pareto_k > PARETO_LIMIT  # without importance weights k is no number
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """Candidates for the same data.
-
-    Parameters
-    ----------
-    candidates
-        One for each case and hypothesis, in the order of the cases.
-    seed
-        Seed of all random numbers.
-    data_sha256
-        Fingerprint of the data that all share.
-    """
-
-    candidates: tuple[WeighedModel, ...]
-    seed: int
-    data_sha256: str
-
-    @property
-    def best(self) -> WeighedModel:
-        """The candidate of the largest evidence."""
-        return max(self.candidates, key=lambda c: c.evidence.log_z)
-
-    @property
-    def ranking(self) -> tuple[WeighedModel, ...]:
-        """All candidates, the best first."""
-        return tuple(sorted(self.candidates, key=lambda c: -c.evidence.log_z))
-
-    @property
-    def probabilities(self) -> Array:
-        """Posterior probability of each candidate, shape (candidates,), if all were equally probable before."""
-        return model_probabilities([c.evidence.log_z for c in self.candidates])
-
-    @property
-    def trusted(self) -> bool:
-        """Whether every evidence's error may be believed."""
-        return all(c.trusted for c in self.candidates)
-
-    def two_log_b(self, candidate: WeighedModel) -> float:
-        """2 ln B of the best against a candidate: 0 for the best itself."""
-        return 2 * (self.best.evidence.log_z - candidate.evidence.log_z)
-
-    def words(self, candidate: WeighedModel) -> str:
-        """Evidence for the best against a candidate in the words of Kass and Raftery; ``"best"`` for itself."""
-        return "best" if candidate is self.best else bayes_factor_words(self.two_log_b(candidate))
-
-    @property
-    def verdict(self) -> str:
-        """One plain sentence, or two, that name the winner."""
-        best, *others = self.ranking
-        z = best.evidence
-        text = f"The data favour {best.label}: ln Z = {_log_z_text(z)}."
-        if others:
-            two_log_b = self.two_log_b(others[0])
-            text += f" The evidence against the next, {others[0].label}, is {bayes_factor_words(two_log_b)}"
-            text += f" (2 ln B = {two_log_b:.1f})."
-        else:
-            text += " It is the only one: nothing was compared."
-        if best.at_edge:
-            edges = ", ".join(dict.fromkeys(edge.name for edge in best.at_edge))
-            text += f" Its posterior accumulates at an edge of the prior of {edges}: there ln Z depends on the prior."
-        return text
-
-    def summary(self) -> dict[str, Any]:
-        """The numbers, as in ``compare.json``."""
-        rows = zip(self.candidates, self.probabilities, strict=True)
-        return {
-            "verdict": self.verdict,
-            "trusted": self.trusted,
-            "seed": self.seed,
-            "data_sha256": self.data_sha256,
-            "best": {"case": self.best.case, "hypothesis": self.best.hypothesis},
-            "candidates": [self._row(candidate, float(probability)) for candidate, probability in rows],
-            "versions": package_versions(),
-        }
-
-    def _row(self, candidate: WeighedModel, probability: float) -> dict[str, Any]:
-        z = candidate.evidence
-        held = [bool(k == RIGID) for k in candidate.stiffness]
-        names = [quantity.name for quantity in candidate.quantities]
-        stiffness = zip(names, candidate.stiffness.tolist(), held, strict=True)
-        return {
-            "case": candidate.case,
-            "title": candidate.title,
-            "hypothesis": candidate.hypothesis,
-            "parameters": list(candidate.names),
-            "map": {name: None if rigid else value for name, value, rigid in stiffness},
-            "rigid": [name for name, rigid in zip(names, held, strict=True) if rigid],
-            "units": {quantity.name: quantity.unit for quantity in candidate.quantities},
-            "log_z": z.log_z,
-            "log_z_error": z.error,
-            "method": z.method,
-            "pareto_k": _finite(z.pareto_k),
-            "ess": _finite(z.ess),
-            "evaluations": z.evaluations,
-            "trusted": candidate.trusted,
-            "two_log_b": self.two_log_b(candidate),
-            "words": self.words(candidate),
-            "probability": probability,
-            "at_prior_edge": [asdict(edge) for edge in candidate.at_edge],
-            "loo": self._loo(candidate),
-            "loo_note": candidate.loo_note,
-        }
-
-    def _loo(self, candidate: WeighedModel) -> dict[str, Any] | None:
-        if candidate.loo is None:
-            return None
-        estimates = [c.loo for c in self.candidates if c.loo is not None]
-        best = max(estimates, key=lambda loo: loo.elpd)
-        difference, se = candidate.loo.difference(best)
-        return {
-            "elpd": candidate.loo.elpd,
-            "se": candidate.loo.se,
-            "difference": difference,
-            "difference_se": se,
-            "pareto_k_max": _finite(float(candidate.loo.pareto_k.max())),
-            "pareto_k_above_0.7": int((candidate.loo.pareto_k > PARETO_LIMIT).sum()),
-        }
-
-
-def _log_z_text(evidence: Evidence) -> str:
-    value = f"{evidence.log_z:.2f}".replace("-", "−")
-    return value if evidence.method == "exact" else f"{value} ± {evidence.error:.1g}"
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def bayes_factor_words(two_log_b: float) -> str:

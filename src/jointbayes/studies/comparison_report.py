@@ -1,8 +1,8 @@
-"""The report of a comparison, and its table for the terminal: words and tables from the numbers of ``compare.json``."""
+"""What a comparison of joints found: the best of them, the numbers of ``compare.json``, tables and the report."""
 
-import datetime
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +10,17 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.arrays import Array
-from jointbayes.case.case import Case
+from jointbayes.joint import RIGID
 from jointbayes.joint.quantities import split_hypothesis
-from jointbayes.posterior.evidence import PARETO_LIMIT
+from jointbayes.posterior import package_versions
+from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, ReportSection, Table
-from jointbayes.report.run_directory import json_text, require_writable, write_whole
-from jointbayes.studies.comparison import GRADES, Comparison
+from jointbayes.report.run_directory import json_text
+from jointbayes.studies.comparison import GRADES, WeighedModel, bayes_factor_words, model_probabilities
+from jointbayes.studies.study_directory import json_ready, write_study
 
 Row = dict[str, Any]
 
@@ -54,16 +56,8 @@ def evidence_table(summary: dict[str, Any], *, method: bool = False) -> Table:
     return Table("Evidence", tuple(head), tuple(map(tuple, rows)), note=note, row_kinds=kinds)
 
 
-def build_comparison_report(summary: dict[str, Any], date: datetime.date) -> Report:
-    """Build the report of a comparison, verdict first.
-
-    Parameters
-    ----------
-    summary
-        The numbers of ``compare.json``.
-    date
-        Date of the report.
-    """
+def build_comparison_report(summary: dict[str, Any]) -> Report:
+    """Build the report of a comparison, verdict first, from the numbers of ``compare.json``."""
     return Report(
         title="Comparison of joints",
         subtitle=" against ".join(dict.fromkeys(foreign(row["title"]) for row in summary["candidates"])),
@@ -75,8 +69,6 @@ def build_comparison_report(summary: dict[str, Any], date: datetime.date) -> Rep
             ReportSection("reading", "How to read this", _reading(summary)),
             ReportSection("settings", "Settings", (_settings(summary),)),
         ),
-        date=date,
-        version=summary["versions"]["jointbayes"],
     )
 
 
@@ -248,36 +240,153 @@ def _settings(summary: dict[str, Any]) -> Table:
     return Table("Settings and versions", ("Item", "Value"), tuple(rows), align="ll")
 
 
-#: File by which the directory of a comparison is known.
-COMPARISON_MARK = "compare.json"
+#: What the directory of a comparison holds.
+A_COMPARISON = "a comparison"
 
 
-def write_comparison(comparison: Comparison, cases: Sequence[Case], directory: str | os.PathLike[str]) -> Path:
-    """Write the run directory of a comparison, whole or absent.
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Candidates for the same data.
 
     Parameters
     ----------
-    comparison
-        What was compared.
-    cases
-        Its cases, whose text is kept.
-    directory
-        Where to write, as for `write_report`; an older comparison of the same name is replaced.
-
-    Returns
-    -------
-    Path
-        The directory: ``report.html``, ``report.pdf``, ``compare.json``, ``cases/*.toml``, ``figures/*.svg``.
-
-    Raises
-    ------
-    CaseError
-        If the directory exists and holds no comparison.
+    candidates
+        One for each case and hypothesis, in the order of the cases.
+    seed
+        Seed of all random numbers.
+    data_sha256
+        Fingerprint of the data that all share.
+    case_texts
+        Text of each case by its name.
     """
-    target = Path(directory)
-    require_writable(target, COMPARISON_MARK)
-    summary = comparison.summary()
-    report = build_comparison_report(summary, datetime.datetime.now(datetime.UTC).date())
-    files = {COMPARISON_MARK: json_text(summary), **{f"cases/{case.name}.toml": case.text for case in cases}}
-    write_whole(target, report, files)
-    return target
+
+    candidates: tuple[WeighedModel, ...]
+    seed: int
+    data_sha256: str
+    case_texts: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def best(self) -> WeighedModel:
+        """The candidate of the largest evidence."""
+        return max(self.candidates, key=lambda c: c.evidence.log_z)
+
+    @property
+    def ranking(self) -> tuple[WeighedModel, ...]:
+        """All candidates, the best first."""
+        return tuple(sorted(self.candidates, key=lambda c: -c.evidence.log_z))
+
+    @property
+    def probabilities(self) -> Array:
+        """Posterior probability of each candidate, shape (candidates,), if all were equally probable before."""
+        return model_probabilities([c.evidence.log_z for c in self.candidates])
+
+    @property
+    def trusted(self) -> bool:
+        """Whether every evidence's error may be believed."""
+        return all(c.trusted for c in self.candidates)
+
+    def two_log_b(self, candidate: WeighedModel) -> float:
+        """2 ln B of the best against a candidate: 0 for the best itself."""
+        return 2 * (self.best.evidence.log_z - candidate.evidence.log_z)
+
+    def words(self, candidate: WeighedModel) -> str:
+        """Evidence for the best against a candidate in the words of Kass and Raftery; ``"best"`` for itself."""
+        return "best" if candidate is self.best else bayes_factor_words(self.two_log_b(candidate))
+
+    @property
+    def verdict(self) -> str:
+        """One plain sentence, or two, that name the winner."""
+        best, *others = self.ranking
+        z = best.evidence
+        text = f"The data favour {best.label}: ln Z = {_log_z_text(z)}."
+        if others:
+            two_log_b = self.two_log_b(others[0])
+            text += f" The evidence against the next, {others[0].label}, is {bayes_factor_words(two_log_b)}"
+            text += f" (2 ln B = {two_log_b:.1f})."
+        else:
+            text += " It is the only one: nothing was compared."
+        if best.at_edge:
+            edges = ", ".join(dict.fromkeys(edge.name for edge in best.at_edge))
+            text += f" Its posterior accumulates at an edge of the prior of {edges}: there ln Z depends on the prior."
+        return text
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers, as in ``compare.json``."""
+        rows = zip(self.candidates, self.probabilities, strict=True)
+        return json_ready(
+            {
+                "verdict": self.verdict,
+                "trusted": self.trusted,
+                "seed": self.seed,
+                "data_sha256": self.data_sha256,
+                "best": {"case": self.best.case, "hypothesis": self.best.hypothesis},
+                "candidates": [self._row(candidate, float(probability)) for candidate, probability in rows],
+                "versions": package_versions(),
+            }
+        )
+
+    def _row(self, candidate: WeighedModel, probability: float) -> dict[str, Any]:
+        z = candidate.evidence
+        held = [bool(k == RIGID) for k in candidate.stiffness]
+        names = [quantity.name for quantity in candidate.quantities]
+        stiffness = zip(names, candidate.stiffness.tolist(), held, strict=True)
+        return {
+            "case": candidate.case,
+            "title": candidate.title,
+            "hypothesis": candidate.hypothesis,
+            "parameters": list(candidate.names),
+            "map": {name: None if rigid else value for name, value, rigid in stiffness},
+            "rigid": [name for name, rigid in zip(names, held, strict=True) if rigid],
+            "units": {quantity.name: quantity.unit for quantity in candidate.quantities},
+            "log_z": z.log_z,
+            "log_z_error": z.error,
+            "method": z.method,
+            "pareto_k": z.pareto_k,
+            "ess": z.ess,
+            "evaluations": z.evaluations,
+            "trusted": candidate.trusted,
+            "two_log_b": self.two_log_b(candidate),
+            "words": self.words(candidate),
+            "probability": probability,
+            "at_prior_edge": [asdict(edge) for edge in candidate.at_edge],
+            "loo": self._loo(candidate),
+            "loo_note": candidate.loo_note,
+        }
+
+    def _loo(self, candidate: WeighedModel) -> dict[str, Any] | None:
+        if candidate.loo is None:
+            return None
+        estimates = [c.loo for c in self.candidates if c.loo is not None]
+        best = max(estimates, key=lambda loo: loo.elpd)
+        difference, se = candidate.loo.difference(best)
+        return {
+            "elpd": candidate.loo.elpd,
+            "se": candidate.loo.se,
+            "difference": difference,
+            "difference_se": se,
+            "pareto_k_max": candidate.loo.pareto_k.max(),
+            "pareto_k_above_0.7": int((candidate.loo.pareto_k > PARETO_LIMIT).sum()),
+        }
+
+    def write(self, directory: str | os.PathLike[str]) -> Path:
+        """Write the comparison into a new directory, or one of another comparison; each file is whole or absent.
+
+        Returns
+        -------
+        Path
+            The directory: ``report.html``, ``report.pdf``, ``compare.json``, ``cases/*.toml``, ``figures/*.svg``.
+
+        Raises
+        ------
+        WriteError
+            If a file cannot be written, the directory holds something else, or another process is at work in it.
+        """
+        summary = self.summary()
+        files = {f"cases/{name}.toml": text for name, text in self.case_texts.items()}
+        files["compare.json"] = json_text(summary)
+        return write_study(directory, A_COMPARISON, build_comparison_report(summary), files)
+
+
+def _log_z_text(evidence: Evidence) -> str:
+    value = f"{evidence.log_z:.2f}".replace("-", "−")
+    return value if evidence.method == "exact" else f"{value} ± {evidence.error:.1g}"

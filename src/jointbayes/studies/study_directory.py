@@ -1,14 +1,23 @@
-"""What is done of a long study, one line of JSON each: on the disk at once, at a cost that does not grow."""
+"""The directory of a study: what is done of it, one line of JSON each and on the disk at once, and its report."""
 
 import datetime
 import json
+import math
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from jointbayes.errors import CaseError, WriteError, printable
-from jointbayes.own_directory import open_regular
+from jointbayes.own_directory import OwnDirectory, open_regular
+from jointbayes.report import Report
+from jointbayes.report.run_directory import write_into
+
+T = TypeVar("T")
 
 _SHOWN = 3  # differences in a message
 
@@ -60,15 +69,19 @@ def read_lines(file: Path) -> list[Any]:
         return [_parsed(line) for line in stream.read().split(b"\n")]
 
 
-def kept_lines(file: Path, head: Mapping[str, str], kind: str, study: str) -> list[Any]:
+def kept_lines(file: Path | None, head: Mapping[str, str], line_type: type[T], kind: str, study: str) -> list[T]:
     """What is done of a study that goes on: all lines but the first, which says what they depend on.
+
+    A line that was cut off, or holds something else, is left out: what it stands for is done again.
 
     Parameters
     ----------
     file
-        The file; begun where there is none, or no whole line in it.
+        The file; begun where there is none, or no whole line in it. Nothing is kept in None.
     head
         What its lines must depend on, part by part.
+    line_type
+        What each further line holds: a dataclass.
     kind, study
         What a line is, in the plural, and what it is a part of, for the message.
 
@@ -79,6 +92,8 @@ def kept_lines(file: Path, head: Mapping[str, str], kind: str, study: str) -> li
     WriteError
         If the file cannot be begun, or is no regular file.
     """
+    if file is None:
+        return []
     stored_head, *rest = read_lines(file) or [None]
     if stored_head is None and all(line is None for line in rest):
         file.unlink(missing_ok=True)
@@ -89,7 +104,11 @@ def kept_lines(file: Path, head: Mapping[str, str], kind: str, study: str) -> li
             f"{file}: found {kind} {what}; expected those of this {study}; choose "
             "another --out, or delete the directory"
         )
-    return rest
+    adapter, kept = TypeAdapter(line_type), []
+    for line in rest:
+        with suppress(ValidationError):
+            kept.append(adapter.validate_python(line))
+    return kept
 
 
 def _difference(stored_head: Any, head: Mapping[str, Any]) -> str:  # noqa: ANN401 (whatever JSON the file holds)
@@ -104,3 +123,38 @@ def _parsed(line: bytes) -> Any:  # noqa: ANN401 (any JSON)
         return json.loads(line)
     except ValueError:
         return None
+
+
+def json_ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
+    """A summary as JSON holds it: no NaN or infinity, None where a number does not exist."""
+    if isinstance(value, dict):
+        return {str(key): json_ready(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_ready(entry) for entry in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def write_study(directory: str | os.PathLike[str], kind: str, report: Report, files: Mapping[str, str]) -> Path:
+    """Write the report of a study into its directory, and the files in their order, each whole or absent.
+
+    Parameters
+    ----------
+    directory
+        New, or of an earlier start.
+    kind
+        What the directory holds: ``"a plan"``.
+    report
+        ``report.html``, ``report.pdf`` and ``figures/*.svg``.
+    files
+        Text of further files by name; the last one tells that all are there.
+
+    Raises
+    ------
+    WriteError
+        If a file cannot be written, the directory holds something else, or another process is at work in it.
+    """
+    with OwnDirectory(directory, kind) as locked:
+        write_into(locked.path, report, files)
+    return locked.path

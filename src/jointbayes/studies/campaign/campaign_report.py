@@ -1,11 +1,8 @@
 """The report of a campaign and its numbers, each file whole, beside the cases that they are about."""
 
 import csv
-import datetime
 import io
-import math
 import os
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +21,7 @@ from jointbayes.studies.campaign.campaign_sections import campaign_lead, campaig
 from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS, ChartedQuantity
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
 from jointbayes.studies.campaign.index import DONE
+from jointbayes.studies.study_directory import json_ready
 
 #: Raised when a reader of the older form would misread the newer one.
 SCHEMA_VERSION = 1
@@ -33,7 +31,7 @@ _INTERVAL = ("median", "low95", "high95")
 def campaign_summary(name: str, findings: CampaignFindings) -> dict[str, Any]:
     """What ``summary.json`` of a campaign holds: no NaN or infinity, None where a number does not exist."""
     joints = findings.joints
-    return _ready(
+    return json_ready(
         {
             "schema_version": SCHEMA_VERSION,
             "campaign": name,
@@ -152,38 +150,16 @@ def _no_formula(text: str) -> str:
     return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
 
 
-def _ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
-    if isinstance(value, dict):
-        return {str(key): _ready(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_ready(entry) for entry in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 _OURS = ("population", "control-", "ranking-")  # figures of an earlier report have such names
 
 
-def build_campaign_report(name: str, findings: CampaignFindings, date: datetime.date) -> Report:
-    """Build the report of a campaign, verdict first.
-
-    Parameters
-    ----------
-    name
-        Of the campaign.
-    findings
-        What `examine_campaign` found.
-    date
-        Date of the report.
-    """
+def build_campaign_report(name: str, findings: CampaignFindings) -> Report:
+    """Build the report of a campaign of this name, verdict first, from what `examine_campaign` found."""
     return Report(
         title=f"Campaign {foreign(name)}",
         subtitle="Stiffness of many joints, and of the population they come from",
         lead=campaign_lead(findings),
         sections=campaign_sections(findings),
-        date=date,
-        version=version("jointbayes"),
     )
 
 
@@ -216,7 +192,7 @@ def write_campaign_report(directory: str | os.PathLike[str], seed: int = 1) -> P
     target = Path(directory)
     findings = examine_campaign(target, seed)
     name = target.resolve().name or "campaign"
-    report = build_campaign_report(name, findings, datetime.datetime.now(datetime.UTC).date())
+    report = build_campaign_report(name, findings)
     files = {"joints.csv": joints_csv(findings), "summary.json": json_text(campaign_summary(name, findings))}
     write_into(target, report, files)
     drawn = {f"{block.identifier}.svg" for block in report.blocks() if isinstance(block, Figure)}

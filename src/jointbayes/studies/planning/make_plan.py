@@ -9,6 +9,7 @@ import numpy as np
 
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError
+from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
@@ -16,7 +17,7 @@ from jointbayes.reproducibility import one_blas_thread
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.first_look import FirstLook, Linearised, Names, sets_of, worth_simulating
-from jointbayes.studies.planning.plan_report import Plan, PlannedMeasurement, plan_directory
+from jointbayes.studies.planning.plan_report import A_PLAN, Plan, PlannedMeasurement
 from jointbayes.studies.planning.race import (
     KEPT,
     KeptSimulations,
@@ -99,7 +100,7 @@ def plan(
     joint = None if assume is None else stated_joint(case.name, problem, assume)
     stated = _stated_sets(case, candidates)
     truths, target = max(simulations, FIRST), None if directory is None else Path(directory)
-    with nullcontext() if target is None else plan_directory(target):
+    with nullcontext() if target is None else OwnDirectory(target, A_PLAN):
         kept = KeptSimulations(target and target / KEPT, plan_fingerprint(case, seed, assume, truths))
         if posterior is None:
             tell(Progress("sampling the present posterior"))

@@ -1,39 +1,33 @@
 """A plan: what to measure next, in a sentence, as the numbers of `plan.json`, and as a report."""
 
-import datetime
 import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
-from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.directions import spread_in_words
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
-from jointbayes.report.run_directory import json_text, write_into
+from jointbayes.report.run_directory import json_text
 from jointbayes.studies.planning.candidates import Candidate, SimulatedPosterior, Simulation
 from jointbayes.studies.planning.first_look import Linearised, Names
+from jointbayes.studies.study_directory import json_ready, write_study
 
 Entry = Mapping[str, Any]
 
-
+#: What the directory of a plan holds.
+A_PLAN = "a plan"
 #: A measurement helps if it leaves at most this share of the present standard deviation, in the median.
 HELPS = 0.9
 #: Another is about as good as the first if it did better for at least this share of the truths.
 AS_GOOD = 1 / 3
-
-
-def plan_directory(directory: str | os.PathLike[str]) -> OwnDirectory:
-    """The directory of a plan, new or of an earlier start; entered, it keeps other processes out."""
-    return OwnDirectory(directory, "a plan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,22 +76,21 @@ class PlannedMeasurement:
 
     def as_json(self) -> dict[str, Any]:
         """One entry of `plan.json`."""
-        low, high = self.linearised.ends
         return {
             "names": list(self.names),
             "words": self.words,
             "positions": [candidate.position for candidate in self.candidates],
             "simulated": None if self.simulation is None else _simulated(self.simulation),
-            "linearised": {"median": _finite(self.linearised.median), "range": [_finite(low), _finite(high)]},
+            "linearised": {"median": self.linearised.median, "range": self.linearised.ends},
         }
 
 
 def _simulated(simulation: Simulation) -> dict[str, Any]:
     return {
         "valid": simulation.valid,
-        "sd_median": _finite(simulation.median),
-        "sd_range80": [_finite(end) for end in simulation.range80],
-        "sds": [_finite(sd) for sd in simulation.sds.tolist()],
+        "sd_median": simulation.median,
+        "sd_range80": simulation.range80,
+        "sds": simulation.sds.tolist(),
         "verdict": simulation.verdict if simulation.found else None,
         "verdict_count": simulation.agreeing if simulation.found else 0,
         "truths": len(simulation.posteriors),
@@ -225,31 +218,30 @@ class Plan:
             If a file cannot be written, the directory holds something else, or another process is at work in it.
         """
         summary = self.summary()
-        report = build_plan_report(summary, datetime.datetime.now(datetime.UTC).date())
-        # plan.json last: where it is, all the rest is
-        with plan_directory(directory) as locked:
-            write_into(locked.path, report, {"case.toml": self.case_text, "plan.json": json_text(summary)})
-        return locked.path
+        files = {"case.toml": self.case_text, "plan.json": json_text(summary)}
+        return write_study(directory, A_PLAN, build_plan_report(summary), files)
 
     def summary(self) -> dict[str, Any]:
         """The plan as one JSON-ready dictionary: `plan.json`, described in docs/planning.md."""
         best = self.recommended
-        return {
-            "schema_version": 2,
-            "case": self.case_name,
-            "title": self.title,
-            "seed": self.seed,
-            "parameter": self.parameter,
-            "assumed": self.assumed,
-            "converged": self.converged,
-            "reason": self.reason,
-            "now": {"sd": _finite(self.now.sd), "verdict": self.now.verdict},
-            "measurements": [data.as_json() for data in self.measurements],
-            "recommended": None if best is None else list(best.names),
-            "as_good": [list(data.names) for data in self.as_good],
-            "sentence": self.sentence,
-            "notes": list(self.notes),
-        }
+        return json_ready(
+            {
+                "schema_version": 2,
+                "case": self.case_name,
+                "title": self.title,
+                "seed": self.seed,
+                "parameter": self.parameter,
+                "assumed": self.assumed,
+                "converged": self.converged,
+                "reason": self.reason,
+                "now": {"sd": self.now.sd, "verdict": self.now.verdict},
+                "measurements": [data.as_json() for data in self.measurements],
+                "recommended": None if best is None else list(best.names),
+                "as_good": [list(data.names) for data in self.as_good],
+                "sentence": self.sentence,
+                "notes": list(self.notes),
+            }
+        )
 
 
 def _share_better(data: PlannedMeasurement, best: PlannedMeasurement) -> float:
@@ -260,10 +252,6 @@ def _share_better(data: PlannedMeasurement, best: PlannedMeasurement) -> float:
     mine, other = data.simulation.sds[:count], best.simulation.sds[:count]
     both = np.isfinite(mine) & np.isfinite(other)
     return float((mine < other)[both].mean()) if both.any() else 0.0
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def candidate_table(summary: Mapping[str, Any]) -> Table:
@@ -310,7 +298,7 @@ def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:
     return names, where, spread, sds, simulated["verdict"], f"{count} simulations"
 
 
-def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report:
+def build_plan_report(summary: Mapping[str, Any]) -> Report:
     """Build the report of a plan from its summary, the recommendation first."""
     parameter = summary["parameter"]
     entries: Sequence[Entry] = summary["measurements"]
@@ -337,8 +325,6 @@ def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report
             *(Callout("caution", foreign(note)) for note in summary["notes"]),
         ),
         sections=sections,
-        date=date,
-        version=version("jointbayes"),
     )
 
 

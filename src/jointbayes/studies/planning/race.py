@@ -3,11 +3,8 @@
 import json
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-
-import pydantic
 
 from jointbayes.case.case import Case
 from jointbayes.posterior.stored_problem import run_fingerprint
@@ -33,9 +30,6 @@ class _Line:
     posterior: SimulatedPosterior | None
 
 
-_LINE = pydantic.TypeAdapter(_Line)
-
-
 class KeptSimulations:
     """Simulations that are done, one line of a file each.
 
@@ -59,18 +53,14 @@ class KeptSimulations:
 
     def __init__(self, file: Path | None, head: Mapping[str, str]) -> None:
         self._file, self._draws = file, ""
-        self._lines = [] if file is None else kept_lines(file, head, "simulations", "plan")
+        self._lines = kept_lines(file, head, _Line, "simulations", "plan")
         #: By names of the candidates and number of the truth; None of a posterior that was not found.
         self.done: dict[tuple[Names, int], SimulatedPosterior | None] = {}
 
     def take(self, draws: str) -> None:
         """Take those of this digest of draws; those of other draws stay in the file, and are passed over."""
         self._draws = draws
-        for line in self._lines:
-            with suppress(pydantic.ValidationError):
-                kept = _LINE.validate_python(line)
-                if kept.draws == draws:
-                    self.done[kept.names, kept.truth] = kept.posterior
+        self.done = {(kept.names, kept.truth): kept.posterior for kept in self._lines if kept.draws == draws}
 
     def add(self, names: Names, truth: int, posterior: SimulatedPosterior | None) -> None:
         """Keep one more."""
