@@ -14,15 +14,10 @@ from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
 from jointbayes.posterior import gather_knowledge, summarise
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.knowledge import KeptKnowledge, assumed_words
+from jointbayes.posterior.knowledge import KeptKnowledge, assumed_words, effect_sentence, inputs_taken_as_exact
 from jointbayes.posterior.rounding import rounded_interval
 from jointbayes.posterior.storage import typed
-from jointbayes.posterior.uncertain_inputs import (
-    UncertainInputsRow,
-    effect_of_uncertain_inputs,
-    effect_sentence,
-    inputs_taken_as_exact,
-)
+from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, effect_of_uncertain_inputs
 from jointbayes.report import ReportInputs, build_report, render_html
 from jointbayes.report.markup import badge, nuisance_label
 from jointbayes.report.model import Callout, Paragraph, Table

@@ -126,7 +126,8 @@ def note_written(path: Path) -> None:
 
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
     """Print convergence, verdicts, and what may be wrong with them."""
-    from jointbayes.posterior.uncertain_inputs import listed, uncertain_quantities
+    from jointbayes.posterior.knowledge import listed
+    from jointbayes.posterior.uncertain_inputs import uncertain_quantities
     from jointbayes.posterior.verdicts import verdict_line
 
     if not posterior.converged:

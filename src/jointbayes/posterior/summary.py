@@ -12,7 +12,7 @@ from jointbayes.frf import MeasuredFile
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability
-from jointbayes.posterior.knowledge import Knowledge
+from jointbayes.posterior.knowledge import ExactInputs, Knowledge
 from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies
 from jointbayes.posterior.rounding import align_columns, number, rounded
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
@@ -26,7 +26,6 @@ from jointbayes.posterior.setup_summary import (
     setup_summaries,
 )
 from jointbayes.posterior.solutions import ModeSummary
-from jointbayes.posterior.uncertain_inputs import ExactInputs
 from jointbayes.posterior.verdicts import JudgedPosterior, mode_sentence, reasons_for_no_verdict, verdict_text
 from jointbayes.sampling.diagnostics import effective_sizes
 
