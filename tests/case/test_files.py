@@ -20,6 +20,7 @@ from jointbayes.measurement.records import FrfRecord
 from jointbayes.measurement.simulated import noisy_frf
 from jointbayes.measurement.variance import coherence_variance
 from jointbayes.sampling import SamplerSettings
+from tests.case.test_structures import MATRICES, text_of
 from tests.conftest import TABLE_3, best_of, cheap_text, edited, pair_matrix, plain_reports
 
 LABELS = {"5:y": "Point:5:Y+", "4:y": "Point:4:Y+", "2:y": "Point:2:Y+", "1:y": "Point:1:Y+", "1:rz": "Point:1:RZ+"}
@@ -80,26 +81,6 @@ def loaded(folder: Path, data: str, *changes: tuple[str, str]) -> Case:
 
 
 TIP = frf_data('outputs = ["5:y"]')
-MATRICES = """
-[structure]
-kind = "matrices"
-dofs = ["1:x", "2:x"]
-stiffness = "K.npy"
-mass = "M.npy"
-damping = { law = "modal", ratio = 0.01 }
-[joint]
-kind = "springs"
-dofs = ["1:x"]
-[prior.kx]
-distribution = "log_uniform"
-low = 1e3
-high = 1e7
-[data]
-kind = "natural_frequencies"
-frequencies_hz = [40.0, 90.0]
-sd_relative = 0.005
-sd_hz = 0.5
-"""
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -419,10 +400,11 @@ def test_draws_of_named_set_ups_are_loaded_without_their_files(names, tmp_path, 
 
 def test_draws_of_matrices_in_files_are_loaded_without_these(tmp_path, monkeypatch):
     (tmp_path / "files").mkdir()
-    np.save(tmp_path / "files" / "K.npy", np.array([[2e5, -1e5], [-1e5, 1e5]]))
-    np.save(tmp_path / "files" / "M.npy", np.eye(2))
-    (tmp_path / "files" / "case.toml").write_text(MATRICES)
+    np.save(tmp_path / "files" / "K.npy", np.array([[2e5, -1e4], [-1e4, 1e3]]))
+    text = text_of(MATRICES, "1:y", "1:y").replace("[[2e5, -1e4], [-1e4, 1e3]]", '"K.npy"')
+    (tmp_path / "files" / "case.toml").write_text(text)
     posterior = jb.sample(jb.load_case(tmp_path / "files" / "case.toml"), seed=1, settings=FEWEST)
+    assert len(posterior.summary().natural_frequencies_hz.map) == 2  # all that there are
     saved_and_moved(posterior, tmp_path, monkeypatch)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from jointbayes.arrays import Array
+from jointbayes.frf import rigid_body_modes
 from jointbayes.inference import Level, Problem
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
@@ -14,6 +15,7 @@ from jointbayes.posterior.run_record import data_sha256
 from jointbayes.posterior.verdicts import JudgedPosterior
 
 Interval = tuple[float, float]
+_USUAL_COUNT = 3  # natural frequencies that are told where none was measured, or as many as there are
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +91,8 @@ def _setup(
 def _frequencies(
     posterior: JudgedPosterior, problem: Problem, initial: Sequence[float], measured: Sequence[float] | None
 ) -> FrequencySummary:
-    count, theta = len(measured) if measured else 3, posterior.estimate.theta
+    body, theta = problem.test.structures_of_data, posterior.estimate.theta
+    count = len(measured) if measured else min(_USUAL_COUNT, body.n_dofs - rigid_body_modes(body, problem.test.joints))
     fitted = problem.prior.factors(theta)  # the first guess is one of the joint, not of these
 
     def frequencies_of(stiffness: Sequence[float] | Array) -> tuple[float, ...]:
