@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.errors import MeasurementError, array_of
+from jointbayes.errors import MeasurementError, array_of, printable
 from jointbayes.frf.frf_set import read_only
 from jointbayes.measurement.data import Match, ModalData
 from jointbayes.measurement.provenance import Provenance
@@ -186,7 +186,7 @@ class ModeData(ModalData):
         shapes = "; damping ratios" if self.damping is not None else ""
         if self.shapes is not None:
             reference = ", ".join(dict.fromkeys(self.references))
-            shapes += f"; shapes at {', '.join(self.shapes.dofs)} over {reference}"
+            shapes += printable(f"; shapes at {', '.join(self.shapes.dofs)} over {reference}")
         return f"ModeData({self.frequency_hz.size} modes{more}: {listed} Hz{shapes})"
 
     @cached_property

@@ -154,7 +154,10 @@ def element_error(length: float, order: int, plane: BeamPlane, omega: float, sha
     visible = share * math.sqrt(plane.bending / plane.mass) / length**2  # a wave number of 1/length
     at = max(omega, visible)
     coarse, fine = (_condensed(length, p, plane, at) for p in (order, order + RICHER))
-    return float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max()) * (omega / at) ** 2
+    try:
+        return float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max()) * (omega / at) ** 2
+    except linalg.LinAlgError:  # what rounding leaves of an absurd element is not positive definite
+        return math.inf
 
 
 def _condensed(length: float, order: int, plane: BeamPlane, omega: float) -> Array:
