@@ -11,9 +11,10 @@ from scipy.special import ndtri
 
 import jointbayes as jb
 from jointbayes.errors import ModelError, SamplingError
+from jointbayes.identification import LocalMode
 from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
-from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
+from jointbayes.joint import LogStiffness, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
 from jointbayes.posterior.quadrature import Quadrature
@@ -233,56 +234,6 @@ class TestCut:
         assert min(stats.ks_2samp(theta @ d, drawn @ d).pvalue for d in directions) > 1e-3
 
 
-class TestParametrisations:
-    """A prior stated in one parametrisation is the same prior in the other."""
-
-    @pytest.mark.parametrize(
-        ("prior", "other"), [(LOG, SignedCoupling()), (SIGNED, LogStiffness()), (LOG, ElasticCentre())]
-    )
-    def test_the_density_is_that_of_the_draws(self, prior, other):
-        rng = np.random.default_rng(12)
-        theta = other.coordinates(prior.values(_with_positive_coupling(prior, rng, 400_000)))
-        # the density at a point against the fraction of draws in a small box about it
-        for place in theta[:4]:
-            side = 0.12 * theta.std(axis=0)
-            inside = (np.abs(theta - place) < side).all(axis=1)
-            corners = place + side * np.random.default_rng(13).uniform(-1, 1, size=(20_000, 3))
-            expected = np.exp(log_density_in(prior, other, corners)).mean() * np.prod(2 * side) / _positive(prior)
-            assert inside.sum() > 20
-            assert abs(inside.mean() - expected) < 4.5 * math.sqrt(expected / len(theta))
-
-    def test_there_and_back_is_the_density_itself(self):
-        theta = LOG.sample(np.random.default_rng(14), 50)
-        signed = SignedCoupling().coordinates(LOG.values(theta))
-        moved = LOG.log_density(theta) - log_density_in(LOG, SignedCoupling(), signed)
-        # ln ρ = ln k12 − (ln k11 + ln k22)/2, all else equal: |∂θ/∂θ'| = 1/ρ
-        np.testing.assert_allclose(moved, np.log(signed[:, 2]), rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(log_density_in(LOG, LogStiffness(), theta), LOG.log_density(theta))
-
-
-def log_density_in(prior, parametrisation, theta):
-    """ln of a prior's density over other coordinates of the joint: p(θ') = p(θ) |∂θ/∂θ'|, by way of the stiffnesses."""
-    known = prior.parametrisation.describes(parametrisation.values(theta)) & parametrisation.feasible(theta)
-    out = np.full(len(theta), -np.inf)
-    here = prior.parametrisation.coordinates(parametrisation.values(theta[known]))
-    slope = parametrisation.log_slope(theta[known]) - prior.parametrisation.log_slope(here)
-    out[known] = prior.log_density(here) + slope
-    return out
-
-
-def _with_positive_coupling(prior, rng, n):
-    theta = prior.sample(rng, n)
-    return theta[prior.values(theta)[:, 1] > 0]
-
-
-def _positive(prior):
-    """Probability of a positive coupling."""
-    if prior is LOG:
-        return 1.0
-    rho = stats.norm(0.6, 0.5)
-    return (rho.cdf(1.0) - rho.cdf(0.0)) / (rho.cdf(1.0) - rho.cdf(-1.0))
-
-
 class TestModes:
     class Bimodal:
         """Modes at ρ = ±0.9 in two coordinates, a ridge along the first."""
@@ -328,13 +279,6 @@ class TestModes:
         ends = [(np.array([5.0, 5.0, 0.9]), 0.0), (np.array([5.0, 5.0, -0.9]), -12.1)]
         assert len(local_modes(density, ends)) == 1
 
-    def test_limiting_joints_lie_on_both_sides_and_inside_the_support(self):
-        prior = JointPrior(SignedCoupling(), (Uniform(14.0, 25.0), Normal(13.0, 1.0), Uniform(-1.0, 1.0)))
-        joints = prior.parametrisation.limiting_joints(prior.mean, prior.sd)
-        theta = prior.parametrisation.coordinates(np.array(list(joints.values())))
-        assert np.isfinite(prior.log_density(theta)).all()
-        assert {-0.95, 0.0, 0.95} == set(np.round(theta[:, 2], 12))
-
     def test_walkers_start_in_a_corner_of_the_support_where_hardly_a_draw_of_the_laplace_approximation_lies(self):
         case = jb.load_case(CONFIGS / "clamped_beam.toml")
         low, high = case.problem.prior.support
@@ -348,25 +292,15 @@ class TestModes:
         assert np.isfinite(case.problem.prior.log_density(start.reshape(-1, 3))).all()
         assert (start.std(axis=(0, 1)) > 0).all()
 
-    def test_walkers_of_each_ensemble_start_about_every_mode_and_modes_are_stored(self):
-        case = jb.load_case(CONFIGS / "clamped_beam_frequencies_360mm.toml")
-        density = self.Bimodal()
-        ends = [(np.array([18.0, 11.0, rho]), -rho) for rho in (-0.5, 0.5)]
-        density.prior = case.problem.prior
-        modes = tuple(
-            type(m)(m.theta, 1e-4 * np.eye(3), m.log_posterior)
-            for m in local_modes(density, [(end, value) for end, value in ends])
+    def test_modes_are_stored(self):
+        modes = (
+            LocalMode(np.zeros(3), np.eye(3), 1.0),
+            LocalMode(np.ones(3), 2 * np.eye(3), 0.5, (np.ones(3), np.eye(3))),
         )
-        assert len(modes) == 2
-        estimate = jb.MapEstimate(modes[0].theta, np.ones(3), modes[0].covariance, 0.0, (), modes)
-        settings = case.sampler
-        start = starting_walkers(
-            estimate.starts_for_draws, case.problem.prior.log_density, settings, np.random.default_rng(15)
-        )
-        assert start.shape == (settings.ensembles, settings.walkers, 3)
-        assert ((start[..., 2] > 0).sum(axis=1) == settings.walkers // 2).all()
+        estimate = jb.MapEstimate(modes[0].theta, np.ones(3), modes[0].covariance, 1.0, (), modes)
         plain = json.dumps(estimate_record(estimate), default=lambda array: array.tolist())
         back = parse_estimate(json.loads(plain), "")
-        for one, other in zip(back.starts_for_draws, estimate.starts_for_draws, strict=True):
-            np.testing.assert_array_equal(one[0], other[0])
-            np.testing.assert_array_equal(one[1], other[1])
+        for one, other in zip(back.modes, modes, strict=True):
+            assert one.log_posterior == other.log_posterior
+            for restored, kept in zip(one.start, other.start, strict=True):
+                np.testing.assert_array_equal(restored, kept)

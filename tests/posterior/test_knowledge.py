@@ -12,7 +12,7 @@ import jointbayes as jb
 from jointbayes.case import combined
 from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
-from jointbayes.posterior import gather_knowledge, summarise
+from jointbayes.posterior import gather_knowledge
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import KeptKnowledge, assumed_words, effect_sentence, inputs_taken_as_exact
 from jointbayes.posterior.rounding import rounded_interval
@@ -125,13 +125,6 @@ def test_a_chain_too_short_for_an_effective_size_is_reported_with_a_dash(wrong, 
     tables = [b for section in built.sections for b in section.blocks if isinstance(b, Table)]
     (numbers,) = (t for t in tables if t.caption == "Posterior in numbers")
     assert all(row[-2:] == ("–", "–") for row in numbers.rows)
-
-
-def test_the_check_of_a_posterior_is_the_same_each_time(cheap_posterior):
-    # a copy has nothing kept from before
-    first, second = gather_knowledge(cheap_posterior).check, replace(cheap_posterior).check
-    assert first is not second
-    assert first.sentence == second.sentence
 
 
 def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, of_uncertain):
@@ -383,12 +376,6 @@ def test_correlations_are_those_of_the_draws(uncertain_report, uncertain):
     assert [row[0] for row in table.rows] == ["ln k11", "ln k12", "ln k22", "ln L", "ln gain"]
     found = np.corrcoef(np.log(uncertain.values("k22").ravel()), np.log(uncertain.values("length").ravel()))[0, 1]
     assert float(table.rows[3][3]) == pytest.approx(found, abs=0.006)
-
-
-def test_the_summary_without_knowledge_still_holds_the_check(cheap_posterior):
-    summary = summarise(cheap_posterior, INITIAL).to_json()
-    assert summary["identifiability"] is None
-    assert summary["check"]["explains"] is True
 
 
 @pytest.mark.parametrize(

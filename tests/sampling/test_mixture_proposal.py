@@ -1,7 +1,5 @@
 """Proposals of several bells, in several coordinates, from several modes."""
 
-import pickle
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -47,10 +45,6 @@ class TestStudentMixture:
         # P(x > 0.5) of each component, and so of each place
         expected = 0.8 * stats.t(5).sf(4.5) + 0.2 * stats.t(8).sf(-5.0)
         assert np.abs(side.mean(axis=0) - expected).max() < 4.5 * np.sqrt(expected / 2000)
-
-    def test_survives_pickling(self):
-        x = np.ones((2, 2))
-        np.testing.assert_array_equal(pickle.loads(pickle.dumps(TWO)).log_density(x), TWO.log_density(x))
 
     @pytest.mark.parametrize(
         ("bells", "weights"),
