@@ -38,7 +38,7 @@ from jointbayes.studies.planning.first_look import (
     sets_of,
     worth_simulating,
 )
-from jointbayes.studies.planning.make_plan import plan
+from jointbayes.studies.planning.make_plan import could_come_first, plan
 from jointbayes.studies.planning.plan_report import (
     Plan,
     PlannedMeasurement,
@@ -46,7 +46,6 @@ from jointbayes.studies.planning.plan_report import (
     candidate_table,
     plan_lines,
 )
-from jointbayes.studies.planning.race import could_come_first
 from jointbayes.studies.planning.simulator import Simulator, WithFurther, assumed_truth, stated_joint
 from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited, pair_matrix, shipped_text
 

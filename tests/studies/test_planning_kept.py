@@ -12,9 +12,9 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.errors import WriteError
-from jointbayes.studies.planning import race
+from jointbayes.studies.planning import make_plan
 from jointbayes.studies.planning.candidates import SimulatedPosterior
-from jointbayes.studies.planning.race import KEPT, KeptSimulations, Race
+from jointbayes.studies.planning.make_plan import KEPT, KeptSimulations
 from jointbayes.studies.planning.simulator import Simulator
 from tests.studies.test_planning import planned_text
 
@@ -139,12 +139,12 @@ def test_the_time_left_is_that_of_all_that_may_follow(monkeypatch):
         clock[0] += 10.0
         return replace(WANTED, sd=0.3 + 0.01 * truth)
 
-    monkeypatch.setattr(race, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(make_plan, "time", SimpleNamespace(monotonic=lambda: clock[0]))
     names = [("a",), ("b",), ("c",), ("d",)]
     kept = KeptSimulations(None, {})
     kept.add(("a",), 0, WANTED)  # of an earlier start: it took no time of this one
-    run = Race(SimpleNamespace(posterior_after=after), dict.fromkeys("abcd"), kept, told.append)
-    outcome = run.run(names, 2, 5)
+    simulator = SimpleNamespace(posterior_after=after)
+    outcome = make_plan.simulate_first(simulator, dict.fromkeys("abcd"), names, kept, 2, 5, told.append)
     # 7 of the first two truths and 9 that may follow, 10 s each
     assert str(told[0]) == "simulating: 1 of 16 measurements, last of a, about 2 min left"
     assert [told[i].left_seconds for i in (0, 6, -1)] == [150.0, 90.0, 0.0]

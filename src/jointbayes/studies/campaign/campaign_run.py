@@ -17,7 +17,18 @@ from jointbayes.posterior.posterior import Cell
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.reproducibility import code_version
 from jointbayes.studies.campaign.case_table import CampaignCase, read_cases
-from jointbayes.studies.campaign.index import DONE, FAILED, KILLED, Campaign, Index, Row, campaign_directory, kept_rows
+from jointbayes.studies.campaign.index import (
+    DONE,
+    FAILED,
+    INDEX,
+    KILLED,
+    Campaign,
+    Row,
+    campaign_directory,
+    kept_rows,
+    write_index,
+)
+from jointbayes.studies.study_directory import append_line
 from jointbayes.studies.tasks import Outcome, run_tasks
 from jointbayes.whole_file import swept
 
@@ -191,7 +202,7 @@ def run_cases(
             if row.get("fingerprint") == _fingerprint(text, files, of_seed, draws, full) and not lacks_file:
                 kept[case.key] = {**row, "order": case.order, "serial": case.serial, "date": case.date}
     tries = {key: int(row.get("attempts") or 0) for key, row in earlier.items() if row["status"] != DONE}
-    index = Index(directory, kept.values())
+    write_index(directory, kept.values())
     count = _Counter(progress, len(cases), kept.values())
     by_key = {case.key: case for case in cases if case.key not in kept}
     del kept, earlier
@@ -204,11 +215,11 @@ def run_cases(
                 case, (mark, of_seed) = by_key[outcome.key], marks.pop(outcome.key)
                 row = _row(case, outcome, directory, of_seed) | {"fingerprint": mark}
                 row["attempts"] += tries.get(case.key, 0)
-                index.add(row)
+                append_line(directory / INDEX, row)
                 count.ended(row)
     finally:
         swept(directory / "cases")
-        index.close()
+        write_index(directory, kept_rows(directory).values())
 
 
 def _content(case: CampaignCase, seed: int) -> tuple[str, tuple[Path, ...], int]:

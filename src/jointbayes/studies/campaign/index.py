@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jointbayes.errors import MeasurementError
-from jointbayes.own_directory import MARK, OwnDirectory
-from jointbayes.studies.study_directory import append_line, read_lines
+from jointbayes.own_directory import OwnDirectory
+from jointbayes.studies.study_directory import read_lines
 from jointbayes.whole_file import write_whole_file
 
 if TYPE_CHECKING:
     from jointbayes.posterior import Posterior
 
-#: File by which the directory of a campaign is known; and that of older versions.
-INDEX, _OLD_INDEX = "index.jsonl", "index.parquet"
+#: File of the rows.
+INDEX = "index.jsonl"
 DONE, FAILED, KILLED = "done", "failed", "killed its worker"
 
 #: Columns that an index has whatever its cases are.
@@ -30,7 +30,6 @@ _COLUMNS = (
     "key", "file", "status", "attempts", "error", "serial", "date", "order", "seed", "converged", "reason", "seconds",
     "explains", "misfit_p_value", "fingerprint", "code",
 )  # fmt: skip
-_KIND = "a campaign"
 _EXPECTED = "expected the index that `jointbayes campaign` writes"
 
 Row = dict[str, Any]
@@ -38,41 +37,19 @@ Row = dict[str, Any]
 
 def campaign_directory(directory: str | os.PathLike[str]) -> OwnDirectory:
     """The directory of a campaign, new or of an earlier start; entered, it keeps other processes out."""
-    remedy = f"choose another --out; of one that an older jointbayes made, write 'jointbayes: {_KIND}' into its {MARK}"
-    return OwnDirectory(directory, _KIND, remedy)
+    return OwnDirectory(directory, "a campaign")
 
 
-class Index:
-    """Rows as they come in; for one process at a time.
-
-    Parameters
-    ----------
-    directory
-        Of the campaign.
-    rows
-        Rows of cases that are done already.
+def write_index(directory: Path, rows: Iterable[Row]) -> None:
+    """Write an index anew, whole, its rows in the order of the campaign's table.
 
     Raises
     ------
     WriteError
         If it cannot be written.
     """
-
-    def __init__(self, directory: Path, rows: Iterable[Row] = ()) -> None:
-        self._directory = directory
-        self._write(rows)
-
-    def add(self, row: Row) -> None:
-        """Add the row of a case that has ended, and put it on the disk."""
-        append_line(self._directory / INDEX, row)
-
-    def close(self) -> None:
-        """Write all rows in the order of the campaign's table."""
-        self._write(kept_rows(self._directory).values())
-
-    def _write(self, rows: Iterable[Row]) -> None:
-        lines = [json.dumps(row, default=datetime.datetime.isoformat) + "\n" for row in sorted(rows, key=_order)]
-        write_whole_file(self._directory / INDEX, "".join(lines).encode())
+    lines = [json.dumps(row, default=datetime.datetime.isoformat) + "\n" for row in sorted(rows, key=_order)]
+    write_whole_file(directory / INDEX, "".join(lines).encode())
 
 
 def _order(row: Row) -> int:
@@ -85,13 +62,9 @@ def kept_rows(directory: Path) -> dict[str, Row]:
     Raises
     ------
     MeasurementError
-        If the index cannot be read, or is one of an older version.
+        If the index cannot be read.
     """
-    file, old = directory / INDEX, directory / _OLD_INDEX
-    if not file.exists() and old.exists():
-        raise MeasurementError(
-            f"{old}: found an index of an older version; expected {INDEX}; convert it as docs/campaigns.md says"
-        )
+    file = directory / INDEX
     lines = read_lines(file)
     rows = [row for row in lines if isinstance(row, dict) and {"key", "status", "order"} <= row.keys()]
     if not rows and any(line is not None for line in lines):

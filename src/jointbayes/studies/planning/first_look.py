@@ -68,8 +68,6 @@ class WithOwn:
     def joined(self, theta: ArrayLike, own_theta: ArrayLike) -> Array:
         """θ of all, shape (n, D), from that of the present problem, shape (n, d), and the others, shape (n, D − d)."""
         present_theta = np.asarray(theta, dtype=float)
-        if not self.own_nuisances:
-            return present_theta
         whole = np.empty((len(present_theta), len(self.problem.names)))
         whole[:, self.present_columns], whole[:, self.own_columns] = present_theta, own_theta
         return whole
@@ -78,9 +76,7 @@ class WithOwn:
         """Draws of all, shape (n, D), from draws of the present problem, shape (n, d)."""
         present_theta = np.asarray(theta, dtype=float)
         own_draws = [nuisance.prior.sample(rng, len(present_theta)) for nuisance in self.own_nuisances]
-        return self.joined(
-            present_theta, np.stack(own_draws, axis=-1) if own_draws else np.empty((len(present_theta), 0))
-        )
+        return self.joined(present_theta, np.reshape(own_draws, (-1, len(present_theta))).T)
 
     def middle(self, theta: ArrayLike) -> Array:
         """θ of all, shape (n, D), with the others in the middle of their priors, from θ (n, d)."""
@@ -92,8 +88,6 @@ class WithOwn:
     def log_density(self, theta: ArrayLike) -> Array:
         """ln p(θ | present data) up to the evidence, shape (n,), of θ of all, shape (n, D)."""
         t = np.atleast_2d(np.asarray(theta, dtype=float))
-        if not self.own_nuisances:
-            return self.present.log_posterior(t)
         density = self.present.log_posterior(t[:, self.present_columns])
         for column, nuisance in zip(self.own_columns, self.own_nuisances, strict=True):
             density += nuisance.prior.log_density(t[:, column])
@@ -103,8 +97,6 @@ class WithOwn:
         """Information of the present data and of the priors of all, at θ of all, shape (D,)."""
         point = np.asarray(theta, dtype=float)
         present = fisher_information(self.present, point[self.present_columns])
-        if not self.own_nuisances:
-            return present
         data = np.zeros((point.size, point.size))
         data[np.ix_(self.present_columns, self.present_columns)] = present.data
         prior = self.problem.prior

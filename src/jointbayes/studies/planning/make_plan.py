@@ -1,8 +1,11 @@
-"""What to measure next: the plan of a case, ranked by simulated measurements."""
+"""What to measure next: the plan of a case, ranked by simulated measurements, each kept once it is made."""
 
+import json
 import os
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,21 +15,21 @@ from jointbayes.errors import CaseError
 from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.coordinates import coordinate_systems
+from jointbayes.posterior.stored_problem import run_fingerprint
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.studies.planning.candidates import Candidate
+from jointbayes.studies.planning.candidates import Candidate, SimulatedPosterior, Simulation
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.first_look import FirstLook, Linearised, Names, sets_of, worth_simulating
 from jointbayes.studies.planning.plan_report import A_PLAN, Plan, PlannedMeasurement
-from jointbayes.studies.planning.race import (
-    KEPT,
-    KeptSimulations,
-    Race,
-    plan_fingerprint,
-)
 from jointbayes.studies.planning.simulator import Simulator, assumed_truth, stated_joint
+from jointbayes.studies.study_directory import append_line, kept_lines
 from jointbayes.workflow import sample
 
+#: Name of the file of simulations that are done.
+KEPT = "simulations.jsonl"
+#: So many of those that could still come first are simulated further.
+MOST_AGAIN = 3
 #: Simulated truths of each candidate, and of those few that could still come first after that.
 FIRST, ALL = 9, 19
 #: So many candidates are simulated whatever the first look says of them; of sets of several, so many at most.
@@ -120,7 +123,7 @@ def plan(
         # truths from draws that have not converged would be simulated for nothing
         count = simulations if posterior.converged else 0
         entrants = [estimate.names for estimate in chosen]
-        simulated = Race(simulator, candidates, kept, tell).run(entrants, min(FIRST, count), count)
+        simulated = simulate_first(simulator, candidates, entrants, kept, min(FIRST, count), count, tell)
     planned = [
         PlannedMeasurement(tuple(candidates[name] for name in estimate.names), estimate, simulated.get(estimate.names))
         for estimate in (*chosen, *others)
@@ -169,3 +172,119 @@ def _chosen(
     ]
     worth = worth_simulating(sets, MOST_SETS)
     return (*chosen, *worth[:MOST_SETS]), others, len(worth[MOST_SETS:])
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """One simulated measurement in the file: of which draws, candidates and truth, and what it left."""
+
+    draws: str
+    names: Names
+    truth: int
+    posterior: SimulatedPosterior | None
+
+
+class KeptSimulations:
+    """Simulations that are done, one line of a file each.
+
+    Its first line says what all depend on. Each further line is one simulated measurement, on the disk before the next
+    one is begun; a line that was cut off is passed over, and its simulation is made again.
+
+    Parameters
+    ----------
+    file
+        The file; None keeps them in memory alone.
+    head
+        What all simulations depend on, as `plan_fingerprint` has it.
+
+    Raises
+    ------
+    CaseError
+        If the file holds simulations that depend on something else: on what.
+    WriteError
+        If it cannot be written.
+    """
+
+    def __init__(self, file: Path | None, head: Mapping[str, str]) -> None:
+        self._file, self._draws = file, ""
+        self._lines = kept_lines(file, head, _Line, "simulations", "plan")
+        #: By names of the candidates and number of the truth; None of a posterior that was not found.
+        self.done: dict[tuple[Names, int], SimulatedPosterior | None] = {}
+
+    def take(self, draws: str) -> None:
+        """Take those of this digest of draws; those of other draws stay in the file, and are passed over."""
+        self._draws = draws
+        self.done = {(kept.names, kept.truth): kept.posterior for kept in self._lines if kept.draws == draws}
+
+    def add(self, names: Names, truth: int, posterior: SimulatedPosterior | None) -> None:
+        """Keep one more."""
+        if self._file is not None:
+            append_line(self._file, asdict(_Line(self._draws, names, truth, posterior)))
+        self.done[names, truth] = posterior
+
+
+def plan_fingerprint(case: Case, seed: int, assume: Mapping[str, float] | None, truths: int) -> dict[str, str]:
+    """What simulations of a plan depend on, part by part, in words of a message."""
+    parts = run_fingerprint(case.problem, case, seed, case.sampler)
+    for name, spec in {"": case.spec, **{test.name: test.spec for test in case.setups}}.items():
+        for key, value in spec.plan.model_dump(mode="json").items():
+            parts[f"setups.{name}.plan.{key}" if name else f"plan.{key}"] = json.dumps(value, sort_keys=True)
+    return parts | {"assumed joint": str(sorted((assume or {}).items())), "number of truths": str(truths)}
+
+
+def simulate_first(
+    simulator: Simulator,
+    candidates: Mapping[str, Candidate],
+    entrants: Sequence[Names],
+    kept: KeptSimulations,
+    first: int,
+    simulations: int,
+    tell: ProgressCallback,
+) -> dict[Names, Simulation]:
+    """Simulate all entrants for a few truths, then the first of those that could still come first for all truths.
+
+    Parameters
+    ----------
+    simulator
+        What simulates.
+    candidates
+        By name.
+    entrants
+        Sets of them.
+    kept
+        What is done already, and where each simulation is kept.
+    first, simulations
+        Truths of all entrants, and of those that could come first.
+    tell
+        Called after each simulation.
+    """
+    began, made = time.monotonic(), 0
+    outcome: dict[Names, Simulation] = {}
+    further = simulations - first
+    for truths, later in ((range(first), min(MOST_AGAIN, len(entrants)) * further), (range(first, simulations), 0)):
+        if not truths:
+            continue
+        chosen = could_come_first(outcome) if outcome else entrants
+        left = later + sum((names, truth) not in kept.done for names in chosen for truth in truths)
+        for names in chosen:
+            measured = [candidates[name] for name in names]
+            for truth in truths:
+                if (names, truth) in kept.done:
+                    continue
+                kept.add(names, truth, simulator.posterior_after(measured, truth))
+                left, made = left - 1, made + 1
+                text, elapsed = f"last of {' + '.join(names)}", time.monotonic() - began
+                tell(Progress("simulating", text, made, made + left, "measurements", elapsed_seconds=elapsed))
+            posteriors = tuple(kept.done[names, truth] for truth in truths)
+            earlier = outcome[names].posteriors if names in outcome else ()
+            outcome[names] = Simulation(earlier + posteriors)
+    return outcome
+
+
+def could_come_first(outcome: Mapping[Names, Simulation]) -> list[Names]:
+    """The three of least median whose range begins below the end of that of the first, in this order."""
+    ranked = sorted((simulation.median, names) for names, simulation in outcome.items() if simulation.valid)
+    if not ranked:
+        return []
+    limit = outcome[ranked[0][1]].range80[1]
+    return [names for _, names in ranked[:MOST_AGAIN] if outcome[names].range80[0] <= limit]
