@@ -85,13 +85,6 @@ def test_joints_may_share_their_quantities():
     assert problem.parametrisation.size == 4
 
 
-def test_own_axes_and_offsets_of_a_case_are_those_of_its_joint():
-    text = edited(LONE, ('dofs = ["1:y", "1:rz"]\n', 'dofs = ["1:y", "1:rz"]\noffset_mm = [10.0, 0.0, 0.0]\n'))
-    joint = case_from_text("offset", text).problem.test.joints
-    assert joint.offset_m == (0.01, 0.0, 0.0)
-    assert joint.labels == ("1:y", "1:rz")
-
-
 PRIOR = '{ distribution = "decades", guess = 1e9, decades = 1.0 }'
 LEFT = 'dofs = ["1:y", "1:rz"]\n'
 RIGHT = 'dofs = ["11:y", "11:rz"]'

@@ -1,14 +1,10 @@
 """Natural frequencies that fit better when their modes are counted from another number are doubted, others are not."""
 
-import json
-
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.case.case import Case, case_from_text
-from jointbayes.cli.commands import main
 from jointbayes.identification.numbering import find_numbering
 from tests.conftest import CONFIGS
 
@@ -77,13 +73,3 @@ def test_a_length_two_per_cent_wrong_is_no_doubt_of_the_numbers():
 def test_no_shipped_case_is_doubted(name):
     case = jb.load_case(CONFIGS / f"{name}.toml")
     assert not any("fit far better" in warning.text for warning in case.warnings)
-
-
-def test_the_doubt_is_said_on_the_terminal(tmp_path):
-    path = tmp_path / "bar.toml"
-    data = (
-        f'kind = "natural_frequencies"\nfrequencies_hz = {json.dumps(measured(2e3, 2.0, 3, 7))}\nsd_relative = 0.01\n'
-    )
-    path.write_text(BAR + data, encoding="utf-8")
-    told = CliRunner().invoke(main, ["identify", str(path)])
-    assert "fit far better as those of modes 3, 4, 5, 6, 7" in told.stderr

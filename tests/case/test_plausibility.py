@@ -132,13 +132,6 @@ def test_measured_natural_frequencies_are_looked_at_as_well():
     assert line.startswith("data.frequencies_hz: found 2.101, while the first natural frequency")
 
 
-def test_a_warning_knows_its_line():
-    text = edited(GOOD, (LENGTH, "length_mm = 0.383"))
-    spec = parse_case(text, "case")
-    (warning,) = plausibility.input_warnings(spec, case_text(text, "case"), None)
-    assert text.splitlines()[warning.line - 1].startswith("length_mm = 0.383")
-
-
 @pytest.mark.usefixtures("plain_reports")
 def test_report_and_summary_keep_the_warnings(frequency_posterior):
     notes = ("structure.length_mm: found 0.383; expected more; write 383",)

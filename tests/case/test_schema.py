@@ -480,26 +480,6 @@ def test_the_clamped_beam_is_the_one_of_the_paper():
     assert (case.joint.initial.k11, case.joint.initial.k12, case.joint.initial.k22) == (1e8, 0.0, 0.0)
 
 
-def test_a_discrepancy_needs_its_lengths_only():
-    lengths = "\n[noise.discrepancy]\nlength_low_hz = 5.0\nlength_high_hz = 500.0\n"
-    discrepancy = parse_case(GOOD + lengths).noise.discrepancy
-    assert (discrepancy.scale_low, discrepancy.scale_high) == (0.03, 100.0)
-
-
-@pytest.mark.parametrize(
-    "noise",
-    [
-        'distribution = "student_t"\ndof = 3.0',
-        'distribution = "student_t"\nscale = "sampled"',
-        'scale = "integrated"\nscale_dof = 2.0\nscale_guess = 1.5',
-        'residuals = "log_magnitude"\nscale = "integrated"',
-        'scale = "sampled"\n[noise.discrepancy]\nlength_low_hz = 5.0\nlength_high_hz = 500.0',
-    ],
-)
-def test_noise_that_can_be_combined_is_accepted(noise):
-    assert parse_case(f"{GOOD}\n[noise]\n{noise}\n").noise.model_fields_set
-
-
 def test_student_t_with_the_factor_integrated_out_is_refused_with_the_reason():
     (line,) = faults_of(f'{GOOD}\n[noise]\ndistribution = "student_t"\nscale = "integrated"\n')
     assert ": noise.scale: " in line
@@ -512,11 +492,6 @@ def test_natural_frequencies_may_come_from_an_uncertain_structure_with_noise_of_
     case = parse_case(text)
     assert list(case.uncertain.given) == [name]
     assert case.noise.scale == "sampled"
-
-
-def test_an_uncertain_loss_factor_is_accepted_with_its_law():
-    text = LOSS_FACTOR.replace("[data]\n", "[uncertain.loss_factor]\nlow_factor = 0.1\nhigh_factor = 200.0\n[data]\n")
-    assert parse_case(text).uncertain.loss_factor.high_factor == 200.0
 
 
 def test_a_plan_without_lists_takes_the_translations_that_can_move_and_the_measured_inputs():
@@ -539,12 +514,6 @@ def test_the_band_keeps_its_last_line(top, step, count):
     lines = parse_case(text).data.lines_hz()
     assert len(lines) == count
     assert lines[-1] <= top * (1 + 1e-12)
-
-
-def test_a_list_of_frequencies_replaces_the_band():
-    band = "f_min_hz = 20.0\nf_max_hz = 2500.0\nf_step_hz = 1.0 "
-    data = parse_case(GOOD.replace(band, "frequencies_hz = [20, 30.5] #")).data
-    assert data.lines_hz() == (20.0, 30.5)
 
 
 def test_models_are_frozen_and_check_what_python_code_builds():

@@ -299,13 +299,6 @@ def test_a_set_up_named_like_a_joint_is_refused():
         jb.case_from_text("case", text + "[setups.clamp]\n")
 
 
-def test_one_test_may_have_an_offset_of_its_length_too():
-    case = built("[uncertain.length_offset]\nlow_mm = -3.0\nhigh_mm = 2.0\n")
-    (offset,) = case.problem.prior.nuisances
-    assert offset.prior == Uniform(-0.003, 0.002)
-    assert case.problem.parts == (case.problem,)
-
-
 OWN_EACH = "[setups.loose]\n[setups.tight.structure]\nlength_mm = 200.0\n"
 OWN_BASE = BASE.replace('dofs = ["1:y", "1:rz"]', 'dofs = ["1:y", "1:rz"]\nown = true')
 
