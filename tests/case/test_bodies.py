@@ -89,24 +89,6 @@ def test_a_body_is_read_through_its_channels_and_rotations(directory):
     assert body.files == (MeasuredFile("spindle.uff", len(content), hashlib.sha256(content).hexdigest()),)
 
 
-def test_a_rotation_about_y_has_the_sign_of_the_right_hand_rule(directory):
-    upright = case_of(
-        directory,
-        ("[joint]\n", '[joint]\nkind = "rigid"\n'),
-        *((f'= "{old}:y"', f'= "{old}:z"') for old in ("nose", "-back")),
-        ('rotations."nose:rz"]', 'rotations."nose:ry"]'),
-        ('stations = ["back:y", "nose:y"]', 'stations = ["back:z", "nose:z"]'),
-        ('against = ["nose:y", "nose:rz"]', 'against = ["nose:z", "nose:ry"]'),
-        ('dofs = ["1:y", "1:rz"]', 'dofs = ["1:z", "1:ry"]'),
-        ('{ "7:y" = "7:y" }', '{ "7:y" = "7:z" }'),
-        ("elements = 6\n", "elements = 6\ndofs_per_node = 5\n"),
-        (TEXT[TEXT.index("[prior]") : TEXT.index("[data]")], "[uncertain]\nloss_factor = { sd_percent = 5.0 }\n\n"),
-    )
-    (body,) = upright.problem.test.measured_bodies
-    (across,) = case_of(directory).problem.test.measured_bodies
-    np.testing.assert_allclose(body.receptance, across.receptance * np.array([[1, -1], [-1, 1]]), rtol=1e-12)
-
-
 def test_the_noise_of_a_body_may_be_ignored_and_the_workshop_problem_keeps_the_body(directory):
     case = case_of(directory, ('file = "spindle.uff"', 'file = "spindle.uff"\npropagate = false'))
     assert case.problem.test.ignores_noise_of_bodies
