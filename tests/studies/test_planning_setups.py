@@ -59,7 +59,7 @@ def present(noise=None):
 def proposed(name, length):
     own = (length_of(f"{name}.length", 1000 * length),)
     ports = Ports(LINES, ("11:y",), ("11:y",))
-    return Candidate(name, "setup", name, beams(length), ports, "receptance", LAW, setup=name, own_nuisances=own)
+    return Candidate(name, name, beams(length), ports, "receptance", LAW, setup=name, own_nuisances=own)
 
 
 SHORT, TINY = proposed("short", 0.2), proposed("tiny", 0.1)
@@ -149,7 +149,7 @@ def test_a_case_proposes_set_ups_with_what_is_different_and_what_is_their_own():
     assert list(by_name) == ["3:y", "4 × averages", "short", "heavy"]
     short, heavy = by_name["short"], by_name["heavy"]
     assert short.words == "the set-up short (length_mm = 200.0)"
-    assert (short.kind, short.position, short.setup) == ("setup", "200 mm", "short")
+    assert (short.position, short.setup) == ("200 mm", "short")
     assert [(one.name, one.nominal, one.prior.sd) for one in short.own_nuisances] == [
         ("short.length", 200.0, 0.1 / 200)
     ]

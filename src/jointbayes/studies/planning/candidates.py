@@ -21,7 +21,6 @@ from jointbayes.measurement import FrfData, RelativeNoise
 from jointbayes.posterior.identifiability import Verdict
 
 ComplexArray = NDArray[np.complex128]
-CandidateKind = Literal["accelerometer", "hammer", "pair", "averages", "band", "mass", "setup"]
 
 Method = Literal["reweighting", "importance sampling"]
 
@@ -82,8 +81,6 @@ class Candidate:
     ----------
     name
         Short: ``"6:y"``, ``"hammer 6:y"``, ``"4 x averages"``.
-    kind
-        What is changed.
     words
         For a sentence: ``"an accelerometer at mid-span (6:y)"``.
     structure
@@ -111,7 +108,6 @@ class Candidate:
     """
 
     name: str
-    kind: CandidateKind
     words: str
     structure: AnyStructure
     ports: Ports
@@ -199,7 +195,6 @@ def repeated(problem: Problem, averages_factor: float) -> Candidate:
     frf = measured.frf
     return Candidate(
         f"{averages_factor:g} × averages",
-        "averages",
         f"{averages_factor:g} times the averages",
         problem.test.structure,
         Ports(frf.frequency_hz, frf.outputs, frf.inputs),

@@ -1,5 +1,6 @@
 """The further measurements that a case could be given, from its `[plan]` table, and the set-ups that it proposes."""
 
+import itertools
 import json
 import math
 from collections.abc import Iterator, Mapping
@@ -19,12 +20,12 @@ from jointbayes.case.spec.structure_kinds import MatricesSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, JointBayesError, ModelError
-from jointbayes.frf import Ports
+from jointbayes.frf import AnyStructure, Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import joints_of
 from jointbayes.measurement import FrfData
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
-from jointbayes.studies.planning.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
+from jointbayes.studies.planning.candidates import Candidate, VarianceLaw, estimated_law, repeated
 
 _G = 1e-3
 _DOFS = ("outputs", "inputs")
@@ -74,19 +75,10 @@ class _Maker:
             self._law, self._step_hz = noise_law(data.synthetic.noise), data.synthetic.f_step_hz
         self._lines = measurement.frf.frequency_hz
 
-    def all(self) -> tuple[Candidate, ...]:
-        seen = {frozenset((o, i)) for o in self._data.outputs for i in self._data.inputs}
-        candidates: list[Candidate] = []
-        for candidate in self._dof_candidates():
-            ports = candidate.ports
-            pairs = {frozenset((o, i)) for o in ports.outputs for i in ports.inputs}
-            if self._recipe.accelerometer_mass > 0 or not pairs <= seen:
-                candidates.append(candidate)
-                seen |= pairs
-        noise = self._problem.test.noise
-        if noise is None or noise.averages_out:
-            candidates.append(repeated(self._problem, self._spec.plan.averages_factor))
-        return tuple(map(self._name_after_setup, (*candidates, *self._band(), *self._mass())))
+    def all(self) -> Iterator[Candidate]:
+        """What further kinds of candidates are is one more of these, with a method that yields its candidates."""
+        for candidates in (self._at_dofs(), self._averages(), self._band(), self._mass()):
+            yield from map(self._name_after_setup, candidates)
 
     def _name_after_setup(self, candidate: Candidate) -> Candidate:
         """A candidate with the name of its set-up, if it is one of several."""
@@ -102,70 +94,72 @@ class _Maker:
         names, columns = self._problem.test.structures.names, self._problem.structural_columns
         return family_of_recipe(recipe, {name: nuisances[i].range for name, i in zip(names, columns, strict=True)})
 
-    def _dof_candidates(self) -> Iterator[Candidate]:
-        here, struck = self._data.outputs, self._data.inputs
-        new_outputs = [dof for dof in self._spec.plan_outputs if dof not in here]
-        new_inputs = [dof for dof in self._spec.plan_inputs if dof not in struck]
-        for dof in new_outputs:
-            yield self._measured(dof, "accelerometer", self._sensor(dof), (dof,), struck)
-        for dof in new_inputs:
-            yield self._measured(f"hammer {dof}", "hammer", self._hammer(dof), here, (dof,))
-        for output in new_outputs:
-            for dof in new_inputs:
-                words = f"{self._sensor(output)} with {self._hammer(dof)}"
-                yield self._measured(f"{output} / hammer {dof}", "pair", words, (output,), (dof,))
-
-    def _measured(
-        self, name: str, kind: CandidateKind, words: str, outputs: tuple[str, ...], inputs: tuple[str, ...]
+    def _candidate(
+        self,
+        name: str,
+        words: str,
+        *,
+        structure: AnyStructure | None = None,
+        ports: Ports | None = None,
+        above_hz: float = 0.0,
+        position: str = "",
     ) -> Candidate:
+        """A candidate of the present structure and ports where it states no others."""
+        data = self._data
+        ports = ports or Ports(self._lines, data.outputs, data.inputs)
+        structure = structure or self._problem.test.structure
+        return Candidate(name, words, structure, ports, data.quantity, self._law, above_hz, position)
+
+    def _at_dofs(self) -> Iterator[Candidate]:
+        """New sensors, new hammers and both, without those whose pairs of DOFs say what is said already."""
+        new_outputs = [dof for dof in self._spec.plan_outputs if dof not in self._data.outputs]
+        new_inputs = [dof for dof in self._spec.plan_inputs if dof not in self._data.inputs]
+        measured = [self._measured(dof, self._sensor(dof), (dof,), ()) for dof in new_outputs]
+        measured += [self._measured(f"hammer {dof}", self._hammer(dof), (), (dof,)) for dof in new_inputs]
+        for output, dof in itertools.product(new_outputs, new_inputs):
+            words = f"{self._sensor(output)} with {self._hammer(dof)}"
+            measured.append(self._measured(f"{output} / hammer {dof}", words, (output,), (dof,)))
+        seen = {frozenset((o, i)) for o in self._data.outputs for i in self._data.inputs}
+        for candidate in measured:
+            pairs = {frozenset((o, i)) for o in candidate.ports.outputs for i in candidate.ports.inputs}
+            if self._recipe.accelerometer_mass > 0 or not pairs <= seen:
+                yield candidate
+                seen |= pairs
+
+    def _measured(self, name: str, words: str, sensors: tuple[str, ...], hammers: tuple[str, ...]) -> Candidate:
         """A candidate at other DOFs; a new accelerometer's mass is on the structure beside that of the present ones."""
-        loaded = self._recipe.accelerometer_dofs + tuple(
-            dof for dof in outputs if dof not in self._recipe.accelerometer_dofs
+        structure = None
+        if self._recipe.accelerometer_mass > 0 and sensors:
+            loaded = dict.fromkeys((*self._recipe.accelerometer_dofs, *sensors))
+            structure = self._family(replace(self._recipe, accelerometer_dofs=tuple(loaded)))
+        ports = Ports(self._lines, sensors or self._data.outputs, hammers or self._data.inputs)
+        return self._candidate(
+            name, words, structure=structure, ports=ports, position=self._positions(sensors + hammers)
         )
-        recipe = replace(self._recipe, accelerometer_dofs=loaded)
-        structure = self._problem.test.structure
-        if recipe.accelerometer_mass > 0 and kind != "hammer":
-            structure = self._family(recipe)
-        ports = Ports(self._lines, outputs, inputs)
-        placed = (outputs if kind != "hammer" else ()) + (inputs if kind != "accelerometer" else ())
-        where = self._positions(placed)
-        return Candidate(name, kind, words, structure, ports, self._data.quantity, self._law, position=where)
+
+    def _averages(self) -> Iterator[Candidate]:
+        noise = self._problem.test.noise
+        if noise is None or noise.averages_out:
+            yield repeated(self._problem, self._spec.plan.averages_factor)
 
     def _band(self) -> Iterator[Candidate]:
-        top, data, problem = self._spec.plan.f_max_hz, self._data, self._problem
+        top, data = self._spec.plan.f_max_hz, self._data
         if top is None or self._step_hz is None:
             return
         steps = math.floor((top - float(self._lines[0])) / self._step_hz + 1e-9)
         lines: Array = float(self._lines[0]) + self._step_hz * np.arange(steps + 1, dtype=float)
-        if lines[-1] <= self._lines[-1]:
-            return
-        yield Candidate(
-            f"band to {top:g} Hz",
-            "band",
-            f"a band up to {top:g} Hz",
-            problem.test.structure,
-            Ports(lines, data.outputs, data.inputs),
-            data.quantity,
-            self._law,
-            above_hz=float(self._lines[-1]),
-        )
+        if lines[-1] > self._lines[-1]:
+            ports, new = Ports(lines, data.outputs, data.inputs), float(self._lines[-1])
+            yield self._candidate(f"band to {top:g} Hz", f"a band up to {top:g} Hz", ports=ports, above_hz=new)
 
     def _mass(self) -> Iterator[Candidate]:
         grams = self._spec.plan.added_mass_g
         translations = tuple(dof for dof in self._data.outputs if ":r" not in dof)
         if grams is None or not translations:
             return
-        data = self._data
-        yield Candidate(
-            f"+{grams:g} g",
-            "mass",
-            f"a mass of {grams:g} g at {' and '.join(translations)}",
-            self._family(replace(self._recipe, added_mass=grams * _G)),
-            Ports(self._lines, data.outputs, data.inputs),
-            data.quantity,
-            self._law,
-            position=self._positions(translations),
-        )
+        words = f"a mass of {grams:g} g at {' and '.join(translations)}"
+        structure = self._family(replace(self._recipe, added_mass=grams * _G))
+        yield self._candidate(f"+{grams:g} g", words, structure=structure, position=self._positions(translations))
 
     def _positions(self, dofs: tuple[str, ...]) -> str:
         """Where points are, each place once."""
@@ -272,7 +266,6 @@ def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
     places = map(setup.spec.structure.place, ports.outputs)
     return Candidate(
         name,
-        "setup",
         f"the set-up {name}{_changes(setup.source)}",
         setup.structure,
         ports,
