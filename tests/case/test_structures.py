@@ -106,6 +106,9 @@ dofs = ["1:y", "1:rz"]
 """
 
 
+LOSS = 'law = "loss_factor", loss_factor = 0.02'
+
+
 def text_of(structure, out, into, more=PRIOR):
     return structure + DATA.replace("OUT", out).replace("IN", into) + more
 
@@ -246,6 +249,13 @@ def test_matrices_come_from_the_text_or_from_files(kind, tmp_path):
     assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
 
 
+def test_a_damping_matrix_comes_from_a_file(tmp_path):
+    np.save(tmp_path / "C.npy", np.array([[3.0, -1.0], [-1.0, 2.0]]))
+    text = MATRICES.replace(LOSS, 'law = "matrix", damping_matrix = "C.npy"')
+    damping = built(text, "1:y", "1:y", directory=tmp_path).problem.test.structure.nominal.damping
+    assert_allclose(damping.matrix, [[3.0, -1.0], [-1.0, 2.0]])
+
+
 def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
     np.save(tmp_path / "K.npy", np.array([[2e5, -1e4], [-2e4, 1e3]]))
     np.save(tmp_path / "M.npy", np.eye(3))
@@ -274,11 +284,12 @@ def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
     [
         (MATRICES, "[-1e4, 1e3]]", "[-2e4, 1e3]]", "structure.stiffness", "found -10000 and -20000 at row 1, column 2"),
         (MATRICES, "[2.0, 0.01]", "[2.0]", "structure.mass", "found 1 numbers; expected 2 rows"),
+        (MATRICES, LOSS, 'law = "matrix", damping_matrix = [2.0]', "structure.damping.damping_matrix", "found 1"),
         (MATRICES, "[[2e5, -1e4], [-1e4, 1e3]]", "[[2e5, -1e4], [-1e4, -1e3]]", "structure", "positive semidefinite"),
         (MATRICES, 'dofs = ["1:y", "1:rz"]\nst', 'dofs = ["1:y", "1:y"]\nst', "structure.dofs", "listed twice"),
         (
             MATRICES,
-            'law = "loss_factor", loss_factor = 0.02',
+            LOSS,
             'law = "matrix", damping_matrix = [[-20.0, 0.0], [0.0, 1.0]]',
             "structure",
             "structure.damping.damping_matrix: found one with -20 as lowest eigenvalue",
