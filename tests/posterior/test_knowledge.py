@@ -16,7 +16,7 @@ from jointbayes.posterior import gather_knowledge
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import KeptKnowledge, assumed_words, effect_sentence, inputs_taken_as_exact
 from jointbayes.posterior.rounding import rounded_interval
-from jointbayes.posterior.storage import typed
+from jointbayes.posterior.storage import typed_value
 from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, effect_of_uncertain_inputs
 from jointbayes.report import ReportInputs, build_report, render_html
 from jointbayes.report.markup import badge, nuisance_label
@@ -388,7 +388,7 @@ def test_uncertain_quantities_have_short_labels(name, label):
 
 def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
     text = json.dumps(asdict(gathered.kept), default=lambda array: array.tolist())
-    kept = typed(KeptKnowledge, json.loads(text), "")
+    kept = typed_value(KeptKnowledge, json.loads(text), "")
     for name in ("_profiles", "effect_of_uncertain_inputs"):
         monkeypatch.setattr(f"jointbayes.posterior.knowledge.{name}", lambda *_: pytest.fail("found anew"))
     again = gather_knowledge(replace(uncertain, _kept_knowledge=kept), uncertain.case.workshop_problem)

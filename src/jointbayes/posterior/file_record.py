@@ -13,7 +13,7 @@ from jointbayes.errors import MeasurementError
 from jointbayes.identification import MapEstimate
 from jointbayes.posterior.knowledge import KeptKnowledge
 from jointbayes.posterior.run_record import RunRecord
-from jointbayes.posterior.storage import typed
+from jointbayes.posterior.storage import typed_value
 from jointbayes.posterior.stored_problem import StoredProblem
 
 #: Of the file: raised when an older reader would misread it. Version 1 held the text of a case instead of a problem.
@@ -73,7 +73,7 @@ def parse_estimate(plain: Any, place: str) -> MapEstimate:  # noqa: ANN401
     MeasurementError
         If it is something else: what.
     """
-    estimate: MapEstimate = typed(MapEstimate, _with_values(plain), place)
+    estimate: MapEstimate = typed_value(MapEstimate, _with_values(plain), place)
     return estimate
 
 
@@ -116,5 +116,5 @@ def parse_record(text: str, where: str) -> FileRecord:
             f"{where}: found file version {version!r:.60}; expected {FILE_VERSION} or less; "
             "read it with the jointbayes that wrote it, or a later one"
         )
-    record: FileRecord = typed(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")
+    record: FileRecord = typed_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")
     return record

@@ -80,9 +80,7 @@ class ProfileLikelihood:
         return f"{self.name} has a lower and an upper {100 * self.level:g} % limit"
 
 
-def profile_likelihood(
-    problem: Problem, theta: ArrayLike, name: str, *, level: float = 0.95, step: float | None = None
-) -> ProfileLikelihood:
+def profile_likelihood(problem: Problem, theta: ArrayLike, name: str, *, level: float = 0.95) -> ProfileLikelihood:
     """Profile of one coordinate from a mode outwards.
 
     At each value the likelihood is climbed over all other coordinates by least squares, from where the climb before
@@ -100,8 +98,6 @@ def profile_likelihood(
         Coordinate to profile.
     level
         Confidence of the likelihood-ratio interval.
-    step
-        First step away from the maximum; by default half a standard deviation by the Fisher information.
 
     Raises
     ------
@@ -118,7 +114,7 @@ def profile_likelihood(
             "profile another one"
         )
     top, top_cost = climb.maximum()
-    first = step or climb.first_step(top)
+    first = climb.first_step(top)
     quantile = float(2 * special.gammaincinv(0.5, level))  # of χ² with one degree of freedom
     below, lower, open_below = _side(climb, top, top_cost, -first, quantile)
     above, upper, open_above = _side(climb, top, top_cost, first, quantile)

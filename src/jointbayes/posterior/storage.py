@@ -173,7 +173,7 @@ def write_tree(tree: xr.DataTree, record: str, path: str | os.PathLike[str]) -> 
     write_whole_file(path, content)
 
 
-def typed(hint: Any, plain: Any, place: str) -> Any:  # noqa: ANN401 (any type)
+def typed_value(hint: Any, plain: Any, place: str) -> Any:  # noqa: ANN401 (any type)
     """A value of a type.
 
     Parameters
@@ -194,19 +194,21 @@ def typed(hint: Any, plain: Any, place: str) -> Any:  # noqa: ANN401 (any type)
     """
     origin, kinds = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        (low, high), value = kinds[1], typed(kinds[0], plain, place)
+        (low, high), value = kinds[1], typed_value(kinds[0], plain, place)
         return value if low <= value <= high else _refuse(plain, f"{low:g} to {high:g}", place)
     if origin in (Union, UnionType):
-        return None if plain is None else typed(next(kind for kind in kinds if kind is not NoneType), plain, place)
+        return (
+            None if plain is None else typed_value(next(kind for kind in kinds if kind is not NoneType), plain, place)
+        )
     if origin is np.ndarray:
         return _finite_numbers(plain, place)
     if origin is tuple and isinstance(plain, list):
         inner = kinds[:1] * len(plain) if kinds[-1] is Ellipsis else kinds
         if len(inner) == len(plain):
             pairs = zip(inner, plain, strict=True)
-            return tuple(typed(kind, entry, f"{place}.{i}") for i, (kind, entry) in enumerate(pairs))
+            return tuple(typed_value(kind, entry, f"{place}.{i}") for i, (kind, entry) in enumerate(pairs))
     if origin is Mapping and isinstance(plain, dict):
-        return {key: typed(kinds[1], entry, f"{place}.{key}") for key, entry in plain.items()}
+        return {key: typed_value(kinds[1], entry, f"{place}.{key}") for key, entry in plain.items()}
     if (is_dataclass(hint) or is_typeddict(hint)) and isinstance(plain, dict):
         return _with_fields(hint, plain, place)
     if hint is Any or (plain is not _NOTHING and is_plain(plain, hint)):
@@ -227,10 +229,10 @@ def _with_fields(hint: Any, plain: Mapping[str, Any], place: str) -> Any:  # noq
     hints = get_type_hints(hint, include_extras=True)
     if is_typeddict(hint):  # what else is there stays
         required = hint.__required_keys__
-        return {**plain, **{n: typed(hints[n], plain.get(n, _NOTHING), f"{place}.{n}") for n in required}}
+        return {**plain, **{n: typed_value(hints[n], plain.get(n, _NOTHING), f"{place}.{n}") for n in required}}
     optional = {f.name for f in fields(hint) if not (f.default is MISSING and f.default_factory is MISSING)}
     given = {
-        f.name: typed(hints[f.name], plain.get(f.name, _NOTHING), f"{place}.{f.name}")
+        f.name: typed_value(hints[f.name], plain.get(f.name, _NOTHING), f"{place}.{f.name}")
         for f in fields(hint)
         if f.init and (f.name in plain or f.name not in optional)
     }

@@ -22,7 +22,7 @@ from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.run_record import SampledCase, bodies_of, sha256_of
-from jointbayes.posterior.storage import REMEDY, array_dataset, is_plain, typed
+from jointbayes.posterior.storage import REMEDY, array_dataset, is_plain, typed_value
 from jointbayes.reproducibility import code_version
 from jointbayes.sampling import SamplerSettings
 
@@ -206,7 +206,7 @@ class _Restoring:
         if "array" in plain:
             return self.array(str(plain["array"]))
         if "provenance" in plain:
-            return typed(Provenance, plain["provenance"], f"{self.where}: {place}")
+            return typed_value(Provenance, plain["provenance"], f"{self.where}: {place}")
         if "mapping" in plain:
             return self._mapping(plain["mapping"], place)
         if "scipy.stats" in plain:

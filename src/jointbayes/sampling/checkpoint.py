@@ -29,7 +29,7 @@ from jointbayes.whole_file import swept, write_whole_file
 SECONDS_BETWEEN = 5.0
 _TIMES_THE_COST = 50
 
-T = TypeVar("T")
+_Made = TypeVar("_Made")
 
 _VERSION = 3
 _RUN, _STAGE = "run.npz", "stage-{}.npz"
@@ -165,7 +165,7 @@ class UnfinishedRun:
             return
         with self._timed():
             self._write_run()
-            self._write(_STAGE.format(number), *_taken_apart(stage, seconds))
+            self._write(_STAGE.format(number), *_stage_record(stage, seconds))
             self._steps[number] = stage.step
 
     def discard(self) -> None:
@@ -203,7 +203,7 @@ class UnfinishedRun:
             True,
         )
         for number in self._stage_numbers():
-            stage = self._read(_STAGE.format(number), _put_together)
+            stage = self._read(_STAGE.format(number), _stage_from_record)
             if stage is None:
                 self._tell(f"found a damaged {_STAGE.format(number)}; its steps are made again")
             else:
@@ -212,7 +212,7 @@ class UnfinishedRun:
     def _tell(self, remark: str) -> None:
         self._progress(Progress("checkpoint", f"{self.path}: {remark}"))
 
-    def _read(self, name: str, make: Callable[[dict[str, Any], dict[str, NDArray[Any]]], T]) -> T | None:
+    def _read(self, name: str, make: Callable[[dict[str, Any], dict[str, NDArray[Any]]], _Made]) -> _Made | None:
         """What is made of the record and the arrays of a file; None where they are not what was written."""
         with fdopen(self._own.open(name, O_RDONLY), "rb") as stream:
             try:
@@ -253,7 +253,7 @@ class UnfinishedRun:
         self.holds_a_run = True
 
 
-def _taken_apart(stage: Stage, seconds: float) -> tuple[dict[str, Any], dict[str, Array]]:
+def _stage_record(stage: Stage, seconds: float) -> tuple[dict[str, Any], dict[str, Array]]:
     """A stage as plain values and arrays: of a long one the steps that it holds, and always the last."""
     every, ends = spacing(stage.step), [block.end for block in stage.blocks[-1]]
     theta, log_density = stage.held.joined(stage.blocks, every)
@@ -274,10 +274,10 @@ def _taken_apart(stage: Stage, seconds: float) -> tuple[dict[str, Any], dict[str
     }
 
 
-def _put_together(
+def _stage_from_record(
     record: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
 ) -> tuple[Stage, list[EnsembleState], float]:
-    """A stage, where its ensembles stand, and the seconds spent on it, from what `_taken_apart` made of it."""
+    """A stage, where its ensembles stand, and the seconds spent on it, from what `_stage_record` made of it."""
     stage = Stage(
         checks=[_check(plain) for plain in record["checks"]],
         step=record["step"],

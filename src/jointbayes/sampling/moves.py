@@ -155,7 +155,7 @@ class FittedMove(EachAlone):
     """Propose by a fitted distribution in coordinates φ, with respect to which the proposal is reversible.
 
     The acceptance compares the importance weights p/q of the two places, with q the distribution's density over θ: that
-    over φ divided by |∂θ/∂φ|. Subclasses give `drawn`.
+    over φ divided by |∂θ/∂φ|. Subclasses give `new_places`.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ class FittedMove(EachAlone):
         """Propose for the walkers at θ, shape (n, d), with ln q(θ) − ln q(proposed), shape (n,)."""
         coordinates, density = self._coordinates, self._density
         here = coordinates.forward(theta)
-        there = self.drawn(here, random)
+        there = self.new_places(here, random)
         proposed, inside = coordinates.inverse(there)
         # a walker sent out of the region is proposed where it is, and refused
         proposed = np.where(inside[:, None], proposed, theta)
@@ -193,7 +193,7 @@ class IndependenceMove(FittedMove):
     DOI 10.1214/aos/1176325750.
     """
 
-    def drawn(self, here: Array, random: np.random.RandomState) -> Array:
+    def new_places(self, here: Array, random: np.random.RandomState) -> Array:
         """New places φ, shape (n, d), for the walkers at others."""
         return self._density.draw(random, len(here))
 
@@ -223,7 +223,7 @@ class AutoregressiveMove(FittedMove):
         super().__init__(coordinates, density)
         self._student, self._kept = density, kept
 
-    def drawn(self, here: Array, random: np.random.RandomState) -> Array:
+    def new_places(self, here: Array, random: np.random.RandomState) -> Array:
         """New places φ, shape (n, d), for the walkers at others."""
         density, (n, d) = self._student, here.shape
         squared = (density.dof + density.squared_distance(here)) / random.chisquare(density.dof + d, n)
