@@ -213,7 +213,9 @@ class Bench:
         raise _Stop
 
     def _planned(self, candidates: Mapping[str, Candidate], _look: Any, size: int, _stated: Any) -> None:
-        self.seen["plan"] = {"size": size, **{one.kind: one for one in candidates.values()}}
+        kinds = {"averages": "averages", "band to": "band", "+": "mass"}  # as their names tell, numbers beside
+        named = ((kind, one) for sign, kind in kinds.items() for name, one in candidates.items() if sign in name)
+        self.seen["plan"] = {"size": size, **dict(named)}
         raise _Stop
 
     def _synthesised(
