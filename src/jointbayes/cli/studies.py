@@ -46,8 +46,9 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
     require_same_data(cases)
     if out is not None:
         require_room(out)
-        with OwnDirectory(out, A_COMPARISON):  # refused before any work
-            pass
+        if out.exists():
+            with OwnDirectory(out, A_COMPARISON):  # what is not one is refused before any work
+                pass
     with show_progress() as progress:
         comparison = weigh(cases, seed=seed, progress=progress)
     for line in evidence_table(comparison.summary(), method=True).lines():

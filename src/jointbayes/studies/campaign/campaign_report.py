@@ -119,9 +119,8 @@ def joints_csv(findings: CampaignFindings) -> str:
     quantities = () if joints is None else joints.quantities
     head = ["key", "serial", "date", "status", "converged", "explains", "need_a_look", "effective_draws"]
     for q in quantities:
-        unit = "" if q.unit == "1" else f" ({q.unit})"
-        head += [f"{q.name}.{field}{unit}" for field in ("median", "low95", "high95")]
-        head += [f"{q.name}.given_all.{field}{unit}" for field in ("median", "low95", "high95")]
+        head += [f"{q.name}.{field}{q.in_unit}" for field in ("median", "low95", "high95")]
+        head += [f"{q.name}.given_all.{field}{q.in_unit}" for field in ("median", "low95", "high95")]
         head += [f"{q.name}.{field}" for field in ("score", "rank", "rank_low95", "rank_high95")]
     looks = {look.row.key: "; ".join(look.reasons) for look in findings.look}
     stream = io.StringIO()

@@ -283,8 +283,7 @@ def _ranking_section(joints: PopulationFindings) -> ReportSection:
         order = np.argsort(q.shrunken[:, 1])
         chosen = order if count <= 2 * _RANKED + 1 else np.concatenate([order[:_RANKED], order[-_RANKED:]])
         rows = tuple(_rank_row(q, labels[i], i, int(np.flatnonzero(order == i)[0]) + 1) for i in chosen)
-        unit = "" if q.unit == "1" else f" ({q.unit})"
-        head = ("Place", "Joint", f"{q.name}{unit}", "95 % credible interval", "Rank, 95 %")
+        head = ("Place", "Joint", f"{q.name}{q.in_unit}", "95 % credible interval", "Rank, 95 %")
         shown = "" if len(chosen) == count else f": the {_RANKED} lowest and the {_RANKED} highest of {count}"
         ends = [foreign(_cut(labels[order[i]])) for i in (0, -1)]
         figure = Figure(
@@ -316,8 +315,7 @@ def _joint_section(joints: PopulationFindings) -> ReportSection:
     chosen = np.arange(count) if whole else np.argsort(-moved)[:_MOVED]
     head, cells = ["Joint"], [[foreign(_cut(rows[i].label)) for i in chosen]]
     for q in joints.quantities:
-        unit = "" if q.unit == "1" else f" ({q.unit})"
-        head += [f"{q.name}{unit} by itself", "given all"]
+        head += [f"{q.name}{q.in_unit} by itself", "given all"]
         for ends in (q.unpooled, q.shrunken):
             cells.append([f"{number(ends[i, 1])} ({interval((ends[i, 0], ends[i, 2]))})" for i in chosen])
     head.append("Effective draws")

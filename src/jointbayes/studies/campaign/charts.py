@@ -51,7 +51,7 @@ def control_figure(quantity: ChartedQuantity, labels: Sequence[str], order: str)
         axes.set_xlim(0.3, len(place) + 0.7)
         _scale(axes, quantity, beyond, few)
         _joint_labels(axes, labels, order)
-        axes.set_ylabel(_axis_label(quantity))
+        axes.set_ylabel(quantity.label + quantity.in_unit)
         legend_above(axes)
 
     return svg(draw, 7.2, 3.3)
@@ -133,10 +133,6 @@ class _RoundValues(MaxNLocator):
         return inside[:: max(1, -(-len(inside) // self._most))]
 
 
-def _axis_label(quantity: ChartedQuantity) -> str:
-    return quantity.label if quantity.unit == "1" else f"{quantity.label} ({quantity.unit})"
-
-
 def _joint_labels(axes: Axes, labels: Sequence[str], order: str) -> None:
     """Names of a few joints along the axis, all of them where they have room."""
     count = len(labels)
@@ -160,7 +156,7 @@ def control_plot(quantity: ChartedQuantity, order: str) -> LinePlot:
     ]
     if beyond.any():
         series.append(Series("beyond its limits", place[beyond], quantity.unpooled[beyond, 1], kind="points"))
-    return LinePlot(f"Joint, by {order}", _axis_label(quantity), tuple(series), log_y=quantity.logarithmic)
+    return LinePlot(f"Joint, by {order}", quantity.label + quantity.in_unit, tuple(series), log_y=quantity.logarithmic)
 
 
 def ranking_figure(quantity: ChartedQuantity, labels: Sequence[str]) -> str:
@@ -179,7 +175,7 @@ def ranking_figure(quantity: ChartedQuantity, labels: Sequence[str]) -> str:
         axes.set_yticks(place, named, fontsize=7)
         axes.set_ylim(-0.6, len(order) - 0.4)
         _value_axis(axes.xaxis, axes.set_xscale, quantity)
-        axes.set_xlabel(_axis_label(quantity))
+        axes.set_xlabel(quantity.label + quantity.in_unit)
 
     return svg(draw, 7.2, 0.8 + 0.16 * len(order))
 
@@ -195,7 +191,7 @@ def _ranked_curve(quantity: ChartedQuantity, ends: Array) -> str:
         axes.set_xlim(1, len(ends))
         axes.set_xlabel("Rank of the median")
         _value_axis(axes.yaxis, axes.set_yscale, quantity)
-        axes.set_ylabel(_axis_label(quantity))
+        axes.set_ylabel(quantity.label + quantity.in_unit)
         legend_above(axes)
 
     return svg(draw, 7.2, 2.4)
@@ -226,7 +222,7 @@ def population_figure(
             axes.set_xlim(at[0], at[-1])
             axes.set_ylim(0, 1.4 * max(float(height.max()), float(middle.max())))
             axes.set_yticks([])
-            axes.set_xlabel(_axis_label(quantity))
+            axes.set_xlabel(quantity.label + quantity.in_unit)
         row[0].fill([], [], color="0.8", label="joints by themselves")
         row[0].plot([], [], color=_BLUE, label="population")
         row[0].legend(ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)

@@ -104,6 +104,11 @@ class ChartedQuantity:
     outlier_limit: float
 
     @property
+    def in_unit(self) -> str:
+        """The unit behind a name, in brackets; empty where there is none."""
+        return "" if self.unit == "1" else f" ({self.unit})"
+
+    @property
     def outlier(self) -> NDArray[np.bool_]:
         """Whether a joint is an outlier, shape (joints,)."""
         return np.asarray(np.abs(self.chart.score) > self.outlier_limit)
