@@ -332,6 +332,12 @@ MODES = [
         ("eigenvalues = [[5700.0, 2.1e5], [5800.0, 2.2e5]]\neigenvalue_sd = [60.0, 2000.0]", "", ENDS),
     )
 ]  # fmt: skip
+MODEL_ERROR = """[noise.model_error]
+frequency_error = 0.004
+error_factor = 2.5
+damping_error = 0.25
+shape_error = 0.06
+"""
 SETTINGS = """
 [identification]
 max_steps = 33
@@ -386,6 +392,7 @@ CASES = [
     *(KeyCase(beam(0) + PAIR + read("8:y") + noise, keys="noise") for noise in NOISES),
     *(KeyCase(text.partition("[uncertain")[0], keys="data") for text in (*FREQUENCIES, MODES[0])),
     *(KeyCase(text, keys="data.modes.\\.eigen|uncertain") for text in MODES),
+    KeyCase(FREQUENCIES[0] + MODEL_ERROR, keys="noise"),
     *(KeyCase(WHOLE + SETTINGS, act, keys) for act, keys in (("identify", "iden|samp|ref"), ("plan", "plan"))),
     *(
         KeyCase(f'{WHOLE}[virtual_test]\nmethod = "{name}"\nseed = 9\n{test}\n', "simulate", "virtual_test")

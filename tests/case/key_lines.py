@@ -246,6 +246,9 @@ def of_data() -> list[tuple[str, str, Value]]:
         ("noise.scale_dof", "noise.dof", 1),
         ("noise.scale_guess", "noise.scale", 1),
         *((f"noise.scale_{end}_factor", f"nuisance.noise_scale.prior.{end}", math.log) for end in ("low", "high")),
+        ("noise.model_error.frequency_error", "nuisance.model_error.prior.mean", math.log),
+        ("noise.model_error.error_factor", "nuisance.model_error.prior.sd", math.log),
+        *((f"noise.model_error.{name}_error", f"noise.{name}", 1) for name in ("damping", "shape")),
         *((f"noise.discrepancy.{key}", f"nuisance.discrepancy_{name}.prior.{end}", math.log)
           for end in ("low", "high")
           for key, name in ((f"scale_{end}", "scale"), (f"length_{end}_hz", "length"))),

@@ -21,7 +21,7 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, MeasurementError, printable
 from jointbayes.frf import MeasuredBody, Ports
 from jointbayes.inference import NoiseModel, Nuisance
-from jointbayes.inference.noise.base import NoiseChoice
+from jointbayes.inference.noise.base import ErrorSizes, NoiseChoice
 from jointbayes.joint import AnyJoint, joints_of
 from jointbayes.measurement import CoherenceNoise, Data, NoiseLaw, RelativeNoise, synthesise_frf
 from jointbayes.measurement.measurement_plan import Channel, MeasurementPlan, VarianceSource
@@ -99,7 +99,7 @@ def true_stiffness(spec: CaseSpec) -> Array:
 def noise_of(spec: NoiseModelSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """Distribution of the residuals, and the priors of its parameters; its module has the name of the distribution."""
     complex_frf = data.frfs is not None and spec.residuals == "complex"
-    d = spec.discrepancy
+    d, e = spec.discrepancy, spec.model_error
     choice = NoiseChoice(
         spec.scale,
         (spec.scale_low_factor, spec.scale_high_factor),
@@ -107,6 +107,7 @@ def noise_of(spec: NoiseModelSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisan
         spec.scale_guess,
         spec.dof,
         None if d is None else ((d.scale_low, d.scale_high), (d.length_low_hz, d.length_high_hz)),
+        None if e is None else ErrorSizes(e.frequency_error, e.error_factor, e.damping_error, e.shape_error),
     )
     module = import_module(f"jointbayes.inference.noise.{spec.distribution}")
     return module.noise_of(choice, 2 if complex_frf else 1, data)

@@ -5,9 +5,10 @@ from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.marginals import Distribution, Marginal, Normal, OfStiffness, OwnMarginal, Uniform
 from jointbayes.inference.modal_likelihood import GaussianLikelihood, ModePrediction, ValueModel, mac, modal_model
-from jointbayes.inference.noise.base import NoiseModel
+from jointbayes.inference.noise.base import ErrorSizes, NoiseModel
 from jointbayes.inference.noise.correlated import CorrelatedNoise
 from jointbayes.inference.noise.gaussian import GaussianNoise, IntegratedScale, ScaledNoise
+from jointbayes.inference.noise.model_error import ModelErrorNoise
 from jointbayes.inference.noise.proportional import ProportionalNoise
 from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.inference.prior import JointPrior, Nuisance
@@ -35,8 +36,10 @@ __all__ = [
     "modal_model",
     # noise
     "CorrelatedNoise",
+    "ErrorSizes",
     "GaussianNoise",
     "IntegratedScale",
+    "ModelErrorNoise",
     "NoiseModel",
     "ProportionalNoise",
     "ScaledNoise",

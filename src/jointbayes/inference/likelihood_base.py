@@ -192,6 +192,15 @@ class Likelihood(ABC):
     def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
         """Real residuals, shape (batch, m), that are white with unit variance if model and noise hold."""
 
+    def plain_residuals(
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
+    ) -> Array:
+        """Residuals over their stated deviations, then their derivatives, shape (1 + p + q, m), for one joint.
+
+        Asked where tests share errors, of real values only.
+        """
+        raise NotImplementedError
+
     def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint, in units of the noise that the data show."""
         residual = self.white(matrices, factors)[0]

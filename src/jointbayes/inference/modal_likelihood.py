@@ -212,12 +212,12 @@ class GaussianLikelihood(Likelihood):
     names
         Uncertain quantities of the structure, in the order in which factors come; those of the noise follow.
     noise
-        Noise model of real residuals of which their sum of squares says all; Gaussian of known size by default.
+        Noise model of real residuals; Gaussian of known size by default.
 
     Raises
     ------
     ModelError
-        If the noise model is another one.
+        If the noise model is one of complex residuals, or for FRFs.
     """
 
     def __init__(
@@ -230,7 +230,7 @@ class GaussianLikelihood(Likelihood):
     ) -> None:
         self._model, self._measured, self._sd = model, values, sd
         noise = noise or GaussianNoise(1)
-        if not noise.needs_chi2_only:
+        if noise.parts != 1 and not noise.needs_chi2_only:
             raise ModelError(f"natural frequencies: found {type(noise).__name__}; expected Gaussian noise")
         constant = -float(np.log(self._sd * math.sqrt(2 * math.pi)).sum())
         super().__init__((*names, *noise.names), noise, constant, self._measured.size)
@@ -239,6 +239,9 @@ class GaussianLikelihood(Likelihood):
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
         joints = joint_matrix_of(matrices)
         factor_rows = factors_batch(factors, len(joints))
+        if not self.noise.needs_chi2_only:
+            z = self.standardised(joints, factor_rows)[:, :, None] / math.sqrt(2)
+            return self.constant + self.noise.log_likelihood(z, self.hyper(factor_rows))
         chi2 = 0.5 * (self.standardised(joints, factor_rows) ** 2).sum(axis=-1)
         chi2[np.isnan(chi2)] = np.inf  # a shape relative to a DOF at rest
         return self.constant + self.noise.log_likelihood_of_chi2(chi2, self.n_data, self.hyper(factor_rows))
@@ -258,6 +261,8 @@ class GaussianLikelihood(Likelihood):
     def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
         """Residuals over their standard deviation and its factor, shape (batch, n)."""
         z = self.standardised(matrices, factors)
+        if not self.noise.needs_chi2_only:
+            return np.asarray(self.noise.scores(z[:, :, None], self.hyper(factors))[:, :, 0])
         return z / self.hyper(factors) if self.hyper_count else z
 
     def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
@@ -267,7 +272,15 @@ class GaussianLikelihood(Likelihood):
         return self._model.predicted_values(joints, structural)
 
     def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
-        """ln L value by value, shape (batch, n)."""
+        """ln L value by value, shape (batch, n).
+
+        Raises
+        ------
+        ModelError
+            If the values depend on each other.
+        """
+        if not self.noise.needs_chi2_only:
+            self.noise.pointwise(np.empty((0, self.n_data, 1)), np.empty((0, self.hyper_count)))
         factor_rows = factors_batch(factors, len(joint_matrix_of(matrices)))
         values = -0.5 * self.white(matrices, factor_rows) ** 2 + self.constant / self.n_data
         return values - np.log(self.hyper(factor_rows)) if self.hyper_count else values
@@ -290,16 +303,30 @@ class GaussianLikelihood(Likelihood):
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
+        hyper = self.hyper(factors_batch(factors, 1))[0]
+        if self.noise.needs_chi2_only:
+            rows = self.plain_residuals(matrix, directions, factors, *hyper)
+        else:
+            rows = self.noise.whiten(self.plain_residuals(matrix, directions, factors)[:, :, None], hyper)[:, :, 0]
+        return rows[0], rows[1:].T
+
+    def plain_residuals(
+        self,
+        matrix: AnyJointMatrix,
+        directions: AnyJointMatrix,
+        factors: ArrayLike | None = None,
+        scale: float = 1.0,
+    ) -> Array:
+        """Residuals over `scale` times their stated deviations, and derivatives, (1 + p + q, m), for one joint."""
         joint, factor_rows = joint_matrix_of(matrix), factors_batch(factors, 1)
-        structural, scale = self._structural(factor_rows), 1.0
-        if self.hyper_count:
-            (scale,) = self.hyper(factor_rows)[0]
+        structural = self._structural(factor_rows)
         value, derivative = self._model.tangent(joint, directions, structural)
         moved = moved_factors(structural)
         up, down = np.split(self._model.predicted_values(joint.repeated(len(moved)), moved), 2)
-        slope = np.concatenate([derivative, (up - down) / (2 * STEP), np.zeros((self.hyper_count, value.size))])
-        sd = scale * self._sd
-        return (value - self._measured) / sd, (slope / sd).T
+        of_noise = np.zeros((self.hyper_count, value.size))
+        slopes = [derivative, (up - down) / (2 * STEP), of_noise]
+        rows: Array = np.concatenate([(value - self._measured)[None], *slopes]) / (scale * self._sd)
+        return rows
 
 
 @likelihood_of.register

@@ -1,8 +1,9 @@
 """Everything that defines an inference: tests, and a prior over all that is uncertain in them."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,7 @@ from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.test import Test, arranged, columns_of_names, likelihood_of, own_name, require_own_bodies
-from jointbayes.inference.tests_likelihood import Term, TestsLikelihood
+from jointbayes.inference.tests_likelihood import Sharing, Term, TestsLikelihood
 from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, joints_of
 from jointbayes.measurement import Data
 from jointbayes.structure import is_mode_frequency
@@ -175,7 +176,27 @@ class Problem:
                 f"{self.name}: found priors of {', '.join(idle)}, on which no set-up depends; expected quantities of "
                 "the set-ups; correct the names or leave them out"
             )
-        return LogPosterior(self.prior, TestsLikelihood(self._nuisances, terms), self.extra_log_likelihood)
+        likelihood = TestsLikelihood(self._nuisances, terms, self._sharing(terms))
+        return LogPosterior(self.prior, likelihood, self.extra_log_likelihood)
+
+    def _sharing(self, terms: Sequence[Term]) -> list[Sharing]:
+        """Tests of one structure, with the same unknowns, whose noise models share errors."""
+        groups: list[list[int]] = []
+        for place, test in enumerate(self.tests):
+            for group in groups:
+                columns = terms[group[0]].columns, terms[place].columns
+                if np.array_equal(*columns) and _is_same_body(self.tests[group[0]].structure, test.structure):
+                    group.append(place)
+                    break
+            else:
+                groups.append([place])
+        sharing = []
+        for group in groups:
+            noises = [terms[place].likelihood.noise for place in group]
+            if (noise := noises[0].shared(noises)) is not None:
+                columns_of_noise = terms[group[0]].columns[-len(noise.names) :]
+                sharing.append(Sharing(tuple(group), noise, columns_of_noise))
+        return sharing
 
     @cached_property
     def _nuisances(self) -> tuple[str, ...]:
@@ -250,6 +271,20 @@ class Problem:
             named = np.array([is_mode_frequency(name) for name in self.test.structures.names], dtype=bool)
             structural = np.where(named, 1.0, structural)
         return model.frequency_hz(self.parametrisation.matrix(stiffness), structural)
+
+
+def _is_same_body(first: Any, second: Any) -> bool:  # noqa: ANN401
+    """Whether two structures, or parts of them, are the same object, or made by the same recipe."""
+    if first is second:
+        return True
+    first, second = (getattr(part, "recipe", part) for part in (first, second))
+    if type(first) is not type(second):
+        return False
+    if is_dataclass(first):
+        return all(_is_same_body(getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
+    if isinstance(first, tuple):
+        return len(first) == len(second) and all(map(_is_same_body, first, second))
+    return bool(np.array_equal(first, second)) if isinstance(first, np.ndarray) else bool(first == second)
 
 
 def _require_names(tests: Sequence[Test]) -> None:

@@ -1,5 +1,6 @@
 """The likelihood of several tests together, each with joints and uncertain quantities of its own or shared ones."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.likelihood_base import Likelihood
+from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
 
 
@@ -37,8 +39,32 @@ class Term:
         return joint_matrix_of(matrices).block(self.rows), of_test
 
 
+@dataclass(frozen=True, slots=True)
+class Sharing:
+    """Tests whose values have errors in common.
+
+    Parameters
+    ----------
+    tests
+        Their places among all, in order.
+    noise
+        Noise model of the values of all of them, one after the other.
+    columns
+        Of the factors, those of its parameters.
+    """
+
+    tests: tuple[int, ...]
+    noise: NoiseModel
+    columns: NDArray[np.intp]
+
+    def hyper(self, factors: ArrayLike | None) -> Array:
+        """Parameters of the noise, shape (..., their number), of all factors (..., q)."""
+        assert factors is not None  # the noise has parameters
+        return np.asarray(factors, dtype=float)[..., self.columns]
+
+
 class TestsLikelihood(Likelihood):
-    """Likelihood of independent tests: the sum of theirs.
+    """Likelihood of several tests: the sum of theirs, but for those whose errors are shared.
 
     Joint matrices are those of all tests' joints side by side; factors are those of all quantities of the prior.
 
@@ -48,6 +74,8 @@ class TestsLikelihood(Likelihood):
         All uncertain quantities beside the joints, those of the noise models last.
     terms
         One for each test.
+    sharing
+        Tests of modes that share errors of the model.
 
     Raises
     ------
@@ -55,8 +83,10 @@ class TestsLikelihood(Likelihood):
         If the parameters of the noise models are not the last.
     """
 
-    def __init__(self, names: Sequence[str], terms: Sequence[Term]) -> None:
-        self.names, self.terms = tuple(names), tuple(terms)
+    def __init__(self, names: Sequence[str], terms: Sequence[Term], sharing: Sequence[Sharing] = ()) -> None:
+        self.names, self.terms, self.sharing = tuple(names), tuple(terms), tuple(sharing)
+        shared = {place for group in sharing for place in group.tests}
+        self._alone = [term for place, term in enumerate(self.terms) if place not in shared]
         self.noise = terms[0].likelihood.noise
         self.constant = sum(term.likelihood.constant for term in terms)
         self.n_data = sum(term.likelihood.n_data for term in terms)
@@ -84,7 +114,18 @@ class TestsLikelihood(Likelihood):
 
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,): the sum of all tests."""
-        return np.sum([term.likelihood.log_likelihood(*term.select(matrices, factors)) for term in self.terms], axis=0)
+        values = [term.likelihood.log_likelihood(*term.select(matrices, factors)) for term in self._alone]
+        for group in self.sharing:
+            z = self._of_group(group, matrices, factors) / math.sqrt(2)
+            constant = sum(self.terms[place].likelihood.constant for place in group.tests)
+            values.append(constant + group.noise.log_likelihood(z, group.hyper(factors)))
+        return np.sum(values, axis=0)
+
+    def _of_group(self, group: Sharing, matrices: AnyJointMatrix, factors: ArrayLike | None) -> Array:
+        """Residuals over their stated deviations, shape (batch, m, 1), of tests that share errors."""
+        terms = [self.terms[place] for place in group.tests]
+        rows = [term.likelihood.standardised(*term.select(matrices, factors)) for term in terms]
+        return np.concatenate(rows, axis=1)[:, :, None]
 
     def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
         """Residuals over σ: of a lone test in its own shape, of several one after the other, shape (batch, n)."""
@@ -104,7 +145,15 @@ class TestsLikelihood(Likelihood):
         return self._joined([term.likelihood.variance(*term.select(matrices, factors)) for term in self.terms])
 
     def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
-        """ln L value by value, as `standardised`."""
+        """ln L value by value, as `standardised`.
+
+        Raises
+        ------
+        ModelError
+            If values depend on each other.
+        """
+        for group in self.sharing:
+            group.noise.pointwise(self._of_group(group, matrices, factors), group.hyper(factors))
         return self._joined([term.likelihood.pointwise(*term.select(matrices, factors)) for term in self.terms])
 
     @staticmethod
@@ -114,12 +163,18 @@ class TestsLikelihood(Likelihood):
         return np.concatenate([values.reshape(len(values), -1) for values in of_tests], axis=1)
 
     def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
-        """Real residuals, shape (batch, m), of all tests."""
-        return np.concatenate([term.likelihood.white(*term.select(matrices, factors)) for term in self.terms], axis=1)
+        """Real residuals, shape (batch, m), of all tests; those that share errors last."""
+        rows = [term.likelihood.white(*term.select(matrices, factors)) for term in self._alone]
+        for group in self.sharing:
+            rows.append(group.noise.scores(self._of_group(group, matrices, factors), group.hyper(factors))[:, :, 0])
+        return np.concatenate(rows, axis=1)
 
     def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint."""
-        squares = [term.likelihood.typical_squares(*term.select(matrices, factors)) for term in self.terms]
+        squares = [term.likelihood.typical_squares(*term.select(matrices, factors)) for term in self._alone]
+        for group in self.sharing:
+            white = group.noise.scores(self._of_group(group, matrices, factors), group.hyper(factors))[0, :, 0]
+            squares.append((float(white @ white), white.size))
         return sum(total for total, _ in squares), sum(count for _, count in squares)
 
     def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
@@ -139,12 +194,25 @@ class TestsLikelihood(Likelihood):
         changes = joint_matrix_of(directions)
         factor_rows = np.empty(0) if factors is None else np.asarray(factors, dtype=float)
         residuals, slopes = [], []
-        for term in self.terms:
+        for term in self._alone:
             joint, of_test = term.select(matrix, factor_rows)
             residual, slope = term.likelihood.residuals(joint, changes.block(term.rows), of_test)
-            whole = np.zeros((len(residual), len(changes) + len(self.names)))
-            whole[:, : len(changes)] = slope[:, : len(changes)]
-            whole[:, len(changes) + term.columns] = slope[:, len(changes) :]
             residuals.append(residual)
-            slopes.append(whole)
+            slopes.append(self._among_all(term, slope, len(changes)))
+        for group in self.sharing:
+            rows = []
+            for term in (self.terms[place] for place in group.tests):
+                joint, of_test = term.select(matrix, factor_rows)
+                residual, *slope_rows = term.likelihood.plain_residuals(joint, changes.block(term.rows), of_test)
+                rows.append(np.vstack([residual, self._among_all(term, np.array(slope_rows).T, len(changes)).T]))
+            white = group.noise.whiten(np.hstack(rows)[:, :, None], group.hyper(factor_rows))[:, :, 0]
+            residuals.append(white[0])
+            slopes.append(white[1:].T)
         return np.concatenate(residuals), np.concatenate(slopes)
+
+    def _among_all(self, term: Term, slope: Array, count: int) -> Array:
+        """Derivatives of one test's residuals, shape (m, count + its factors), among those of all."""
+        whole = np.zeros((len(slope), count + len(self.names)))
+        whole[:, :count] = slope[:, :count]
+        whole[:, count + term.columns] = slope[:, count:]
+        return whole

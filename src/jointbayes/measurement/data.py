@@ -256,6 +256,11 @@ class ModalData(Data):
         return tuple(range(1, self.frequency_hz.size + 1))
 
     @property
+    def value_names(self) -> tuple[str, ...]:
+        """What each of `values` is: ``"frequency 2"``, or ``"eigenvalue"``, ``"damping"`` or ``"shape"`` of a mode."""
+        return tuple(f"frequency {number}" for number in self.numbers)
+
+    @property
     def most_modes(self) -> int:
         """How many of the lowest modes of a structure the data may show."""
         return max(self.numbers) + (_MORE if self.match == "shape" else 0)

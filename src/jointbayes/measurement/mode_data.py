@@ -245,6 +245,17 @@ class ModeData(ModalData):
                 mode_values.append(ModeValue(quantity, mode, dof[0] if dof else 0, repetition))
         return tuple(mode_values)
 
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        """What each of `values` is: ``"frequency 2"``, ``"shape 2 6:y over 11:y"``."""
+        names = []
+        for value in self.observed:
+            name = f"{value.quantity} {self.numbers[value.mode]}"
+            if self.shapes is not None and value.quantity == "shape":
+                name += f" {self.shapes.dofs[value.dof]} over {self.references[value.mode]}"
+            names.append(name)
+        return tuple(names)
+
     @cached_property
     def values(self) -> Array:
         """All that was observed, in the order of `observed`, shape (m,)."""

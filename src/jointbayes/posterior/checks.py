@@ -354,9 +354,9 @@ def check_frequencies(
     square: Array = residuals**2
     inferred: tuple[str, ...] = ()
     if noise is not None and not noise.as_stated:
-        noise, scale = noise.with_scale(square.sum(axis=1) / 2, residuals.shape[1], np.asarray(hyper, dtype=float), rng)
-        square, absorbs = square / scale**2, noise.absorbs
-        inferred = noise.words(dict(zip(noise.names, np.median(scale, axis=0).tolist(), strict=True)))
+        noise, rows = noise.with_scale(square.sum(axis=1) / 2, residuals.shape[1], np.asarray(hyper, dtype=float), rng)
+        square, absorbs = noise.scores(residuals[:, :, None], rows)[:, :, 0] ** 2, noise.absorbs
+        inferred = noise.words(dict(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True)))
     return _checked(square.sum(axis=1), square.max(axis=1), square.mean(axis=0)[:, None], 1, None, absorbs, inferred)
 
 

@@ -104,6 +104,8 @@ TABLE = (
     Limits("sd_hz length_low_hz length_high_hz sample_rate_hz", 1e-6, 1e9),
     Limits("relative floor", 1e-15, 1e3),
     Limits("sd_relative damping_sd_relative damping_ratios damping_sd force_noise response_noise", 1e-15, 10.0),
+    Limits("frequency_error damping_error shape_error", 1e-9, 10.0),
+    Limits("error_factor", 1.0, 1e3),
     Limits("eigenvalues eigenvalue_sd", 1e-12, 1e20),
     Limits("components", 1e-15, 1e15),
     Limits("gain", 1e-12, 1e12),

@@ -253,6 +253,8 @@ def _unlike_priors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding
                 shared["noise",] = noise.scale_low_factor, noise.scale_high_factor
             if noise.discrepancy is not None:
                 shared["noise", "discrepancy"] = noise.discrepancy
+            if noise.model_error is not None:
+                shared["noise", "model_error"] = noise.model_error
         for place, prior in shared.items():
             other, there = first.setdefault(place, (setup, prior))
             if prior != there:

@@ -283,6 +283,9 @@ def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding
 def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
     """Yield how residuals cannot be judged where the data are natural frequencies."""
     if data.frfs:
+        if noise.model_error is not None:
+            fault = "found the model's errors in modes, where the data are FRFs"
+            yield Finding(("noise", "model_error"), fault, "data that are modes or natural frequencies", "remove it")
         return
     reasons = {
         "residuals": "but natural frequencies have neither magnitude nor phase",

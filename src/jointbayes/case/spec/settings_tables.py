@@ -190,6 +190,19 @@ class DiscrepancySpec(Spec):
         yield from not_above(self.length_low_hz, self.length_high_hz, "length_low_hz", "length_high_hz", "in Hz")
 
 
+_OF_EACH = "as a fraction of it, a number above 0"
+_ERROR_FACTOR = Field(gt=1, description="the factor by which that may be wrong, a number above 1", examples=[3.0])
+
+
+class ModelErrorSpec(Spec):
+    """Errors of the model in each mode, shared by tests of one structure; that of frequencies is a parameter."""
+
+    frequency_error: Annotated[float, positive(f"the usual error of a frequency {_OF_EACH}", 0.003)] = 0.003
+    error_factor: Annotated[float, _ERROR_FACTOR] = 3.0
+    damping_error: Annotated[float, positive(f"the error of a damping ratio {_OF_EACH}", 0.3)] = 0.3
+    shape_error: Annotated[float, positive("the error of a component of a shape, 1 at its reference", 0.05)] = 0.05
+
+
 _RESIDUALS = key_field('"complex" (H itself) or "log_magnitude" (ln |H|, without the phase)', "complex")
 #: Each is a module of `jointbayes.inference.noise`.
 Distribution = Literal["gaussian", "student_t", "proportional"]
@@ -201,6 +214,9 @@ _SCALE_LOW = Field(
     gt=0, le=1, description="the smallest factor on the noise, a number above 0 and at most 1", examples=[0.1]
 )
 _SCALE_HIGH = Field(ge=1, description="the largest factor on the noise, a number of at least 1", examples=[10.0])
+_MODEL_ERROR = Field(
+    description="errors of the model in modes: frequency_error, error_factor, damping_error, shape_error"
+)
 _DISCREPANCY = Field(description="a model error correlated along frequency: length_low_hz, length_high_hz")
 
 
@@ -222,12 +238,14 @@ class NoiseModelSpec(Spec):
     scale_dof: Annotated[Positive, positive("the degrees of freedom of the prior of the squared factor", 4.0)] = 4.0
     scale_guess: Annotated[Positive, positive("the guess of the factor on the noise", 1.0)] = 1.0
     discrepancy: Annotated[DiscrepancySpec | None, _DISCREPANCY] = None
+    model_error: Annotated[ModelErrorSpec | None, _MODEL_ERROR] = None
     own: Annotated[bool, OWN] = False
 
     @property
     def inferred(self) -> bool:
         """Whether parameters of the noise are sampled."""
-        return self.scale == "sampled" or self.distribution == "proportional" or self.discrepancy is not None
+        tables = self.discrepancy, self.model_error
+        return self.scale == "sampled" or self.distribution == "proportional" or any(t is not None for t in tables)
 
     def _findings(self) -> Iterator[Finding]:
         yield from not_above(self.scale_low_factor, self.scale_high_factor, "scale_low_factor", "scale_high_factor", "")
@@ -236,6 +254,10 @@ class NoiseModelSpec(Spec):
             fault = f'found "integrated" with distribution = "{law}": the integral over the factor is Gaussian only'
             yield Finding(("scale",), fault, f'"known" or "sampled" with {law}', 'write scale = "sampled"')
         yield from self._discrepancy_findings()
+
+        if self.model_error is not None and self.scale != "known":
+            fault = f'found "{self.scale}" with [noise.model_error], whose errors would take up the same misfit'
+            yield Finding(("scale",), fault, '"known"', "remove one of the two")
 
     def _discrepancy_findings(self) -> Iterator[Finding]:
         if self.discrepancy is None:
