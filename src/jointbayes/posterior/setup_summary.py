@@ -91,14 +91,17 @@ def _setup(
 def _frequencies(
     posterior: JudgedPosterior, problem: Problem, initial: Sequence[float], measured: Sequence[float] | None
 ) -> FrequencySummary:
-    body, theta = problem.test.structures_of_data, posterior.estimate.theta
-    count = len(measured) if measured else min(_USUAL_COUNT, body.n_dofs - rigid_body_modes(body, problem.test.joints))
+    theta, test = posterior.estimate.theta, problem.test
+    count = len(measured) if measured else _USUAL_COUNT
+    if not (measured or test.measured_bodies):  # of a body that is given by its FRFs nobody knows any
+        body = test.structures_of_data
+        count = min(_USUAL_COUNT, body.n_dofs - rigid_body_modes(body, test.joints))
     fitted = problem.prior.factors(theta)  # the first guess is one of the joint, not of these
 
     def frequencies_of(stiffness: Sequence[float] | Array) -> tuple[float, ...]:
         return tuple(problem.natural_frequencies_hz(np.asarray(stiffness), count, fitted)[0].tolist())
 
-    predicted = posterior.predict_natural_frequencies(count, setup=problem.test.name or None)
+    predicted = posterior.predict_natural_frequencies(count, setup=test.name or None)
     ends = np.quantile(predicted, [0.025, 0.975], axis=0).T
     return FrequencySummary(
         measured=tuple(measured) if measured else None,
