@@ -223,6 +223,11 @@ def test_a_lone_joint_without_a_name_is_its_parametrisation_itself():
     assert blocks_of({"clamp": PAIR}).names == ("clamp.k11", "clamp.k12", "clamp.k22")
 
 
+def test_where_the_means_of_the_priors_are_no_joint_the_middle_is_one_without_coupling():
+    mean = np.log([1e6, 1e9, 1e5])
+    assert np.allclose(LogStiffness().middle(mean), [1e6, 0.0, 1e5])
+
+
 def test_the_limits_of_each_joint_leave_the_others_in_the_middle():
     mean = theta_of(TWO, 3)
     limits = TWO.limiting_joints(mean, np.ones(6))

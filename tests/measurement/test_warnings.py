@@ -8,6 +8,7 @@ import pytest
 from jointbayes.frf import quantity_factor
 from jointbayes.measurement.formats import iter_records, write_records
 from jointbayes.measurement.records import FrfRecord, TimeRecord
+from jointbayes.measurement.warnings.clear_frf import ClearFrf
 from jointbayes.measurement.warnings.collector import WarningCollector, find_warnings
 
 UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}
@@ -381,6 +382,14 @@ def test_a_conjugate_and_a_turned_sign_are_told_apart_in_drive_points_and_transf
             assert both >= {"conjugated", "sign_flip"}, seed
     assert seen["conjugate"] >= 36
     assert seen["turned"] >= 25
+
+
+def test_a_resonance_has_the_lines_of_its_half_power_bandwidth():
+    f, centre, ratio = np.arange(100.0, 1000.0), 500.3, 0.02
+    mobility = 1j * f / (centre**2 - f**2 + 2j * ratio * centre * f)
+    record = FrfRecord("1:z", "1:z", f, mobility, "mobility")
+    (resonance,) = ClearFrf.of(record).resonances
+    assert resonance.lines == pytest.approx(2 * ratio * centre, abs=1.0)
 
 
 def test_a_drive_point_that_does_not_tell_is_judged_by_what_the_others_say():

@@ -178,6 +178,7 @@ def body(**more):
         (lambda: body(members=()), "without members"),
         (lambda: body(masses=(PointMass("7", 1.0),)), "'7'"),
         (lambda: PointMass("1", -1.0), "at least 0"),
+        (lambda: PointMass("1", 1.0, (1.0, 1.0, 1.0, 0.1)), "three moments of inertia, or six"),
         (lambda: PointMass("1", 1.0, (1.0, 1.0, 1.0, 2.0, 0.0, 0.0)), "positive semidefinite"),
         (lambda: FrameRecipe({"1": body()}, LAWS[0]), "begin with a letter"),
         (lambda: FrameRecipe({}, LAWS[0]), "none"),

@@ -26,6 +26,11 @@ def test_so_many_joints_lie_beyond_their_limits_as_is_stated():
     assert beyond == pytest.approx(0.0027, abs=0.0015)
 
 
+def test_joints_that_all_lie_as_far_from_the_centre_have_the_scatter_of_that_median():
+    value = 0.7 * np.resize([1.0, -1.0], 40)
+    assert control_chart(value, np.full(40, 1e-9)).long_term == pytest.approx(0.7 / 0.6744897501960817, rel=1e-6)
+
+
 def test_joints_that_are_all_alike_have_no_scatter():
     charts = [control_chart(*estimates(200, seed, scatter=0.0)) for seed in range(20)]
     assert np.median([one.long_term for one in charts]) < 0.5 * ERROR
