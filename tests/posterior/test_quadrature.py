@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jointbayes.posterior.quadrature import integrate
+from jointbayes.posterior.evidence import integrate
 
 
 def turned(rng, dimension, sd):

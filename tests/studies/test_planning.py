@@ -16,9 +16,8 @@ from jointbayes.joint import LogStiffness
 from jointbayes.measurement import RelativeNoise
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.directions import spread_in_words
-from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
-from jointbayes.sampling import fit_proposal
+from jointbayes.sampling import WeightedDraws, fit_proposal
 from jointbayes.structure import BeamFamily
 from jointbayes.studies.planning.candidates import (
     Candidate,

@@ -2,13 +2,14 @@
 
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
-from jointbayes.posterior.evidence import Evidence, WeightedDraws, evidence, importance_evidence, nested_evidence
+from jointbayes.posterior.evidence import Evidence, evidence, importance_evidence, nested_evidence
 from jointbayes.posterior.identifiability import Identifiability, assess
 from jointbayes.posterior.knowledge import Knowledge, gather_knowledge
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.prediction import FrfPrediction
 from jointbayes.posterior.run_record import RunRecord, data_sha256, package_versions
 from jointbayes.posterior.summary import summarise
+from jointbayes.sampling import WeightedDraws
 
 __all__ = [
     "Diagnosis",

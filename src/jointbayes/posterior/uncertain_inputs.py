@@ -15,7 +15,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.posterior.coordinates import compliance_and_scores
-from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
+from jointbayes.posterior.evidence import PARETO_LIMIT
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
 from jointbayes.posterior.solutions import LEAST_SHARE
@@ -26,6 +26,7 @@ from jointbayes.sampling import (
     Coordinates,
     Proposal,
     SamplerSettings,
+    WeightedDraws,
     drawn_without_replacement,
     fit_each_mode,
     fit_proposal,

@@ -16,9 +16,16 @@ from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, OfS
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.draws import PosteriorDraws
-from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.sampling import Chains, Proposal, SamplerSettings, fit_each_mode, fit_proposal, run_ensembles
+from jointbayes.sampling import (
+    Chains,
+    Proposal,
+    SamplerSettings,
+    WeightedDraws,
+    fit_each_mode,
+    fit_proposal,
+    run_ensembles,
+)
 
 Side = Literal["lower", "upper"]
 #: Draws of θ, how many independent ones they are worth, and whether they may be trusted.

@@ -5,7 +5,13 @@ from jointbayes.sampling.checkpoint import UnfinishedRun
 from jointbayes.sampling.coordinate_maps import ComposedCoordinates, Coordinates, NormalScores, ProductCoordinates
 from jointbayes.sampling.density import LogDensity, SeveralModes
 from jointbayes.sampling.diagnostics import quantile_error, quantile_spread
-from jointbayes.sampling.distributions import StudentT, drawn_without_replacement, importance_efficiency, truncated
+from jointbayes.sampling.distributions import (
+    StudentT,
+    WeightedDraws,
+    drawn_without_replacement,
+    importance_efficiency,
+    truncated,
+)
 from jointbayes.sampling.ensemble import SamplerSettings
 from jointbayes.sampling.proposal import Proposal, Start, fit_each_mode, fit_proposal
 from jointbayes.sampling.sampler import run_adapted, run_ensembles
@@ -38,6 +44,7 @@ __all__ = [
     # Results
     "Chains",
     "Draws",
+    "WeightedDraws",
     # Diagnostics
     "INTERVAL",
     "importance_efficiency",

@@ -199,6 +199,33 @@ def importance_efficiency(log_weight: Array) -> float:
     return float(weight.sum() ** 2 / (weight.size * (weight**2).sum()))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class WeightedDraws:
+    """Draws of θ, shape (n, d), and ln of their weights up to a constant, shape (n,)."""
+
+    theta: Array
+    log_weight: Array
+
+    def __post_init__(self) -> None:
+        self.theta.setflags(write=False)
+        self.log_weight.setflags(write=False)
+
+    @property
+    def weight(self) -> Array:
+        """Weights that sum to one, shape (n,)."""
+        weight = np.exp(self.log_weight - self.log_weight.max())
+        return weight / weight.sum()
+
+    @property
+    def effective(self) -> float:
+        """Effective number of draws, (Σw)²/Σw²; 0 without any."""
+        return len(self.theta) * importance_efficiency(self.log_weight) if len(self.theta) else 0.0
+
+    def resample(self, rng: np.random.Generator, n: int) -> Array:
+        """Equally weighted draws from the posterior, shape (n, d); some occur more than once."""
+        return self.theta[rng.choice(len(self.theta), n, p=self.weight)]
+
+
 def tempered(log_weight: Array, enough: float) -> Array:
     """Normalised weights, shape (n,), to the largest power that leaves enough effective draws.
 

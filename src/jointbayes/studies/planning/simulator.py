@@ -24,9 +24,9 @@ from jointbayes.arrays import Array
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
+from jointbayes.posterior.evidence import PARETO_LIMIT
 from jointbayes.posterior.identifiability import assess
-from jointbayes.sampling import Coordinates, Start, fit_proposal
+from jointbayes.sampling import Coordinates, Start, WeightedDraws, fit_proposal
 from jointbayes.sampling.diagnostics import pareto_k
 from jointbayes.studies.planning.candidates import Candidate, Method, SimulatedPosterior
 from jointbayes.studies.planning.first_look import WithOwn, measurement_information, own_of
