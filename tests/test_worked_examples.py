@@ -91,6 +91,31 @@ def test_a_shape_of_cross_section_is_built_from_a_case(carried_out):
     assert said == "ellipse 471.24 11781.0\n235.62\n"
 
 
+def test_coordinates_of_a_joint_are_chosen_by_a_case_and_have_the_posterior_of_others(carried_out):
+    priors = re.compile(r"^\[prior\.k11\].*?(?=^\[data\])", re.MULTILINE | re.DOTALL)
+    text = cheap_text().replace('parametrisation = "log"', 'parametrisation = "span"')
+    text = priors.sub(
+        '[prior]\nk11 = { distribution = "log_uniform", low = 1e6, high = 1e11 }\n'
+        'span = { distribution = "log_uniform", low = 1e-3, high = 1.0 }\n'
+        'rho = { distribution = "uniform", low = -1.0, high = 1.0 }\n\n',
+        text,
+    )
+    said = carried_out(
+        "Coordinates of a joint",
+        "import numpy as np\n"
+        "from jointbayes.joint import parametrisation_named\n"
+        f"case = jb.case_from_text('span', {text!r})\n"
+        "theta = case.problem.prior.sample(np.random.default_rng(1), 5)\n"
+        "pair, step = parametrisation_named('span'), 1e-6 * np.eye(3)\n"
+        "by_differences = np.stack([(pair.values(theta + s) - pair.values(theta - s)) / 2e-6 for s in step], axis=-1)\n"
+        "print(*case.problem.names, np.allclose(pair.derivative(theta), by_differences, rtol=1e-5),\n"
+        "      np.allclose(pair.log_slope(theta), np.linalg.slogdet(by_differences)[1], atol=1e-5))\n"
+        "found = jb.find_map(case, seed=1).values\n"
+        "print(np.allclose(pair.values(pair.coordinates(found)), found))\n",
+    )
+    assert said == "k11 span rho True True\nTrue\n"
+
+
 def test_a_file_format_is_told_and_read(carried_out):
     said = carried_out(
         "A file format",

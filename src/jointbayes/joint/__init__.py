@@ -55,6 +55,9 @@ _COMPUTING = (
     "damped",
     "blocks",
     "kinds",
+    "log",
+    "signed",
+    "elastic_centre",
 )
 
 

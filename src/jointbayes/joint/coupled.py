@@ -26,13 +26,19 @@ _LARGEST_COUPLING = 0.9  # of √(k11 k22), in a start
 class CoupledPair(Parametrisation):
     """Coordinates θ of (k11, k12, k22).
 
-    A further one is a subclass in a file of its own, with an entry in `jointbayes.joint.quantities.COORDINATES` and one
-    in `jointbayes.joint.kinds.COUPLED_PAIRS`.
+    A further one is a subclass in a file of its own, which has the name that its coordinates have in
+    `jointbayes.joint.quantities.COORDINATES`.
     """
+
+    #: Those that there are, by that name.
+    kinds: ClassVar[dict[str, "type[CoupledPair]"]] = {}
 
     expected: ClassVar[str] = "a positive definite joint; lower |k12|, or raise k11 and k22"
     #: Least coupling of a start, as a share of the largest.
     least_coupling: ClassVar[float] = -1.0
+
+    def __init_subclass__(cls) -> None:
+        CoupledPair.kinds[cls.key] = cls
 
     @property
     def axes(self) -> tuple[Coordinate, ...]:

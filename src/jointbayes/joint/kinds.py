@@ -2,27 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib import import_module
 
 from jointbayes.errors import ModelError
 from jointbayes.joint.blocks import Blocks
 from jointbayes.joint.coupled import CoupledPair
 from jointbayes.joint.damped import Damped
-from jointbayes.joint.elastic_centre import ElasticCentre
 from jointbayes.joint.full import FullStiffness
-from jointbayes.joint.log import LogStiffness
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.plain_springs import PlainSprings, Rigid
 from jointbayes.joint.quantities import (
+    COORDINATES,
     DIRECTIONS,
     is_rotation,
     is_rotation_unit,
     split_hypothesis,
     spring_stiffnesses,
 )
-from jointbayes.joint.signed import SignedCoupling
-
-#: Joints of a coupled pair by the name of their coordinates in `jointbayes.joint.quantities.COORDINATES`.
-COUPLED_PAIRS: dict[str, CoupledPair] = {kind.key: kind for kind in (LogStiffness(), SignedCoupling(), ElasticCentre())}
 
 _PAIR = (False, True)  # a translation and a rotation
 
@@ -37,8 +33,9 @@ def parametrisation_named(key: str, directions: Sequence[str] = ()) -> Parametri
     directions
         Directions of the joint's DOFs, as ``("y", "rz")``; those of `COORDINATES` do not ask for them.
     """
-    if key in COUPLED_PAIRS:
-        return COUPLED_PAIRS[key]
+    if key in COORDINATES:
+        import_module(f"jointbayes.joint.{key}")
+        return CoupledPair.kinds[key]()
     if key == "rigid":
         return Rigid(len(directions))
     if key == "springs":

@@ -241,16 +241,13 @@ class Coordinate:
 
 
 _LN_K11, _LN_K12, _LN_K22 = (Coordinate.logarithm_of(quantity) for quantity in COUPLED)
+_RHO = Coordinate("rho", "1", "k12", "the coupling coefficient k12/√(k11 k22)", False, "ρ", (-1.0, 1.0))
 
 #: What ``joint.parametrisation`` of a case file may be: its coordinates by name; the first is the default. What is
 #: computed in them stands in the file of this room that has that name.
 COORDINATES: dict[str, tuple[Coordinate, ...]] = {
     "log": (_LN_K11, _LN_K12, _LN_K22),
-    "signed": (
-        _LN_K11,
-        _LN_K22,
-        Coordinate("rho", "1", "k12", "the coupling coefficient k12/√(k11 k22)", False, "ρ", (-1.0, 1.0)),
-    ),
+    "signed": (_LN_K11, _LN_K22, _RHO),
     "elastic_centre": (
         _LN_K11,
         Coordinate("arm", "m", "k12", "the lever arm k12/k11 from the joint's node to its elastic centre", False),
