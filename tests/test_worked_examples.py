@@ -91,7 +91,7 @@ def test_a_shape_of_cross_section_is_built_from_a_case(carried_out):
     assert said == "ellipse 471.24 11781.0\n235.62\n"
 
 
-def test_coordinates_of_a_joint_are_chosen_by_a_case_and_have_the_posterior_of_others(carried_out):
+def test_coordinates_of_a_joint_are_chosen_by_a_case_and_go_there_and_back(carried_out):
     priors = re.compile(r"^\[prior\.k11\].*?(?=^\[data\])", re.MULTILINE | re.DOTALL)
     text = cheap_text().replace('parametrisation = "log"', 'parametrisation = "span"')
     text = priors.sub(

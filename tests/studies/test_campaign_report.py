@@ -12,10 +12,13 @@ import pytest
 from jointbayes.cli.studies import _exit_by
 from jointbayes.errors import MeasurementError, WriteError
 from jointbayes.joint import parametrisation_named
+from jointbayes.report.markup import foreign
+from jointbayes.report.model import Table
 from jointbayes.studies.campaign import campaign_findings as findings_module
 from jointbayes.studies.campaign import campaign_report as report_module
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
 from jointbayes.studies.campaign.campaign_report import write_campaign_report
+from jointbayes.studies.campaign.campaign_sections import campaign_sections
 from jointbayes.studies.campaign.index import Campaign, chart_order, read_index
 from jointbayes.studies.campaign.joint_draws import read_draws
 from jointbayes.workflow import load_posterior
@@ -178,6 +181,19 @@ def test_a_second_report_is_the_same_and_replaces_the_first(copy):
     assert not (copy / "figures" / "ranking-old.svg").exists()
     assert (copy / "figures" / "mine.svg").exists()  # no report of ours has such a figure
     assert {file.name for file in copy.iterdir()} == FILES
+
+
+def test_the_ranking_counts_joints_from_the_softest_up(findings):
+    (ranking,) = (section for section in campaign_sections(findings) if section.identifier == "ranking")
+    tables = [block for block in ranking.blocks if isinstance(block, Table)]
+    assert len(tables) == len(findings.joints.quantities)
+    for table, quantity in zip(tables, findings.joints.quantities, strict=True):
+        order = np.argsort(quantity.shrunken[:, 1])
+        places = [int(row[0]) for row in table.rows]
+        assert places == sorted(places)
+        assert (places[0], places[-1]) == (1, len(order))
+        labels = [findings.joints.draws.rows[order[place - 1]].label for place in places]
+        assert [row[1] for row in table.rows] == list(map(foreign, labels))
 
 
 def test_a_report_that_fails_leaves_the_last_one(copy, findings, monkeypatch):
