@@ -393,6 +393,13 @@ CASES = [
     *(KeyCase(text.partition("[uncertain")[0], keys="data") for text in (*FREQUENCIES, MODES[0])),
     *(KeyCase(text, keys="data.modes.\\.eigen|uncertain") for text in MODES),
     KeyCase(FREQUENCIES[0] + MODEL_ERROR, keys="noise"),
+    *(
+        KeyCase(f"{made}[reference]\nsource = 'a table'\nstiffness = {stated}\n", keys="reference")
+        for made, stated in (
+            (SYNTHETIC[2], "{ ky = 5e7, krz = 6e4 }"),
+            (SYNTHETIC[3], "{ left = { ky = 5e7, krz = 6e4 }, right = { ky = 7e7, krz = 8e4 } }"),
+        )
+    ),
     *(KeyCase(WHOLE + SETTINGS, act, keys) for act, keys in (("identify", "iden|samp|ref"), ("plan", "plan"))),
     *(
         KeyCase(f'{WHOLE}[virtual_test]\nmethod = "{name}"\nseed = 9\n{test}\n', "simulate", "virtual_test")

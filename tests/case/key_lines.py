@@ -293,6 +293,10 @@ def of_settings() -> list[tuple[str, str, Value]]:
         *((f"sampling.{key}", f"sampler.{key}", 1) for key in ("ensembles", "walkers", "max_steps", "processes")),
         ("sampling.seed", "seed", 1),
         *((f"reference.{key}", f"reference[{i}]", 1) for i, key in enumerate(("k11", "k12", "k22"))),
+        *(
+            (f"reference.stiffness.{key}", f"reference[{i}]", 1)
+            for i, key in enumerate(("(left.)?ky", "(left.)?krz", "right.ky", "right.krz"))
+        ),
         ("reference.natural_frequencies_hz[*]", "published[{0}]", 1),
         ("plan.max_measurements", "plan.size", 1),
         ("plan.averages_factor", "plan.averages.law", lambda n: 1 / (n - 1)),  # of noise of variance 1

@@ -66,7 +66,7 @@ def test_a_case_with_set_ups_is_calibrated():
     """Two data sets: the machinery, not the coverage."""
     narrow = BASE.replace("low = 1e8, high = 1e12", "low = 1e9, high = 2e10")
     narrow = narrow.replace("low = 1e5, high = 1e9", "low = 1e7, high = 1e8")
-    offset = "[uncertain.length_offset]\nsd_mm = 1.9\n"
+    offset = "[uncertain.length_offset]\nsd_mm = 1.9\n[sampling]\nmax_steps = 200\n"
     found = jb.calibrate(case_of(offset + TWO, narrow), n=2, seed=1)
     assert [one.error for one in found.data_sets] == [""] * 2
     assert {"k11", "k12", "k22", "length_offset"} <= set(found.names)

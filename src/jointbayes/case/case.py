@@ -86,8 +86,10 @@ class Case:
 
     @property
     def reference(self) -> Array | None:
-        """Published (k11, k12, k22), shape (3,), if the case names any."""
-        return self.spec.reference.values() if self.spec.reference else None
+        """Published stiffnesses in the order of the problem's quantities, shape (q,), if the case names any."""
+        if self.spec.reference is None:
+            return None
+        return np.array([self.spec.reference.stiffness_by_name[name] for name in self.spec.all_quantities])
 
     @property
     def reference_source(self) -> str:

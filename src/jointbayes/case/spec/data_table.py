@@ -28,7 +28,7 @@ from jointbayes.case.spec.fields import (
 )
 from jointbayes.case.spec.measured_table import MeasuredFrequenciesSpec, MeasuredFrfSpec
 from jointbayes.case.spec.mode_data_table import ModesSpec
-from jointbayes.case.spec.prior_tables import K11_FIELD, K12_FIELD, K22_FIELD, pair_findings
+from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
 
 if TYPE_CHECKING:
     from jointbayes.measurement import FrequencyData
@@ -64,45 +64,15 @@ class NoiseSpec(Spec):
             yield Finding(("relative",), fault, expected, "remove one of the two")
 
 
-_STIFFNESS = Field(description="the stiffnesses of joints of other kinds or of several: by name, or by joint and name")
-
-
-class TruthSpec(Spec):
+class TruthSpec(NamedStiffnessSpec):
     """The joint that makes the data, and where the structure that makes them differs from `[structure]`."""
 
-    k11: Annotated[float | None, K11_FIELD] = None
-    k12: Annotated[float | None, K12_FIELD] = None
-    k22: Annotated[float | None, K22_FIELD] = None
-    stiffness: Annotated[dict[str, float | dict[str, float]] | None, _STIFFNESS] = None
     youngs_modulus_gpa: Annotated[float | None, positive("Young's modulus in GPa that makes the data", 210.0)] = None
     density_kg_m3: Annotated[float | None, positive("the density in kg/m³ that makes the data", 7800.0)] = None
     length_mm: Annotated[float | None, positive("the length of the beam in mm that makes the data", 360.0)] = None
     accelerometer_mass_g: Annotated[float | None, _MASS] = None
     gain: Annotated[float, positive("the factor on the measured FRFs", 1.02)] = 1.0
     damping_ratio: Annotated[Ratios | None, _RATIO] = None
-
-    @property
-    def stiffness_by_name(self) -> dict[str, float]:
-        """Stiffness by its full name: ``"k11"``, ``"left.k11"``."""
-        if self.stiffness is None:
-            return {name: getattr(self, name) for name in ("k11", "k12", "k22")}
-        by_name: dict[str, float] = {}
-        for name, given in self.stiffness.items():
-            by_name |= {f"{name}.{key}": k for key, k in given.items()} if isinstance(given, dict) else {name: given}
-        return by_name
-
-    def _findings(self) -> Iterator[Finding]:
-        pair = {"k11": self.k11, "k12": self.k12, "k22": self.k22}
-        given = {name: value for name, value in pair.items() if value is not None}
-        if self.stiffness is not None:
-            for name in given:
-                yield Finding(
-                    (name,), "given together with a table stiffness", "one of the two", "remove one of the two"
-                )
-        elif len(given) < len(pair):
-            yield from (Finding((name,), missing=True) for name in pair if name not in given)
-        else:
-            yield from pair_findings(**given)
 
 
 _QUANTITY = key_field('the measured quantity, "receptance", "mobility" or "accelerance"', "receptance")

@@ -87,6 +87,41 @@ class StiffnessSpec(Spec):
         return np.array([self.k11, self.k12, self.k22])
 
 
+_STIFFNESS = Field(description="the stiffnesses of joints of other kinds or of several: by name, or by joint and name")
+
+
+class NamedStiffnessSpec(Spec):
+    """Stiffnesses of a coupled pair, or those of other joints by their names."""
+
+    k11: Annotated[float | None, K11_FIELD] = None
+    k12: Annotated[float | None, K12_FIELD] = None
+    k22: Annotated[float | None, K22_FIELD] = None
+    stiffness: Annotated[dict[str, float | dict[str, float]] | None, _STIFFNESS] = None
+
+    @property
+    def stiffness_by_name(self) -> dict[str, float]:
+        """Stiffness by its full name: ``"k11"``, ``"left.k11"``."""
+        if self.stiffness is None:
+            return {name: getattr(self, name) for name in ("k11", "k12", "k22")}
+        by_name: dict[str, float] = {}
+        for name, given in self.stiffness.items():
+            by_name |= {f"{name}.{key}": k for key, k in given.items()} if isinstance(given, dict) else {name: given}
+        return by_name
+
+    def _findings(self) -> Iterator[Finding]:
+        pair = {"k11": self.k11, "k12": self.k12, "k22": self.k22}
+        given = {name: value for name, value in pair.items() if value is not None}
+        if self.stiffness is not None:
+            for name in given:
+                yield Finding(
+                    (name,), "given together with a table stiffness", "one of the two", "remove one of the two"
+                )
+        elif len(given) < len(pair):
+            yield from (Finding((name,), missing=True) for name in pair if name not in given)
+        else:
+            yield from pair_findings(**given)
+
+
 class LogUniformPriorSpec(Spec):
     """Every order of magnitude between two bounds is equally probable."""
 

@@ -8,7 +8,7 @@ from jointbayes.case.spec.data_table import DataSpec
 from jointbayes.case.spec.fields import Finding, KeyPath, listed
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table
 from jointbayes.case.spec.measured_table import MeasuredSpec
-from jointbayes.case.spec.prior_tables import PriorsSpec, UncertainSpec, quantity_table
+from jointbayes.case.spec.prior_tables import NamedStiffnessSpec, PriorsSpec, UncertainSpec, quantity_table
 from jointbayes.case.spec.settings_tables import LevelSpec, NoiseModelSpec, PlanSpec, VirtualTestSpec
 from jointbayes.case.spec.structure_table import StructureBase
 from jointbayes.joint import COORDINATES
@@ -145,17 +145,16 @@ def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, Nam
             yield Finding(("joints", name, what), fault, f"the {what} of {joint.shared} alone", "remove it")
 
 
-def truth_names_findings(data: DataSpec, quantities: Sequence[str], *, lone_pair: bool) -> Iterator[Finding]:
-    """Yield a truth that states other stiffnesses than the joints have."""
-    if data.synthetic is None:
-        return
-    loc, truth = ("data", "truth"), data.synthetic.truth
-    if truth.stiffness is None:
+def stiffness_names_findings(
+    loc: KeyPath, spec: NamedStiffnessSpec, quantities: Sequence[str], *, lone_pair: bool
+) -> Iterator[Finding]:
+    """Yield stiffnesses of a truth, or published ones, that are others than the joints have."""
+    if spec.stiffness is None:
         if not lone_pair:
-            fault = "k11, k12 and k22 of a coupled pair"
-            yield Finding(loc, fault, f"a table stiffness with {', '.join(quantities)}", "write [data.truth.stiffness]")
+            fault, remedy = "k11, k12 and k22 of a coupled pair", f"write [{'.'.join(map(str, loc))}.stiffness]"
+            yield Finding(loc, fault, f"a table stiffness with {', '.join(quantities)}", remedy)
         return
-    stated = truth.stiffness_by_name
+    stated = spec.stiffness_by_name
     for name in (*[n for n in stated if n not in quantities], *[n for n in quantities if n not in stated]):
         fault = f'found "{name}"' if name in stated else f"found no {name}"
         yield Finding(

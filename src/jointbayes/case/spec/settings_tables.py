@@ -33,7 +33,7 @@ from jointbayes.case.spec.fields import (
     raise_findings,
     repeated,
 )
-from jointbayes.case.spec.prior_tables import StiffnessSpec
+from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
 from jointbayes.joint import COUPLED, HYPOTHESES, USUAL_HYPOTHESES
 
 
@@ -60,7 +60,7 @@ class SamplingSpec(Spec):
     processes: Annotated[int, count_field("the number of processes", 2, 1, MOST_PROCESSES)] = 1
 
 
-class ReferenceSpec(StiffnessSpec):
+class ReferenceSpec(NamedStiffnessSpec):
     """Published values to compare with."""
 
     source: Annotated[str, Field(min_length=1), key_field("a text: where the values are published", "Table 3")]

@@ -16,11 +16,11 @@ from pydantic import BeforeValidator, Field, Strict
 
 from jointbayes.case.spec import rules
 from jointbayes.case.spec.data_table import DataSpec
-from jointbayes.case.spec.fields import Finding, Name, Spec, key_field
+from jointbayes.case.spec.fields import Finding, KeyPath, Name, Spec, key_field
 from jointbayes.case.spec.frame_table import FrameSpec
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table
 from jointbayes.case.spec.measured_table import MeasuredBodySpec
-from jointbayes.case.spec.prior_tables import PriorsSpec, UncertainSpec, quantity_table
+from jointbayes.case.spec.prior_tables import NamedStiffnessSpec, PriorsSpec, UncertainSpec, quantity_table
 from jointbayes.case.spec.settings_tables import (
     CompareSpec,
     IdentificationSpec,
@@ -176,14 +176,18 @@ class CaseSpec(Spec):
         yield from rules.dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels)
         if self.prior is not None and self.joint is not None:
             yield from rules.prior_findings(self.joint, self.prior)
+        truth = self.data.synthetic.truth if self.data.synthetic else None
         lone_pair = self.joint is not None and self.joint.kind == "coupled" and not self.joint.damping
-        yield from rules.truth_names_findings(self.data, self.all_quantities, lone_pair=lone_pair)
+        named: dict[KeyPath, NamedStiffnessSpec | None] = {("data", "truth"): truth, ("reference",): self.reference}
+        for loc, stated in named.items():
+            if stated is not None:
+                yield from rules.stiffness_names_findings(loc, stated, self.all_quantities, lone_pair=lone_pair)
         yield from rules.uncertain_findings(self.uncertain, self.structure, self.data)
         yield from rules.truth_findings(self.structure, self.data)
         yield from rules.noise_findings(self.noise, self.data)
         yield from rules.plan_findings(self.plan, self.data)
-        if self.reference is not None and (not lone_pair or any(joint.own for joint in self.all_joints.values())):
-            fault, expected = "found k11, k12 and k22 to compare with", "one coupled joint, the same in all set-ups"
+        if self.reference is not None and any(joint.own for joint in self.all_joints.values()):
+            fault, expected = "found stiffnesses to compare with", "joints that are the same in all set-ups"
             yield Finding(("reference",), fault, expected, "remove [reference]")
         yield from rules.virtual_test_findings(self.virtual_test, self.structure, self.data)
 
