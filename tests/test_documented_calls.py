@@ -83,7 +83,7 @@ FILLED_IN = {
     "jb.chain(...)": "jb.chain([1.0, 2.0], [('1', '2', 1e3)], law)",
     'jb.blocks_of({"left": ..., "right": ...})': 'jb.blocks_of({"left": joint, "right": joint})',
     "jb.Problem([…], prior)": "jb.Problem(tests, torques.prior)",
-    "jb.calibrate(case, 1000)": "jb.calibrate(case, 4)",
+    'jb.calibrate(case, 1000).write("reports/mine")': 'jb.calibrate(case, 4).write("reports/mine")',
     'posterior.interval("k11")': 'posterior.interval("loose.k11")',
     'posterior.predict_frf(setup="short")': 'posterior.predict_frf(setup="loose")',
     'posterior.predict_natural_frequencies(setup="short")': 'posterior.predict_natural_frequencies(setup="loose")',
