@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 import jointbayes as jb
-from jointbayes.cli import progress
+from jointbayes.cli import progress_display as progress
 
 
 def counted(stage, done, elapsed=0.0):

@@ -19,7 +19,7 @@ from tests.conftest import CONFIGS, cheap_frequencies_text, edited
 EVERY_BLOCK = "import jointbayes.sampling.checkpoint as c; c.SECONDS_BETWEEN = 0.0; c._TIMES_THE_COST = 0\n"
 #: The command line; it sends itself a signal when the sampler has come so far, as a user or a batch system does.
 STOPPED = EVERY_BLOCK + (
-    "import os, signal, sys\nfrom jointbayes.cli import progress\n"
+    "import os, signal, sys\nfrom jointbayes.cli import progress_display as progress\n"
     "from jointbayes.cli.commands import main\n"
     "def report(told):\n    if told.done >= 100: os.kill(os.getpid(), {signal})\n"
     "progress._print_lines = lambda: report\nmain()"

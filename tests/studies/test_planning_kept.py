@@ -160,7 +160,7 @@ def test_the_command_that_was_interrupted_says_what_is_kept_and_goes_on(made, tm
     (tmp_path / "cheap.toml").write_text(text, encoding="utf-8")
     command = ["plan", "cheap.toml", "--seed", "2"]
     with monkeypatch.context() as patch:
-        patch.setattr("jointbayes.cli.progress._print_lines", lambda: interrupting(made, 4))
+        patch.setattr("jointbayes.cli.progress_display._print_lines", lambda: interrupting(made, 4))
         stopped = CliRunner().invoke(main, command)
     directory = tmp_path / "reports" / "cheap-plan"
     assert stopped.exit_code == 130

@@ -58,7 +58,7 @@ def load(config: Path) -> "Case":
     from jointbayes.case.plausibility import input_warnings
     from jointbayes.case.spec.parse import parse_setups
     from jointbayes.case.toml_text import fault_line
-    from jointbayes.cli.progress import show_stage
+    from jointbayes.cli.progress_display import show_stage
     from jointbayes.progress import Progress
 
     # what is wrong with the file itself is said before anything heavy is loaded
@@ -83,7 +83,7 @@ def load(config: Path) -> "Case":
 
 def draw(case: "Case", seed: int | None, checkpoint: "UnfinishedRun | None" = None) -> "Posterior":
     """Sample a case with progress on standard error."""
-    from jointbayes.cli.progress import show_progress
+    from jointbayes.cli.progress_display import show_progress
     from jointbayes.workflow import sample as draw
 
     with show_progress() as progress:

@@ -31,7 +31,7 @@ from jointbayes.cli.output import say
 def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> None:
     """Identify, sample and write the report of a case file."""
     case = load(config)
-    from jointbayes.cli.progress import show_stage
+    from jointbayes.cli.progress_display import show_stage
     from jointbayes.errors import ReportError, ReportInterruptedError
     from jointbayes.report.inputs import ReportInputs
     from jointbayes.report.kept_draws import draws_kept
@@ -66,7 +66,7 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
 def identify(config: Path) -> None:
     """Run the paper's sensitivity iteration and the MAP search; print both."""
     case = load(config)
-    from jointbayes.cli.progress import show_stage
+    from jointbayes.cli.progress_display import show_stage
     from jointbayes.identification import missing_for_iteration, part_to_iterate
     from jointbayes.posterior.rounding import join_unit
     from jointbayes.workflow import find_map
@@ -136,7 +136,7 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
 def report(posterior: Path, out: Path | None) -> None:
     """Write the report of a posterior file."""
-    from jointbayes.cli.progress import show_stage
+    from jointbayes.cli.progress_display import show_stage
     from jointbayes.progress import Progress
 
     show_stage(Progress("reading the draws"), on_terminal_only=True)  # before the seconds that the rest takes to load

@@ -21,7 +21,7 @@ from jointbayes.cli.common import (
     seed_option,
 )
 from jointbayes.cli.output import say
-from jointbayes.cli.progress import show_progress, show_stage
+from jointbayes.cli.progress_display import show_progress, show_stage
 from jointbayes.errors import CaseError, WorkerError, printable
 from jointbayes.progress import Progress
 
