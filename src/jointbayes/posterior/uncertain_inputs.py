@@ -20,7 +20,7 @@ from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
 from jointbayes.posterior.solutions import LEAST_SHARE
 from jointbayes.posterior.verdicts import JudgedPosterior, judge_with_wider_priors
-from jointbayes.posterior.widened import ENOUGH_SHARE, WidenedPosterior, replace_prior, widen, widened_prior
+from jointbayes.posterior.widened import WidenedPosterior, replace_prior, widen
 from jointbayes.sampling import (
     INTERVAL,
     Coordinates,
@@ -123,22 +123,16 @@ def _row(
     posterior: JudgedPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
 ) -> UncertainInputsRow:
     """Draws of the problem with only these quantities uncertain, and what they say, by the rule of a run."""
-    theta, source, effective = _sampled(posterior, problem, uncertain, rng, may_run=False)
-    under_wide: _Sample | None = None
-    if theta is None:  # a run under the wider priors holds most of what the stated ones allow, and does for both
-        under_wide = _sampled(posterior, replace_prior(problem, widened_prior(problem.prior)), uncertain, rng)
-        theta, source, effective = _restricted(problem.prior, under_wide, rng)
-    if theta is None:
-        theta, source, effective = _sampled(posterior, problem, uncertain, rng)
+    theta, source, effective = _sampled(posterior, problem, uncertain, rng)
     if theta is None:
         return UncertainInputsRow(uncertain, "none", {})
     (random,) = rng.spawn(1)  # the rows that follow do not depend on whether a bound is within reach
 
     def drawn_anew(wide: JointPrior) -> tuple[Array, float, bool]:
-        draws, _, worth = under_wide or _sampled(posterior, replace_prior(problem, wide), uncertain, random)
+        draws, _, worth = _sampled(posterior, replace_prior(problem, wide), uncertain, random)
         return wide.sample(random, _DRAWS) if draws is None else draws, worth, draws is not None
 
-    wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew, anew=under_wide is not None)
+    wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew)
     assessments = {}
     for quantity, values in zip(problem.quantities, problem.prior.values(theta).T, strict=True):
         assessment = _judged(posterior, quantity.name, values, effective, wider)
@@ -147,33 +141,10 @@ def _row(
     return UncertainInputsRow(uncertain, source, assessments)
 
 
-def _restricted(prior: JointPrior, wide: _Sample, rng: np.random.Generator) -> _Sample:
-    """Draws under a prior from those under its widened one; none where too few of these are in its range."""
-    theta, source, effective = wide
-    if theta is None:
-        return wide
-    log_weight = prior.log_density(theta) - widened_prior(prior).log_density(theta)
-    if np.isfinite(log_weight).mean() < ENOUGH_SHARE:
-        return None, "none", 0.0
-    weighted = WeightedDraws(theta, log_weight)
-    share = weighted.effective / len(theta)
-    if share < ENOUGH_SHARE:
-        return None, "none", 0.0
-    return weighted.resample(rng, _DRAWS), source, effective * share
-
-
 def _sampled(
-    posterior: JudgedPosterior,
-    problem: Problem,
-    uncertain: tuple[str, ...],
-    rng: np.random.Generator,
-    *,
-    may_run: bool = True,
+    posterior: JudgedPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
 ) -> _Sample:
-    """Draws of all coordinates, shape (n, d), where they come from, and how many independent ones they are worth.
-
-    By a short run where weighted draws do not suffice, if one may be made.
-    """
+    """Draws of all coordinates, shape (n, d), where they come from, and how many independent ones they are worth."""
     held = _Part(problem, uncertain)
     try:
         starts = [(start, held.covariance(start)) for start in held.starts(posterior)]
@@ -182,7 +153,7 @@ def _sampled(
             proposal = fit_each_mode(held.log_density, systems, starts, None, rng)
         else:
             proposal = fit_proposal(held.log_density, systems, starts, rng, enough=_ENOUGH)
-        draws, source, effective = _draws(held.log_density, proposal, rng, may_run=may_run)
+        draws, source, effective = _draws(held.log_density, proposal, rng)
     except (JointBayesError, np.linalg.LinAlgError):
         return None, "none", 0.0
     return None if draws is None else held.whole(draws), source, effective
@@ -255,9 +226,7 @@ class _Part:
         return finite * np.outer(shrink, shrink)
 
 
-def _draws(
-    log_density: Callable[[Array], Array], proposal: Proposal, rng: np.random.Generator, *, may_run: bool
-) -> _Sample:
+def _draws(log_density: Callable[[Array], Array], proposal: Proposal, rng: np.random.Generator) -> _Sample:
     """Equally weighted draws, shape (n, f), where they come from, and how many independent ones they are worth.
 
     None where none can be trusted.
@@ -268,8 +237,6 @@ def _draws(
     weighted = WeightedDraws(theta, log_weight)
     if weighted.effective >= _LEAST_EFFECTIVE and pareto_k(log_weight) <= PARETO_LIMIT:
         return weighted.resample(rng, _DRAWS), "importance sampling", weighted.effective
-    if not may_run:
-        return None, "none", 0.0
     count = _SHORT.ensembles * _SHORT.walkers
     chosen = drawn_without_replacement(truncated(log_weight, _DRAWS), count, rng)
     if len(chosen) < count:

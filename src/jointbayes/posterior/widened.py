@@ -41,8 +41,7 @@ REACH = 0.01
 _EDGE = 0.1  # of a decade, or of ρ's range: the part of the prior's range that counts as its edge
 
 _DRAWS = 8000
-#: Of draws that are reweighted, how many must remain effective.
-ENOUGH_SHARE = 0.25
+_ENOUGH_SHARE = 0.25  # effective, of draws that are reweighted
 _UNCHANGED_SHARE = 0.99  # effective: the weights are all but equal
 _LEAST_EFFECTIVE = 400.0  # importance draws; with fewer a short run takes their place
 _PRIOR_DRAWS = 8000
@@ -175,17 +174,11 @@ def widen_posterior(posterior: PosteriorDraws) -> WidenedPosterior | None:
 
 
 def widen(
-    prior: JointPrior,
-    theta: Array,
-    effective: Callable[[], float],
-    rng: np.random.Generator,
-    drawn_anew: DrawnAnew,
-    *,
-    anew: bool = False,
+    prior: JointPrior, theta: Array, effective: Callable[[], float], rng: np.random.Generator, drawn_anew: DrawnAnew
 ) -> WidenedPosterior | None:
     """The same for draws θ, shape (n, d), that are worth so many independent ones.
 
-    `drawn_anew` gives those under a wider prior; `anew` where they cost nothing, so that none are reweighted.
+    `drawn_anew` gives those under a wider prior.
     """
     wide = widened_prior(prior)
     if wide.marginals == prior.marginals:
@@ -195,7 +188,7 @@ def widen(
         share = weighted.effective / len(theta)
         if share > _UNCHANGED_SHARE:
             return None
-        if share >= ENOUGH_SHARE and not anew:
+        if share >= _ENOUGH_SHARE:
             draws = weighted.resample(rng, _DRAWS)
             return WidenedPosterior(wide, draws, wide.sample(rng, _PRIOR_DRAWS), max(1.0, share * effective()))
     draws, worth, reliable = drawn_anew(wide)
