@@ -78,7 +78,11 @@ def from_arrays(marginals=None, **changes):
 
 @pytest.fixture(scope="module")
 def sampled():
-    return jb.sample(from_arrays(), seed=1, settings=QUICK)
+    return jb.sample(from_arrays(), settings=QUICK)
+
+
+def test_a_problem_without_a_case_has_the_seed_1(sampled):
+    assert sampled.record.seed == 1
 
 
 def test_a_problem_of_arrays_has_the_density_of_a_dense_solution():

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jointbayes.case.spec.fields import Spec
+from jointbayes.case.spec.fields import Spec, listed
 from jointbayes.case.spec.parse import parse_case
 from jointbayes.case.spec.structure_table import CircleSpec
 from jointbayes.case.spec.whole import CaseSpec
@@ -617,3 +617,7 @@ def test_more_values_than_memory_holds_are_refused_with_the_step():
     text = GOOD.replace("f_step_hz = 1.0", "f_step_hz = 0.003").replace('outputs = ["11:y"]', f"outputs = [{outputs}]")
     (line,) = faults_of(text)
     assert "data.f_step_hz: 0.003 Hz makes 8.27e+05 lines in each of 13 FRFs; expected at most 10000000 values" in line
+
+
+def test_of_many_names_a_message_lists_the_first_and_counts_the_rest():
+    assert [listed(("a", "b", "c"), most) for most in (3, 2)] == ["a, b, c", "a, b and 1 more"]

@@ -258,6 +258,15 @@ def test_columns_that_touch_are_read(tmp_path):
     np.testing.assert_allclose(only(tmp_path / "a", text).values, values, rtol=1e-5)
 
 
+def test_columns_of_the_header_that_touch_are_read(tmp_path):
+    text = function_58(H)
+    form = text.split("\n")[8]  # ordinate type, count, spacing; abscissa minimum, increment, z-axis value
+    touching = text.replace(form, form[:56] + "-1.23456E+001")
+    assert touching != text
+    lines = only(tmp_path / "a", text).frequency_hz
+    np.testing.assert_array_equal(only(tmp_path / "b", touching).frequency_hz, lines)
+
+
 def test_one_record_is_in_memory_at_a_time(tmp_path):
     path = tmp_path / "a"
     big = RNG.normal(size=20_000) + 1j
