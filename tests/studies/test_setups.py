@@ -137,8 +137,8 @@ def test_a_campaign_of_cases_with_set_ups_is_refused_in_one_line(tmp_path):
     assert "setups: found the set-ups long, short; expected cases of one test" in line
 
 
-def test_published_values_are_those_of_one_joint():
+def test_published_values_are_those_of_joints_that_set_ups_share():
     reference = '[reference]\nk11 = 5e9\nk12 = 3e7\nk22 = 1.5e6\nsource = "a paper"\n'
     assert case_of(reference + TWO).reference is not None
-    with pytest.raises(CaseError, match="reference: found k11, k12 and k22"):
+    with pytest.raises(CaseError, match="reference: found stiffnesses to compare with"):
         case_of(reference + TORQUES, OWN)
