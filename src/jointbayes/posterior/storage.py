@@ -200,7 +200,7 @@ def typed_value(hint: Any, plain: Any, place: str) -> Any:  # noqa: ANN401 (any 
         return (
             None if plain is None else typed_value(next(kind for kind in kinds if kind is not NoneType), plain, place)
         )
-    if origin is np.ndarray:
+    if origin in (np.ndarray, NDArray):  # NumPy 2.5 keeps the name of the alias
         return _finite_numbers(plain, place)
     if origin is tuple and isinstance(plain, list):
         inner = kinds[:1] * len(plain) if kinds[-1] is Ellipsis else kinds
