@@ -57,7 +57,7 @@ def newton_climb(
     """Climb to the nearest mode by Newton's method with differences and a whole line of trial steps at once.
 
     Differences are taken along axes that follow the curvature, so that a first covariance of another size is no harm.
-    Where the density is cut off within their reach, the climb ends with what it has.
+    Where the density is cut off within their reach, or the axes have become parallel, the climb ends with what it has.
 
     Parameters
     ----------
@@ -89,7 +89,10 @@ def newton_climb(
             break  # the support ends within reach
         curvature, vectors = np.linalg.eigh(-hessian)
         turned = axes @ vectors / np.sqrt(np.maximum(curvature, _FLATTEST))
-        move = turned @ (turned.T @ np.linalg.solve(axes.T, gradient))
+        try:
+            move = turned @ (turned.T @ np.linalg.solve(axes.T, gradient))
+        except np.linalg.LinAlgError:
+            break  # axes that have become parallel lead nowhere
         move *= min(1.0, _FARTHEST / np.abs(move).max(initial=_FARTHEST))
         trials = place + _LENGTHS[:, None] * move
         values = log_density(trials)
