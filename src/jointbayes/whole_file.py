@@ -78,7 +78,7 @@ def whole_file(path: str | os.PathLike[str], size: int | None = None) -> Iterato
             os.close(lock)
 
 
-def write_whole_file(path: str | os.PathLike[str], content: bytes | memoryview) -> None:
+def write_whole_file(path: str | os.PathLike[str], content: bytes) -> None:
     """Write bytes as `whole_file` does."""
     with whole_file(path, len(content)) as scratch:
         scratch.write_bytes(content)

@@ -249,7 +249,7 @@ class UnfinishedRun:
         content = io.BytesIO()
         text = json.dumps(record, default=lambda value: value.tolist())
         np.savez(content, record=np.array(text), **arrays)
-        write_whole_file(self.path / name, content.getbuffer())
+        write_whole_file(self.path / name, content.getvalue())
         self.holds_a_run = True
 
 
