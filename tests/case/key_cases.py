@@ -393,6 +393,8 @@ CASES = [
     *(KeyCase(text.partition("[uncertain")[0], keys="data") for text in (*FREQUENCIES, MODES[0])),
     *(KeyCase(text, keys="data.modes.\\.eigen|uncertain") for text in MODES),
     KeyCase(FREQUENCIES[0] + MODEL_ERROR, keys="noise"),
+    KeyCase(f"{MODES[0].partition('[uncertain')[0]}[left_out]\nmodes = [2]\n", keys="left_out"),
+    KeyCase(f"{WHOLE}[left_out]\nbands_hz = [[110.0, 205.0], [410.0, 520.0]]\n", keys="left_out"),
     *(
         KeyCase(f"{made}[reference]\nsource = 'a table'\nstiffness = {stated}\n", keys="reference")
         for made, stated in (

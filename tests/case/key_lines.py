@@ -246,6 +246,8 @@ def of_data() -> list[tuple[str, str, Value]]:
         ("noise.scale_dof", "noise.dof", 1),
         ("noise.scale_guess", "noise.scale", 1),
         *((f"noise.scale_{end}_factor", f"nuisance.noise_scale.prior.{end}", math.log) for end in ("low", "high")),
+        ("left_out.modes[*]", "left_out.modes[{0}]", 1),
+        ("left_out.bands_hz[*][*]", "left_out.bands_hz[{0}][{1}]", 1),
         ("noise.model_error.frequency_error", "nuisance.model_error.prior.mean", math.log),
         ("noise.model_error.error_factor", "nuisance.model_error.prior.sd", math.log),
         *((f"noise.model_error.{name}_error", f"noise.{name}", 1) for name in ("damping", "shape")),

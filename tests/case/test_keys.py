@@ -23,6 +23,7 @@ from click.testing import CliRunner
 from pydantic import BaseModel
 
 from jointbayes import workflow
+from jointbayes.case import case as case_module
 from jointbayes.case import case_objects, simulated_test
 from jointbayes.case.case import case_from_text
 from jointbayes.case.spec.prior_tables import PriorsSpec
@@ -170,6 +171,7 @@ class Bench:
         monkeypatch.setattr(Problem, "log_posterior", None)
         monkeypatch.setattr(case_objects, "synthesise_frf", self._synthesised)
         monkeypatch.setattr(assemble, "read_measurement", self._read)
+        monkeypatch.setattr(case_module, "split_data", self._split)
         monkeypatch.setattr(case_objects, "Rotation", self._rotation)
         monkeypatch.setattr(workflow, "sensitivity_iteration", self._iterated)
         monkeypatch.setattr(make_plan, "_chosen", self._planned)
@@ -237,6 +239,10 @@ class Bench:
             return FrequencyData(np.array([30.0, 200.0]), np.array([1.0, 2.0]))
         labels = tuple(channel.dof for channel in asked.channels.values())
         return self._measured([10.0, 20.0], asked.outputs or labels, asked.inputs or labels)
+
+    def _split(self, data: Any, left_out: Any) -> tuple[Any, None]:
+        self.seen["left_out"] = {"modes": left_out.modes, "bands_hz": left_out.bands_hz}
+        return data, None
 
     def _rotation(self, *given: Any, **named: Any) -> Rotation:
         rotation = Rotation(*given, **named)

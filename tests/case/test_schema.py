@@ -537,7 +537,10 @@ def test_every_key_of_the_schema_says_what_it_expects():
 
 #: How a description states a bound, by what pydantic calls it; and keys where the bound is that of entries.
 BOUNDS = {"Gt": "greater than|above", "Ge": "at least|from", "Lt": "below", "Le": "at most|to"}
-OF_ENTRIES = r"PriorsSpec\..*|.*\.(title|axes|exclude_hz|masses_kg|numbers)|ModesSpec\.(frequencies_hz|damping_ratios)"
+OF_ENTRIES = (
+    r"PriorsSpec\..*|.*\.(title|axes|exclude_hz|bands_hz|masses_kg|numbers)|LeftOutSpec\.modes|"
+    r"ModesSpec\.(frequencies_hz|damping_ratios)"
+)
 
 
 def test_every_number_is_bounded_as_its_description_says():

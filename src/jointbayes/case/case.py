@@ -20,6 +20,7 @@ from jointbayes.case.case_objects import (
     plan_of,
     read_matrices,
     recipe_of,
+    split_data,
 )
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
 from jointbayes.case.combined import (
@@ -129,7 +130,8 @@ class Case:
         """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
         warnings: list[InputWarning] = []
         texts = setup_texts(self.source)
-        for (name, spec), problem in zip(parse_setups(self.source).items(), self.problem.parts, strict=False):
+        specs = [(name, spec) for name, spec in parse_setups(self.source).items() if not spec.leaves_out(name)]
+        for (name, spec), problem in zip(specs, self.problem.parts, strict=False):
             measured = problem.test.data
             warnings += input_warnings(spec, texts[name], measured.band_hz)
             warnings += sign_warnings(measured.provenance, texts[name])
@@ -251,10 +253,10 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
     specs = parse_setups(source)
     setups: tuple[CaseSetup, ...] = ()
     if stated and not needs_files(specs):
-        texts = setup_texts(source)
+        texts, data = setup_texts(source), {test.name: test.data for test in (*problem.left_out, *problem.tests)}
         setups = tuple(
-            _setup(name, CaseHome(Path(), texts[name]), spec, test_problem.test.data)
-            for (name, spec), test_problem in zip(specs.items(), problem.parts, strict=True)
+            _setup(name, CaseHome(Path(), texts[name]), spec.without_split(), data[name])
+            for name, spec in specs.items()
         )
     return Case(problem.name, source, next(iter(specs.values())), problem, problem if stated else None, setups)
 
@@ -301,16 +303,18 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
             _require_one_place(spec, joint, recipe, source)
             tell("data")
             data = data or measurement_of(spec, joint, name)
+        tell("left_out")
+        used, apart = (data, None) if spec.leaves_out(name) else split_data(data, spec.left_out)
         tell("noise")
-        noise, of_noise = noise_of(spec.noise, data)
+        noise, of_noise = noise_of(spec.noise, used)
         bodies: tuple[MeasuredBody, ...] = ()
         if spec.bodies:
             tell("bodies")
             bodies = measured_bodies(spec, (*joint.labels, *data.dofs), home)
         tell("data")
         require_lowest(stated, recipe, joint, data)
-        data.require_enough()
-    return CaseSetup(name, source, spec, recipe, bodies, joint, data, noise, of_noise)
+        used.require_enough()
+    return CaseSetup(name, source, spec, recipe, bodies, joint, used, noise, of_noise, apart)
 
 
 def _require_one_place(spec: CaseSpec, joint: AnyJoint, recipe: StructureRecipe, source: CaseText) -> None:

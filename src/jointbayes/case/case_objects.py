@@ -14,7 +14,7 @@ from jointbayes.case.spec.data_table import NoiseSpec, SyntheticFrfSpec
 from jointbayes.case.spec.fields import DataTable, KeyPath
 from jointbayes.case.spec.measured_table import MeasuredBodySpec, MeasuredSpec, VarianceSpec
 from jointbayes.case.spec.prior_tables import FactorPriorSpec
-from jointbayes.case.spec.settings_tables import NoiseModelSpec
+from jointbayes.case.spec.settings_tables import LeftOutSpec, NoiseModelSpec
 from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix, matrix_findings
 from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase
 from jointbayes.case.spec.whole import CaseSpec
@@ -23,7 +23,7 @@ from jointbayes.frf import MeasuredBody, Ports
 from jointbayes.inference import NoiseModel, Nuisance
 from jointbayes.inference.noise.base import ErrorSizes, NoiseChoice
 from jointbayes.joint import AnyJoint, joints_of
-from jointbayes.measurement import CoherenceNoise, Data, NoiseLaw, RelativeNoise, synthesise_frf
+from jointbayes.measurement import CoherenceNoise, Data, NoiseLaw, RelativeNoise, split_modes, synthesise_frf
 from jointbayes.measurement.measurement_plan import Channel, MeasurementPlan, VarianceSource
 from jointbayes.measurement.rotations import Rotation
 from jointbayes.measurement.signals.hits import HitSettings
@@ -139,6 +139,21 @@ def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Data:
         gain=spec.truth.gain,
     )
     return replace(measured.select(spec.outputs, spec.inputs), joint_frf=measured.frf)
+
+
+def split_data(data: Data, left_out: LeftOutSpec) -> tuple[Data, Data | None]:
+    """The data that enter the estimate, and those that are left out and predicted; None without any.
+
+    Raises
+    ------
+    MeasurementError
+        If there are no such data, or no others.
+    """
+    if data.modes is not None and left_out.modes:
+        return split_modes(data.modes, left_out.modes)
+    if data.frfs is not None and left_out.bands_hz:
+        return data.frfs.split(left_out.bands_hz)
+    return data, None
 
 
 def generator_of(seed: int, setup: str) -> np.random.Generator:

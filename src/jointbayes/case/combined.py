@@ -54,6 +54,8 @@ class CaseSetup:
         Where the joints act, and the data.
     noise, of_noise
         How the residuals are distributed, and the priors of its parameters.
+    apart
+        Data that are left out of the estimate and predicted, if any.
     """
 
     name: str
@@ -65,6 +67,7 @@ class CaseSetup:
     data: Data
     noise: NoiseModel
     of_noise: tuple[Nuisance, ...]
+    apart: Data | None = None
 
     @cached_property
     def quantities(self) -> tuple[Nuisance, ...]:
@@ -180,8 +183,10 @@ def problem_of(setups: Sequence[CaseSetup], name: str) -> Problem:
     """
     prior, guess = prior_of(setups)
     prior.log_density(prior.mean[None])  # that there is a joint at all, before all lines are computed with
-    tests = [
-        Test(
+    tests: list[Test] = []
+    left_out: list[Test] = []
+    for setup in setups:
+        test = Test(
             setup.name,
             setup.structure,
             setup.joint,
@@ -190,9 +195,11 @@ def problem_of(setups: Sequence[CaseSetup], name: str) -> Problem:
             setup.spec.noise.residuals,
             setup.level,
         )
-        for setup in setups
-    ]
-    return Problem(tests, prior, guess, name=name)
+        (left_out if setup.spec.leaves_out(setup.name) else tests).append(test)
+        if setup.apart is not None:
+            noise = setup.noise.fitted_to(setup.apart, setup.noise.parts)  # type: ignore[arg-type]  # of its kind
+            left_out.append(replace(test, data=setup.apart, noise=noise))
+    return Problem(tests, prior, guess, name=name, left_out=left_out)
 
 
 @dataclass(frozen=True, slots=True)

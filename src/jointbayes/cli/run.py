@@ -33,6 +33,7 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
     case = load(config)
     from jointbayes.cli.progress_display import show_stage
     from jointbayes.errors import ReportError, ReportInterruptedError
+    from jointbayes.posterior.prediction import sentence_of_left_out
     from jointbayes.report.inputs import ReportInputs
     from jointbayes.report.kept_draws import draws_kept
     from jointbayes.report.run_directory import require_writable, room_of_run, write_run
@@ -56,6 +57,8 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
             say(check.sentence)
         if not check.explains:
             say(diagnosis.sentence)
+    if inputs.summary.left_out:
+        say(sentence_of_left_out(inputs.summary.left_out))
     say(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
     exit_by_convergence(posterior)
 

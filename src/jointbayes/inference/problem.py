@@ -42,6 +42,9 @@ class Problem:
         shape (n,), −inf where impossible. For what else is known of the joint: a static test, another set-up.
     name
         Short name, by which its results are known.
+    left_out
+        Tests of the same joints, or further data of the tests under the same names, that do not enter the likelihood:
+        `Posterior.predict_left_out` predicts them.
     structure, joint, data, noise, residual_kind
         Those of a lone test, see `Test`, in place of `tests`; several joints in a sequence, each with a name.
 
@@ -57,6 +60,7 @@ class Problem:
     initial: ArrayLike | None
     extra_log_likelihood: ExtraLogLikelihood | None
     name: str
+    left_out: tuple[Test, ...]
 
     def __init__(
         self,
@@ -71,6 +75,7 @@ class Problem:
         data: Data | None = None,
         noise: NoiseModel | None = None,
         residual_kind: ResidualKind = "complex",
+        left_out: Iterable[Test] = (),
     ) -> None:
         tests = tuple(tests) if isinstance(tests, Iterable) else (tests,)
         for test in tests:
@@ -95,9 +100,9 @@ class Problem:
             prior = replace(prior, parametrisation=parametrisation)
         if initial is not None:
             parametrisation.check(initial)
-        values = (tests, prior, initial, extra_log_likelihood, name)
-        for field, value in zip(("tests", "prior", "initial", "extra_log_likelihood", "name"), values, strict=True):
-            object.__setattr__(self, field, value)
+        values = (tests, prior, initial, extra_log_likelihood, name, tuple(left_out))
+        for field, value in zip(fields(self), values, strict=True):
+            object.__setattr__(self, field.name, value)
 
     def __repr__(self) -> str:
         tests = "; ".join(map(repr, self.tests))
@@ -137,7 +142,15 @@ class Problem:
         """A problem of the same unknowns for each test, with its data alone; this one itself if it is of one."""
         if len(self.tests) == 1:
             return (self,)
-        return tuple(replace(self, tests=(test,), extra_log_likelihood=None) for test in self.tests)
+        return tuple(self._alone(test) for test in self.tests)
+
+    def _alone(self, test: Test) -> "Problem":
+        return replace(self, tests=(test,), extra_log_likelihood=None, left_out=())
+
+    @cached_property
+    def left_out_parts(self) -> tuple["Problem", ...]:
+        """The same for each of what is left out."""
+        return tuple(self._alone(test) for test in self.left_out)
 
     def part(self, name: str | None) -> "Problem":
         """The problem of one test by its name; of the first, or the only one, by None.
@@ -164,12 +177,10 @@ class Problem:
         """
         terms, row = [], 0
         for test in self.tests:
-            gain = own_name(test.name, "gain", self._nuisances) is not None
-            likelihood, size = likelihood_of(test.data, test, gain=gain), test.joints.size
-            columns = columns_of_names(test.name, likelihood.names, self._nuisances)
-            terms.append(Term(likelihood, slice(row, row + size), columns))
-            row += size
-        used = {int(column) for term in terms for column in term.columns}
+            terms.append(self._term(test, row))
+            row += test.joints.size
+        every = (*terms, *(self._term(test, 0) for test in self.left_out))
+        used = {int(column) for term in every for column in term.columns}
         idle = [name for i, name in enumerate(self._nuisances) if i not in used]
         if idle and not (len(self.tests) == 1 and self.tests[0].name):  # one of several, see `parts`, leaves some out
             raise ModelError(
@@ -178,6 +189,12 @@ class Problem:
             )
         likelihood = TestsLikelihood(self._nuisances, terms, self._sharing(terms))
         return LogPosterior(self.prior, likelihood, self.extra_log_likelihood)
+
+    def _term(self, test: Test, row: int) -> Term:
+        """The likelihood of a test, and where its joints and its uncertain quantities stand among all."""
+        likelihood = likelihood_of(test.data, test, gain=own_name(test.name, "gain", self._nuisances) is not None)
+        columns = columns_of_names(test.name, likelihood.names, self._nuisances)
+        return Term(likelihood, slice(row, row + test.joints.size), columns)
 
     def _sharing(self, terms: Sequence[Term]) -> list[Sharing]:
         """Tests of one structure, with the same unknowns, whose noise models share errors."""

@@ -1,7 +1,7 @@
 """Measurements and their noise."""
 
 from jointbayes.measurement.data import Data, FrequencyData, FrfData, ModalData
-from jointbayes.measurement.mode_data import ModeData, ModeShapes, ModeValue, Observed
+from jointbayes.measurement.mode_data import ModeData, ModeShapes, ModeValue, Observed, split_modes
 from jointbayes.measurement.simulated import synthesise_frf
 from jointbayes.measurement.variance import CoherenceNoise, NoiseLaw, RelativeNoise
 
@@ -17,5 +17,6 @@ __all__ = [
     "NoiseLaw",
     "Observed",
     "RelativeNoise",
+    "split_modes",
     "synthesise_frf",
 ]

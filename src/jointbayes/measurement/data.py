@@ -210,6 +210,28 @@ class FrfData(Data):
         factor = np.abs(quantity_factor(self.frf.frequency_hz, quantity, self.frf.quantity))[:, None, None]
         return replace(self, frf=self.frf.converted(quantity), variance=self.variance * factor**2)
 
+    def split(self, bands_hz: Sequence[tuple[float, float]]) -> tuple["FrfData", "FrfData"]:
+        """The FRFs at the lines outside of some bands, and those at the lines inside, ends included.
+
+        Raises
+        ------
+        MeasurementError
+            If there is no line on one of the two sides.
+        """
+        lines = self.frf.frequency_hz[:, None]
+        low, high = np.array(bands_hz).T
+        inside = ((lines >= low) & (lines <= high)).any(axis=1)
+        if inside.all() or not inside.any():
+            raise MeasurementError(
+                f"left out: found {inside.sum()} of {inside.size} lines in the bands; expected some, but not all; "
+                "correct the bands"
+            )
+        return self._at_lines(~inside), self._at_lines(inside)
+
+    def _at_lines(self, lines: NDArray[np.bool_]) -> "FrfData":
+        at_joint = None if self.joint_frf is None else self.joint_frf.at_lines(lines)
+        return replace(self, frf=self.frf.at_lines(lines), variance=self.variance[lines], joint_frf=at_joint)
+
     def select(self, outputs: Sequence[str], inputs: Sequence[str]) -> "FrfData":
         """The FRFs between the given DOFs only, in the order given."""
         rows, columns = [self.frf.outputs.index(o) for o in outputs], [self.frf.inputs.index(i) for i in inputs]

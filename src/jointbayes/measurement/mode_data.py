@@ -1,10 +1,12 @@
 """Modes as data: natural frequencies, damping ratios and shapes of one or several repetitions of a modal test."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, array_of, printable
@@ -282,6 +284,22 @@ class ModeData(ModalData):
         dofs = self.dofs, self.references
         return {"data": "modes", "values": self.observed, "mode numbers": self.numbers, "DOFs": dofs}
 
+    def some(self, which: NDArray[np.bool_]) -> "ModeData":
+        """Some of the modes, by a mask over them, shape (n,)."""
+
+        def of(observed: Observed | None) -> Observed | None:
+            if observed is None or np.isnan(observed.values[:, which]).all():
+                return None
+            return Observed(observed.values[:, which], observed.sd[:, which])
+
+        frequency, damping, components = (of(observed) for _, observed in self._parts)
+        assert frequency is not None  # each mode has one
+        references = tuple(label for label, kept in zip(self.references, which, strict=False) if kept)
+        shapes = ModeShapes(self.shapes.dofs, references, components) if self.shapes and components else None
+        numbers = tuple(number for number, kept in zip(self.numbers, which, strict=True) if kept)
+        match: Match = self.match if shapes else "number"
+        return replace(self, frequency=frequency, damping=damping, shapes=shapes, numbers=numbers, match=match)
+
     def with_values(self, values: Array, *, relative: bool = False) -> "ModeData":
         """The same with other values, in the order of `observed`, shape (m,)."""
         parts: list[Observed | None] = []
@@ -298,6 +316,26 @@ class ModeData(ModalData):
         assert frequency is not None
         shapes = replace(self.shapes, components=components) if self.shapes and components else None
         return replace(self, frequency=frequency, damping=damping, shapes=shapes)
+
+
+def split_modes(data: ModalData, numbers: Sequence[int]) -> tuple[ModeData, ModeData]:
+    """The modes but some, and these, by their numbers; each with all that was measured of it.
+
+    Raises
+    ------
+    MeasurementError
+        If one of them was not measured, or no other one was.
+    """
+    apart = np.isin(data.numbers, numbers)
+    if apart.all() or not set(numbers) <= set(data.numbers):
+        wanted, measured = (", ".join(map(str, some)) for some in (numbers, data.numbers))
+        raise MeasurementError(
+            f"left out: found modes {wanted}; expected some of {measured}, but not all; correct the numbers"
+        )
+    if not isinstance(data, ModeData):
+        frequency = Observed(data.frequency_hz, data.sd_hz)
+        data = ModeData(frequency, numbers=data.numbers, provenance=data.provenance)
+    return data.some(~apart), data.some(apart)
 
 
 def _checked(shapes: ModeShapes, n: int) -> ModeShapes:

@@ -6,7 +6,7 @@ from jointbayes.posterior.evidence import Evidence, evidence, importance_evidenc
 from jointbayes.posterior.identifiability import Identifiability, assess
 from jointbayes.posterior.knowledge import Knowledge, gather_knowledge
 from jointbayes.posterior.posterior import Posterior
-from jointbayes.posterior.prediction import FrfPrediction
+from jointbayes.posterior.prediction import FrfPrediction, LeftOut
 from jointbayes.posterior.run_record import RunRecord, data_sha256, package_versions
 from jointbayes.posterior.summary import summarise
 from jointbayes.sampling import WeightedDraws
@@ -17,6 +17,7 @@ __all__ = [
     "FrfPrediction",
     "Identifiability",
     "Knowledge",
+    "LeftOut",
     "Posterior",
     "PredictiveCheck",
     "RunRecord",

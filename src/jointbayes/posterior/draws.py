@@ -17,7 +17,7 @@ from jointbayes.inference.noise.base import Absorbed
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
-from jointbayes.posterior.prediction import FrfPrediction, predict_frf
+from jointbayes.posterior.prediction import FrfPrediction, LeftOut, predict_frf, predict_left_out
 from jointbayes.posterior.rounding import join_unit
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import to_arviz
@@ -310,6 +310,29 @@ class PosteriorDraws:
         factors = prior.factors(theta)
         part = self.problem.part(setup)
         return part.natural_frequencies_hz(prior.values(theta), count, factors, of_model=of_model)
+
+    def predict_left_out(self, probability: float = 0.95, max_draws: int = 2000) -> tuple[LeftOut, ...]:
+        """What was left out of the data, and what the draws predict a measurement of it to show; empty without any.
+
+        The intervals hold what is uncertain in joint and structure, the error of the model as far as the noise model
+        states one, drawn anew for what was left out, and the noise of the measurement. Of FRFs the magnitude is
+        compared, of at most 400 draws.
+
+        Parameters
+        ----------
+        probability
+            Probability inside each interval.
+        max_draws
+            At most so many draws, evenly spaced, are evaluated.
+
+        Raises
+        ------
+        ModelError
+            If the probability is not inside (0, 1).
+        """
+        if not 0 < probability < 1:
+            raise ModelError(f"left out: found probability {probability:g}; expected a number between 0 and 1")
+        return predict_left_out(self.problem, self.thinned(max_draws), probability, self.record.seed)
 
     def thinned(self, most: int) -> Array:
         """At most so many draws of θ, evenly spaced over all chains, shape (n, d)."""

@@ -1,6 +1,10 @@
-"""What posterior draws predict: FRF bands and natural frequencies."""
+"""What posterior draws predict: FRF bands, and what was left out of the data."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,8 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports, Quantity, quantity_factor
 from jointbayes.inference import Problem
+from jointbayes.joint.quantities import prefixed
+from jointbayes.posterior.rounding import number
 
 _LINES_AT_ONCE = 128  # whose values of all draws are sorted together
+_MOST_FRF_DRAWS = 400  # that predict lines which were left out
+_MOST_SHOWN = 60  # values in a table
+_MOST_NAMED = 3  # values outside, in a sentence
 _DRAWS_AT_ONCE = 32  # whose errors of measured bodies are held in memory
 _SEED = 8  # of these errors: a band is the same at every look
 
@@ -45,6 +54,114 @@ class FrfPrediction:
     phase_deg: Array
     phase_deg_low: Array
     phase_deg_high: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """What was left out of the data of one test, and what the draws predict a measurement of it to show.
+
+    Parameters
+    ----------
+    setup
+        Name of the test; empty of a lone one.
+    names
+        What each value is: ``"frequency 3"``, or DOFs and line of an FRF, of which the magnitude is compared.
+    measured, median, low, high
+        As measured, and as predicted with the error of the model and the noise of the measurement, shape (m,).
+    probability
+        Probability inside low to high, value by value.
+    """
+
+    setup: str
+    names: tuple[str, ...]
+    measured: Array
+    median: Array
+    low: Array
+    high: Array
+    probability: float
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Whether each measured value lies inside its interval, shape (m,)."""
+        return (self.low <= self.measured) & (self.measured <= self.high)
+
+    @property
+    def shown(self) -> list[int]:
+        """Places of the values that a table shows: all of them, or of many those that lie outside."""
+        places = np.arange(self.inside.size) if self.inside.size <= _MOST_SHOWN else np.flatnonzero(~self.inside)
+        return places[:_MOST_SHOWN].tolist()
+
+
+def sentence_of_left_out(predicted: Sequence[LeftOut]) -> str:
+    """How many of the values lie inside their intervals, and which do not; empty where nothing was left out."""
+    if not predicted:
+        return ""
+    inside = np.concatenate([each.inside for each in predicted])
+    text = (
+        f"Left out and predicted: {inside.sum()} of {inside.size} inside {100 * predicted[0].probability:g} % intervals"
+    )
+    outside = [
+        f"{prefixed(each.setup, each.names[i])} measured {number(each.measured[i], 4)}, "
+        f"predicted {number(each.low[i], 4)} to {number(each.high[i], 4)}"
+        for each in predicted
+        for i in np.flatnonzero(~each.inside)
+    ]
+    more = f", and {len(outside) - _MOST_NAMED} more" if len(outside) > _MOST_NAMED else ""
+    return f"{text}{'; outside: ' if outside else ''}{'; '.join(outside[:_MOST_NAMED])}{more}."
+
+
+def left_out_json(predicted: Sequence[LeftOut]) -> dict[str, Any] | None:
+    """What ``left_out`` of ``summary.json`` holds; None where nothing was left out."""
+    if not predicted:
+        return None
+    values = [
+        {
+            "setup": each.setup,
+            "name": each.names[i],
+            "measured": float(each.measured[i]),
+            "median": float(each.median[i]),
+            "interval95": [float(each.low[i]), float(each.high[i])],
+            "inside": bool(each.inside[i]),
+        }
+        for each in predicted
+        for i in each.shown
+    ]
+    count, inside = (sum(int(size(each.inside)) for each in predicted) for size in (np.size, np.sum))
+    return {"sentence": sentence_of_left_out(predicted), "count": count, "inside": inside, "values": values}
+
+
+def simulate_at(problem: Problem, theta: Array, rng: np.random.Generator) -> NDArray[Any]:
+    """What the one test of a problem would measure at each θ, (n, d): predicted values with a draw of their errors.
+
+    Errors are those of its noise model: of the measurement, and of the model where that is stated. Shape (n, …) with
+    the shape of the data; not finite where the model is not.
+    """
+    likelihood, predicted = problem.log_posterior.likelihood, problem.log_posterior.predicted(theta)
+    lines, pairs = predicted.shape[1], math.prod(predicted.shape[2:])
+    z = likelihood.noise.draw(rng, likelihood.hyper(problem.prior.factors(theta)), lines, pairs)
+    each = zip(predicted, z.reshape(predicted.shape), strict=True)
+    return np.array([likelihood.add_noise(exact, errors) for exact, errors in each])
+
+
+def predict_left_out(problem: Problem, theta: Array, probability: float, seed: int) -> tuple[LeftOut, ...]:
+    """What draws θ, (n, d), predict of all that was left out, see `Problem.left_out`."""
+    rng, tail = np.random.default_rng([seed, _SEED]), (1 - probability) / 2
+    predicted = []
+    for part in problem.left_out_parts:
+        data = part.test.data
+        some = theta if data.frfs is None else theta[:: -(-len(theta) // _MOST_FRF_DRAWS)]
+        values = simulate_at(part, some, rng)
+        if data.frfs is not None:
+            frf = data.frfs.frf
+            pairs = [f"{output}/{input_}" for output in frf.outputs for input_ in frf.inputs]
+            names = tuple(f"{pair} at {line:g} Hz" for line in frf.frequency_hz for pair in pairs)
+            measured, values = np.abs(frf.values), np.abs(values)
+        else:
+            assert data.modes is not None
+            names, measured = data.modes.value_names, data.modes.values
+        low, median, high = np.quantile(values.reshape(len(values), -1), [tail, 0.5, 1 - tail], axis=0)
+        predicted.append(LeftOut(part.test.name, names, measured.ravel(), median, low, high, probability))
+    return tuple(predicted)
 
 
 def frfs_as_measured(

@@ -14,6 +14,7 @@ from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.knowledge import ExactInputs, Knowledge
 from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies
+from jointbayes.posterior.prediction import LeftOut, left_out_json, sentence_of_left_out
 from jointbayes.posterior.rounding import align_columns, number, rounded
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
 from jointbayes.posterior.setup_summary import (
@@ -124,6 +125,8 @@ class Summary:
     modes, solutions
         Every mode that has draws, where there are several; and what is said of them where they give different
         stiffnesses, empty where not.
+    left_out
+        What was left out of the data, with what is predicted of it.
     setups
         What is said of the data of each set-up, by its name; of a lone test under an empty name. Fit, check, diagnosis
         and natural frequencies above are then those of all data, of the set-up that fits worst, and of the first.
@@ -146,6 +149,7 @@ class Summary:
     data_sha256: str
     modes: tuple[ModeSummary, ...]
     solutions: str
+    left_out: tuple[LeftOut, ...]
     setups: Mapping[str, SetupSummary]
 
     def __str__(self) -> str:
@@ -176,6 +180,7 @@ class Summary:
             f"    {fit.n_data} values{synthetic}; squared residual over the stated noise {number(fit.chi2_per_line)} "
             "per value (1 is expected)",
             *(f"    {setup.check.sentence}" for setup in self.setups.values()),
+            *([f"    {sentence_of_left_out(self.left_out)}"] if self.left_out else []),
             *([] if self.measured_bodies is None else [f"    {self.measured_bodies.sentence}"]),
             *([f"    {self.solutions}"] if self.solutions else []),
             *(f"    No verdict: {reason}" for reason in self.no_verdict),
@@ -209,6 +214,7 @@ class Summary:
             "mesh": None if self.mesh is None else self.mesh.as_json(),
             "measured_bodies": None if self.measured_bodies is None else self._bodies_json(self.measured_bodies),
             "identifiability": None if self.knowledge is None else self.knowledge.as_json(),
+            "left_out": left_out_json(self.left_out),
             "sampler": record.sampler,
             "versions": record.versions,
             "data_sha256": self.data_sha256,
@@ -273,6 +279,7 @@ def summarise(
         data_sha256=data_sha256(problem),
         modes=posterior.solutions.summaries(),
         solutions=posterior.solutions.sentence,
+        left_out=posterior.predict_left_out(),
         setups=setups,
     )
 

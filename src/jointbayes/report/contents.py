@@ -11,6 +11,7 @@ from jointbayes.report.sections.identifiable import knowledge_section, likelihoo
 from jointbayes.report.sections.intervals import nuisance_section, posterior_section
 from jointbayes.report.sections.joint_in_modes import joint_in_modes_section
 from jointbayes.report.sections.lead import lead
+from jointbayes.report.sections.left_out import left_out_section
 from jointbayes.report.sections.measured_data import measured_bodies_section, measurement_section
 from jointbayes.report.sections.natural_frequencies import frequency_section, own_section
 from jointbayes.report.sections.run_details import sampling_section, settings_section, starts_section
@@ -30,6 +31,7 @@ SECTIONS_OF_DATA = (
 SECTIONS = (
     measured_bodies_section,
     curve_section,
+    left_out_section,
     posterior_section,
     nuisance_section,
     knowledge_section,

@@ -5,7 +5,6 @@ anew from each simulated FRF would be a function of the truth that the analysis 
 the resonances lie, and no prior knows of that.
 """
 
-import math
 import pickle
 import time
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.inference import Problem
+from jointbayes.posterior.prediction import simulate_at
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.ranks import rank_statistic
 from jointbayes.workflow import sample
@@ -240,17 +240,13 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
     MeasurementError
         If the model has no finite FRF there.
     """
-    likelihood = problem.log_posterior.likelihood
-    factors = problem.prior.factors(theta[None])
-    predicted = problem.log_posterior.predicted(theta)[0]
-    if not np.isfinite(predicted).all():
+    values = simulate_at(problem, theta[None], rng)[0]
+    if not np.isfinite(values).all():
         raise MeasurementError(
             "calibrate: found a truth at which the model has no finite value, an undamped resonance on a line; "
             "expected a structure with damping; state some"
         )
-    lines, pairs = len(predicted), math.prod(predicted.shape[1:])
-    z = likelihood.noise.draw(rng, likelihood.hyper(factors), lines, pairs)[0].reshape(predicted.shape)
-    return likelihood.add_noise(predicted, z)
+    return np.asarray(values)
 
 
 def replace_values(problem: Problem, values: NDArray[Any]) -> Problem:

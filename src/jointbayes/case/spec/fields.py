@@ -100,7 +100,7 @@ TABLE = (
     Limits("low_factor high_factor scale_low_factor scale_high_factor", 1e-6, 1e6),
     Limits("scale_low scale_high scale_guess averages_factor", 1e-6, 1e6),
     Limits("dof scale_dof", 1e-6, 1e9),
-    Limits("f_min_hz f_max_hz f_step_hz frequencies_hz natural_frequencies_hz exclude_hz", 1e-6, 1e9),
+    Limits("f_min_hz f_max_hz f_step_hz frequencies_hz natural_frequencies_hz exclude_hz bands_hz", 1e-6, 1e9),
     Limits("sd_hz length_low_hz length_high_hz sample_rate_hz", 1e-6, 1e9),
     Limits("relative floor", 1e-15, 1e3),
     Limits("sd_relative damping_sd_relative damping_ratios damping_sd force_noise response_noise", 1e-15, 10.0),

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from jointbayes.case.spec.data_table import DataSpec
 from jointbayes.case.spec.fields import Finding, KeyPath, listed
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table
 from jointbayes.case.spec.measured_table import MeasuredSpec
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec, PriorsSpec, UncertainSpec, quantity_table
-from jointbayes.case.spec.settings_tables import LevelSpec, NoiseModelSpec, PlanSpec, VirtualTestSpec
+from jointbayes.case.spec.settings_tables import LeftOutSpec, LevelSpec, NoiseModelSpec, PlanSpec, VirtualTestSpec
 from jointbayes.case.spec.structure_table import StructureBase
 from jointbayes.joint import COORDINATES
 
@@ -296,6 +296,24 @@ def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
         if value != NoiseModelSpec.model_fields[key].default:
             shown = f'"{value}"' if isinstance(value, str) else "it"
             yield Finding(("noise", key), f"found {shown}, {reason}", _FRF_ONLY, "remove it")
+
+
+def left_out_findings(
+    left_out: LeftOutSpec, data: DataSpec, noise: NoiseModelSpec, setups: Sequence[str], joints: Iterable[JointSpec]
+) -> Iterator[Finding]:
+    """Yield what cannot be left out: modes of FRFs, lines of modes, set-ups that are none, all, or have own joints."""
+    key, other, what = ("modes", "bands_hz", "FRFs") if data.frfs else ("bands_hz", "modes", "modes")
+    if getattr(left_out, key):
+        yield Finding(("left_out", key), f"found it for data that are {what}", other, "write that, or remove it")
+    if noise.scale == "integrated" and (left_out.modes or left_out.bands_hz or left_out.setups):
+        fault = 'found data to be predicted with noise of scale = "integrated"'
+        yield Finding(("left_out",), fault, '"known" or "sampled"', 'write scale = "sampled"')
+    if left_out.setups and (set(setups) <= set(left_out.setups) or not set(left_out.setups) <= set(setups)):
+        fault, expected = f"found {listed(left_out.setups)}", f"some of {listed(setups) or 'several set-ups'}, not all"
+        yield Finding(("left_out", "setups"), fault, expected, "correct the names")
+    elif left_out.setups and any(joint.own for joint in joints):
+        fault = "found set-ups with joints of their own, of which the others say nothing"
+        yield Finding(("left_out", "setups"), fault, "joints that set-ups share", "remove it")
 
 
 def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:

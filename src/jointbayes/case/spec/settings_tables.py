@@ -27,6 +27,7 @@ from jointbayes.case.spec.fields import (
     Spec,
     count_field,
     key_field,
+    max_length,
     not_above,
     not_negative,
     positive,
@@ -133,6 +134,20 @@ class SetupSpec(PlannedSetupSpec):
     prior: Annotated[_Table, _changes("the priors of a joint of its own")] = None
     noise: Annotated[_Table, _changes("how residuals are judged")] = None
     virtual_test: Annotated[_Table, _changes("how `simulate` measures")] = None
+
+
+_LEFT_MODES = Field(description="a list of the numbers of modes that are left out and predicted", examples=[[3, 4]])
+_LEFT_BANDS = key_field("a list of bands [lowest, highest] in Hz whose lines are left out and predicted", [[300, 400]])
+_LEFT_SETUPS = key_field("a list of the names of set-ups that are left out and predicted", ["long"])
+_Band = Annotated[tuple[float, Positive], Strict(False)]
+
+
+class LeftOutSpec(Spec):
+    """What of the data does not enter the estimate and is predicted by it."""
+
+    modes: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Strict(False), max_length(1000), _LEFT_MODES] = ()
+    bands_hz: Annotated[tuple[_Band, ...], Strict(False), max_length(1000), _LEFT_BANDS] = ()
+    setups: Annotated[tuple[Name, ...], Strict(False), _LEFT_SETUPS] = ()
 
 
 class LevelSpec(Spec):

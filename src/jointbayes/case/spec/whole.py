@@ -24,6 +24,7 @@ from jointbayes.case.spec.prior_tables import NamedStiffnessSpec, PriorsSpec, Un
 from jointbayes.case.spec.settings_tables import (
     CompareSpec,
     IdentificationSpec,
+    LeftOutSpec,
     LevelSpec,
     NoiseModelSpec,
     PlanSpec,
@@ -93,6 +94,9 @@ class CaseSpec(Spec):
     ] = UncertainSpec()
     data: DataSpec
     noise: Annotated[NoiseModelSpec, Field(description="how residuals are judged")] = NoiseModelSpec()
+    left_out: Annotated[LeftOutSpec, Field(description="data that are left out: modes, bands_hz, setups")] = (
+        LeftOutSpec()
+    )
     identification: Annotated[IdentificationSpec, Field(description="settings of the iteration")] = IdentificationSpec()
     sampling: Annotated[SamplingSpec, Field(description="settings of the sampler")] = SamplingSpec()
     compare: Annotated[CompareSpec, Field(description="the hypotheses to compare")] = CompareSpec()
@@ -157,6 +161,15 @@ class CaseSpec(Spec):
         by_name = {name: joint.parametrisation_object for name, joint in self.all_joints.items()}
         return blocks_of({**by_name, **self.sharing})
 
+    def leaves_out(self, setup: str) -> bool:
+        """Whether a set-up does not enter the estimate."""
+        return setup in self.left_out.setups
+
+    def without_split(self) -> CaseSpec:
+        """The same where what is left out of the data of a set-up is out of them already."""
+        left_out = LeftOutSpec(setups=self.left_out.setups)
+        return self.model_copy(update={"left_out": left_out})
+
     def joint_of_setup(self, setup: str, name: str) -> tuple[str, str]:
         """Names of a joint of a set-up, and of the one whose quantities it has, among the joints of all set-ups."""
         owner = self.sharing.get(name, name)
@@ -185,6 +198,9 @@ class CaseSpec(Spec):
         yield from rules.uncertain_findings(self.uncertain, self.structure, self.data)
         yield from rules.truth_findings(self.structure, self.data)
         yield from rules.noise_findings(self.noise, self.data)
+        yield from rules.left_out_findings(
+            self.left_out, self.data, self.noise, list(self.setups), self.all_joints.values()
+        )
         yield from rules.plan_findings(self.plan, self.data)
         if self.reference is not None and any(joint.own for joint in self.all_joints.values()):
             fault, expected = "found stiffnesses to compare with", "joints that are the same in all set-ups"

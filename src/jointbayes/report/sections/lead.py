@@ -4,6 +4,7 @@ import math
 
 from jointbayes.joint import Quantity
 from jointbayes.posterior.identifiability import RULE, ratio_of
+from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.posterior.rounding import factor, number, rounded, rounded_interval
 from jointbayes.posterior.summary import Summary
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, MOST_UNKNOWNS
@@ -27,6 +28,7 @@ def lead(inputs: ReportInputs) -> tuple[Block, ...]:
         *([Paragraph(f"**{sentence}**")] if (sentence := inputs.knowledge.bounds_sentence) else []),
         *([] if summary.no_verdict else map(Paragraph, _coupling_sentences(inputs))),
         *_explained(summary),
+        *([Paragraph(f"**{foreign(sentence_of_left_out(summary.left_out))}**")] if summary.left_out else []),
     )
 
 

@@ -37,7 +37,9 @@ def frequency_section(inputs: SetupInputs) -> ReportSection | None:
     head = ["Mode", "First guess (Hz)", "MAP (Hz)", "95 % interval (Hz)"]
     if measured:
         head.insert(1, "Measured (Hz)")
-    blocks: list[Block] = [Table("Natural frequencies, undamped", tuple(head), tuple(rows))]
+    blocks: list[Block] = [
+        Table("Natural frequencies, undamped", tuple(head), tuple(rows), note=_whose(inputs.problem))
+    ]
     if measured:
         modes = inputs.problem.test.data.modes
         sd = None if modes is None else modes.sd_hz
@@ -51,6 +53,13 @@ def frequency_section(inputs: SetupInputs) -> ReportSection | None:
         alt = f"Deviation of predicted natural frequencies by mode; the largest at the MAP is {worst:.2f} per cent."
         blocks.append(Figure("frequencies-plot", caption, alt, svg))
     return ReportSection("frequencies", "Natural frequencies", tuple(blocks))
+
+
+def _whose(problem: Problem) -> str:
+    """Whose intervals they are, where the model is not taken for exact: the model's; empty where it is."""
+    if not any(name.rpartition(".")[2] == "model_error" for name in problem.names):
+        return ""
+    return "The 95 % intervals are the model's: neither its own error nor that of a measurement is in them."
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +107,7 @@ def _modes_section(measured: ModeData, inputs: SetupInputs) -> ReportSection:
             rows += [(f"{name}, mode {n}", *compared.row((i,))) for i, n in enumerate(measured.numbers)]
     repetitions = len(measured.frequency.values)
     note = f"Means over {repetitions} repetitions, weighted by their precision, and their standard deviations. "
-    note = (note if repetitions > 1 else "") + "Frequencies are undamped ones."
+    note = f"{note if repetitions > 1 else ''}Frequencies are undamped ones. {_whose(problem)}".strip()
     blocks: list[Block] = [Table("Modes, measured and predicted", ("Quantity", *head), tuple(rows), note=note)]
     if "shape" in parts and measured.shapes is not None:
         shape, dofs = parts["shape"], measured.shapes.dofs
