@@ -175,6 +175,12 @@ def test_any_arrays_are_modes_or_an_error(values, sd, dofs):
         made(lambda: jb.ModeData(jb.Observed(values, sd))),
         made(lambda: jb.ModeData(jb.Observed([10.0], 0.1), jb.Observed(values, sd))),
         made(lambda: jb.ModeData(jb.Observed([10.0], 0.1), shapes=shapes)),
+        made(lambda: jb.ModeData(jb.Observed([10.0], 0.1), zeros=jb.Antiresonances(dofs, jb.Observed(values, sd)))),
+        made(
+            lambda: jb.ModeData(
+                jb.Observed([10.0], 0.1), constants=jb.ModalConstants(dofs, dofs, jb.Observed(values, sd))
+            )
+        ),
     ):
         if found is not None:
             assert repr(found).isprintable()

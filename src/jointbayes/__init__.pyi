@@ -32,8 +32,10 @@ from jointbayes.joint import PlainSprings as PlainSprings
 from jointbayes.joint import SignedCoupling as SignedCoupling
 from jointbayes.joint import blocks_of as blocks_of
 from jointbayes.joint import parametrisation_named as parametrisation_named
+from jointbayes.measurement import Antiresonances as Antiresonances
 from jointbayes.measurement import FrequencyData as FrequencyData
 from jointbayes.measurement import FrfData as FrfData
+from jointbayes.measurement import ModalConstants as ModalConstants
 from jointbayes.measurement import ModeData as ModeData
 from jointbayes.measurement import ModeShapes as ModeShapes
 from jointbayes.measurement import Observed as Observed

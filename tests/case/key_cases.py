@@ -328,7 +328,11 @@ MODES = [
          "damping_ratios = [[0.011, 0.013], [0.012, 0.015]]\n"
          "damping_sd_relative = [0.1, 0.2]\ndamping_sd = [1e-3, 2e-3]\n"
          "[data.shapes]\ndofs = ['2:y', '3:y']\nreference = ['8:y']\nsd = [0.02, 0.03]\n"
-         "components = [[[0.1, 0.2], [0.3, 0.4]], [[0.11, 0.21], [0.31, 0.41]]]\n", SD),
+         "components = [[[0.1, 0.2], [0.3, 0.4]], [[0.11, 0.21], [0.31, 0.41]]]\n"
+         "[data.zeros]\ndof = '8:y'\nfrequencies_hz = [[32.0, 220.0], [34.0, 222.0]]\n"
+         "sd_relative = [0.013, 0.014]\nsd_hz = [0.4, 0.8]\nnumbers = [1, 4]\n"
+         "[data.constants]\noutputs = ['2:y']\ninputs = '8:y'\nvalues_per_kg = [[[0.5], [1.5]], [[0.6], [1.7]]]\n"
+         "sd_relative = [0.05, 0.06]\nsd_per_kg = [0.01, 0.02]\n", SD),
         ("eigenvalues = [[5700.0, 2.1e5], [5800.0, 2.2e5]]\neigenvalue_sd = [60.0, 2000.0]", "", ENDS),
     )
 ]  # fmt: skip
@@ -337,6 +341,7 @@ frequency_error = 0.004
 error_factor = 2.5
 damping_error = 0.25
 shape_error = 0.06
+constant_error = 0.12
 """
 SETTINGS = """
 [identification]

@@ -240,6 +240,7 @@ def of_data() -> list[tuple[str, str, Value]]:
         *((f"{natural}sd_hz", f"data.sd_hz[{i}]", lambda s, f=f: math.hypot(0.01 * f, s))
           for i, f in enumerate((31.0, 210.0))),
         (f"{modes}numbers[*]", "data.numbers[{0}]", 1),
+        (f"{modes}zeros.numbers[*]", "data.zeros.numbers[{0}]", 1),
         (f"{modes}shapes.components[*][*][*]", "data.shapes.components.values[{0},{1},{2}]", 1),
         (f"{modes}shapes.sd[*]", "data.shapes.components.sd[*,{0},*]", 1),
         ("noise.dof", "noise.dof", 1),
@@ -250,7 +251,7 @@ def of_data() -> list[tuple[str, str, Value]]:
         ("left_out.bands_hz[*][*]", "left_out.bands_hz[{0}][{1}]", 1),
         ("noise.model_error.frequency_error", "nuisance.model_error.prior.mean", math.log),
         ("noise.model_error.error_factor", "nuisance.model_error.prior.sd", math.log),
-        *((f"noise.model_error.{name}_error", f"noise.{name}", 1) for name in ("damping", "shape")),
+        *((f"noise.model_error.{name}_error", f"noise.{name}", 1) for name in ("damping", "shape", "constant")),
         *((f"noise.discrepancy.{key}", f"nuisance.discrepancy_{name}.prior.{end}", math.log)
           for end in ("low", "high")
           for key, name in ((f"scale_{end}", "scale"), (f"length_{end}_hz", "length"))),
@@ -262,6 +263,8 @@ REPEATED = {
     "frequencies_hz": ("frequency", ((31.0, 210.0), (33.0, 212.0)), (0.011, 0.012), (0.3, 0.7)),
     "damping_ratios": ("damping", ((0.011, 0.013), (0.012, 0.015)), (0.1, 0.2), (1e-3, 2e-3)),
     "eigenvalues": ("frequency", ((5700.0, 2.1e5), (5800.0, 2.2e5)), (0.011, 0.012), (60.0, 2000.0)),
+    "zeros.frequencies_hz": ("zeros.frequency", ((32.0, 220.0), (34.0, 222.0)), (0.013, 0.014), (0.4, 0.8)),
+    "constants.values_per_kg": ("constants.constants", ((0.5, 1.5), (0.6, 1.7)), (0.05, 0.06), (0.01, 0.02)),
 }
 
 
@@ -269,16 +272,19 @@ def of_repeated() -> list[tuple[str, str, Value]]:
     """Lines of repeated values, whose relative standard deviation is one of their mean."""
     lines: list[tuple[str, str, Value]] = []
     for key, (name, values, relative, absolute) in REPEATED.items():
-        lines.append((f"data{{modes}}.{key}[*][*]", f"data.{name}.values[{{0}},{{1}}]", 1))
+        one_dof, at = ("[0]", ",0") if key.startswith("constants") else ("", "")
+        lines.append((f"data{{modes}}.{key}[*][*]{one_dof}", f"data.{name}.values[{{0}},{{1}}{at}]", 1))
         relative_key, absolute_key = {
             "damping_ratios": ("damping_sd_relative", "damping_sd"),
             "frequencies_hz": ("sd_relative", "sd_hz"),
             "eigenvalues": ("sd_relative", "eigenvalue_sd"),
+            "zeros.frequencies_hz": ("zeros.sd_relative", "zeros.sd_hz"),
+            "constants.values_per_kg": ("constants.sd_relative", "constants.sd_per_kg"),
         }[key]
         for mode, (one, other) in enumerate(zip(*values, strict=True)):
-            sd, r, s = f"data.{name}.sd[*,{mode}]", relative[mode], absolute[mode]
+            sd, r, s = f"data.{name}.sd[*,{mode}{at}]", relative[mode], absolute[mode]
             for row, rest in enumerate((other, one)):
-                mean_of = f"data{{modes}}.{key}[{row}][{mode}]"
+                mean_of = f"data{{modes}}.{key}[{row}][{mode}]{one_dof}"
                 lines.append((mean_of, sd, lambda v, rest=rest, r=r, s=s: math.hypot(r * (v + rest) / 2, s)))
             mean = (one + other) / 2
             if key != "eigenvalues":

@@ -29,6 +29,20 @@ sd = [0.02, 0.03]
 """
 WHOLE = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 BEAM = WHOLE[: WHOLE.index("[data]")]
+ZEROS = """
+[data.zeros]
+dof = "11:y"
+frequencies_hz = [[500.0, 1600.0], [505.0, nan]]
+sd_relative = 0.01
+sd_hz = [1.0, 2.0]
+
+[data.constants]
+outputs = ["8:y", "11:y"]
+inputs = "11:y"
+values_per_kg = [[0.6, 1.1], [-0.4, nan]]
+sd_relative = 0.05
+sd_per_kg = [0.01, 0.02]
+"""
 BASE = f"{BEAM}{MODES}\n[sampling]\nwalkers = 16\n"
 
 
@@ -41,6 +55,26 @@ def test_a_case_states_modes_as_python_does():
     np.testing.assert_array_equal(measured.shapes.components.sd, [[[0.02, 0.02], [0.03, math.nan]]])
     assert (measured.dofs, measured.numbers, measured.match) == (("4:y", "8:y", "11:y"), (1, 2), "number")
     assert len(measured.values) == 3 + 2 + 3
+
+
+def test_antiresonances_and_modal_constants_are_stated_with_fractions_of_their_means():
+    measured = jb.case_from_text("modes", BASE + ZEROS).problem.test.data
+    assert (measured.zeros.dofs, measured.zeros.numbers) == (("11:y", "11:y"), (1, 2))
+    np.testing.assert_array_equal(measured.zeros.frequency.values, [[500.0, 1600.0], [505.0, math.nan]])
+    np.testing.assert_allclose(
+        measured.zeros.frequency.sd,
+        [np.hypot([5.025, 16.0], [1.0, 2.0]), [measured.zeros.frequency.sd[0, 0], math.nan]],
+    )
+    assert measured.constants.pairs == (("8:y", "11:y"), ("11:y", "11:y"))
+    np.testing.assert_array_equal(measured.constants.constants.values, [[[0.6, 1.1], [-0.4, math.nan]]])
+    sd = [[math.hypot(0.03, 0.01), math.hypot(0.055, 0.01)], [math.hypot(0.02, 0.02), math.nan]]
+    np.testing.assert_allclose(measured.constants.constants.sd, [sd])
+    assert len(measured.values) == 3 + 2 + 3 + 3 + 3
+    at_two = edited(ZEROS, ('dof = "11:y"', 'dof = ["11:y", "6:y"]\nnumbers = [2, 2]'))
+    assert jb.case_from_text("modes", BASE + at_two).problem.test.data.value_names[8:10] == (
+        "zero 2 of 11:y",
+        "zero 2 of 6:y",
+    )
 
 
 def test_eigenvalues_and_repeated_shapes_are_taken():
@@ -86,6 +120,25 @@ def test_eigenvalues_and_repeated_shapes_are_taken():
         (("[-0.61, nan]", "[-0.61]"), "data.shapes.components: found 1 components of mode 2 at 2 DOFs"),
         (("sd = [0.02, 0.03]", "sd = 0.0"), "data.shapes.sd: found 0"),
         (
+            ("[[500.0, 1600.0], [505.0, nan]]", "[[500.0, nan]]"),
+            "data.zeros.frequencies_hz: found an antiresonance without",
+        ),
+        (("[505.0, nan]", "[505.0]"), "data.zeros.frequencies_hz: found 1 antiresonances in repetition 2 and 2 in the"),
+        (("505.0", "-505.0"), "data.zeros.frequencies_hz: found one that is not above 0"),
+        (("sd_hz = [1.0, 2.0]", "sd_hz = [1.0, 2.0, 3.0]"), "data.zeros.sd_hz: found 3 for 2 antiresonances"),
+        (("sd_hz = [1.0, 2.0]", "numbers = [2, 2]"), "data.zeros.numbers: found 2 of 11:y twice"),
+        (("sd_hz = [1.0, 2.0]", "numbers = [2]"), "data.zeros.numbers: found 1 for 2 antiresonances"),
+        (("sd_hz = [1.0, 2.0]", "numbers = [2, 99]"), "data.zeros.dof: 100 frequencies for 22 free DOFs"),
+        (('dof = "11:y"', 'dof = "18:y"'), "data.zeros.dof: .*18:y"),
+        (('inputs = "11:y"', 'inputs = ["11:y", "8:y", "6:y"]'), "data.constants.inputs: found 3 for 2 outputs"),
+        (('outputs = ["8:y", "11:y"]', 'outputs = ["8:y", "8:y"]'), "data.constants.outputs: found 8:y/11:y twice"),
+        (("[-0.4, nan]", "[-0.4]"), "data.constants.values_per_kg: found 1 constants of mode 2 at 2 outputs"),
+        (
+            (", [-0.4, nan]]\nsd_relative = 0.05\nsd_per_kg = [0.01, 0.02]", "]\nsd_relative = 0.05"),
+            "data.constants.values_per_kg: found 1 constants for 2 modes",
+        ),
+        (("0.05\nsd_per_kg = [0.01, 0.02]", "0.0"), "data.constants.sd_relative: sd_relative and sd_per_kg are both 0"),
+        (
             ("[sampling]", "[uncertain.gain]\nsd_percent = 1.0\n[sampling]"),
             "uncertain.gain: natural frequencies do not",
         ),
@@ -93,7 +146,7 @@ def test_eigenvalues_and_repeated_shapes_are_taken():
 )
 def test_impossible_modes_are_refused_in_one_line_with_their_key(change, words):
     with pytest.raises(CaseError, match=words) as refused:
-        parse_case(edited(BASE, change), "modes.toml")
+        parse_case(edited(BASE + ZEROS, change), "modes.toml")
     assert "\n" not in str(refused.value)
 
 
@@ -119,7 +172,7 @@ def test_a_coordinate_that_is_no_logarithm_has_a_uniform_prior_alone():
 
 @pytest.mark.science
 def test_a_case_of_modes_goes_from_its_text_to_its_report_and_back(tmp_path):
-    text = edited(BASE, ("[122.0, nan]", "[122.0, 755.0]"), ("[-0.61, nan]", "[-0.61, -0.5]"))
+    text = edited(BASE + ZEROS, ("[122.0, nan]", "[122.0, 755.0]"), ("[-0.61, nan]", "[-0.61, -0.5]"))
     case = jb.case_from_text("modes", text)
     posterior = jb.sample(case, seed=1, settings=jb.SamplerSettings(walkers=16, max_steps=200))
     posterior.save(tmp_path / "modes.nc")
@@ -133,5 +186,7 @@ def test_a_case_of_modes_goes_from_its_text_to_its_report_and_back(tmp_path):
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert "Modes, measured and predicted" in page
     assert "Damping ratio, mode 2" in page
+    assert "Antiresonance 2 of 11:y (Hz)" in page
+    assert "Modal constant 8:y/11:y (1/kg), mode 2" in page
     assert "Modal assurance criterion" in page
     assert (tmp_path / "report" / "figures" / "mode-shape-1.svg").exists()

@@ -1,11 +1,13 @@
 """Frequencies, damping ratios and shapes of the assembled structure, against eigenproblems of the test's own."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from scipy import linalg
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import AssembledShapes
+from jointbayes.frf import AssembledShapes, HeldFrequencies
 from jointbayes.joint import Joint, JointMatrix
 from jointbayes.structure import (
     BeamFamily,
@@ -160,3 +162,67 @@ def test_more_modes_than_dofs_and_dofs_that_do_not_exist_are_refused():
         AssembledShapes(chain, Joint(("1:x",)), 3, ())
     with pytest.raises(ModelError, match="'3:x'"):
         AssembledShapes(chain, Joint(("1:x",)), 1, ("3:x",))
+
+
+def modes_below(structure: Structure, matrix: np.ndarray, held: str, frequency_hz: float) -> int:
+    """How many natural frequencies lie below, in rational arithmetic: negative pivots of K + K_J − ω²M."""
+    square = Fraction(float((2 * np.pi * frequency_hz) ** 2))
+    kept = np.delete(np.arange(structure.n_dofs), structure.index([held])).tolist()
+    stiffness = [[Fraction(float(structure.stiffness[i, j])) for j in kept] for i in kept]
+    for i, first in enumerate(CLAMP.dofs):
+        for j, second in enumerate(CLAMP.dofs):
+            if held not in (first, second):
+                row, column = (kept.index(int(structure.index([dof])[0])) for dof in (first, second))
+                stiffness[row][column] += Fraction(float(matrix[i, j]))
+    dynamic = [
+        [k - square * Fraction(float(structure.mass[i, j])) for k, j in zip(row, kept, strict=True)]
+        for row, i in zip(stiffness, kept, strict=True)
+    ]
+    negative = 0
+    for p, pivot_row in enumerate(dynamic):
+        negative += pivot_row[p] < 0
+        for row in dynamic[p + 1 :]:
+            factor = row[p] / pivot_row[p]
+            if factor:
+                row[p:] = [value - factor * above for value, above in zip(row[p:], pivot_row[p:], strict=True)]
+    return negative
+
+
+@pytest.mark.parametrize("dof", ["7:y", "1:y"])
+def test_antiresonances_are_exact_from_soft_joints_to_rigid_ones(dof):
+    structure = rod(elements=6)
+    model = HeldFrequencies(structure, CLAMP, (dof,) * 3, (3, 1, 2))
+    scales = np.array([1e-4, 1.0, 1e2, 3e3, 1e4, 1e5, 1e8, 1e20])
+    predicted = model.frequency_hz(scales[:, None, None] * STIFF)
+    for scale, frequencies in zip(scales, predicted, strict=True):
+        for frequency, number in zip(frequencies, (3, 1, 2), strict=True):
+            ends = [modes_below(structure, scale * STIFF, dof, frequency * (1 + side * 1e-8)) for side in (-1, 1)]
+            assert ends == [number - 1, number]
+
+
+def test_the_derivative_of_antiresonances_is_that_of_differences():
+    model = HeldFrequencies(rod(), CLAMP, ("11:y", "6:y", "11:y"), (1, 2, 3))
+    directions = np.array([[[1e6, 0], [0, 0]], [[0, 1e4], [1e4, 0]], [[0, 0], [0, 1e3]]])
+    step = 1e-4
+    up, down = (model.frequency_hz(STIFF + sign * step * directions) for sign in (1, -1))
+    difference = (up - down) / (2 * step)
+    np.testing.assert_allclose(model.slope(STIFF, directions), difference, rtol=2e-5)
+
+
+def test_a_free_structure_has_the_antiresonances_above_its_rigid_motions():
+    # two masses on a spring: with one of them held the other one swings by itself
+    free = Structure(
+        np.array([[400.0, -400.0], [-400.0, 400.0]]), np.diag([2.0, 1.0]), ModalDamping((0.0,)), ("1:x", "2:x")
+    )
+    between = Joint(("2:x",), ("1:x",))
+    model = HeldFrequencies(free, between, ("1:x", "2:x"), (1, 1))
+    np.testing.assert_allclose(2 * np.pi * model.frequency_hz([[[500.0]]])[0], np.sqrt([900.0, 450.0]), rtol=1e-12)
+
+
+def test_errors_of_natural_frequencies_do_not_move_antiresonances():
+    recipe = BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), LossFactor(0.01), elements=10)
+    family = BeamFamily(recipe, {"density": (-0.2, 0.2), "mode_frequency_1": (-0.2, 0.2)})
+    model = HeldFrequencies(family, CLAMP, ("11:y",), (1,))
+    there, moved, lighter = model.frequency_hz(np.array([STIFF] * 3), [[1.0, 1.0], [1.0, 1.1], [0.9, 1.0]])[:, 0]
+    assert moved == there
+    assert lighter > 1.01 * there

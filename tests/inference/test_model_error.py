@@ -10,15 +10,20 @@ import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import CaseError
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
-from jointbayes.measurement import FrequencyData, ModeData, ModeShapes, Observed
+from jointbayes.measurement import Antiresonances, FrequencyData, ModalConstants, ModeData, ModeShapes, Observed
+from jointbayes.studies.data_sets import simulated_problem
 from tests.conftest import CONFIGS
 
-SIZES = ErrorSizes(frequency=0.004, factor=2.0, damping=0.25, shape=0.04)
-#: Two repetitions of two modes, the second without a damping ratio of mode 2; a shape at one DOF, seen in the first.
+SIZES = ErrorSizes(frequency=0.004, factor=2.0, damping=0.25, shape=0.04, constant=0.15)
+KNOWN = SIZES.damping, SIZES.shape, SIZES.constant
+#: Two repetitions of two modes, the second without a damping ratio of mode 2; a shape at one DOF, seen in the first;
+#: two antiresonances, one of them seen twice, and a modal constant of each mode.
 MODES = ModeData(
     Observed(np.array([[12.0, 31.0], [12.1, 31.2]]), np.array([0.05, 0.1])),
     Observed(np.array([[0.01, 0.02], [0.012, np.nan]]), np.array([0.001, 0.002])),
     ModeShapes(("1:x",), "2:x", Observed(np.array([[[0.6], [-1.6]], [[0.61], [np.nan]]]), np.array([[0.02], [0.03]]))),
+    zeros=Antiresonances("2:x", Observed(np.array([[8.0, 20.0], [8.1, np.nan]]), 0.04)),
+    constants=ModalConstants(("1:x",), ("2:x",), Observed(np.array([[0.4], [-0.9]]), 0.05)),
 )
 EIGENVALUES = ModeData(Observed(np.array([5700.0, 38000.0]), np.array([40.0, 300.0])), eigenvalues=True)
 OTHER_LEVEL = FrequencyData([11.9, 30.8, 70.0], [0.05, 0.1, 0.2])
@@ -29,7 +34,7 @@ def covariance(error, *tests):
     names = [name.replace("eigenvalue", "frequency") for data in tests for name in data.value_names]
     # (2πf)² moves by twice the share by which f does
     values = np.concatenate([data.values * (2 if data is EIGENVALUES else 1) for data in tests])
-    size = {"frequency": error, "damping": SIZES.damping, "shape": SIZES.shape}
+    size = dict(zip(("damping", "shape", "constant"), KNOWN, strict=True)) | {"frequency": error, "zero": error}
     dense = np.diag(np.concatenate([data.sd for data in tests]) ** 2)
     for i, first in enumerate(names):
         for j, second in enumerate(names):
@@ -42,7 +47,7 @@ def covariance(error, *tests):
 @pytest.mark.parametrize("tests", [(MODES,), (EIGENVALUES, OTHER_LEVEL), (OTHER_LEVEL, OTHER_LEVEL, MODES)])
 def test_the_density_is_the_dense_normal_one_whose_tests_share_each_error(tests):
     rng = np.random.default_rng(1)
-    own = [ModelErrorNoise.of(data, SIZES.damping, SIZES.shape) for data in tests]
+    own = [ModelErrorNoise.of(data, *KNOWN) for data in tests]
     noise = own[0].shared(own) or own[0]
     sd = np.concatenate([data.sd for data in tests])
     for error in (1e-5, 0.004, 0.3):
@@ -56,7 +61,7 @@ def test_the_density_is_the_dense_normal_one_whose_tests_share_each_error(tests)
 
 
 def test_replicated_residuals_have_that_covariance():
-    noise, error = ModelErrorNoise.of(MODES, SIZES.damping, SIZES.shape), 0.02
+    noise, error = ModelErrorNoise.of(MODES, *KNOWN), 0.02
     drawn = noise.draw(np.random.default_rng(2), np.full((200_000, 1), error), MODES.values.size, 1)[:, :, 0]
     dense = covariance(error, MODES) / np.outer(MODES.sd, MODES.sd) / 2
     scale = np.sqrt(np.outer(np.diag(dense), np.diag(dense)))
@@ -64,7 +69,7 @@ def test_replicated_residuals_have_that_covariance():
 
 
 def test_tests_of_other_noise_share_nothing():
-    one = ModelErrorNoise.of(MODES, SIZES.damping, SIZES.shape)
+    one = ModelErrorNoise.of(MODES, *KNOWN)
     assert one.shared([one]) is None
 
 
@@ -137,6 +142,19 @@ def test_draws_of_two_levels_hold_the_change_and_come_back_from_their_file(torqu
     again = jb.load_posterior(tmp_path / "posterior.nc")
     theta = posterior.theta[:5]
     assert np.array_equal(again.problem.log_posterior(theta), posterior.problem.log_posterior(theta))
+
+
+def test_simulated_data_of_two_levels_share_the_errors_that_the_likelihood_has_them_share(torques):
+    problem = torques.problem
+    theta = np.append(np.log([5e7, 5e4, 5e7, 5.5e4]), np.log(0.004))
+    rng = np.random.default_rng(3)
+    predicted = problem.log_posterior.predicted(theta)[0]
+    measured = [simulated_problem(problem, problem, theta, rng).tests for _ in range(800)]
+    residual = np.array([np.concatenate([test.data.values for test in tests]) for tests in measured]) - predicted
+    stated = covariance(0.004, *(test.data for test in problem.tests))
+    scale = np.sqrt(np.outer(np.diag(stated), np.diag(stated)))
+    assert (stated / scale)[0, 3] > 0.99  # the first mode at either level
+    assert np.abs((residual.T @ residual / len(residual) - stated) / scale).max() < 0.12
 
 
 def test_errors_of_the_model_need_modes_and_known_errors_of_measurement(tmp_path):

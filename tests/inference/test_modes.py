@@ -9,7 +9,7 @@ from scipy import linalg, stats
 from jointbayes.frf import AssembledShapes
 from jointbayes.inference.modal_likelihood import ModePrediction, mac
 from jointbayes.joint import Joint
-from jointbayes.measurement import ModeData, ModeShapes, Observed
+from jointbayes.measurement import Antiresonances, ModalConstants, ModeData, ModeShapes, Observed
 from jointbayes.structure import LossFactor, ModalDamping, Structure
 from tests.conftest import CLAMP, lone_likelihood, rod
 
@@ -46,6 +46,29 @@ def test_ln_l_is_the_sum_of_the_normal_log_densities_of_every_observed_value():
         expected += np.nansum(stats.norm.logpdf(components, ratio, 0.1))
         assert likelihood.log_likelihood(np.array([[[k]]]))[0] == pytest.approx(expected, rel=1e-9)
         assert likelihood.n_data == 6 + 2 + 11
+
+
+def test_antiresonances_and_modal_constants_enter_with_what_the_chain_itself_has():
+    rng = np.random.default_rng(4)
+    zeros = Antiresonances(("3:x", "1:x", "3:x"), Observed(rng.uniform(2, 6, (2, 3)), np.array([0.1, 0.2, 0.3])))
+    constants = rng.normal(size=(2, 2, 2))
+    constants[0, 1, 0] = NAN
+    measured = ModeData(
+        Observed(np.array([3.0, 6.0]), 0.2),
+        numbers=(3, 1),
+        zeros=zeros,
+        constants=ModalConstants(("3:x", "1:x"), ("1:x", "1:x"), Observed(constants, 0.1)),
+    )
+    likelihood = lone_likelihood(CHAIN, GROUND, measured)
+    for k in (300.0, 4e4):
+        lam, phi = modes(k)
+        whole = SPRINGS + np.diag([k, 0, 0])
+        held = [linalg.eigvalsh(whole[np.ix_(left, left)], MASSES[np.ix_(left, left)]) for left in ([0, 1], [1, 2])]
+        antiresonance = np.sqrt([held[0][0], held[1][0], held[0][1]]) / (2 * np.pi)
+        expected = stats.norm.logpdf([3.0, 6.0], np.sqrt(lam[[2, 0]]) / (2 * np.pi), 0.2).sum()
+        expected += stats.norm.logpdf(zeros.frequency.values, antiresonance, zeros.frequency.sd).sum()
+        expected += np.nansum(stats.norm.logpdf(constants, (phi[:, [2, 0]] * phi[:, [0]])[[2, 0]], 0.1))
+        assert likelihood.log_likelihood(np.array([[[k]]]))[0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_eigenvalues_are_compared_as_eigenvalues():
@@ -104,6 +127,8 @@ def test_the_jacobian_of_the_residuals_is_that_of_differences(match, eigenvalues
         shapes,
         match=match,
         eigenvalues=eigenvalues,
+        zeros=Antiresonances(("11:y", "11:y", "7:y"), Observed(np.array([150.0, 700.0, 200.0]), 1.0)),
+        constants=ModalConstants(("7:y", "11:y"), ("11:y", "11:y"), Observed(np.ones((3, 2)), 0.1)),
     )
     likelihood = lone_likelihood(structure, CLAMP, measured)
     directions = np.array([[[1e6, 0], [0, 0]], [[0, 1e4], [1e4, 0]], [[0, 0], [0, 1e3]]])

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement import FrequencyData, ModeData, ModeShapes, Observed
+from jointbayes.measurement import (
+    Antiresonances,
+    FrequencyData,
+    ModalConstants,
+    ModeData,
+    ModeShapes,
+    Observed,
+    split_modes,
+)
 
 NAN = float("nan")
 FREQUENCY = Observed(np.array([[12.1, 31.4], [12.2, NAN]]), 0.1)
@@ -26,6 +34,28 @@ def test_values_come_by_quantity_repetition_and_mode_without_those_that_were_not
     other = measured.with_values(2 * measured.values / 3)
     np.testing.assert_allclose(other.values, 2 * measured.values / 3)
     np.testing.assert_array_equal(other.sd, measured.sd)
+
+
+def test_antiresonances_and_modal_constants_are_values_with_names_of_their_own():
+    zeros = Antiresonances(("2:x", "1:x", "2:x"), Observed(np.array([[5.0, 6.0, 20.0], [5.1, NAN, 21.0]]), 0.1))
+    constants = ModalConstants(("1:x", "2:x"), ("2:x", "2:x"), Observed(np.array([[0.3, 0.5], [-0.4, NAN]]), 0.02))
+    measured = ModeData(FREQUENCY, zeros=zeros, constants=constants)
+    assert zeros.numbers == (1, 1, 2)
+    assert measured.dofs == ("1:x", "2:x")
+    assert measured.value_names[3:] == (
+        *("zero 1 of 2:x", "zero 1 of 1:x", "zero 2 of 2:x", "zero 1 of 2:x", "zero 2 of 2:x"),
+        *("constant 1 1:x/2:x", "constant 1 2:x/2:x", "constant 2 1:x/2:x"),
+    )
+    np.testing.assert_array_equal(measured.values[3:], [5.0, 6.0, 20.0, 5.1, 21.0, 0.3, 0.5, -0.4])
+    other = measured.with_values(1.5 * measured.values)
+    np.testing.assert_array_equal(other.zeros.frequency.values, 1.5 * zeros.frequency.values)
+    np.testing.assert_array_equal(other.constants.constants.values, 1.5 * measured.constants.constants.values)
+    assert other.layout == measured.layout
+    assert measured.layout != ModeData(FREQUENCY, zeros=zeros).layout
+    kept, left_out = split_modes(measured, [2])
+    assert kept.value_names == ("frequency 1", "frequency 1", *measured.value_names[3:10])
+    assert left_out.value_names == ("frequency 2", "constant 2 1:x/2:x")
+    assert "antiresonances of 2:x, 1:x; modal constants of 1:x/2:x, 2:x/2:x" in repr(measured)
 
 
 def test_natural_frequencies_are_weighted_means_over_repetitions():
@@ -66,6 +96,15 @@ def test_which_modes_are_the_lowest_is_known():
         (
             lambda: ModeData(FREQUENCY, shapes=ModeShapes(("1:x",), ("2:x",), SHAPES.components)),
             "1 reference DOFs",
+        ),
+        (lambda: Antiresonances("1:x", Observed(np.array([5.0, -6.0]), 0.1)), "one that is not above 0 Hz"),
+        (lambda: Antiresonances("1:x", Observed(np.array([5.0, 6.0]), 0.1), (2, 2)), "a different number"),
+        (lambda: Antiresonances(("1:x",), Observed(np.array([5.0, 6.0]), 0.1)), "expected one of each"),
+        (lambda: ModalConstants(("1:x", "1:x"), ("2:x", "2:x"), SHAPES.components), "pairs, each once"),
+        (lambda: ModalConstants(("1:x", "3:x"), ("2:x",), SHAPES.components), "pairs, each once"),
+        (
+            lambda: ModeData(FREQUENCY, constants=ModalConstants(("1:x",), ("2:x",), SHAPES.components)),
+            r"modal constants: found values of shape \(2, 2\)",
         ),
     ],
 )

@@ -50,9 +50,9 @@ def test_a_case_whose_data_have_three_times_the_noise_exits_1(tmp_path, monkeypa
 
 
 def test_a_simulator_with_twice_the_noise_is_noticed(monkeypatch):
-    def louder(problem, theta, rng):
+    def louder(problem, theta, rng, noise):
         exact = simulated_values(problem, theta, Silent())
-        return exact + 2 * (simulated_values(problem, theta, rng) - exact)
+        return exact + 2 * (simulated_values(problem, theta, rng, noise) - exact)
 
     monkeypatch.setattr(data_sets, "simulated_values", louder)
     found = jb.calibrate(small_case(), COUNT, executor=Here())

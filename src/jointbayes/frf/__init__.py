@@ -5,7 +5,7 @@ from jointbayes.frf.direct import DirectSolve
 from jointbayes.frf.frf_set import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, MeasuredFile, Substructures
 from jointbayes.frf.modal import AssembledModes, NaturalFrequencies, rigid_body_modes
-from jointbayes.frf.mode_shapes import AssembledShapes, Modal
+from jointbayes.frf.mode_shapes import AssembledShapes, HeldFrequencies, Modal
 from jointbayes.frf.ports import Ports, ReceptanceModel
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "AssembledModes",
     "AssembledShapes",
     "DirectSolve",
+    "HeldFrequencies",
     "LowRankCoupling",
     "Modal",
     "NaturalFrequencies",

@@ -1,16 +1,16 @@
-"""Modes of the assembled structure as a modal test states them: frequency, damping ratio and shape at some DOFs."""
+"""What a modal test states of the assembled structure: frequencies, damping, shapes, antiresonances."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
-from jointbayes.frf.modal import JoinedModes, LowestModes, first_factors, turned_modes
+from jointbayes.frf.modal import JoinedModes, LowestModes, NaturalFrequencies, first_factors, turned_modes
 from jointbayes.frf.ports import TakingPart, factors_batch
-from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of
-from jointbayes.structure import Body
+from jointbayes.joint import RIGID, AnyJoint, AnyJointMatrix, Joint, Joints, joint_matrix_of
+from jointbayes.structure import Body, is_mode_frequency
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,3 +126,66 @@ class AssembledShapes(LowestModes):
         share = (d_stored - stored * d_lam / lam) / (2 * lam)
         viscous = (beta * d_stored - (alpha + beta * stored) * d_lam / (2 * lam)) / (2 * np.sqrt(lam))
         return self._body.loss_factors(factor_rows)[0] * share + viscous
+
+
+class HeldFrequencies:
+    """Natural frequencies of a body with its joint and one DOF held still by one rigid spring more.
+
+    Where a structure does not move although it is excited there, it vibrates as if it were held. Rigid-body motions
+    that the joint and that DOF leave are not counted, nor do errors of natural frequencies themselves
+    (``mode_frequency_1``), which are those of resonances, change any of them.
+
+    Parameters
+    ----------
+    body, joint
+        Body without the joint, and where the joint acts.
+    dofs, numbers
+        Label of the DOF that is held, and number of the frequency among those with it held, from 1, for each of n.
+
+    Raises
+    ------
+    ModelError
+        If a DOF does not exist, or the body has fewer frequencies.
+    """
+
+    def __init__(self, body: Body, joint: AnyJoint, dofs: Sequence[str], numbers: Sequence[int]) -> None:
+        self._errors = np.array([is_mode_frequency(name) for name in body.names], dtype=bool)
+        joints = joint.joints if isinstance(joint, Joints) else (joint,)
+        named = [replace(each, name=f"{i}") for i, each in enumerate(joints)]
+        self._models: list[tuple[NaturalFrequencies, list[int], list[int]]] = []
+        for label in dict.fromkeys(dofs):
+            places = [i for i, dof in enumerate(dofs) if dof == label]
+            held = Joints((*named, Joint((label,), name="held")))
+            model = NaturalFrequencies(body, held, max(numbers[i] for i in places))
+            self._models.append((model, places, [numbers[i] - 1 for i in places]))
+
+    def frequency_hz(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
+        """Frequencies, shape (batch, n), Hz, as `NaturalFrequencies.frequency_hz`."""
+        held = _with_rigid(joint_matrix_of(matrices).batch.stiffness, RIGID)
+        factor_rows = self._of_model(factors, len(held))
+        frequency = np.empty((len(held), sum(len(places) for _, places, _ in self._models)))
+        for model, places, at in self._models:
+            frequency[:, places] = model.frequency_hz(held, factor_rows)[:, at]
+        return frequency
+
+    def slope(self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
+        """Derivative (p, n) of the frequencies of one joint along changes dK^J (p, r, r)."""
+        held = _with_rigid(joint_matrix_of(matrix).batch.stiffness, RIGID)
+        changes = _with_rigid(joint_matrix_of(directions).stiffness, 0.0)
+        factor_rows = self._of_model(factors, 1)
+        slope = np.empty((len(changes), sum(len(places) for _, places, _ in self._models)))
+        for model, places, at in self._models:
+            slope[:, places] = model.tangent(held, changes, factor_rows)[1][:, at]
+        return slope
+
+    def _of_model(self, factors: ArrayLike | None, batch: int) -> Array:
+        """Factors (batch, q) without errors of natural frequencies."""
+        factor_rows = factors_batch(factors, batch)
+        return np.where(self._errors, 1.0, factor_rows) if factor_rows.shape[1] else factor_rows
+
+
+def _with_rigid(stiffness: Array, held: float) -> Array:
+    """Matrices (batch, r, r) with one row and column more, and its own stiffness, shape (batch, r + 1, r + 1)."""
+    whole = np.pad(stiffness, ((0, 0), (0, 1), (0, 1)))
+    whole[:, -1, -1] = held
+    return whole

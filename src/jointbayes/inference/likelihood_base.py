@@ -201,6 +201,10 @@ class Likelihood(ABC):
         """
         raise NotImplementedError
 
+    def draw_shared(self, factors: ArrayLike, rng: np.random.Generator) -> dict[int, Residuals]:
+        """Noise of tests that share errors, drawn for all of them together: z by the place of each; by default none."""
+        return {}
+
     def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint, in units of the noise that the data show."""
         residual = self.white(matrices, factors)[0]

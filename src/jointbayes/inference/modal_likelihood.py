@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf import AssembledShapes, Modal, NaturalFrequencies, rigid_body_modes
+from jointbayes.frf import AssembledShapes, HeldFrequencies, Modal, NaturalFrequencies, rigid_body_modes
 from jointbayes.frf.ports import factors_batch
 from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
 from jointbayes.inference.noise.base import NoiseModel
@@ -95,17 +95,21 @@ class ModePrediction:
         self._model = AssembledShapes(family, joint, count, self._dofs)
         self._eigenvalues = data.eigenvalues
         place = {label: i for i, label in enumerate(self._dofs)}
-        shapes = data.shapes
+        shapes, zeros, constants = data.shapes, data.zeros, data.constants
         self._shown = np.array([place[label] for label in shapes.dofs] if shapes else [], dtype=np.intp)
         self._reference = np.array([place[label] for label in data.references], dtype=np.intp)
+        pairs = [(place[output], place[input_]) for output, input_ in constants.pairs] if constants else []
+        self._pairs = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+        self._zeros = HeldFrequencies(family, joint, zeros.dofs, zeros.numbers) if zeros else None
         #: Measured shapes at the DOFs of `ModeData.dofs`, NaN where unknown, shape (n, DOFs).
         self.measured_shapes = _whole_shapes(data)
-        #: Place of each measured value among the predicted ones of all modes: frequencies, ratios, components.
-        n, p = len(self._numbers), len(self._shown)
-        first = {"frequency": 0, "eigenvalue": 0, "damping": n, "shape": 2 * n}
+        #: Place of each measured value among the predicted ones of all modes: frequencies, ratios and so on.
+        n, p, q = len(self._numbers), len(self._shown), len(pairs)
+        width = {"shape": p, "constant": q}
+        first = {"frequency": 0, "eigenvalue": 0, "damping": n, "shape": 2 * n, "constant": (2 + p) * n}
+        first["zero"] = (2 + p + q) * n
         self._place = np.array(
-            [first[v.quantity] + (v.mode * p + v.dof if v.quantity == "shape" else v.mode) for v in data.observed],
-            dtype=np.intp,
+            [first[v.quantity] + v.mode * width.get(v.quantity, 1) + v.dof for v in data.observed], dtype=np.intp
         )
 
     def modal_frequencies(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
@@ -118,7 +122,13 @@ class ModePrediction:
         Infinite where a mode does not move at its reference DOF.
         """
         modal, _ = self.matched(matrices, factors)
-        return self._table(modal)[:, self._place]
+        return self._table(modal, self.zeros(matrices, factors))[:, self._place]
+
+    def zeros(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
+        """Antiresonances, shape (batch, their number), Hz."""
+        if self._zeros is None:
+            return np.empty((len(joint_matrix_of(matrices).batch), 0))
+        return self._zeros.frequency_hz(matrices, factors)
 
     def matched(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Modal, NDArray[np.intp]]:
         """The partners of the measured modes, shapes (batch, n, …), and their places among all, from 0, (batch, n)."""
@@ -142,7 +152,15 @@ class ModePrediction:
             reference, d_reference = self._reference_components(value), self._reference_components(change)
             ratio = value[:, :, self._shown] / reference
             parts.append(_flattened((change[:, :, self._shown] - ratio * d_reference) / reference))
-        return self._table(here)[0, self._place], np.hstack(parts)[:, self._place]
+        if self._pairs.size:
+            output, input_ = self._pairs
+            change, value = moved.shapes, here.shapes
+            parts.append(
+                _flattened(change[:, :, output] * value[:, :, input_] + value[:, :, output] * change[:, :, input_])
+            )
+        if self._zeros is not None:
+            parts.append(self._zeros.slope(matrix, directions, factors))
+        return self._table(here, self.zeros(matrix, factors))[0, self._place], np.hstack(parts)[:, self._place]
 
     def _partners(self, modal: Modal) -> NDArray[np.intp]:
         """Places of the predicted modes that are compared with the measured ones, shape (batch, n)."""
@@ -154,13 +172,20 @@ class ModePrediction:
             row[:] = linear_sum_assignment(mac_of_joint, maximize=True)[1]
         return places
 
-    def _table(self, modal: Modal) -> Array:
-        """Frequencies or eigenvalues, damping ratios and relative components of modes, shape (batch, 2n + n·p)."""
+    def _table(self, modal: Modal, zeros: Array) -> Array:
+        """All that is predicted, one kind after the other, shape (batch, 2n + n·p + n·q + z)."""
         frequency = (2 * np.pi * modal.frequency_hz) ** 2 if self._eigenvalues else modal.frequency_hz
         parts = [frequency, modal.damping_ratio]
         if self._shown.size:
             parts.append(_flattened(self.components(modal)))
-        return np.hstack(parts)
+        if self._pairs.size:
+            parts.append(_flattened(self.constants(modal)))
+        return np.hstack([*parts, zeros])
+
+    def constants(self, modal: Modal) -> Array:
+        """Modal constants of matched modes, shape (batch, n, q), 1/kg."""
+        output, input_ = self._pairs
+        return modal.shapes[:, :, output] * modal.shapes[:, :, input_]
 
     def components(self, modal: Modal) -> Array:
         """Components of matched modes relative to that at their reference DOF, shape (batch, n, p)."""

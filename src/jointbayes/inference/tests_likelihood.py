@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.likelihood_base import Likelihood
-from jointbayes.inference.noise.base import NoiseModel
+from jointbayes.inference.noise.base import NoiseModel, Residuals
 from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
 
 
@@ -168,6 +168,15 @@ class TestsLikelihood(Likelihood):
         for group in self.sharing:
             rows.append(group.noise.scores(self._of_group(group, matrices, factors), group.hyper(factors))[:, :, 0])
         return np.concatenate(rows, axis=1)
+
+    def draw_shared(self, factors: ArrayLike, rng: np.random.Generator) -> dict[int, Residuals]:
+        """Noise z (m,) of the tests that share errors, by their places, at factors (1, q)."""
+        drawn: dict[int, Residuals] = {}
+        for group in self.sharing:
+            ends = np.cumsum([self.terms[place].likelihood.n_data for place in group.tests])
+            noise = group.noise.draw(rng, group.hyper(factors), ends[-1], 1)[0, :, 0]
+            drawn |= zip(group.tests, np.split(noise, ends[:-1]), strict=True)
+        return drawn
 
     def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint."""

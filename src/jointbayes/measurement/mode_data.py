@@ -1,112 +1,25 @@
-"""Modes as data: natural frequencies, damping ratios and shapes of one or several repetitions of a modal test."""
+"""Modes as data: frequencies, antiresonances, damping, shapes and modal constants of repetitions of a modal test."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, array_of, printable
-from jointbayes.frf.frf_set import read_only
 from jointbayes.measurement.data import Match, ModalData
+from jointbayes.measurement.mode_values import (
+    Antiresonances,
+    ModalConstants,
+    ModeQuantity,
+    ModeShapes,
+    ModeValue,
+    Observed,
+)
 from jointbayes.measurement.provenance import Provenance
-
-_WIDEST = 1e100  # of a value: squares stay finite
-#: What a value of a mode is, in the order in which they come.
-ModeQuantity = Literal["frequency", "eigenvalue", "damping", "shape"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Observed:
-    """Values with the standard deviations of their errors, which are independent; NaN where nothing was observed.
-
-    Parameters
-    ----------
-    values
-        Observed values, one row for each repetition of the test; of a single repetition without that axis.
-    sd
-        Standard deviation of each, or of all repetitions alike: any shape that broadcasts to that of the values.
-    """
-
-    values: Array
-    sd: Array
-
-    def rows(self, shape: tuple[int, ...], what: str) -> "Observed":
-        """The same with one row for each repetition, shape (repetitions, *shape); checked.
-
-        Raises
-        ------
-        MeasurementError
-            If shapes do not agree, nothing was observed, or a standard deviation is not positive.
-        """
-        values = array_of(self.values, float, what, MeasurementError)
-        given, values = values.shape, values[None] if values.ndim == len(shape) else values
-        if values.shape[1:] != shape or len(values) == 0:
-            expected = f"(repetitions, {', '.join(map(str, shape))})"
-            raise MeasurementError(f"{what}: found values of shape {given}; expected {expected}; correct them")
-        stated = array_of(self.sd, float, f"{what}: sd", MeasurementError)
-        try:
-            sd = np.broadcast_to(stated, values.shape)
-        except ValueError:
-            raise MeasurementError(
-                f"{what}: found standard deviations of shape {stated.shape}; expected one for each value, shape "
-                f"{values.shape}, or one for all; correct them"
-            ) from None
-        seen = ~np.isnan(values)
-        if not (np.abs(values[seen]) < _WIDEST).all() or not seen.any():
-            raise MeasurementError(f"{what}: found no finite value, or infinity; expected numbers, NaN where none is")
-        if not ((sd[seen] > 1 / _WIDEST) & (sd[seen] < _WIDEST)).all():
-            raise MeasurementError(f"{what}: found a standard deviation that is not above 0; expected one; correct it")
-        return Observed(read_only(values), read_only(np.where(seen, sd, np.nan)))
-
-    def mean(self) -> tuple[Array, Array]:
-        """Weighted mean over repetitions and its standard deviation; NaN where nothing was observed."""
-        weight = np.where(np.isnan(self.values), 0.0, 1 / self.sd**2)
-        total = weight.sum(axis=0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.nansum(weight * self.values, axis=0) / total, 1 / np.sqrt(total)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ModeShapes:
-    """Components of mode shapes relative to that at a reference DOF, which is 1.
-
-    Parameters
-    ----------
-    dofs
-        Labels of the p DOFs.
-    reference
-        Label of the reference DOF; or one for each mode, where no DOF moves in all of them.
-    components
-        φ(DOF)/φ(reference), shape (repetitions, n, p) or (n, p).
-    """
-
-    dofs: tuple[str, ...]
-    reference: str | tuple[str, ...]
-    components: Observed
-
-
-@dataclass(frozen=True, slots=True)
-class ModeValue:
-    """What one number of a modal test is.
-
-    Parameters
-    ----------
-    quantity
-        A natural frequency (Hz), its eigenvalue (rad²/s²), a damping ratio, or a component of a shape.
-    mode, dof
-        Place of the mode among the measured ones, and of the DOF among those of the shapes, from 0.
-    repetition
-        Repetition of the test, from 0.
-    """
-
-    quantity: ModeQuantity
-    mode: int
-    dof: int
-    repetition: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +43,10 @@ class ModeData(ModalData):
         Whether `frequency` holds eigenvalues: their errors are then the normal ones.
     provenance
         Where the data come from, as in `FrfData`.
+    zeros
+        Antiresonances of drive points.
+    constants
+        Modal constants.
 
     Raises
     ------
@@ -151,6 +68,8 @@ class ModeData(ModalData):
     match: Match = "number"
     eigenvalues: bool = False
     provenance: Provenance | None = None
+    zeros: Antiresonances | None = None
+    constants: ModalConstants | None = None
 
     def __post_init__(self) -> None:
         what = "eigenvalues" if self.eigenvalues else "natural frequencies"
@@ -174,7 +93,9 @@ class ModeData(ModalData):
             if not (np.nan_to_num(damping.values) < 1).all() or (damping.values < 0).any():
                 raise MeasurementError("damping ratios: found one outside 0 to 1; expected ratios, 0.01 for 1 %")
         if self.shapes is not None:
-            object.__setattr__(self, "shapes", _checked(self.shapes, n))
+            object.__setattr__(self, "shapes", self.shapes.rows(n))
+        if self.constants is not None:
+            object.__setattr__(self, "constants", self.constants.rows(n))
         if self.match not in ("number", "shape") or (self.match == "shape" and self.shapes is None):
             raise MeasurementError(
                 f'modes: found match = "{self.match}"{"" if self.shapes else " without shapes"}; expected "number", or '
@@ -189,6 +110,10 @@ class ModeData(ModalData):
         if self.shapes is not None:
             reference = ", ".join(dict.fromkeys(self.references))
             shapes += printable(f"; shapes at {', '.join(self.shapes.dofs)} over {reference}")
+        if self.zeros is not None:
+            shapes += printable(f"; antiresonances of {', '.join(dict.fromkeys(self.zeros.dofs))}")
+        if self.constants is not None:
+            shapes += printable(f"; modal constants of {', '.join(map('/'.join, self.constants.pairs))}")
         return f"ModeData({self.frequency_hz.size} modes{more}: {listed} Hz{shapes})"
 
     @cached_property
@@ -227,8 +152,10 @@ class ModeData(ModalData):
 
     @property
     def dofs(self) -> tuple[str, ...]:
-        """DOFs of the shapes and their references, each once."""
-        return tuple(dict.fromkeys((*(self.shapes.dofs if self.shapes else ()), *self.references)))
+        """DOFs of the shapes and their references, of constants and antiresonances, each once."""
+        constants = (*self.constants.outputs, *self.constants.inputs) if self.constants else ()
+        zeros = self.zeros.dofs if self.zeros else ()
+        return tuple(dict.fromkeys((*(self.shapes.dofs if self.shapes else ()), *self.references, *constants, *zeros)))
 
     @property
     def _parts(self) -> tuple[tuple[ModeQuantity, Observed | None], ...]:
@@ -236,6 +163,8 @@ class ModeData(ModalData):
             ("eigenvalue" if self.eigenvalues else "frequency", self.frequency),
             ("damping", self.damping),
             ("shape", self.shapes.components if self.shapes else None),
+            ("zero", self.zeros.frequency if self.zeros else None),
+            ("constant", self.constants.constants if self.constants else None),
         )
 
     @cached_property
@@ -249,14 +178,18 @@ class ModeData(ModalData):
 
     @property
     def value_names(self) -> tuple[str, ...]:
-        """What each of `values` is: ``"frequency 2"``, ``"shape 2 6:y over 11:y"``."""
-        names = []
-        for value in self.observed:
-            name = f"{value.quantity} {self.numbers[value.mode]}"
-            if self.shapes is not None and value.quantity == "shape":
-                name += f" {self.shapes.dofs[value.dof]} over {self.references[value.mode]}"
-            names.append(name)
-        return tuple(names)
+        """What each of `values` is: ``"frequency 2"``, ``"shape 2 6:y over 11:y"``, ``"zero 1 of 11:y"``."""
+        return tuple(map(self._name, self.observed))
+
+    def _name(self, value: ModeValue) -> str:
+        if self.zeros is not None and value.quantity == "zero":
+            return f"zero {self.zeros.numbers[value.mode]} of {self.zeros.dofs[value.mode]}"
+        name = f"{value.quantity} {self.numbers[value.mode]}"
+        if self.shapes is not None and value.quantity == "shape":
+            name += f" {self.shapes.dofs[value.dof]} over {self.references[value.mode]}"
+        if self.constants is not None and value.quantity == "constant":
+            name += f" {'/'.join(self.constants.pairs[value.dof])}"
+        return name
 
     @cached_property
     def values(self) -> Array:
@@ -281,7 +214,8 @@ class ModeData(ModalData):
     @property
     def layout(self) -> dict[str, object]:
         """What must be the same of other modes for these to stand for them."""
-        dofs = self.dofs, self.references
+        zeros = (self.zeros.dofs, self.zeros.numbers) if self.zeros else ()
+        dofs = self.dofs, self.references, zeros, self.constants.pairs if self.constants else ()
         return {"data": "modes", "values": self.observed, "mode numbers": self.numbers, "DOFs": dofs}
 
     def some(self, which: NDArray[np.bool_]) -> "ModeData":
@@ -292,13 +226,13 @@ class ModeData(ModalData):
                 return None
             return Observed(observed.values[:, which], observed.sd[:, which])
 
-        frequency, damping, components = (of(observed) for _, observed in self._parts)
-        assert frequency is not None  # each mode has one
-        references = tuple(label for label, kept in zip(self.references, which, strict=False) if kept)
-        shapes = ModeShapes(self.shapes.dofs, references, components) if self.shapes and components else None
+        parts = [observed if quantity == "zero" else of(observed) for quantity, observed in self._parts]
+        components, shapes = parts[2], None
+        if self.shapes and components:
+            references = tuple(label for label, kept in zip(self.references, which, strict=True) if kept)
+            shapes = ModeShapes(self.shapes.dofs, references, components)
         numbers = tuple(number for number, kept in zip(self.numbers, which, strict=True) if kept)
-        match: Match = self.match if shapes else "number"
-        return replace(self, frequency=frequency, damping=damping, shapes=shapes, numbers=numbers, match=match)
+        return self._made_of(parts, shapes=shapes, numbers=numbers, match=self.match if shapes else "number")
 
     def with_values(self, values: Array, *, relative: bool = False) -> "ModeData":
         """The same with other values, in the order of `observed`, shape (m,)."""
@@ -312,14 +246,23 @@ class ModeData(ModalData):
             changed[seen] = values[start : start + seen.sum()]
             start += int(seen.sum())
             parts.append(Observed(changed, observed.sd))
-        frequency, damping, components = parts
-        assert frequency is not None
-        shapes = replace(self.shapes, components=components) if self.shapes and components else None
-        return replace(self, frequency=frequency, damping=damping, shapes=shapes)
+        return self._made_of(parts)
+
+    def _made_of(self, parts: Sequence[Observed | None], **changes: Any) -> "ModeData":  # noqa: ANN401
+        """The same with other values of each of `_parts`, and other fields."""
+        frequency, damping, components, zeros, constants = parts
+        made = {
+            "frequency": frequency,
+            "damping": damping,
+            "shapes": replace(self.shapes, components=components) if self.shapes and components else None,
+            "zeros": replace(self.zeros, frequency=zeros) if self.zeros and zeros else None,
+            "constants": replace(self.constants, constants=constants) if self.constants and constants else None,
+        }
+        return replace(self, **{**made, **changes})
 
 
 def split_modes(data: ModalData, numbers: Sequence[int]) -> tuple[ModeData, ModeData]:
-    """The modes but some, and these, by their numbers; each with all that was measured of it.
+    """The modes but some, with the antiresonances, and these, by their numbers; each with all that was measured of it.
 
     Raises
     ------
@@ -335,28 +278,4 @@ def split_modes(data: ModalData, numbers: Sequence[int]) -> tuple[ModeData, Mode
     if not isinstance(data, ModeData):
         frequency = Observed(data.frequency_hz, data.sd_hz)
         data = ModeData(frequency, numbers=data.numbers, provenance=data.provenance)
-    return data.some(~apart), data.some(apart)
-
-
-def _checked(shapes: ModeShapes, n: int) -> ModeShapes:
-    """Shapes of n modes with one row for each repetition.
-
-    Raises
-    ------
-    MeasurementError
-        If shapes of arrays disagree, or references are not one or one for each mode.
-    """
-    dofs = tuple(shapes.dofs)
-    reference = shapes.reference if isinstance(shapes.reference, str) else tuple(shapes.reference)
-    if not dofs or len(set(dofs)) != len(dofs):
-        raise MeasurementError(f"mode shapes: found DOFs {dofs}; expected one or more, each once; correct them")
-    if not isinstance(reference, str) and len(reference) != n:
-        raise MeasurementError(
-            f"mode shapes: found {len(reference)} reference DOFs for {n} modes; expected one, or one for each mode"
-        )
-    if isinstance(reference, str) and reference in dofs:
-        raise MeasurementError(
-            f'mode shapes: found the reference DOF "{reference}" among the DOFs; expected it to be none of them, since '
-            "its component is 1; leave it out"
-        )
-    return ModeShapes(dofs, reference, shapes.components.rows((n, len(dofs)), "mode shapes"))
+    return data.some(~apart), replace(data.some(apart), zeros=None)

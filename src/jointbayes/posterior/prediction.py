@@ -130,16 +130,20 @@ def left_out_json(predicted: Sequence[LeftOut]) -> dict[str, Any] | None:
     return {"sentence": sentence_of_left_out(predicted), "count": count, "inside": inside, "values": values}
 
 
-def simulate_at(problem: Problem, theta: Array, rng: np.random.Generator) -> NDArray[Any]:
+def simulate_at(
+    problem: Problem, theta: Array, rng: np.random.Generator, noise: NDArray[Any] | None = None
+) -> NDArray[Any]:
     """What the one test of a problem would measure at each θ, (n, d): predicted values with a draw of their errors.
 
-    Errors are those of its noise model: of the measurement, and of the model where that is stated. Shape (n, …) with
-    the shape of the data; not finite where the model is not.
+    Errors are those of its noise model: of the measurement, and of the model where that is stated; or `noise` of so
+    many values, standardised, that was drawn already. Shape (n, …) with the shape of the data; not finite where the
+    model is not.
     """
     likelihood, predicted = problem.log_posterior.likelihood, problem.log_posterior.predicted(theta)
-    lines, pairs = predicted.shape[1], math.prod(predicted.shape[2:])
-    z = likelihood.noise.draw(rng, likelihood.hyper(problem.prior.factors(theta)), lines, pairs)
-    each = zip(predicted, z.reshape(predicted.shape), strict=True)
+    if noise is None:
+        lines, pairs = predicted.shape[1], math.prod(predicted.shape[2:])
+        noise = likelihood.noise.draw(rng, likelihood.hyper(problem.prior.factors(theta)), lines, pairs)
+    each = zip(predicted, noise.reshape(predicted.shape), strict=True)
     return np.array([likelihood.add_noise(exact, errors) for exact, errors in each])
 
 

@@ -212,12 +212,17 @@ def simulated_problem(analysis: Problem, source: Problem, theta: Array, rng: np.
     MeasurementError
         If there is no finite FRF, or natural frequencies are out of order.
     """
-    pairs = zip(analysis.parts, source.parts, strict=True)
-    simulated = [replace_values(part, simulated_values(its, theta, rng)).test for part, its in pairs]
+    shared = source.log_posterior.likelihood.draw_shared(source.prior.factors(theta[None]), rng)
+    pairs = enumerate(zip(analysis.parts, source.parts, strict=True))
+    simulated = [
+        replace_values(part, simulated_values(its, theta, rng, shared.get(i))).test for i, (part, its) in pairs
+    ]
     return replace(analysis, tests=tuple(simulated))
 
 
-def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -> NDArray[Any]:
+def simulated_values(
+    problem: Problem, theta: Array, rng: np.random.Generator, noise: NDArray[Any] | None = None
+) -> NDArray[Any]:
     """What one set-up would measure at a truth: the model's prediction and noise of the problem's own noise model.
 
     Parameters
@@ -229,6 +234,8 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
         The truth, shape (d,).
     rng
         Draws the noise.
+    noise
+        What was drawn of it already, standardised, of as many values: errors that other set-ups share.
 
     Returns
     -------
@@ -240,7 +247,7 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
     MeasurementError
         If the model has no finite FRF there.
     """
-    values = simulate_at(problem, theta[None], rng)[0]
+    values = simulate_at(problem, theta[None], rng, noise)[0]
     if not np.isfinite(values).all():
         raise MeasurementError(
             "calibrate: found a truth at which the model has no finite value, an undamped resonance on a line; "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
@@ -163,9 +163,9 @@ class NaturalFrequenciesSpec(DataTable):
     sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.5)] = 0.0
 
     @property
-    def most_modes(self) -> int:
+    def least_modes(self) -> Mapping[KeyPath, int]:
         """Number of the highest mode."""
-        return len(self.frequencies_hz)
+        return {("data", "frequencies_hz"): len(self.frequencies_hz)}
 
     @property
     def depends_on(self) -> frozenset[str]:

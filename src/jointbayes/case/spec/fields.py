@@ -104,10 +104,10 @@ TABLE = (
     Limits("sd_hz length_low_hz length_high_hz sample_rate_hz", 1e-6, 1e9),
     Limits("relative floor", 1e-15, 1e3),
     Limits("sd_relative damping_sd_relative damping_ratios damping_sd force_noise response_noise", 1e-15, 10.0),
-    Limits("frequency_error damping_error shape_error", 1e-9, 10.0),
+    Limits("frequency_error damping_error shape_error constant_error", 1e-9, 10.0),
     Limits("error_factor", 1.0, 1e3),
     Limits("eigenvalues eigenvalue_sd", 1e-12, 1e20),
-    Limits("components", 1e-15, 1e15),
+    Limits("components values_per_kg sd_per_kg", 1e-15, 1e15),
     Limits("gain", 1e-12, 1e12),
     Limits("coherence", 1e-6, 1.0),
     Limits("threshold", 1e-30, 1e3),
@@ -324,9 +324,9 @@ class DataTable(Spec):
         return tuple(dict.fromkeys(itertools.chain.from_iterable(by_key)))
 
     @property
-    def most_modes(self) -> int:
-        """Number of the highest mode that is stated; 0 without any."""
-        return 0
+    def least_modes(self) -> Mapping[KeyPath, int]:
+        """Number of modes that the structure must have, by the key that says so."""
+        return {}
 
     @property
     def depends_on(self) -> frozenset[str]:

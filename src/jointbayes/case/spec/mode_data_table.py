@@ -1,9 +1,11 @@
-"""The `[data]` table of a case whose data are modes: frequencies, damping ratios, shapes, of one or several tests."""
+"""The `[data]` table of a case whose data are modes: frequencies, damping, shapes, antiresonances, modal constants."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BeforeValidator, Field, Strict
@@ -25,7 +27,7 @@ from jointbayes.case.spec.fields import (
 )
 
 if TYPE_CHECKING:
-    from jointbayes.measurement import ModeData, Observed
+    from jointbayes.measurement import Antiresonances, ModalConstants, ModeData, Observed
 
 _MOST_REPETITIONS, _MOST_MODES = 10_000, 1000
 
@@ -48,6 +50,9 @@ _Shapes = Annotated[tuple[_Shape, ...], Strict(False), Field(min_length=1), max_
 _AllShapes = Annotated[
     tuple[_Shapes, ...], Strict(False), Field(min_length=1), _repeated(3), max_length(_MOST_REPETITIONS)
 ]
+_EachLabel = Annotated[
+    tuple[Label, ...], Strict(False), Field(min_length=1), BeforeValidator(to_list), max_length(_MOST_MODES)
+]
 _EachMode = Annotated[
     tuple[Annotated[float, Field(ge=0)], ...],
     Strict(False),
@@ -60,6 +65,7 @@ _Numbers = Annotated[
 ]
 
 _EACH = "a number of at least 0, or a list of such numbers, one for each mode"
+_EACH_ZERO = _EACH.replace("mode", "antiresonance")
 _FREQUENCIES = key_field(
     "the natural frequencies in Hz, a list with one above 0 for each mode, or a list of such lists, one for each "
     "repetition of the test; nan where none was found",
@@ -79,6 +85,18 @@ _COMPONENTS = key_field(
     "such lists, one for each repetition of the test; nan where none was found",
     [[0.1, 0.4], [-0.3, -0.6]],
 )
+_ZERO_DOF = key_field("the DOF that was excited and measured, or a list of such, one for each antiresonance", "11:y")
+_ZEROS = key_field(
+    "the antiresonances in Hz, a list for each repetition of the test, as the frequencies", [82.0, 520.0]
+)
+_ZERO_NUMBERS = key_field(
+    "the number of each antiresonance among those of its DOF, from 1; by default the lowest, as they stand", [1, 2]
+)
+_PAIR_OUTPUTS = key_field("a list of the measured DOFs", ["6:y", "11:y"])
+_PAIR_INPUTS = key_field("the DOF that was excited, or a list of such, one for each of outputs", "11:y")
+_CONSTANTS = key_field(
+    "the modal constants of unit modal mass in 1/kg, with signs: lists as of components of shapes", [[0.4, 1.2]]
+)
 _MATCH = key_field('how modes are matched, by "number" or by "shape"', "number")
 _NUMBERS = key_field(
     "the number of each mode among those of the assembled structure, from 1; by default the lowest", [1, 3]
@@ -89,14 +107,7 @@ class ModeShapesSpec(Spec):
     """Components of mode shapes relative to a reference DOF."""
 
     dofs: Annotated[Labels, Field(min_length=1), _DOFS]
-    reference: Annotated[
-        tuple[Label, ...],
-        Strict(False),
-        Field(min_length=1),
-        BeforeValidator(to_list),
-        max_length(_MOST_MODES),
-        _REFERENCE,
-    ]
+    reference: Annotated[_EachLabel, _REFERENCE]
     components: Annotated[_AllShapes, _COMPONENTS]
     sd: Annotated[_EachMode, key_field(f"the standard deviation of a component, {_EACH}", 0.02)]
 
@@ -113,16 +124,82 @@ class ModeShapesSpec(Spec):
                 yield Finding(
                     (key,), f"found {len(given)} for {n} modes", "one, or one for each mode", "correct the list"
                 )
-        for i, shapes in enumerate(self.components):
-            for j, shape in enumerate(shapes):
-                if len(shape) != len(self.dofs):
-                    fault = f"found {len(shape)} components of mode {j + 1} at {len(self.dofs)} DOFs"
-                    yield Finding(("components", i), fault, "one for each of dofs, nan where none", "correct the list")
-            if len(shapes) != n:
-                fault = f"found {len(shapes)} shapes in repetition {i + 1} and {n} in the first"
-                yield Finding(("components", i), fault, "as many, nan where none was found", "correct the list")
-        if any(math.isinf(value) for _, value in numbers_in(self.components)):
-            yield Finding(("components",), "found inf", "", "write nan where nothing was found")
+        yield from _component_findings("components", self.components, "components", len(self.dofs), "dofs")
+
+
+class AntiresonancesSpec(Spec):
+    """Antiresonances of drive points."""
+
+    dof: Annotated[_EachLabel, _ZERO_DOF]
+    frequencies_hz: Annotated[_Rows, _ZEROS]
+    sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH_ZERO}", 0.005)] = (0.0,)
+    sd_hz: Annotated[_EachMode, key_field(f"the standard deviation in Hz, {_EACH_ZERO}", 0.5)] = (0.0,)
+    numbers: Annotated[_Numbers | None, _ZERO_NUMBERS] = None
+
+    @property
+    def highest(self) -> int:
+        """Highest number of any DOF."""
+        return max(self.numbers or Counter(self.dof * (len(self.frequencies_hz[0]) // len(self.dof))).values())
+
+    def stated(self) -> Antiresonances:
+        """The antiresonances."""
+        from jointbayes.measurement import Antiresonances
+
+        dofs = self.dof[0] if len(self.dof) == 1 else self.dof
+        return Antiresonances(dofs, _observed(self.frequencies_hz, self.sd_relative, self.sd_hz), self.numbers or ())
+
+    def _findings(self) -> Iterator[Finding]:
+        n = len(self.frequencies_hz[0])
+        yield from _row_findings("frequencies_hz", self.frequencies_hz, n, "an antiresonance")
+        yield from _sd_findings(self, "sd_relative", "sd_hz", n, "antiresonances")
+        for key, given in (("dof", self.dof), ("numbers", self.numbers or self.frequencies_hz[0])):
+            if len(given) != n and not (key == "dof" and len(given) == 1):
+                yield Finding((key,), f"found {len(given)} for {n} antiresonances", "one for each", "correct the list")
+                return
+        if any(value <= 0 or math.isinf(value) for _, value in numbers_in(self.frequencies_hz)):
+            fault, remedy = "found one that is not above 0", "correct it, or write nan where none was found"
+            yield Finding(("frequencies_hz",), fault, "", remedy)
+        dofs = self.dof * n if len(self.dof) == 1 else self.dof
+        for i, name in repeated(f"{number} of {dof}" for number, dof in zip(self.numbers or (), dofs, strict=False)):
+            yield Finding(("numbers", i), f"found {name} twice", "each number once at a DOF", "correct the list")
+
+
+class ConstantsSpec(Spec):
+    """Modal constants of pairs of DOFs."""
+
+    outputs: Annotated[_EachLabel, _PAIR_OUTPUTS]
+    inputs: Annotated[_EachLabel, _PAIR_INPUTS]
+    values_per_kg: Annotated[_AllShapes, _CONSTANTS]
+    sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH}", 0.05)] = (0.0,)
+    sd_per_kg: Annotated[_EachMode, key_field(f"the standard deviation in 1/kg, {_EACH}", 0.02)] = (0.0,)
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Output and input of each."""
+        inputs = self.inputs * len(self.outputs) if len(self.inputs) == 1 else self.inputs
+        return tuple(zip(self.outputs, inputs, strict=False))
+
+    def stated(self) -> ModalConstants:
+        """The modal constants."""
+        from jointbayes.measurement import ModalConstants
+
+        outputs, inputs = zip(*self.pairs, strict=True)
+        return ModalConstants(outputs, inputs, _observed(self.values_per_kg, self.sd_relative, self.sd_per_kg))
+
+    def _findings(self) -> Iterator[Finding]:
+        if len(self.inputs) not in (1, len(self.outputs)):
+            fault = f"found {len(self.inputs)} for {len(self.outputs)} outputs"
+            yield Finding(("inputs",), fault, "one, or one for each output", "correct the list")
+            return
+        for i, name in repeated(map("/".join, self.pairs)):
+            yield Finding(("outputs", i), f"found {name} twice", "each pair once", "remove one")
+        values = self.values_per_kg
+        yield from _component_findings("values_per_kg", values, "constants", len(self.outputs), "outputs")
+        yield from _sd_findings(self, "sd_relative", "sd_per_kg", len(values[0]))
+
+
+_ZEROS_TABLE = "the antiresonances of drive points: dof, frequencies_hz, sd_relative or sd_hz, numbers"
+_CONSTANTS_TABLE = "the modal constants: outputs, inputs, values_per_kg, sd_relative or sd_per_kg"
 
 
 class ModesSpec(DataTable):
@@ -146,6 +223,8 @@ class ModesSpec(DataTable):
     shapes: Annotated[ModeShapesSpec | None, Field(description="the mode shapes: dofs, reference, components, sd")] = (
         None
     )
+    zeros: Annotated[AntiresonancesSpec | None, Field(description=_ZEROS_TABLE)] = None
+    constants: Annotated[ConstantsSpec | None, Field(description=_CONSTANTS_TABLE)] = None
 
     @property
     def frequencies(self) -> tuple[tuple[float, ...], ...]:
@@ -160,9 +239,11 @@ class ModesSpec(DataTable):
         return len(self.frequencies[0])
 
     @property
-    def most_modes(self) -> int:
-        """Number of the highest mode."""
-        return max(self.numbers or (self.count,))
+    def least_modes(self) -> Mapping[KeyPath, int]:
+        """Number of the highest mode; an antiresonance lies between the mode of its number and the next."""
+        key = "numbers" if self.numbers else "frequencies_hz"
+        highest: dict[KeyPath, int] = {("data", key): max(self.numbers or (self.count,))}
+        return highest if self.zeros is None else highest | {("data", "zeros", "dof"): 1 + self.zeros.highest}
 
     @property
     def band_hz(self) -> tuple[float, float]:
@@ -172,15 +253,22 @@ class ModesSpec(DataTable):
 
     @property
     def depends_on(self) -> frozenset[str]:
-        """Damping, if its ratios are stated, and masses of sensors, if shapes are."""
+        """Damping, if its ratios are stated, and masses of sensors, if DOFs are."""
         damping = {"damping_ratio", "loss_factor"} if self.damping_ratios is not None else set()
-        return frozenset(damping | ({"accelerometer_mass"} if self.shapes is not None else set()))
+        return frozenset(damping | ({"accelerometer_mass"} if self.labelled else set()))
 
     @property
     def labelled(self) -> dict[KeyPath, tuple[str, ...]]:
-        """DOFs of shapes, and their references."""
-        place, shapes = ("data", "shapes"), self.shapes
-        return {} if shapes is None else {(*place, "dofs"): shapes.dofs, (*place, "reference"): shapes.reference}
+        """DOFs of shapes with their references, of antiresonances, and of modal constants."""
+        labelled: dict[KeyPath, tuple[str, ...]] = {}
+        for table, keys in (
+            ("shapes", ("dofs", "reference")),
+            ("zeros", ("dof",)),
+            ("constants", ("outputs", "inputs")),
+        ):
+            if (given := getattr(self, table)) is not None:
+                labelled |= {("data", table, key): getattr(given, key) for key in keys}
+        return labelled
 
     def stated(self) -> ModeData:
         """The modes."""
@@ -199,7 +287,10 @@ class ModesSpec(DataTable):
         assert rows is not None
         of_eigenvalues = self.eigenvalues is not None
         frequency = _observed(rows, self.sd_relative, self.eigenvalue_sd if of_eigenvalues else self.sd_hz)
-        return ModeData(frequency, damping, shapes, self.numbers or (), self.match, of_eigenvalues)
+        made = ModeData(frequency, damping, shapes, self.numbers or (), self.match, of_eigenvalues)
+        if self.zeros is not None:
+            made = replace(made, zeros=self.zeros.stated())
+        return made if self.constants is None else replace(made, constants=self.constants.stated())
 
     def _findings(self) -> Iterator[Finding]:
         given = [key for key in ("frequencies_hz", "eigenvalues") if getattr(self, key) is not None]
@@ -212,7 +303,7 @@ class ModesSpec(DataTable):
             return
         (key,) = given
         rows = getattr(self, key)
-        yield from self._row_findings(key, rows, len(rows[0]))
+        yield from _row_findings(key, rows, len(rows[0]))
         if any(value <= 0 or math.isinf(value) for _, value in numbers_in(rows)):
             yield Finding((key,), "found one that is not above 0", "", "correct it, or write nan where none was found")
             return
@@ -220,37 +311,13 @@ class ModesSpec(DataTable):
         if max(getattr(self, other)) > 0:
             yield Finding((other,), f"found it with {key}", f"sd_relative or {absolute}", f"state {absolute}")
         n = len(rows[0])
-        yield from self._sd_findings("sd_relative", absolute, n)
+        yield from _sd_findings(self, "sd_relative", absolute, n)
         if self.damping_ratios is not None:
-            yield from self._row_findings("damping_ratios", self.damping_ratios, n)
+            yield from _row_findings("damping_ratios", self.damping_ratios, n)
             if any(not 0 <= value < 1 for _, value in numbers_in(self.damping_ratios) if not math.isnan(value)):
                 yield Finding(("damping_ratios",), "found one outside 0 to 1", "", "write 0.01 for 1 %")
-            yield from self._sd_findings("damping_sd_relative", "damping_sd", n)
+            yield from _sd_findings(self, "damping_sd_relative", "damping_sd", n)
         yield from self._number_findings(n)
-
-    def _row_findings(self, key: str, rows: Sequence[Sequence[float]], n: int) -> Iterator[Finding]:
-        """Yield repetitions that hold other numbers of modes, and modes that none holds."""
-        for i, row in enumerate(rows):
-            if len(row) != n:
-                fault = f"found {len(row)} modes in repetition {i + 1} and {n} in the first of the frequencies"
-                yield Finding((key, i), fault, "as many, nan where none was found", "correct the list")
-                return
-        if key != "damping_ratios" and any(all(math.isnan(row[i]) for row in rows) for i in range(n)):
-            fault, remedy = "found a mode without any", "leave the mode out"
-            yield Finding((key,), fault, "a frequency of each mode in one repetition at least", remedy)
-
-    def _sd_findings(self, relative: str, absolute: str, n: int) -> Iterator[Finding]:
-        """Yield standard deviations that are 0, or not one for each mode."""
-        for key in (relative, absolute):
-            given = getattr(self, key)
-            if len(given) not in (1, n):
-                yield Finding(
-                    (key,), f"found {len(given)} for {n} modes", "one, or one for each mode", "correct the list"
-                )
-                return
-        if min(getattr(self, relative)) + min(getattr(self, absolute)) == 0:
-            fault, expected = f"{relative} and {absolute} are both 0", "at least one above 0, for each mode"
-            yield Finding((relative,), fault, expected, "raise one")
 
     def _number_findings(self, n: int) -> Iterator[Finding]:
         """Yield numbers of modes, and shapes, that are not one for each mode."""
@@ -262,22 +329,69 @@ class ModesSpec(DataTable):
             yield Finding(("numbers", i), f"found {number} twice", "each number once", "correct the list")
         if self.match == "shape" and self.shapes is None:
             yield Finding(("match",), 'found "shape" without shapes', '"number", or [data.shapes]', "add [data.shapes]")
-        if self.shapes is not None and len(self.shapes.components[0]) != n:
-            fault = f"found {len(self.shapes.components[0])} shapes for {n} modes"
-            yield Finding(
-                ("shapes", "components"), fault, "one for each mode, nan where none was found", "correct the list"
+        shapes, constants = self.shapes, self.constants
+        for loc, given in (
+            (("shapes", "components"), n if shapes is None else len(shapes.components[0])),
+            (("constants", "values_per_kg"), n if constants is None else len(constants.values_per_kg[0])),
+        ):
+            if given != n:
+                fault = f"found {given} {loc[0]} for {n} modes"
+                yield Finding(loc, fault, "one for each mode, nan where none was found", "correct the list")
+
+
+def _row_findings(key: str, rows: Sequence[Sequence[float]], n: int, what: str = "a mode") -> Iterator[Finding]:
+    """Yield repetitions that hold other numbers of modes, and modes that none holds."""
+    name = what.split()[1]
+    for i, row in enumerate(rows):
+        if len(row) != n:
+            fault = f"found {len(row)} {name}s in repetition {i + 1} and {n} in the first of the frequencies"
+            yield Finding((key, i), fault, "as many, nan where none was found", "correct the list")
+            return
+    if key != "damping_ratios" and any(all(math.isnan(row[i]) for row in rows) for i in range(n)):
+        expected = f"a frequency of each {name} in one repetition at least"
+        yield Finding((key,), f"found {what} without any", expected, f"leave the {name} out")
+
+
+def _sd_findings(table: Spec, relative: str, absolute: str, n: int, what: str = "modes") -> Iterator[Finding]:
+    """Yield standard deviations that are 0, or not one for each mode."""
+    for key in (relative, absolute):
+        given = getattr(table, key)
+        if len(given) not in (1, n):
+            fault = f"found {len(given)} for {n} {what}"
+            yield Finding((key,), fault, f"one, or one for each {what[:-1]}", "correct the list")
+            return
+    if min(getattr(table, relative)) + min(getattr(table, absolute)) == 0:
+        fault, expected = f"{relative} and {absolute} are both 0", f"at least one above 0, for each {what[:-1]}"
+        yield Finding((relative,), fault, expected, "raise one")
+
+
+def _component_findings(
+    key: str, given: Sequence[Sequence[Sequence[float]]], what: str, width: int, of: str
+) -> Iterator[Finding]:
+    """Yield modes that hold other numbers of components than their DOFs, and repetitions of other numbers of modes."""
+    n = len(given[0])
+    for i, modes in enumerate(given):
+        for j, values in enumerate(modes):
+            if len(values) != width:
+                fault = f"found {len(values)} {what} of mode {j + 1} at {width} {'DOFs' if of == 'dofs' else of}"
+                yield Finding((key, i), fault, f"one for each of {of}, nan where none", "correct the list")
+        if len(modes) != n:
+            fault = (
+                f"found {len(modes)} {'shapes' if of == 'dofs' else 'modes'} in repetition {i + 1} and {n} in the first"
             )
+            yield Finding((key, i), fault, "as many, nan where none was found", "correct the list")
+    if any(math.isinf(value) for _, value in numbers_in(given)):
+        yield Finding((key,), "found inf", "", "write nan where nothing was found")
 
 
-def _observed(
-    rows: tuple[tuple[float, ...], ...], relative: tuple[float, ...], absolute: tuple[float, ...]
-) -> Observed:
+def _observed(rows: Sequence[object], relative: tuple[float, ...], absolute: tuple[float, ...]) -> Observed:
     import numpy as np
 
     from jointbayes.measurement import Observed
 
-    values = np.array(rows)
+    values = np.array(rows, dtype=float)
     # a fraction of the mean over repetitions: the spread does not depend on what one of them happened to give
     seen = ~np.isnan(values)
     mean = np.where(seen, values, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    return Observed(values, np.hypot(np.array(relative) * mean, absolute))
+    each = (slice(None), None) if values.ndim > 2 else ...  # of a mode, at each of its DOFs
+    return Observed(values, np.hypot(np.array(relative)[each] * np.abs(mean), np.array(absolute)[each]))

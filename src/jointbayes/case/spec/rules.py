@@ -32,11 +32,10 @@ def dof_findings(
         place = joint_table(name)
         labelled |= {(*place, "dofs"): joint.dofs, (*place, "against"): joint.against}
     free = structure.free_dofs
-    if data.most_modes > free:
-        fault = f"{data.most_modes} frequencies for {free} free DOFs"
-        remedy = "raise structure.elements" if structure.spans else "remove the highest"
-        key = "numbers" if getattr(data, "numbers", None) else "frequencies_hz"
-        yield Finding(("data", key), fault, f"at most {free} frequencies", remedy)
+    for key_path, count in data.least_modes.items():
+        if count > free:
+            remedy = "raise structure.elements" if structure.spans else "remove the highest"
+            yield Finding(key_path, f"{count} frequencies for {free} free DOFs", f"at most {free} frequencies", remedy)
     labelled |= {**data.labelled, ("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
         immovable = list(_immovable_dofs(structure, _each(loc, labels), elsewhere))

@@ -216,6 +216,7 @@ class ModelErrorSpec(Spec):
     error_factor: Annotated[float, _ERROR_FACTOR] = 3.0
     damping_error: Annotated[float, positive(f"the error of a damping ratio {_OF_EACH}", 0.3)] = 0.3
     shape_error: Annotated[float, positive("the error of a component of a shape, 1 at its reference", 0.05)] = 0.05
+    constant_error: Annotated[float, positive(f"the error of a modal constant {_OF_EACH}", 0.1)] = 0.1
 
 
 _RESIDUALS = key_field('"complex" (H itself) or "log_magnitude" (ln |H|, without the phase)', "complex")
@@ -230,7 +231,7 @@ _SCALE_LOW = Field(
 )
 _SCALE_HIGH = Field(ge=1, description="the largest factor on the noise, a number of at least 1", examples=[10.0])
 _MODEL_ERROR = Field(
-    description="errors of the model in modes: frequency_error, error_factor, damping_error, shape_error"
+    description="errors of the model in modes: frequency_error, error_factor, those of damping, shapes and constants"
 )
 _DISCREPANCY = Field(description="a model error correlated along frequency: length_low_hz, length_high_hz")
 

@@ -92,6 +92,7 @@ def springs(matrices: Array) -> tuple[Array, Array]:
     return directions, stiffness
 
 
+_WIDE = 1e10  # gap between two poles over the distance of a root from one, beyond which the far one is out of sight
 _ROUNDS = 40  # a bracket that the iteration leaves is halved: never seen to need more than a dozen
 _APART = 1e-15
 _UNMOVED = 1e-20  # a mode whose share in the stretch is less takes part with this much, and no bit notices
@@ -138,8 +139,10 @@ def _step(inverse: float, lanes: int, w: Array) -> int:
         near = -x * (second * to_far - first) * per_gap
         far = to_far * (first + second * x) * per_gap
         c = value + near * x - far * to_far
+        # next to the mode that only a rigid spring has, c · gap is rounding: the same sum without what cancels
+        stable = gap * (value + near * x) + (near * x - far * to_far) * x
         near, far = near * x * x, far * to_far * to_far
-        b = c * gap + near + far
+        b = c * gap + near + far if gap < _WIDE * x else stable
         size = abs(b) + math.sqrt(abs(b * b - 4.0 * c * near * gap))
         new = (2.0 * near * gap if b > 0.0 else -size) / (size if b > 0.0 else 2.0 * c)
         # a step out of the bracket halves it, but at the end rounding may put the root just outside

@@ -40,6 +40,8 @@ class ErrorSizes:
         Of a damping ratio, as a fraction of it.
     shape
         Of a component of a mode shape, which is 1 at the reference.
+    constant
+        Of a modal constant, as a fraction of it.
 
     Raises
     ------
@@ -51,9 +53,10 @@ class ErrorSizes:
     factor: float = 3.0
     damping: float = 0.3
     shape: float = 0.05
+    constant: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in ("frequency", "damping", "shape"):
+        for name in ("frequency", "damping", "shape", "constant"):
             check_positive("model error", name, getattr(self, name))
         check_positive("model error", "factor above 1, less 1,", self.factor - 1)
 

@@ -25,7 +25,7 @@ from jointbayes.measurement import Data, ModalData
 
 def noise_of(sizes: ErrorSizes, data: ModalData) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """The noise model of measured modes with errors of the model, and the prior of their size."""
-    return ModelErrorNoise.of(data, sizes.damping, sizes.shape), (sizes.prior,)
+    return ModelErrorNoise.of(data, sizes.damping, sizes.shape, sizes.constant), (sizes.prior,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +33,11 @@ class ModelErrorNoise(NoiseModel):
     """The stated errors of measured modes, and an error of the model in each value that repeats in every test.
 
     With r the residuals over their standard deviations, E r rᵀ = 1 + Σ_k a_k a_kᵀ. Here k runs over the frequencies,
-    damping ratios and components of shapes, and a_k holds the size of the model's error in k, over the standard
-    deviation, at each place where k was measured: in repetitions, or in several tests of one structure. That of a
-    frequency is `model_error` times it, which is inferred; the others are of known size. What an error does to several
-    tests alike is no evidence of a change of the joint between them. All is in closed form: the covariance is turned
-    once, so that for every size it is diagonal.
+    antiresonances, damping ratios, components of shapes and modal constants, and a_k holds the size of the model's
+    error in k, over the standard deviation, at each place where k was measured: in repetitions, or in several tests of
+    one structure. That of a frequency, also of an antiresonance, is `model_error` times it, which is inferred; the
+    others are of known size. What an error does to several tests alike is no evidence of a change of the joint between
+    them. All is in closed form: the covariance is turned once, so that for every size it is diagonal.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ class ModelErrorNoise(NoiseModel):
         What each value is, as `ModalData.value_names`; the same where it is that of one error; shape (m,).
     relative
         What the errors are fractions of, over the standard deviations: values, of eigenvalues twice, of shapes 1; (m,).
-    damping, shape
-        Error of a damping ratio, and of a component of a shape, see `ErrorSizes`.
+    damping, shape, constant
+        Error of a damping ratio, of a component of a shape, and of a modal constant, see `ErrorSizes`.
 
     References
     ----------
@@ -61,6 +61,7 @@ class ModelErrorNoise(NoiseModel):
     relative: Array
     damping: float = 0.3
     shape: float = 0.05
+    constant: float = 0.1
 
     names: ClassVar[tuple[str, ...]] = ("model_error",)
     averages_out: ClassVar[bool] = False
@@ -71,20 +72,20 @@ class ModelErrorNoise(NoiseModel):
         object.__setattr__(self, "relative", read_only(self.relative))
 
     @classmethod
-    def of(cls, data: ModalData, damping: float = 0.3, shape: float = 0.05) -> Self:
+    def of(cls, data: ModalData, damping: float = 0.3, shape: float = 0.05, constant: float = 0.1) -> Self:
         """The model of measured modes."""
         kinds = [name.split()[0] for name in data.value_names]
         unit = np.where(np.equal(kinds, "shape"), 1.0, np.abs(data.values)) * np.where(
             np.equal(kinds, "eigenvalue"), 2, 1
         )
         names = tuple(name.replace("eigenvalue", "frequency") for name in data.value_names)
-        return cls(1, names, unit / data.sd, damping, shape)
+        return cls(1, names, unit / data.sd, damping, shape, constant)
 
     def fitted_to(self, data: Data, parts: int) -> Self:
         """The same law for the values of another measurement."""
         if data.modes is None:
             raise ModelError(f"model error of modes: found {data.words}; expected modes")
-        return type(self).of(data.modes, self.damping, self.shape)
+        return type(self).of(data.modes, self.damping, self.shape, self.constant)
 
     def shared(self, noises: Sequence[NoiseModel]) -> "ModelErrorNoise | None":
         """The model of tests of one structure, one after the other; None where there is but one, or another model."""
@@ -99,7 +100,8 @@ class ModelErrorNoise(NoiseModel):
         """W (m, m), g (m,) and ln det W with W (1 + F + s² G) Wᵀ = 1 + s² diag(g), of the errors F of known size."""
         same = np.equal.outer(self.quantity, self.quantity)
         repeated = np.where(same, np.outer(self.relative, self.relative), 0.0)
-        size = np.array([{"damping": self.damping, "shape": self.shape}.get(q.split()[0], 0.0) for q in self.quantity])
+        known = {"damping": self.damping, "shape": self.shape, "constant": self.constant}
+        size = np.array([known.get(name.split()[0], 0.0) for name in self.quantity])
         lower = np.linalg.cholesky(np.eye(len(same)) + np.outer(size, size) * repeated)
         inverse = np.linalg.inv(lower)
         frequency = size == 0

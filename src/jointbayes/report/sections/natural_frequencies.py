@@ -1,4 +1,4 @@
-"""Natural frequencies of the model, and modes as data: measured frequencies, damping ratios and shapes."""
+"""Natural frequencies of the model, and modes as data: all that was measured of them, against what is predicted."""
 
 from dataclasses import dataclass
 from functools import singledispatch
@@ -103,7 +103,17 @@ def _modes_section(measured: ModeData, inputs: SetupInputs) -> ReportSection:
     head = ("Measured", "sd", "MAP", "MAP − measured (sd)", "95 % interval")
     rows = []
     for name, compared in parts.items():
-        if name != "shape":
+        if name == "zero" and measured.zeros is not None:
+            each_zero = enumerate(zip(measured.zeros.numbers, measured.zeros.dofs, strict=True))
+            rows += [(f"Antiresonance {n} of {foreign(dof)} (Hz)", *compared.row((i,))) for i, (n, dof) in each_zero]
+        elif name == "constant" and measured.constants is not None:
+            pairs = list(enumerate(foreign("/".join(pair)) for pair in measured.constants.pairs))
+            rows += [
+                (f"Modal constant {pair} (1/kg), mode {n}", *compared.row((i, j)))
+                for i, n in enumerate(measured.numbers)
+                for j, pair in pairs
+            ]
+        elif name != "shape":
             rows += [(f"{name}, mode {n}", *compared.row((i,))) for i, n in enumerate(measured.numbers)]
     repetitions = len(measured.frequency.values)
     note = f"Means over {repetitions} repetitions, weighted by their precision, and their standard deviations. "
@@ -136,7 +146,8 @@ def _compared(
     """Each kind of quantity by name; and of each mode its MAC and its partner's place (from 0) at the MAP."""
     prior = problem.prior
     theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS)])
-    modal, places = prediction.matched(prior.matrix(theta), problem.structural(prior.factors(theta)))
+    matrices, factors = prior.matrix(theta), problem.structural(prior.factors(theta))
+    modal, places = prediction.matched(matrices, factors)
     omega_squared = (2 * np.pi * modal.frequency_hz) ** 2
     predicted = {"Frequency (Hz)": modal.frequency_hz}
     given: dict[str, Observed | None] = {"Frequency (Hz)": measured.frequency}
@@ -144,6 +155,10 @@ def _compared(
         predicted, given = {"Eigenvalue (rad²/s²)": omega_squared}, {"Eigenvalue (rad²/s²)": measured.frequency}
     predicted |= {"Damping ratio": modal.damping_ratio}
     given |= {"Damping ratio": measured.damping}
+    if measured.zeros is not None:
+        predicted["zero"], given["zero"] = prediction.zeros(matrices, factors), measured.zeros.frequency
+    if measured.constants is not None:
+        predicted["constant"], given["constant"] = prediction.constants(modal), measured.constants.constants
     likeness = np.empty(0)
     if measured.shapes is not None:
         predicted["shape"], given["shape"] = prediction.components(modal), measured.shapes.components
