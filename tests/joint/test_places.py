@@ -95,7 +95,6 @@ def test_joints_side_by_side_are_their_selections_side_by_side():
 @pytest.mark.parametrize(
     "broken",
     [
-        lambda: Joints(()),
         lambda: Joints((Joint(("1:y",)), Joint(("2:y",), name="b"))),
         lambda: Joints((Joint(("1:y",), name="b"), Joint(("2:y",), name="b"))),
         lambda: Joint(("1:y",), axes=((1, 0, 0), (0, 1, 0), (0, 0, 2))),

@@ -31,7 +31,7 @@ from jointbayes.case.combined import (
     require_lowest,
 )
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
-from jointbayes.case.spec.parse import needs_files, parse_planned, parse_setups
+from jointbayes.case.spec.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_line
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError
@@ -56,7 +56,7 @@ class Case:
     source
         The TOML text, together with that of the files it builds on.
     spec
-        The same, checked and typed; of several set-ups that of the first.
+        The same, checked and typed; of several set-ups that of the first in which a joint acts.
     problem
         Structure, joint, data and prior; `replace` may put another one in its place.
     stated
@@ -258,7 +258,7 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
             _setup(name, CaseHome(Path(), texts[name]), spec.without_split(), data[name])
             for name, spec in specs.items()
         )
-    return Case(problem.name, source, next(iter(specs.values())), problem, problem if stated else None, setups)
+    return Case(problem.name, source, first_joined(specs.values()), problem, problem if stated else None, setups)
 
 
 @one_blas_thread()
@@ -269,7 +269,7 @@ def _build(name: str, source: CaseText, directory: Path, data: Data | None, allo
         for setup, spec in parse_setups(source).items()
     ]
     parse_planned(source)  # what is wrong in a proposed set-up is told now
-    first = setups[0]
+    first = next(setup for setup in setups if setup.spec.joined)
     with _told_of(first.source if len(setups) == 1 else source, first.spec) as tell:
         tell("prior")
         problem = problem_of(setups, name)

@@ -147,7 +147,7 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
             for nuisance in named_here:
                 among[nuisance.name] = _shared(among.get(nuisance.name, nuisance), nuisance, setup.name)
     every = sorted(nuisances.values(), key=lambda n: n.name.rpartition(".")[2] == "gain")
-    return JointPrior(blocks_of(kinds), tuple(marginals), (*every, *of_noise.values())), np.concatenate(guesses)
+    return JointPrior(blocks_of(kinds), tuple(marginals), (*every, *of_noise.values())), np.concatenate([[], *guesses])
 
 
 def default_priors_of(specs: Mapping[str, CaseSpec]) -> frozenset[str]:
@@ -347,6 +347,6 @@ def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, mea
         if mode.frequency_hz > _ABOVE_RIGID * highest:
             raise MeasurementError(
                 f"data: found mode {number} at {mode.frequency_hz:.4g} Hz; expected it at {highest:.4g} Hz at most, "
-                "where a rigid joint puts it, so that a lower mode was missed; lower f_min_hz, or measure where that "
-                "mode moves"
+                f"where {'a rigid joint' if joint.size else 'the free structure'} puts it, so that a lower mode was "
+                "missed; lower f_min_hz, or measure where that mode moves"
             )

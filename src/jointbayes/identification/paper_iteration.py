@@ -214,7 +214,8 @@ def part_to_iterate(problem: Problem) -> Problem | None:
     """
     if problem.parametrisation.damped:
         return None
-    return next((part for part in problem.parts if part.test.joint_frf is not None), None)
+    joined = (part for part in problem.parts if part.test.joints.size)
+    return next((part for part in joined if part.test.joint_frf is not None), None)
 
 
 def missing_for_iteration(problem: Problem) -> str:

@@ -69,7 +69,7 @@ def reconstructed_starts(problem: Problem, rng: np.random.Generator, effort: int
         How many times as many points, a power of 2; above 1 twice as many ends.
     """
     count = len(problem.parametrisation.names)
-    with_frfs = [part for part in problem.parts if part.test.data.frfs]
+    with_frfs = [part for part in problem.parts if part.test.data.frfs and part.test.joints.size]
     if count < MANY_UNKNOWNS or not with_frfs:
         return np.empty((0, len(problem.names)))
     misfit = _Misfit(problem, [_TestData.from_problem(part) for part in with_frfs])

@@ -106,7 +106,8 @@ class Problem:
 
     def __repr__(self) -> str:
         tests = "; ".join(map(repr, self.tests))
-        return f"Problem(joint {self.tests[0].joints}; unknown: {', '.join(self.names)}; {tests})"
+        joints = "; ".join(dict.fromkeys(str(test.joints) for test in self.tests if test.joints.size)) or "none"
+        return f"Problem(joint {joints}; unknown: {', '.join(self.names)}; {tests})"
 
     def __str__(self) -> str:
         priors = zip(self.prior.labels, self.prior.all_marginals, strict=True)
@@ -182,6 +183,7 @@ class Problem:
         every = (*terms, *(self._term(test, 0) for test in self.left_out))
         used = {int(column) for term in every for column in term.columns}
         idle = [name for i, name in enumerate(self._nuisances) if i not in used]
+        idle += [quantity.name for quantity in self.quantities if not quantity.places]
         if idle and not (len(self.tests) == 1 and self.tests[0].name):  # one of several, see `parts`, leaves some out
             raise ModelError(
                 f"{self.name}: found priors of {', '.join(idle)}, on which no set-up depends; expected quantities of "
@@ -197,12 +199,13 @@ class Problem:
         return Term(likelihood, slice(row, row + test.joints.size), columns)
 
     def _sharing(self, terms: Sequence[Term]) -> list[Sharing]:
-        """Tests of one structure, with the same unknowns, whose noise models share errors."""
+        """Tests of one structure, joined alike and with the same unknowns, whose noise models share errors."""
         groups: list[list[int]] = []
         for place, test in enumerate(self.tests):
             for group in groups:
-                columns = terms[group[0]].columns, terms[place].columns
-                if np.array_equal(*columns) and _is_same_body(self.tests[group[0]].structure, test.structure):
+                columns, first = (terms[group[0]].columns, terms[place].columns), self.tests[group[0]]
+                alike = np.array_equal(*columns) and first.joints == test.joints
+                if alike and _is_same_body(first.structure, test.structure):
                     group.append(place)
                     break
             else:

@@ -68,7 +68,8 @@ class Test:
         Body without the joints as it was in this test, or `Substructures` where bodies are given by their measured
         FRFs.
     joints
-        Where the joints act; several in a sequence, each with a name.
+        Where the joints act; several in a sequence, each with a name; an empty one, ``()``, of a structure that was
+        tested free, before it was joined.
     data
         FRFs, natural frequencies or modes with their noise.
     noise
@@ -98,7 +99,8 @@ class Test:
         missing = [name for name in ("structure", "joints", "data") if getattr(self, name) is None]
         if missing:
             raise ModelError(
-                f"problem: found no {', '.join(missing)}; expected structure, joints and data of a test; pass them"
+                f"problem: found no {', '.join(missing)}; expected structure, joints and data of a test; pass them, "
+                "joints=() where nothing is joined"
             )
         object.__setattr__(self, "joints", joints_of(self.joints))
 

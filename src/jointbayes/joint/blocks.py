@@ -132,19 +132,20 @@ class Blocks(Parametrisation):
         array = np.asarray(numbers, dtype=float)
         return [np.asarray(of(joint, array[..., k if are_values else t])) for joint, t, k in self._parts]
 
-    def _side_by_side(self, parts: Sequence[Array]) -> Array:
-        return np.concatenate(parts, axis=-1)
+    def _side_by_side(self, parts: Sequence[Array], numbers: ArrayLike) -> Array:
+        none = np.asarray(numbers, dtype=float)[..., :0]  # gives the shape where there are no parts
+        return np.concatenate([none, *parts], axis=-1)
 
     def values(self, theta: ArrayLike) -> Array:
         """Quantities, shape (..., q), from θ, shape (..., d)."""
-        return self._side_by_side(self._each(lambda joint, t: joint.values(t), theta, False))
+        return self._side_by_side(self._each(lambda joint, t: joint.values(t), theta, False), theta)
 
     def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether all have coordinates."""
         return np.logical_and.reduce(self._each(lambda joint, k: joint.describes(k), values, True))
 
     def _coordinates(self, values: Array) -> Array:
-        return self._side_by_side(self._each(lambda joint, k: joint._coordinates(k), values, True))
+        return self._side_by_side(self._each(lambda joint, k: joint._coordinates(k), values, True), values)
 
     def derivative(self, theta: ArrayLike) -> Array:
         """∂k/∂θ, shape (..., q, d), block by block."""
@@ -164,7 +165,7 @@ class Blocks(Parametrisation):
 
     def nearest(self, values: ArrayLike) -> Array:
         """The nearest joint of each, shape (q,)."""
-        return self._side_by_side(self._each(lambda joint, k: joint.nearest(k), values, True))
+        return self._side_by_side(self._each(lambda joint, k: joint.nearest(k), values, True), values)
 
     def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether every joint is, shape (...)."""
@@ -172,11 +173,11 @@ class Blocks(Parametrisation):
 
     def uncoupled(self, values: ArrayLike) -> Array:
         """The same joints, shape (..., q), each without coupling."""
-        return self._side_by_side(self._each(lambda joint, k: joint.uncoupled(k), values, True))
+        return self._side_by_side(self._each(lambda joint, k: joint.uncoupled(k), values, True), values)
 
     def middle(self, mean: Array) -> Array:
         """The joints, shape (q,), at the means of the priors of their coordinates, shape (d,)."""
-        return self._side_by_side(self._each(lambda joint, t: joint.middle(t), mean, False))
+        return self._side_by_side(self._each(lambda joint, t: joint.middle(t), mean, False), mean)
 
     def _semidefinite(self, values: Array) -> str:
         at_fault = [
@@ -200,12 +201,13 @@ class Blocks(Parametrisation):
 
     def compliance(self, theta: Array) -> Array:
         """φ of each joint, shape (n, d), of θ, shape (n, d)."""
-        return self._side_by_side(self._each(lambda joint, t: joint.compliance(t), theta, False))
+        return self._side_by_side(self._each(lambda joint, t: joint.compliance(t), theta, False), theta)
 
     def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint each, shape (n,)."""
         parts = [joint.coordinates_of_compliance(phi[:, t]) for joint, t, _ in self._parts]
-        return self._side_by_side([theta for theta, _ in parts]), np.logical_and.reduce([inside for _, inside in parts])
+        inside = np.logical_and.reduce([inside for _, inside in parts])
+        return self._side_by_side([theta for theta, _ in parts], phi), inside
 
     def log_compliance_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,): the sum of all."""

@@ -217,7 +217,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Joints:
-    """Several joints, side by side.
+    """Several joints, side by side; none of a structure that is joined to nothing.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ class Joints:
     Raises
     ------
     ModelError
-        If there is none, or one has no name or that of another.
+        If one of several has no name or that of another.
     """
 
     joints: tuple[Joint, ...]
@@ -235,14 +235,13 @@ class Joints:
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
         names = [joint.name for joint in self.joints]
-        if not names or len(set(names)) != len(names) or (len(names) > 1 and "" in names):
+        if len(set(names)) != len(names) or (len(names) > 1 and "" in names):
             raise ModelError(
-                f"joints: found names {', '.join(map(repr, names)) or 'of none'}; expected one or more joints, each "
-                "with a name of its own; name them"
+                f"joints: found names {', '.join(map(repr, names))}; expected a name of its own for each; name them"
             )
 
     def __str__(self) -> str:
-        return "; ".join(map(str, self.joints))
+        return "; ".join(map(str, self.joints)) or "none"
 
     @property
     def size(self) -> int:
@@ -271,7 +270,7 @@ class Joints:
 
     def selection(self, structure: LabelledDofs) -> Array:
         """Matrix B, shape (n, R), so that Bᵀx is the deformation of all joints and B K^J Bᵀ their stiffness."""
-        return np.hstack([joint.selection(structure) for joint in self.joints])
+        return np.hstack([np.empty((structure.n_dofs, 0)), *(joint.selection(structure) for joint in self.joints)])
 
 
 #: One joint, or several side by side: whoever asks for DOFs, size or selection need not know which.

@@ -120,5 +120,5 @@ def joint_matrix_of(matrices: AnyJointMatrix) -> JointMatrix:
 
 def symmetric_changes(r: int) -> Array:
     """Symmetric change dK^J for each entry in turn, shape (r², r, r): one on the diagonal, two halves off it."""
-    unit = np.eye(r * r).reshape(-1, r, r)
+    unit = np.eye(r * r).reshape(r * r, r, r)
     return (unit + unit.swapaxes(1, 2)) / 2

@@ -248,6 +248,7 @@ def summarise(
     """
     estimate, problem = posterior.estimate, posterior.problem
     setups = setup_summaries(posterior, initial, measured_frequencies_hz)
+    first = next((test for test in problem.tests if test.joints.size), problem.tests[0])
     return Summary(
         record=posterior.record,
         warnings=tuple(warnings),
@@ -268,7 +269,7 @@ def summarise(
             mode_distance_sd=posterior.mode_distance,
             starts=tuple((s.name, s.reached_mode) for s in estimate.starts),
         ),
-        natural_frequencies_hz=next(iter(setups.values())).natural_frequencies_hz,
+        natural_frequencies_hz=setups[first.name].natural_frequencies_hz,
         fit=fit_of(problem, estimate.theta),
         check=posterior.check,
         diagnosis=posterior.diagnosis,

@@ -88,7 +88,7 @@ class ModeTable:
         """Eigenvalues (n, m) and motions (n, k, m) at shape numbers (n, axes)."""
         k, m = self._rows.shape[1:]
         values = self._grid.coefficients(numbers) @ self._flat
-        return values[:, :m], values[:, m:].reshape(-1, k, m)
+        return values[:, :m], values[:, m:].reshape(len(values), k, m)
 
     def _turned(self, modes_at: ModesAt, numbers: Sequence[float]) -> tuple[Array, Array]:
         """Eigenvalues (m,) and motions (k, m) of modes ordered and turned like their nominal counterparts."""
@@ -122,7 +122,7 @@ class ModeTable:
                 root = np.sqrt(np.diag(right))
                 root[root == 0] = 1.0
                 errors.append((guess - right) / np.outer(root, root))
-            worst = max(worst, *(float(np.abs(e).max()) for e in errors))
+            worst = max(worst, *(float(np.abs(e).max(initial=0.0)) for e in errors))
         return worst
 
 
@@ -292,9 +292,10 @@ class Parts:
 
     def joined(self, rows: Array) -> Array:
         """Rows (n, parts, m) of the parts as those of the motions, shape (n, k, m)."""
-        if len(self.whole) == self.whole[-1] + 1:
+        count = self.whole.max(initial=-1) + 1
+        if len(self.whole) == count:
             return rows
-        sums = (np.arange(self.whole[-1] + 1)[:, None] == self.whole).astype(float)
+        sums = (np.arange(count)[:, None] == self.whole).astype(float)
         joined: Array = sums @ rows
         return joined
 

@@ -152,6 +152,7 @@ def ascii_unit(unit: str) -> str:
 
 
 OWN = key_field("true (each set-up has its own) or false (one for all set-ups)", True)
+JOINED = key_field("false (nothing is joined: the free structure) or true (every joint acts)", False)
 DATA_KIND = key_field(
     'the kind of data, "synthetic_frf", "natural_frequencies", "modes", "measured_frf" or "measured_frequencies"',
     "synthetic_frf",

@@ -5,7 +5,7 @@ Rules between the tables of one test stand in `rules`; here those between the te
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import pydantic
 
@@ -33,7 +33,7 @@ def needs_files(specs: Mapping[str, CaseSpec]) -> bool:
 
 
 def parse_case(text: str | CaseText, name: str = "case") -> CaseSpec:
-    """Read a case from TOML text; of several set-ups the first, see `parse_setups`.
+    """Read a case from TOML text; of several set-ups the first that is joined, see `parse_setups`.
 
     Parameters
     ----------
@@ -52,7 +52,12 @@ def parse_case(text: str | CaseText, name: str = "case") -> CaseSpec:
     CaseError
         If anything is wrong; one line for each fault, ``FILE:LINE: key: found; expected; what to do``.
     """
-    return next(iter(parse_setups(text, name).values()))
+    return first_joined(parse_setups(text, name).values())
+
+
+def first_joined(specs: Iterable[CaseSpec]) -> CaseSpec:
+    """The first set-up in which a joint acts: what the case says of joints and of the run."""
+    return next(spec for spec in specs if spec.joined)
 
 
 def parse_setups(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec]:
@@ -67,6 +72,9 @@ def parse_setups(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec
     faults += [lines[0] for lines in dropped.values() if len(lines) == len(texts)]  # what no set-up can have
     if not faults:
         between = [*shared_findings(specs, texts), *integral_findings(specs), *parameter_findings(specs)]
+        if not any(spec.joined for spec in specs.values()):
+            expected, remedy = "one test at least with the joint to be identified", "remove it from one"
+            between = [(next(iter(specs)), Finding(("joined",), "found false", expected, remedy))]
         faults = [_told(texts[setup], finding) for setup, finding in (*between, *hypotheses_findings(specs))]
     _raise_faults(faults)
     return specs

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, Strict
 from jointbayes.case.spec.fields import (
     ESTIMATOR,
     FREQUENCIES,
+    JOINED,
     MOST_ENSEMBLES,
     MOST_PROCESSES,
     MOST_STEPS,
@@ -119,6 +120,7 @@ class PlannedSetupSpec(Spec):
     """A test that could be made: what is different from the rest of the file, whose tables these are."""
 
     remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
+    joined: Annotated[bool, JOINED] = True
     structure: Annotated[_Table, _changes("the structure")] = None
     joint: Annotated[_Table, _changes("the joint")] = None
     joints: Annotated[_Table, _changes("the joints")] = None

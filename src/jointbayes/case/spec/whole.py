@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, Strict
 
 from jointbayes.case.spec import rules
 from jointbayes.case.spec.data_table import DataSpec
-from jointbayes.case.spec.fields import Finding, KeyPath, Name, Spec, key_field
+from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, key_field
 from jointbayes.case.spec.frame_table import FrameSpec
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table
 from jointbayes.case.spec.measured_table import MeasuredBodySpec
@@ -78,6 +78,7 @@ class CaseSpec(Spec):
     ] = {}  # noqa: RUF012 (pydantic copies it)
     level: Annotated[LevelSpec | None, Field(description="what the levels of the set-ups are: name, unit")] = None
     structure: StructureSpec
+    joined: Annotated[bool, JOINED] = True
     joint: Annotated[JointSpec | None, Field(description="the joint: dofs, initial")] = None
     joints: Annotated[
         dict[Name, NamedJointSpec], Field(description="several joints, a table for each by its name, as [joints.left]")
@@ -106,7 +107,9 @@ class CaseSpec(Spec):
 
     @property
     def all_joints(self) -> dict[str, JointSpec]:
-        """Every joint by its name; a lone one has none."""
+        """Every joint by its name; a lone one has none. None where nothing is joined."""
+        if not self.joined:
+            return {}
         return dict(self.joints) if self.joint is None else {"": self.joint}
 
     @property
@@ -133,12 +136,16 @@ class CaseSpec(Spec):
     @property
     def sharing(self) -> dict[str, str]:
         """Joints whose quantities are those of another one, by name."""
-        return {name: joint.shared for name, joint in self.joints.items() if joint.shared is not None}
+        joints = self.joints.items() if self.joined else ()
+        return {name: joint.shared for name, joint in joints if joint.shared is not None}
 
     @property
     def plan_outputs(self) -> tuple[str, ...]:
         """DOFs that a further measurement may add: those of the plan, or each translation along that of the joint."""
-        direction = next(iter(self.all_joints.values())).directions[0]
+        joint = self.joint or next(iter(self.joints.values()), None)
+        if joint is None:  # of a set-up in which nothing is joined
+            return self.plan.outputs
+        direction = joint.directions[0]
         every = (f"{point}:{direction}" for point in self.structure.points_in_order)
         return self.plan.outputs or tuple(label for label in every if label not in self.structure.supports)
 
@@ -151,7 +158,7 @@ class CaseSpec(Spec):
     def joint_objects(self) -> Joint | tuple[Joint, ...]:
         """Where the joints act; a lone one without a name by itself."""
         joints = tuple(joint.built(name) for name, joint in self.all_joints.items())
-        return joints[0] if self.joint is not None else joints
+        return joints[0] if joints and self.joint is not None else joints
 
     @property
     def parametrisation(self) -> Parametrisation:
@@ -181,7 +188,7 @@ class CaseSpec(Spec):
     def _findings(self) -> Iterator[Finding]:
         """Yield where its tables do not agree with each other."""
         yield from self._setup_findings()
-        if not self.all_joints:
+        if self.joined and not self.all_joints:
             yield Finding(("joint",), missing=True)
             return
         yield from self._body_findings()
@@ -193,7 +200,7 @@ class CaseSpec(Spec):
         lone_pair = self.joint is not None and self.joint.kind == "coupled" and not self.joint.damping
         named: dict[KeyPath, NamedStiffnessSpec | None] = {("data", "truth"): truth, ("reference",): self.reference}
         for loc, stated in named.items():
-            if stated is not None:
+            if stated is not None and self.joined:
                 yield from rules.stiffness_names_findings(loc, stated, self.all_quantities, lone_pair=lone_pair)
         yield from rules.uncertain_findings(self.uncertain, self.structure, self.data)
         yield from rules.truth_findings(self.structure, self.data)
@@ -215,7 +222,8 @@ class CaseSpec(Spec):
                 if name in names:
                     fault = f"found the name of a {what}, so that {name}.k11 would be two things"
                     yield Finding(("setups", name), fault, "a name of its own", "rename one of the two")
-        yield from rules.level_findings(self.level, {name: setup.level for name, setup in self.setups.items()})
+        joined = {name: setup for name, setup in self.setups.items() if setup.joined}
+        yield from rules.level_findings(self.level, {name: setup.level for name, setup in joined.items()})
         for name, proposed in self.plan.setups.items():
             loc = ("plan", "setups", name)
             if name in self.setups:

@@ -1,4 +1,4 @@
-"""Low-rank coupling of a joint of one or two DOFs: receptance = N/D, both linear in (1, k11, k12, k22, det K).
+"""Low-rank coupling of a joint of two DOFs at most: receptance = N/D, both linear in (1, k11, k12, k22, det K).
 
 With A the receptance without the joint, D = det(1 + A_jj K) and N = D·H are sums of minors of A times minors of K
 (Cauchy-Binet). No term cancels another as the joint becomes rigid or absent, and nothing is divided by but D.
@@ -95,7 +95,7 @@ class PairCoupling:
 
     def __init__(self, free: ComplexArray, along: Array, n_out: int) -> None:
         r = along.shape[0]
-        size = free.shape[1] + 2 - r  # a joint of one DOF gets a second one that nothing moves
+        size = free.shape[1] + 2 - r  # a joint of one DOF, or of none, gets others that nothing moves
         kept = np.concatenate([np.arange(r), np.arange(2, size)])
         a = np.zeros((len(free), size, size), dtype=complex)
         a[:, kept[:, None], kept] = free
@@ -146,7 +146,7 @@ class PairCoupling:
         if self._r == 2:
             return matrices
         padded = np.zeros((len(matrices), 2, 2))
-        padded[:, :1, :1] = matrices
+        padded[:, : self._r, : self._r] = matrices
         return padded
 
 

@@ -22,6 +22,8 @@ def joint_in_modes_section(inputs: SetupInputs) -> ReportSection | None:
     """Effect of the joint on each natural frequency in the band of the data; None where there is none."""
     problem = inputs.problem
     names = tuple(problem.quantities[i].name for i in _stiffnesses(problem))
+    if not names:
+        return None
     modes, best, rigid, change = _modes_in_band(problem, inputs.posterior.estimate.theta)
     if not modes.size:
         return None

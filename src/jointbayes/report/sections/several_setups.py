@@ -20,6 +20,7 @@ def overview_section(inputs: ReportInputs) -> ReportSection:
     for setup in inputs.setups:
         fit, check = setup.summary.fit, setup.summary.check
         data = setup.problem.test.data.in_short(foreign)
+        data += "" if setup.problem.test.joints.size else "; nothing joined"
         row = [foreign(setup.problem.test.name), data, str(fit.n_data), number(fit.chi2_per_line, 4)]
         row.append("yes" if check.explains else "no")
         if levels:
