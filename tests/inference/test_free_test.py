@@ -8,7 +8,7 @@ from scipy.interpolate import RectBivariateSpline
 import jointbayes as jb
 from jointbayes.errors import ModelError
 from jointbayes.frf import DirectSolve, FrfSet, NaturalFrequencies, Ports, receptance_model
-from jointbayes.inference import JointPrior, ModelErrorNoise, Normal, Nuisance, Uniform
+from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Normal, Nuisance, Uniform
 from jointbayes.joint import Joints, blocks_of, parametrisation_named
 from jointbayes.measurement import FrequencyData, FrfData, ModeData, ModeShapes, Observed
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section
@@ -94,18 +94,16 @@ def test_without_a_joint_in_any_test_the_stiffnesses_have_no_data():
 
 
 def test_a_free_body_is_another_structure_whose_model_has_errors_of_its_own():
-    noise = ModelErrorNoise.of(FREE.data, 0.3, 0.05)
-    error = Nuisance("model_error", "× f", 0.003, Normal(0.0, 1.0))
-    prior = JointPrior(PAIR, PRIOR.marginals, (*MATERIAL, error))
+    sizes = ErrorSizes(factor=1 + 1e-9)  # one size only, which is shared
     names = ("clamped", "again", "free")
     first, again, free = (
-        jb.Test(name, BODY, () if name == "free" else CLAMP, test.data, noise)
+        jb.Test(name, BODY, () if name == "free" else CLAMP, test.data, ModelErrorNoise.of(test.data, sizes))
         for name, test in zip(names, (CLAMPED, CLAMPED, FREE), strict=True)
     )
-    theta = np.array([[*np.log(TABLE_3), 0.01, -0.005, 0.001, 0.5]])
+    theta = np.array([[*np.log(TABLE_3), 0.01, -0.005, 0.001]])
 
     def value(*tests):
-        return jb.Problem(tests, prior).log_posterior.log_likelihood(theta)[0]
+        return jb.Problem(tests, PRIOR).log_posterior.log_likelihood(theta)[0]
 
     assert value(first, free) == pytest.approx(value(first) + value(free), rel=1e-12)
     assert value(first, again) != pytest.approx(value(first) + value(again), rel=1e-3)

@@ -1,10 +1,11 @@
 """Errors of the model in modes: the dense normal density, one error shared by tests of one structure, changes seen."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import integrate, stats
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
@@ -44,33 +45,63 @@ def covariance(error, *tests):
     return dense
 
 
+def noise_of(*tests, bodies=None):
+    """The noise of several tests, of one structure unless their bodies are numbered otherwise."""
+    each = [ModelErrorNoise.of(data, SIZES) for data in tests]
+    return each[0].shared(each, bodies or [0] * len(each))
+
+
+def log_density(residual, sd, tests):
+    """ln of the mean of the dense normal density over the log-normal prior of the size of a frequency's error."""
+
+    def density(u):
+        dense = covariance(SIZES.frequency * SIZES.factor**u, *tests) / np.outer(sd, sd)
+        return stats.norm.pdf(u) * math.exp(stats.multivariate_normal(cov=dense).logpdf(residual) + 0.5 * residual.size)
+
+    return math.log(integrate.quad(density, -8, 8, epsabs=0, epsrel=1e-10, limit=400)[0]) - 0.5 * residual.size
+
+
 @pytest.mark.parametrize("tests", [(MODES,), (EIGENVALUES, OTHER_LEVEL), (OTHER_LEVEL, OTHER_LEVEL, MODES)])
-def test_the_density_is_the_dense_normal_one_whose_tests_share_each_error(tests):
-    rng = np.random.default_rng(1)
-    own = [ModelErrorNoise.of(data, *KNOWN) for data in tests]
-    noise = own[0].shared(own) or own[0]
+def test_the_density_is_the_mean_of_dense_normal_ones_whose_tests_share_each_error(tests):
+    rng, noise = np.random.default_rng(1), noise_of(*tests)
     sd = np.concatenate([data.sd for data in tests])
-    for error in (1e-5, 0.004, 0.3):
-        dense = covariance(error, *tests) / np.outer(sd, sd)  # of residuals over their stated deviations
-        residual = rng.multivariate_normal(np.zeros(sd.size), dense)
-        z = (residual / math.sqrt(2))[None, :, None]
-        value = noise.log_likelihood(z, [[error]])[0] - sd.size * math.log(math.sqrt(2 * math.pi))
-        assert value == pytest.approx(stats.multivariate_normal(cov=dense).logpdf(residual), rel=1e-9)
-        scores = math.sqrt(2) * noise.scores(z, [[error]])[0, :, 0]
-        assert scores @ scores == pytest.approx(residual @ np.linalg.solve(dense, residual), rel=1e-9)
+    for error in (1e-4, 0.004, 0.03):
+        residual = rng.multivariate_normal(np.zeros(sd.size), covariance(error, *tests) / np.outer(sd, sd))
+        value = noise.log_likelihood((residual / math.sqrt(2))[None, :, None], ())[0]
+        value -= sd.size * math.log(math.sqrt(2 * math.pi))
+        assert value == pytest.approx(log_density(residual, sd, tests), abs=1e-4)
 
 
-def test_replicated_residuals_have_that_covariance():
-    noise, error = ModelErrorNoise.of(MODES, *KNOWN), 0.02
-    drawn = noise.draw(np.random.default_rng(2), np.full((200_000, 1), error), MODES.values.size, 1)[:, :, 0]
+def test_tests_of_two_structures_share_the_size_of_errors_and_no_error():
+    two, one = noise_of(OTHER_LEVEL, OTHER_LEVEL, bodies=[0, 1]), noise_of(OTHER_LEVEL, OTHER_LEVEL)
+    alone = ModelErrorNoise.of(OTHER_LEVEL, SIZES)
+    z = np.array([30.0, -20.0, 25.0, 30.0, -20.0, 25.0])[None, :, None]  # the same large residuals in both
+    apart = 2 * alone.log_likelihood(z[:, :3], ())
+    assert one.log_likelihood(z, ()) > two.log_likelihood(z, ()) > apart
+
+
+def test_scores_are_white_in_the_mean_whatever_the_size_of_the_error():
+    noise = noise_of(MODES, OTHER_LEVEL)
+    z = noise.draw(np.random.default_rng(3), np.empty((20_000, 0)), MODES.values.size + 3, 1)
+    square = 2 * noise.scores(z, ())[:, :, 0] ** 2
+    assert square.mean(axis=0) == pytest.approx(1.0, abs=0.05)
+
+
+def test_replicated_residuals_have_the_covariance_of_the_mean_square_of_that_size():
+    noise = ModelErrorNoise.of(MODES, SIZES)
+    drawn = noise.draw(np.random.default_rng(2), np.empty((400_000, 0)), MODES.values.size, 1)[:, :, 0]
+    error = SIZES.frequency * math.exp(math.log(SIZES.factor) ** 2)  # root mean square of the log-normal
     dense = covariance(error, MODES) / np.outer(MODES.sd, MODES.sd) / 2
     scale = np.sqrt(np.outer(np.diag(dense), np.diag(dense)))
-    assert np.abs((drawn.T @ drawn / len(drawn) - dense) / scale).max() < 0.02
+    assert np.abs((drawn.T @ drawn / len(drawn) - dense) / scale).max() < 0.03
 
 
-def test_tests_of_other_noise_share_nothing():
-    one = ModelErrorNoise.of(MODES, *KNOWN)
-    assert one.shared([one]) is None
+def test_the_size_of_the_error_is_drawn_as_residuals_leave_it():
+    noise, rng = ModelErrorNoise.of(OTHER_LEVEL, SIZES), np.random.default_rng(4)
+    z = np.full((4000, 3, 1), 0.0)
+    z[2000:, :, 0] = 0.02 * OTHER_LEVEL.values / OTHER_LEVEL.sd / math.sqrt(2)  # 2 % of each frequency
+    small, large = np.split(noise.draw_size(rng, z), 2)
+    assert np.median(small) < SIZES.frequency < 0.008 < np.median(large) < 0.03
 
 
 LEVELS = """
@@ -110,7 +141,7 @@ def torques(tmp_path_factory):
 
 def test_two_levels_of_one_structure_tell_their_ratio_far_better_than_either_stiffness(torques):
     problem = torques.problem
-    assert problem.names == ("low.ky", "low.krz", "high.ky", "high.krz", "model_error")
+    assert problem.names == ("low.ky", "low.krz", "high.ky", "high.krz")
     estimate = jb.find_map(problem, seed=1)
     sd = np.sqrt(np.diag(estimate.covariance))
     of_change = math.sqrt(sd[1] ** 2 + sd[3] ** 2 - 2 * estimate.covariance[1, 3])
@@ -121,11 +152,11 @@ def test_two_levels_of_one_structure_tell_their_ratio_far_better_than_either_sti
 
 def test_the_density_of_tests_together_has_the_slope_of_its_residuals(torques):
     density = torques.problem.log_posterior
-    theta = jb.find_map(torques.problem, seed=1).theta + np.array([0.03, -0.01, 0.02, 0.02, 0.2])
+    theta = jb.find_map(torques.problem, seed=1).theta + np.array([0.03, -0.01, 0.02, 0.02])
     residual, jacobian = density.residuals(theta)
     step = 1e-5
-    for i in range(4):  # the size of the error is no least-squares parameter
-        move = np.eye(5)[i] * step
+    for i in range(4):
+        move = np.eye(4)[i] * step
         up, down = density(np.stack([theta + move, theta - move]))
         assert -(jacobian.T @ residual)[i] == pytest.approx((up - down) / (2 * step), rel=1e-5)
 
@@ -145,8 +176,10 @@ def test_draws_of_two_levels_hold_the_change_and_come_back_from_their_file(torqu
 
 
 def test_simulated_data_of_two_levels_share_the_errors_that_the_likelihood_has_them_share(torques):
-    problem = torques.problem
-    theta = np.append(np.log([5e7, 5e4, 5e7, 5.5e4]), np.log(0.004))
+    sizes = replace(SIZES, factor=1.0001)  # one size only
+    tests = [replace(test, noise=replace(test.noise, sizes=sizes)) for test in torques.problem.tests]
+    problem = jb.Problem(tests, torques.problem.prior)
+    theta = np.log([5e7, 5e4, 5e7, 5.5e4])
     rng = np.random.default_rng(3)
     predicted = problem.log_posterior.predicted(theta)[0]
     measured = [simulated_problem(problem, problem, theta, rng).tests for _ in range(800)]
@@ -160,7 +193,7 @@ def test_simulated_data_of_two_levels_share_the_errors_that_the_likelihood_has_t
 def test_errors_of_the_model_need_modes_and_known_errors_of_measurement(tmp_path):
     frf = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
     with pytest.raises(
-        CaseError, match=r"noise\.model_error: found the model's errors in modes, where the data are FRFs"
+        CaseError, match=r"noise\.model_error: found the model's errors in modes, where the data are computed FRFs"
     ):
         case_from_text("frf", frf + "\n[noise.model_error]\n")
     modes = (CONFIGS / "two_storeys.toml").read_text(encoding="utf-8")

@@ -8,7 +8,7 @@ ln L = kind.constant + noise.log_likelihood(z, hyper).
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -204,6 +204,12 @@ class Likelihood(ABC):
     def draw_shared(self, factors: ArrayLike, rng: np.random.Generator) -> dict[int, Residuals]:
         """Noise of tests that share errors, drawn for all of them together: z by the place of each; by default none."""
         return {}
+
+    def draw_error_size(
+        self, law: Hashable, matrices: AnyJointMatrix, factors: ArrayLike, rng: np.random.Generator
+    ) -> Array | None:
+        """Size of errors that are `NoiseModel.shares`, shape (batch,), drawn given the data; None where none are."""
+        return None
 
     def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint, in units of the noise that the data show."""

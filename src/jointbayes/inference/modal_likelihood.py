@@ -287,7 +287,8 @@ class GaussianLikelihood(Likelihood):
         """Residuals over their standard deviation and its factor, shape (batch, n)."""
         z = self.standardised(matrices, factors)
         if not self.noise.needs_chi2_only:
-            return np.asarray(self.noise.scores(z[:, :, None], self.hyper(factors))[:, :, 0])
+            scores = self.noise.scores(z[:, :, None] / math.sqrt(2), self.hyper(factors))
+            return math.sqrt(2) * np.asarray(scores[:, :, 0])
         return z / self.hyper(factors) if self.hyper_count else z
 
     def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
@@ -332,7 +333,8 @@ class GaussianLikelihood(Likelihood):
         if self.noise.needs_chi2_only:
             rows = self.plain_residuals(matrix, directions, factors, *hyper)
         else:
-            rows = self.noise.whiten(self.plain_residuals(matrix, directions, factors)[:, :, None], hyper)[:, :, 0]
+            z = self.plain_residuals(matrix, directions, factors)[:, :, None] / math.sqrt(2)
+            rows = math.sqrt(2) * np.asarray(self.noise.whiten(z, hyper)[:, :, 0])
         return rows[0], rows[1:].T
 
     def plain_residuals(

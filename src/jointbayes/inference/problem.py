@@ -1,6 +1,6 @@
 """Everything that defines an inference: tests, and a prior over all that is uncertain in them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -199,24 +199,26 @@ class Problem:
         return Term(likelihood, slice(row, row + test.joints.size), columns)
 
     def _sharing(self, terms: Sequence[Term]) -> list[Sharing]:
-        """Tests of one structure, joined alike and with the same unknowns, whose noise models share errors."""
-        groups: list[list[int]] = []
-        for place, test in enumerate(self.tests):
-            for group in groups:
-                columns, first = (terms[group[0]].columns, terms[place].columns), self.tests[group[0]]
-                alike = np.array_equal(*columns) and first.joints == test.joints
-                if alike and _is_same_body(first.structure, test.structure):
-                    group.append(place)
-                    break
-            else:
-                groups.append([place])
+        """Tests whose noise models share errors; those of one structure, joined alike, with the same unknowns, all."""
+        by_law: dict[Hashable, list[int]] = {}
+        for place, term in enumerate(terms):
+            by_law.setdefault(term.likelihood.noise.shares, []).append(place)
         sharing = []
-        for group in groups:
-            noises = [terms[place].likelihood.noise for place in group]
-            if (noise := noises[0].shared(noises)) is not None:
-                columns_of_noise = terms[group[0]].columns[-len(noise.names) :]
-                sharing.append(Sharing(tuple(group), noise, columns_of_noise))
+        for law, places in by_law.items():
+            if law is None or len(places) == 1:
+                continue
+            bodies: list[int] = []
+            for place in places:
+                same = (first for first in dict.fromkeys(bodies) if self._is_one_structure(terms, first, place))
+                bodies.append(next(same, place))
+            noises = [terms[place].likelihood.noise for place in places]
+            sharing.append(Sharing(tuple(places), noises[0].shared(noises, bodies)))
         return sharing
+
+    def _is_one_structure(self, terms: Sequence[Term], first: int, second: int) -> bool:
+        one, other = self.tests[first], self.tests[second]
+        alike = np.array_equal(terms[first].columns, terms[second].columns) and one.joints == other.joints
+        return alike and _is_same_body(one.structure, other.structure)
 
     @cached_property
     def _nuisances(self) -> tuple[str, ...]:

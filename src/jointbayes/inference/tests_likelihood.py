@@ -1,7 +1,7 @@
 """The likelihood of several tests together, each with joints and uncertain quantities of its own or shared ones."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,19 +48,11 @@ class Sharing:
     tests
         Their places among all, in order.
     noise
-        Noise model of the values of all of them, one after the other.
-    columns
-        Of the factors, those of its parameters.
+        Noise model, without parameters, of the values of all of them, one after the other.
     """
 
     tests: tuple[int, ...]
     noise: NoiseModel
-    columns: NDArray[np.intp]
-
-    def hyper(self, factors: ArrayLike | None) -> Array:
-        """Parameters of the noise, shape (..., their number), of all factors (..., q)."""
-        assert factors is not None  # the noise has parameters
-        return np.asarray(factors, dtype=float)[..., self.columns]
 
 
 class TestsLikelihood(Likelihood):
@@ -116,16 +108,16 @@ class TestsLikelihood(Likelihood):
         """ln L, shape (batch,): the sum of all tests."""
         values = [term.likelihood.log_likelihood(*term.select(matrices, factors)) for term in self._alone]
         for group in self.sharing:
-            z = self._of_group(group, matrices, factors) / math.sqrt(2)
+            z = self._of_group(group, matrices, factors)
             constant = sum(self.terms[place].likelihood.constant for place in group.tests)
-            values.append(constant + group.noise.log_likelihood(z, group.hyper(factors)))
+            values.append(constant + group.noise.log_likelihood(z, ()))
         return np.sum(values, axis=0)
 
     def _of_group(self, group: Sharing, matrices: AnyJointMatrix, factors: ArrayLike | None) -> Array:
-        """Residuals over their stated deviations, shape (batch, m, 1), of tests that share errors."""
+        """Residuals over √2 times their stated deviations, shape (batch, m, 1), of tests that share errors."""
         terms = [self.terms[place] for place in group.tests]
         rows = [term.likelihood.standardised(*term.select(matrices, factors)) for term in terms]
-        return np.concatenate(rows, axis=1)[:, :, None]
+        return np.concatenate(rows, axis=1)[:, :, None] / math.sqrt(2)
 
     def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
         """Residuals over σ: of a lone test in its own shape, of several one after the other, shape (batch, n)."""
@@ -153,7 +145,7 @@ class TestsLikelihood(Likelihood):
             If values depend on each other.
         """
         for group in self.sharing:
-            group.noise.pointwise(self._of_group(group, matrices, factors), group.hyper(factors))
+            group.noise.pointwise(self._of_group(group, matrices, factors), ())
         return self._joined([term.likelihood.pointwise(*term.select(matrices, factors)) for term in self.terms])
 
     @staticmethod
@@ -166,7 +158,7 @@ class TestsLikelihood(Likelihood):
         """Real residuals, shape (batch, m), of all tests; those that share errors last."""
         rows = [term.likelihood.white(*term.select(matrices, factors)) for term in self._alone]
         for group in self.sharing:
-            rows.append(group.noise.scores(self._of_group(group, matrices, factors), group.hyper(factors))[:, :, 0])
+            rows.append(self._white_of_group(group, matrices, factors))
         return np.concatenate(rows, axis=1)
 
     def draw_shared(self, factors: ArrayLike, rng: np.random.Generator) -> dict[int, Residuals]:
@@ -174,15 +166,31 @@ class TestsLikelihood(Likelihood):
         drawn: dict[int, Residuals] = {}
         for group in self.sharing:
             ends = np.cumsum([self.terms[place].likelihood.n_data for place in group.tests])
-            noise = group.noise.draw(rng, group.hyper(factors), ends[-1], 1)[0, :, 0]
+            noise = group.noise.draw(rng, np.empty((1, 0)), ends[-1], 1)[0, :, 0]
             drawn |= zip(group.tests, np.split(noise, ends[:-1]), strict=True)
         return drawn
+
+    def _white_of_group(self, group: Sharing, matrices: AnyJointMatrix, factors: ArrayLike | None) -> Array:
+        scores = group.noise.scores(self._of_group(group, matrices, factors), ())
+        return math.sqrt(2) * np.asarray(scores[:, :, 0])
+
+    def draw_error_size(
+        self, law: Hashable, matrices: AnyJointMatrix, factors: ArrayLike, rng: np.random.Generator
+    ) -> Array | None:
+        """Size of errors of the model, shape (batch,), drawn given what is left of the data."""
+        alone = ((term.likelihood.noise, (term,)) for term in self._alone)
+        groups = [(group.noise, tuple(self.terms[place] for place in group.tests)) for group in self.sharing]
+        for noise, terms in (*groups, *alone):
+            if noise.shares == law:
+                rows = [term.likelihood.standardised(*term.select(matrices, factors)) for term in terms]
+                return noise.draw_size(rng, np.concatenate(rows, axis=1)[:, :, None] / math.sqrt(2))
+        return None
 
     def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint."""
         squares = [term.likelihood.typical_squares(*term.select(matrices, factors)) for term in self._alone]
         for group in self.sharing:
-            white = group.noise.scores(self._of_group(group, matrices, factors), group.hyper(factors))[0, :, 0]
+            white = self._white_of_group(group, matrices, factors)[0]
             squares.append((float(white @ white), white.size))
         return sum(total for total, _ in squares), sum(count for _, count in squares)
 
@@ -214,7 +222,8 @@ class TestsLikelihood(Likelihood):
                 joint, of_test = term.select(matrix, factor_rows)
                 residual, *slope_rows = term.likelihood.plain_residuals(joint, changes.block(term.rows), of_test)
                 rows.append(np.vstack([residual, self._among_all(term, np.array(slope_rows).T, len(changes)).T]))
-            white = group.noise.whiten(np.hstack(rows)[:, :, None], group.hyper(factor_rows))[:, :, 0]
+            z = np.hstack(rows)[:, :, None] / math.sqrt(2)
+            white = math.sqrt(2) * np.asarray(group.noise.whiten(z, ())[:, :, 0])
             residuals.append(white[0])
             slopes.append(white[1:].T)
         return np.concatenate(residuals), np.concatenate(slopes)

@@ -309,7 +309,7 @@ def check_frfs(
         mean += square.sum(axis=0) / len(z)
         observed[some], lags[some] = portmanteau(scores, noise.parts)
     replicated = replicated_portmanteau(z.shape[1], z.shape[2], noise.parts, rng)
-    inferred = noise.words(dict(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True)))
+    inferred = noise.words(dict(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True)), z)
     correlations = lags.mean(axis=0)
     deviations = correlations / lag_sd(z.shape[1], z.shape[2], noise.parts)[: lags.shape[1]]
     whiteness = Whiteness(
@@ -355,8 +355,9 @@ def check_frequencies(
     inferred: tuple[str, ...] = ()
     if noise is not None and not noise.as_stated:
         noise, rows = noise.with_scale(square.sum(axis=1) / 2, residuals.shape[1], np.asarray(hyper, dtype=float), rng)
-        square, absorbs = noise.scores(residuals[:, :, None], rows)[:, :, 0] ** 2, noise.absorbs
-        inferred = noise.words(dict(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True)))
+        z = residuals[:, :, None] / math.sqrt(2)
+        square, absorbs = 2 * noise.scores(z, rows)[:, :, 0] ** 2, noise.absorbs
+        inferred = noise.words(dict(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True)), z)
     return _checked(square.sum(axis=1), square.max(axis=1), square.mean(axis=0)[:, None], 1, None, absorbs, inferred)
 
 

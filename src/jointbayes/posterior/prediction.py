@@ -147,6 +147,16 @@ def simulate_at(
     return np.array([likelihood.add_noise(exact, errors) for exact, errors in each])
 
 
+def _errors_of_size_shown(
+    problem: Problem, part: Problem, theta: Array, rng: np.random.Generator
+) -> NDArray[Any] | None:
+    """Errors of what was left out, of the size that all other data show at each θ; None where they show none."""
+    noise, prior = part.log_posterior.likelihood.noise, problem.prior
+    likelihood, law = problem.log_posterior.likelihood, noise.shares
+    size = None if law is None else likelihood.draw_error_size(law, prior.matrix(theta), prior.factors(theta), rng)
+    return None if size is None else noise.draw(rng, size[:, None], part.log_posterior.likelihood.n_data, 1)
+
+
 def predict_left_out(problem: Problem, theta: Array, probability: float, seed: int) -> tuple[LeftOut, ...]:
     """What draws θ, (n, d), predict of all that was left out, see `Problem.left_out`."""
     rng, tail = np.random.default_rng([seed, _SEED]), (1 - probability) / 2
@@ -154,7 +164,7 @@ def predict_left_out(problem: Problem, theta: Array, probability: float, seed: i
     for part in problem.left_out_parts:
         data = part.test.data
         some = theta if data.frfs is None else theta[:: -(-len(theta) // _MOST_FRF_DRAWS)]
-        values = simulate_at(part, some, rng)
+        values = simulate_at(part, some, rng, _errors_of_size_shown(problem, part, some, rng))
         if data.frfs is not None:
             frf = data.frfs.frf
             pairs = [f"{output}/{input_}" for output in frf.outputs for input_ in frf.inputs]

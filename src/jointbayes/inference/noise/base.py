@@ -8,7 +8,7 @@ Hyperparameters are positive physical values, one column for each name.
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.inference.marginals import Normal, Uniform
+from jointbayes.inference.marginals import Uniform
 from jointbayes.inference.prior import Nuisance
 from jointbayes.measurement import FrfData
 
@@ -34,8 +34,8 @@ class ErrorSizes:
     Parameters
     ----------
     frequency, factor
-        Of a natural frequency, as a fraction of it: the median of what is thought of it before the data, and the factor
-        (one standard deviation of its logarithm) by which it may be larger or smaller.
+        Of a natural frequency, as a fraction of it, with a log-normal prior: the median, and the factor (one standard
+        deviation of its logarithm) by which it may be larger or smaller. Never flat: few frequencies say little of it.
     damping
         Of a damping ratio, as a fraction of it.
     shape
@@ -59,11 +59,6 @@ class ErrorSizes:
         for name in ("frequency", "damping", "shape", "constant"):
             check_positive("model error", name, getattr(self, name))
         check_positive("model error", "factor above 1, less 1,", self.factor - 1)
-
-    @property
-    def prior(self) -> Nuisance:
-        """What is thought of the size of the error of a natural frequency: log-normal, never flat."""
-        return Nuisance("model_error", "× f", 1.0, Normal(math.log(self.frequency), math.log(self.factor)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,8 +182,8 @@ class NoiseModel(ABC):
         """What of a misfit it takes up."""
         return "size" if "noise_scale" in self.names else "nothing"
 
-    def words(self, values: Mapping[str, float]) -> tuple[str, ...]:
-        """What of the noise was inferred, in sentences, from values of the hyperparameters by name."""
+    def words(self, values: Mapping[str, float], z: Residuals) -> tuple[str, ...]:
+        """What of the noise was inferred, in sentences, from values of the hyperparameters by name, and residuals."""
         if "noise_scale" not in values:
             return ()
         return (
@@ -196,9 +191,21 @@ class NoiseModel(ABC):
             "so the size of the residuals is no test of the model.",
         )
 
-    def shared(self, noises: "Sequence[NoiseModel]") -> "NoiseModel | None":
-        """The model of tests of one structure, one after the other; None where they share no errors, as by default."""
+    @property
+    def shares(self) -> Hashable:
+        """What tests have in common that share errors, so that `shared` gives their noise; None where none do."""
         return None
+
+    def shared(self, noises: "Sequence[Any]", bodies: Sequence[int]) -> "NoiseModel":
+        """The model, without parameters, of several tests, one after the other, that have `shares` in common.
+
+        Tests of one structure have the same number among `bodies`.
+        """
+        raise NotImplementedError
+
+    def draw_size(self, rng: np.random.Generator, z: Residuals) -> Array:
+        """Size of the errors that `shares` is about, shape (n,), drawn given residuals (n, lines, pairs)."""
+        raise NotImplementedError
 
     def fitted_to(self, data: FrfData, parts: int) -> Self:
         """The same law for the lines and values of another measurement, with residuals of so many parts."""

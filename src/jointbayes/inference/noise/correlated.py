@@ -137,11 +137,11 @@ class CorrelatedNoise(NoiseModel):
         """A model discrepancy."""
         return "discrepancy"
 
-    def words(self, values: Mapping[str, float]) -> tuple[str, ...]:
+    def words(self, values: Mapping[str, float], z: Residuals) -> tuple[str, ...]:
         """What of the noise was inferred, in sentences."""
         size, length = values["discrepancy_scale"], values["discrepancy_length"]
         return (
-            *super().words(values),
+            *super().words(values, z),
             f"This includes a model discrepancy of {size:.3g} times the stated noise, correlated over {length:.3g} Hz."
             if size > _SLIGHT
             else f"It includes a model discrepancy that is small, {size:.2g} times the stated noise.",

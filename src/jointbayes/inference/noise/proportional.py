@@ -11,7 +11,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.frf_set import read_only
 from jointbayes.inference.likelihood_base import PURE_NOISE
-from jointbayes.inference.noise.base import GaussianSpread, NoiseChoice, NoiseModel, log_uniform, rows_of
+from jointbayes.inference.noise.base import GaussianSpread, NoiseChoice, NoiseModel, Residuals, log_uniform, rows_of
 from jointbayes.inference.prior import Nuisance
 from jointbayes.measurement import Data, FrfData
 
@@ -68,10 +68,10 @@ class ProportionalNoise(GaussianSpread):
         """The same law for the lines and values of another measurement."""
         return type(self).of(data, parts, self.scaled)
 
-    def words(self, values: Mapping[str, float]) -> tuple[str, ...]:
+    def words(self, values: Mapping[str, float], z: Residuals) -> tuple[str, ...]:
         """What of the noise was inferred, in sentences."""
         error = f"{values['proportional_error']:.2g} times |H|"
-        return (*super().words(values), f"Beside the stated noise an error of {error} in each part was inferred.")
+        return (*super().words(values, z), f"Beside the stated noise an error of {error} in each part was inferred.")
 
     @property
     def names(self) -> tuple[str, ...]:

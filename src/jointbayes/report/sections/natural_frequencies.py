@@ -57,7 +57,7 @@ def frequency_section(inputs: SetupInputs) -> ReportSection | None:
 
 def _whose(problem: Problem) -> str:
     """Whose intervals they are, where the model is not taken for exact: the model's; empty where it is."""
-    if not any(name.rpartition(".")[2] == "model_error" for name in problem.names):
+    if problem.test.noise is None or problem.test.noise.shares is None:
         return ""
     return "The 95 % intervals are the model's: neither its own error nor that of a measurement is in them."
 
