@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import example_data, example_figures, quoted, readme_figure
+from benchmarks import example_data, example_figures, gallery, quoted, readme_figure
 from benchmarks.record import environment
 from jointbayes.case.case_text import read_case_text
 
@@ -97,6 +97,7 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
         left = Path(folder) / "reports" / name
         summary = json.loads((left / "summary.json").read_text(encoding="utf-8"))
         more = example_figures.keep(name, left / "posterior.nc") if name in example_figures.examples() else {}
+        more |= gallery.KEPT[name](left / "posterior.nc") if name in gallery.KEPT else {}
         checked = command(Path(folder), "check", str(path)) if "check" in claims(path) else None
     known, known_truth = summary["identifiability"] or {}, truth(path)
     return {
@@ -120,6 +121,7 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
             "rows": [_freed(row) for row in known.get("freed") or ()],
         },
         **more,
+        **({"left_out": summary["left_out"]} if summary["left_out"] else {}),
         **({} if checked is None else {"check": {"exit": checked[0], "printed": checked[1]}}),
     }
 

@@ -112,8 +112,8 @@ def _of_quantity(posterior: Posterior, index: int, published: float, exact: bool
     found = f"{mode:.4g} {unit} ({signed(100 * difference)} %)"
     if quantities != COUPLED and not exact:
         low, high = posterior.interval(name)
-        expected = f"{published:.4g} {unit} inside the 95 % interval, {low:.4g} to {high:.4g}"
-        return CheckLine(f"mode of {name}", found, expected, bool(low <= published <= high))
+        found = f"95 % interval {low:.4g} to {high:.4g} {unit}, mode {mode:.4g}"
+        return CheckLine(name, found, f"{published:.4g} {unit} inside", bool(low <= published <= high))
     # one noisy FRF pins down the last one alone
     limit = EXACT_TOLERANCE if exact else NOISY_TOLERANCE_K22 if index == len(quantities) - 1 else None
     expected = f"{published:.4g} {unit}" + ("" if limit is None else f" within {100 * limit:g} %")
