@@ -12,7 +12,8 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.grid import join_frfs
-from jointbayes.measurement.modal_fit import identify_modes
+from jointbayes.measurement.modal_doubt import DoubtfulMode
+from jointbayes.measurement.modal_fit import fit_modes
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, parse_dof
 from jointbayes.measurement.signals.hits import Hit, hits_of
@@ -65,8 +66,8 @@ class Inspection:
         What readers did, each with how often.
     frfs
         Some FRFs whole, for the figure: drive points first.
-    modes, modes_of, modes_note
-        Resonances, of which FRFs they are, and why there are none.
+    modes, modes_of, modes_note, doubtful
+        Resonances, of which FRFs they are, why there are none, and what looks like one and is left out.
     hits
         All hits of hammers, the first ones with the force to draw.
     warnings
@@ -84,6 +85,7 @@ class Inspection:
     modes: tuple[MeasuredMode, ...]
     modes_of: tuple[str, ...]
     modes_note: str
+    doubtful: tuple[DoubtfulMode, ...]
     hits: tuple[HitTrace, ...]
     warnings: tuple[MeasurementWarning, ...]
 
@@ -132,7 +134,7 @@ def _inspected(records: Iterable[Record], mass_kg: float | None) -> Inspection:
     if seen.warnings.conjugated:
         seen.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
         fitted = tuple(record.conjugate for record in kept)
-    modes, modes_of, modes_note = _modes(fitted) if kept else ((), (), note)
+    modes, doubtful, modes_of, modes_note = _modes(fitted) if kept else ((), (), (), note)
     coherences = seen.coherence
     return Inspection(
         "",
@@ -146,6 +148,7 @@ def _inspected(records: Iterable[Record], mass_kg: float | None) -> Inspection:
         modes,
         modes_of,
         modes_note,
+        doubtful,
         tuple(seen.hits),
         warnings,
     )
@@ -252,11 +255,14 @@ def _frfs_of_hits(histories: list[TimeRecord]) -> tuple[list[FrfRecord], str]:
     return [result.frf for result in chain.from_iterable(results)], ""
 
 
-def _modes(kept: tuple[FrfRecord, ...]) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...], str]:
-    """Resonances of FRFs on the same lines over the same force; which FRFs; and why there are none."""
+_Modes = tuple[tuple[MeasuredMode, ...], tuple[DoubtfulMode, ...], tuple[str, ...], str]
+
+
+def _modes(kept: tuple[FrfRecord, ...]) -> _Modes:
+    """Resonances of FRFs on the same lines over the same force; doubtful ones; which FRFs; and why there are none."""
     clean = [usable(r) for r in kept if r.quantity is not None]
     if not clean:
-        return (), (), "no FRF of a known quantity"
+        return (), (), (), "no FRF of a known quantity"
     first = clean[0]
     group: dict[str, FrfRecord] = {}
     for record in clean:
@@ -266,14 +272,14 @@ def _modes(kept: tuple[FrfRecord, ...]) -> tuple[tuple[MeasuredMode, ...], tuple
     members = list(group.values())[:_KEPT]
     names = tuple(f"{r.response}/{r.reference}" for r in members)
     if first.frequency_hz.size > _MOST_LINES:
-        return (), names, f"{first.frequency_hz.size} lines are too many to fit at once: choose a band"
+        return (), (), names, f"{first.frequency_hz.size} lines are too many to fit at once: choose a band"
     coherences = [r.coherence for r in members if r.averages and r.coherence is not None]
     told = len(coherences) == len(members) and all(((c >= 0) & (c <= 1)).all() for c in coherences)
     try:
-        modes = identify_modes(join_frfs(members if told else [replace(r, coherence=None) for r in members], "modes"))
+        fit = fit_modes(join_frfs(members if told else [replace(r, coherence=None) for r in members], "modes"))
     except MeasurementError as error:
-        return (), names, str(error)
-    return modes, names, "" if modes else "none stands out of the noise"
+        return (), (), names, str(error)
+    return fit.modes, fit.doubtful, names, "" if fit.modes else "none stands out of the noise"
 
 
 T = TypeVar("T")
@@ -319,8 +325,8 @@ def _resonances(inspection: Inspection) -> Iterator[str]:
     yield ""
     if not inspection.modes:
         yield f"Resonances: {inspection.modes_note}"
-        return
-    yield f"Resonances of {', '.join(inspection.modes_of)} (± one standard deviation)"
+    else:
+        yield f"Resonances of {', '.join(inspection.modes_of)} (± one standard deviation)"
     for number, mode in enumerate(inspection.modes, 1):
         digits = _digits(mode.frequency_sd_hz)
         percent, sd = 100 * mode.damping_ratio, 100 * mode.damping_sd
@@ -328,6 +334,10 @@ def _resonances(inspection: Inspection) -> Iterator[str]:
             f"  {number:>3}  {mode.frequency_hz:>10.{digits}f} ± {mode.frequency_sd_hz:.{digits}f} Hz   "
             f"damping {percent:.{_digits(sd)}f} ± {sd:.{_digits(sd)}f} %"
         )
+    if inspection.doubtful:
+        yield "Left out of the resonances"
+    for doubt in inspection.doubtful:
+        yield f"  {doubt.frequency_hz:.6g} Hz: {doubt.reason}"
 
 
 def _hits(inspection: Inspection) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet
-from jointbayes.measurement.modal_problem import ModalProblem, polynomial_poles, steady_poles
+from jointbayes.frf import FrfSet, quantity_factor
+from jointbayes.measurement.modal_doubt import DoubtfulMode, PoleReview
+from jointbayes.measurement.modal_problem import ModalProblem
+from jointbayes.measurement.polynomial_poles import polynomial_poles, steady_poles
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.measurement.variance import RelativeNoise, coherence_variance
 
 Complex = NDArray[np.complex128]
+_Band = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,11 +34,17 @@ class ModalFit:
         The model's FRFs, shape (lines, outputs, inputs), in the quantity of the data.
     misfit
         χ² per degree of freedom: 1 where the model explains the data within the stated noise.
+    covariance
+        Of all frequencies, Hz, and then all damping ratios, shape (2 modes, 2 modes).
+    doubtful
+        What looks like a mode and is left out, by rising frequency.
     """
 
     modes: tuple[MeasuredMode, ...]
     values: Complex
     misfit: float
+    covariance: Array
+    doubtful: tuple[DoubtfulMode, ...]
 
 
 def identify_modes(
@@ -51,9 +60,9 @@ def identify_modes(
     Poles that are stable while the order of a least-squares complex frequency-domain model rises are the start of a
     weighted least-squares fit of the modal model: two real numbers for each mode and FRF, and fourteen for each FRF for
     what lies outside the band. What the fit leaves is searched for further modes. A mode stays only if it improves the
-    fit by more than the search for one in pure noise would.
-    Standard deviations come from the Jacobian of that fit, and are widened by √(χ² per degree of freedom) where the
-    model does not explain the data within the stated noise.
+    fit by more than the search for one in pure noise would; what is doubtful all the same is left out, and named by
+    `fit_modes`. Standard deviations come from the Jacobian of that fit, and are widened where the model does not
+    explain the data within the stated noise.
 
     Parameters
     ----------
@@ -78,7 +87,7 @@ def identify_modes(
         If the band holds too few lines, or the variance has another shape or is not positive.
     """
     with _finite_numbers():
-        return _fitted(frf, variance, (f_min_hz, f_max_hz), max_order)[0]
+        return _fitted(frf, variance, (f_min_hz, f_max_hz), max_order).modes()[0]
 
 
 def fit_modes(
@@ -89,17 +98,71 @@ def fit_modes(
     f_max_hz: float | None = None,
     max_order: int = 40,
 ) -> ModalFit:
-    """As `identify_modes`, with the fitted FRFs (in the band) and the misfit as well."""
+    """As `identify_modes`, with the fitted FRFs (in the band), misfit, covariance and doubtful modes as well."""
+    return _fit(frf, variance, (f_min_hz, f_max_hz), max_order)
+
+
+def identify_zeros(
+    frf: FrfSet,
+    variance: Array | None = None,
+    *,
+    f_min_hz: float | None = None,
+    f_max_hz: float | None = None,
+    max_order: int = 40,
+) -> dict[str, ModalFit]:
+    """Antiresonances of drive points: natural frequencies of the structure with that DOF held.
+
+    They are the poles of one over the FRF, sought by the rules of `identify_modes`.
+
+    Parameters
+    ----------
+    frf, variance, f_min_hz, f_max_hz, max_order
+        As for `identify_modes`.
+
+    Returns
+    -------
+    dict
+        For each DOF that is an output and an input, the fit of one over its accelerance; the frequencies and dampings
+        of its modes are those of the antiresonances. Empty where there is no drive point.
+
+    Raises
+    ------
+    MeasurementError
+        As `identify_modes`.
+    """
+    band = f_min_hz, f_max_hz
+    inside = _lines_inside(frf, variance, band)
+    fits = {}
+    for dof in (output for output in frf.outputs if output in frf.inputs):
+        point = frf.select((dof,), (dof,)).at_lines(inside).converted("accelerance")
+        with _finite_numbers():
+            if variance is None:
+                direct = _fitted(point, None, band, max_order)
+                noise = direct.problem.weight[:, :, None] ** -2
+            else:
+                noise = variance[inside, frf.outputs.index(dof), frf.inputs.index(dof)][:, None, None]
+                noise = (
+                    noise * np.abs(quantity_factor(point.frequency_hz, "accelerance", frf.quantity) ** 2)[:, None, None]
+                )
+                direct = _fitted(point, noise, band, max_order)
+            smooth = direct.problem.model(direct.poles)[:, :, None]
+            # one over the FRF linearised about the fitted one: its noise is Gaussian even where the FRF is nearly 0;
+            # as a receptance, since one over an accelerance is a constant, the mass, at high frequencies
+            inverse = replace(point, values=2 / smooth - point.values / smooth**2, quantity="receptance")
+        fits[dof] = _fit(inverse, noise / np.abs(smooth) ** 4, band, max_order, dips=False)
+    return fits
+
+
+def _fit(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int, *, dips: bool = True) -> ModalFit:
     with _finite_numbers():
-        modes, problem, poles, all_frfs = _fitted(frf, variance, (f_min_hz, f_max_hz), max_order)
-        whole = ModalProblem(problem.omega / (2 * np.pi), *all_frfs, frf.quantity) if all_frfs else problem
-        misfit = whole.chi2(poles) / whole.freedom(poles.size)
+        fitted = _fitted(frf, variance, band_hz, max_order, dips=dips)
+        problem, whole = fitted.problem, fitted.problem
+        if fitted.all_frfs is not None:
+            whole = ModalProblem(problem.omega / (2 * np.pi), *fitted.all_frfs, frf.quantity)
+        misfit = whole.chi2(fitted.poles) / whole.freedom(fitted.poles.size)
         shape = (problem.omega.size, len(frf.outputs), len(frf.inputs))
-        return ModalFit(modes, whole.model(poles).reshape(shape), misfit)
-
-
-_Found = tuple[tuple[MeasuredMode, ...], ModalProblem, Complex, tuple[Complex, Array] | None]
-_Band = tuple[float | None, float | None]
+        modes, covariance = fitted.modes()
+        return ModalFit(modes, whole.model(fitted.poles).reshape(shape), misfit, covariance, fitted.doubtful)
 
 
 @contextmanager
@@ -115,25 +178,14 @@ def _finite_numbers() -> Iterator[None]:
         ) from None
 
 
-def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int) -> _Found:
+def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int, *, dips: bool = True) -> "_Fitted":
     """Modes, and the problem with the poles that they are.
 
     Of many FRFs poles are sought in a few, evenly spaced; then the values and weights of all follow, whose residues are
     a linear problem.
     """
-    low, high = band_hz[0] or 0.0, band_hz[1] or np.inf
-    inside = (frf.frequency_hz >= low) & (frf.frequency_hz <= high)
+    inside = _lines_inside(frf, variance, band_hz)
     n_lines = int(inside.sum())
-    if n_lines < _FEWEST_LINES:
-        raise MeasurementError(
-            f"modal fit: found {n_lines} lines{_band_words(*band_hz)}; expected {_FEWEST_LINES} or more; "
-            "widen the band or measure finer lines"
-        )
-    if variance is not None and (variance.shape != frf.values.shape or not (variance > 0).all()):
-        raise MeasurementError(
-            f"modal fit: found a variance of shape {variance.shape}; expected positive numbers of shape "
-            f"{frf.values.shape}; correct it"
-        )
     frequency = frf.frequency_hz[inside]
     values = frf.values[inside].reshape(n_lines, -1)
     stated = None if variance is None else variance[inside].reshape(n_lines, -1)
@@ -158,13 +210,29 @@ def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int)
             square, width = from_coherence or (np.abs(values - model) ** 2, n_lines)
             problem = ModalProblem(frequency, values, _weight_of_squares(square, model, width), frf.quantity)
             poles = problem.search(poles, order)
-    misfit = problem.chi2(poles) / problem.freedom(poles.size)
-    inside_band = tuple(
-        m
-        for m in _modes(problem, poles, misfit)
-        if frequency[0] <= m.frequency_hz <= frequency[-1] and m.damping_ratio < 0.5
-    )
-    return inside_band, problem, poles, all_frfs
+    incoherence = 1 - frf.coherence[inside].reshape(n_lines, -1)[:, few] if frf.coherence is not None and dips else None
+    review = PoleReview(problem, poles, incoherence)
+    is_mode = review.review()
+    is_mode = is_mode & (review.frequency_hz >= frequency[0]) & (review.frequency_hz <= frequency[-1])
+    doubtful = tuple(doubt for doubt in review.doubtful if frequency[0] <= doubt.frequency_hz <= frequency[-1])
+    return _Fitted(problem, review.poles, is_mode, doubtful, all_frfs)
+
+
+def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: _Band) -> NDArray[np.bool_]:
+    low, high = band_hz[0] or 0.0, band_hz[1] or np.inf
+    inside = np.asarray((frf.frequency_hz >= low) & (frf.frequency_hz <= high))
+    n_lines = int(inside.sum())
+    if n_lines < _FEWEST_LINES:
+        raise MeasurementError(
+            f"modal fit: found {n_lines} lines{_band_words(*band_hz)}; expected {_FEWEST_LINES} or more; "
+            "widen the band or measure finer lines"
+        )
+    if variance is not None and (variance.shape != frf.values.shape or not (variance > 0).all()):
+        raise MeasurementError(
+            f"modal fit: found a variance of shape {variance.shape}; expected positive numbers of shape "
+            f"{frf.values.shape}; correct it"
+        )
+    return inside
 
 
 def _band_words(low: float | None, high: float | None) -> str:
@@ -174,7 +242,7 @@ def _band_words(low: float | None, high: float | None) -> str:
 
 
 #: Values that poles are sought in, and FRFs at least: more tell hardly more of a pole, and each costs the same again.
-_MOST_VALUES, _FEWEST_FRFS = 60_000, 6
+_MOST_VALUES, _FEWEST_FRFS = 30_000, 6
 #: Below this many lines there is nothing to fit: fourteen numbers for the rest and four for one mode need more values.
 _FEWEST_LINES = 16
 #: Noise where nothing is known of it, and the least that a coherence is believed.
@@ -244,15 +312,27 @@ def _log_linear_fit(columns: Array, square: Array) -> Array:
     return coefficients
 
 
-def _modes(problem: ModalProblem, poles: Complex, misfit: float) -> tuple[MeasuredMode, ...]:
-    """Poles as modes; standard deviations from the inverse of JᵀJ, widened where the model does not fit."""
-    if poles.size == 0:
-        return ()
-    jacobian = np.hstack(problem.jacobian(poles))
-    scale = np.linalg.norm(jacobian, axis=0)
-    covariance = np.linalg.inv((jacobian / scale).T @ (jacobian / scale)) / np.outer(scale, scale)
-    sd_omega, sd_zeta = np.sqrt(np.diag(covariance) * max(1.0, misfit)).reshape(2, -1)
-    return tuple(
-        MeasuredMode(float(abs(p) / (2 * np.pi)), float(so / (2 * np.pi)), float(-p.real / abs(p)), float(sz))
-        for p, so, sz in zip(poles, sd_omega, sd_zeta, strict=True)
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """Poles of least squares, which of them are modes, and values and weights of all FRFs where some were left out."""
+
+    problem: ModalProblem
+    poles: Complex
+    is_mode: NDArray[np.bool_]
+    doubtful: tuple[DoubtfulMode, ...]
+    all_frfs: tuple[Complex, Array] | None
+
+    def modes(self) -> tuple[tuple[MeasuredMode, ...], Array]:
+        """Modes, and the covariance of their frequencies in Hz and then their damping ratios."""
+        numbers = np.flatnonzero(np.tile(self.is_mode, 2))
+        if not numbers.size:
+            return (), np.zeros((0, 0))
+        unit = np.repeat([1 / (2 * np.pi), 1.0], self.poles.size)
+        covariance = (self.problem.covariance(self.poles) * np.outer(unit, unit))[np.ix_(numbers, numbers)]
+        poles = self.poles[self.is_mode]
+        sd_hz, sd_damping = np.sqrt(np.diag(covariance)).reshape(2, -1).tolist()
+        modes = tuple(
+            MeasuredMode(float(abs(p) / (2 * np.pi)), sd, float(-p.real / abs(p)), sd_zeta)
+            for p, sd, sd_zeta in zip(poles, sd_hz, sd_damping, strict=True)
+        )
+        return modes, covariance

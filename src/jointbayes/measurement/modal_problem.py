@@ -1,14 +1,15 @@
 """The modal model of measured FRFs: where its poles may be, weighted least squares for them, and further ones."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf import Quantity, quantity_factor
+from jointbayes.measurement.polynomial_poles import polynomial_poles, steady_poles
 
 
 def prominent_peaks(curve: ArrayLike, least: float) -> NDArray[np.intp]:
@@ -51,124 +52,6 @@ def prominent_peaks(curve: ArrayLike, least: float) -> NDArray[np.intp]:
 
 Complex = NDArray[np.complex128]
 
-#: Poles λ of one model order, shape (n,), rad/s.
-Poles = Complex
-
-#: The band covers this much of the unit circle; the polynomials wrap round, the FRF does not.
-_ARC = 0.95
-#: A pole more damped than this is not a mode that lines in the band can show.
-_MOST_DAMPING = 0.3
-#: Two poles are the same one if they are closer than this fraction of their distance from the imaginary axis.
-_SAME = 0.5
-
-
-def polynomial_poles(frequency_hz: Array, values: Complex, weight: Array, max_order: int) -> list[Poles]:
-    """Poles of common-denominator models of rising order, those only that a damped mode in the band can have.
-
-    Each FRF is B_k(z)/A(z) with complex polynomials in z = exp(−jτ(ω − ω₁)), which maps the band to the unit circle.
-    The linear residuals B_k − A H_k, weighted, are minimised with the B_k eliminated. The last coefficient of A is
-    fixed to 1, so that poles that only follow noise tend to come out unstable and can be told by that.
-
-    Parameters
-    ----------
-    frequency_hz
-        Lines, shape (lines,), Hz; need not be even.
-    values
-        FRFs, shape (lines, frfs).
-    weight
-        One over the standard deviation of the noise, shape as `values`.
-    max_order
-        Highest order of A.
-
-    Returns
-    -------
-    list
-        Poles of each order from 2 to `max_order`.
-
-    References
-    ----------
-    Guillaume, P., Verboven, P., Vanlanduit, S., Van der Auweraer, H., Peeters, B. (2003). A poly-reference
-    implementation of the least-squares complex frequency-domain estimator. Proc. IMAC XXI.
-    Verboven, P. (2002). Frequency-domain system identification for modal analysis. PhD thesis, VUB, section 5.3.3.
-    """
-    omega = 2 * np.pi * frequency_hz
-    tau = 2 * np.pi * _ARC / (omega[-1] - omega[0])
-    powers = np.exp(-1j * tau * np.outer(omega - omega[0], np.arange(max_order + 1)))
-    numerator, mixed, denominator = _normal_matrices(powers, values, weight)
-    poles_by_order = []
-    for order in range(2, max_order + 1):
-        used = slice(0, order + 1)
-        reduced = sum(
-            (
-                t[used, used] - s[used, used].conj().T @ scipy.linalg.lstsq(r[used, used], s[used, used])[0]
-                for r, s, t in zip(numerator, mixed, denominator, strict=True)
-            ),
-            start=np.zeros((order + 1, order + 1), dtype=complex),
-        )
-        ascending = np.append(scipy.linalg.lstsq(reduced[:order, :order], -reduced[:order, order])[0], 1.0)
-        roots = np.roots(ascending[::-1])
-        # ln z = −τ(λ − jω₁); the band is the arc from 0 to −2π·_ARC
-        angle = np.mod(-np.angle(roots), 2 * np.pi)
-        poles = 1j * omega[0] + (-np.log(np.abs(roots)) + 1j * angle) / tau
-        poles_by_order.append(poles[_possible(poles, omega)])
-    return poles_by_order
-
-
-def _normal_matrices(
-    powers: Complex, values: Complex, weight: Array
-) -> tuple[list[Complex], list[Complex], list[Complex]]:
-    """Sums over lines R = XᴴX, S = XᴴY, T = YᴴY for each FRF, with X the powers and Y = −H X, both weighted."""
-    matrices: tuple[list[Complex], list[Complex], list[Complex]] = ([], [], [])
-    for h, w in zip(values.T, weight.T, strict=True):
-        x = w[:, None] * powers
-        y = -h[:, None] * x
-        for matrix, product in zip(matrices, (x.conj().T @ x, x.conj().T @ y, y.conj().T @ y), strict=True):
-            matrix.append(product)
-    return matrices
-
-
-def _possible(poles: Poles, omega: Array) -> NDArray[np.bool_]:
-    frequency = np.abs(poles)
-    damping = -poles.real / frequency
-    possible: NDArray[np.bool_] = (damping > 0) & (damping < _MOST_DAMPING)
-    possible &= (frequency > omega[0]) & (frequency < omega[-1])
-    return possible
-
-
-def steady_poles(by_order: list[Poles], least: int) -> Poles:
-    """Poles that appear again and again as the order rises: the stabilisation diagram, read without an eye.
-
-    From the highest order down each pole is followed through the lower orders; it counts if at least `least` orders
-    have one within half its distance from the imaginary axis. The median of each such family is returned.
-
-    Parameters
-    ----------
-    by_order
-        Poles of each order, the lowest order first.
-    least
-        In how many orders a pole must be found.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Poles in rad/s, by rising frequency.
-    """
-    kept: list[complex] = []
-    taken = [np.zeros(p.size, dtype=bool) for p in by_order]
-    for top in range(len(by_order) - 1, -1, -1):
-        for pole in by_order[top][~taken[top]]:
-            family = []
-            for poles, used in zip(by_order[: top + 1], taken, strict=False):
-                if poles.size:
-                    near = int(np.argmin(np.abs(poles - pole)))
-                    if not used[near] and abs(poles[near] - pole) < _SAME * abs(pole.real):
-                        family.append(poles[near])
-                        used[near] = True
-            if len(family) >= least:
-                kept.append(complex(np.median(np.real(family)), np.median(np.imag(family))))
-    return np.array(sorted(kept, key=abs), dtype=complex)
-
-
 #: What modes outside the band leave inside it: powers of jω, and undamped poles at these multiples of its ends.
 _REST_POWERS = (-2, -1, 0, 1)
 _REST_BELOW = (0.5, 0.8)
@@ -179,8 +62,10 @@ _REACH = (3.0, 1.5)
 _CLIMBS = 3
 #: A mode this far outside the band may join the fit, which without it would bend the modes inside.
 _EDGE = 1.1
-#: Steps of χ² at which a climb ends, relative to χ²: while searching, and at last.
-_ROUGH, _FINE = 1e-6, 1e-10
+#: A climb ends where χ² falls by less: while searching, in prices of a mode, and at last, relative to χ².
+_ROUGH, _FINE = 0.03, 1e-10
+#: So many lines apart what is left may hang together: a Hann window spreads over two.
+_TOGETHER = 2
 #: Damping ratios to start from where a residual stands out.
 _TRIED_DAMPING = (0.001, 0.003, 0.01, 0.03)
 
@@ -199,40 +84,56 @@ class ModalProblem:
         self.values = values
         self.weight = weight
         self.factor = quantity_factor(frequency_hz, quantity)
-        self.target = [_parts((weight * values)[:, k : k + 1])[:, 0] for k in range(values.shape[1])]
-        self.rest = self._rest()
+        rest = self._rest()
+        #: what lies outside the band is the same for all poles: it is taken out of everything once
+        self.rest = [_orthonormal(_parts(w[:, None] * rest)) for w in weight.T]
+        target = [_parts((weight * values)[:, k : k + 1]) for k in range(values.shape[1])]
+        self.target = [(t - q @ (q.T @ t))[:, 0] for q, t in zip(self.rest, target, strict=True)]
+        self._last: tuple[bytes, list[_Linear]] = (b"none", [])
 
-    def climb(self, poles: Complex, tolerance: float = _ROUGH) -> Complex:
+    def climb(self, poles: Complex, *, fine: bool = False) -> Complex:
         """Poles of least squares, from a start; shape (modes,), rad/s."""
         for _ in range(_CLIMBS if poles.size else 0):
-            poles, ended_inside = self._climb_within_reach(poles, tolerance)
+            least_fall = _FINE * self.chi2(poles) if fine else _ROUGH * self.price * self._misfit(poles)
+            poles, ended_inside = self._climb_within_reach(poles, least_fall)
             if ended_inside:
                 break
         return poles[np.argsort(np.abs(poles))]
 
-    def _climb_within_reach(self, poles: Complex, tolerance: float) -> tuple[Complex, bool]:
+    def _climb_within_reach(self, poles: Complex, least_fall: float) -> tuple[Complex, bool]:
         """Poles of least squares not far from the start, and whether none ended at the limit of that."""
         # steps are measured in half-power bandwidths, and damping stays positive
         centre, width = np.abs(poles), -poles.real
 
         def poles_at(x: Array) -> Complex:
             shift, log_growth = x.reshape(2, -1)
-            return _pole(centre + width * shift, np.minimum(width / centre * np.exp(log_growth), 0.9))
+            return _pole(
+                np.maximum(centre + width * shift, centre / 2), np.minimum(width / centre * np.exp(log_growth), 0.9)
+            )
 
-        def residual(x: Array) -> Array:
-            return self._residual(poles_at(x))
-
-        def jacobian(x: Array) -> Array:
-            now = poles_at(x)
-            by_omega, by_zeta = self.jacobian(now)
-            return np.hstack([by_omega * width, by_zeta * (-now.real / np.abs(now))])
+        def slopes(now: Complex) -> tuple[Array, Array]:
+            """JᵀJ and Jᵀr, of steps in x."""
+            scale = np.concatenate([width, -now.real / np.abs(now)])
+            jacobian = np.hstack(self.jacobian(now)) * scale
+            return jacobian.T @ jacobian, jacobian.T @ self._residual(now)
 
         reach = np.repeat(_REACH, poles.size)
-        start = np.zeros(2 * poles.size)
-        end = scipy.optimize.least_squares(
-            residual, start, jacobian, bounds=(-reach, reach), xtol=1e-9, ftol=tolerance, max_nfev=40
-        )
-        return poles_at(end.x), bool((np.abs(end.x) < 0.95 * reach).all())
+        x, now, least, damping = np.zeros(2 * poles.size), poles, self.chi2(poles), 1e-3
+        square, slope = slopes(now)
+        for _ in range(40):  # Levenberg-Marquardt
+            step = -scipy.linalg.lstsq(square + damping * np.diag(np.diag(square)), slope)[0]
+            further = np.clip(x + step, -reach, reach)
+            fallen = least - self.chi2(poles_at(further))
+            if fallen > 0:
+                x, now, least, damping = further, poles_at(further), least - fallen, damping / 10
+                if fallen < least_fall:
+                    break
+                square, slope = slopes(now)
+            elif damping > 1e6 or np.abs(further - x).max() < 1e-9:
+                break
+            else:
+                damping *= 10
+        return now, bool((np.abs(x) < 0.95 * reach).all())
 
     def search(self, poles: Complex, order: int) -> Complex:
         """Poles of least squares: further ones join while they pay their price, and those that do not must go.
@@ -241,7 +142,7 @@ class ModalProblem:
         The price is what the Bayesian information criterion asks for the numbers that a mode adds, two for its pole and
         two for each FRF, plus a margin; χ² is taken relative to its mean.
         """
-        price = (2 + 2 * self.values.shape[1]) * np.log(2 * self.values.size) + 10.0
+        price = self.price
         poles = self._drop_idle(self.climb(poles), price)
         for _ in range(order // 2):
             least = self.chi2(poles) - price * self._misfit(poles)
@@ -252,14 +153,19 @@ class ModalProblem:
                     break
             else:
                 break
-        return self.climb(poles, _FINE)
+        return self.climb(poles, fine=True)
+
+    @property
+    def price(self) -> float:
+        """What one mode more must improve χ² by."""
+        return float((2 + 2 * self.values.shape[1]) * np.log(2 * self.values.size) + 10.0)
 
     def _further(self, poles: Complex, order: int, price: float) -> Iterator[Complex]:
         """Starts with one mode more, the most promising first."""
         residual = self.values - self.model(poles)
         square = (np.abs(self.weight * residual) ** 2).mean(axis=1)
         by_order = polynomial_poles(self.omega / (2 * np.pi), residual, self.weight, order)
-        candidates = np.concatenate([*by_order, self._peaks(square)])
+        candidates = np.concatenate([steady_poles(by_order, 3), self._peaks(square)])
         gain = self.gain(poles, candidates) / self._misfit(poles)
         for i in np.argsort(gain)[::-1][:3]:
             if gain[i] > price:
@@ -289,7 +195,7 @@ class ModalProblem:
             if not near.all():
                 poles = self.climb(poles[near])
                 continue
-            loss = np.array([self.chi2(np.delete(poles, i)) for i in range(poles.size)]) - self.chi2(poles)
+            loss = self.losses(poles).sum(axis=0)
             worst = int(np.argmin(loss))
             if loss[worst] / self._misfit(poles) >= price:
                 break
@@ -305,28 +211,50 @@ class ModalProblem:
 
     def model(self, poles: Complex) -> Complex:
         """Fitted FRFs, shape (lines, frfs)."""
-        basis, _, _ = self._basis(poles)
-        columns = []
-        for w, target in zip(self.weight.T, self.target, strict=True):
-            columns.append(basis @ scipy.linalg.lstsq(_parts(w[:, None] * basis), target)[0])
-        return np.stack(columns, axis=1)
+        return self.values - self.residual(poles) / self.weight
+
+    def residual(self, poles: Complex) -> Complex:
+        """What the best residues for these poles leave, over the noise, shape (lines, frfs)."""
+        real, imaginary = np.stack([fit.residual for fit in self._linear(poles)], axis=1).reshape(2, -1, len(self.rest))
+        return np.asarray((real + 1j * imaginary) / np.sqrt(2))
+
+    def losses(self, poles: Complex) -> Array:
+        """By how much χ² of each FRF rises without each of the poles, shape (frfs, poles), before any climb."""
+        rows = []
+        for fit in self._linear(poles):
+            inverse = scipy.linalg.solve_triangular(fit.r, np.eye(len(fit.r)))
+            pairs = np.arange(2 * poles.size).reshape(2, -1).T
+            blocks = np.einsum("pic,pjc->pij", inverse[pairs], inverse[pairs])
+            residues = (inverse @ fit.shares)[pairs][:, :, None]
+            rows.append((residues * np.linalg.solve(blocks, residues)).sum(axis=(1, 2)))
+        return np.array(rows)
+
+    def residues(self, poles: Complex) -> Complex:
+        """In-phase and quadrature amplitudes of each pole as complex numbers, shape (frfs, poles)."""
+        amplitudes = [scipy.linalg.lstsq(fit.r, fit.shares)[0] / fit.scale for fit in self._linear(poles)]
+        in_phase, quadrature = np.array(amplitudes).reshape(len(amplitudes), 2, -1).swapaxes(0, 1)
+        return np.asarray(in_phase + 1j * quadrature)
+
+    def gain_by_line(self, poles: Complex, pole: int) -> Array:
+        """At which lines one of the poles makes χ² smaller, shape (lines,), before any climb."""
+        others = self._residual(np.delete(poles, pole)).reshape(len(self.rest), 2, -1)
+        change = others - self._residual(poles).reshape(others.shape)
+        return np.asarray((change**2).sum(axis=(0, 1)))
 
     def gain(self, poles: Complex, candidates: Complex) -> Array:
         """By how much χ² falls if one of the candidates is added, shape (candidates,), before any climb."""
-        basis, _, _ = self._basis(poles)
-        further, _, _ = self._basis(candidates)
+        further = self._basis(candidates)[0]
         n = candidates.size
         total = np.zeros(n)
-        for w, target in zip(self.weight.T, self.target, strict=True):
-            q = _orthonormal(_parts(w[:, None] * basis))
-            residual = target - q @ (q.T @ target)
-            new = _parts(w[:, None] * further[:, : 2 * n])
-            new -= q @ (q.T @ new)
+        for w, rest, fit in zip(self.weight.T, self.rest, self._linear(poles), strict=True):
+            new = _parts(w[:, None] * further)
+            for q in (rest, fit.q):
+                new -= q @ (q.T @ new)
             # two columns each: in-phase and quadrature
             first = new[:, :n] / np.linalg.norm(new[:, :n], axis=0)
             second = new[:, n:] - first * np.sum(first * new[:, n:], axis=0)
             second /= np.linalg.norm(second, axis=0)
-            total += (residual @ first) ** 2 + (residual @ second) ** 2
+            total += (fit.residual @ first) ** 2 + (fit.residual @ second) ** 2
         return total
 
     def _rest(self) -> Complex:
@@ -359,31 +287,71 @@ class ModalProblem:
         modal = factor * upper / d2
         by_omega = factor * (upper_by_omega / d2 - upper * d2_by_omega / d2**2)
         by_zeta = -factor * upper * d2_by_zeta / d2**2
-        return np.hstack([modal, self.rest]), by_omega, by_zeta
+        return modal, by_omega, by_zeta
 
     def _residual(self, poles: Complex) -> Array:
-        basis, _, _ = self._basis(poles)
-        residuals = []
-        for w, target in zip(self.weight.T, self.target, strict=True):
-            q = _orthonormal(_parts(w[:, None] * basis))
-            residuals.append(target - q @ (q.T @ target))
-        return np.concatenate(residuals)
+        return np.concatenate([fit.residual for fit in self._linear(poles)])
+
+    def _linear(self, poles: Complex) -> list["_Linear"]:
+        """Best residues of each FRF for these poles; those of the last poles asked for are kept."""
+        if self._last[0] != poles.tobytes():
+            basis, fits = self._basis(poles)[0], []
+            for w, rest, target in zip(self.weight.T, self.rest, self.target, strict=True):
+                columns = _parts(w[:, None] * basis)
+                columns -= rest @ (rest.T @ columns)
+                scale = np.linalg.norm(columns, axis=0)
+                q, r = np.linalg.qr(columns / scale)
+                shares = q.T @ target
+                fits.append(_Linear(q, r, scale, shares, target - q @ shares))
+            self._last = poles.tobytes(), fits
+        return self._last[1]
 
     def jacobian(self, poles: Complex) -> tuple[Array, Array]:
         """Derivatives of the residuals by each ω_r and each ζ, shape (values, modes) each, after Kaufman (1975)."""
-        basis, by_omega, by_zeta = self._basis(poles)
+        _, by_omega, by_zeta = self._basis(poles)
         n = poles.size
-        blocks: list[list[Array]] = [[], []]
-        for w, target in zip(self.weight.T, self.target, strict=True):
-            weighted = _parts(w[:, None] * basis)
-            scale = np.linalg.norm(weighted, axis=0)
-            q = _orthonormal(weighted)
-            amplitude = scipy.linalg.lstsq(weighted / scale, target)[0] / scale
-            for rows, derivative in zip(blocks, (by_omega, by_zeta), strict=True):
-                column = derivative[:, :n] * amplitude[:n] + derivative[:, n:] * amplitude[n : 2 * n]
-                slope = _parts(w[:, None] * column)
-                rows.append(-(slope - q @ (q.T @ slope)))
-        return np.vstack(blocks[0]), np.vstack(blocks[1])
+        blocks: list[Array] = []
+        for w, rest, fit in zip(self.weight.T, self.rest, self._linear(poles), strict=True):
+            amplitude = scipy.linalg.lstsq(fit.r, fit.shares)[0] / fit.scale
+            slope = _parts(
+                w[:, None]
+                * np.hstack([d[:, :n] * amplitude[:n] + d[:, n:] * amplitude[n:] for d in (by_omega, by_zeta)])
+            )
+            for q in (rest, fit.q):
+                slope -= q @ (q.T @ slope)
+            blocks.append(-slope)
+        both = np.vstack(blocks)
+        return both[:, :n], both[:, n:]
+
+    def covariance(self, poles: Complex) -> Array:
+        """Covariance of (ω₁ … ω_n, ζ₁ … ζ_n) of poles of least squares, shape (2n, 2n).
+
+        The inverse of JᵀJ, widened where what is left at the lines that tell of a number is larger than the noise, or
+        hangs together over neighbouring lines or FRFs.
+        """
+        jacobian = np.hstack(self.jacobian(poles))
+        scale = np.linalg.norm(jacobian, axis=0)
+        inverse = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), rcond=1e-14, hermitian=True)
+        lines, frfs = self.values.shape
+        influence = ((jacobian / scale) @ inverse).reshape(frfs, 2, lines, -1)
+        residual = self._residual(poles).reshape(frfs, 2, lines)
+        by_line = np.einsum("fplk,fpl->lk", influence, residual)
+        square = np.sum(by_line**2, axis=0)
+        for shift in range(1, _TOGETHER + 1):
+            square = square + 2 * np.sum(by_line[shift:] * by_line[:-shift], axis=0)
+        widening = np.sqrt(np.maximum(square / np.diag(inverse), self._misfit(poles))) / scale
+        return np.asarray(inverse * np.outer(widening, widening))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Linear:
+    """Best residues of one FRF: columns scaled and orthonormal, shares of the target in them, and what is left."""
+
+    q: Array
+    r: Array
+    scale: Array
+    shares: Array
+    residual: Array
 
 
 def _pole(omega_r: Array, zeta: Array) -> Complex:
