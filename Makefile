@@ -75,6 +75,7 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.long posteriors --count 1000
 	$(BIN)/python -m benchmarks.long runs --count 1000
 	$(BIN)/python -m benchmarks.modal_test --responses 200 --lines 10000 --format npz
+	$(BIN)/python -m benchmarks.modal_fit
 	$(BIN)/python -m benchmarks.coherence
 	$(BIN)/python -m benchmarks.population
 	$(BIN)/python -m benchmarks.joint_damping

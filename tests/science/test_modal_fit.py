@@ -1,0 +1,34 @@
+"""Modes of virtual tests are found, and none is invented: a sample of `benchmarks.modal_fit`."""
+
+import numpy as np
+import pytest
+from benchmarks.modal_fit import analyse, table
+from benchmarks.virtual_modal_tests import KINDS, beam_roots, beam_shapes, simulate
+
+
+@pytest.mark.science
+def test_no_mode_is_invented_and_none_missed_that_stands_clear():
+    outcomes = [analyse(index) for index in range(20, 50)]
+    assert [outcome.invented for outcome in outcomes if outcome.invented] == []
+    assert [outcome.missed + outcome.named for outcome in outcomes if outcome.missed + outcome.named] == []
+    scores = np.abs(np.concatenate([outcome.frequency_scores for outcome in outcomes]))
+    assert 0.90 < np.mean(scores < 2) < 0.995  # of about 190: 95 % to within 1.6 %
+    assert scores.max() < 5
+    assert all(kind in table(outcomes) for kind in KINDS)
+
+
+@pytest.mark.science
+def test_virtual_tests_have_the_modes_that_they_state():
+    """Where blocks are long and hardly noisy, FRFs are those of the closed form at the lines about each mode."""
+    roots = beam_roots("clamped-free", 3)
+    assert roots == pytest.approx([1.8751041, 4.6940911, 7.8547574])
+    x = np.linspace(0, 1, 4001)
+    shapes = beam_shapes("clamped-free", roots, x)
+    assert (shapes @ shapes.T / x.size) == pytest.approx(np.eye(3), abs=2e-3)
+    test = simulate(9)
+    exact = test.truth.accelerance(test.frf.frequency_hz)
+    inside = np.flatnonzero(test.above_noise_db > 30)
+    assert inside.size >= 3
+    at = [int(np.argmin(np.abs(test.frf.frequency_hz - f))) for f in test.truth.frequency_hz[inside]]
+    ratio = np.abs(test.frf.values[at, :, 0]) / np.abs(exact[at])
+    assert np.median(ratio, axis=1) == pytest.approx(np.ones(inside.size), rel=0.15)
