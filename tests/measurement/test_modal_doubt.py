@@ -7,8 +7,10 @@ import pytest
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
-from jointbayes.measurement import RelativeNoise
+from jointbayes.measurement import FrfData, RelativeNoise
+from jointbayes.measurement.assemble import _modes as assembled_modes
 from jointbayes.measurement.inspection import inspect_records, text_of
+from jointbayes.measurement.measurement_plan import MeasurementPlan
 from jointbayes.measurement.modal_fit import fit_modes, identify_modes, identify_zeros
 from jointbayes.measurement.records import FrfRecord
 from tests.measurement.test_modal_fit import PLATE, beam_frf, plate_frf, true_frequencies
@@ -195,3 +197,20 @@ def test_inspection_names_what_is_left_out():
     assert "Left out of the resonances" in lines
     assert any("Hz: nonlinear? One resonance" in line for line in lines)
     assert [round(mode.frequency_hz) for mode in identify_modes(frf)] == [210]
+
+
+def test_data_of_files_note_what_was_not_counted_as_a_mode():
+    frf = hits(1.0)
+    modes, (note,) = assembled_modes(FrfData(frf, np.ones(frf.values.shape)), MeasurementPlan({}, variance=None))
+    assert [round(mode.frequency_hz) for mode in modes] == [210]
+    assert note.startswith("Not counted as a mode: 7")
+    assert note.endswith("a coherence dip; measure it at a lower level.")
+
+
+def test_many_frfs_are_fitted_a_few_at_a_time(monkeypatch):
+    frf, variance = plate_frf(np.random.default_rng(3), responses=14)
+    whole = fit_modes(frf, variance, f_max_hz=250.0)
+    monkeypatch.setattr("jointbayes.measurement.modal_fit._MOST_VALUES", 1)
+    few = fit_modes(frf, variance, f_max_hz=250.0)  # poles of six, then 6, 6 and 2 at a time
+    np.testing.assert_allclose(few.values, whole.values, atol=3e-2 * np.abs(whole.values).max())
+    assert few.misfit == pytest.approx(whole.misfit, rel=0.02)

@@ -26,7 +26,7 @@ from jointbayes.measurement.measurement_plan import (
     VarianceSource,
     map_records,
 )
-from jointbayes.measurement.modal_fit import fit_modes, identify_modes
+from jointbayes.measurement.modal_fit import fit_modes, modes_and_doubtful
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.rotations import joint_frf_set, replace_stations
@@ -343,17 +343,18 @@ def _smoothed(frf: FrfSet, law: RelativeNoise) -> FrfSet | None:
 
 
 def _modes(measured: FrfData, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:
-    """Modes that the FRFs show, and a note where they cannot be looked for.
+    """Modes that the FRFs show, and notes on what was left out, or why they cannot be looked for.
 
     They are fitted to the accelerance, so that they do not depend on the quantity of a file.
     """
     accelerance = measured.converted("accelerance")
     try:
-        return identify_modes(accelerance.frf, None if plan.variance is None else accelerance.variance), ()
+        modes, doubtful = modes_and_doubtful(accelerance.frf, None if plan.variance is None else accelerance.variance)
     except MeasurementError as error:
         if plan.frequencies is not None:
             raise
         return (), (f"Natural frequencies were not looked for: {error}.",)
+    return modes, tuple(f"Not counted as a mode: {doubt.frequency_hz:.6g} Hz, {doubt.reason}." for doubt in doubtful)
 
 
 def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: str) -> FrequencyData:

@@ -90,6 +90,15 @@ def identify_modes(
         return _fitted(frf, variance, (f_min_hz, f_max_hz), max_order).modes()[0]
 
 
+def modes_and_doubtful(
+    frf: FrfSet, variance: Array | None = None
+) -> tuple[tuple[MeasuredMode, ...], tuple[DoubtfulMode, ...]]:
+    """As `identify_modes`, and what looks like a mode and is left out."""
+    with _finite_numbers():
+        fitted = _fitted(frf, variance, (None, None))
+        return fitted.modes()[0], fitted.doubtful
+
+
 def fit_modes(
     frf: FrfSet,
     variance: Array | None = None,
@@ -156,13 +165,17 @@ def identify_zeros(
 def _fit(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int, *, dips: bool = True) -> ModalFit:
     with _finite_numbers():
         fitted = _fitted(frf, variance, band_hz, max_order, dips=dips)
-        problem, whole = fitted.problem, fitted.problem
-        if fitted.all_frfs is not None:
-            whole = ModalProblem(problem.omega / (2 * np.pi), *fitted.all_frfs, frf.quantity)
-        misfit = whole.chi2(fitted.poles) / whole.freedom(fitted.poles.size)
+        problem, poles = fitted.problem, fitted.poles
+        every = fitted.all_frfs or (problem.values, problem.weight)
+        chi2, freedom, values = 0.0, 0, []
+        for first in range(0, every[0].shape[1], problem.values.shape[1]):  # as many at once as poles were sought in
+            some = slice(first, first + problem.values.shape[1])
+            few = ModalProblem(problem.omega / (2 * np.pi), every[0][:, some], every[1][:, some], frf.quantity)
+            chi2, freedom = chi2 + few.chi2(poles), freedom + few.freedom(poles.size)
+            values.append(few.model(poles))
         shape = (problem.omega.size, len(frf.outputs), len(frf.inputs))
         modes, covariance = fitted.modes()
-        return ModalFit(modes, whole.model(fitted.poles).reshape(shape), misfit, covariance, fitted.doubtful)
+        return ModalFit(modes, np.hstack(values).reshape(shape), chi2 / freedom, covariance, fitted.doubtful)
 
 
 @contextmanager
@@ -178,7 +191,9 @@ def _finite_numbers() -> Iterator[None]:
         ) from None
 
 
-def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int, *, dips: bool = True) -> "_Fitted":
+def _fitted(
+    frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int = 40, *, dips: bool = True
+) -> "_Fitted":
     """Modes, and the problem with the poles that they are.
 
     Of many FRFs poles are sought in a few, evenly spaced; then the values and weights of all follow, whose residues are
