@@ -151,9 +151,13 @@ def _draw(name: str, rng: np.random.Generator) -> float:
 
 
 def measured_together(drawn: RandomCase, candidate: Candidate, rng: np.random.Generator) -> jb.Case:
-    """The case with the candidate really measured at the truth, as one set of FRFs with that in hand."""
+    """The case with the candidate really measured at the truth, as one set of FRFs with that in hand if it can be."""
     problem = drawn.case.problem
-    old, new = problem.test.data, candidate.problem(problem, drawn.truth, rng).test.data
+    further = candidate.problem(problem, drawn.truth, rng).test
+    if candidate.joint is not None:  # the structure hit free
+        tests = [replace(problem.test, name="joined"), further]
+        return replace(drawn.case, problem=jb.Problem(tests, problem.prior, problem.initial))
+    old, new = problem.test.data, further.data
     assert isinstance(old, FrfData)
     assert isinstance(new, FrfData)
     if new.frf.outputs == old.frf.outputs:  # averages: the weighted mean says the same

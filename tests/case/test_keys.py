@@ -43,7 +43,7 @@ from jointbayes.measurement.simulated import Rig
 from jointbayes.structure import Section
 from jointbayes.structure.family import UncertainBody
 from jointbayes.studies.planning import make_plan
-from jointbayes.studies.planning.candidates import Candidate, StatedVariance
+from jointbayes.studies.planning.candidates import Candidate, FrfCandidate, StatedVariance
 from tests.case.key_cases import CASES, KeyCase
 from tests.case.key_lines import KEYS, Value, expression
 
@@ -128,7 +128,7 @@ VIEWS: dict[type, Callable[[Any], Any]] = {
     FrfData: lambda measured: measured.frf,
     StatedVariance: lambda law: float(law.stated[0, 0, 0]),
     Rig: lambda rig: {"sample_rate_hz": rig.sample_rate_hz, "block": rig.block},
-    Candidate: lambda candidate: {key: getattr(candidate, key) for key in ("structure", "ports", "law")},
+    FrfCandidate: lambda candidate: {key: getattr(candidate, key) for key in ("structure", "ports", "law")},
     np.random.Generator: lambda rng: deepcopy(rng).random(),
 }
 

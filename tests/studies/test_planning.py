@@ -20,7 +20,7 @@ from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from jointbayes.sampling import WeightedDraws, fit_proposal
 from jointbayes.structure import BeamFamily
 from jointbayes.studies.planning.candidates import (
-    Candidate,
+    FrfCandidate,
     SimulatedPosterior,
     Simulation,
     StatedVariance,
@@ -46,7 +46,7 @@ from jointbayes.studies.planning.plan_report import (
     plan_lines,
 )
 from jointbayes.studies.planning.simulator import Simulator, WithFurther, assumed_truth, stated_joint
-from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited, pair_matrix, shipped_text
+from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix, shipped_text
 
 TRUTH = np.log(TABLE_3)
 LAW = RelativeNoise(0.03, 0.01)
@@ -65,7 +65,10 @@ def accelerometer(case, *outputs, law=LAW):
     problem, data = case.problem, case.spec.data
     ports = Ports(np.array(data.lines_hz()), outputs, data.inputs)
     words = f"an accelerometer at {' and '.join(outputs)}"
-    return Candidate("+".join(outputs), words, problem.test.structure, ports, "receptance", law)
+    name = "+".join(outputs)
+    return FrfCandidate(
+        name=name, words=words, structure=problem.test.structure, ports=ports, quantity="receptance", law=law
+    )
 
 
 def planned_text(*changes):
@@ -493,15 +496,6 @@ def test_the_command_exits_with_3_where_the_present_draws_have_not_converged(tmp
     result = CliRunner().invoke(main, ["plan", str(file)])
     assert result.exit_code == 3
     assert "No recommendation: the draws of the present posterior have not converged (why)." in result.stdout
-
-
-def test_natural_frequencies_cannot_be_planned(tmp_path):
-    file = tmp_path / "frequencies.toml"
-    file.write_text(cheap_frequencies_text(), encoding="utf-8")
-    result = CliRunner().invoke(main, ["plan", str(file)])
-    assert result.exit_code == 2
-    assert result.stderr.count("\n") == 1
-    assert re.match(r".*frequencies.toml:\d+: data.kind: found natural frequencies as data; ", result.stderr)
 
 
 def test_sets_that_a_plan_states_are_simulated_beside_single_candidates(cheap_posterior):

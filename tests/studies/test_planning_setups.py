@@ -13,7 +13,7 @@ from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.measurement import FrfData, RelativeNoise
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
-from jointbayes.studies.planning.candidates import Candidate
+from jointbayes.studies.planning.candidates import FrfCandidate
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.first_look import FirstLook, WithOwn, own_of
 from jointbayes.studies.planning.plan_report import plan_lines
@@ -59,7 +59,16 @@ def present(noise=None):
 def proposed(name, length):
     own = (length_of(f"{name}.length", 1000 * length),)
     ports = Ports(LINES, ("11:y",), ("11:y",))
-    return Candidate(name, name, beams(length), ports, "receptance", LAW, setup=name, own_nuisances=own)
+    return FrfCandidate(
+        name=name,
+        words=name,
+        structure=beams(length),
+        ports=ports,
+        quantity="receptance",
+        law=LAW,
+        setup=name,
+        own_nuisances=own,
+    )
 
 
 SHORT, TINY = proposed("short", 0.2), proposed("tiny", 0.1)
@@ -223,7 +232,7 @@ def replace_data(case, theta):
         ("[plan.setups.a.joint]\nown = true", "plan.setups.a.joint.own: found a joint of its own, of which"),
         ('[plan.setups.a.data]\noutputs = ["9:y"]', 'plan.setups.a.data.outputs: "9:y": there is no node 9'),
         ('[plan.setups.a]\nremove = ["uncertain.lenght"]', 'plan.setups.a.remove: found "uncertain.lenght", which'),
-        ("[plan.setups.a.noise]\nscale = 1", "plan.setups.a.noise: unknown table; expected one of remove, structure"),
+        ("[plan.setups.a.noise]\nscale = 1", "plan.setups.a.noise: unknown table; expected one of remove, joined"),
         ('[plan.setups."a b".structure]\nlength_mm = 3.0', 'plan.setups."a b": found a name that tables and figures'),
         ("[plan.setups.a.structure]\nlength_mm = 1.0", "plan.setups.a: uncertain structure: found a length_offset"),
     ],

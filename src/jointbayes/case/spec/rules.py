@@ -316,11 +316,11 @@ def left_out_findings(
 
 
 def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
-    """Yield plans without FRF data, and a wider band that is not wider or has none to widen."""
+    """Yield keys of FRFs beside modes, and a wider band that is not wider or has none to widen."""
     if not data.frfs:
-        if plan != PlanSpec():
-            fault = "natural frequencies state neither the noise nor the band of a further FRF"
-            yield Finding(("plan",), fault, _FRF_ONLY, "remove [plan]")
+        for key in ("averages_factor", "f_max_hz", "added_mass_g"):
+            if key in plan.model_fields_set:
+                yield Finding(("plan", key), "found it beside natural frequencies", _FRF_ONLY, "remove it")
     elif plan.f_max_hz is not None:
         if (made := data.synthetic) is None:
             fault = "the lines of a file are those that were measured"

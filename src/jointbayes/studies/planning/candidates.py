@@ -1,6 +1,7 @@
 """Further measurements that could be made, as data of the model itself, and what simulations of them left."""
 
 import math
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -73,8 +74,8 @@ def estimated_law(data: FrfData) -> RelativeNoise:
     return RelativeNoise(max(float(relative), _TINY), float(share))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Candidate(ABC):
     """A further measurement, independent of the present one and of each other candidate, given the parameters.
 
     Parameters
@@ -83,17 +84,6 @@ class Candidate:
         Short: ``"6:y"``, ``"hammer 6:y"``, ``"4 x averages"``.
     words
         For a sentence: ``"an accelerometer at mid-span (6:y)"``.
-    structure
-        What is measured, without the joint; as of `Problem`. They differ from the present ones by added masses.
-    ports
-        Lines, outputs and inputs.
-    quantity
-        Receptance, mobility or accelerance.
-    law
-        Noise.
-    above_hz
-        Only lines above this frequency are new; the noise law sees all lines, since its floor is relative to their
-        median.
     position
         Where on the structure: ``"191.5 mm"``; empty where nothing is placed.
     setup
@@ -103,24 +93,16 @@ class Candidate:
         Quantities that a proposed set-up has for itself, such as ``short.length``, with their priors.
     joint
         Of a proposed set-up where the joints act; None where that is as in the present one.
-    noise, residual_kind
-        Of a proposed set-up how its residuals are judged; None where that is as in the present one.
     """
 
     name: str
     words: str
-    structure: AnyStructure
-    ports: Ports
-    quantity: Quantity
-    law: VarianceLaw
-    above_hz: float = 0.0
     position: str = ""
     setup: str = ""
     own_nuisances: tuple[Nuisance, ...] = ()
     joint: AnyJoint | None = None
-    noise: NoiseModel | None = None
-    residual_kind: ResidualKind | None = None
 
+    @abstractmethod
     def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
         """The candidate measured where θ, shape (d,), is the truth: a problem over the same parameters.
 
@@ -132,10 +114,46 @@ class Candidate:
         theta
             Truth, shape (d,), the parameters of the noise included.
         rng
-            Source of the noise; None leaves the FRFs exact, with their variance still stated.
+            Source of the noise; None leaves the values exact, with their variance still stated.
         """
-        point = np.asarray(theta, dtype=float)
-        present = next((part for part in problem.parts if part.test.name == self.setup), problem.parts[0])
+
+    def present(self, problem: Problem) -> Problem:
+        """The part of the present problem with the set-up on which it is, or beside which it is proposed."""
+        return next((part for part in problem.parts if part.test.name == self.setup), problem.parts[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FrfCandidate(Candidate):
+    """Further FRFs.
+
+    Parameters
+    ----------
+    structure
+        What is measured, without the joint; as of `Problem`. They differ from the present ones by added masses.
+    ports
+        Lines, outputs and inputs.
+    quantity
+        Receptance, mobility or accelerance.
+    law
+        Noise.
+    above_hz
+        Only lines above this frequency are new; the noise law sees all lines, since its floor is relative to their
+        median.
+    noise, residual_kind
+        Of a proposed set-up how its residuals are judged; None where that is as in the present one.
+    """
+
+    structure: AnyStructure
+    ports: Ports
+    quantity: Quantity
+    law: VarianceLaw
+    above_hz: float = 0.0
+    noise: NoiseModel | None = None
+    residual_kind: ResidualKind | None = None
+
+    def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
+        """The FRFs measured where θ is the truth, see `Candidate`."""
+        point, present = np.asarray(theta, dtype=float), self.present(problem)
         test = replace(
             present.test,
             name=self.setup or present.test.name,
@@ -176,7 +194,7 @@ def present(problem: Problem) -> FrfData:
     return data.frfs
 
 
-def repeated(problem: Problem, averages_factor: float) -> Candidate:
+def repeated(problem: Problem, averages_factor: float) -> FrfCandidate:
     """The present measurement with so many times the averages, as what is added to it.
 
     Averages of n of which one part is in hand: the new part alone has the variance σ²/(factor − 1).
@@ -193,13 +211,13 @@ def repeated(problem: Problem, averages_factor: float) -> Candidate:
     if problem.test.noise is not None and not problem.test.noise.averages_out:
         raise ModelError("planning: found an inferred discrepancy; expected none, since averages do not reduce it")
     frf = measured.frf
-    return Candidate(
-        f"{averages_factor:g} × averages",
-        f"{averages_factor:g} times the averages",
-        problem.test.structure,
-        Ports(frf.frequency_hz, frf.outputs, frf.inputs),
-        frf.quantity,
-        StatedVariance(measured.variance / (averages_factor - 1)),
+    return FrfCandidate(
+        name=f"{averages_factor:g} × averages",
+        words=f"{averages_factor:g} times the averages",
+        structure=problem.test.structure,
+        ports=Ports(frf.frequency_hz, frf.outputs, frf.inputs),
+        quantity=frf.quantity,
+        law=StatedVariance(measured.variance / (averages_factor - 1)),
     )
 
 

@@ -1,84 +1,106 @@
-"""The further measurements that a case could be given, from its `[plan]` table, and the set-ups that it proposes."""
+"""The further measurements that a case could be given, from its `[plan]` table."""
 
 import itertools
-import json
 import math
-from collections.abc import Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.case.case import Case
-from jointbayes.case.case_objects import complete_from_data, noise_law, noise_of, recipe_of
-from jointbayes.case.case_text import CaseText, planned_texts
-from jointbayes.case.combined import CaseSetup
-from jointbayes.case.spec.parse import parse_planned
+from jointbayes.case.case_objects import noise_law, recipe_of
+from jointbayes.case.combined import WORKSHOP_SD_PERCENT
 from jointbayes.case.spec.settings_tables import PlanSpec
-from jointbayes.case.spec.structure_kinds import MatricesSpec
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import fault_start
-from jointbayes.errors import CaseError, JointBayesError, ModelError
+from jointbayes.errors import CaseError
 from jointbayes.frf import AnyStructure, Ports
 from jointbayes.inference import Problem
-from jointbayes.joint import joints_of
-from jointbayes.measurement import FrfData
+from jointbayes.joint import Joints
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
-from jointbayes.studies.planning.candidates import Candidate, VarianceLaw, estimated_law, repeated
+from jointbayes.studies.planning.candidates import (
+    Candidate,
+    FrfCandidate,
+    VarianceLaw,
+    estimated_law,
+    present,
+    repeated,
+)
+from jointbayes.studies.planning.modal_candidates import (
+    RELATIVE_CALIBRATION,
+    ModalCandidate,
+    measured_modes,
+    scatter,
+)
+from jointbayes.studies.planning.proposed_setups import proposed_setups
 
 _G = 1e-3
 _DOFS = ("outputs", "inputs")
+_FREE, _FREE_WORDS = "free", "the structure hit free, before it is joined"
 
 
 def candidates_of(case: Case) -> tuple[Candidate, ...]:
     """All single candidates of a case, in the order in which its plan names them.
 
-    On each set-up: each DOF that could be measured and is not, with the present inputs; each that could be excited and
-    is not, with the present outputs; both new at once where the plan names inputs; more averages; a wider band; an
-    added mass. A pair of DOFs that by reciprocity says what an earlier candidate says is left out where no
-    accelerometer has mass. Then the set-ups that the plan proposes. Of several set-ups the names of candidates begin
-    with theirs.
+    On each set-up with FRFs: each DOF that could be measured and is not, with the present inputs; each that could be
+    excited and is not, with the present outputs; both new at once where the plan names inputs; more averages; a wider
+    band; an added mass. A pair of DOFs that by reciprocity says what an earlier candidate says is left out where no
+    accelerometer has mass. On each with modes: their ratios at each DOF that could be measured. On both, where E,
+    density or length is uncertain: the structure hit free. Then the set-ups that the plan proposes. Of several set-ups
+    the names of candidates begin with theirs; on one in which nothing is joined there are none.
 
     Raises
     ------
     CaseError
-        If the data are natural frequencies, or a proposed set-up cannot be.
+        If the data are neither FRFs nor modes, or a proposed set-up cannot be.
     """
     specs = {test.name: test.spec for test in case.setups} or {"": case.spec}
     sources = {test.name: test.source for test in case.setups}
     stated = next((spec.plan for spec in specs.values() if spec.plan != PlanSpec()), case.spec.plan)
     candidates: list[Candidate] = []
+    already = [test.joints.size for test in case.problem.tests] + [setup.joined for setup in stated.setups.values()]
     for part in case.problem.parts:
-        if part.test.data.frfs is None:
-            expected = "FRFs, whose noise and band a plan can vary"
-            words = f"found {part.test.data.words} as data", expected, 'write kind = "synthetic_frf" or "measured_frf"'
+        data = part.test.data
+        if data.frfs is None and data.modes is None:
+            words = f"found {data.words} as data", "FRFs or modes, whose noise a plan can vary", "plan with these"
             raise CaseError(sources.get(part.test.name, case.source).fault(("data", "kind"), *words))
+        if not part.test.joints.size:
+            continue
         spec = specs.get(part.test.name, case.spec)
         # a set-up that lacks one of the plan's DOFs reads none of the plan
         dofs = {key: tuple(x for x in getattr(stated, key) if spec.structure.absent(x) is None) for key in _DOFS}
         planned = spec.model_copy(update={"plan": stated.model_copy(update=dofs)})
-        candidates += _Maker(planned, part, part.test.data.frfs).all()
+        candidates += (_FrfMaker if data.frfs else _ModalMaker)(planned, part, hit_free=not all(already)).all()
     return (*candidates, *proposed_setups(case))
 
 
-class _Maker:
-    """Makes candidates on one set-up; noise at other DOFs is as stated, or like that of the measured FRFs."""
+class _Maker(ABC):
+    """Makes candidates on one set-up; `hit_free` is whether a test of the free structure is there or proposed."""
 
-    def __init__(self, spec: CaseSpec, problem: Problem, measurement: FrfData) -> None:
-        data = spec.data
-        self._problem, self._data, self._spec = problem, measurement.frf, spec
-        self._recipe = recipe_of(spec.structure, data, measurement)
-        self._law: VarianceLaw = estimated_law(measurement)
-        self._step_hz: float | None = None
-        if data.synthetic is not None:
-            self._law, self._step_hz = noise_law(data.synthetic.noise), data.synthetic.f_step_hz
-        self._lines = measurement.frf.frequency_hz
+    def __init__(self, spec: CaseSpec, problem: Problem, *, hit_free: bool) -> None:
+        self._problem, self._spec, self._hit_free = problem, spec, hit_free
+        self._recipe = recipe_of(spec.structure, spec.data, problem.test.data)
+
+    @abstractmethod
+    def _kinds(self) -> Iterable[Iterator[Candidate]]:
+        """What further kinds of candidates are is one more of these, with a method that yields its candidates."""
 
     def all(self) -> Iterator[Candidate]:
-        """What further kinds of candidates are is one more of these, with a method that yields its candidates."""
-        for candidates in (self._at_dofs(), self._averages(), self._band(), self._mass()):
+        """Candidates of all kinds."""
+        for candidates in self._kinds():
             yield from map(self._name_after_setup, candidates)
+
+    @property
+    def _worth_hitting_free(self) -> bool:
+        """Whether the structure without its joints is the same body, hangs on nothing else, and is uncertain itself.
+
+        Where the edge of the clamp is uncertain the bar goes on behind it, and is another one free.
+        """
+        uncertain = {name.rpartition(".")[2] for name in self._problem.test.structures.names}
+        between = any(joint.against for joint in self._spec.all_joints.values())
+        alone = not (between or self._spec.structure.supports or "length_offset" in uncertain)
+        return alone and not self._hit_free and not uncertain.isdisjoint(WORKSHOP_SD_PERCENT)
 
     def _name_after_setup(self, candidate: Candidate) -> Candidate:
         """A candidate with the name of its set-up, if it is one of several."""
@@ -87,6 +109,84 @@ class _Maker:
             return candidate
         words = f"{candidate.words} in set-up {name}"
         return replace(candidate, name=f"{name} {candidate.name}", words=words, setup=name)
+
+    def _positions(self, dofs: tuple[str, ...]) -> str:
+        """Where points are, each place once."""
+        return " / ".join(dict.fromkeys(map(self._spec.structure.place, dofs)))
+
+    def _sensor(self, dof: str) -> str:
+        kind = "a rotational accelerometer" if ":r" in dof else "an accelerometer"
+        return f"{kind} {self._place(dof)} ({dof}, {self._positions((dof,))})"
+
+    def _place(self, dof: str) -> str:
+        """Where a point is, in words."""
+        spans = self._spec.structure.spans
+        held = (label for joint in self._spec.all_joints.values() for label in joint.dofs + joint.against)
+        points = {label.split(":")[0] for label in held}
+        point = dof.split(":")[0]
+        if point in points:
+            return "at the joint"
+        if spans is None:
+            return "on the structure"
+        share = (int(point) - 1) / spans
+        if share in (0.0, 1.0) and points <= {"1", str(spans + 1)} and len(points) == 1:
+            return "at the tip"
+        return "at mid-span" if share == 0.5 else "on the beam"
+
+
+class _ModalMaker(_Maker):
+    """Makes candidates beside modes: natural frequencies as well known as the present ones, ratios to 1 %."""
+
+    def _kinds(self) -> Iterable[Iterator[Candidate]]:
+        return self._at_dofs(), self._free()
+
+    def _at_dofs(self) -> Iterator[Candidate]:
+        modes, shown = measured_modes(self._problem), self._problem.test.data.dofs
+        every = self._spec.model_copy(update={"plan": PlanSpec()}).plan_outputs
+        reference = next(iter((*getattr(modes, "references", ()), *self._spec.plan_inputs)), self._farthest(every))
+        for dof in self._spec.plan_outputs:
+            if dof != reference and dof not in shown:
+                words = f"{self._sensor(dof)}, one that was calibrated beside that at {reference}"
+                yield ModalCandidate(
+                    name=dof,
+                    words=words,
+                    position=self._positions((dof,)),
+                    numbers=modes.numbers,
+                    relative=RELATIVE_CALIBRATION,
+                    dof=dof,
+                    reference=reference,
+                )
+
+    def _farthest(self, dofs: Sequence[str]) -> str:
+        """The DOF that is farthest from the first joint."""
+        places = self._recipe.positions
+        here = np.array(places[next(iter(self._spec.all_joints.values())).dofs[0].rpartition(":")[0]])
+        return max(dofs, key=lambda dof: float(np.linalg.norm(np.array(places[dof.rpartition(":")[0]]) - here)))
+
+    def _free(self) -> Iterator[Candidate]:
+        if self._worth_hitting_free:
+            modes = measured_modes(self._problem)
+            numbers = tuple(range(1, modes.frequency_hz.size + 1))
+            relative, nothing = scatter(modes), Joints(())
+            yield ModalCandidate(
+                name=_FREE, words=_FREE_WORDS, setup=_FREE, joint=nothing, numbers=numbers, relative=relative
+            )
+
+
+class _FrfMaker(_Maker):
+    """Makes candidates beside FRFs; noise at other DOFs is as stated, or like that of the measured ones."""
+
+    def __init__(self, spec: CaseSpec, problem: Problem, *, hit_free: bool) -> None:
+        super().__init__(spec, problem, hit_free=hit_free)
+        measurement, data = present(problem), spec.data
+        self._data, self._lines = measurement.frf, measurement.frf.frequency_hz
+        self._law: VarianceLaw = estimated_law(measurement)
+        self._step_hz: float | None = None
+        if data.synthetic is not None:
+            self._law, self._step_hz = noise_law(data.synthetic.noise), data.synthetic.f_step_hz
+
+    def _kinds(self) -> Iterable[Iterator[Candidate]]:
+        return self._at_dofs(), self._averages(), self._band(), self._mass(), self._free()
 
     def _family(self, recipe: StructureRecipe) -> Body:
         """Structures of a recipe that the prior thinks possible."""
@@ -103,12 +203,23 @@ class _Maker:
         ports: Ports | None = None,
         above_hz: float = 0.0,
         position: str = "",
-    ) -> Candidate:
+    ) -> FrfCandidate:
         """A candidate of the present structure and ports where it states no others."""
         data = self._data
-        ports = ports or Ports(self._lines, data.outputs, data.inputs)
-        structure = structure or self._problem.test.structure
-        return Candidate(name, words, structure, ports, data.quantity, self._law, above_hz, position)
+        return FrfCandidate(
+            name=name,
+            words=words,
+            structure=structure or self._problem.test.structure,
+            ports=ports or Ports(self._lines, data.outputs, data.inputs),
+            quantity=data.quantity,
+            law=self._law,
+            above_hz=above_hz,
+            position=position,
+        )
+
+    def _free(self) -> Iterator[Candidate]:
+        if self._worth_hitting_free:
+            yield replace(self._candidate(_FREE, _FREE_WORDS), setup=_FREE, joint=Joints(()))
 
     def _at_dofs(self) -> Iterator[Candidate]:
         """New sensors, new hammers and both, without those whose pairs of DOFs say what is said already."""
@@ -126,7 +237,7 @@ class _Maker:
                 yield candidate
                 seen |= pairs
 
-    def _measured(self, name: str, words: str, sensors: tuple[str, ...], hammers: tuple[str, ...]) -> Candidate:
+    def _measured(self, name: str, words: str, sensors: tuple[str, ...], hammers: tuple[str, ...]) -> FrfCandidate:
         """A candidate at other DOFs; a new accelerometer's mass is on the structure beside that of the present ones."""
         structure = None
         if self._recipe.accelerometer_mass > 0 and sensors:
@@ -161,137 +272,5 @@ class _Maker:
         structure = self._family(replace(self._recipe, added_mass=grams * _G))
         yield self._candidate(f"+{grams:g} g", words, structure=structure, position=self._positions(translations))
 
-    def _positions(self, dofs: tuple[str, ...]) -> str:
-        """Where points are, each place once."""
-        return " / ".join(dict.fromkeys(map(self._spec.structure.place, dofs)))
-
-    def _sensor(self, dof: str) -> str:
-        kind = "a rotational accelerometer" if ":r" in dof else "an accelerometer"
-        return f"{kind} {self._place(dof)} ({dof}, {self._positions((dof,))})"
-
     def _hammer(self, dof: str) -> str:
         return f"{'a moment' if ':r' in dof else 'a hammer'} {self._place(dof)} ({dof}, {self._positions((dof,))})"
-
-    def _place(self, dof: str) -> str:
-        """Where a point is, in words."""
-        spans = self._spec.structure.spans
-        held = (label for joint in self._spec.all_joints.values() for label in joint.dofs + joint.against)
-        points = {label.split(":")[0] for label in held}
-        point = dof.split(":")[0]
-        if point in points:
-            return "at the joint"
-        if spans is None:
-            return "on the structure"
-        share = (int(point) - 1) / spans
-        if share in (0.0, 1.0) and points <= {"1", str(spans + 1)} and len(points) == 1:
-            return "at the tip"
-        return "at mid-span" if share == 0.5 else "on the beam"
-
-
-#: So many of a set-up's changes are named in a sentence.
-_NAMED = 3
-
-
-def proposed_setups(case: Case) -> tuple[Candidate, ...]:
-    """Candidates that are set-ups, in the order of the case file.
-
-    A set-up is measured as its own tables say; beside measured data at their DOFs and lines, with their noise.
-
-    Raises
-    ------
-    CaseError
-        If one cannot be; file, line and key.
-    """
-    texts, candidates = planned_texts(case.source), []
-    for name, spec in parse_planned(case.source).items():
-        try:
-            candidates.append(_candidate(_built(name, texts[name], spec, case), case.problem))
-        except JointBayesError as error:
-            place = fault_start(*texts[name].place(()))
-            raise CaseError(f"{place} plan.setups.{name}: {error}") from error
-    return tuple(candidates)
-
-
-def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
-    """A proposed set-up as far as it can be without data, of which those of the first present one say what they are."""
-    if not case.setups:
-        raise ModelError("found a case without its set-ups; expected the case file, of which they are; load it again")
-    first = case.setups[0]
-    if spec.data.files is not None:
-        spec = complete_from_data(spec, first.data)
-    if isinstance(spec.structure, MatricesSpec):
-        raise ModelError(
-            "found a structure given by matrices; expected a beam, a frame or a chain, of which a set-up can change "
-            "something; remove it"
-        )
-    recipe = recipe_of(spec.structure, spec.data, first.data)
-    joint = joints_of(spec.joint_objects)
-    joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
-    noise, of_noise = noise_of(spec.noise, first.data)
-    return CaseSetup(name, text, spec, recipe, (), joint, first.data, noise, of_noise)
-
-
-def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
-    measured, data, name = setup.data.frfs, setup.spec.data.synthetic, setup.name
-    assert measured is not None
-    if data is not None:
-        ports = Ports(np.array(data.lines_hz()), data.outputs, data.inputs)
-        law, quantity = noise_law(data.noise), data.quantity
-    else:
-        frf = measured.frf
-        ports, law, quantity = Ports(frf.frequency_hz, frf.outputs, frf.inputs), estimated_law(measured), frf.quantity
-    for label in ports.outputs + ports.inputs:
-        lacking = setup.spec.structure.absent(label)
-        if lacking is not None:
-            raise ModelError(f"found no {label} in its structure; expected the DOFs of the present data; number alike")
-    named, of_noise = setup.named_nuisances()
-    own_nuisances = tuple(
-        nuisance for nuisance, original in zip(named, setup.quantities, strict=True) if nuisance.name != original.name
-    )
-    present_names = {nuisance.name for nuisance in problem.prior.nuisances}
-    foreign = [
-        nuisance.name for nuisance in named if nuisance not in own_nuisances and nuisance.name not in present_names
-    ]
-    if foreign:
-        raise ModelError(
-            f"found that {foreign[0]} is uncertain, which it shares with present set-ups that do not have it; expected "
-            f"one of its own; state it in [plan.setups.{name}.uncertain]"
-        )
-    unknown = [nuisance.name for nuisance in of_noise if nuisance.name not in present_names]
-    if unknown:
-        raise ModelError(
-            f"found that {unknown[0]} of its noise is inferred, which no present set-up shares with it; expected noise "
-            'that is known, or as in a present one; state [noise] for all set-ups, or scale = "known"'
-        )
-    places = map(setup.spec.structure.place, ports.outputs)
-    return Candidate(
-        name,
-        f"the set-up {name}{_changes(setup.source)}",
-        setup.structure,
-        ports,
-        quantity,
-        law,
-        position=" / ".join(dict.fromkeys(places)),
-        setup=name,
-        own_nuisances=own_nuisances,
-        joint=setup.joint,
-        noise=setup.noise,
-        residual_kind=setup.spec.noise.residuals,
-    )
-
-
-def _changes(text: CaseText) -> str:
-    """What a set-up has different from the rest of the file, for a sentence; not how well it is known."""
-    keys = [key for key in text.own if key[0] != "uncertain" and all(isinstance(step, str) for step in key)]
-    ends = sorted((key for key in keys if not any(o[: len(key)] == key and o != key for o in keys)), key=text.order)
-    changes = [f"{key[-1]} = {_value(text.data, key)}" for key in ends[:_NAMED]]
-    if not changes:
-        return ""
-    return f" ({', '.join(changes)}{', …' if len(ends) > _NAMED else ''})"
-
-
-def _value(data: Mapping[str, Any], key: tuple[str | int, ...]) -> str:
-    value: Any = data
-    for step in key:
-        value = value[step]
-    return json.dumps(value, ensure_ascii=False)

@@ -52,7 +52,7 @@ def plan(
     Parameters
     ----------
     case
-        Case with FRF data, or the path of its file; its `[plan]` names the stiffness to be known best, and the
+        Case with FRFs or modes, or the path of its file; its `[plan]` names the stiffness to be known best, and the
         candidates.
     posterior
         Posterior of the case; by default it is sampled.
@@ -78,7 +78,7 @@ def plan(
     Raises
     ------
     CaseError
-        If the data are natural frequencies, the posterior is of another case, there is nothing to choose from, or
+        If the data are neither FRFs nor modes, the posterior is of another case, there is nothing to choose from, or
         `assume` does not name every quantity of the joint; if the directory holds simulations of another plan: which
         part of it differs.
     ModelError

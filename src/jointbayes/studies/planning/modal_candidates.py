@@ -1,0 +1,100 @@
+"""Further modes that could be measured: of the structure free, and their ratios at one more sensor."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointbayes.arrays import Array
+from jointbayes.errors import ModelError
+from jointbayes.frf import AnyStructure
+from jointbayes.inference import Problem
+from jointbayes.measurement import ModalData, ModeData, ModeShapes, Observed
+from jointbayes.studies.data_sets import replace_values, simulated_values
+from jointbayes.studies.planning.candidates import Candidate
+
+#: How well a sensor that roves, or one calibrated beside another, knows a ratio of components, as a fraction of it.
+RELATIVE_CALIBRATION = 0.01
+_NODE = 0.01  # ratios below this are not known better than one of this size
+#: Standard deviation of natural frequencies beside a ratio of which nothing is to be said, as a fraction.
+_UNKNOWN = 1e3
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ModalCandidate(Candidate):
+    """Natural frequencies; or, at a DOF, the ratio of each mode's component there to that at a reference.
+
+    Errors of the model in natural frequencies are those of the present ones, of which a further measurement of the same
+    structure says nothing: beside ratios natural frequencies do not count.
+
+    Parameters
+    ----------
+    numbers
+        Of the modes, from 1.
+    relative
+        Standard deviation of each value as a fraction of it.
+    structure
+        Of a proposed set-up what is measured, without its joints; None of the present structure.
+    dof, reference
+        Labels; empty of natural frequencies.
+    """
+
+    numbers: tuple[int, ...]
+    relative: float
+    structure: AnyStructure | None = None
+    dof: str = ""
+    reference: str = ""
+
+    def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
+        """The modes measured where θ is the truth, see `Candidate`."""
+        point, present = np.asarray(theta, dtype=float), self.present(problem)
+        test = replace(
+            present.test,
+            name=self.setup or present.test.name,
+            structure=self.structure or present.test.structure,
+            joints=present.test.joints if self.joint is None else self.joint,
+        )
+        there = replace(present, tests=(test,), extra_log_likelihood=None)  # what else is known is known once
+        exact = _of_data(there, self._measured(np.ones(2 * len(self.numbers)))).log_posterior.predicted(point)[0]
+        there = _of_data(there, self._measured(exact))
+        if rng is None:
+            return there
+        values = simulated_values(there, point, rng)
+        if self.dof:
+            values[: len(self.numbers)] = exact[: len(self.numbers)]
+        return replace_values(there, values)
+
+    def _measured(self, values: Array) -> ModeData:
+        """Data of some values: natural frequencies, then ratios."""
+        frequency, ratios = np.split(values[: (1 + bool(self.dof)) * len(self.numbers)], [len(self.numbers)])
+        if not self.dof:
+            return ModeData(Observed(frequency, self.relative * frequency), numbers=self.numbers)
+        components = Observed(ratios[:, None], self.relative * np.maximum(np.abs(ratios), _NODE)[:, None])
+        shapes = ModeShapes((self.dof,), self.reference, components)
+        return ModeData(Observed(frequency, _UNKNOWN * frequency), shapes=shapes, numbers=self.numbers)
+
+
+def _of_data(problem: Problem, data: ModeData) -> Problem:
+    """The problem of one test with other modes as its data, judged as its own."""
+    noise = problem.test.noise
+    if noise is not None:
+        noise = noise.fitted_to(data, noise.parts)  # type: ignore[arg-type]  # that of modes takes modes
+    return problem.with_test(data=data, noise=noise)
+
+
+def measured_modes(problem: Problem) -> ModalData:
+    """The present modes.
+
+    Raises
+    ------
+    ModelError
+        If the data are no modes.
+    """
+    data = problem.test.data
+    if data.modes is None:
+        raise ModelError(f"planning: found {data.words}; expected modes")
+    return data.modes
+
+
+def scatter(modes: ModalData) -> float:
+    """Standard deviation of natural frequencies that are measured as the present ones, as a fraction."""
+    return float(np.median(modes.sd_hz / modes.frequency_hz))
