@@ -2,9 +2,10 @@
 
 import json
 import re
+from xml.etree import ElementTree
 
 import pytest
-from benchmarks import numbers, quoted, readme_figure
+from benchmarks import gallery, numbers, quoted, readme_figure
 from benchmarks.paper_tables import audit
 
 from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, LEAST_CONTRACTION, WEAK_RATIO
@@ -72,6 +73,19 @@ def test_the_truth_is_found_wherever_a_case_states_it():
     assert known["clamped_beam"]["k22"] == 1.52e6
     assert known["two_storeys"] == {}
     assert known["two_storeys_shape"]["first.kx"] == pytest.approx(1.44669e7, rel=1e-5)
+
+
+def test_every_published_value_of_the_gallery_lies_inside_its_interval_and_the_figure_is_drawn(record):
+    page = (numbers.ROOT / "docs" / "published.md").read_text(encoding="utf-8")
+    for name in gallery.CASES:
+        assert f"`configs/{name}.toml`" in page
+        assert record["cases"][name]["check"]["exit"] == 0
+        for i, k in enumerate(quoted.stiffnesses(record["cases"][name])):
+            entry = record["cases"][name][k]
+            published = [values[i] for values in quoted.OBJECTIVES.get(name, {}).values()]
+            for value in (entry["reference"], *published):
+                assert entry["low"] < value < entry["high"], (name, k)
+    assert ElementTree.fromstring(gallery.drawn()).tag.endswith("svg")
 
 
 def test_the_record_holds_every_case_that_says_that_it_runs(record):
