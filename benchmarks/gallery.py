@@ -22,6 +22,7 @@ CASES = (
     "rotor_dampers",
     "two_machines",
     "four_storeys",
+    "eighteen_storeys",
 )
 FIGURE = "published.svg"
 _KNOWN = 0.1  # standard deviation of ln k along a direction that counts as known
