@@ -249,9 +249,9 @@ def of_data() -> list[tuple[str, str, Value]]:
         *((f"noise.scale_{end}_factor", f"nuisance.noise_scale.prior.{end}", math.log) for end in ("low", "high")),
         ("left_out.modes[*]", "left_out.modes[{0}]", 1),
         ("left_out.bands_hz[*][*]", "left_out.bands_hz[{0}][{1}]", 1),
-        ("noise.model_error.frequency_error", "nuisance.model_error.prior.mean", math.log),
-        ("noise.model_error.error_factor", "nuisance.model_error.prior.sd", math.log),
-        *((f"noise.model_error.{name}_error", f"noise.{name}", 1) for name in ("damping", "shape", "constant")),
+        ("noise.model_error.error_factor", "noise.sizes.factor", 1),
+        *((f"noise.model_error.{name}_error", f"noise.sizes.{name}", 1)
+          for name in ("frequency", "damping", "shape", "constant")),
         *((f"noise.discrepancy.{key}", f"nuisance.discrepancy_{name}.prior.{end}", math.log)
           for end in ("low", "high")
           for key, name in ((f"scale_{end}", "scale"), (f"length_{end}_hz", "length"))),
