@@ -8,7 +8,7 @@ from scipy import linalg
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledShapes, HeldFrequencies
-from jointbayes.joint import Joint, JointMatrix
+from jointbayes.joint import Joint, JointMatrix, Joints
 from jointbayes.structure import (
     BeamFamily,
     BeamMaterial,
@@ -217,6 +217,13 @@ def test_a_free_structure_has_the_antiresonances_above_its_rigid_motions():
     between = Joint(("2:x",), ("1:x",))
     model = HeldFrequencies(free, between, ("1:x", "2:x"), (1, 1))
     np.testing.assert_allclose(2 * np.pi * model.frequency_hz([[[500.0]]])[0], np.sqrt([900.0, 450.0]), rtol=1e-12)
+
+
+def test_a_structure_that_is_joined_to_nothing_has_antiresonances():
+    structure = rod(elements=6)
+    alone = HeldFrequencies(structure, Joints(()), ("7:y",), (1,)).frequency_hz(np.zeros((1, 0, 0)))[0, 0]
+    soft = HeldFrequencies(structure, CLAMP, ("7:y",), (2,)).frequency_hz(np.zeros((1, 2, 2)))[0, 0]
+    assert alone == pytest.approx(soft, rel=1e-9)  # the first one of the soft joint is the swinging about the tip
 
 
 def test_errors_of_natural_frequencies_do_not_move_antiresonances():

@@ -4,7 +4,7 @@ from jointbayes.frf.coupling import LowRankCoupling, NoisePropagation, receptanc
 from jointbayes.frf.direct import DirectSolve
 from jointbayes.frf.frf_set import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, MeasuredFile, Substructures
-from jointbayes.frf.modal import AssembledModes, NaturalFrequencies, rigid_body_modes
+from jointbayes.frf.modal import AssembledModes, NaturalFrequencies, least_reach_hz, rigid_body_modes
 from jointbayes.frf.mode_shapes import AssembledShapes, HeldFrequencies, Modal
 from jointbayes.frf.ports import Ports, ReceptanceModel
 
@@ -28,6 +28,7 @@ __all__ = [
     "NoisePropagation",
     "Ports",
     "ReceptanceModel",
+    "least_reach_hz",
     "receptance_model",
     "rigid_body_modes",
 ]

@@ -34,6 +34,15 @@ def rigid_body_modes(body: Body, joint: AnyJoint) -> int:
     return _left_free(body, TakingPart.of(body, joint))
 
 
+def least_reach_hz(body: Body, joint: AnyJoint, count: int) -> float:
+    """A frequency above the first `count` elastic modes of a body with its joint, Hz: no more than that takes.
+
+    Held at r DOFs a body has no natural frequency above the one that was r places later: what is higher is none of
+    the modes, and its own changes with uncertain quantities are the least smooth.
+    """
+    return body.reach_hz(max(1, count + rigid_body_modes(body, joint) + joint.size - MOST_HELD))
+
+
 def _left_free(body: Body, taking_part: TakingPart) -> int:
     """Number of rigid-body motions in which the joint does not move."""
     free = body.rigid_motions(taking_part.dofs)

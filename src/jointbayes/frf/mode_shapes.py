@@ -7,7 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
-from jointbayes.frf.modal import JoinedModes, LowestModes, NaturalFrequencies, first_factors, turned_modes
+from jointbayes.frf.modal import (
+    JoinedModes,
+    LowestModes,
+    NaturalFrequencies,
+    first_factors,
+    least_reach_hz,
+    turned_modes,
+)
 from jointbayes.frf.ports import TakingPart, factors_batch
 from jointbayes.joint import RIGID, AnyJoint, AnyJointMatrix, Joint, Joints, joint_matrix_of
 from jointbayes.structure import Body, is_mode_frequency
@@ -156,7 +163,8 @@ class HeldFrequencies:
         for label in dict.fromkeys(dofs):
             places = [i for i, dof in enumerate(dofs) if dof == label]
             held = Joints((*named, Joint((label,), name="held")))
-            model = NaturalFrequencies(body, held, max(numbers[i] for i in places))
+            count = max(numbers[i] for i in places)
+            model = NaturalFrequencies(body, held, count, top_hz=least_reach_hz(body, held, count))
             self._models.append((model, places, [numbers[i] - 1 for i in places]))
 
     def frequency_hz(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:

@@ -11,7 +11,14 @@ from scipy.optimize import linear_sum_assignment
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf import AssembledShapes, HeldFrequencies, Modal, NaturalFrequencies, rigid_body_modes
+from jointbayes.frf import (
+    AssembledShapes,
+    HeldFrequencies,
+    Modal,
+    NaturalFrequencies,
+    least_reach_hz,
+    rigid_body_modes,
+)
 from jointbayes.frf.ports import factors_batch
 from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
 from jointbayes.inference.noise.base import NoiseModel
@@ -87,12 +94,13 @@ class ModePrediction:
 
     def __init__(self, data: ModeData, family: Body, joint: AnyJoint) -> None:
         self._numbers = np.array(data.numbers) - 1
-        self._dofs = data.dofs
+        self._dofs = data.dofs_of_modes
         least, self._by_shape = max(data.numbers), data.match == "shape"
         free = family.at(joint.labels, family.reach_hz(least))
         rigid = rigid_body_modes(free, joint)
         count = max(least, min(data.most_modes, free.n_dofs - rigid - joint.size))
-        self._model = AssembledShapes(family, joint, count, self._dofs)
+        top_hz = least_reach_hz(family, joint, count) if self._dofs else None
+        self._model = AssembledShapes(family, joint, count, self._dofs, top_hz)
         self._eigenvalues = data.eigenvalues
         place = {label: i for i, label in enumerate(self._dofs)}
         shapes, zeros, constants = data.shapes, data.zeros, data.constants
@@ -101,7 +109,7 @@ class ModePrediction:
         pairs = [(place[output], place[input_]) for output, input_ in constants.pairs] if constants else []
         self._pairs = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
         self._zeros = HeldFrequencies(family, joint, zeros.dofs, zeros.numbers) if zeros else None
-        #: Measured shapes at the DOFs of `ModeData.dofs`, NaN where unknown, shape (n, DOFs).
+        #: Measured shapes at the DOFs of `ModeData.dofs_of_modes`, NaN where unknown, shape (n, DOFs).
         self.measured_shapes = _whole_shapes(data)
         #: Place of each measured value among the predicted ones of all modes: frequencies, ratios and so on.
         n, p, q = len(self._numbers), len(self._shown), len(pairs)
@@ -215,7 +223,7 @@ def _whole_shapes(data: ModeData) -> Array:
     """Measured shapes at all DOFs, 1 at the reference, means over repetitions, NaN where unknown: shape (n, DOFs)."""
     if data.shapes is None:
         return np.empty((len(data.numbers), 0))
-    place = {label: i for i, label in enumerate(data.dofs)}
+    place = {label: i for i, label in enumerate(data.dofs_of_modes)}
     whole = np.full((len(data.numbers), len(place)), np.nan)
     mean, _ = data.shapes.components.mean()
     for i, label in enumerate(data.shapes.dofs):

@@ -152,10 +152,14 @@ class ModeData(ModalData):
 
     @property
     def dofs(self) -> tuple[str, ...]:
-        """DOFs of the shapes and their references, of constants and antiresonances, each once."""
+        """DOFs of the modes, and those of antiresonances, each once."""
+        return tuple(dict.fromkeys((*self.dofs_of_modes, *(self.zeros.dofs if self.zeros else ()))))
+
+    @property
+    def dofs_of_modes(self) -> tuple[str, ...]:
+        """DOFs of the shapes and their references, and of modal constants, each once."""
         constants = (*self.constants.outputs, *self.constants.inputs) if self.constants else ()
-        zeros = self.zeros.dofs if self.zeros else ()
-        return tuple(dict.fromkeys((*(self.shapes.dofs if self.shapes else ()), *self.references, *constants, *zeros)))
+        return tuple(dict.fromkeys((*(self.shapes.dofs if self.shapes else ()), *self.references, *constants)))
 
     @property
     def _parts(self) -> tuple[tuple[ModeQuantity, Observed | None], ...]:
