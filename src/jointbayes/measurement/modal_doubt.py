@@ -92,56 +92,46 @@ class PoleReview:
         """Merge poles of one resonance, name what is doubtful; which of the poles left are modes."""
         if not self.poles.size:
             return np.zeros(0, dtype=bool)
-        in_nonlinear = self._among(self._merge())
+        nonlinear = self._merge()
         damping_sd = np.sqrt(np.diag(self.problem.covariance(self.poles))[self.poles.size :])
         reasons = [self._reason(i, float(sd)) for i, sd in enumerate(damping_sd)]
-        for frequency, reason, named in zip(self.frequency_hz, reasons, in_nonlinear, strict=True):
+        for frequency, reason, named in zip(self.frequency_hz, reasons, nonlinear, strict=True):
             if reason and not named:
                 self.doubtful.append(DoubtfulMode(float(frequency), reason))
         self.doubtful.sort(key=lambda doubt: doubt.frequency_hz)
-        return np.array([not reason and not named for reason, named in zip(reasons, in_nonlinear, strict=True)])
+        return ~nonlinear & np.array([not reason for reason in reasons])
 
-    def _merge(self) -> list[complex]:
-        """Take out poles that are not modes beside another; those of nonlinear resonances, which stay in the fit."""
-        insisted: set[frozenset[complex]] = set()
-        nonlinear: list[complex] = []
-        before = self.poles.size
-        while (pair := self._pair(insisted, nonlinear)) is not None:
-            weak, strong = pair
-            fewer = self.problem.climb(np.delete(self.poles, weak))
-            gain = (self.problem.chi2(fewer) - self.problem.chi2(self.poles)) / self.local_misfit()[strong]
-            dips = self._coherence_dips(strong)
-            if gain > _INSISTED * self.problem.price and (not dips or self._shapes_differ(weak, strong)):
-                insisted.add(frozenset((complex(self.poles[weak]), complex(self.poles[strong]))))
-                continue
-            cluster = self.frequency_hz[self._one_resonance(weak) | self._one_resonance(strong)]
-            leaks = np.ptp(cluster) <= _LEAKS * (cluster.size - 1) * self.line_step_hz(self.frequency_hz[strong])
-            if dips and not leaks:
-                nonlinear += self._name_nonlinear(weak, strong)
-                continue
-            place = f"within the half-power width of the mode at {self.frequency_hz[strong]:.6g} Hz"
-            reason = f"a second pole {place}: {'leakage' if dips else 'one resonance'}"
-            self.doubtful.append(DoubtfulMode(float(self.frequency_hz[weak]), reason))
-            self.poles = fewer
-        if self.poles.size < before:
-            self.poles = self.problem.climb(self.poles, fine=True)
-        return nonlinear
+    def _merge(self) -> NDArray[np.bool_]:
+        """Take out poles that are not modes beside another; which are of nonlinear resonances, and stay in the fit."""
+        while True:
+            nonlinear, named = np.zeros(self.poles.size, dtype=bool), []
+            for weak, strong in self._pairs():
+                if nonlinear[weak] and nonlinear[strong]:
+                    continue
+                fewer = self.problem.climb(np.delete(self.poles, weak))
+                gain = (self.problem.chi2(fewer) - self.problem.chi2(self.poles)) / self.local_misfit()[strong]
+                dips = self._coherence_dips(strong)
+                if gain > _INSISTED * self.problem.price and (not dips or self._shapes_differ(weak, strong)):
+                    continue
+                cluster = self._one_resonance(weak) | self._one_resonance(strong)
+                leaks = _LEAKS * (cluster.sum() - 1) * self.line_step_hz(self.frequency_hz[strong])
+                if not dips or np.ptp(self.frequency_hz[cluster]) <= leaks:
+                    place = f"within the half-power width of the mode at {self.frequency_hz[strong]:.6g} Hz"
+                    reason = f"a second pole {place}: {'leakage' if dips else 'one resonance'}"
+                    self.doubtful.append(DoubtfulMode(float(self.frequency_hz[weak]), reason))
+                    self.poles = self.problem.climb(fewer, fine=True)
+                    break
+                nonlinear |= cluster
+                named.append(self._nonlinear(strong, cluster))
+            else:
+                self.doubtful += named
+                return nonlinear
 
-    def _pair(self, insisted: set[frozenset[complex]], nonlinear: list[complex]) -> tuple[int, int] | None:
-        """Numbers of the weaker and the stronger of two poles in one half-power width that were not looked at yet."""
-        strength = self.problem.losses(self.poles).sum(axis=0)
-        known = self._among(nonlinear)
-        for weak in np.argsort(strength):
-            near = np.flatnonzero(self._one_resonance(int(weak)) & (strength > strength[weak]))
-            for strong in near[np.argsort(strength[near])[::-1]]:
-                both = frozenset((complex(self.poles[weak]), complex(self.poles[strong])))
-                if both not in insisted and not (known[weak] and known[strong]):
-                    return int(weak), int(strong)
-        return None
-
-    def _among(self, poles: list[complex]) -> NDArray[np.bool_]:
-        """Which of the poles of the fit are these, which may have moved a little since."""
-        return np.array([any(abs(p - q) < -q.real / 2 for q in poles) for p in self.poles], dtype=bool)
+    def _pairs(self) -> list[tuple[int, int]]:
+        """Numbers of the weaker and the stronger of two poles in one half-power width, the weakest first."""
+        order = np.argsort(self.problem.losses(self.poles).sum(axis=0)).tolist()
+        near = [self._one_resonance(i) for i in range(self.poles.size)]
+        return [(weak, s) for i, weak in enumerate(order) for s in order[:i:-1] if near[weak][s]]
 
     def _one_resonance(self, pole: int) -> NDArray[np.bool_]:
         """Which poles are within a half-power width of this one (the geometric mean of both), or within a line."""
@@ -165,16 +155,13 @@ class PoleReview:
         assurance = np.abs(np.vdot(a, b)) ** 2 / (np.vdot(a, a).real * np.vdot(b, b).real)
         return bool(a.size > 1 and assurance < _OTHER_SHAPE)
 
-    def _name_nonlinear(self, weak: int, strong: int) -> list[complex]:
-        """Name a resonance that takes several poles, with the range of their half-power widths; the poles."""
-        cluster = self._one_resonance(weak) | self._one_resonance(strong)
+    def _nonlinear(self, strong: int, cluster: NDArray[np.bool_]) -> DoubtfulMode:
+        """A resonance that takes several poles, with the range of their half-power widths."""
         f, w = self.frequency_hz[cluster], self.width_hz[cluster]
-        low, high = float((f - w / 2).min()), float((f + w / 2).max())
         dip = "fits badly all the same" if self.incoherence is None else "has a coherence dip"
-        poles = f"between {low:.6g} and {high:.6g} Hz, which takes {cluster.sum()} poles and {dip}"
+        poles = f"between {(f - w / 2).min():.6g} and {(f + w / 2).max():.6g} Hz, which takes {f.size} poles and {dip}"
         reason = f"nonlinear? One resonance {poles}; measure it at a lower level"
-        self.doubtful.append(DoubtfulMode(float(self.frequency_hz[strong]), reason))
-        return [complex(p) for p in self.poles[cluster]]
+        return DoubtfulMode(float(self.frequency_hz[strong]), reason)
 
     def _reason(self, pole: int, damping_sd: float) -> str:
         """Why a pole of the fit is no mode; empty where it is one."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -108,7 +108,19 @@ def fit_modes(
     max_order: int = 40,
 ) -> ModalFit:
     """As `identify_modes`, with the fitted FRFs (in the band), misfit, covariance and doubtful modes as well."""
-    return _fit(frf, variance, (f_min_hz, f_max_hz), max_order)
+    with _finite_numbers():
+        fitted = _fitted(frf, variance, (f_min_hz, f_max_hz), max_order)
+        problem, poles = fitted.problem, fitted.poles
+        every = fitted.all_frfs or (problem.values, problem.weight)
+        chi2, freedom, values = 0.0, 0, []
+        for first in range(0, every[0].shape[1], problem.values.shape[1]):  # as many at once as poles were sought in
+            some = slice(first, first + problem.values.shape[1])
+            few = ModalProblem(problem.omega / (2 * np.pi), every[0][:, some], every[1][:, some], frf.quantity)
+            chi2, freedom = chi2 + few.chi2(poles), freedom + few.freedom(poles.size)
+            values.append(few.model(poles))
+        shape = (problem.omega.size, len(frf.outputs), len(frf.inputs))
+        modes, covariance = fitted.modes()
+        return ModalFit(modes, np.hstack(values).reshape(shape), chi2 / freedom, covariance, fitted.doubtful)
 
 
 def identify_zeros(
@@ -140,42 +152,22 @@ def identify_zeros(
         As `identify_modes`.
     """
     band = f_min_hz, f_max_hz
-    inside = _lines_inside(frf, variance, band)
+    _lines_inside(frf, variance, band)
     fits = {}
     for dof in (output for output in frf.outputs if output in frf.inputs):
-        point = frf.select((dof,), (dof,)).at_lines(inside).converted("accelerance")
+        at = np.s_[:, [frf.outputs.index(dof)], [frf.inputs.index(dof)]]
+        noise = None if variance is None else variance[at][:, :, None]
         with _finite_numbers():
-            if variance is None:
-                direct = _fitted(point, None, band, max_order)
-                noise = direct.problem.weight[:, :, None] ** -2
-            else:
-                noise = variance[inside, frf.outputs.index(dof), frf.inputs.index(dof)][:, None, None]
-                noise = (
-                    noise * np.abs(quantity_factor(point.frequency_hz, "accelerance", frf.quantity) ** 2)[:, None, None]
-                )
-                direct = _fitted(point, noise, band, max_order)
-            smooth = direct.problem.model(direct.poles)[:, :, None]
-            # one over the FRF linearised about the fitted one: its noise is Gaussian even where the FRF is nearly 0;
-            # as a receptance, since one over an accelerance is a constant, the mass, at high frequencies
-            inverse = replace(point, values=2 / smooth - point.values / smooth**2, quantity="receptance")
-        fits[dof] = _fit(inverse, noise / np.abs(smooth) ** 4, band, max_order, dips=False)
+            direct = _fitted(frf.select((dof,), (dof,)), noise, band, max_order)
+            problem, lines = direct.problem, direct.problem.omega / (2 * np.pi)
+            smooth, factor = problem.model(direct.poles), quantity_factor(lines, "accelerance", frf.quantity)[:, None]
+            # one over the accelerance, linearised about the fitted one: its noise is Gaussian even where that is nearly
+            # 0; fitted as a receptance, since it is a constant, the mass, at high frequencies
+            inverse = (2 / smooth - problem.values / smooth**2) / factor
+            sd = 1 / (problem.weight * np.abs(smooth**2 * factor))
+        point = FrfSet(lines, inverse[:, :, None], (dof,), (dof,))
+        fits[dof] = fit_modes(point, sd[:, :, None] ** 2, max_order=max_order)
     return fits
-
-
-def _fit(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int, *, dips: bool = True) -> ModalFit:
-    with _finite_numbers():
-        fitted = _fitted(frf, variance, band_hz, max_order, dips=dips)
-        problem, poles = fitted.problem, fitted.poles
-        every = fitted.all_frfs or (problem.values, problem.weight)
-        chi2, freedom, values = 0.0, 0, []
-        for first in range(0, every[0].shape[1], problem.values.shape[1]):  # as many at once as poles were sought in
-            some = slice(first, first + problem.values.shape[1])
-            few = ModalProblem(problem.omega / (2 * np.pi), every[0][:, some], every[1][:, some], frf.quantity)
-            chi2, freedom = chi2 + few.chi2(poles), freedom + few.freedom(poles.size)
-            values.append(few.model(poles))
-        shape = (problem.omega.size, len(frf.outputs), len(frf.inputs))
-        modes, covariance = fitted.modes()
-        return ModalFit(modes, np.hstack(values).reshape(shape), chi2 / freedom, covariance, fitted.doubtful)
 
 
 @contextmanager
@@ -225,7 +217,7 @@ def _fitted(
             square, width = from_coherence or (np.abs(values - model) ** 2, n_lines)
             problem = ModalProblem(frequency, values, _weight_of_squares(square, model, width), frf.quantity)
             poles = problem.search(poles, order)
-    incoherence = 1 - frf.coherence[inside].reshape(n_lines, -1)[:, few] if frf.coherence is not None and dips else None
+    incoherence = None if frf.coherence is None else 1 - frf.coherence[inside].reshape(n_lines, -1)[:, few]
     review = PoleReview(problem, poles, incoherence)
     is_mode = review.review()
     is_mode = is_mode & (review.frequency_hz >= frequency[0]) & (review.frequency_hz <= frequency[-1])
