@@ -91,6 +91,8 @@ class Candidate(ABC):
         one of several present set-ups the name of that one.
     own_nuisances
         Quantities that a proposed set-up has for itself, such as ``short.length``, with their priors.
+    structure
+        What is measured, without the joint; as of `Problem`; None of the present one. They differ by added masses.
     joint
         Of a proposed set-up where the joints act; None where that is as in the present one.
     """
@@ -100,6 +102,7 @@ class Candidate(ABC):
     position: str = ""
     setup: str = ""
     own_nuisances: tuple[Nuisance, ...] = ()
+    structure: AnyStructure | None = None
     joint: AnyJoint | None = None
 
     @abstractmethod
@@ -121,6 +124,17 @@ class Candidate(ABC):
         """The part of the present problem with the set-up on which it is, or beside which it is proposed."""
         return next((part for part in problem.parts if part.test.name == self.setup), problem.parts[0])
 
+    def without_data(self, problem: Problem) -> Problem:
+        """The same with its own structure and joints, whose data are still the present ones."""
+        present = self.present(problem)
+        test = replace(
+            present.test,
+            name=self.setup or present.test.name,
+            structure=self.structure or present.test.structure,
+            joints=present.test.joints if self.joint is None else self.joint,
+        )
+        return replace(present, tests=(test,), extra_log_likelihood=None)  # what else is known is known once
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrfCandidate(Candidate):
@@ -128,8 +142,6 @@ class FrfCandidate(Candidate):
 
     Parameters
     ----------
-    structure
-        What is measured, without the joint; as of `Problem`. They differ from the present ones by added masses.
     ports
         Lines, outputs and inputs.
     quantity
@@ -143,7 +155,6 @@ class FrfCandidate(Candidate):
         Of a proposed set-up how its residuals are judged; None where that is as in the present one.
     """
 
-    structure: AnyStructure
     ports: Ports
     quantity: Quantity
     law: VarianceLaw
@@ -154,16 +165,10 @@ class FrfCandidate(Candidate):
     def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
         """The FRFs measured where θ is the truth, see `Candidate`."""
         point, present = np.asarray(theta, dtype=float), self.present(problem)
-        test = replace(
-            present.test,
-            name=self.setup or present.test.name,
-            structure=self.structure,
-            joints=present.test.joints if self.joint is None else self.joint,
-            residual_kind=self.residual_kind or present.test.residual_kind,
-        )
-        there = replace(present, tests=(test,), extra_log_likelihood=None)  # what else is known is known once
+        there = self.without_data(problem)
+        there = there.with_test(residual_kind=self.residual_kind or present.test.residual_kind)
         factors = there.prior.factors(point)
-        model = test.receptance_model(self.ports)
+        model = there.test.receptance_model(self.ports)
         true = model.receptance(there.prior.matrix(point), there.structural(factors))[0]
         true = (
             float(there.gain(factors)) * true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
@@ -211,14 +216,11 @@ def repeated(problem: Problem, averages_factor: float) -> FrfCandidate:
     if problem.test.noise is not None and not problem.test.noise.averages_out:
         raise ModelError("planning: found an inferred discrepancy; expected none, since averages do not reduce it")
     frf = measured.frf
+    name, law = f"{averages_factor:g} × averages", StatedVariance(measured.variance / (averages_factor - 1))
     return FrfCandidate(
-        name=f"{averages_factor:g} × averages",
-        words=f"{averages_factor:g} times the averages",
-        structure=problem.test.structure,
-        ports=Ports(frf.frequency_hz, frf.outputs, frf.inputs),
-        quantity=frf.quantity,
-        law=StatedVariance(measured.variance / (averages_factor - 1)),
-    )
+        name=name, words=name.replace("×", "times the"), structure=problem.test.structure,
+        ports=Ports(frf.frequency_hz, frf.outputs, frf.inputs), quantity=frf.quantity, law=law,
+    )  # fmt: skip
 
 
 def _noise(

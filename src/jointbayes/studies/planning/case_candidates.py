@@ -27,12 +27,7 @@ from jointbayes.studies.planning.candidates import (
     present,
     repeated,
 )
-from jointbayes.studies.planning.modal_candidates import (
-    RELATIVE_CALIBRATION,
-    ModalCandidate,
-    measured_modes,
-    scatter,
-)
+from jointbayes.studies.planning.modal_candidates import RELATIVE_CALIBRATION, ModalCandidate, measured_modes, scatter
 from jointbayes.studies.planning.proposed_setups import proposed_setups
 
 _G = 1e-3
@@ -148,14 +143,9 @@ class _ModalMaker(_Maker):
             if dof != reference and dof not in shown:
                 words = f"{self._sensor(dof)}, one that was calibrated beside that at {reference}"
                 yield ModalCandidate(
-                    name=dof,
-                    words=words,
-                    position=self._positions((dof,)),
-                    numbers=modes.numbers,
-                    relative=RELATIVE_CALIBRATION,
-                    dof=dof,
-                    reference=reference,
-                )
+                    name=dof, words=words, position=self._positions((dof,)), numbers=modes.numbers,
+                    relative=RELATIVE_CALIBRATION, dof=dof, reference=reference,
+                )  # fmt: skip
 
     def _farthest(self, dofs: Sequence[str]) -> str:
         """The DOF that is farthest from the first joint."""
@@ -207,15 +197,10 @@ class _FrfMaker(_Maker):
         """A candidate of the present structure and ports where it states no others."""
         data = self._data
         return FrfCandidate(
-            name=name,
-            words=words,
-            structure=structure or self._problem.test.structure,
-            ports=ports or Ports(self._lines, data.outputs, data.inputs),
-            quantity=data.quantity,
-            law=self._law,
-            above_hz=above_hz,
-            position=position,
-        )
+            name=name, words=words, structure=structure or self._problem.test.structure, law=self._law,
+            ports=ports or Ports(self._lines, data.outputs, data.inputs), quantity=data.quantity,
+            above_hz=above_hz, position=position,
+        )  # fmt: skip
 
     def _free(self) -> Iterator[Candidate]:
         if self._worth_hitting_free:

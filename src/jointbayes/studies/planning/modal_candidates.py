@@ -1,12 +1,11 @@
 """Further modes that could be measured: of the structure free, and their ratios at one more sensor."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf import AnyStructure
 from jointbayes.inference import Problem
 from jointbayes.measurement import ModalData, ModeData, ModeShapes, Observed
 from jointbayes.studies.data_sets import replace_values, simulated_values
@@ -32,28 +31,18 @@ class ModalCandidate(Candidate):
         Of the modes, from 1.
     relative
         Standard deviation of each value as a fraction of it.
-    structure
-        Of a proposed set-up what is measured, without its joints; None of the present structure.
     dof, reference
         Labels; empty of natural frequencies.
     """
 
     numbers: tuple[int, ...]
     relative: float
-    structure: AnyStructure | None = None
     dof: str = ""
     reference: str = ""
 
     def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
         """The modes measured where θ is the truth, see `Candidate`."""
-        point, present = np.asarray(theta, dtype=float), self.present(problem)
-        test = replace(
-            present.test,
-            name=self.setup or present.test.name,
-            structure=self.structure or present.test.structure,
-            joints=present.test.joints if self.joint is None else self.joint,
-        )
-        there = replace(present, tests=(test,), extra_log_likelihood=None)  # what else is known is known once
+        point, there = np.asarray(theta, dtype=float), self.without_data(problem)
         exact = _of_data(there, self._measured(np.ones(2 * len(self.numbers)))).log_posterior.predicted(point)[0]
         there = _of_data(there, self._measured(exact))
         if rng is None:

@@ -90,31 +90,16 @@ def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
         modes = setup.data.modes
         assert modes is not None
         return ModalCandidate(
-            name=name,
-            words=words,
-            setup=name,
-            own_nuisances=own_nuisances,
-            joint=setup.joint,
-            structure=setup.structure,
-            numbers=modes.numbers,
-            relative=scatter(modes),
-        )
+            name=name, words=words, setup=name, own_nuisances=own_nuisances, joint=setup.joint,
+            structure=setup.structure, numbers=modes.numbers, relative=scatter(modes),
+        )  # fmt: skip
     ports, law, quantity = _frfs_of(setup)
     places = map(setup.spec.structure.place, ports.outputs)
     return FrfCandidate(
-        name=name,
-        words=words,
-        structure=setup.structure,
-        ports=ports,
-        quantity=quantity,
-        law=law,
-        position=" / ".join(dict.fromkeys(places)),
-        setup=name,
-        own_nuisances=own_nuisances,
-        joint=setup.joint,
-        noise=setup.noise,
-        residual_kind=setup.spec.noise.residuals,
-    )
+        name=name, words=words, structure=setup.structure, ports=ports, quantity=quantity, law=law,
+        position=" / ".join(dict.fromkeys(places)), setup=name, own_nuisances=own_nuisances, joint=setup.joint,
+        noise=setup.noise, residual_kind=setup.spec.noise.residuals,
+    )  # fmt: skip
 
 
 def _frfs_of(setup: CaseSetup) -> tuple[Ports, VarianceLaw, Quantity]:
