@@ -14,7 +14,7 @@ from jointbayes.case.case import Case, case_from_text
 from jointbayes.case.case_text import read_case_text
 from jointbayes.frf import AnyStructure
 from jointbayes.identification import MapEstimate, ModeSearch
-from jointbayes.inference import Likelihood, LogPosterior, Problem, Test, likelihood_of
+from jointbayes.inference import ErrorSizes, Likelihood, LogPosterior, Problem, Test, likelihood_of
 from jointbayes.joint import AnyJoint, Joint, LogStiffness
 from jointbayes.measurement import Data
 from jointbayes.posterior import Posterior, knowledge
@@ -58,6 +58,7 @@ class StatedCase:
     reference_source: str = ""
     measured_frequencies_hz: tuple[float, ...] | None = None
     workshop_problem: Problem | None = None
+    model_error: ErrorSizes | None = None
     default_priors: frozenset[str] = frozenset()
     warnings: tuple[str, ...] = ()
 

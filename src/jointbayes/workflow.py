@@ -22,10 +22,11 @@ from jointbayes.identification import (
     sensitivity_iteration,
     why_not_iterated,
 )
-from jointbayes.inference import Problem
+from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
+from jointbayes.posterior.modes_answer import ModesAnswer, modes_answer, modes_problem
 from jointbayes.posterior.run_record import sampler_figures
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.posterior.stored_problem import run_fingerprint
@@ -308,6 +309,36 @@ def _posterior(
     )
     tree = draws_tree(problem, chains.draws(), problem.prior.sample(_generator(seed, _PRIOR), _PRIOR_DRAWS))
     return Posterior(problem, tree, estimate, *mode, record, case)
+
+
+def ask_modes(
+    posterior: Posterior, sizes: ErrorSizes | None = None, *, progress: ProgressCallback | None = None
+) -> ModesAnswer | None:
+    """What the modes say that measured FRFs show, the model being a little wrong in each.
+
+    Parameters
+    ----------
+    posterior
+        Of measured FRFs.
+    sizes
+        Of the model's errors; by default the case's ``[noise.model_error]``, or 0.3 % of a natural frequency, known to
+        a factor of 3.
+    progress
+        As in `sample`.
+
+    Returns
+    -------
+    ModesAnswer
+        None where FRFs were computed, show no mode, or are of a structure that has none: one with a measured body.
+    """
+    case = posterior.case
+    sizes = sizes or (case.model_error if case is not None else None) or ErrorSizes()
+    asked = modes_problem(posterior, sizes)
+    if asked is None:
+        return None
+    settings = SamplerSettings().for_dimension(len(asked.problem.names)).for_one_of_many()
+    of_modes = sample(asked.problem, settings=settings, seed=posterior.record.seed, progress=progress)
+    return modes_answer(posterior, of_modes, asked)
 
 
 @one_blas_thread()

@@ -249,9 +249,9 @@ def of_data() -> list[tuple[str, str, Value]]:
         *((f"noise.scale_{end}_factor", f"nuisance.noise_scale.prior.{end}", math.log) for end in ("low", "high")),
         ("left_out.modes[*]", "left_out.modes[{0}]", 1),
         ("left_out.bands_hz[*][*]", "left_out.bands_hz[{0}][{1}]", 1),
-        ("noise.model_error.error_factor", "noise.sizes.factor", 1),
-        *((f"noise.model_error.{name}_error", f"noise.sizes.{name}", 1)
-          for name in ("frequency", "damping", "shape", "constant")),
+        *((f"noise.model_error.{'error_factor' if name == 'factor' else f'{name}_error'}", f"{place}.{name}", 1)
+          for name in ("factor", "frequency", "damping", "shape", "constant")
+          for place in ("noise.sizes", "model_error")),
         *((f"noise.discrepancy.{key}", f"nuisance.discrepancy_{name}.prior.{end}", math.log)
           for end in ("low", "high")
           for key, name in ((f"scale_{end}", "scale"), (f"length_{end}_hz", "length"))),

@@ -197,7 +197,7 @@ class Bench:
                 self._file.write_text(text, encoding="utf-8")
                 asked = [str(self._file), "--out", str(self._file.with_suffix(".npz"))]
                 CliRunner().invoke(simulate_command, asked, catch_exceptions=False)
-        settings = {"sampler": case.sampler, "seed": workflow._seed(case, None)}
+        settings = {"sampler": case.sampler, "seed": workflow._seed(case, None), "model_error": case.model_error}
         published = {"reference": case.reference, "published": case.spec.reference and case.measured_frequencies_hz}
         named = numbers_of(_of_problem(case.problem) | settings | published | self.seen)
         derived = DERIVED if "initial" in text else f"initial|{DERIVED}"

@@ -16,6 +16,7 @@ from jointbayes.case.case_objects import (
     complete_from_data,
     measured_bodies,
     measurement_of,
+    model_error_of,
     noise_of,
     plan_of,
     read_matrices,
@@ -37,7 +38,7 @@ from jointbayes.case.toml_text import fault_line
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError
 from jointbayes.frf import MeasuredBody
 from jointbayes.identification.numbering import find_numbering
-from jointbayes.inference import Problem
+from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint import AnyJoint, Joint, Joints, joints_of
 from jointbayes.measurement import Data
 from jointbayes.reproducibility import one_blas_thread
@@ -157,6 +158,11 @@ class Case:
         ratios = (setup.spec.structure.damping.values.get("damping_ratio", ()) for setup in self.setups)
         largest = max(chain.from_iterable(ratios), default=0.0)
         return problem_of([setup.with_workshop_uncertainty(largest) for setup in self.setups], self.name)
+
+    @property
+    def model_error(self) -> ErrorSizes | None:
+        """Sizes of the model's errors in modes, where the case states them."""
+        return model_error_of(self.spec.noise)
 
     @cached_property
     def sampler(self) -> SamplerSettings:

@@ -99,10 +99,7 @@ def true_stiffness(spec: CaseSpec) -> Array:
 def noise_of(spec: NoiseModelSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """Distribution of the residuals, and the priors of its parameters; its module has the name of the distribution."""
     complex_frf = data.frfs is not None and spec.residuals == "complex"
-    d, e = spec.discrepancy, spec.model_error
-    sizes = None
-    if e is not None:
-        sizes = ErrorSizes(e.frequency_error, e.error_factor, e.damping_error, e.shape_error, e.constant_error)
+    d = spec.discrepancy
     choice = NoiseChoice(
         spec.scale,
         (spec.scale_low_factor, spec.scale_high_factor),
@@ -110,10 +107,18 @@ def noise_of(spec: NoiseModelSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisan
         spec.scale_guess,
         spec.dof,
         None if d is None else ((d.scale_low, d.scale_high), (d.length_low_hz, d.length_high_hz)),
-        sizes,
+        model_error_of(spec),
     )
     module = import_module(f"jointbayes.inference.noise.{spec.distribution}")
     return module.noise_of(choice, 2 if complex_frf else 1, data)
+
+
+def model_error_of(spec: NoiseModelSpec) -> ErrorSizes | None:
+    """Sizes of the model's errors in modes; None where none are stated."""
+    e = spec.model_error
+    if e is None:
+        return None
+    return ErrorSizes(e.frequency_error, e.error_factor, e.damping_error, e.shape_error, e.constant_error)
 
 
 def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Data:

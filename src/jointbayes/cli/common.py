@@ -127,19 +127,25 @@ def note_written(path: Path) -> None:
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
     """Print convergence, verdicts, and what may be wrong with them."""
     from jointbayes.posterior.knowledge import listed
+    from jointbayes.posterior.modes_answer import is_of_measured_frfs
     from jointbayes.posterior.uncertain_inputs import uncertain_quantities
     from jointbayes.posterior.verdicts import verdict_line
 
     if not posterior.converged:
         say("NOT CONVERGED: do not use these numbers.")
     say(posterior.reason)
-    for name in posterior.stiffness_names:
+    modes = knowledge.believed_modes if knowledge else None
+    for line in (*modes.lines(), modes.sentence, modes.basis) if modes else ():
+        say(line)
+    for name in () if modes else posterior.stiffness_names:
         exact = knowledge.exact.get(name) if knowledge else None
         say(verdict_line(posterior, name, *((exact.condition, exact.words_if_uncertain) if exact else ())))
-    if knowledge and knowledge.bounds_sentence:
+    if knowledge and knowledge.bounds_sentence and not modes:
         say(knowledge.bounds_sentence)
     if posterior.solutions.sentence:
         say(posterior.solutions.sentence)
+    if knowledge is None and is_of_measured_frfs(posterior.problem):
+        say("These verdicts take the model as exact: the report gives the answer of the modes that the FRFs show.")
     freed = posterior.case.workshop_problem if posterior.case and knowledge is None else None
     taken = set(uncertain_quantities(freed)) - set(uncertain_quantities(posterior.problem)) if freed else ()
     if freed and taken:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, singledispatch
 from typing import Any
 
 import numpy as np
@@ -265,6 +265,7 @@ class ModeData(ModalData):
         return replace(self, **{**made, **changes})
 
 
+@singledispatch
 def split_modes(data: ModalData, numbers: Sequence[int]) -> tuple[ModeData, ModeData]:
     """The modes but some, with the antiresonances, and these, by their numbers; each with all that was measured of it.
 
@@ -273,13 +274,16 @@ def split_modes(data: ModalData, numbers: Sequence[int]) -> tuple[ModeData, Mode
     MeasurementError
         If one of them was not measured, or no other one was.
     """
+    frequency = Observed(data.frequency_hz, data.sd_hz)
+    return split_modes(ModeData(frequency, numbers=data.numbers, provenance=data.provenance), numbers)
+
+
+@split_modes.register
+def _split_table(data: ModeData, numbers: Sequence[int]) -> tuple[ModeData, ModeData]:
     apart = np.isin(data.numbers, numbers)
     if apart.all() or not set(numbers) <= set(data.numbers):
         wanted, measured = (", ".join(map(str, some)) for some in (numbers, data.numbers))
         raise MeasurementError(
             f"left out: found modes {wanted}; expected some of {measured}, but not all; correct the numbers"
         )
-    if not isinstance(data, ModeData):
-        frequency = Observed(data.frequency_hz, data.sd_hz)
-        data = ModeData(frequency, numbers=data.numbers, provenance=data.provenance)
     return data.some(~apart), replace(data.some(apart), zeros=None)

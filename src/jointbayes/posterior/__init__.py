@@ -5,6 +5,7 @@ from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.evidence import Evidence, evidence, importance_evidence, nested_evidence
 from jointbayes.posterior.identifiability import Identifiability, assess
 from jointbayes.posterior.knowledge import Knowledge, gather_knowledge
+from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut
 from jointbayes.posterior.run_record import RunRecord, data_sha256, package_versions
@@ -17,6 +18,7 @@ __all__ = [
     "FrfPrediction",
     "Identifiability",
     "Knowledge",
+    "ModesAnswer",
     "LeftOut",
     "Posterior",
     "PredictiveCheck",

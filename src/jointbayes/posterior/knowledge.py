@@ -1,7 +1,7 @@
 """What the data say beyond the draws: does the model explain them, what is known of the joint, and resting on what."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
 from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentence, simpler_joints
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict
+from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.profile import ProfileLikelihood, profile_likelihood
 from jointbayes.posterior.rounding import factor_in_words, join_unit, rounded_interval
 from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, effect_of_uncertain_inputs, uncertain_quantities
@@ -161,12 +162,13 @@ def listed(names: Sequence[str]) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptKnowledge:
-    """What took time to find, kept with the draws; `simpler` is unknown to older files."""
+    """What took time to find, kept with the draws; `simpler` and `modes` are unknown to older files."""
 
     profiles: tuple[ProfileLikelihood, ...]
     freed: tuple[UncertainInputsRow, ...]
     assumed: tuple[str, ...]
     simpler: tuple[SimplerJoint, ...] | None = None
+    modes: ModesAnswer | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +191,8 @@ class Knowledge:
         own.
     simpler
         Whether a rigid, absent or uncoupled joint is excluded, of each that is known by bounds at most.
+    modes
+        What the modes say that measured FRFs show; None where the data are no such FRFs.
     """
 
     check: PredictiveCheck
@@ -197,11 +201,17 @@ class Knowledge:
     freed: tuple[UncertainInputsRow, ...]
     assumed: tuple[str, ...]
     simpler: tuple[SimplerJoint, ...] = ()
+    modes: ModesAnswer | None = None
 
     @property
     def kept(self) -> KeptKnowledge:
         """What took time to find, as `Posterior.save` keeps it."""
-        return KeptKnowledge(self.profiles, self.freed, self.assumed, self.simpler)
+        return KeptKnowledge(self.profiles, self.freed, self.assumed, self.simpler, self.modes)
+
+    @property
+    def believed_modes(self) -> ModesAnswer | None:
+        """The answer of the modes where it is the one to believe."""
+        return self.modes if self.modes is not None and self.modes.believed else None
 
     @property
     def exact(self) -> dict[str, ExactInputs]:
@@ -288,7 +298,9 @@ class Knowledge:
         }
 
 
-def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -> Knowledge:
+def gather_knowledge(
+    posterior: JudgedPosterior, freed: Problem | None = None, ask_modes: Callable[[], ModesAnswer | None] | None = None
+) -> Knowledge:
     """Check and examine a posterior.
 
     Parameters
@@ -298,6 +310,8 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
     freed
         The same problem with more quantities uncertain, for the table of what freeing them does where the posterior's
         own problem takes all as exactly known.
+    ask_modes
+        Samples what the modes of measured FRFs say, where that is not kept with the draws: `workflow.ask_modes`.
     """
     problem = posterior.problem
     of_case = freed is (posterior.case and posterior.case.workshop_problem)
@@ -317,6 +331,7 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
         kept.freed if kept else effect_of_uncertain_inputs(posterior, freed),
         kept.assumed if kept else _assumed(problem, freed),
         simpler_joints(posterior) if simpler is None else simpler,
+        kept.modes if kept and kept.modes else ask_modes() if ask_modes else None,
     )
 
 

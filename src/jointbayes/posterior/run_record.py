@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf import MeasuredBody
-from jointbayes.inference import Problem
+from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint.quantities import prefixed
 from jointbayes.reproducibility import code_version
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
@@ -107,6 +107,11 @@ class SampledCase(Protocol):
     @property
     def workshop_problem(self) -> Problem | None:
         """The same problem with more quantities uncertain."""
+        ...
+
+    @property
+    def model_error(self) -> ErrorSizes | None:
+        """Sizes of the model's errors in modes, where they are stated."""
         ...
 
     @property

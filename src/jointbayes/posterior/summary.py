@@ -14,6 +14,7 @@ from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.knowledge import ExactInputs, Knowledge
 from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies
+from jointbayes.posterior.modes_answer import known_json
 from jointbayes.posterior.prediction import LeftOut, left_out_json, sentence_of_left_out
 from jointbayes.posterior.rounding import align_columns, number, rounded
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
@@ -192,6 +193,15 @@ class Summary:
         files = {name: [asdict(file) for file in each] for name, each in self.files_of_bodies.items()}
         return noise.as_json() | {"files": files}
 
+    def _answers_json(self) -> dict[str, Any] | None:
+        """Both answers of measured FRFs, that of the FRFs in the form of the other."""
+        modes = None if self.knowledge is None else self.knowledge.modes
+        if modes is None:
+            return None
+        frfs = {"parameters": known_json({name: p.known for name, p in self.parameters.items()})}
+        believed = "modes" if modes.believed else "frfs"
+        return {"believed": believed, "reason": modes.reason, "frfs": frfs, "modes": modes.as_json()}
+
     def to_json(self) -> dict[str, Any]:
         """What ``summary.json`` holds: no NaN or infinity, ``None`` where a number does not exist."""
         record, frequencies = self.record, self.natural_frequencies_hz
@@ -215,6 +225,7 @@ class Summary:
             "measured_bodies": None if self.measured_bodies is None else self._bodies_json(self.measured_bodies),
             "identifiability": None if self.knowledge is None else self.knowledge.as_json(),
             "left_out": left_out_json(self.left_out),
+            "answers": self._answers_json(),
             "sampler": record.sampler,
             "versions": record.versions,
             "data_sha256": self.data_sha256,
@@ -254,7 +265,7 @@ def summarise(
         warnings=tuple(warnings),
         no_verdict=reasons_for_no_verdict(posterior),
         parameters={
-            name: replace(stiffness_summary(posterior, i, name), exact=knowledge.exact.get(name) if knowledge else None)
+            name: _with_knowledge(stiffness_summary(posterior, i, name), name, knowledge)
             for i, name in enumerate(posterior.stiffness_names)
         },
         nuisances={n.name: nuisance_summary(posterior, i) for i, n in enumerate(posterior.problem.prior.nuisances)},
@@ -283,6 +294,16 @@ def summarise(
         left_out=posterior.predict_left_out(),
         setups=setups,
     )
+
+
+def _with_knowledge(stiffness: StiffnessSummary, name: str, knowledge: Knowledge | None) -> StiffnessSummary:
+    """With what its verdict rests on; and without a verdict where the answer to believe is another one."""
+    if knowledge is None:
+        return stiffness
+    if (modes := knowledge.believed_modes) is not None:
+        known = replace(stiffness.known, verdict="no verdict", verdict_reason=modes.reason, if_model_right=False)
+        return replace(stiffness, known=known)
+    return replace(stiffness, exact=knowledge.exact.get(name))
 
 
 def _interval95(values: Array) -> Interval:

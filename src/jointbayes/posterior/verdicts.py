@@ -3,7 +3,8 @@
 In order: the draws are judged by `jointbayes.posterior.identifiability`; a stiffness to which several modes give
 different values is not identified, see `jointbayes.posterior.solutions`; the same posterior with every prior of the
 joint a decade wider says whether a bound of the prior holds the stiffness, or the verdict rests on the prior
-otherwise; a model that does not explain the data makes the verdict conditional; a run that failed has none.
+otherwise; a run that failed has none. Nor has one whose model does not explain measured data, which no structure's
+quite does: see `jointbayes.posterior.modes_answer`. Of computed data it makes the verdict conditional.
 
 What is printed beside every verdict but "identified" is, at each end, the more cautious of what the draws say and of
 the likelihood-ratio limit, which no volume of the prior moves. The level of the latter is 97.5 %: the data that set a
@@ -103,6 +104,10 @@ def reasons_for_no_verdict(posterior: PosteriorDraws) -> tuple[str, ...]:
                 f"joint mode and MAP are {posterior.mode_distance:.2g} Laplace standard deviations apart, the joint "
                 f"mode {-gain:.3g} lower in log density"
             )
+    if not posterior.check.explains and not any(test.data.synthetic for test in posterior.problem.tests):
+        size, level = math.sqrt(posterior.check.chi2_per_line), posterior.check.level
+        misfit = f"residuals are {number(size, 2)} times their noise" if level == "above" else "residuals correlate"
+        reasons.append(f"the model does not explain the measured data: {misfit}")
     return tuple(reasons)
 
 

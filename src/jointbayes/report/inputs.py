@@ -1,7 +1,7 @@
 """What every section of a report is written from."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 from jointbayes.arrays import Array
 from jointbayes.inference import Problem
@@ -9,6 +9,7 @@ from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
 from jointbayes.posterior.setup_summary import SetupSummary
 from jointbayes.posterior.summary import Summary
 from jointbayes.report.markup import foreign
+from jointbayes.workflow import ask_modes
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,10 @@ class ReportInputs:
 
     @cached_property
     def knowledge(self) -> Knowledge:
-        """Check of the model, directions, profiles, and the effect of uncertain inputs."""
+        """Check of the model, directions, profiles, the effect of uncertain inputs, and what modes of FRFs say."""
         case = self.posterior.case
-        return gather_knowledge(self.posterior, None if case is None else case.workshop_problem)
+        freed = None if case is None else case.workshop_problem
+        return gather_knowledge(self.posterior, freed, partial(ask_modes, self.posterior))
 
     @cached_property
     def summary(self) -> Summary:

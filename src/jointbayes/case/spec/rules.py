@@ -279,12 +279,15 @@ def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding
 
 
 def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
-    """Yield how residuals cannot be judged where the data are natural frequencies."""
+    """Yield how residuals cannot be judged where the data are natural frequencies, or computed."""
     if data.frfs:
-        if noise.model_error is not None:
-            fault = "found the model's errors in modes, where the data are FRFs"
-            yield Finding(("noise", "model_error"), fault, "data that are modes or natural frequencies", "remove it")
+        if noise.model_error is not None and data.synthetic is not None:
+            fault = "found the model's errors in modes, where the data are computed FRFs"
+            yield Finding(("noise", "model_error"), fault, "measured FRFs, modes or natural frequencies", "remove it")
         return
+    if noise.model_error is not None and noise.scale != "known":
+        fault = f'found "{noise.scale}" with [noise.model_error], whose errors would take up the same misfit'
+        yield Finding(("noise", "scale"), fault, '"known"', "remove one of the two")
     reasons = {
         "residuals": "but natural frequencies have neither magnitude nor phase",
         "distribution": "which is offered for FRFs only",

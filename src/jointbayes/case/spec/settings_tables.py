@@ -147,7 +147,9 @@ _Band = Annotated[tuple[float, Positive], Strict(False)]
 class LeftOutSpec(Spec):
     """What of the data does not enter the estimate and is predicted by it."""
 
-    modes: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Strict(False), max_length(1000), _LEFT_MODES] = ()
+    modes: Annotated[
+        tuple[Annotated[int, Field(ge=1, le=1000)], ...], Strict(False), max_length(1000), _LEFT_MODES
+    ] = ()
     bands_hz: Annotated[tuple[_Band, ...], Strict(False), max_length(1000), _LEFT_BANDS] = ()
     setups: Annotated[tuple[Name, ...], Strict(False), _LEFT_SETUPS] = ()
 
@@ -272,10 +274,6 @@ class NoiseModelSpec(Spec):
             fault = f'found "integrated" with distribution = "{law}": the integral over the factor is Gaussian only'
             yield Finding(("scale",), fault, f'"known" or "sampled" with {law}', 'write scale = "sampled"')
         yield from self._discrepancy_findings()
-
-        if self.model_error is not None and self.scale != "known":
-            fault = f'found "{self.scale}" with [noise.model_error], whose errors would take up the same misfit'
-            yield Finding(("scale",), fault, '"known"', "remove one of the two")
 
     def _discrepancy_findings(self) -> Iterator[Finding]:
         if self.discrepancy is None:

@@ -5,6 +5,7 @@ import numpy as np
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.identifiability import Verdict
+from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.rounding import factor, interval, number, rounded_interval
 from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
 from jointbayes.posterior.verdicts import verdict_text
@@ -17,7 +18,8 @@ from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Tab
 def knowledge_section(inputs: ReportInputs) -> ReportSection:
     """Which combinations are known, correlations, and what the verdicts rest on: all of it from draws."""
     knowledge = inputs.knowledge
-    blocks: list[Block] = [Paragraph(f"**{knowledge.directions_sentence}**")]
+    blocks: list[Block] = [] if knowledge.modes is None else _both_answers(inputs, knowledge.modes)
+    blocks.append(Paragraph(f"**{knowledge.directions_sentence}**"))
     verdicts = [_verdict(d.verdict, explained=knowledge.check.explains) for d in knowledge.directions]
     rows = tuple((d.quantity, *_figures(d), v) for d, v in zip(knowledge.directions, verdicts, strict=True))
     ratio = "rho = k12/√(k11 k22). " if any("rho" in d.quantity for d in knowledge.directions) else ""
@@ -35,6 +37,21 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     if knowledge.freed:
         blocks += freed_blocks(knowledge)
     return ReportSection("known", "What is known, and what it assumes", tuple(blocks))
+
+
+def _both_answers(inputs: ReportInputs, modes: ModesAnswer) -> list[Block]:
+    """What FRFs and modes say of each stiffness, side by side."""
+    rows = []
+    for name, of_modes in modes.known.items():
+        of_frfs = inputs.summary.parameters[name].known
+        pairs = ((known.limit or known.interval(), known.verdict) for known in (of_frfs, of_modes))
+        rows.append((name, of_modes.unit, *(cell for pair in pairs for cell in pair)))
+    note = (
+        "The FRFs' intervals take the model as exact, those of the modes have a place for its error in each natural "
+        f"frequency. {modes.basis}"
+    )
+    head = ("Stiffness", "Unit", "FRFs, 95 % interval", "Verdict", "Modes, 95 % interval", "Verdict")
+    return [Paragraph(f"**{modes.sentence}**"), Table("Two answers", head, tuple(rows), note=note, align=None)]
 
 
 def _verdict(verdict: Verdict, *, explained: bool) -> str:

@@ -1,9 +1,11 @@
 """Page one: banners, verdicts with their reasons, and what is said of the coupling stiffness."""
 
 import math
+from collections.abc import Mapping
 
 from jointbayes.joint import Quantity
-from jointbayes.posterior.identifiability import RULE, ratio_of
+from jointbayes.posterior.identifiability import RULE, Identifiability, ratio_of
+from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.posterior.rounding import factor, number, rounded, rounded_interval
 from jointbayes.posterior.summary import Summary
@@ -18,17 +20,35 @@ _MOST_COUPLINGS = 6  # that page one says something of
 
 def lead(inputs: ReportInputs) -> tuple[Block, ...]:
     """Banners, verdict table with the reason of each verdict, and the sentence on the coupling stiffness."""
-    summary = inputs.summary
+    summary, modes = inputs.summary, inputs.knowledge.believed_modes
     return (
         *(Callout("caution", f"**Check the case file.** {foreign(str(warning))}.") for warning in summary.warnings),
         *(mode_table(inputs.setups[0]) if len(inputs.setups) == 1 else ()),
         *_banners(inputs),
-        _verdict_table(inputs),
+        *(_answer_of_frfs(inputs) if modes is None else _answer_of_modes(inputs, modes)),
+        *_explained(summary),
+        *([Paragraph(f"**{foreign(sentence_of_left_out(summary.left_out))}**")] if summary.left_out else []),
+    )
+
+
+def _answer_of_frfs(inputs: ReportInputs) -> tuple[Block, ...]:
+    """The verdicts of the draws with the reason of each, and what is said of couplings."""
+    summary = inputs.summary
+    return (
+        _verdict_table(inputs, {name: (p.known, p.verdict) for name, p in summary.parameters.items()}),
         Paragraph(verdict_sentences(summary)),
         *([Paragraph(f"**{sentence}**")] if (sentence := inputs.knowledge.bounds_sentence) else []),
         *([] if summary.no_verdict else map(Paragraph, _coupling_sentences(inputs))),
-        *_explained(summary),
-        *([Paragraph(f"**{foreign(sentence_of_left_out(summary.left_out))}**")] if summary.left_out else []),
+    )
+
+
+def _answer_of_modes(inputs: ReportInputs, modes: ModesAnswer) -> tuple[Block, ...]:
+    """The verdicts of the modes that measured FRFs show, with the reason of each."""
+    each = (f"**{name}**: {known.verdict} ({known.verdict_reason})." for name, known in modes.known.items())
+    return (
+        _verdict_table(inputs, {name: (known, known.verdict) for name, known in modes.known.items()}),
+        Paragraph(f"**{modes.sentence}** {modes.basis}"),
+        Paragraph(" ".join(each)),
     )
 
 
@@ -51,7 +71,7 @@ def _banners(inputs: ReportInputs) -> list[Block]:
     if summary.solutions:
         head, bracket, rest = summary.solutions.partition(" (")
         banners.append(Callout("bad", f"**{head}**{bracket}{foreign(rest)}"))
-    if summary.no_verdict:
+    if summary.no_verdict and inputs.knowledge.believed_modes is None:
         banners.append(Callout("bad", f"**No verdict on any stiffness**: {'; '.join(summary.no_verdict)}."))
     if summary.mesh is not None and not summary.mesh.within:
         banners.append(Callout("caution", f"**The mesh shows.** {summary.mesh.sentence}"))
@@ -101,19 +121,20 @@ def _bold_head(sentence: str) -> str:
     return f"**{head}**{colon}{rest}"
 
 
-def _verdict_table(inputs: ReportInputs) -> Table:
-    reference, parameters = inputs.reference, inputs.summary.parameters
+def _verdict_table(inputs: ReportInputs, verdicts: Mapping[str, tuple[Identifiability, str]]) -> Table:
+    """What is known of each stiffness, with the verdict as it is printed."""
+    reference = inputs.reference
     damped = inputs.posterior.problem.parametrisation.damped
     head = ["Quantity" if damped else "Stiffness", "Median", "95 % interval", "Unit", "Verdict"]
     rows = []
-    for i, (name, p) in enumerate(parameters.items()):
-        assessment = p.known
+    for i, (name, (assessment, verdict)) in enumerate(verdicts.items()):
+        unit = inputs.posterior.unit(name)
         row = [
             name,
             rounded(assessment.median, assessment.median_error),
             assessment.limit.removesuffix(f" {assessment.unit}") or assessment.interval(),
-            "–" if p.unit == "1" else p.unit,
-            p.verdict,
+            "–" if unit == "1" else unit,
+            verdict,
         ]
         if reference is not None:
             row.insert(1, number(reference[i]))
@@ -132,7 +153,7 @@ def _verdict_table(inputs: ReportInputs) -> Table:
         tuple(head),
         tuple(rows),
         note=note,
-        row_kinds=tuple(kind_of(p.verdict) for p in parameters.values()),
+        row_kinds=tuple(kind_of(verdict) for _, verdict in verdicts.values()),
     )
 
 

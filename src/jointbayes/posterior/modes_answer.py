@@ -1,0 +1,266 @@
+"""What the modes that measured FRFs show say of the joint, the model being a little wrong; and which answer to believe.
+
+An FRF at a good signal-to-noise ratio states each resonance to a few parts in 10⁵, a model of a real structure misses
+it by parts in 10³. The likelihood of the FRFs then takes the model's error for the joint. That of the modes has a place
+for it, see `jointbayes.inference.ModelErrorNoise`, and so the wider, truer intervals.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from jointbayes.arrays import Array
+from jointbayes.errors import JointBayesError
+from jointbayes.inference import ErrorSizes, ModelErrorNoise, Problem, Test
+from jointbayes.inference.test import likelihood_of, own_name
+from jointbayes.measurement import FrfData, ModeData, Observed
+from jointbayes.measurement.modal_fit import identify_modes
+from jointbayes.measurement.provenance import MeasuredMode
+from jointbayes.posterior.identifiability import Identifiability
+from jointbayes.posterior.rounding import join_unit, number, rounded
+from jointbayes.posterior.verdicts import JudgedPosterior
+from jointbayes.structure import is_mode_frequency
+
+#: A resonance that no predicted mode comes closer to than this, as a fraction, is compared with none.
+FARTHEST = 0.1
+_DRAWS = 300  # of the prior, at which modes are counted besides the MAP
+_MORE = 8  # modes of the model above the number of resonances
+_SIZES, _STREAM = 8000, 7  # draws that the size of the error is told from, and their random numbers
+_SPREAD = 0.02  # of frequencies: errors well below it count by their square, those above hardly more
+
+
+@dataclass(frozen=True, slots=True)
+class UsedMode:
+    """A measured resonance and the mode of the model that it is compared with, from 1."""
+
+    setup: str
+    number: int
+    frequency_hz: float
+    sd_hz: float
+
+
+@dataclass(frozen=True, slots=True)
+class ModesProblem:
+    """The problem of the modes that FRFs show, with the modes used, and sentences on those that are not."""
+
+    problem: Problem
+    sizes: ErrorSizes
+    used: tuple[UsedMode, ...]
+    left_out: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ModesAnswer:
+    """What the modes of measured FRFs say of the joint, with an error of the model in each.
+
+    Parameters
+    ----------
+    known
+        What is known of each stiffness, by name.
+    modes, left_out
+        The modes used, and sentences on those that are not.
+    model_error
+        Median and ends of the 95 % interval of the model's error in a frequency, as a fraction.
+    believed
+        Whether it is this answer that is to be believed, not that of the FRFs.
+    reason
+        Why, in a sentence without full stop.
+    """
+
+    known: Mapping[str, Identifiability]
+    modes: tuple[UsedMode, ...]
+    left_out: tuple[str, ...]
+    model_error: tuple[float, float, float]
+    believed: bool
+    reason: str
+
+    @property
+    def sentence(self) -> str:
+        """Which answer is to be believed, and why."""
+        return f"The answer to believe is that of the {'modes' if self.believed else 'FRFs'}: {self.reason}."
+
+    @property
+    def basis(self) -> str:
+        """What the modes' answer rests on."""
+        middle, low, high = (number(100 * value, 2) for value in self.model_error)
+        frequencies = ", ".join(number(mode.frequency_hz, 4) for mode in self.modes)
+        text = (
+            f"The modes are those at {frequencies} Hz in the FRFs; the model may miss each, by {middle} % as inferred "
+            f"({low} to {high} %)."
+        )
+        return " ".join((text, *self.left_out))
+
+    def lines(self) -> list[str]:
+        """Median, interval and verdict of each stiffness, for the terminal."""
+        lines = []
+        for name, known in self.known.items():
+            ends = known.limit or f"95 % interval {known.interval(' to ')}"
+            median = "" if known.limit else f"median {join_unit(rounded(known.median), known.unit)}, "
+            lines.append(f"{name}: {median}{ends}: {known.verdict} ({known.verdict_reason})")
+        return lines
+
+    def as_json(self) -> dict[str, Any]:
+        """What ``answers`` of ``summary.json`` holds besides the answer of the FRFs."""
+        return {
+            "model_error": {"median": self.model_error[0], "interval95": self.model_error[1:]},
+            "modes": [asdict(mode) for mode in self.modes],
+            "left_out": self.left_out,
+            "parameters": known_json(self.known),
+        }
+
+
+def known_json(known: Mapping[str, Identifiability]) -> dict[str, dict[str, Any]]:
+    """What ``answers`` of ``summary.json`` holds of each stiffness in one of them."""
+    keys = ("median", "interval95", "limit95", "printed95", "verdict", "verdict_reason")
+    return {name: {key: getattr(assessment, key) for key in keys} for name, assessment in known.items()}
+
+
+def modes_problem(posterior: JudgedPosterior, sizes: ErrorSizes) -> ModesProblem | None:
+    """The problem with the modes that its measured FRFs show in the place of these.
+
+    Parameters
+    ----------
+    posterior
+        Of measured FRFs: their MAP says, with draws of the prior, which mode of the model a resonance is.
+    sizes
+        Of the model's errors.
+
+    Returns
+    -------
+    ModesProblem
+        None where FRFs were computed, show no mode, or are of a structure that has none: one with a measured body.
+    """
+    problem = posterior.problem
+    if not is_of_measured_frfs(problem) or problem.extra_log_likelihood is not None:
+        return None
+    tests, used, left_out = [], list[UsedMode](), list[str]()
+    for part in problem.parts:
+        test, frfs = part.test, part.test.data.frfs
+        if frfs is None:
+            tests.append(test)
+            continue
+        resonances = _resonances(frfs)
+        numbers, far = _numbers(part, posterior, np.array([mode.frequency_hz for mode in resonances]))
+        left_out += [_far_in_words(test, resonances[place]) for place in far]
+        modes = [mode for place, mode in enumerate(resonances) if place not in far]
+        if modes:
+            tests.append(_test_of_modes(test, modes, numbers, sizes))
+            used += [
+                UsedMode(test.name, int(number), mode.frequency_hz, mode.frequency_sd_hz)
+                for number, mode in zip(numbers, modes, strict=True)
+            ]
+    if not used:
+        return None
+    return ModesProblem(_with_tests(problem, tests), sizes, tuple(used), tuple(left_out))
+
+
+def is_of_measured_frfs(problem: Problem) -> bool:
+    """Whether FRFs of a structure that is modelled throughout are among the data, and none was computed."""
+    frfs = [test.data.frfs for test in problem.tests if test.data.frfs is not None]
+    modelled = not any(test.measured_bodies for test in problem.tests)
+    return bool(frfs) and modelled and not any(data.synthetic for data in frfs)
+
+
+def _resonances(frfs: FrfData) -> Sequence[MeasuredMode]:
+    """Modes that FRFs show; those that were found as they were read."""
+    if frfs.provenance is not None:
+        return frfs.provenance.modes
+    accelerance = frfs.converted("accelerance")
+    try:
+        return identify_modes(accelerance.frf, accelerance.variance)
+    except JointBayesError:  # too few lines
+        return ()
+
+
+def _numbers(part: Problem, posterior: JudgedPosterior, measured_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...]]:
+    """Number of the mode that each resonance is, and the places of resonances that are none of the model's.
+
+    Counted at the point, of the MAP and draws of the prior, whose natural frequencies are nearest.
+    """
+    count = min(part.test.most_modes, len(measured_hz) + _MORE)
+    if not count or not len(measured_hz):
+        return np.empty(0, dtype=np.intp), tuple(range(len(measured_hz)))
+    prior = part.prior
+    modes = [posterior.estimate.theta, *(mode.theta for mode in posterior.estimate.modes)]
+    theta = np.vstack([*modes, prior.sample(np.random.default_rng(posterior.record.seed), _DRAWS)])
+    predicted_hz = part.natural_frequencies_hz(prior.values(theta), count, prior.factors(theta))
+    best, least = None, math.inf
+    for row in predicted_hz:
+        away = np.abs(np.log(measured_hz[:, None] / row))
+        cost = np.log1p((away / _SPREAD) ** 2)
+        places, numbers = scipy.optimize.linear_sum_assignment(cost)
+        if (total := float(cost[places, numbers].sum())) < least:
+            best, least = (places, numbers, away[places, numbers]), total
+    assert best is not None
+    places, numbers, away = best
+    near = away <= FARTHEST
+    return numbers[near] + 1, tuple(sorted({*range(len(measured_hz))} - {*places[near].tolist()}))
+
+
+def _far_in_words(test: Test, mode: MeasuredMode) -> str:
+    where = f" of set-up {test.name}" if test.name else ""
+    return (
+        f"The resonance at {number(mode.frequency_hz, 4)} Hz{where} is not used: the model has no mode within "
+        f"{100 * FARTHEST:g} % of it."
+    )
+
+
+def _test_of_modes(test: Test, modes: Sequence[MeasuredMode], numbers: NDArray[np.intp], sizes: ErrorSizes) -> Test:
+    """The test with modes as data, with errors of the model in each."""
+    order = np.argsort(numbers)
+    frequency, sd = (np.array([getattr(modes[i], key) for i in order]) for key in ("frequency_hz", "frequency_sd_hz"))
+    data = ModeData(Observed(frequency, sd), numbers=tuple(numbers[order].tolist()))
+    return replace(test, data=data, noise=ModelErrorNoise.of(data, sizes), residual_kind="complex")
+
+
+def _with_tests(problem: Problem, tests: Sequence[Test]) -> Problem:
+    """The problem of other tests, with what of all that is uncertain they depend on."""
+    nuisances = problem.prior.nuisances
+    names = [nuisance.name for nuisance in nuisances if not is_mode_frequency(nuisance.name)]
+    used = {own_name(test.name, name, names) for test in tests for name in likelihood_of(test.data, test).names}
+    prior = replace(problem.prior, nuisances=tuple(n for n in nuisances if n.name in used))
+    return Problem(tests, prior, problem.initial, name=f"{problem.name}: modes")
+
+
+def modes_answer(posterior: JudgedPosterior, of_modes: JudgedPosterior, asked: ModesProblem) -> ModesAnswer:
+    """What the modes say, and whether that is the answer to believe.
+
+    It is unless the model explains the FRFs and its errors, as stated, are smaller than what the noise of the FRFs
+    leaves open of the frequencies.
+
+    Parameters
+    ----------
+    posterior, of_modes
+        Of the FRFs, and of the modes that they show.
+    asked
+        The problem of the latter.
+    """
+    stated, smallest = asked.sizes.frequency, min(mode.sd_hz / mode.frequency_hz for mode in asked.used)
+    if not posterior.check.explains:
+        believed, reason = True, "the model does not explain the FRFs within their noise"
+    elif stated > smallest:
+        believed = True
+        reason = (
+            f"an error of the model of {number(100 * stated, 2)} % in a natural frequency is more than the "
+            f"{number(100 * smallest, 2)} % that the noise of the FRFs leaves open"
+        )
+    else:
+        believed = False
+        reason = (
+            f"the model explains them, and its errors are stated to be smaller ({number(100 * stated, 2)} % of a "
+            f"natural frequency) than what their noise leaves open ({number(100 * smallest, 2)} %)"
+        )
+    prior, likelihood = of_modes.problem.prior, of_modes.problem.log_posterior.likelihood
+    rng, theta = np.random.default_rng([posterior.record.seed, _STREAM]), of_modes.thinned(_SIZES)
+    size = likelihood.draw_error_size(asked.sizes, prior.matrix(theta), prior.factors(theta), rng)
+    assert size is not None
+    low, middle, high = np.quantile(size, [0.025, 0.5, 0.975]).tolist()
+    known = {
+        name: replace(of_modes.identifiability(name), unit=of_modes.unit(name)) for name in posterior.stiffness_names
+    }
+    return ModesAnswer(known, asked.used, asked.left_out, (middle, low, high), believed, reason)

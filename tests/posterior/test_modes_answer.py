@@ -1,0 +1,144 @@
+"""Two answers of measured FRFs: that of the modes, with an error of the model, and which of the two is believed."""
+
+import datetime
+import json
+import math
+from dataclasses import replace
+
+import pytest
+
+import jointbayes as jb
+from jointbayes.case.case import case_from_text
+from jointbayes.inference import ErrorSizes
+from jointbayes.posterior.modes_answer import is_of_measured_frfs, modes_problem
+from jointbayes.report import ReportInputs, build_report
+from tests.conftest import TABLE_3, cheap_text, edited
+
+EXACT = ErrorSizes(frequency=1e-9)
+
+
+def as_measured(posterior, **changes):
+    """The same posterior of FRFs that nobody computed."""
+    data = replace(posterior.problem.test.data, synthetic=False)
+    problem = posterior.problem.with_test(**({"data": data} | changes))
+    return replace(posterior, problem=problem, case=None)
+
+
+@pytest.fixture(scope="module")
+def measured(cheap_posterior):
+    return as_measured(cheap_posterior)
+
+
+def of_another_truth(cheap_case, line):
+    """Analysed as ever, of measured FRFs that this line of the truth makes."""
+    text = edited(cheap_text(), ("k11 = 5.05e9", f"{line}\nk11 = 5.05e9"))
+    data = case_from_text("another", text).problem.test.data
+    problem = cheap_case.problem.with_test(data=replace(data, synthetic=False))
+    settings = jb.SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.05)
+    return jb.sample(problem, settings=settings, seed=1)
+
+
+@pytest.fixture(scope="module")
+def longer(cheap_case):
+    """Of a beam half a millimetre longer than the one that is analysed, which another joint explains."""
+    return of_another_truth(cheap_case, "length_mm = 383.5")
+
+
+@pytest.fixture(scope="module")
+def heavier(cheap_case):
+    """Of a beam that is heavier at its end than the one that is analysed, which no joint explains."""
+    return of_another_truth(cheap_case, "accelerometer_mass_g = 20.0")
+
+
+@pytest.fixture(scope="module")
+def inputs(heavier):
+    return ReportInputs(heavier)
+
+
+def test_the_modes_of_the_model_are_numbered_as_they_are(measured):
+    asked = modes_problem(measured, ErrorSizes())
+    predicted = measured.problem.natural_frequencies_hz(TABLE_3, 4)[0]
+    assert [mode.number for mode in asked.used] == [1, 2, 3]
+    for mode in asked.used:
+        assert abs(mode.frequency_hz / predicted[mode.number - 1] - 1) < 0.002
+    assert asked.left_out == ()
+    assert asked.problem.names == measured.problem.names
+
+
+def test_a_mode_that_was_not_seen_leaves_the_numbers_of_the_others(measured):
+    data = measured.problem.test.data
+    asked = modes_problem(as_measured(measured, data=replace(data.split([(0.0, 400.0)])[0], synthetic=False)), EXACT)
+    assert [mode.number for mode in asked.used] == [2, 3]
+
+
+def test_a_resonance_that_the_model_does_not_have_is_named_and_not_used(measured):
+    frf = measured.problem.test.data.frf
+    ripple = 3e-6 / (1 - (frf.frequency_hz / 1500) ** 2 + 0.02j * frf.frequency_hz / 1500)
+    data = replace(measured.problem.test.data, frf=replace(frf, values=frf.values + ripple[:, None, None]))
+    asked = modes_problem(as_measured(measured, data=replace(data, synthetic=False)), ErrorSizes())
+    (left_out,) = asked.left_out
+    assert left_out.startswith("The resonance at 150") or left_out.startswith("The resonance at 149")
+    assert [mode.number for mode in asked.used] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("computed", ["synthetic", "modes"])
+def test_computed_frfs_and_modes_have_one_answer(computed, cheap_posterior, frequency_posterior):
+    posterior = cheap_posterior if computed == "synthetic" else frequency_posterior
+    assert not is_of_measured_frfs(posterior.problem)
+    assert jb.ask_modes(posterior) is None
+
+
+def test_an_exact_model_that_nobody_says_is_exact_has_the_wider_answer_of_its_modes(measured):
+    inputs = ReportInputs(measured)
+    answer = inputs.knowledge.modes
+    assert answer.believed
+    assert {parameter.verdict for parameter in inputs.summary.parameters.values()} == {"no verdict"}
+    assert "an error of the model of 0.3 % in a natural frequency is more than" in answer.reason
+    for name, known in answer.known.items():
+        low, high = known.interval95
+        assert low < TABLE_3[measured.stiffness_names.index(name)] < high
+    sharp, wide = measured.interval("k22"), answer.known["k22"].interval95
+    assert math.log(wide[1] / wide[0]) > 5 * math.log(sharp[1] / sharp[0])
+    middle, low, high = answer.model_error
+    assert low < middle < 0.003 < high  # nothing was wrong
+
+
+@pytest.mark.science
+def test_a_model_that_is_stated_to_be_exact_and_explains_the_frfs_keeps_their_answer(measured):
+    answer = jb.ask_modes(measured, EXACT)
+    assert not answer.believed
+    assert measured.identifiability("k22").verdict == "identified"
+
+
+@pytest.mark.science
+def test_a_wrong_model_that_explains_the_frfs_is_sure_of_a_wrong_joint_and_the_modes_are_believed(longer):
+    assert longer.check.explains
+    low, high = longer.interval("k22")
+    assert longer.identifiability("k22").verdict == "identified"
+    assert high < 0.9 * TABLE_3[2]
+    answer = jb.ask_modes(longer)
+    assert answer.believed
+    low, high = answer.known["k22"].interval95
+    assert low < TABLE_3[2] < high
+
+
+def test_a_wrong_model_that_does_not_explain_the_frfs_has_the_verdicts_of_the_modes_on_page_one(heavier, inputs):
+    assert not heavier.check.explains
+    assert {heavier.identifiability(name).verdict for name in heavier.stiffness_names} == {"no verdict"}
+    assert "residuals are" in heavier.identifiability("k22").verdict_reason
+    answer = inputs.knowledge.believed_modes
+    page_one = str(build_report(inputs, datetime.date(2026, 1, 1)).lead)
+    assert answer.sentence in page_one
+    assert "if the model were right" not in page_one
+    assert answer.known["k22"].interval() in page_one
+    assert heavier.identifiability("k22").interval() not in page_one
+    summary = json.loads(json.dumps(inputs.summary.to_json()))
+    assert summary["answers"]["believed"] == "modes"
+    assert summary["answers"]["modes"]["parameters"]["k22"]["interval95"] == list(answer.known["k22"].interval95)
+    assert summary["answers"]["frfs"]["parameters"]["k22"]["verdict"] == "no verdict"
+
+
+def test_both_answers_are_kept_with_the_draws(heavier, inputs, tmp_path):
+    heavier.save(tmp_path / "posterior.nc", inputs.knowledge)
+    again = ReportInputs(jb.load_posterior(tmp_path / "posterior.nc", heavier.problem)).knowledge
+    assert repr(again.modes) == repr(inputs.knowledge.modes)
