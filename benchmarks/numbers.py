@@ -100,6 +100,10 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
         more |= gallery.KEPT[name](left / "posterior.nc") if name in gallery.KEPT else {}
         checked = command(Path(folder), "check", str(path)) if "check" in claims(path) else None
     known, known_truth = summary["identifiability"] or {}, truth(path)
+    parameters, answers = summary["parameters"], summary["answers"]
+    if answers:  # of measured FRFs: the one to believe
+        believed = answers[answers["believed"]]["parameters"]
+        parameters = {k: entry | believed[k] for k, entry in parameters.items()}
     return {
         "config": fingerprint(path),
         "title": spec["title"],
@@ -114,7 +118,7 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
         "tau": _short(max(summary["sampler"]["tau"].values())),
         "efficiency": _short(summary["sampler"]["proposal_efficiency"]),
         "combinations": known.get("sentence"),
-        **{k: _stiffness(k, entry, known_truth.get(k), printed) for k, entry in summary["parameters"].items()},
+        **{k: _stiffness(k, entry, known_truth.get(k), printed) for k, entry in parameters.items()},
         "freed": {
             "assumptions": known.get("freed_assumptions"),
             "sentence": known.get("freed_sentence"),

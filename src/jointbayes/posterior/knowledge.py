@@ -246,7 +246,9 @@ class Knowledge:
         text = summary_sentence(self.directions)
         if self._condition:
             text = f"With {self._condition}: {text}"
-        return text if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {text[0].lower()}{text[1:]}"
+        if self.check.explains or any(d.verdict == "no verdict" for d in self.directions):
+            return text
+        return f"{IF_MODEL_RIGHT.capitalize()}: {text[0].lower()}{text[1:]}"
 
     @property
     def freed_sentence(self) -> str:

@@ -116,7 +116,8 @@ class ModesAnswer:
 
 def known_json(known: Mapping[str, Identifiability]) -> dict[str, dict[str, Any]]:
     """What ``answers`` of ``summary.json`` holds of each stiffness in one of them."""
-    keys = ("median", "interval95", "limit95", "printed95", "verdict", "verdict_reason")
+    values = ("median", "interval95", "limit95")
+    keys = (*values, *(f"{value}_error" for value in values), "printed95", "verdict", "verdict_reason")
     return {name: {key: getattr(assessment, key) for key in keys} for name, assessment in known.items()}
 
 

@@ -50,7 +50,7 @@ def joint_in_modes_section(inputs: SetupInputs) -> ReportSection | None:
         note=note,
     )
     sentence = _sentence(modes, names, change)
-    if not inputs.summary.check.explains:
+    if not inputs.summary.check.explains and inputs.summary.fit.synthetic_data:
         sentence = f"{IF_MODEL_RIGHT.capitalize()}: {sentence[0].lower()}{sentence[1:]}"
     return ReportSection("joint-in-modes", "Which modes show the joint", (Paragraph(sentence), table))
 
