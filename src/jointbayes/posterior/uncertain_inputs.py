@@ -1,21 +1,22 @@
 """What is known of the joint when other quantities are uncertain, or are not: each row from draws of its own.
 
 The first row is the run itself. Every further one belongs to the same density with other quantities free, those left
-out held at their stated values. It is sampled by importance from a proposal fitted to it, or where the weights cannot
-be trusted by a short run of the ensemble sampler. Where neither settles it nothing is said.
+out held at their stated values. It is sampled by importance until the ends of its intervals are known to
+`END_TOLERANCE` of their width: where quantities are freed that the run takes as exact from the run's draws, letting
+them go step by step, else from a proposal fitted about its modes. Where this does not settle nothing is said.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import JointPrior, Problem
-from jointbayes.posterior.coordinates import compliance_and_scores
-from jointbayes.posterior.evidence import PARETO_LIMIT
+from jointbayes.posterior.coordinates import compliance_and_scores, judged_quantities
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
 from jointbayes.posterior.solutions import LEAST_SHARE
@@ -25,34 +26,24 @@ from jointbayes.sampling import (
     INTERVAL,
     Coordinates,
     Proposal,
-    SamplerSettings,
-    WeightedDraws,
-    drawn_without_replacement,
+    Quantities,
+    Restraint,
     fit_each_mode,
     fit_proposal,
     quantile_spread,
-    run_ensembles,
-    truncated,
+    released_draws,
 )
-from jointbayes.sampling.diagnostics import pareto_k
 from jointbayes.structure import is_mode_frequency
 
-Source = Literal["this run", "importance sampling", "short run", "none"]
-#: Draws, where they come from, and how many independent ones they are worth.
-_Sample = tuple[Array | None, Source, float]
-
+Source = Literal["this run", "importance sampling", "short run", "none"]  # a short run: in files of before
 _DRAWS = 8000
-#: Effective draws below which the ends of a 95 % interval are not worth printing.
-_LEAST_EFFECTIVE = 400
-#: Efficiency of a proposal that will do: twice `_LEAST_EFFECTIVE` of the draws, or a start for a short run. A better
-#: one takes longer to find than the longer run that makes up for it.
+_PILOT = 2000
+#: Coordinates up to which those that the run takes as exact are let go step by step.
+_MOST_RELEASED = 10
+#: Efficiency of a proposal that will do to start from.
 _ENOUGH = 0.1
 #: Draws of the run among which a first point is looked for.
 _TRIED = 200
-#: A short run: long enough to tell a factor of 3 from one of 1.25, not for an end's second digit.
-_SHORT = SamplerSettings(walkers=24, max_steps=300)
-#: It is trusted if R̂ over its ensembles stays below this, with so many effective draws.
-_SHORT_R_HAT, _SHORT_EFFECTIVE = 1.05, 150
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,14 +114,19 @@ def _row(
     posterior: JudgedPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
 ) -> UncertainInputsRow:
     """Draws of the problem with only these quantities uncertain, and what they say, by the rule of a run."""
-    theta, source, effective = _sampled(posterior, problem, uncertain, rng)
-    if theta is None:
+    part, modes = _Part(problem, uncertain), int((posterior.solutions.shares >= LEAST_SHARE).sum())
+    try:
+        sample = part.draws(posterior, modes, rng)
+    except (JointBayesError, np.linalg.LinAlgError):
+        sample = None
+    if sample is None:
         return UncertainInputsRow(uncertain, "none", {})
+    theta, effective = sample
     (random,) = rng.spawn(1)  # the rows that follow do not depend on whether a bound is within reach
 
     def drawn_anew(wide: JointPrior) -> tuple[Array, float, bool]:
-        draws, _, worth = _sampled(posterior, replace_prior(problem, wide), uncertain, random)
-        return wide.sample(random, _DRAWS) if draws is None else draws, worth, draws is not None
+        anew = _Part(replace_prior(problem, wide), uncertain).sample(part.free(theta), modes, random)
+        return (wide.sample(random, _DRAWS), 0.0, False) if anew is None else (*anew, True)
 
     wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew)
     assessments = {}
@@ -138,25 +134,7 @@ def _row(
         assessment = _judged(posterior, quantity.name, values, effective, wider)
         conditional = not posterior.check.explains and assessment.verdict != "not identified"
         assessments[quantity.name] = replace(assessment, unit=quantity.unit, if_model_right=conditional)
-    return UncertainInputsRow(uncertain, source, assessments)
-
-
-def _sampled(
-    posterior: JudgedPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
-) -> _Sample:
-    """Draws of all coordinates, shape (n, d), where they come from, and how many independent ones they are worth."""
-    held = _Part(problem, uncertain)
-    try:
-        starts = [(start, held.covariance(start)) for start in held.starts(posterior)]
-        systems = held.coordinate_systems()
-        if len(starts) > 1:
-            proposal = fit_each_mode(held.log_density, systems, starts, None, rng)
-        else:
-            proposal = fit_proposal(held.log_density, systems, starts, rng, enough=_ENOUGH)
-        draws, source, effective = _draws(held.log_density, proposal, rng)
-    except (JointBayesError, np.linalg.LinAlgError):
-        return None, "none", 0.0
-    return None if draws is None else held.whole(draws), source, effective
+    return UncertainInputsRow(uncertain, "importance sampling", assessments)
 
 
 def _judged(
@@ -168,7 +146,8 @@ def _judged(
         return quantile_spread(values, probability, effective)
 
     assessment = assess(values, posterior.prior_values(name).ravel())
-    assessment = replace(assessment, interval95_error=(error(INTERVAL[0]), error(INTERVAL[1])))
+    ends = error(INTERVAL[0]), error(INTERVAL[1])
+    assessment = replace(assessment, median_error=error(0.5), interval95_error=ends)
     if name in posterior.solutions.split:
         return replace(assessment, verdict="not identified", verdict_reason="several solutions")
     return assessment if wider is None else judge_with_wider_priors(posterior, wider, name, assessment, values, error)
@@ -181,6 +160,7 @@ class _Part:
         self._problem = problem
         held = set(uncertain_quantities(problem)) - set(uncertain)
         self._free = np.array([i for i, name in enumerate(problem.names) if name not in held])
+        self._names = [problem.names[i] for i in self._free]
         low, high = np.array([m.support for m in problem.prior.all_marginals]).reshape(-1, 2).T
         self._low, self._high = low[self._free], high[self._free]
 
@@ -190,6 +170,10 @@ class _Part:
         points[:, self._free] = theta
         return points
 
+    def free(self, theta: Array) -> Array:
+        """The free ones, shape (n, f), of all coordinates, shape (n, d)."""
+        return theta[:, self._free]
+
     def log_density(self, theta: Array) -> Array:
         """Log density, shape (n,), of the free coordinates, shape (n, f)."""
         return self._problem.log_posterior(self.whole(theta))
@@ -198,16 +182,59 @@ class _Part:
         """Compliance of the joint, and normal scores of all."""
         return compliance_and_scores(self._problem.parametrisation, self._low, self._high)
 
+    def sample(
+        self,
+        theta: Array,
+        modes: int,
+        rng: np.random.Generator,
+        *,
+        restraint: Restraint | None = None,
+        proposal: Proposal | None = None,
+    ) -> tuple[Array, float] | None:
+        """As `released_draws` of the free coordinates, but draws of all coordinates."""
+        judged, systems = judged_quantities(self._problem.prior), self.coordinate_systems()
+        quantities = Quantities(judged.names, lambda theta: judged.values(self.whole(theta)))
+        sample = released_draws(
+            self.log_density, systems, theta, rng, quantities, restraint=restraint, proposal=proposal, modes=modes
+        )
+        return None if sample is None else (self.whole(sample[0]), sample[1])
+
+    def released(self, posterior: JudgedPosterior) -> NDArray[np.intp]:
+        """Which of the free coordinates the run takes as exact."""
+        return np.flatnonzero([name not in posterior.problem.names for name in self._names])
+
+    def draws(self, posterior: JudgedPosterior, modes: int, rng: np.random.Generator) -> tuple[Array, float] | None:
+        """Draws of all coordinates, and how many independent ones they are worth; None where they do not settle.
+
+        Where the run takes any of the coordinates as exact from its draws; else, and of several modes or many
+        coordinates, to which a Student-t cannot be fitted step by step, from a proposal about its modes.
+        """
+        freed = self.released(posterior)
+        if freed.size and modes == 1 and len(self._names) <= _MOST_RELEASED:
+            restraint = Restraint(freed, self._problem.prior.sd[self._free[freed]])
+            return self.sample(self._of_run(posterior, posterior.thinned(_PILOT)), modes, rng, restraint=restraint)
+        starts = [(start, self.covariance(start)) for start in self.starts(posterior)]
+        systems = self.coordinate_systems()
+        if len(starts) > 1:
+            proposal = fit_each_mode(self.log_density, systems, starts, None, rng)
+        else:
+            proposal = fit_proposal(self.log_density, systems, starts, rng, enough=_ENOUGH)
+        return self.sample(np.zeros((0, len(self._names))), modes, rng, proposal=proposal)
+
+    def _of_run(self, posterior: JudgedPosterior, theta: Array) -> Array:
+        """Draws of the run, shape (n, d), by the free coordinates, shape (n, f); zero where it has none."""
+        names = posterior.problem.names
+        points = np.zeros((len(theta), len(self._names)))
+        for i, name in enumerate(self._names):
+            if name in names:
+                points[:, i] = theta[:, names.index(name)]
+        return points
+
     def starts(self, posterior: JudgedPosterior) -> list[Array]:
         """The likeliest point, shape (f,), among draws of each solution with what is held put at its stated value."""
         candidates = np.vstack([posterior.estimate.theta, posterior.thinned(_TRIED)])
         nearest = posterior.solutions.nearest(candidates)
-        names = posterior.problem.names
-        tried = np.zeros((len(candidates), len(self._problem.names)))
-        for i, name in enumerate(self._problem.names):
-            if name in names:
-                tried[:, i] = candidates[:, names.index(name)]
-        points = tried[:, self._free]
+        points = self._of_run(posterior, candidates)
         density = self.log_density(points)
         likely = [mode for mode in np.unique(nearest) if posterior.solutions.shares[mode] >= LEAST_SHARE]
         best = [int(np.argmax(np.where(nearest == mode, density, -np.inf))) for mode in likely]
@@ -216,35 +243,10 @@ class _Part:
     def covariance(self, theta: Array) -> Array:
         """Rough covariance there, shape (f, f), no wider than the prior in any direction of a coordinate."""
         prior: JointPrior = self._problem.prior
-        names = [self._problem.names[i] for i in self._free]
-        covariance = fisher_information(self._problem, self.whole(theta[None])[0]).covariance(names)
+        covariance = fisher_information(self._problem, self.whole(theta[None])[0]).covariance(self._names)
         sd = prior.sd[self._free]
         variance = np.where(np.isfinite(np.diag(covariance)), np.diag(covariance), sd**2)
         finite = np.where(np.isfinite(covariance), covariance, 0.0)
         np.fill_diagonal(finite, variance)
         shrink = np.minimum(1.0, sd / np.sqrt(variance))
         return finite * np.outer(shrink, shrink)
-
-
-def _draws(log_density: Callable[[Array], Array], proposal: Proposal, rng: np.random.Generator) -> _Sample:
-    """Equally weighted draws, shape (n, f), where they come from, and how many independent ones they are worth.
-
-    None where none can be trusted.
-    """
-    theta, log_weight = proposal.weighted_draws(log_density, rng, _DRAWS)
-    if not len(theta):
-        return None, "none", 0.0
-    weighted = WeightedDraws(theta, log_weight)
-    if weighted.effective >= _LEAST_EFFECTIVE and pareto_k(log_weight) <= PARETO_LIMIT:
-        return weighted.resample(rng, _DRAWS), "importance sampling", weighted.effective
-    count = _SHORT.ensembles * _SHORT.walkers
-    chosen = drawn_without_replacement(truncated(log_weight, _DRAWS), count, rng)
-    if len(chosen) < count:
-        return None, "none", 0.0
-    start = theta[chosen].reshape(_SHORT.ensembles, _SHORT.walkers, -1)
-    coordinates = proposal.likeliest.coordinates
-    chains = run_ensembles(log_density, start, rng, _SHORT, coordinates=coordinates, proposal=proposal)
-    if not (chains.r_hat.max() < _SHORT_R_HAT and chains.ess.min() >= _SHORT_EFFECTIVE):
-        return None, "none", 0.0
-    draws: Array = chains.draws().theta.reshape(-1, theta.shape[1])
-    return draws, "short run", float(chains.ess.min())

@@ -14,6 +14,7 @@ from jointbayes.sampling.distributions import (
 )
 from jointbayes.sampling.ensemble import SamplerSettings
 from jointbayes.sampling.proposal import Proposal, Start, fit_each_mode, fit_proposal
+from jointbayes.sampling.released import END_TOLERANCE, Restraint, released_draws
 from jointbayes.sampling.sampler import run_adapted, run_ensembles
 from jointbayes.sampling.starting import replace_far_walkers, starting_walkers
 from jointbayes.sampling.stopping import INTERVAL, Quantities
@@ -22,9 +23,11 @@ __all__ = [
     # Run
     "LogDensity",
     "Quantities",
+    "Restraint",
     "SamplerSettings",
     "UnfinishedRun",
     "run_adapted",
+    "released_draws",
     "replace_far_walkers",
     "run_ensembles",
     "starting_walkers",
@@ -46,6 +49,7 @@ __all__ = [
     "Draws",
     "WeightedDraws",
     # Diagnostics
+    "END_TOLERANCE",
     "INTERVAL",
     "importance_efficiency",
     "quantile_error",

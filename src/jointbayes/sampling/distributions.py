@@ -377,6 +377,11 @@ class Pool:
         self._value = np.concatenate([self._value, value])
 
     @property
+    def value(self) -> Array:
+        """ln of the density at each draw, shape (n,)."""
+        return self._value
+
+    @property
     def log_weight(self) -> Array:
         """ln of the importance weight of each draw, up to a constant, shape (n,)."""
         return self._value - self._log_mixture

@@ -8,15 +8,17 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
-from jointbayes.sampling.coordinate_maps import Coordinates, Identity
+from jointbayes.sampling.coordinate_maps import Coordinates, Identity, straightened
 from jointbayes.sampling.density import Checked, LogDensity, SeveralModes, covariance_roots
 from jointbayes.sampling.distribution_fit import (
     DOF,
     Fit,
     Round,
     Whitened,
+    first_mixture,
     good_efficiency,
     laplace,
+    most_likely_mixture,
     refined_student,
     search,
     whitened,
@@ -35,6 +37,7 @@ _SCATTERED = 1000  # draws about each start
 _WIDER = 2.0  # than a start's covariance are these
 _LEAST = 1e-4  # eigenvalue of its correlations
 _COMPONENTS = 12  # of a first mixture, or two for each start: those that few draws belong to are dropped
+_NOWHERE = -1000.0  # ln of the density at a draw that has no place in other coordinates
 
 Start = tuple[Array, Array]
 """A point near a mode, shape (d,), and a rough covariance of θ there, shape (d, d)."""
@@ -238,6 +241,26 @@ def _proposal(fits: list[Fit], evaluations: int) -> Proposal:
     return Proposal(best.density, best.efficiency, evaluations, best.coordinates)
 
 
+def likeliest_mixture(
+    systems: Sequence[Coordinates], fitted: Array, held_out: Array, components: int, rng: np.random.Generator
+) -> tuple[Coordinates, StudentMixture]:
+    """Mixture of Student-t distributions fitted to draws θ, shape (n, d), in the best of several coordinates.
+
+    Each system is tried as it is and straightened (:func:`straightened`); the best is that in which other draws, held
+    out, are the likeliest.
+    """
+    candidates = []
+    for coordinates in (*systems, *(straightened(coordinates, fitted) for coordinates in systems)):
+        phi = coordinates.forward(fitted)
+        phi = phi[np.isfinite(phi).all(axis=1)]
+        weight = np.full(len(phi), 1 / len(phi))
+        mixture = most_likely_mixture(first_mixture(phi, weight, components, rng), phi, weight)
+        likely = mixture.log_density(coordinates.forward(held_out)) - coordinates.log_volume(held_out)
+        candidates.append((float(np.where(np.isfinite(likely), likely, _NOWHERE).mean()), coordinates, mixture))
+    _, coordinates, mixture = max(candidates, key=lambda candidate: candidate[0])
+    return coordinates, mixture
+
+
 _WEIGHED = 2000  # draws of each proposal, for the share of its mode
 _CONFIRMING = 4000
 _EVEN = 0.05  # of all that is proposed goes to each mode alike, however small one's share
@@ -292,7 +315,7 @@ class OneOfProposals:
         return np.asarray(np.logaddexp.reduce(each, axis=0))
 
 
-class _Finite(Identity):
+class Finite(Identity):
     """θ itself, of which numbers that are none belong to no region."""
 
     def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -339,5 +362,5 @@ def joined(
     mass = np.exp(np.array(log_mass) - highest) if np.isfinite(highest) else np.ones(len(parts))
     weights = (1 - _EVEN) * mass / mass.sum() + _EVEN / len(parts)
     evaluations = sum(proposal.evaluations for proposal in parts) + len(parts) * _WEIGHED + _CONFIRMING
-    mixture = Proposal(OneOfProposals(tuple(parts), weights), 0.0, evaluations, _Finite(), modes)
+    mixture = Proposal(OneOfProposals(tuple(parts), weights), 0.0, evaluations, Finite(), modes)
     return replace(mixture, efficiency=mixture.confirmed_efficiency(log_density, rng, _CONFIRMING))

@@ -10,12 +10,12 @@ from jointbayes.arrays import Array
 from jointbayes.progress import Progress, ProgressCallback
 from jointbayes.sampling.chains import Chains, Slow, Stage
 from jointbayes.sampling.checkpoint import UnfinishedRun, require_same_density
-from jointbayes.sampling.coordinate_maps import Coordinates, straightened
+from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.distribution_fit import GOOD_MIXTURE, first_mixture, good_efficiency, most_likely_mixture
 from jointbayes.sampling.distributions import StudentMixture
 from jointbayes.sampling.ensemble import SamplerSettings, Streams
-from jointbayes.sampling.proposal import AboutModes, Proposal, joined
+from jointbayes.sampling.proposal import AboutModes, Proposal, joined, likeliest_mixture
 from jointbayes.sampling.starting import initial_states, weighted_moves
 from jointbayes.sampling.stopping import Quantities
 from jointbayes.sampling.workers import finished_first, mover
@@ -28,7 +28,6 @@ _SLOW_TAU = 20.0
 _EXPLORING = (200, 200, 200, 200)
 _FITTED = 6000  # draws to which a mixture is fitted
 _HELD_OUT = 2000  # others than these, by which the coordinates are chosen
-_NOWHERE = -1000.0  # ln of the density at a draw that has no place in other coordinates
 _COMPONENTS = 12
 _CONFIRMING = 4000
 _MISSED = 1.5  # ln of an importance weight: draws above it are hardly ever proposed
@@ -273,15 +272,7 @@ def proposal_from_draws(
     """
     theta = theta[rng.permutation(len(theta))]
     held_out, fitted = theta[:_HELD_OUT], theta[_HELD_OUT : _HELD_OUT + _FITTED]
-    candidates = []
-    for coordinates in (*systems, *(straightened(coordinates, fitted) for coordinates in systems)):
-        phi = coordinates.forward(fitted)
-        phi = phi[np.isfinite(phi).all(axis=1)]
-        weight = np.full(len(phi), 1 / len(phi))
-        mixture = most_likely_mixture(first_mixture(phi, weight, _COMPONENTS, rng), phi, weight)
-        likely = mixture.log_density(coordinates.forward(held_out)) - coordinates.log_volume(held_out)
-        candidates.append((float(np.where(np.isfinite(likely), likely, _NOWHERE).mean()), coordinates, mixture))
-    _, coordinates, mixture = max(candidates, key=lambda candidate: candidate[0])
+    coordinates, mixture = likeliest_mixture(systems, fitted, held_out, _COMPONENTS, rng)
     mixture = _reaching(mixture, coordinates, fitted, log_density(fitted), rng)
     proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, coordinates)
     return replace(proposal, efficiency=proposal.confirmed_efficiency(log_density, rng, _CONFIRMING))

@@ -13,6 +13,7 @@ from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, kind_of, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
+from jointbayes.sampling import END_TOLERANCE
 
 
 def knowledge_section(inputs: ReportInputs) -> ReportSection:
@@ -87,8 +88,8 @@ def freed_blocks(knowledge: Knowledge) -> list[Block]:
     head = ("Uncertain besides the joint", *(f"{name}, 95 % interval" for name in names), "Verdicts", "Source")
     rows = tuple(_freed_row(row, names) for row in knowledge.freed)
     note = (
-        "Each row is sampled with only these quantities uncertain and all others at their stated values. Interval ends "
-        "from a short run are approximate. A dash: the short run did not converge."
+        "Each row is sampled with only these quantities uncertain and all others at their stated values, until each "
+        f"interval end is known to {100 * END_TOLERANCE:g} % of the interval's width. A dash: the draws did not settle."
     )
     lead = knowledge.freed_sentence
     if knowledge.assumed:

@@ -1,15 +1,17 @@
 """Page one: banners, verdicts with their reasons, and what is said of the coupling stiffness."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from jointbayes.joint import Quantity
 from jointbayes.posterior.identifiability import RULE, Identifiability, ratio_of
+from jointbayes.posterior.knowledge import quantities_taken_as_exact
 from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.posterior.rounding import factor, number, rounded, rounded_interval
 from jointbayes.posterior.summary import Summary
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, MOST_UNKNOWNS
+from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, MOST_UNKNOWNS, verdict_text
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Callout, Paragraph, Table
@@ -34,8 +36,9 @@ def lead(inputs: ReportInputs) -> tuple[Block, ...]:
 def _answer_of_frfs(inputs: ReportInputs) -> tuple[Block, ...]:
     """The verdicts of the draws with the reason of each, and what is said of couplings."""
     summary = inputs.summary
+    verdicts = {name: (p.known, p.verdict) for name, p in summary.parameters.items()}
     return (
-        _verdict_table(inputs, {name: (p.known, p.verdict) for name, p in summary.parameters.items()}),
+        _verdict_table(inputs, verdicts, _workshop_row(inputs.knowledge.freed)),
         Paragraph(verdict_sentences(summary)),
         *([Paragraph(f"**{sentence}**")] if (sentence := inputs.knowledge.bounds_sentence) else []),
         *([] if summary.no_verdict else map(Paragraph, _coupling_sentences(inputs))),
@@ -121,12 +124,16 @@ def _bold_head(sentence: str) -> str:
     return f"**{head}**{colon}{rest}"
 
 
-def _verdict_table(inputs: ReportInputs, verdicts: Mapping[str, tuple[Identifiability, str]]) -> Table:
-    """What is known of each stiffness, with the verdict as it is printed."""
+def _verdict_table(
+    inputs: ReportInputs,
+    verdicts: Mapping[str, tuple[Identifiability, str]],
+    workshop: UncertainInputsRow | None = None,
+) -> Table:
+    """What is known of each stiffness, with the verdict as it is printed; and with all else as in a workshop."""
     reference = inputs.reference
     damped = inputs.posterior.problem.parametrisation.damped
     head = ["Quantity" if damped else "Stiffness", "Median", "95 % interval", "Unit", "Verdict"]
-    rows = []
+    rows, kinds = [], []
     for i, (name, (assessment, verdict)) in enumerate(verdicts.items()):
         unit = inputs.posterior.unit(name)
         row = [
@@ -138,14 +145,24 @@ def _verdict_table(inputs: ReportInputs, verdicts: Mapping[str, tuple[Identifiab
         ]
         if reference is not None:
             row.insert(1, number(reference[i]))
+        if workshop:
+            row.insert(1, "as the case states" if inputs.knowledge.freed[0].uncertain else "exact")
         rows.append(tuple(row))
+        kinds.append(kind_of(verdict))
+        if workshop and name in workshop.known:
+            rows.append(_answer_in_workshop(workshop, name, published=reference is not None))
+            kinds.append(kind_of(rows[-1][-1]))
+    if workshop:
+        head.insert(1, "All else")
     if reference is not None:
-        head.insert(1, "Published")
+        head.insert(2 if workshop else 1, "Published")
     note = (
         'Beside every verdict but "identified" each end of the 95 % interval is the more cautious of the draws\' and, '
         f"with up to {MOST_UNKNOWNS} unknowns, the likelihood's; beside \"identified\" it is the draws' equal-tailed "
         f"credible interval, with the digits that the Monte Carlo errors support. {RULE}."
     )
+    if workshop:
+        note += f" As in a workshop: {', '.join(inputs.knowledge.assumed)}, assumed as nobody stated them."
     if reference is not None:
         note += f" Published: {inputs.reference_source}."
     return Table(
@@ -153,8 +170,25 @@ def _verdict_table(inputs: ReportInputs, verdicts: Mapping[str, tuple[Identifiab
         tuple(head),
         tuple(rows),
         note=note,
-        row_kinds=tuple(kind_of(verdict) for _, verdict in verdicts.values()),
+        row_kinds=tuple(kinds),
     )
+
+
+def _workshop_row(rows: Sequence[UncertainInputsRow]) -> UncertainInputsRow | None:
+    """What is known with all else as in a workshop; None where the run takes nothing as exact, or nothing settled."""
+    return rows[-1] if quantities_taken_as_exact(rows) and rows[-1].known else None
+
+
+def _answer_in_workshop(row: UncertainInputsRow, name: str, *, published: bool) -> tuple[str, ...]:
+    """Second row of a stiffness: median, interval or limit, and verdict with all else as in a workshop."""
+    known = row.known[name]
+    cells = [
+        rounded(known.median, known.median_error),
+        known.limit.removesuffix(f" {known.unit}") or known.interval(),
+        "–" if known.unit == "1" else known.unit,
+        verdict_text(known.verdict, if_model_right=known.if_model_right),
+    ]
+    return (name, "as in a workshop", *(["–"] if published else []), *cells)
 
 
 def verdict_sentences(summary: Summary) -> str:
