@@ -159,32 +159,31 @@ class HeldFrequencies:
         self._errors = np.array([is_mode_frequency(name) for name in body.names], dtype=bool)
         joints = joint.joints if isinstance(joint, Joints) else (joint,)
         named = [replace(each, name=f"{i}") for i, each in enumerate(joints)]
-        self._models: list[tuple[NaturalFrequencies, list[int], list[int]]] = []
+        self._models: list[tuple[NaturalFrequencies, list[int]]] = []
+        places: list[int] = []
         for label in dict.fromkeys(dofs):
-            places = [i for i, dof in enumerate(dofs) if dof == label]
-            held = Joints((*named, Joint((label,), name="held")))
-            count = max(numbers[i] for i in places)
+            at = [i for i, dof in enumerate(dofs) if dof == label]
+            held, count = Joints((*named, Joint((label,), name="held"))), max(numbers[i] for i in at)
             model = NaturalFrequencies(body, held, count, top_hz=least_reach_hz(body, held, count))
-            self._models.append((model, places, [numbers[i] - 1 for i in places]))
+            self._models.append((model, [numbers[i] - 1 for i in at]))
+            places += at
+        #: Where each of the n stands among those of one DOF after the other.
+        self._order = np.argsort(places)
 
     def frequency_hz(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Frequencies, shape (batch, n), Hz, as `NaturalFrequencies.frequency_hz`."""
         held = _with_rigid(joint_matrix_of(matrices).batch.stiffness, RIGID)
         factor_rows = self._of_model(factors, len(held))
-        frequency = np.empty((len(held), sum(len(places) for _, places, _ in self._models)))
-        for model, places, at in self._models:
-            frequency[:, places] = model.frequency_hz(held, factor_rows)[:, at]
-        return frequency
+        each = [model.frequency_hz(held, factor_rows)[:, numbers] for model, numbers in self._models]
+        return np.hstack(each)[:, self._order]
 
     def slope(self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Derivative (p, n) of the frequencies of one joint along changes dK^J (p, r, r)."""
         held = _with_rigid(joint_matrix_of(matrix).batch.stiffness, RIGID)
         changes = _with_rigid(joint_matrix_of(directions).stiffness, 0.0)
         factor_rows = self._of_model(factors, 1)
-        slope = np.empty((len(changes), sum(len(places) for _, places, _ in self._models)))
-        for model, places, at in self._models:
-            slope[:, places] = model.tangent(held, changes, factor_rows)[1][:, at]
-        return slope
+        each = [model.tangent(held, changes, factor_rows)[1][:, numbers] for model, numbers in self._models]
+        return np.hstack(each)[:, self._order]
 
     def _of_model(self, factors: ArrayLike | None, batch: int) -> Array:
         """Factors (batch, q) without errors of natural frequencies."""
