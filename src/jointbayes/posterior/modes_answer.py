@@ -22,8 +22,8 @@ from jointbayes.measurement import FrfData, ModeData, Observed
 from jointbayes.measurement.modal_fit import identify_modes
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.posterior.identifiability import Identifiability
-from jointbayes.posterior.rounding import join_unit, number, rounded
-from jointbayes.posterior.verdicts import JudgedPosterior
+from jointbayes.posterior.rounding import number
+from jointbayes.posterior.verdicts import JudgedPosterior, line_of
 from jointbayes.structure import is_mode_frequency
 
 #: A resonance that no predicted mode comes closer to than this, as a fraction, is compared with none.
@@ -97,12 +97,7 @@ class ModesAnswer:
 
     def lines(self) -> list[str]:
         """Median, interval and verdict of each stiffness, for the terminal."""
-        lines = []
-        for name, known in self.known.items():
-            ends = known.limit or f"95 % interval {known.interval(' to ')}"
-            median = "" if known.limit else f"median {join_unit(rounded(known.median), known.unit)}, "
-            lines.append(f"{name}: {median}{ends}: {known.verdict} ({known.verdict_reason})")
-        return lines
+        return [line_of(name, known, known.unit) for name, known in self.known.items()]
 
     def as_json(self) -> dict[str, Any]:
         """What ``answers`` of ``summary.json`` holds besides the answer of the FRFs."""

@@ -186,11 +186,17 @@ def verdict_line(posterior: JudgedPosterior, name: str, condition: str = "", bes
     """
     assessment = posterior.identifiability(name)
     words = verdict_text(assessment.verdict, if_model_right=assessment.if_model_right, condition=condition)
+    return line_of(name, assessment, posterior.unit(name), words, beside)
+
+
+def line_of(name: str, assessment: Identifiability, unit: str, words: str = "", beside: str = "") -> str:
+    """The same of an assessment, with the verdict in other words if there are any."""
+    words = words or assessment.verdict
     reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
     reason = "; ".join(filter(None, [reason, assessment.prior_volume, beside]))
     if assessment.limit:
         return f"{name}: {assessment.limit_in_words}: {words} ({reason})"
-    median = join_unit(rounded(assessment.median, assessment.median_error), posterior.unit(name))
+    median = join_unit(rounded(assessment.median, assessment.median_error), unit)
     interval = f"95 % interval {assessment.interval(' to ')} {assessment.source}"
     if not assessment.source:
         interval = f"95 % credible interval {assessment.interval(' to ')}"
