@@ -104,6 +104,8 @@ def test_every_call_in_a_line_of_text_is_run(clone):
         "torques": torques,
         "tests": torques.tests,
         "joint": jb.LogStiffness(),
+        "body": torques.parts[0].test.structure,
+        "data": torques.parts[0].test.data,
         "posterior": jb.sample(torques, settings=jb.SamplerSettings(walkers=20, max_steps=100)),
         "path": "fewer.nc",
         "low": 1.0,
