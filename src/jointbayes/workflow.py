@@ -26,6 +26,7 @@ from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
+from jointbayes.posterior.knowledge import assumed_beyond
 from jointbayes.posterior.modes_answer import ModesAnswer, modes_answer, modes_problem
 from jointbayes.posterior.run_record import sampler_figures
 from jointbayes.posterior.storage import draws_tree
@@ -314,7 +315,10 @@ def _posterior(
 def ask_modes(
     posterior: Posterior, sizes: ErrorSizes | None = None, *, progress: ProgressCallback | None = None
 ) -> ModesAnswer | None:
-    """What the modes say that measured FRFs show, the model being a little wrong in each.
+    """What the modes say that measured FRFs show, the model being a little wrong in each, and nobody's data exact.
+
+    Young's modulus, density and length are as uncertain as in a workshop where the case neither states their
+    uncertainty nor declares them exact.
 
     Parameters
     ----------
@@ -333,12 +337,13 @@ def ask_modes(
     """
     case = posterior.case
     sizes = sizes or (case.model_error if case is not None else None) or ErrorSizes()
-    asked = modes_problem(posterior, sizes)
+    freed = None if case is None else case.workshop_problem
+    asked = modes_problem(posterior, sizes, freed)
     if asked is None:
         return None
     settings = SamplerSettings().for_dimension(len(asked.problem.names)).for_one_of_many()
     of_modes = sample(asked.problem, settings=settings, seed=posterior.record.seed, progress=progress)
-    return modes_answer(posterior, of_modes, asked)
+    return modes_answer(posterior, of_modes, asked, assumed_beyond(posterior.problem, freed))
 
 
 @one_blas_thread()

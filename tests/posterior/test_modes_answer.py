@@ -9,6 +9,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
+from jointbayes.errors import CaseError
 from jointbayes.inference import ErrorSizes
 from jointbayes.posterior.modes_answer import is_of_measured_frfs, modes_problem
 from jointbayes.report import ReportInputs, build_report
@@ -142,3 +143,26 @@ def test_both_answers_are_kept_with_the_draws(heavier, inputs, tmp_path):
     heavier.save(tmp_path / "posterior.nc", inputs.knowledge)
     again = ReportInputs(jb.load_posterior(tmp_path / "posterior.nc", heavier.problem)).knowledge
     assert repr(again.modes) == repr(inputs.knowledge.modes)
+
+
+def test_what_nobody_stated_is_as_uncertain_as_in_a_workshop_and_what_is_declared_exact_is_exact(cheap_posterior):
+    data = replace(cheap_posterior.problem.test.data, synthetic=False)
+    declared = case_from_text("cheap", f'{cheap_text()}\n[uncertain]\nexact = ["density", "length"]\n')
+    for case, names in ((None, {"youngs_modulus", "density", "length"}), (declared, {"youngs_modulus"})):
+        stated = case or case_from_text("cheap", cheap_text())
+        freed = stated.workshop_problem.with_test(data=data)
+        asked = modes_problem(as_measured(cheap_posterior), ErrorSizes(), freed)
+        assert names <= set(asked.problem.names)
+        assert not {"density", "length"} - names & set(asked.problem.names)
+        assert [mode.number for mode in asked.used] == [1, 2, 3]
+
+
+def test_what_is_declared_exact_has_no_prior_beside():
+    text = edited(
+        cheap_text(),
+        ("[data.noise]", "[uncertain]\nexact = ['density']\n[uncertain.density]\nsd_percent = 1.0\n[data.noise]"),
+    )
+    with pytest.raises(
+        CaseError, match=r'uncertain\.exact: found "density", whose prior \[uncertain\.density\] states'
+    ):
+        case_from_text("twice", text)

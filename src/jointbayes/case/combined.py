@@ -287,7 +287,7 @@ def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, Fac
     if min(spec.structure.damping.values.get("damping_ratio", [0.0])) > 0 and data.frfs is not None:
         widest = min(10.0, 0.9 / largest)
         usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
-    return {name: prior for name, prior in usual.items() if name not in stated}
+    return {name: prior for name, prior in usual.items() if name not in (*stated, *spec.uncertain.exact)}
 
 
 def quantities_of(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> list[tuple[Nuisance, bool]]:

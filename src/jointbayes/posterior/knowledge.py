@@ -331,13 +331,13 @@ def gather_knowledge(
         ),
         kept.profiles if kept else _profiles(problem, posterior),
         kept.freed if kept else effect_of_uncertain_inputs(posterior, freed),
-        kept.assumed if kept else _assumed(problem, freed),
+        kept.assumed if kept else assumed_beyond(problem, freed),
         simpler_joints(posterior) if simpler is None else simpler,
         kept.modes if kept and kept.modes else ask_modes() if ask_modes else None,
     )
 
 
-def _assumed(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
+def assumed_beyond(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
     """The words of `assumed_words` for what is uncertain in `freed` alone."""
     if freed is None:
         return ()

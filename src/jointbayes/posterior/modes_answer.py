@@ -70,6 +70,8 @@ class ModesAnswer:
         Whether it is this answer that is to be believed, not that of the FRFs.
     reason
         Why, in a sentence without full stop.
+    assumed
+        What is uncertain in it that nobody stated, in words.
     """
 
     known: Mapping[str, Identifiability]
@@ -78,6 +80,7 @@ class ModesAnswer:
     model_error: tuple[float, float, float]
     believed: bool
     reason: str
+    assumed: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -93,6 +96,8 @@ class ModesAnswer:
             f"The modes are those at {frequencies} Hz in the FRFs; the model may miss each, by {middle} % as inferred "
             f"({low} to {high} %)."
         )
+        if self.assumed:
+            text += f" Nobody stated how well the rest is known; assumed is {', '.join(self.assumed)}."
         return " ".join((text, *self.left_out))
 
     def lines(self) -> list[str]:
@@ -105,6 +110,7 @@ class ModesAnswer:
             "model_error": {"median": self.model_error[0], "interval95": self.model_error[1:]},
             "modes": [asdict(mode) for mode in self.modes],
             "left_out": self.left_out,
+            "assumed": self.assumed,
             "parameters": known_json(self.known),
         }
 
@@ -116,7 +122,7 @@ def known_json(known: Mapping[str, Identifiability]) -> dict[str, dict[str, Any]
     return {name: {key: getattr(assessment, key) for key in keys} for name, assessment in known.items()}
 
 
-def modes_problem(posterior: JudgedPosterior, sizes: ErrorSizes) -> ModesProblem | None:
+def modes_problem(posterior: JudgedPosterior, sizes: ErrorSizes, freed: Problem | None = None) -> ModesProblem | None:
     """The problem with the modes that its measured FRFs show in the place of these.
 
     Parameters
@@ -125,18 +131,20 @@ def modes_problem(posterior: JudgedPosterior, sizes: ErrorSizes) -> ModesProblem
         Of measured FRFs: their MAP says, with draws of the prior, which mode of the model a resonance is.
     sizes
         Of the model's errors.
+    freed
+        The same problem with more quantities uncertain, which the answer is then to allow for.
 
     Returns
     -------
     ModesProblem
         None where FRFs were computed, show no mode, or are of a structure that has none: one with a measured body.
     """
-    problem = posterior.problem
+    problem, answered = posterior.problem, freed or posterior.problem
     if not is_of_measured_frfs(problem) or problem.extra_log_likelihood is not None:
         return None
     tests, used, left_out = [], list[UsedMode](), list[str]()
-    for part in problem.parts:
-        test, frfs = part.test, part.test.data.frfs
+    for part, test in zip(problem.parts, answered.tests, strict=True):
+        frfs = test.data.frfs
         if frfs is None:
             tests.append(test)
             continue
@@ -152,7 +160,7 @@ def modes_problem(posterior: JudgedPosterior, sizes: ErrorSizes) -> ModesProblem
             ]
     if not used:
         return None
-    return ModesProblem(_with_tests(problem, tests), sizes, tuple(used), tuple(left_out))
+    return ModesProblem(_with_tests(answered, tests), sizes, tuple(used), tuple(left_out))
 
 
 def is_of_measured_frfs(problem: Problem) -> bool:
@@ -223,7 +231,9 @@ def _with_tests(problem: Problem, tests: Sequence[Test]) -> Problem:
     return Problem(tests, prior, problem.initial, name=f"{problem.name}: modes")
 
 
-def modes_answer(posterior: JudgedPosterior, of_modes: JudgedPosterior, asked: ModesProblem) -> ModesAnswer:
+def modes_answer(
+    posterior: JudgedPosterior, of_modes: JudgedPosterior, asked: ModesProblem, assumed: tuple[str, ...] = ()
+) -> ModesAnswer:
     """What the modes say, and whether that is the answer to believe.
 
     It is unless the model explains the FRFs and its errors, as stated, are smaller than what the noise of the FRFs
@@ -235,6 +245,8 @@ def modes_answer(posterior: JudgedPosterior, of_modes: JudgedPosterior, asked: M
         Of the FRFs, and of the modes that they show.
     asked
         The problem of the latter.
+    assumed
+        What is uncertain in it that nobody stated, in words.
     """
     stated, smallest = asked.sizes.frequency, min(mode.sd_hz / mode.frequency_hz for mode in asked.used)
     if not posterior.check.explains:
@@ -259,4 +271,4 @@ def modes_answer(posterior: JudgedPosterior, of_modes: JudgedPosterior, asked: M
     known = {
         name: replace(of_modes.identifiability(name), unit=of_modes.unit(name)) for name in posterior.stiffness_names
     }
-    return ModesAnswer(known, asked.used, asked.left_out, (middle, low, high), believed, reason)
+    return ModesAnswer(known, asked.used, asked.left_out, (middle, low, high), believed, reason, assumed)

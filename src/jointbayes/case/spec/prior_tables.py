@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import Field, create_model
+from pydantic import Field, Strict, create_model
 
 from jointbayes.case.spec.fields import (
     OWN,
@@ -353,6 +353,12 @@ class BodyUncertainSpec(Spec):
 _BODIES = Field(description="a table for each body of a frame, as [uncertain.bodies.tool.density]", max_length=100)
 
 
+_Usual = Literal["youngs_modulus", "density", "length", "damping_ratio"]
+_EXACT = key_field(
+    f"a list of what is exactly known although usually nobody knows it, of {', '.join(get_args(_Usual))}", ["density"]
+)
+
+
 class UncertainSpec(Spec):
     """Uncertain quantities besides the joint, each with its prior; what is not named here is known exactly."""
 
@@ -371,6 +377,13 @@ class UncertainSpec(Spec):
     mode_frequencies: Annotated[FactorPriorSpec | None, _uncertain("each predicted natural frequency")] = None
     gain: Annotated[FactorPriorSpec | None, _uncertain("the gain of the measurement, 1 by itself")] = None
     bodies: Annotated[dict[str, BodyUncertainSpec], _BODIES] = {}  # noqa: RUF012 (pydantic copies it)
+    exact: Annotated[tuple[_Usual, ...], Strict(False), _EXACT] = ()
+
+    def _findings(self) -> Iterator[Finding]:
+        for i, name in enumerate(self.exact):
+            if name in self.given:
+                fault, expected = f'found "{name}", whose prior [uncertain.{name}] states', "one of the two"
+                yield Finding(("exact", i), fault, expected, "remove one")
 
     @property
     def given(self) -> dict[str, FactorPriorSpec | OffsetPriorSpec]:
