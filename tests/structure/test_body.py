@@ -47,7 +47,7 @@ def problem(rod, *uncertain, modulus=1.0):
     frf, size = measured_frf(0.05, modulus)
     at_joint, _ = measured_frf(0.0)
     variance = size[:, 1:] ** 2
-    data = jb.FrfData(frf.select((MIDDLE, TIP), (TIP,)), variance, joint_frf=at_joint)
+    data = jb.FrfData(frf.select((MIDDLE, TIP), (TIP,)), variance, synthetic=True, joint_frf=at_joint)
     prior = jb.JointPrior(SPRING, (jb.OfStiffness(jb.Uniform(1e5, 1e10)),), uncertain)
     return jb.Problem(structure=rod, joint=JOINT, data=data, prior=prior, initial=[1e7], name="long rod")
 
