@@ -351,12 +351,8 @@ class BodyUncertainSpec(Spec):
 
 
 _BODIES = Field(description="a table for each body of a frame, as [uncertain.bodies.tool.density]", max_length=100)
-
-
 _Usual = Literal["youngs_modulus", "density", "length", "damping_ratio"]
-_EXACT = key_field(
-    f"a list of what is exactly known although usually nobody knows it, of {', '.join(get_args(_Usual))}", ["density"]
-)
+_EXACT = key_field(f"a list of what is exactly known indeed, of {', '.join(get_args(_Usual))}", ["density"])
 
 
 class UncertainSpec(Spec):
@@ -380,10 +376,9 @@ class UncertainSpec(Spec):
     exact: Annotated[tuple[_Usual, ...], Strict(False), _EXACT] = ()
 
     def _findings(self) -> Iterator[Finding]:
-        for i, name in enumerate(self.exact):
-            if name in self.given:
-                fault, expected = f'found "{name}", whose prior [uncertain.{name}] states', "one of the two"
-                yield Finding(("exact", i), fault, expected, "remove one")
+        for i, name in (pair for pair in enumerate(self.exact) if pair[1] in self.given):
+            fault = f'found "{name}", whose prior [uncertain.{name}] states'
+            yield Finding(("exact", i), fault, "one of the two", "remove one")
 
     @property
     def given(self) -> dict[str, FactorPriorSpec | OffsetPriorSpec]:
