@@ -115,18 +115,18 @@ class ModelErrorNoise(NoiseModel):
         return turn.T @ inverse, np.maximum(growth, 0.0), -float(np.log(np.diag(lower)).sum())
 
     @cached_property
-    def _nodes(self) -> tuple[Array, Array, Array]:
-        """Sizes s (k,), variances of turned residuals (k, m), and ln of prior weight and their density's peak (k,)."""
+    def _by_node(self) -> tuple[Array, Array]:
+        """Of each s the precision of turned residuals (k, m), and ln of prior weight and peak density (k,)."""
         size = self.sizes.frequency * self.sizes.factor**_NODES
         variance = 1.0 + size[:, None] ** 2 * self._turned[1]
         weight = np.exp(-0.5 * _NODES**2)
-        return size, variance, np.log(weight / weight.sum()) - 0.5 * np.log(variance).sum(axis=1)
+        return 1 / variance, np.log(weight / weight.sum()) - 0.5 * np.log(variance).sum(axis=1)
 
     def _by_size(self, z: Residuals) -> tuple[Array, Array]:
         """Turned residuals (n, m), and ln of prior times likelihood of each size s, (n, k)."""
         turned = z[:, :, 0] @ self._turned[0].T
-        _, variance, peak = self._nodes
-        return turned, peak - turned**2 @ (1 / variance).T
+        precision, peak = self._by_node
+        return turned, peak - turned**2 @ precision.T
 
     def log_likelihood(self, z: Residuals, hyper: ArrayLike) -> Array:
         """ln L (n,) of residuals (n, m, 1), without the constant; −inf where a residual is not finite."""
@@ -145,12 +145,12 @@ class ModelErrorNoise(NoiseModel):
     def scores(self, z: Residuals, hyper: ArrayLike) -> Residuals:
         """Turned residuals, each times the root of its mean precision over the sizes s that all of them leave."""
         turned, share = self._given(z)
-        return (turned * np.sqrt(share @ (1 / self._nodes[1])))[:, :, None]
+        return (turned * np.sqrt(share @ self._by_node[0]))[:, :, None]
 
     def whiten(self, z: Residuals, hyper: ArrayLike) -> Residuals:
         """Residuals and their derivatives (k, m, 1) by the precision of the former: ∇ ln L is then −Jᵀe."""
         _, share = self._given(z[:1])
-        return (z[:, :, 0] @ self._turned[0].T * np.sqrt(share @ (1 / self._nodes[1])))[:, :, None]
+        return (z[:, :, 0] @ self._turned[0].T * np.sqrt(share @ self._by_node[0]))[:, :, None]
 
     def draw(self, rng: np.random.Generator, hyper: ArrayLike, lines: int, pairs: int) -> Residuals:
         """Replicated residuals, shape (n, m, 1), one for each row of `hyper`: (n, 1) of that size, (n, 0) of any."""
