@@ -16,6 +16,7 @@ import math
 import re
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from scipy import stats
 import jointbayes as jb
 from benchmarks.coverage import write_between
 from benchmarks.page import table
-from benchmarks.record import environment, kept_lines
+from benchmarks.record import environment, kept_outcomes, record_kind
 from jointbayes.posterior.identifiability import Identifiability
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -94,14 +95,7 @@ def _said(known: Identifiability, truth: float) -> dict[str, Any]:
 def outcomes(centre: str, count: int, kept: Path) -> list[dict[str, Any]]:
     """Outcomes of the first `count` joints around a centre; those kept in a file are not analysed again."""
     head = json.dumps({"centre": centre, "entropy": ENTROPY, "case": BASE.read_text(encoding="utf-8")})
-    done = {row["index"]: row for row in kept_lines(kept, head)}
-    for index in range(1, count + 1):
-        if index not in done:
-            done[index] = row = analysed(centre, index)
-            with kept.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
-            print(f"{centre} {index} of {count}: {row['seconds']:.1f} s", flush=True)
-    return [done[index] for index in range(1, count + 1)]
+    return kept_outcomes(kept, head, count, partial(analysed, centre), centre)
 
 
 def _holds(one: Mapping[str, Any], which: str) -> bool:
@@ -191,11 +185,7 @@ def main() -> None:
         data = summary(outcomes(centre, count, KEPT / f"{centre}.jsonl"))
         print(section({centre: data}), flush=True)
         if not options.pilot:
-            earlier = json.loads(SUMMARY.read_text(encoding="utf-8")) if SUMMARY.exists() else {}
-            both = {**earlier, centre: data}
-            results = {one: both[one] for one in CENTRES if one in both}
-            SUMMARY.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-            write_between(PAGE, "limits_hold.py", section(results))
+            write_between(PAGE, "limits_hold.py", section(record_kind(SUMMARY, CENTRES, centre, data)))
 
 
 if __name__ == "__main__":

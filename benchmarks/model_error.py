@@ -18,6 +18,7 @@ import json
 import math
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ import jointbayes as jb
 from benchmarks.coverage import write_between
 from benchmarks.exact_beam import ExactBeam, circle
 from benchmarks.page import table
-from benchmarks.record import environment, kept_lines
+from benchmarks.record import environment, kept_outcomes, record_kind
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[1]
@@ -222,14 +223,7 @@ def outcomes(kind: str, count: int, kept: Path) -> list[dict[str, Any]]:
     """Outcomes of the first `count` beams; those kept in a file are not analysed again."""
     case, _ = case_of(kind, 1)
     head = json.dumps({"entropy": ENTROPY, "draws": (DRAWS, ROUNDS, ENOUGH), "case": case.text})
-    done = {row["index"]: row for row in kept_lines(kept, head)}
-    for index in range(1, count + 1):
-        if index not in done:
-            done[index] = row = analysed(kind, index)
-            with kept.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
-            print(f"{kind} {index} of {count}: {row['seconds']:.1f} s", flush=True)
-    return [done[index] for index in range(1, count + 1)]
+    return kept_outcomes(kept, head, count, partial(analysed, kind), kind)
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -286,11 +280,7 @@ def main() -> None:
         data = summary(outcomes(kind, options.count, KEPT / f"{kind.replace(' ', '_').replace(',', '')}.jsonl"))
         print(section({kind: data}), flush=True)
         if not options.pilot:
-            earlier = json.loads(SUMMARY.read_text(encoding="utf-8")) if SUMMARY.exists() else {}
-            both = {**earlier, kind: data}
-            results = {one: both[one] for one in KINDS if one in both}
-            SUMMARY.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-            write_between(PAGE, "model_error.py", section(results))
+            write_between(PAGE, "model_error.py", section(record_kind(SUMMARY, KINDS, kind, data)))
 
 
 if __name__ == "__main__":

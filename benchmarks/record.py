@@ -5,7 +5,7 @@ import datetime
 import json
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -78,6 +78,29 @@ def keep(name: str, data: Mapping[str, Any], options: argparse.Namespace) -> Non
     if page_path is not None:
         page_path.write_text(page(results), encoding="utf-8")
         print(f"written: {page_path}")
+
+
+def kept_outcomes(
+    file: Path, head: str, count: int, analysed: Callable[[int], dict[str, Any]], what: str
+) -> list[dict[str, Any]]:
+    """Outcomes 1 to `count` of a study, each with `index` and `seconds`; those kept in a file are not made again."""
+    done = {row["index"]: row for row in kept_lines(file, head)}
+    for index in range(1, count + 1):
+        if index not in done:
+            done[index] = row = analysed(index)
+            with file.open("a", encoding="utf-8") as end:
+                end.write(json.dumps(row) + "\n")
+            print(f"{what} {index} of {count}: {row['seconds']:.1f} s", flush=True)
+    return [done[index] for index in range(1, count + 1)]
+
+
+def record_kind(file: Path, kinds: Iterable[str], kind: str, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Write what a study found of one kind beside what it found of others; all of them, in the order of kinds."""
+    earlier = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    both = {**earlier, kind: data}
+    results = {one: both[one] for one in kinds if one in both}
+    file.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    return results
 
 
 def kept_lines(file: Path, head: str) -> list[Any]:
