@@ -4,7 +4,9 @@ import datetime
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import jointbayes as jb
@@ -87,6 +89,22 @@ def test_computed_frfs_and_modes_have_one_answer(computed, cheap_posterior, freq
     posterior = cheap_posterior if computed == "synthetic" else frequency_posterior
     assert not is_of_measured_frfs(posterior.problem)
     assert jb.ask_modes(posterior) is None
+
+
+def test_a_joint_whose_only_test_shows_no_mode_leaves_the_answer_to_the_frfs(measured):
+    test, prior = measured.problem.test, measured.problem.prior
+    dark = replace(test.data.split([(200.0, 600.0)])[1], synthetic=False)  # between two resonances
+    tests = [replace(test, name="seen"), replace(test, name="dark", data=dark)]
+    both = jb.JointPrior(jb.blocks_of(dict.fromkeys(("seen", "dark"), prior.parametrisation)), prior.marginals * 2)
+    posterior = SimpleNamespace(
+        problem=jb.Problem(tests, both),
+        estimate=SimpleNamespace(theta=np.tile(measured.estimate.theta, 2), modes=()),
+        record=measured.record,
+    )
+    assert modes_problem(posterior, ErrorSizes()) is None
+    posterior.problem = jb.Problem(tests, prior)  # one joint in both
+    posterior.estimate = measured.estimate
+    assert {mode.setup for mode in modes_problem(posterior, ErrorSizes()).used} == {"seen"}
 
 
 def test_an_exact_model_that_nobody_says_is_exact_has_the_wider_answer_of_its_modes(measured):

@@ -137,7 +137,8 @@ def modes_problem(posterior: JudgedPosterior, sizes: ErrorSizes, freed: Problem 
     Returns
     -------
     ModesProblem
-        None where FRFs were computed, show no mode, or are of a structure that has none: one with a measured body.
+        None where FRFs were computed, show no mode, or are of a structure that has none: one with a measured body; and
+        where those of the only test of a joint show none.
     """
     problem, answered = posterior.problem, freed or posterior.problem
     if not is_of_measured_frfs(problem) or problem.extra_log_likelihood is not None:
@@ -160,7 +161,10 @@ def modes_problem(posterior: JudgedPosterior, sizes: ErrorSizes, freed: Problem 
             ]
     if not used:
         return None
-    return ModesProblem(_with_tests(answered, tests), sizes, tuple(used), tuple(left_out))
+    of_modes = _with_tests(answered, tests)
+    if not all(quantity.places for quantity in of_modes.quantities):
+        return None
+    return ModesProblem(of_modes, sizes, tuple(used), tuple(left_out))
 
 
 def is_of_measured_frfs(problem: Problem) -> bool:
