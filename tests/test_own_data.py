@@ -131,7 +131,6 @@ def test_a_misfit_of_data_of_ones_own_is_told(problem):
     posterior = jb.sample(wrong, seed=1, settings=TO_CONVERGE)
     assert not posterior.check.explains
     assert "NOT explain" in posterior.check.sentence
-    assert "mode_frequencies" not in posterior.diagnosis.sentence
 
 
 def test_a_file_says_that_it_cannot_hold_data_of_ones_own_and_takes_the_problem(posterior, tmp_path):

@@ -322,7 +322,7 @@ FREQUENCIES = [
 ]
 MODES = [
     BARE + f"[data]\nkind = 'modes'\n{rows}\nnumbers = [1, 3]\nsd_relative = [0.011, 0.012]\n{more}"
-    + uncertain(form, "mode_frequencies")
+    + uncertain(form, "youngs_modulus")
     for rows, more, form in (
         ("frequencies_hz = [[31.0, 210.0], [33.0, 212.0]]\nsd_hz = [0.3, 0.7]",
          "damping_ratios = [[0.011, 0.013], [0.012, 0.015]]\n"

@@ -124,7 +124,7 @@ def of_joints() -> list[tuple[str, str, Value]]:
         ]
     quantities = ["youngs_modulus", "density", "length", "section_size", "shear_coefficient"]
     alone = ["loss_factor", "accelerometer_mass", "gain"]
-    several = {"damping_ratio": "damping_ratio_(1|2)", "mode_frequencies": "mode_frequency_(1|2|3)"}
+    several = {"damping_ratio": "damping_ratio_(1|2)"}
     names = (
         {name: name for name in (*quantities, *alone)} | several | {f"bodies.*.{q}": f"{{0}}.{q}" for q in quantities}
     )

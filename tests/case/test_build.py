@@ -11,7 +11,6 @@ from jointbayes.frf import Ports
 from jointbayes.inference import (
     GaussianNoise,
     IntegratedScale,
-    Normal,
     ScaledNoise,
     StudentNoise,
 )
@@ -155,17 +154,6 @@ def test_the_noise_table_chooses_the_distribution_with_its_numbers(lines, expect
     assert (problem.test.noise or GaussianNoise(2)) == expected
     if "sampled" in lines:
         assert np.exp(problem.prior.nuisances[-1].prior.support) == pytest.approx((0.5, 3.0))
-
-
-@pytest.mark.parametrize(("above", "modes"), [(1.05, 2), (1.15, 1)])
-def test_errors_of_natural_frequencies_reach_a_tenth_beyond_the_highest_line(above, modes):
-    second = case_of().problem.natural_frequencies_hz([1e13, 0.0, 1e13], 2)[0, 1]
-    case = case_of(
-        ("f_max_hz = 2500.0\nf_step_hz = 10.0", f"f_max_hz = {second / above:.3f}\nf_step_hz = 0.5"),
-        ("[identification]", "[uncertain.mode_frequencies]\nsd_percent = 3.0\n\n[identification]"),
-    )
-    assert [n.name for n in case.problem.prior.nuisances] == [f"mode_frequency_{i + 1}" for i in range(modes)]
-    assert {n.prior for n in case.problem.prior.nuisances} == {Normal(0.0, 0.03)}
 
 
 def test_an_uncertain_shear_coefficient_is_a_factor_on_cowpers():

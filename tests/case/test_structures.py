@@ -333,29 +333,3 @@ def test_a_frame_is_kept_in_a_posterior_file_as_it_is():
     assert isinstance(again, FrameFamily)
     assert again.recipe == recipe.recipe
     assert again.ranges == recipe.ranges
-
-
-FLOATING = """
-[structure]
-kind = "chain"
-masses_kg = { 1 = 1.0, 2 = 1.0 }
-damping = { law = "modal", ratio = 0.02 }
-[joints.g]
-kind = "springs"
-dofs = ["1:x"]
-[joints.h]
-kind = "springs"
-dofs = ["2:x"]
-against = ["1:x"]
-[uncertain]
-mode_frequencies = { sd_percent = 1.0 }
-"""
-
-
-def test_mode_frequencies_may_be_uncertain_where_joints_hold_every_mass():
-    text = text_of(FLOATING, "1:x", "1:x", "")
-    start, end = text.index("[data.truth]"), text.index("[data.noise]")
-    truth = "[data.truth.stiffness]\ng = { kx = 1e5 }\nh = { kx = 1e5 }\n"
-    problem = jb.case_from_text("chain", text[:start] + truth + text[end:]).problem
-    assert problem.names == ("g.kx", "h.kx", "mode_frequency_1")
-    assert np.isfinite(problem.log_posterior(problem.prior.mean[None])).all()

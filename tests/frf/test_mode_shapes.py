@@ -224,12 +224,3 @@ def test_a_structure_that_is_joined_to_nothing_has_antiresonances():
     alone = HeldFrequencies(structure, Joints(()), ("7:y",), (1,)).frequency_hz(np.zeros((1, 0, 0)))[0, 0]
     soft = HeldFrequencies(structure, CLAMP, ("7:y",), (2,)).frequency_hz(np.zeros((1, 2, 2)))[0, 0]
     assert alone == pytest.approx(soft, rel=1e-9)  # the first one of the soft joint is the swinging about the tip
-
-
-def test_errors_of_natural_frequencies_do_not_move_antiresonances():
-    recipe = BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), LossFactor(0.01), elements=10)
-    family = BeamFamily(recipe, {"density": (-0.2, 0.2), "mode_frequency_1": (-0.2, 0.2)})
-    model = HeldFrequencies(family, CLAMP, ("11:y",), (1,))
-    there, moved, lighter = model.frequency_hz(np.array([STIFF] * 3), [[1.0, 1.0], [1.0, 1.1], [0.9, 1.0]])[:, 0]
-    assert moved == there
-    assert lighter > 1.01 * there

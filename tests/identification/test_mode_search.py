@@ -108,15 +108,6 @@ def test_frequencies_as_data_are_matched_directly(frequency_case):
     assert_allclose(found, problem.test.data.frequency_hz, rtol=5e-3)
 
 
-def test_uncertain_errors_of_frequencies_are_set_so_that_resonances_agree():
-    text = cheap_text() + "\n[uncertain.mode_frequencies]\nsd_percent = 10.0\n"
-    problem = jb.case_from_text("errors", text).problem
-    starts = frequency_starts(problem, np.random.default_rng(1))
-    prior, data = problem.prior, resonances_hz(problem.test.data)
-    found = problem.natural_frequencies_hz(prior.values(starts), data.size, prior.factors(starts))
-    assert_allclose(found[0], data, rtol=1e-6)
-
-
 def test_data_without_a_resonance_give_no_frequency_starts(cheap_case):
     measured = cheap_case.problem.test.data
     noisy = replace(measured, variance=np.full_like(measured.variance, np.abs(measured.frf.values).max() ** 2))

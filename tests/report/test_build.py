@@ -321,7 +321,7 @@ def test_a_coupling_of_free_sign_from_frfs_builds_too():
 
 def test_any_number_of_uncertain_quantities_is_drawn_a_few_on_each_figure(cheap_posterior):
     # eleven more columns of the joint's own draws stand for eleven uncertain quantities
-    names = tuple(f"mode_frequency_{i}" for i in range(1, 12))
+    names = tuple(f"damping_ratio_{i}" for i in range(1, 12))
     known = cheap_posterior.problem
     many = SimpleNamespace(
         problem=SimpleNamespace(names=(*known.names, *names), parametrisation=known.parametrisation),
@@ -332,5 +332,5 @@ def test_any_number_of_uncertain_quantities_is_drawn_a_few_on_each_figure(cheap_
     drawn = chain_figures(many, 3)
     assert [f.identifier for f in drawn] == ["traces", "traces-2", "autocorrelation", "autocorrelation-2"]
     for first, second in (drawn[:2], drawn[2:]):
-        assert " of ln k11, ln k12, ln k22, ln f1, ln f2, ln f3, ln f4, ln f5" in first.caption
-        assert " of ln f6, ln f7, ln f8, ln f9, ln f10, ln f11" in second.caption
+        assert " of ln k11, ln k12, ln k22, ln ζ1, ln ζ2, ln ζ3, ln ζ4, ln ζ5" in first.caption
+        assert " of ln ζ6, ln ζ7, ln ζ8, ln ζ9, ln ζ10, ln ζ11" in second.caption

@@ -137,25 +137,6 @@ def test_the_last_listed_damping_ratio_holds_for_all_higher_modes():
     assert math.isclose(ratios[0, -1], 0.01)
 
 
-def test_a_natural_frequency_may_be_off_by_itself_and_takes_its_resonance_along():
-    ranges = {"mode_frequency_1": (-0.2, 0.2), "mode_frequency_2": (-0.2, 0.2)}
-    family, factors = BeamFamily(recipe(), ranges), np.array([1.1, 0.97])
-    known = NaturalFrequencies(family.nominal, JOINT, 4).frequency_hz(CLAMP)[0]
-    assert_allclose(NaturalFrequencies(family, JOINT, 4).frequency_hz(CLAMP, factors)[0] / known, [1.1, 0.97, 1, 1])
-    ports = Ports(known * [1.1, 0.97, 1, 1], ("11:y",), ("11:y",))
-    model = receptance_model(family, JOINT, ports)
-    # at a resonance the receptance is imaginary but for what the other modes add
-    assert (np.abs(np.angle(model.receptance(CLAMP, factors)[0, :3, 0, 0], deg=True) + 90) < 10).all()
-    # the derivative by the joint is that of the shifted FRF
-    direction = np.array([[[0.0, 0.0], [0.0, 1.0]]])
-    _, slope = model.tangent(CLAMP, direction, factors)
-    h = 1.0
-    up, down = (model.receptance(CLAMP + s * h * direction[0], factors)[0] for s in (1, -1))
-    assert_allclose(slope[0], (up - down) / (2 * h), rtol=1e-4, atol=1e-6 * np.abs(slope).max())
-    with pytest.raises(ModelError, match="mode_frequency_1"):
-        BeamFamily(recipe(), {"mode_frequency_2": (-0.2, 0.2)})
-
-
 def test_free_modes_that_were_asked_for_before_are_the_same_whoever_asks():
     beam = recipe()
     ranges = {"length": (-0.01, 0.01), "section_size": (-0.02, 0.02)}

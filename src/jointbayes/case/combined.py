@@ -20,7 +20,7 @@ from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import AnyStructure, MeasuredBody, NaturalFrequencies, Substructures, rigid_body_modes
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, Level, Marginal, NoiseModel, Nuisance, Problem, Test, Uniform
-from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, blocks_of, joints_of
+from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, blocks_of
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
@@ -300,23 +300,11 @@ def quantities_of(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> list[t
             ratios = structure.damping.values[name]
             labels = [name] if len(ratios) == 1 else [f"{name}_{i + 1}" for i in range(len(ratios))]
             each = [Nuisance(n, "1", r, prior.marginal()) for n, r in zip(labels, ratios, strict=True)]
-        elif name == "mode_frequencies":
-            count = _modes_in_band(spec, recipe, data)
-            labels = [f"mode_frequency_{i + 1}" for i in range(count)]
-            each = [Nuisance(label, "× predicted", 1.0, prior.marginal()) for label in labels]
         else:
             unit, value = stated[name]
             each = [Nuisance(name, unit, value, prior.marginal(value))]
         quantities += [(nuisance, prior.own) for nuisance in each]
     return sorted(quantities, key=lambda quantity: quantity[0].name == "gain")
-
-
-def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> int:
-    """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
-    if data.modes is not None:
-        return max(data.modes.numbers)
-    rigid = rigid_frequencies_hz(recipe, joints_of(spec.joint_objects), _MOST_MODES)
-    return max(1, int((rigid < 1.1 * data.top_hz).sum()))
 
 
 def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) -> Array:

@@ -163,7 +163,7 @@ class NaturalFrequencies(LowestModes):
         factor_rows = factors_batch(factors, len(stiffness))
         eigenvalues, _, _ = self._modes.solve(stiffness, factor_rows)
         frequency: Array = np.sqrt(np.maximum(eigenvalues[:, self._counted], 0.0)) / (2 * np.pi)
-        return frequency * first_factors(self._body.frequency_factors(factor_rows), frequency.shape[1])
+        return frequency
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
@@ -173,9 +173,8 @@ class NaturalFrequencies(LowestModes):
         (eigenvalues,), (rows,), (springs,) = self._modes.solve(joint_matrix_of(matrix).batch.stiffness, factor_rows)
         shapes = np.linalg.solve(springs.T, rows)[:, self._counted]
         frequency = np.sqrt(np.maximum(eigenvalues[self._counted], 0.0)) / (2 * np.pi)
-        (off,) = first_factors(self._body.frequency_factors(factor_rows), frequency.size)
         slope = np.einsum("ir,pij,jr->pr", shapes, joint_matrix_of(directions).stiffness, shapes)
-        return off * frequency, off * slope / (8 * np.pi**2 * np.maximum(frequency, np.finfo(float).tiny))
+        return frequency, slope / (8 * np.pi**2 * np.maximum(frequency, np.finfo(float).tiny))
 
     # as data of modes they are all there is
     modal_frequencies = predicted_values = frequency_hz
@@ -226,7 +225,7 @@ class AssembledModes:
         """Receptances of a batch of joints with damping."""
         factor_rows, (r, q) = factors_batch(factors, len(matrices)), self._along.shape
         eigenvalues, rows, springs = self._modes.solve(np.ascontiguousarray(matrices.stiffness), factor_rows)
-        ratios = self._stated(factor_rows, eigenvalues)
+        ratios = self._ratios(factor_rows, eigenvalues.shape[1])
         # between the joint's own motions and the ports' others, as outputs and as inputs
         rows[:, :r] = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r])
         ratios = np.broadcast_to(ratios, eigenvalues.shape)
@@ -262,14 +261,8 @@ class AssembledModes:
         shapes = rows[:, r:]
         if self._along.any():
             shapes = shapes + np.linalg.solve(springs, self._along[None]).swapaxes(1, 2) @ rows[:, :r]
-        ratios = self._stated(factor_rows, eigenvalues)
+        ratios = self._ratios(factor_rows, eigenvalues.shape[1])
         return eigenvalues, np.ascontiguousarray(shapes), ratios
-
-    def _stated(self, factor_rows: Array, eigenvalues: Array) -> Array:
-        """Damping ratios, shape (n, m); errors of natural frequencies are put into the eigenvalues (batch, m)."""
-        off = padded_for_rigid(self._body.frequency_factors(factor_rows), self._modes.rigid, 1.0)
-        eigenvalues[:, : off.shape[1]] *= off**2
-        return self._ratios(factor_rows, eigenvalues.shape[1])
 
     def _ratios(self, factor_rows: Array, count: int) -> Array:
         """Damping ratios of the first modes, shape (n, count), 0 of rigid-body motions."""
@@ -311,25 +304,15 @@ class AssembledModes:
         d_out, d_in = at_outputs @ turn, at_inputs @ turn
         constants = at_outputs[:, None, :] * at_inputs[None, :, :]
         d_constants = d_out[:, :, None, :] * at_inputs + at_outputs[:, None, :] * d_in[:, None, :, :]
-        factor = padded_for_rigid(self._body.frequency_factors(factor_rows), self._modes.rigid, 1.0)
-        off = first_factors(factor, lam.size)[0] ** 2
         # modes in one plane: f[λ_r, λ_s] = f'(λ_r), the diagonal r = s among them
-        shared = np.einsum("or,prs,is->poir", at_outputs, np.where(same, change, 0.0) * off, at_inputs)
+        shared = np.einsum("or,prs,is->poir", at_outputs, np.where(same, change, 0.0), at_inputs)
 
         pairs = constants.shape[0] * constants.shape[1]
         rows = np.concatenate([constants[None], d_constants]).reshape(-1, pairs, lam.size)
         ratio = self._ratios(factor_rows, lam.size)[0]
-        summed = self._sum.spread(lam * off, ratio, rows, shared.reshape(-1, pairs, lam.size))
+        summed = self._sum.spread(lam, ratio, rows, shared.reshape(-1, pairs, lam.size))
         spread = summed.reshape(-1, self._omega.size, *constants.shape[:2])
         return spread[0], spread[1:]
-
-
-def first_factors(factors: Array, count: int) -> Array:
-    """Factors of the first `count` modes, shape (n, count), 1 where none is given."""
-    first = np.ones((len(factors), count))
-    stated = min(count, factors.shape[1])
-    first[:, :stated] = factors[:, :stated]
-    return first
 
 
 def turned_modes(eigenvalues: Array, at_joint: Array, directions: Array) -> tuple[Array, NDArray[np.bool_], Array]:

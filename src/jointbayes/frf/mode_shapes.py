@@ -11,13 +11,12 @@ from jointbayes.frf.modal import (
     JoinedModes,
     LowestModes,
     NaturalFrequencies,
-    first_factors,
     least_reach_hz,
     turned_modes,
 )
 from jointbayes.frf.ports import TakingPart, factors_batch
 from jointbayes.joint import RIGID, AnyJoint, AnyJointMatrix, Joint, Joints, joint_matrix_of
-from jointbayes.structure import Body, is_mode_frequency
+from jointbayes.structure import Body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,11 +70,10 @@ class AssembledShapes(LowestModes):
         motions = rows[:, r:, counted] + self._along.T @ at_joint
         lam = np.maximum(eigenvalues[:, counted], 0.0)
         held, viscous, hysteretic = (np.einsum("bim,bij,bjm->bm", at_joint, side, at_joint) for side in sides)
-        off = first_factors(self._body.frequency_factors(factor_rows), lam.shape[1])
         safe = np.maximum(lam, np.finfo(float).tiny)
         viscous = viscous + np.einsum("d,bdm->bm", self._signs, motions[:, self._seen :] ** 2)
         ratio = self._ratios(factor_rows, lam, lam - held) + viscous / (2 * np.sqrt(safe)) + hysteretic / (2 * safe)
-        return Modal(off * np.sqrt(lam) / (2 * np.pi), ratio, motions[:, : self._seen].swapaxes(1, 2))
+        return Modal(np.sqrt(lam) / (2 * np.pi), ratio, motions[:, : self._seen].swapaxes(1, 2))
 
     def _ratios(self, factor_rows: Array, lam: Array, stored: Array) -> Array:
         """Damping ratios, shape (n, c), of modes with eigenvalues λ and strain energies of the structure alone."""
@@ -117,11 +115,10 @@ class AssembledShapes(LowestModes):
         viscous = viscous + self._signs @ strokes**2
         d_viscous = d_viscous + 2 * np.einsum("d,dm,pdm->pm", self._signs, strokes, d_strokes)
         lam = np.maximum(eigenvalues[counted], np.finfo(float).tiny)
-        off = first_factors(self._body.frequency_factors(factor_rows), lam.size)
         ratio = self._ratio_slopes(factor_rows, lam, lam - held, slope, slope - d_held)
         ratio = ratio + (d_viscous - viscous * slope / (2 * lam)) / (2 * np.sqrt(lam))
         ratio = ratio + (d_hysteretic - hysteretic * slope / lam) / (2 * lam)
-        frequency = off * slope / (4 * np.pi * np.sqrt(lam))
+        frequency = slope / (4 * np.pi * np.sqrt(lam))
         return here, Modal(frequency, ratio, d_motions[:, : self._seen].swapaxes(1, 2))
 
     def _ratio_slopes(self, factor_rows: Array, lam: Array, stored: Array, d_lam: Array, d_stored: Array) -> Array:
@@ -139,8 +136,7 @@ class HeldFrequencies:
     """Natural frequencies of a body with its joint and one DOF held still by one rigid spring more.
 
     Where a structure does not move although it is excited there, it vibrates as if it were held. Rigid-body motions
-    that the joint and that DOF leave are not counted, nor do errors of natural frequencies themselves
-    (``mode_frequency_1``), which are those of resonances, change any of them.
+    that the joint and that DOF leave are not counted.
 
     Parameters
     ----------
@@ -156,7 +152,6 @@ class HeldFrequencies:
     """
 
     def __init__(self, body: Body, joint: AnyJoint, dofs: Sequence[str], numbers: Sequence[int]) -> None:
-        self._errors = np.array([is_mode_frequency(name) for name in body.names], dtype=bool)
         joints = joint.joints if isinstance(joint, Joints) else (joint,)
         named = [replace(each, name=f"{i}") for i, each in enumerate(joints)]
         self._models: list[tuple[NaturalFrequencies, list[int]]] = []
@@ -173,7 +168,7 @@ class HeldFrequencies:
     def frequency_hz(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Frequencies, shape (batch, n), Hz, as `NaturalFrequencies.frequency_hz`."""
         held = _with_rigid(joint_matrix_of(matrices).batch.stiffness, RIGID)
-        factor_rows = self._of_model(factors, len(held))
+        factor_rows = factors_batch(factors, len(held))
         each = [model.frequency_hz(held, factor_rows)[:, numbers] for model, numbers in self._models]
         return np.hstack(each)[:, self._order]
 
@@ -181,14 +176,9 @@ class HeldFrequencies:
         """Derivative (p, n) of the frequencies of one joint along changes dK^J (p, r, r)."""
         held = _with_rigid(joint_matrix_of(matrix).batch.stiffness, RIGID)
         changes = _with_rigid(joint_matrix_of(directions).stiffness, 0.0)
-        factor_rows = self._of_model(factors, 1)
+        factor_rows = factors_batch(factors, 1)
         each = [model.tangent(held, changes, factor_rows)[1][:, numbers] for model, numbers in self._models]
         return np.hstack(each)[:, self._order]
-
-    def _of_model(self, factors: ArrayLike | None, batch: int) -> Array:
-        """Factors (batch, q) without errors of natural frequencies."""
-        factor_rows = factors_batch(factors, batch)
-        return np.where(self._errors, 1.0, factor_rows) if factor_rows.shape[1] else factor_rows
 
 
 def _with_rigid(stiffness: Array, held: float) -> Array:

@@ -12,7 +12,6 @@ from jointbayes.errors import ModelError
 from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, StartOutcome
 from jointbayes.identification.refine import inside_the_edges, laplace_covariance, refine
-from jointbayes.identification.starting_points import move_modes_to_data
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import Joints
 from jointbayes.joint.quantities import is_rotation
@@ -106,7 +105,7 @@ class ModeSearch:
         self._begun |= {name: prior.values(theta) for name, theta in starts.items() if name not in self._begun}
         if not starts:
             return
-        rough = self._climbed(np.array([move_modes_to_data(self._posterior, t) for t in starts.values()]), weights)
+        rough = self._climbed(np.array(list(starts.values())), weights)
         density = self._posterior(rough)
         possible = {name: i for i, name in enumerate(starts) if np.isfinite(density[i])}
         self._ends |= {name: (rough[i], float(density[i])) for name, i in possible.items()}
@@ -142,7 +141,7 @@ class ModeSearch:
             highest = np.argsort(-density, kind="stable")[:_IMAGES]
             theta = theta[highest[np.isfinite(density[highest])]]
             if len(theta):
-                rough = self._climbed(np.array([move_modes_to_data(self._posterior, t) for t in theta]), ())
+                rough = self._climbed(theta, ())
                 density = self._posterior(rough)
                 self._refine_distinct([(rough[i], float(density[i])) for i in np.flatnonzero(np.isfinite(density))])
 

@@ -13,7 +13,6 @@ from jointbayes.frf import NaturalFrequencies, rigid_body_modes
 from jointbayes.identification.least_squares import climb_all
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, LogPosterior, Problem, Test
-from jointbayes.structure import is_mode_frequency
 from jointbayes.structure.recipe import is_damping_ratio
 
 Indices = NDArray[np.intp]
@@ -35,9 +34,6 @@ _SAME = 0.02  # prior standard deviations between ends that are one
 _SCREENED_AT_ONCE = 1_000_000  # residuals held in memory together
 _SCREENED_VALUES, _FEWEST_SCREENED = 2_000_000_000, 500  # of all draws together; of millions of lines fewer draws
 _FACTORS = 8  # 1 + |z|² that are multiplied before their logarithm is taken: below 1e38 each, they do not overflow
-_SCAN_STEP = 0.005  # in ln f: a fraction of a resonance's width at the damping ratios of steel assemblies
-_WIDEST = 3.0  # prior standard deviations to either side
-_SWEEPS = 2  # each mode is looked for with the others where they were last found
 
 
 def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
@@ -92,12 +88,6 @@ class FrequencyMatch:
             log_density[inside] -= 0.5 * (self.residuals(theta[inside]) ** 2).sum(axis=1)
         return np.where(np.isnan(log_density), -np.inf, log_density)
 
-    def add_errors(self, theta: Array) -> Array:
-        """The points with uncertain errors of natural frequencies such that these lie at their resonances."""
-        for test in self._tests:
-            theta = test.add_errors(theta)
-        return theta
-
 
 def _has_modes(test: Test) -> bool:
     """Whether natural frequencies of the model could show in the data of a test."""
@@ -126,17 +116,14 @@ class _SetupMatch:
         # measured natural frequencies, and modes without other numbers, are the lowest ones, each of them
         self._complete = data.lowest_hz is not None
         self._band = data.band_hz
-        names, joint = problem.names, len(problem.parametrisation.names)
+        joint = len(problem.parametrisation.names)
         quantities = problem.test.structures.names
-        self._errors = [i for i, name in enumerate(names) if is_mode_frequency(name)]
-        fixed = (name == "loss_factor" or is_damping_ratio(name) or is_mode_frequency(name) for name in quantities)
+        fixed = (name == "loss_factor" or is_damping_ratio(name) for name in quantities)
         places = joint + problem.structural_columns
         shift = [int(place) for place, moves_nothing in zip(places, fixed, strict=True) if not moves_nothing]
         self.columns: Indices = np.array([*range(joint), *shift], dtype=np.intp)
-        off = max((float(problem.prior.sd[i]) for i in self._errors), default=0.0)
-        self._tolerance = float(np.hypot(TOLERANCE, off))
         # what is alone counts as a residual of this size
-        self._lost, self._unseen = max(_LOST / self._tolerance, 3.0), min(_UNSEEN / self._tolerance, 5.0)
+        self._lost, self._unseen = max(_LOST / TOLERANCE, 3.0), min(_UNSEEN / TOLERANCE, 5.0)
         self._model = natural_frequency_model(problem)
         # a joint raises every natural frequency: there are no more in the band than without it
         structural = problem.structural(np.ones((1, len(problem.prior.nuisances))))
@@ -147,11 +134,9 @@ class _SetupMatch:
         self._count = self.resonances_hz.size if self._complete else max(below, 1)
 
     def predicted_hz(self, theta: Array) -> Array:
-        """Natural frequencies of the model, shape (n, count), Hz, without errors that they are given themselves."""
-        without = np.array(theta)
-        without[:, self._errors] = 0.0
-        structural = self._problem.structural(self.prior.factors(without))
-        return self._model.frequency_hz(self.prior.matrix(without), structural)[:, : self._count]
+        """Natural frequencies of the model, shape (n, count), Hz."""
+        structural = self._problem.structural(self.prior.factors(theta))
+        return self._model.frequency_hz(self.prior.matrix(theta), structural)[:, : self._count]
 
     def residuals(self, theta: Array) -> Array:
         """Residuals, shape (n, resonances + 1): of each resonance, and of all predicted ones without one."""
@@ -159,24 +144,9 @@ class _SetupMatch:
         partner, unseen = self._assigned(predicted)
         lost = partner < 0
         ratio = np.log(np.take_along_axis(predicted, np.maximum(partner, 0), axis=1) / self.resonances_hz)
-        ratio = np.where(lost, self._lost, ratio / self._tolerance)
+        ratio = np.where(lost, self._lost, ratio / TOLERANCE)
         rest = np.sqrt(unseen * _soft(self._unseen))
         return np.column_stack([np.sign(ratio) * np.sqrt(_soft(ratio)), rest])
-
-    def add_errors(self, theta: Array) -> Array:
-        """The points with uncertain errors of natural frequencies such that these lie at their resonances."""
-        moved = np.array(theta)
-        if not self._errors:
-            return moved
-        predicted = self.predicted_hz(theta)
-        partner, _ = self._assigned(predicted)
-        low, high = self.prior.support
-        for mode, column in enumerate(self._errors[: predicted.shape[1]]):
-            row, resonance = np.nonzero(partner == mode)
-            log_error = np.log(self.resonances_hz[resonance] / predicted[row, mode])
-            inside = (log_error > low[column]) & (log_error < high[column])
-            moved[row[inside], column] = log_error[inside]
-        return moved
 
     def _assigned(self, predicted: Array) -> tuple[Indices, Array]:
         """Number of the predicted frequency of each resonance, −1 for none, (n, resonances), and how many have none.
@@ -190,7 +160,7 @@ class _SetupMatch:
         low, high = self._band
         seen = (predicted > low * (1 + _EDGE)) & (predicted < high * (1 - _EDGE))
         with np.errstate(divide="ignore"):  # a free body has modes at 0 Hz
-            cost = _soft(np.log(predicted[:, None] / data[:, None]) / self._tolerance)
+            cost = _soft(np.log(predicted[:, None] / data[:, None]) / TOLERANCE)
         cost = np.where(np.isfinite(cost), cost, np.finfo(float).max / 4)
         partner = _aligned(cost, float(_soft(self._lost)), np.where(seen, _soft(self._unseen), 0.0))
         taken = np.zeros((n, m + 1), dtype=bool)
@@ -260,7 +230,7 @@ def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1
     picked = apart(joint, value, _APART, _CLIMBED * effort)
     ends, value = climb_all(match, points[picked], _STEPS)
     kept = apart(ends[:, match.columns] / prior.sd[match.columns], value, _SAME, _CLIMBED * effort)
-    return match.add_errors(ends[kept])
+    return ends[kept]
 
 
 def apart(places: Array, value: Array, distance: float, most: int) -> list[int]:
@@ -306,45 +276,6 @@ def screened_draws(log_posterior: LogPosterior, rng: np.random.Generator, draws:
         ).sum(axis=1)
     joint = prior.joint(theta) / prior.sd[: len(prior.marginals)]
     return theta[apart(joint, np.where(np.isfinite(loss), -loss, -np.inf), _APART, keep)]
-
-
-def move_modes_to_data(log_posterior: LogPosterior, theta: Array) -> Array:
-    """Move each error of a natural frequency, ``mode_frequency_1`` and so on, to its best place on a grid.
-
-    A climb finds a resonance only from within its width, and an error of ten per cent is many widths.
-
-    Parameters
-    ----------
-    log_posterior
-        The density.
-    theta
-        A point inside the support, shape (d,).
-
-    Returns
-    -------
-    ndarray, shape (d,)
-        The same point where no such error is uncertain. The size of a model discrepancy is the largest possible
-        during the scan, so that one resonance is found while the others are still off.
-    """
-    prior = log_posterior.prior
-    columns = [i for i, name in enumerate(prior.names) if is_mode_frequency(name)]
-    if not columns:
-        return theta
-    low, high = prior.support
-    tolerant = np.array(theta)
-    for i, name in enumerate(prior.names):
-        if name == "discrepancy_scale":
-            tolerant[i] = high[i] - 1e-6 * (high[i] - low[i])
-    for _ in range(_SWEEPS):
-        for i in columns:
-            reach = min(_WIDEST * prior.sd[i], high[i], -low[i])
-            grid = np.linspace(-reach, reach, 2 * int(np.ceil(reach / _SCAN_STEP)) + 1)
-            points = np.tile(tolerant, (grid.size, 1))
-            points[:, i] = grid
-            tolerant[i] = grid[np.argmax(log_posterior(points))]
-    moved = np.array(theta)
-    moved[columns] = tolerant[columns]
-    return moved
 
 
 def _soft(residual: Array | float) -> Array:

@@ -44,7 +44,6 @@ from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.test import Test, likelihood_of
 from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.measurement import FrfData
-from jointbayes.structure import is_mode_frequency
 
 ComplexArray = NDArray[np.complex128]
 
@@ -317,13 +316,6 @@ class FrfLikelihood(Likelihood):
 def _frf_likelihood(data: FrfData, test: Test, *, gain: bool = False) -> FrfLikelihood:
     whole = substructures(test.structure)
     family = whole.modelled
-    if (errors := [name for name in family.names if is_mode_frequency(name)]) and (
-        whole.measured or not family.damping.of_assembled_modes
-    ):
-        raise ModelError(
-            f"likelihood: found {', '.join(errors)} for FRFs that are not summed over the modes of the assembled "
-            "structure; expected modal damping of a structure that is modelled throughout; remove them"
-        )
     frf = data.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     names = (*family.names, *([_GAIN] if gain else []), *(test.noise.names if test.noise else ()))

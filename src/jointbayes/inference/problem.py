@@ -19,7 +19,6 @@ from jointbayes.inference.test import Test, arranged, columns_of_names, likeliho
 from jointbayes.inference.tests_likelihood import Sharing, Term, TestsLikelihood
 from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, joints_of
 from jointbayes.measurement import Data
-from jointbayes.structure import is_mode_frequency
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -264,14 +263,11 @@ class Problem:
         rows, name = np.asarray(factors, dtype=float), own_name(self.test.name, "gain", self._nuisances)
         return np.ones(rows.shape[:-1]) if name is None else rows[..., self._nuisances.index(name)]
 
-    def natural_frequencies_hz(
-        self, stiffness: ArrayLike, count: int, factors: ArrayLike | None = None, *, of_model: bool = False
-    ) -> Array:
+    def natural_frequencies_hz(self, stiffness: ArrayLike, count: int, factors: ArrayLike | None = None) -> Array:
         """Lowest natural frequencies of the one test, shape (n, count), Hz, for quantities of the joint (n, q) or (q,).
 
-        At the nominal structure, or at factors (n, q) of the nuisances; `of_model` without the errors that natural
-        frequencies themselves are given by ``mode_frequency_1`` and so on. Shape (n, 0) where a body is given by its
-        FRFs: the assembled structure then has no modes that anybody knows.
+        At the nominal structure, or at factors (n, q) of the nuisances. Shape (n, 0) where a body is given by its FRFs:
+        the assembled structure then has no modes that anybody knows.
 
         Raises
         ------
@@ -288,11 +284,7 @@ class Problem:
         model = NaturalFrequencies(self.test.structures, self.test.joints, count)
         if factors is None:
             return model.frequency_hz(self.parametrisation.matrix(stiffness))
-        structural = self.structural(factors)
-        if of_model:
-            named = np.array([is_mode_frequency(name) for name in self.test.structures.names], dtype=bool)
-            structural = np.where(named, 1.0, structural)
-        return model.frequency_hz(self.parametrisation.matrix(stiffness), structural)
+        return model.frequency_hz(self.parametrisation.matrix(stiffness), self.structural(factors))
 
 
 def _is_same_body(first: Any, second: Any) -> bool:  # noqa: ANN401

@@ -73,7 +73,9 @@ _BOUND = "The size of the noise that was inferred lies at a bound of its prior: 
 _ADMIT = "The residuals point to no single cause; [noise.discrepancy] allows for a model discrepancy."
 _BOTH = f"Infer the size of the noise {_INFER}, and allow for a model discrepancy ([noise.discrepancy])."
 _MORE = "The inferred discrepancy does not take it up: widen the prior of its length, or look for what the model lacks."
-_SD_LARGER = "State their standard deviations as large as they are, or allow for [uncertain.mode_frequencies]."
+_SD_LARGER = (
+    "State their standard deviations as large as they are, or allow for an error of the model ([noise.model_error])."
+)
 _SD_SMALLER = "State their standard deviations as small as they are."
 
 _COLUMNS: tuple[Absorbed, ...] = ("nothing", "outliers", "size", "discrepancy", "frequencies")

@@ -156,7 +156,7 @@ class Diagnosis:
                 return (
                     "No joint makes all resonances fit. Check length, Young's modulus and density, or state them as "
                     "uncertain: the joint compensates part of their error. Otherwise something is missing in the "
-                    "model (a mass, a second joint); [uncertain.mode_frequencies] allows for that."
+                    "model (a mass, a second joint)."
                 )
             case "damping":
                 ratios = [mode.damping_ratio for mode in self.modes if math.isfinite(mode.damping_ratio)]

@@ -296,20 +296,17 @@ class PosteriorDraws:
         quantity = "receptance" if frf is None else frf.quantity
         return predict_frf(part, self.thinned(max_draws), ports, quantity, probability)
 
-    def predict_natural_frequencies(
-        self, count: int = 3, max_draws: int = 4000, *, of_model: bool = False, setup: str | None = None
-    ) -> Array:
+    def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000, *, setup: str | None = None) -> Array:
         """Natural frequencies of posterior draws, shape (draws, count), Hz.
 
-        Those of the structure as it was measured; with `of_model` those that the model gives the joint, without the
-        errors of its natural frequencies that the case may allow for (``[uncertain.mode_frequencies]``). Of the set-up
-        of that name, by default the first.
+        Those of the model: its own error, see ``[noise.model_error]``, is not in them. Of the set-up of that name, by
+        default the first.
         """
         theta = self.thinned(max_draws)
         prior = self.problem.prior
         factors = prior.factors(theta)
         part = self.problem.part(setup)
-        return part.natural_frequencies_hz(prior.values(theta), count, factors, of_model=of_model)
+        return part.natural_frequencies_hz(prior.values(theta), count, factors)
 
     def predict_left_out(self, probability: float = 0.95, max_draws: int = 2000) -> tuple[LeftOut, ...]:
         """What was left out of the data, and what the draws predict a measurement of it to show; empty without any.

@@ -24,7 +24,6 @@ from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.rounding import number
 from jointbayes.posterior.verdicts import JudgedPosterior, line_of
-from jointbayes.structure import is_mode_frequency
 
 #: A resonance that no predicted mode comes closer to than this, as a fraction, is compared with none.
 FARTHEST = 0.1
@@ -229,7 +228,7 @@ def _test_of_modes(test: Test, modes: Sequence[MeasuredMode], numbers: NDArray[n
 def _with_tests(problem: Problem, tests: Sequence[Test]) -> Problem:
     """The problem of other tests, with what of all that is uncertain they depend on."""
     nuisances = problem.prior.nuisances
-    names = [nuisance.name for nuisance in nuisances if not is_mode_frequency(nuisance.name)]
+    names = [nuisance.name for nuisance in nuisances]
     used = {own_name(test.name, name, names) for test in tests for name in likelihood_of(test.data, test).names}
     prior = replace(problem.prior, nuisances=tuple(n for n in nuisances if n.name in used))
     return Problem(tests, prior, problem.initial, name=f"{problem.name}: modes")

@@ -33,7 +33,6 @@ from jointbayes.sampling import (
     quantile_spread,
     released_draws,
 )
-from jointbayes.structure import is_mode_frequency
 
 Source = Literal["this run", "importance sampling", "short run", "none"]  # a short run: in files of before
 _DRAWS = 8000
@@ -92,14 +91,13 @@ def effect_of_uncertain_inputs(
     Returns
     -------
     tuple of UncertainInputsRow
-        Empty where there is nothing to free, where the run allows no verdict, and where the natural frequencies
-        themselves are uncertain: they are one quantity for each mode.
+        Empty where there is nothing to free, and where the run allows no verdict.
     """
     present = uncertain_quantities(posterior.problem)
     more = () if freed is None else uncertain_quantities(freed)
     problem = freed if freed is not None and set(more) > set(present) else posterior.problem
     every = uncertain_quantities(problem)
-    if not every or any(is_mode_frequency(name) for name in every):
+    if not every:
         return ()
     run = UncertainInputsRow(present, "this run", {n: posterior.identifiability(n) for n in posterior.stiffness_names})
     if "no verdict" in map(str, run.verdict.values()):

@@ -75,8 +75,6 @@ def nuisance_label(name: str) -> str:
     owner, _, quantity = name.rpartition(".")
     if owner:
         return f"{nuisance_label(quantity)} {owner}"
-    if name.startswith("mode_frequency_"):
-        return f"ln f{name.rsplit('_', 1)[1]}"
     if name.startswith("damping_ratio_"):
         return f"ln ζ{name.rsplit('_', 1)[1]}"
     return _SHORT.get(name, f"ln {name}")
@@ -87,8 +85,6 @@ def readable(name: str) -> str:
     owner, _, quantity = name.rpartition(".")
     if owner:
         return f"{readable(quantity)} of {owner}"
-    if name.startswith("mode_frequency_"):
-        return f"natural frequency {name.rsplit('_', 1)[1]}"
     if name.startswith("damping_ratio_"):
         return f"damping ratio of mode {name.rsplit('_', 1)[1]}"
     return _READABLE.get(name, name)

@@ -9,7 +9,7 @@ from jointbayes.structure.frame_recipe import FrameRecipe
 from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe, chain
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Modes, Reduction
-from jointbayes.structure.recipe import ElementKind, is_additive, is_mode_frequency
+from jointbayes.structure.recipe import ElementKind, is_additive
 from jointbayes.structure.section import Section
 from jointbayes.structure.uncertain_bodies import BeamFamily, FrameFamily, StructureRecipe, family_of_recipe
 
@@ -45,7 +45,6 @@ __all__ = [
     "StructureRecipe",
     "family_of_recipe",
     "is_additive",
-    "is_mode_frequency",
     # damping
     "DampingLaw",
     "LossFactor",

@@ -178,7 +178,7 @@ _LEAST, _MOST, _MOST_SPANS = 1e-6, 1e6, 10_000  # of a length in m, a coefficien
 _DOF = re.compile(r"([1-9]\d{0,6}(?:\.\d+)?):(?:x|y|z|rx|ry|rz)")
 _RICHER, _RICHER_OF_MANY = 4, 1  # polynomial orders that a reference has more; between many points one says enough
 
-#: Quantities of a beam that may be uncertain, beside ``damping_ratio_1``, ``mode_frequency_1`` and so on.
+#: Quantities of a beam that may be uncertain, beside ``damping_ratio_1`` and so on.
 STRUCTURE_QUANTITIES = (
     "youngs_modulus",
     "density",
@@ -325,8 +325,7 @@ class BeamRecipe(Recipe):
         factors
             By name, see `STRUCTURE_QUANTITIES`. ``length_offset`` is no factor on a value: its logarithm, in m, is
             added to the length. ``section_size`` multiplies every dimension of the section,
-            ``damping_ratio`` every ratio, ``damping_ratio_2`` that of the second mode. Errors of natural frequencies,
-            ``mode_frequency_1`` and so on, are those of the assembled structure, and change nothing here.
+            ``damping_ratio`` every ratio, ``damping_ratio_2`` that of the second mode.
         mesh
             Elements, as `mesh` gives them; None takes those through all points.
 

@@ -146,10 +146,6 @@ class Body(ABC):
         """Loss factor, shape (n or 1,), for structural damping."""
         return np.array([self.damping.hysteretic])
 
-    def frequency_factors(self, factors: Array) -> Array:
-        """True over predicted natural frequency of the first modes of the assembled structure, shape (n or 1, c)."""
-        return np.empty((1, 0))
-
     def own_stiffness(self, row: str, column: str) -> float:
         """Stiffness by itself where two DOFs of a point are, N/m or N·m/rad: what default priors are relative to.
 

@@ -14,7 +14,7 @@ from jointbayes.structure.body import Body, FreeModes, Rows
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced
-from jointbayes.structure.recipe import Recipe, is_damping_ratio, is_mode_frequency
+from jointbayes.structure.recipe import Recipe, is_damping_ratio
 
 #: Free modes of so many structures are kept, of no more motions each: search, draws, checks and report of one case, and
 #: cases that differ in their data alone, ask for the same ones again and again.
@@ -59,12 +59,6 @@ class UncertainBody(Body):
                     "for modal damping or loss_factor for structural damping; remove it or change the law"
                 )
             self.recipe.require_quantity(name)
-        numbers = [name for name in self.names if is_mode_frequency(name)]
-        if numbers != [f"mode_frequency_{i + 1}" for i in range(len(numbers))]:
-            raise ModelError(
-                f"uncertain structure: found {', '.join(numbers)}; expected mode_frequency_1, mode_frequency_2 and so "
-                "on"
-            )
 
     def __repr__(self) -> str:
         uncertain = ", ".join(self.names) or "nothing"
@@ -94,8 +88,7 @@ class UncertainBody(Body):
     def _widest(self) -> float:
         power = {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0}
         sizes = {name: max(map(abs, ends)) for name, ends in self.factor_ranges.items()}
-        modes = max((size for name, size in sizes.items() if is_mode_frequency(name)), default=0.0)
-        return float(np.exp(modes + sum(p * self._size(sizes, name) for name, p in power.items())))
+        return float(np.exp(sum(p * self._size(sizes, name) for name, p in power.items())))
 
     def _size(self, sizes: Mapping[str, float], name: str) -> float:
         """The widest that a quantity may be off, for the structure or any of its bodies."""
@@ -203,11 +196,6 @@ class UncertainBody(Body):
     def loss_factors(self, factors: Array) -> Array:
         """Loss factor, shape (n,)."""
         return self.recipe.damping.hysteretic * self.factor(factors, "loss_factor")
-
-    def frequency_factors(self, factors: Array) -> Array:
-        """True over predicted natural frequency of the first modes of the assembled structure, shape (n, c)."""
-        columns = [self.factor(factors, name) for name in self.names if is_mode_frequency(name)]
-        return np.stack(columns, axis=-1) if columns else np.empty((len(factors), 0))
 
     def factor(self, factors: Array, name: str) -> Array:
         """Factor on one quantity, shape (n,), or all mass at an accelerometer; ones where it is certain."""

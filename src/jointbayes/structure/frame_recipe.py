@@ -117,7 +117,7 @@ class FrameRecipe(Recipe):
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """Quantities that may be uncertain, beside ``damping_ratio_1``, ``mode_frequency_1`` and so on."""
+        """Quantities that may be uncertain, beside ``damping_ratio_1`` and so on."""
         of_bodies = [f"{_prefix(name)}{q}" for name, _ in self.bodies if name for q in BODY_QUANTITIES]
         return (*BODY_QUANTITIES, *of_bodies, *_OF_ALL)
 

@@ -125,15 +125,14 @@ class MatrixRecipe(Recipe):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MatrixFamily(UncertainBody):
-    """A structure of given matrices whose damping, or natural frequencies one by one, are uncertain.
+    """A structure of given matrices whose damping is uncertain.
 
     Parameters
     ----------
     recipe
         The matrices.
     ranges
-        Smallest and largest logarithm of the factor by quantity: ``damping_ratio``, ``loss_factor``,
-        ``mode_frequency_1`` and so on.
+        Smallest and largest logarithm of the factor by quantity: ``damping_ratio``, ``loss_factor``.
     dofs, top_hz, exact
         As of `BeamFamily`.
 

@@ -30,11 +30,6 @@ def is_damping_ratio(name: str) -> bool:
     return name == "damping_ratio" or name.startswith("damping_ratio_")
 
 
-def is_mode_frequency(name: str) -> bool:
-    """Whether a quantity is the error of one natural frequency of the assembled structure."""
-    return name.startswith("mode_frequency_")
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Recipe(ABC):
     """Everything that a structure's matrices are made from, each quantity open to a factor.
@@ -87,7 +82,7 @@ class Recipe(ABC):
     @property
     @abstractmethod
     def quantities(self) -> tuple[str, ...]:
-        """Quantities that may be uncertain, beside ``damping_ratio_1``, ``mode_frequency_1`` and so on."""
+        """Quantities that may be uncertain, beside ``damping_ratio_1`` and so on."""
 
     @property
     @abstractmethod
@@ -117,7 +112,7 @@ class Recipe(ABC):
 
     def has_quantity(self, name: str) -> bool:
         """Whether a quantity is one of the structure's."""
-        return name in self.quantities or is_damping_ratio(name) or is_mode_frequency(name)
+        return name in self.quantities or is_damping_ratio(name)
 
     def require_quantity(self, name: str) -> None:
         """Refuse a quantity that the structure does not have.
@@ -130,7 +125,7 @@ class Recipe(ABC):
         if not self.has_quantity(name):
             raise ModelError(
                 f"{self.kind}: found uncertain quantity {printable(name)!r}; expected one of "
-                f"{', '.join(self.quantities)}, mode_frequency_1 and so on; correct the name or remove it"
+                f"{', '.join(self.quantities)}, damping_ratio_1 and so on; correct the name or remove it"
             )
 
     def checked_factors(self, factors: Mapping[str, float] | None) -> dict[str, float]:

@@ -370,7 +370,6 @@ class UncertainSpec(Spec):
     damping_ratio: Annotated[FactorPriorSpec | None, _uncertain("each damping ratio")] = None
     loss_factor: Annotated[FactorPriorSpec | None, _uncertain("the loss factor")] = None
     accelerometer_mass: Annotated[FactorPriorSpec | None, _uncertain("the mass of the accelerometers")] = None
-    mode_frequencies: Annotated[FactorPriorSpec | None, _uncertain("each predicted natural frequency")] = None
     gain: Annotated[FactorPriorSpec | None, _uncertain("the gain of the measurement, 1 by itself")] = None
     bodies: Annotated[dict[str, BodyUncertainSpec], _BODIES] = {}  # noqa: RUF012 (pydantic copies it)
     exact: Annotated[tuple[_Usual, ...], Strict(False), _EXACT] = ()

@@ -206,9 +206,6 @@ def uncertain_findings(uncertain: UncertainSpec, structure: StructureBase, data:
             yield from _damping_findings(uncertain, structure)
         return
     yield from _damping_findings(uncertain, structure)
-    if uncertain.mode_frequencies and structure.damping.law != "modal":
-        fault = f'structure.damping has law = "{structure.damping.law}", whose modes are not those of the assembly'
-        yield Finding(("uncertain", "mode_frequencies"), fault, 'law = "modal"', "remove it or change the law")
     translations = [label for label in data.loaded if ":r" not in label]
     if mass > 0 and not translations:
         fault = f"found {mass!r}, but data.outputs holds rotations only"
@@ -220,7 +217,7 @@ def uncertain_findings(uncertain: UncertainSpec, structure: StructureBase, data:
 
 
 # Uncertain quantities that are no structure's, or are judged by the damping law.
-_OF_NO_STRUCTURE = {"damping_ratio", "loss_factor", "mode_frequencies", "gain"}
+_OF_NO_STRUCTURE = {"damping_ratio", "loss_factor", "gain"}
 
 
 def _foreign_quantities(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:

@@ -271,8 +271,6 @@ class CaseSpec(Spec):
         if not (self.data.frfs and self.data.files):
             fault = f'found "{self.data.kind}" {beside}'
             yield Finding(("data", "kind"), fault, 'kind = "measured_frf"', "write it so")
-        if self.uncertain.mode_frequencies is not None:
-            yield Finding(("uncertain", "mode_frequencies"), f"found it {beside}", "other quantities", "remove it")
         if self.structure.damping.measured:
             expected = "damping ratios of the modelled structure by itself"
             yield Finding(("structure", "damping", "ratio"), f'found "measured" {beside}', expected, "state them")

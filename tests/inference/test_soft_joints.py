@@ -1,31 +1,23 @@
-"""Errors of natural frequencies, soft joints, thin posteriors: coordinates, starts and walkers that find the mode."""
+"""Soft joints, thin posteriors: coordinates, starts and walkers that find the mode."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from benchmarks.calibration_data import VARIANTS, case_of
-from benchmarks.wrong_model import in_band
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.frf import DirectSolve, FrfSet, Ports
-from jointbayes.identification.starting_points import move_modes_to_data, screened_draws
+from jointbayes.identification.starting_points import screened_draws
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.joint import CondensedCoordinates, Cone
-from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import ComposedCoordinates, NormalScores
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.density import newton_climb
 from tests.conftest import best_of, cheap_text, pair_matrix
 
 CALIBRATION = 20220322  # its seed
-ERRORS = cheap_text() + "\n[uncertain.mode_frequencies]\nsd_percent = 10.0\n"
-
-
-@pytest.fixture(scope="module")
-def uncertain():
-    return case_from_text("mode errors", ERRORS).problem
 
 
 @pytest.fixture(scope="module")
@@ -45,40 +37,6 @@ def slope(coordinates, theta):
     return np.linalg.slogdet(np.stack(columns, axis=-1))[1]
 
 
-def test_coordinates_of_mode_errors_go_there_and_back_with_the_volume_they_state(uncertain):
-    theta = uncertain.prior.sample(np.random.default_rng(1), 40)
-    for coordinates in coordinate_systems(uncertain):
-        back, inside = coordinates.inverse(coordinates.forward(theta))
-        assert inside.all()
-        assert np.allclose(back, theta, rtol=0, atol=1e-6)
-    scores = coordinate_systems(uncertain)[1]
-    assert np.allclose(scores.log_volume(theta), slope(scores, theta), atol=1e-4)
-
-
-def test_a_resonance_stays_where_it_is_when_the_joint_moves_in_these_coordinates(uncertain):
-    coordinates = coordinate_systems(uncertain)[1]
-    theta = uncertain.prior.sample(np.random.default_rng(2), 30)
-    phi = coordinates.forward(theta)
-    phi[:, :3] += 0.05
-    moved, inside = coordinates.inverse(phi)
-    assert inside.sum() > 20
-    count = sum(name.startswith("mode_frequency") for name in uncertain.names)
-
-    def frequencies(t):
-        return uncertain.natural_frequencies_hz(uncertain.prior.values(t), count, uncertain.prior.factors(t))
-
-    stiffness = uncertain.prior.values(moved[inside])
-    assert not np.allclose(stiffness, uncertain.prior.values(theta[inside]), rtol=1e-3)
-    assert np.allclose(frequencies(moved[inside]), frequencies(theta[inside]), rtol=1e-9)
-
-
-def test_an_error_beyond_its_prior_does_not_belong_to_the_region(uncertain):
-    coordinates = coordinate_systems(uncertain)[0]
-    phi = coordinates.forward(uncertain.prior.sample(np.random.default_rng(3), 2))
-    phi[0, 3] += 2.0  # a frequency seven times as high: an error far beyond six standard deviations
-    assert coordinates.inverse(phi)[1].tolist() == [False, True]
-
-
 def test_the_condensed_stiffness_goes_there_and_back_with_the_volume_it_states():
     rng = np.random.default_rng(4)
     k11, k22 = np.exp(rng.normal(20, 1, 50)), np.exp(rng.normal(14, 1, 50))
@@ -96,24 +54,6 @@ def test_composed_coordinates_are_applied_one_after_the_other():
     assert np.array_equal(both.forward(theta), box.forward(theta))
     assert np.array_equal(both.log_volume(theta), box.log_volume(theta))
     assert not both.inverse(np.array([[9.0, 0.0]]))[1].any()
-
-
-def test_modes_are_found_by_a_scan_where_a_climb_would_miss_them():
-    """Data of a beam 23 mm shorter: every resonance is off by more than its width."""
-    text = ERRORS.replace("\n[data.truth]", "\n[data.truth]\nlength_mm = 360.0 #", 1)
-    problem = case_from_text("shorter", text).problem
-    posterior, prior = problem.log_posterior, problem.prior
-    start = np.concatenate([np.log([5.05e9, 3.44e7, 1.52e6]), np.zeros(len(prior.names) - 3)])
-    moved = move_modes_to_data(posterior, start)
-    assert np.array_equal(moved[:3], start[:3])
-    assert np.allclose(moved[3:], 2 * np.log(383 / 360), atol=0.02)  # f goes with 1/L² of a slender beam
-    assert posterior(moved)[0] > posterior(start)[0] + 100
-
-
-def test_nothing_moves_where_no_error_is_uncertain(exact):
-    posterior = exact.problem.log_posterior
-    theta = posterior.prior.mean
-    assert move_modes_to_data(posterior, theta) is theta
 
 
 def calibration_data_of_before(variant, index):
@@ -165,13 +105,6 @@ def test_a_screened_start_that_leads_to_the_known_mode_changes_nothing(exact):
     assert np.array_equal(more.theta, plain.theta)
     assert [s.name for s in more.starts] == ["truth", "screened draw 1"]
     assert more.starts[1].reached_mode
-
-
-def test_the_simultaneous_band_holds_as_often_as_it_says():
-    rng = np.random.default_rng(6)
-    turn = np.array([[1.0, 0.0, 0.0], [0.9, 0.4, 0.0], [0.2, 0.3, 0.8]])
-    held = [in_band(rng.normal(size=(1000, 3)) @ turn.T, turn @ rng.normal(size=3)) for _ in range(600)]
-    assert 0.92 < np.mean(held) < 0.98
 
 
 def test_a_step_of_a_climb_does_not_leave_all_finite_stiffnesses():
