@@ -1,5 +1,6 @@
 """A sample of `make science`: ranks of truths from the prior are uniform, and a wrong analysis is found out."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -15,7 +16,7 @@ from jointbayes.frf import DirectSolve, Ports
 from jointbayes.studies import data_sets
 from jointbayes.studies.data_sets import DENSITY, simulated_values
 from tests.conftest import pair_matrix
-from tests.studies.calibration_cases import Here, noisier_case, small_case, write_case
+from tests.studies.calibration_cases import FREQUENCIES, Here, noisier_case, small_case, write_case
 
 pytestmark = pytest.mark.science
 
@@ -58,6 +59,44 @@ def test_a_simulator_with_twice_the_noise_is_noticed(monkeypatch):
     found = jb.calibrate(small_case(), COUNT, executor=Here())
     assert not found.passed
     assert DENSITY in {one.name for one in found.outside}
+
+
+FEW = 12
+
+
+def precise_frequencies(extra=""):
+    """Natural frequencies to 0.2 %, far more than the prior says."""
+    text = FREQUENCIES.replace("sd_relative = 0.02\nsd_hz = 1.0", "sd_relative = 0.002")
+    assert text != FREQUENCIES
+    return small_case(extra, text=text)
+
+
+@pytest.mark.parametrize("extra", ["", "[noise.model_error]\n"])
+def test_near_the_data_a_right_analysis_is_calibrated(extra):
+    found = jb.calibrate(precise_frequencies(extra), FEW, near=True, seed=3, workers=2)
+    assert found.passed, found.verdict
+    assert (found.failed, found.not_converged) == (0, 0)
+    assert min(one.p_value for one in found.quantities) > 0.01
+
+
+def test_near_the_data_one_process_or_two_give_the_same():
+    case, settings = precise_frequencies(), jb.SamplerSettings(walkers=16, check_every=20, max_steps=40)
+    options = {"near": True, "settings": settings}
+    one, two = (jb.calibrate(case, n, **options, **of) for n, of in ((2, {"executor": Here()}), (3, {"workers": 2})))
+    for first, second in zip(one.data_sets, two.data_sets, strict=False):
+        assert dataclasses.replace(first, seconds=0.0) == dataclasses.replace(second, seconds=0.0)
+
+
+@pytest.mark.parametrize(("factor", "scatter"), [(1.01, 1.0), (1.0, 3.0)])
+def test_near_the_data_a_factor_of_one_per_cent_or_too_narrow_a_noise_is_noticed(factor, scatter, monkeypatch):
+    def simulated(problem, theta, rng, noise):
+        exact = simulated_values(problem, theta, Silent())
+        return factor * (exact + scatter * (simulated_values(problem, theta, rng, noise) - exact))
+
+    monkeypatch.setattr(data_sets, "simulated_values", simulated)
+    found = jb.calibrate(precise_frequencies(), FEW, near=True, executor=Here())
+    assert not found.passed
+    assert "NOT CALIBRATED near the data" in found.verdict
 
 
 class Silent:

@@ -5,6 +5,7 @@ import dataclasses
 import io
 import json
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
-from jointbayes.errors import CaseError, MeasurementError, ModelError, WriteError
+from jointbayes.errors import CaseError, MeasurementError, ModelError, SamplingError, WriteError
 from jointbayes.own_directory import OwnDirectory
 from jointbayes.studies import calibrate as driver
 from jointbayes.studies import data_sets
@@ -120,6 +121,7 @@ def test_what_is_done_is_not_done_again(kept, monkeypatch):
         ({"seed": 2}, "seed"),
         ({"settings": dataclasses.replace(SETTINGS, walkers=18)}, "sampling.walkers"),
         ({"data_from": small_case(name="other")}, "source of data"),
+        ({"near": True}, "source of truths"),
         ({"case": small_case("[uncertain.length]\nsd_percent = 0.5\n")}, "uncertain.length.sd_percent"),
     ],
 )
@@ -128,6 +130,55 @@ def test_data_sets_of_another_calibration_are_not_mixed_in(kept, options, part):
     with pytest.raises(CaseError, match=f"data sets of another .*{part}.*; expected"):
         calibrated(directory=kept[0], **options)
     assert (kept[0] / KEPT).read_bytes() == before
+
+
+def analysed_near(case, index, monkeypatch):
+    """The problem that is sampled for a data set near the data, and its truth, the middle of the prior."""
+    sampled = []
+
+    def sample(problem, **_options):
+        sampled.append(problem)
+        raise ModelError("seen")
+
+    monkeypatch.setattr(data_sets, "sample", sample)
+    job = driver._job(case, None, SETTINGS, None)
+    analyse(dataclasses.replace(job, truths=np.tile(job.source.prior.mean, (index + 1, 1))), index)
+    return sampled[0]
+
+
+@pytest.mark.parametrize("text", [small_case().text, FREQUENCIES])
+def test_near_the_data_a_posterior_is_that_of_both_data_sets(text, monkeypatch):
+    # of Gaussian noise two measurements are one: their mean, with half the variance
+    case = small_case(text=text)
+    both, data = analysed_near(case, 2, monkeypatch), case.problem.test.data
+    if data.frfs is not None:
+        mean = dataclasses.replace(
+            data.with_values((data.frf.values + both.test.data.frf.values) / 2), variance=data.variance / 2
+        )
+    else:
+        values = (data.frequency_hz + both.test.data.frequency_hz) / 2
+        mean = dataclasses.replace(data, frequency_hz=values, sd_hz=data.sd_hz / np.sqrt(2))
+    theta = case.problem.prior.sample(np.random.default_rng(0), 50)
+    expected = case.problem.with_test(data=mean).log_posterior(theta)
+    apart = both.log_posterior(theta) - expected
+    np.testing.assert_allclose(apart, apart[0], atol=1e-8 * np.ptp(expected))
+
+
+def test_near_the_data_truths_are_draws_of_the_posterior_whatever_their_number(monkeypatch):
+    theta, seeds = np.arange(30.0).reshape(10, 3), []
+
+    def sample(case, *, seed, progress):
+        seeds.append(seed)
+        return SimpleNamespace(theta=theta, converged=case.name != "bad", reason="too short", problem=case.problem)
+
+    monkeypatch.setattr(driver, "sample", sample)
+    few, all_, more = (driver._truths_near(small_case(), n, 5, print) for n in (4, 10, 13))
+    assert (few == all_[:4]).all()
+    assert (more[:10] == all_).all()
+    assert sorted(all_[:, 0]) == theta[:, 0].tolist()
+    assert seeds == [5, 5, 5]
+    with pytest.raises(SamplingError, match=r"posterior of bad, .*not converged \(too short\)"):
+        driver._truths_near(small_case(name="bad"), 1, 5, print)
 
 
 def test_two_calibrations_in_one_directory_are_refused(kept):
@@ -280,6 +331,27 @@ def test_bad_input_exits_2(tmp_path, monkeypatch, arguments, message):
     assert message in result.output
     assert "Traceback" not in result.output
     assert not (tmp_path / "reports").exists() or not list((tmp_path / "reports").rglob("report.html"))
+
+
+def test_a_calibration_near_the_data_has_a_directory_and_a_report_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_case(tmp_path / "case.toml", small_case())
+    asked = []
+
+    def calibrate(*_args, **options):
+        asked.append(options["near"])
+        return dataclasses.replace(synthetic(uniform, count=60), near=options["near"])
+
+    monkeypatch.setattr(driver, "calibrate", calibrate)
+    result = CliRunner().invoke(main, ["calibrate", "case.toml", "--near"])
+    assert result.exit_code == 0, result.output
+    assert asked == [True]
+    assert "Calibrated near the data: over 60 data sets" in result.output
+    directory = tmp_path / "reports" / "case-calibration-near"
+    assert json.loads((directory / "summary.json").read_text(encoding="utf-8"))["truths_from"] == "posterior"
+    page = (directory / "report.html").read_text(encoding="utf-8")
+    assert "arXiv:2502.03279" in page
+    assert "from the priors of" not in page
 
 
 @pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])

@@ -126,6 +126,7 @@ def plan(config: Path, out: Path | None, as_json: bool, assume: tuple[str, ...],
 @click.option(
     "--data-from", type=click.Path(path_type=Path), help="Case that gives truths and data, in place of CONFIG."
 )
+@click.option("--near", is_flag=True, help="Draw truths from the posterior of the measured data, not from the prior.")
 @click.option("--workers", type=click.IntRange(1), help="Processes; by default one for each processor.")
 @click.option("--scheduler", help="Address of a Dask scheduler, tcp://host:port, whose workers are used instead.")
 @click.option(
@@ -137,6 +138,7 @@ def calibrate(
     config: Path,
     count: int,
     data_from: Path | None,
+    near: bool,
     workers: int | None,
     scheduler: str | None,
     full: bool,
@@ -153,7 +155,7 @@ def calibrate(
     from jointbayes.studies.calibrate import calibrate as judged
     from jointbayes.studies.calibration import calibration_lines
 
-    name = f"{directory_name(case.name, config)}-calibration"
+    name = f"{directory_name(case.name, config)}-calibration{'-near' if near else ''}"
     if source is not None and data_from is not None:
         name += f"-by-{directory_name(source.name, data_from)}"
     directory = out or Path("reports") / name
@@ -167,6 +169,7 @@ def calibrate(
             count,
             seed=seed,
             data_from=source,
+            near=near,
             settings=case.sampler.for_one_of_many(full=full),
             directory=directory,
             workers=workers,

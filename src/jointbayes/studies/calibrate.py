@@ -11,8 +11,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from jointbayes.arrays import Array
 from jointbayes.case.case import Case, require_case
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, SamplingError
 from jointbayes.inference import Problem
 from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.stored_problem import run_fingerprint
@@ -22,7 +25,7 @@ from jointbayes.studies.calibration import A_CALIBRATION, Calibration
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, Job, analyse_packed, require_simulable
 from jointbayes.studies.study_directory import append_line, kept_lines
 from jointbayes.studies.tasks import run_tasks
-from jointbayes.workflow import Analysed
+from jointbayes.workflow import Analysed, sample
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -37,6 +40,7 @@ def calibrate(
     n: int = 1000,
     *,
     data_from: Analysed | None = None,
+    near: bool = False,
     settings: SamplerSettings | None = None,
     seed: int | None = None,
     directory: str | os.PathLike[str] | None = None,
@@ -63,6 +67,10 @@ def calibrate(
     data_from
         Another case, or problem, that is measured alike: truths and data are its own, and `case` analyses them. So it
         shows what an analysis is worth where another model is the right one.
+    near
+        Whether truths are drawn from the posterior that the measured data leave, not from the prior, and each data set
+        is analysed together with the measured ones: the analysis is judged where the joint at hand is. Errors of the
+        model are drawn anew for each data set, as stated.
     settings
         Of the sampler; by default `SamplerSettings.for_one_of_many` of the case's: truths are ranked among 63 draws.
     directory
@@ -85,6 +93,8 @@ def calibrate(
         If no data can be drawn from the likelihood, nothing is uncertain, or not one data set could be analysed.
     MeasurementError
         If the other case measures other things.
+    SamplingError
+        If the posterior of which truths are drawn has not converged.
     WriteError
         If the directory holds something else, or another process is at work in it.
 
@@ -92,25 +102,31 @@ def calibrate(
     ----------
     Talts, S. et al. (2018). Validating Bayesian inference algorithms with simulation-based calibration.
     arXiv:1804.06788
+
+    Säilynoja, T., Schmitt, M., Bürkner, P.-C., Vehtari, A. (2025). Posterior SBC: simulation-based calibration checking
+    conditional on data. arXiv:2502.03279
     """
     if n < 1:
         raise ModelError(f"calibrate: found n = {n}; expected one data set at least; correct it")
     case = case if isinstance(case, Problem) else require_case(case, "a case, a problem")
     if data_from is not None and not isinstance(data_from, Problem):
         data_from = require_case(data_from, "a case, a problem")
+    source = case if data_from is None else data_from
     job = _job(case, data_from, settings, seed)
     engine = {"workers": workers, "scheduler": scheduler, "executor": executor}
     tell = progress or tell_nobody
     if directory is None:
-        done = _done(job, n, None, {}, tell, engine)
+        done = _done(job, n, None, {}, tell, engine, source if near else None)
     else:
-        head = fingerprint(case, case if data_from is None else data_from, job.settings, job.seed)
+        head = fingerprint(case, source, job.settings, job.seed, near=near)
         with OwnDirectory(directory, A_CALIBRATION) as locked:
             kept = kept_data_sets(locked.path / KEPT, head, len(job.names))
-            done = _done(job, n, locked.path / KEPT, {i: kept[i] for i in kept if i < n}, tell, engine)
+            earlier = {i: kept[i] for i in kept if i < n}
+            done = _done(job, n, locked.path / KEPT, earlier, tell, engine, source if near else None)
     other = "" if job.source is job.analysis else job.source.name
     title, text = ("", "") if isinstance(case, Problem) else (case.title, case.text)
-    return Calibration(job.analysis.name, other, job.seed, job.names, tuple(done[i] for i in range(n)), title, text)
+    data_sets = tuple(done[i] for i in range(n))
+    return Calibration(job.analysis.name, other, job.seed, job.names, data_sets, title, text, near)
 
 
 def _done(
@@ -120,8 +136,14 @@ def _done(
     done: dict[int, DataSet],
     tell: ProgressCallback,
     engine: dict[str, Any],
+    near: Analysed | None,
 ) -> dict[int, DataSet]:
-    """The first n data sets by number: those that are done, and the others, kept in a file as they come."""
+    """The first n data sets by number: those that are done, and the others, kept in a file as they come.
+
+    Near the data truths are those of the posterior of `near`.
+    """
+    if near is not None and len(done) < n:
+        job = replace(job, truths=_truths_near(near, n, job.seed, tell))
     start = Progress("calibrating", done=len(done), total=n, unit="data sets", earlier=len(done))
     tell(start)
     began = time.monotonic()
@@ -155,6 +177,18 @@ def _job(
             "expected one at least; give it a prior"
         )
     return job
+
+
+def _truths_near(case: Analysed, n: int, seed: int, tell: ProgressCallback) -> Array:
+    """Draws θ (n, d) of the posterior of a case as it is run; the first of them are the same for every n."""
+    posterior = sample(case, seed=seed, progress=tell)
+    if not posterior.converged:
+        raise SamplingError(
+            f"calibrate: found that the posterior of {posterior.problem.name}, of which truths are drawn, has not "
+            f"converged ({posterior.reason}); expected draws of it; run the case, and do what its report says"
+        )
+    order = np.random.default_rng(seed).permutation(len(posterior.theta))
+    return posterior.theta[np.resize(order, n)]
 
 
 def _parts(case: Case | Problem) -> tuple[Problem, SamplerSettings, int]:
@@ -199,10 +233,12 @@ def kept_data_sets(file: Path, head: Mapping[str, str], quantities: int) -> dict
 
 
 def fingerprint(
-    analysis: Case | Problem, source: Case | Problem, settings: SamplerSettings, seed: int
+    analysis: Case | Problem, source: Case | Problem, settings: SamplerSettings, seed: int, *, near: bool = False
 ) -> dict[str, str]:
     """What data sets depend on, part by part, in words of a message; `source` gives truths and data."""
     parts = {**_run_parts(analysis, settings, seed), "number of ranked draws": str(DRAWS)}
+    if near:
+        parts["source of truths"] = "posterior"
     if source is analysis:
         return parts
     whole = json.dumps(_run_parts(source, settings, seed), sort_keys=True)

@@ -49,6 +49,8 @@ class Calibration:
         All of them, in order; those whose analysis failed as well.
     title, case_text
         Of the case, where a case file states it.
+    near
+        Whether truths are from the posterior of the measured data, not from the prior.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class Calibration:
     data_sets: tuple[DataSet, ...]
     title: str = ""
     case_text: str = ""
+    near: bool = False
 
     def __post_init__(self) -> None:
         if not self.analysed:
@@ -130,6 +133,7 @@ class Calibration:
     def verdict(self) -> str:
         """The outcome in a sentence."""
         count, of = len(self.data_sets), f" of {self.source}" if self.source else ""
+        where = " near the data" if self.near else ""
         if self.passed:
             near = (
                 f" That is below {SUSPICIOUS:g}: look at another seed, or at more data sets."
@@ -137,13 +141,13 @@ class Calibration:
                 else ""
             )
             return (
-                f"Calibrated: over {count} data sets{of} the ranks of all {len(self.names)} quantities stay inside "
-                f"their bands (p = {self.p_value:.2g}; a right analysis falls below {FALSE_ALARM:g} in at most 1 of "
-                f"{1 / FALSE_ALARM:.0f} calibrations).{near}"
+                f"Calibrated{where}: over {count} data sets{of} the ranks of all {len(self.names)} quantities stay "
+                f"inside their bands (p = {self.p_value:.2g}; a right analysis falls below {FALSE_ALARM:g} in at most "
+                f"1 of {1 / FALSE_ALARM:.0f} calibrations).{near}"
             )
         findings = "; ".join(f"{quantity.name}: {quantity.finding}" for quantity in self.outside)
         return (
-            f"NOT CALIBRATED: over {count} data sets{of} the ranks of {len(self.outside)} of {len(self.names)} "
+            f"NOT CALIBRATED{where}: over {count} data sets{of} the ranks of {len(self.outside)} of {len(self.names)} "
             f"quantities leave their bands (p = {self.p_value:.2g}). {findings}."
         )
 
@@ -189,6 +193,7 @@ class Calibration:
             "schema_version": 1,
             "case": self.name,
             "data_from": self.source or None,
+            "truths_from": "posterior" if self.near else "prior",
             "seed": self.seed,
             "data_sets": len(self.data_sets),
             "failed": self.failed,
@@ -264,22 +269,31 @@ def build_calibration_report(calibration: Calibration) -> Report:
         ReportSection("method", "How this was computed", tuple(Paragraph(text) for text in _method(calibration))),
     )
     source = f", by data of {calibration.source}" if calibration.source else ""
+    near = " near its data" if calibration.near else ""
     return Report(
         title=calibration.title or calibration.name,
-        subtitle=f"Calibration of the analysis of {calibration.name}{source}",
+        subtitle=f"Calibration of the analysis of {calibration.name}{near}{source}",
         lead=(Callout(kind, calibration.verdict), *(Callout("caution", note) for note in calibration.notes)),
         sections=sections,
     )
 
 
 def _method(calibration: Calibration) -> tuple[str, ...]:
-    truths = calibration.source or "the case"
+    source = calibration.source or "the case"
+    prior = f"the priors of {source}, of the joint and of all else that is uncertain"
+    posterior = f"the posterior that the data of {source} leave"
+    near = (
+        "Each data set was analysed together with the data of the case, whose posterior it narrows: ranks are uniform "
+        "there too, so that errors show that cancel over the whole prior, or that are rare in it (Säilynoja et al. "
+        "2025, arXiv:2502.03279). Errors of the model are new in each data set, of the size that is stated."
+    )
     return (
-        f"Truths were drawn from the priors of {truths}, of the joint and of all else that is uncertain, and data from "
+        f"Truths were drawn from {posterior if calibration.near else prior}, and data from "
         "its likelihood at its own lines. Each data set was analysed like the case itself, from the search for the "
         "mode to the draws; the sampler ended with fewer draws than a run's, enough for ranks. If prior, likelihood "
         "and sampler are right, the rank of the truth among draws is uniform, for each quantity and for the log "
         "density, and a 95 % interval holds the truth in 95 % of the cases (Talts et al. 2018, arXiv:1804.06788).",
+        *((near,) if calibration.near else ()),
         f"The rank is that among {DRAWS} draws picked at random. Bands for the empirical distribution of uniform ranks "
         "are exact and simultaneous over all positions (Säilynoja et al. 2022, DOI 10.1007/s11222-022-10090-6). Each "
         f"has the level 1 − {FALSE_ALARM:g}/{len(calibration.names)}, so that in at least "

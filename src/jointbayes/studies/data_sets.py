@@ -77,12 +77,16 @@ class Job:
         Of the sampler.
     seed
         Of the calibration.
+    truths
+        Near the data: the truth of each data set, shape (n, d), draws of the posterior of `source` from its own data.
+        Each is then analysed from the data of `analysis` and the simulated ones. By default truths are from the prior.
     """
 
     analysis: Problem
     source: Problem
     settings: SamplerSettings
     seed: int
+    truths: Array | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -119,8 +123,10 @@ def analyse(job: Job, index: int) -> DataSet:
     began = time.process_time()
     rng = np.random.default_rng(np.random.SeedSequence(job.seed, spawn_key=(index,)))
     try:
-        theta = job.source.prior.sample(rng, 1)
+        theta = job.source.prior.sample(rng, 1) if job.truths is None else job.truths[[index]]
         problem = simulated_problem(job.analysis, job.source, theta[0], rng)
+        if job.truths is not None:  # p(θ|y, y′) ∝ p(θ) p(y′|θ) p(y|θ)
+            problem = replace(problem, extra_log_likelihood=job.analysis.log_posterior.log_likelihood)
         posterior = sample(problem, seed=int(rng.integers(2**32)), settings=job.settings)
     except (JointBayesError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
