@@ -42,21 +42,13 @@ scale = "sampled"
 scale_low_factor = 0.3
 scale_high_factor = 3.0
 """
-_DISCREPANCY = """
-[noise.discrepancy]
-scale_low = 0.3
-scale_high = 10.0
-length_low_hz = 10.0
-length_high_hz = 300.0
-"""
 
 #: What each variant adds to the case with an uncertain joint and nothing else.
 VARIANTS = {
     "joint": "",
     "nuisances": _BEAM,
     "noise scale": _SCALE,
-    "discrepancy": _DISCREPANCY,
-    "all": _BEAM + _SCALE + _DISCREPANCY,
+    "all": _BEAM + _SCALE,
 }
 
 

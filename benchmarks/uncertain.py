@@ -8,7 +8,6 @@ import numpy as np
 from benchmarks.timing import Contestant, interleaved
 from jointbayes.frf import Ports
 from jointbayes.inference import (
-    CorrelatedNoise,
     JointPrior,
     NoiseModel,
     Normal,
@@ -71,8 +70,6 @@ def problems() -> dict[str, Problem]:
         "section size and shear coefficient as well": problem(MODAL, (*both, "section_size", "shear_coefficient")),
         "noise scale": problem(MODAL, (), ScaledNoise()),
         "Student-t residuals": problem(MODAL, (), StudentNoise()),
-        "model discrepancy": problem(MODAL, (), CorrelatedNoise(2, LINES)),
-        "E, density, length, damping ratio, discrepancy": problem(MODAL, both, CorrelatedNoise(2, LINES)),
         "loss factor law: nothing": problem(HYSTERETIC, ()),
         "loss factor law: E, density, length, loss factor": problem(HYSTERETIC, (*MATERIAL, "loss_factor")),
     }

@@ -19,7 +19,7 @@ _MOVED = {
     name: room
     for room, names in {
         "errors": "CheckpointError ReportError WorkerError WriteError",
-        "inference": "CorrelatedNoise GaussianNoise IntegratedScale ProportionalNoise ScaledNoise",
+        "inference": "GaussianNoise IntegratedScale ProportionalNoise ScaledNoise",
         "joint": "ElasticCentre Joints Rigid",
         "measurement.assemble": "mean_of_repeats",
         "measurement.formats": "iter_records write_records",

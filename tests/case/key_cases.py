@@ -315,7 +315,6 @@ NOISES = [
     "[noise]\ndistribution = 'student_t'\ndof = 5.5\n"
     "scale = 'sampled'\nscale_low_factor = 0.3\nscale_high_factor = 7.0",
     "[noise]\nscale = 'integrated'\nscale_dof = 4.4\nscale_guess = 1.2",
-    "[noise.discrepancy]\nscale_low = 0.04\nscale_high = 90.0\nlength_low_hz = 6.0\nlength_high_hz = 510.0",
 ]
 FREQUENCIES = [
     BARE + '[data]\nkind = "natural_frequencies"\nfrequencies_hz = [31.0, 210.0]\nsd_relative = 0.01\nsd_hz = 0.5\n'

@@ -252,9 +252,6 @@ def of_data() -> list[tuple[str, str, Value]]:
         *((f"noise.model_error.{'error_factor' if name == 'factor' else f'{name}_error'}", f"{place}.{name}", 1)
           for name in ("factor", "frequency", "damping", "shape", "constant")
           for place in ("noise.sizes", "model_error")),
-        *((f"noise.discrepancy.{key}", f"nuisance.discrepancy_{name}.prior.{end}", math.log)
-          for end in ("low", "high")
-          for key, name in ((f"scale_{end}", "scale"), (f"length_{end}_hz", "length"))),
     ]  # fmt: skip
 
 

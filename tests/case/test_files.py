@@ -13,7 +13,7 @@ from jointbayes.case.case import Case
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError, ModelError
 from jointbayes.frf import FrfSet, Ports, Quantity
-from jointbayes.inference import CorrelatedNoise, GaussianNoise, StudentNoise
+from jointbayes.inference import GaussianNoise, StudentNoise
 from jointbayes.measurement import CoherenceNoise
 from jointbayes.measurement.formats import FORMATS, read_frf, records_of_frf, write_records
 from jointbayes.measurement.records import FrfRecord
@@ -210,8 +210,6 @@ def test_a_variance_estimated_from_few_averages_makes_residuals_student_t(tmp_pa
     assert loaded(tmp_path, TIP).problem.test.noise == StudentNoise(2, 18.0)
     stated = TIP + '\n[noise]\ndistribution = "gaussian"\n'
     assert isinstance(loaded(tmp_path, stated).problem.test.noise, GaussianNoise)
-    correlated = TIP + "\n[noise.discrepancy]\nlength_low_hz = 5.0\nlength_high_hz = 500.0\n"
-    assert isinstance(loaded(tmp_path, correlated).problem.test.noise, CorrelatedNoise)
     relative = frf_data(variance='[data.variance]\nsource = "relative"\nrelative = 0.02\nfloor = 0.01\n')
     assert isinstance(loaded(tmp_path, relative).problem.test.noise, GaussianNoise)
     stored(virtual(averages=300), tmp_path / "tip.npz")

@@ -33,7 +33,6 @@ from jointbayes.cli.files import simulate as simulate_command
 from jointbayes.errors import CaseError
 from jointbayes.frf import FrfSet, Ports, Substructures
 from jointbayes.inference import Problem
-from jointbayes.inference.noise.correlated import CorrelatedNoise
 from jointbayes.joint import Joints
 from jointbayes.measurement import FrequencyData, FrfData, assemble, formats
 from jointbayes.measurement.measurement_plan import MeasurementPlan
@@ -124,7 +123,6 @@ VIEWS: dict[type, Callable[[Any], Any]] = {
     Substructures: lambda bodies: bodies.modelled,
     Ports: lambda ports: lines_of(ports.frequency_hz),
     FrfSet: lambda frf: lines_of(frf.frequency_hz),
-    CorrelatedNoise: lambda noise: lines_of(noise.frequency_hz),
     FrfData: lambda measured: measured.frf,
     StatedVariance: lambda law: float(law.stated[0, 0, 0]),
     Rig: lambda rig: {"sample_rate_hz": rig.sample_rate_hz, "block": rig.block},

@@ -54,12 +54,6 @@ scale = "sampled"
 scale_low_factor = 0.2
 scale_high_factor = 5.0
 
-[noise.discrepancy]
-scale_low = 0.05
-scale_high = 50.0
-length_low_hz = 5.0
-length_high_hz = 500.0
-
 [compare]
 hypotheses = ["springs", "full"]
 
@@ -198,18 +192,12 @@ high_factor = 10.0=>high_factor = 100.0 ;; uncertain.damping_ratio.high_factor ;
 ratio = 0.01=>ratio = [0.01, 0.0] && [uncertain.damping_ratio]=>@[uncertain.damping_ratio] ;; uncertain.damping_ratio ;; a damping ratio is 0
 [uncertain.gain]=>[uncertain.loss_factor] ;; uncertain.loss_factor ;; law = "loss_factor" with a loss factor above 0
 distribution = "gaussian"=>distribution = "normal" ;; noise.distribution ;; "gaussian" or "student_t"
-distribution = "gaussian"=>distribution = "student_t" && [noise.discrepancy]=>@[noise.discrepancy] ;; noise.discrepancy ;; computed as Gaussian
 distribution = "gaussian"=>dof = 5.0 ;; noise.dof ;; which distribution = "gaussian" does not use
-scale = "sampled"\nscale_low_factor = 0.2\nscale_high_factor = 5.0=>scale = "integrated" && [noise.discrepancy]=>@[noise.discrepancy] ;; noise.discrepancy ;; cannot be integrated out
 scale = "sampled"\nscale_low_factor = 0.2\n=>@scale_low_factor = 0.2\n && scale_high_factor = 5.0=> ;; noise.scale_low_factor ;; which scale = "known" does not use
 scale = "sampled"\nscale_low_factor = 0.2\n=> && scale_high_factor = 5.0=>@scale_high_factor = 5.0 ;; noise.scale_high_factor ;; write scale so, or remove
 scale_low_factor = 0.2=>scale_low_factor = 1 && scale_high_factor = 5.0=>@scale_high_factor = 1 ;; noise.scale_high_factor ;; not above scale_low_factor
 scale = "sampled"=>scale = "sampled"\n@scale_dof = 3.0 ;; noise.scale_dof ;; which scale = "sampled" does not use
 scale = "sampled"=>scale = "sampled"\n@scale_guess = 2.0 ;; noise.scale_guess ;; scale = "integrated"
-scale_high = 50.0=>scale_high = 0.05 ;; noise.discrepancy.scale_high ;; not above scale_low
-length_low_hz = 5.0=> && [noise.discrepancy]=>@[noise.discrepancy] ;; noise.discrepancy.length_low_hz ;; add length_low_hz = 5.0
-length_high_hz = 500.0=> && [noise.discrepancy]=>@[noise.discrepancy] ;; noise.discrepancy.length_high_hz ;; add length_high_hz = 500.0
-length_high_hz = 500.0=>length_high_hz = 4.0 ;; noise.discrepancy.length_high_hz ;; not above length_low_hz
 length_mm = 380.0=>poissons_ratio = 0.3 ;; data.truth.poissons_ratio ;; belongs in [structure]
 damping_ratio = [0.02, 0.01]=>damping_ratio = [0.02, 1.01] ;; data.truth.damping_ratio ;; as entry 2
 coherence = 0.98=> && [data.noise]=>@[data.noise] ;; data.noise.coherence ;; add coherence
@@ -241,7 +229,7 @@ BROKEN_SIGNED += r"""
 [data]\n=>[uncertain.gain]\nsd_percent = 2\n[data]\n ;; uncertain.gain ;; do not depend on the gain
 [data]\n=>[noise]\n@residuals = "log_magnitude"\n[data]\n ;; noise.residuals ;; neither magnitude nor phase
 [data]\n=>[noise]\n@distribution = "student_t"\n[data]\n ;; noise.distribution ;; FRFs only
-[data]\n=>[noise.discrepancy]\nlength_low_hz = 1\nlength_high_hz = 9\n[data]\n ;; noise.discrepancy ;; do not have
+[data]\n=>@[noise.discrepancy]\nlength_low_hz = 1\nlength_high_hz = 9\n[data]\n ;; noise.discrepancy ;; it was removed: use [noise.model_error]
 [data]\n=>[plan]\n@averages_factor = 2.0\n[data]\n ;; plan.averages_factor ;; beside natural frequencies
 """  # noqa: E501
 # Whole texts that are no case at all.

@@ -13,7 +13,7 @@ from tests.case.test_structures import SPINDLE, text_of
 LONG_AND_HEARD = "\n[setups.long]\n" + HEARD
 PEAKS = '[data]\nkind = "natural_frequencies"\nfrequencies_hz = [121.5, 752.5]\nsd_relative = 0.0\nsd_hz = 0.5\n'
 HEARD_ALL = BASE.split("[data]")[0] + PEAKS
-UNEXPLAINED = "[noise.discrepancy]\nscale_low = 0.01\nscale_high = 1.0\nlength_low_hz = 50.0\nlength_high_hz = 500.0\n"
+INEXACT = "[noise.model_error]\nfrequency_error = 0.01\n"
 
 
 def fault(text):
@@ -39,17 +39,20 @@ def test_priors_that_set_ups_do_not_share_may_differ():
 
 
 @pytest.mark.parametrize(
-    ("more", "key"),
+    ("text", "key"),
     [
-        ("[noise]\nscale = 'sampled'\n[setups.a]\n[setups.b.noise]\nown = false\nscale_low_factor = 0.9\n", "noise"),
         (
-            UNEXPLAINED + "[setups.a]\n[setups.b.noise]\nown = false\ndiscrepancy.scale_high = 0.5\n",
-            "noise.discrepancy",
+            BASE + "[noise]\nscale = 'sampled'\n[setups.a]\n[setups.b.noise]\nown = false\nscale_low_factor = 0.9\n",
+            "noise",
+        ),
+        (
+            HEARD_ALL + INEXACT + "[setups.a]\n[setups.b.noise]\nown = false\nmodel_error.frequency_error = 0.02\n",
+            "noise.model_error",
         ),
     ],
 )
-def test_noise_that_set_ups_share_has_one_prior(more, key):
-    line = fault(BASE + more)
+def test_noise_that_set_ups_share_has_one_prior(text, key):
+    line = fault(text)
     assert f": setups.b.{key}: found another prior than in set-up a, with which it shares the quantity" in line
 
 

@@ -8,7 +8,6 @@ from scipy import integrate, stats
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import FrfSet
 from jointbayes.inference import (
-    CorrelatedNoise,
     GaussianNoise,
     IntegratedScale,
     NoiseModel,
@@ -19,10 +18,8 @@ from jointbayes.inference import (
 from jointbayes.inference.likelihood_base import ComplexResidual, LogMagnitudeResidual, residual_of
 from jointbayes.measurement.variance import coherence_variance
 
-EVEN = 10.0 + 2.0 * np.arange(40)
-UNEVEN = np.cumsum(np.random.default_rng(5).uniform(0.2, 9.0, 40))
-STATED = np.geomspace(3e-3, 0.3, 40)[:, None]  # sd over |H|, line by line
-HYPERS = [(1.0, 2.0, 15.0), (0.7, 0.1, 300.0), (1.3, 30.0, 2.0), (0.5, 3.0, 1e6), (1.0, 1.0, 1e-3), (1e-3, 5.0, 40.0)]
+LINES = 40
+STATED = np.geomspace(3e-3, 0.3, LINES)[:, None]  # sd over |H|, line by line
 
 
 def residuals(rng: np.random.Generator, shape: tuple[int, int, int], parts: int) -> np.ndarray:
@@ -30,72 +27,19 @@ def residuals(rng: np.random.Generator, shape: tuple[int, int, int], parts: int)
     return z + 1j * rng.standard_normal(shape) if parts == 2 else z
 
 
-def models(parts: int, lines: np.ndarray = EVEN) -> list[tuple[NoiseModel, tuple[float, ...]]]:
+def models(parts: int, lines: int = LINES) -> list[tuple[NoiseModel, tuple[float, ...]]]:
     """Each model with values of its hyperparameters."""
     return [
         (GaussianNoise(parts), ()),
         (ScaledNoise(parts), (1.7,)),
         (StudentNoise(parts, 5.0), ()),
         (StudentNoise(parts, 5.0, scaled=True), (1.7,)),
-        (ProportionalNoise(parts, STATED[: lines.size]), (0.02,)),
-        (ProportionalNoise(parts, STATED[: lines.size], scaled=True), (1.7, 0.02)),
-        (CorrelatedNoise(parts, lines), (2.0, 15.0)),
-        (CorrelatedNoise(parts, lines, scaled=True), (1.7, 2.0, 15.0)),
+        (ProportionalNoise(parts, STATED[:lines]), (0.02,)),
+        (ProportionalNoise(parts, STATED[:lines], scaled=True), (1.7, 0.02)),
     ]
 
 
-def dense(parts: int, lines: np.ndarray, white: float, sill: float, length: float) -> np.ndarray:
-    """Covariance of each part of z: half of the stated variance belongs to a part, and all of z² is half for one."""
-    distance = np.abs(lines[:, None] - lines)
-    return (sill**2 * np.exp(-distance / length) + white**2 * np.eye(lines.size)) / 2
-
-
-@pytest.mark.parametrize("parts", [1, 2])
-@pytest.mark.parametrize("lines", [EVEN, UNEVEN], ids=["even", "uneven"])
-def test_correlated_noise_is_the_dense_multivariate_normal(parts: int, lines: np.ndarray) -> None:
-    # 11 rows: more than the filter takes side by side, and not a multiple
-    rng = np.random.default_rng(1)
-    z = residuals(rng, (11, lines.size, 3), parts)
-    hyper = np.array([HYPERS[i % len(HYPERS)] for i in range(11)])
-    found = CorrelatedNoise(parts, lines, scaled=True).log_likelihood(z, hyper)
-    for row, one, value in zip(z, hyper, found, strict=True):
-        normal = stats.multivariate_normal(cov=dense(parts, lines, *one))
-        columns = [row.real, row.imag] if parts == 2 else [row]
-        expected = sum(normal.logpdf(c.T).sum() for c in columns)
-        # without the stated noise's constant: ln(1/π) of a complex value, ln(1/√π) of a real z
-        assert value == pytest.approx(expected + parts / 2 * math.log(math.pi) * row.size, rel=1e-9)
-
-
-@pytest.mark.parametrize("parts", [1, 2])
-def test_correlated_noise_without_noise_scale_has_the_stated_white_noise(parts: int) -> None:
-    z = residuals(np.random.default_rng(2), (3, UNEVEN.size, 2), parts)
-    hyper = np.array([[2.0, 15.0], [0.1, 3.0], [9.0, 90.0]])
-    free = CorrelatedNoise(parts, UNEVEN, scaled=True).log_likelihood(z, np.insert(hyper, 0, 1.0, axis=1))
-    np.testing.assert_allclose(CorrelatedNoise(parts, UNEVEN).log_likelihood(z, hyper), free, rtol=1e-13)
-
-
-@pytest.mark.parametrize("parts", [1, 2])
-def test_no_discrepancy_is_scaled_gaussian_noise(parts: int) -> None:
-    z = residuals(np.random.default_rng(3), (4, EVEN.size, 2), parts)
-    hyper = np.array([[1.0, 0.0, 20.0], [0.5, 0.0, 1.0], [3.0, 0.0, 1e9], [1.0, 1e-9, 20.0]])
-    found = CorrelatedNoise(parts, EVEN, scaled=True).log_likelihood(z, hyper)
-    np.testing.assert_allclose(found, ScaledNoise(parts).log_likelihood(z, hyper[:, :1]), rtol=1e-12)
-    np.testing.assert_allclose(found[0], GaussianNoise(parts).log_likelihood(z[:1], np.empty((1, 0)))[0], rtol=1e-12)
-
-
-def test_steps_that_differ_by_rounding_are_one_step() -> None:
-    lines = 10 + 0.1 * np.arange(500)
-    assert np.unique(np.diff(lines)).size > 1
-    assert CorrelatedNoise(2, lines)._spacing.size == 1
-    assert CorrelatedNoise(2, UNEVEN)._spacing.size == UNEVEN.size - 1
-
-
-def test_long_records_neither_overflow_nor_lose_the_determinant() -> None:
-    # the variance at each line is 1e6 or 1e-6 (product 1e±120000)
-    lines = np.arange(1.0, 20001.0)
-    z = np.zeros((2, lines.size, 1), dtype=complex)
-    found = CorrelatedNoise(2, lines, scaled=True).log_likelihood(z, np.array([[1e3, 0.0, 1.0], [1e-3, 0.0, 1.0]]))
-    np.testing.assert_allclose(found, [-lines.size * math.log(1e6), lines.size * math.log(1e6)], rtol=1e-10)
+def test_long_records_of_heavy_tails_do_not_overflow() -> None:
     huge = StudentNoise(2, 2.0).log_likelihood(np.full((1, 20000, 1), 1e30 + 0j), np.empty((1, 0)))
     np.testing.assert_allclose(huge, -2 * 20000 * math.log(1e60), rtol=1e-10)
 
@@ -153,25 +97,23 @@ def test_student_noise_of_many_degrees_of_freedom_is_gaussian(parts: int) -> Non
 @pytest.mark.parametrize("parts", [1, 2])
 def test_pointwise_densities_add_up_to_the_likelihood(parts: int) -> None:
     z = residuals(np.random.default_rng(8), (3, 40, 2), parts)
-    for model, hyper in models(parts)[:6]:
+    for model, hyper in models(parts):
         rows = np.tile(np.array(hyper), (3, 1))
         total = model.pointwise(z, rows)
         assert total.shape == (3, 40, 2)
         np.testing.assert_allclose(total.sum(axis=(1, 2)), model.log_likelihood(z, rows), rtol=1e-12)
 
 
-@pytest.mark.parametrize("model", [CorrelatedNoise(2, EVEN), IntegratedScale(2)])
-def test_dependent_values_have_no_pointwise_densities(model: NoiseModel) -> None:
+def test_dependent_values_have_no_pointwise_densities() -> None:
     with pytest.raises(ModelError, match="pointwise densities"):
-        model.pointwise(np.zeros((1, 40, 1), dtype=complex), np.ones((1, len(model.names))))
+        IntegratedScale(2).pointwise(np.zeros((1, 40, 1), dtype=complex), np.ones((1, 0)))
 
 
 @pytest.mark.parametrize("parts", [1, 2])
-@pytest.mark.parametrize("lines", [EVEN, UNEVEN], ids=["even", "uneven"])
-def test_whitened_residuals_keep_the_sum_of_squares_and_are_linear(parts: int, lines: np.ndarray) -> None:
+def test_whitened_residuals_keep_the_sum_of_squares_and_are_linear(parts: int) -> None:
     # ln L = c(hyper) − Σ|whitened|²: what Fisher information and Gauss-Newton rest on
-    z = residuals(np.random.default_rng(9), (3, lines.size, 2), parts)
-    for model, hyper in models(parts, lines):
+    z = residuals(np.random.default_rng(9), (3, LINES, 2), parts)
+    for model, hyper in models(parts):
         if isinstance(model, StudentNoise):
             continue
         white = model.whiten(z, np.array(hyper))
@@ -185,33 +127,22 @@ def test_whitened_residuals_keep_the_sum_of_squares_and_are_linear(parts: int, l
 
 
 @pytest.mark.parametrize("parts", [1, 2])
-@pytest.mark.parametrize("lines", [EVEN, UNEVEN], ids=["even", "uneven"])
-def test_scores_of_drawn_noise_are_white_gaussian(parts: int, lines: np.ndarray) -> None:
+def test_scores_of_drawn_noise_are_white_gaussian(parts: int) -> None:
     rng = np.random.default_rng(10)
-    for model, hyper in models(parts, lines):
+    for model, hyper in models(parts):
         rows = np.tile(np.array(hyper), (300, 1))
-        scores = model.scores(model.draw(rng, rows, lines.size, 2), rows)
+        scores = model.scores(model.draw(rng, rows, LINES, 2), rows)
         flat = np.concatenate([scores.real, scores.imag]) if parts == 2 else scores
         assert stats.kstest(flat.ravel() * math.sqrt(2), "norm").pvalue > 1e-3, model
         neighbours = (flat[:, 1:] * flat[:, :-1]).mean() * 2
         assert abs(neighbours) < 4 / math.sqrt(flat.size), model
 
 
-def test_drawn_correlated_noise_has_the_stated_covariance() -> None:
-    lines = UNEVEN[:6]
-    z = CorrelatedNoise(2, lines, scaled=True).draw(
-        np.random.default_rng(11), np.tile([0.8, 2.0, 6.0], (40000, 1)), 6, 1
-    )
-    found = (z[:, :, 0].conj().T @ z[:, :, 0] / len(z)).real
-    np.testing.assert_allclose(found, 2 * dense(2, lines, 0.8, 2.0, 6.0), atol=0.12)
-    assert abs(z[:, :, 0].T @ z[:, :, 0] / len(z)).max() < 0.12  # circular
-
-
 @pytest.mark.parametrize("parts", [1, 2])
 def test_drawn_noise_follows_its_likelihood(parts: int) -> None:
     # E[p(z; other)/p(z; own)] = 1 over draws of the own law: fails if the two disagree, or one is not normalised
-    rng, lines = np.random.default_rng(12), EVEN[:3]
-    for model, hyper in models(parts, lines):
+    rng = np.random.default_rng(12)
+    for model, hyper in models(parts, 3):
         if not hyper:
             continue
         rows = np.tile(np.array(hyper), (60000, 1))
@@ -237,7 +168,7 @@ def test_sum_of_squares_suffices_where_it_is_said_to(parts: int) -> None:
     for model, hyper in [*models(parts), (IntegratedScale(parts, 3.0), ())]:
         rows = np.tile(np.array(hyper), (3, 1))
         if model.needs_chi2_only:
-            assert not isinstance(model, StudentNoise | CorrelatedNoise | ProportionalNoise)
+            assert not isinstance(model, StudentNoise | ProportionalNoise)
             np.testing.assert_allclose(
                 model.log_likelihood_of_chi2(chi2, 80, rows), model.log_likelihood(z, rows), rtol=1e-12
             )
@@ -270,17 +201,8 @@ def test_impossible_models_are_refused() -> None:
         StudentNoise(2, 0.0)
     with pytest.raises(ModelError, match="scale"):
         IntegratedScale(2, 2.0, math.nan)
-    with pytest.raises(ModelError, match="increasing"):
-        CorrelatedNoise(2, np.array([1.0, 1.0]))
     with pytest.raises(ModelError, match="hyperparameters"):
         ScaledNoise(2).log_likelihood(np.zeros((2, 3, 1)), np.ones((2, 2)))
-    with pytest.raises(ModelError, match="lines"):
-        CorrelatedNoise(2, EVEN).log_likelihood(np.zeros((1, 3, 1)), np.ones((1, 2)))
-
-
-def test_one_line_is_enough_for_correlated_noise() -> None:
-    value = CorrelatedNoise(2, np.array([10.0])).log_likelihood(np.full((1, 1, 1), 2.0 + 0j), np.array([[3.0, 5.0]]))
-    assert value[0] == pytest.approx(-4 / 10 - math.log(10))
 
 
 # residuals

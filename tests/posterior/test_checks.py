@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import special, stats
+from scipy import signal, special, stats
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import (
-    CorrelatedNoise,
     GaussianNoise,
     IntegratedScale,
     NoiseModel,
@@ -26,7 +25,6 @@ from jointbayes.posterior.checks import (
 from jointbayes.posterior.whiteness import Whiteness, replicated_portmanteau
 
 LINES = 80
-FREQUENCY = 10.0 + 2.0 * np.arange(LINES)
 #: A model of three parameters, linear: H = design @ β.
 DESIGN = np.vander(np.linspace(-1, 1, LINES), 3) * np.exp(1j * np.linspace(0, 4, LINES))[:, None]
 
@@ -42,6 +40,13 @@ def posterior_residuals(rng: np.random.Generator, data: np.ndarray, draws: int, 
 
 def white(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / math.sqrt(2)
+
+
+def correlated(rng: np.random.Generator) -> np.ndarray:
+    """Residuals (1, LINES, 1) that follow each other along frequency, E|z|² = 1."""
+    step = math.exp(-0.1)
+    drive = white(rng, (1, LINES, 1)) * np.where(np.arange(LINES), math.sqrt(1 - step**2), 1.0)[:, None]
+    return signal.lfilter([1.0], [1.0, -step], drive, axis=1)
 
 
 def checked(noise: NoiseModel, z: np.ndarray, hyper: list[float], seed: int = 1) -> PredictiveCheck:
@@ -64,16 +69,12 @@ def test_a_right_model_is_refused_no_more_often_than_stated() -> None:
 
 
 @pytest.mark.parametrize("parts", [1, 2])
-@pytest.mark.parametrize(
-    ("name", "hyper"),
-    [("scaled", [2.5]), ("integrated", []), ("student", []), ("correlated", [0.8, 3.0, 30.0])],
-)
+@pytest.mark.parametrize(("name", "hyper"), [("scaled", [2.5]), ("integrated", []), ("student", [])])
 def test_data_of_the_noise_model_are_explained(parts: int, name: str, hyper: list[float]) -> None:
     noise = {
         "scaled": ScaledNoise(parts),
         "integrated": IntegratedScale(parts, 4.0, 1.0),
         "student": StudentNoise(parts, 3.0),
-        "correlated": CorrelatedNoise(parts, FREQUENCY, scaled=True),
     }[name]
     rng = np.random.default_rng(3)
     alarms = 0
@@ -101,7 +102,7 @@ def test_a_small_trend_that_the_sum_of_squares_overlooks_is_seen_along_frequency
 
 
 def test_an_inferred_noise_scale_hides_misfit_but_not_correlation() -> None:
-    z = 3 * CorrelatedNoise(2, FREQUENCY).draw(np.random.default_rng(6), np.array([[2.0, 20.0]]), LINES, 1)
+    z = 6 * correlated(np.random.default_rng(6))
     level = float(np.sqrt((np.abs(z) ** 2).mean()))
     check = checked(ScaledNoise(2), z, [level])
     assert (check.level, check.pattern) == ("as expected", "correlated")
@@ -110,17 +111,6 @@ def test_an_inferred_noise_scale_hides_misfit_but_not_correlation() -> None:
     assert (integrated.level, integrated.pattern, integrated.absorbs) == ("as expected", "correlated", "size")
     (sentence,) = integrated.inferred
     assert float(sentence.split()[5]) == pytest.approx(level, rel=0.1)
-
-
-def test_a_discrepancy_that_was_needed_is_named() -> None:
-    noise = CorrelatedNoise(2, FREQUENCY)
-    z = noise.draw(np.random.default_rng(7), np.array([[4.0, 20.0]]), LINES, 1)
-    assert not checked(GaussianNoise(2), z, []).explains
-    check = checked(noise, z, [4.0, 20.0])
-    assert check.explains
-    assert check.sentence.startswith("The model explains the data: ")
-    assert "a model discrepancy of 4 times the stated noise, correlated over 20 Hz" in check.sentence
-    assert "small, 0.1 times" in checked(noise, white(np.random.default_rng(8), z.shape), [0.1, 20.0]).sentence
 
 
 def test_overstated_noise_is_said_and_is_no_refusal() -> None:
@@ -264,7 +254,7 @@ LOW, HIGH = finding_of().chi2_band
 LIMIT = MORE_WHITE.limit(FALSE_ALARM / 2)
 
 
-@pytest.mark.parametrize("absorbs", ["nothing", "outliers", "size", "discrepancy", "frequencies"])
+@pytest.mark.parametrize("absorbs", ["nothing", "outliers", "size", "frequencies"])
 @pytest.mark.parametrize(
     ("chi2", "level"),
     [
@@ -306,7 +296,6 @@ def test_each_cell_of_the_table_and_each_of_its_borders(
 def test_the_remedy_is_one_that_is_not_taken_already() -> None:
     for (level, _, absorbs), cell in CELLS.items():
         assert not (absorbs == "size" and 'scale = "sampled"' in cell.remedy)
-        assert not (absorbs == "discrepancy" and "[noise.discrepancy]" in cell.remedy)
         assert not (absorbs == "outliers" and "Student-t noise," in cell.remedy)
         assert ("smaller" in cell.remedy or "as small" in cell.remedy) <= (level in ("far below", "below"))
     assert "Student-t" not in finding_of(largest_p_value=0.0, absorbs="outliers").sentence

@@ -11,7 +11,6 @@ from jointbayes.case.case import case_from_text, load_case
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.identification import refine
 from jointbayes.inference import (
-    CorrelatedNoise,
     GaussianNoise,
     IntegratedScale,
     JointPrior,
@@ -82,18 +81,11 @@ NOISES = {
         ProportionalNoise.of(measured(), 2),
         (Nuisance("proportional_error", "1", 1.0, Uniform(-9.0, -1.0)),),
     ),
-    "correlated": (
-        CorrelatedNoise(2, LINES),
-        (
-            Nuisance("discrepancy_scale", "1", 1.0, Uniform(-3.0, 3.0)),
-            Nuisance("discrepancy_length", "Hz", 1.0, Uniform(1.0, 6.0)),
-        ),
-    ),
 }
 
 
-START = {"noise_scale": 0.0, "proportional_error": -4.0, "discrepancy_scale": 0.0, "discrepancy_length": 3.0}
-HYPER = {"gaussian": [], "scaled": [0.3], "proportional": [-4.0], "correlated": [0.3, 4.0]}
+START = {"noise_scale": 0.0, "proportional_error": -4.0}
+HYPER = {"gaussian": [], "scaled": [0.3], "proportional": [-4.0]}
 
 
 @pytest.mark.parametrize("name", NOISES)
@@ -136,9 +128,8 @@ def test_log_magnitudes_do_not_see_a_wrong_phase():
         (IntegratedScale(2, 4.0), ()),
         (StudentNoise(2, 4.0), ()),
         NOISES["proportional"],
-        (CorrelatedNoise(2, LINES), NOISES["correlated"][1]),
     ],
-    ids=["scaled", "integrated", "student", "proportional", "correlated"],
+    ids=["scaled", "integrated", "student", "proportional"],
 )
 def test_the_climb_ends_where_the_density_has_no_slope(noise, hyper):
     density = problem((*STRUCTURE, *hyper), noise).log_posterior

@@ -9,14 +9,6 @@ from jointbayes.studies.data_sets import replace_values, require_simulable, simu
 from tests.conftest import pair_matrix
 from tests.studies.calibration_cases import FREQUENCIES, TEXT, noisier_case, small_case
 
-_DISCREPANCY = """
-[noise.discrepancy]
-scale_low = 0.3
-scale_high = 10.0
-length_low_hz = 10.0
-length_high_hz = 300.0
-"""
-
 CASES = {
     "as stated": small_case(),
     "nuisances": small_case("[uncertain.length]\nsd_percent = 0.5\n[uncertain.gain]\nsd_percent = 5.0\n"),
@@ -25,11 +17,8 @@ CASES = {
     "student": small_case('[noise]\ndistribution = "student_t"\n'),
     "student, scale": small_case('[noise]\ndistribution = "student_t"\nscale = "sampled"\n'),
     "proportional": small_case('[noise]\ndistribution = "proportional"\n'),
-    "discrepancy": small_case(_DISCREPANCY),
-    "discrepancy, scale": small_case('[noise]\nscale = "sampled"\n' + _DISCREPANCY),
     "log magnitude": small_case('[noise]\nresiduals = "log_magnitude"\n'),
     "log magnitude, student": small_case('[noise]\nresiduals = "log_magnitude"\ndistribution = "student_t"\n'),
-    "log magnitude, discrepancy": small_case('[noise]\nresiduals = "log_magnitude"\n' + _DISCREPANCY),
     "accelerance": small_case(text=TEXT.replace("[data]", '[data]\nquantity = "accelerance"')),
     "frequencies": small_case(text=FREQUENCIES),
     "frequencies, scale": small_case('[noise]\nscale = "sampled"\n', text=FREQUENCIES),

@@ -254,11 +254,10 @@ def test_leave_one_out_of_a_joint_without_coordinates_is_its_likelihood(cheap_ca
 def test_cross_validation_is_left_out_where_it_makes_no_sense_and_the_table_says_why(comparison):
     assert all(c.loo is None for c in comparison.candidates)
     assert "3 natural frequencies, too few" in comparison.candidates[0].loo_note
-    correlated = "\n[noise.discrepancy]\nlength_low_hz = 20.0\nlength_high_hz = 500.0\n"
-    text = cheap_text() + correlated + '\n[compare]\nhypotheses = ["rigid"]\n'
-    (found,) = compare([case_from_text("correlated", text)], seed=1).candidates
+    text = cheap_text() + '\n[noise]\nscale = "integrated"\n[compare]\nhypotheses = ["rigid"]\n'
+    (found,) = compare([case_from_text("integrated", text)], seed=1).candidates
     assert found.loo is None
-    assert "correlates" in found.loo_note
+    assert "depend on each other" in found.loo_note
 
 
 # ---- files

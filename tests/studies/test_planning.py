@@ -11,7 +11,7 @@ import jointbayes as jb
 from jointbayes.case.case_objects import recipe_of
 from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
-from jointbayes.inference import CorrelatedNoise
+from jointbayes.inference import ProportionalNoise
 from jointbayes.joint import LogStiffness
 from jointbayes.measurement import RelativeNoise
 from jointbayes.posterior.coordinates import coordinate_systems
@@ -221,20 +221,14 @@ def test_simulated_noise_has_the_stated_variance_and_none_without_a_generator(ch
     np.testing.assert_allclose(exact.test.data.frf.values, direct, atol=1e-9 * np.abs(direct).max())
 
 
-def test_a_correlated_discrepancy_follows_the_lines_of_the_candidate():
-    text = (
-        cheap_text() + "\n[noise.discrepancy]\nlength_low_hz = 20.0\nlength_high_hz = 300.0\n[plan]\nf_max_hz = 3000.0"
-    )
-    case = jb.case_from_text("discrepancy", text)
-    names = [c.name for c in candidates_of(case)]
-    assert not any("averages" in name for name in names)
-    with pytest.raises(jb.ModelError, match="averages do not reduce it"):
-        repeated(case.problem, 2.0)
+def test_a_noise_that_knows_its_lines_follows_those_of_the_candidate():
+    text = cheap_text() + '\n[noise]\ndistribution = "proportional"\n[plan]\nf_max_hz = 3000.0'
+    case = jb.case_from_text("proportional", text)
     band = next(c for c in candidates_of(case) if c.name.startswith("band"))
-    theta = np.concatenate([TRUTH, np.log([1.0, 50.0])])
+    theta = np.concatenate([TRUTH, np.log([0.01])])
     found = band.problem(case.problem, theta, np.random.default_rng(1))
-    assert isinstance(found.test.noise, CorrelatedNoise)
-    np.testing.assert_array_equal(found.test.noise.frequency_hz, found.test.data.frf.frequency_hz)
+    assert isinstance(found.test.noise, ProportionalNoise)
+    assert found.test.noise.stated.shape == (found.test.data.frf.frequency_hz.size, 1)
 
 
 def test_a_wider_band_adds_only_its_own_lines_with_the_floor_of_all():

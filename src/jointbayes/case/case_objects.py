@@ -99,14 +99,12 @@ def true_stiffness(spec: CaseSpec) -> Array:
 def noise_of(spec: NoiseModelSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """Distribution of the residuals, and the priors of its parameters; its module has the name of the distribution."""
     complex_frf = data.frfs is not None and spec.residuals == "complex"
-    d = spec.discrepancy
     choice = NoiseChoice(
         spec.scale,
         (spec.scale_low_factor, spec.scale_high_factor),
         spec.scale_dof,
         spec.scale_guess,
         spec.dof,
-        None if d is None else ((d.scale_low, d.scale_high), (d.length_low_hz, d.length_high_hz)),
         model_error_of(spec),
     )
     module = import_module(f"jointbayes.inference.noise.{spec.distribution}")
@@ -234,7 +232,7 @@ def _choose_distribution(spec: CaseSpec, measured: Data) -> CaseSpec:
     """
     dof = measured.variance_dof
     noise = spec.noise
-    free = "distribution" not in noise.model_fields_set and noise.discrepancy is None and noise.scale != "integrated"
+    free = "distribution" not in noise.model_fields_set and noise.scale != "integrated"
     if dof is None or dof >= _NEARLY_GAUSSIAN or not free or noise.residuals != "complex":
         return spec
     chosen = noise.model_copy(update={"distribution": "student_t", "dof": float(dof)})

@@ -6,7 +6,6 @@ from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.marginals import Distribution, Marginal, Normal, OfStiffness, OwnMarginal, Uniform
 from jointbayes.inference.modal_likelihood import GaussianLikelihood, ModePrediction, ValueModel, mac, modal_model
 from jointbayes.inference.noise.base import ErrorSizes, NoiseModel
-from jointbayes.inference.noise.correlated import CorrelatedNoise
 from jointbayes.inference.noise.gaussian import GaussianNoise, IntegratedScale, ScaledNoise
 from jointbayes.inference.noise.model_error import ModelErrorNoise
 from jointbayes.inference.noise.proportional import ProportionalNoise
@@ -35,7 +34,6 @@ __all__ = [
     "mac",
     "modal_model",
     # noise
-    "CorrelatedNoise",
     "ErrorSizes",
     "GaussianNoise",
     "IntegratedScale",

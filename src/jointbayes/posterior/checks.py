@@ -70,26 +70,27 @@ _TAILS = (
     f"{_INFER}."
 )
 _BOUND = "The size of the noise that was inferred lies at a bound of its prior: widen it."
-_ADMIT = "The residuals point to no single cause; [noise.discrepancy] allows for a model discrepancy."
-_BOTH = f"Infer the size of the noise {_INFER}, and allow for a model discrepancy ([noise.discrepancy])."
-_MORE = "The inferred discrepancy does not take it up: widen the prior of its length, or look for what the model lacks."
+_MODEL = (
+    "The residuals point to no single cause; of measured FRFs the answer of their modes allows for errors of the model."
+)
+_BOTH = f"Infer the size of the noise {_INFER}, and look for what the model lacks."
 _SD_LARGER = (
     "State their standard deviations as large as they are, or allow for an error of the model ([noise.model_error])."
 )
 _SD_SMALLER = "State their standard deviations as small as they are."
 
-_COLUMNS: tuple[Absorbed, ...] = ("nothing", "outliers", "size", "discrepancy", "frequencies")
+_COLUMNS: tuple[Absorbed, ...] = ("nothing", "outliers", "size", "frequencies")
 # fmt: off
 _ROWS: dict[tuple[ResidualLevel, ResidualPattern], tuple[Finding, tuple[str, ...]]] = {
-    # level and pattern              finding                    nothing   outliers  size    discrepancy  frequencies
-    ("far below", "white"):        ("noise overstated",       (_SMALLER, _SMALLER, _BOUND, _SMALLER,    _SD_SMALLER)),
-    ("far below", "correlated"):   ("noise overstated",       (_SMALLER, _SMALLER, _BOUND, _SMALLER)),
-    ("below", "white"):            ("noise overstated",       (_SMALLER, _SMALLER, _BOUND, _SMALLER,    _SD_SMALLER)),
-    ("below", "correlated"):       ("misfit below the noise", (_BOTH,    _BOTH,    _ADMIT, _MORE)),
-    ("as expected", "white"):      ("explained",              ("",       "",       "",     "",          "")),
-    ("as expected", "correlated"): ("misfit",                 (_ADMIT,   _ADMIT,   _ADMIT, _MORE)),
-    ("above", "white"):            ("misfit",                 (_LARGER,  _TAILS,   _BOUND, _LARGER,     _SD_LARGER)),
-    ("above", "correlated"):       ("misfit",                 (_ADMIT,   _ADMIT,   _ADMIT, _MORE)),
+    # level and pattern              finding                    nothing   outliers  size    frequencies
+    ("far below", "white"):        ("noise overstated",       (_SMALLER, _SMALLER, _BOUND, _SD_SMALLER)),
+    ("far below", "correlated"):   ("noise overstated",       (_SMALLER, _SMALLER, _BOUND)),
+    ("below", "white"):            ("noise overstated",       (_SMALLER, _SMALLER, _BOUND, _SD_SMALLER)),
+    ("below", "correlated"):       ("misfit below the noise", (_BOTH,    _BOTH,    _MODEL)),
+    ("as expected", "white"):      ("explained",              ("",       "",       "",     "")),
+    ("as expected", "correlated"): ("misfit",                 (_MODEL,   _MODEL,   _MODEL)),
+    ("above", "white"):            ("misfit",                 (_LARGER,  _TAILS,   _BOUND, _SD_LARGER)),
+    ("above", "correlated"):       ("misfit",                 (_MODEL,   _MODEL,   _MODEL)),
 }
 # fmt: on
 #: The cell of each level, pattern and what the noise model absorbs; natural frequencies are too few for a pattern.

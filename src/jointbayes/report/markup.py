@@ -28,8 +28,6 @@ _READABLE = {
     "accelerometer_mass": "accelerometer mass",
     "gain": "gain",
     "noise_scale": "noise, factor on the stated",
-    "discrepancy_scale": "model discrepancy, in noise sd",
-    "discrepancy_length": "its correlation length",
 }
 _SHORT = {
     "youngs_modulus": "ln E",
@@ -42,8 +40,6 @@ _SHORT = {
     "loss_factor": "ln η",
     "accelerometer_mass": "ln mass",
     "noise_scale": "ln noise",
-    "discrepancy_scale": "ln discr.",
-    "discrepancy_length": "ln Hz",
 }
 
 

@@ -184,8 +184,6 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> WeighedModel:
 
 
 def _cross_validated(problem: Problem, draws: Array, efficiency: float) -> tuple[LeaveOneOut | None, str]:
-    if any(name.rpartition(".")[2] == "discrepancy_scale" for name in problem.names):
-        return None, "left out: the noise model correlates the residuals"
     try:
         return leave_one_out(problem, draws, efficiency), ""
     except ModelError as error:

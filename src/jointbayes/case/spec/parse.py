@@ -259,8 +259,6 @@ def _unlike_priors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding
             noise = spec.noise
             if noise.scale == "sampled":
                 shared["noise",] = noise.scale_low_factor, noise.scale_high_factor
-            if noise.discrepancy is not None:
-                shared["noise", "discrepancy"] = noise.discrepancy
             if noise.model_error is not None:
                 shared["noise", "model_error"] = noise.model_error
         for place, prior in shared.items():

@@ -288,7 +288,6 @@ def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
     reasons = {
         "residuals": "but natural frequencies have neither magnitude nor phase",
         "distribution": "which is offered for FRFs only",
-        "discrepancy": "but correlation along frequency needs lines, which natural frequencies do not have",
     }
     for key, reason in reasons.items():
         value = getattr(noise, key)

@@ -193,22 +193,6 @@ class PlanSpec(Spec):
     added_mass_g: Annotated[Positive | None, _ADDED_MASS] = None
 
 
-_SIGMAS = "in standard deviations of the noise"
-
-
-class DiscrepancySpec(Spec):
-    """A model error that is correlated along frequency; its size and length are parameters, log-uniform."""
-
-    scale_low: Annotated[float, positive(f"the smallest discrepancy {_SIGMAS}", 0.03)] = 0.03
-    scale_high: Annotated[float, positive(f"the largest discrepancy {_SIGMAS}", 100.0)] = 100.0
-    length_low_hz: Annotated[float, positive("the shortest correlation length in Hz", 5.0)]
-    length_high_hz: Annotated[float, positive("the longest correlation length in Hz", 500.0)]
-
-    def _findings(self) -> Iterator[Finding]:
-        yield from not_above(self.scale_low, self.scale_high, "scale_low", "scale_high", _SIGMAS)
-        yield from not_above(self.length_low_hz, self.length_high_hz, "length_low_hz", "length_high_hz", "in Hz")
-
-
 _OF_EACH = "as a fraction of it, a number above 0"
 _ERROR_FACTOR = Field(gt=1, description="the factor by which that may be wrong, a number above 1", examples=[3.0])
 
@@ -237,7 +221,6 @@ _SCALE_HIGH = Field(ge=1, description="the largest factor on the noise, a number
 _MODEL_ERROR = Field(
     description="errors of the model in modes: frequency_error, error_factor, those of damping, shapes and constants"
 )
-_DISCREPANCY = Field(description="a model error correlated along frequency: length_low_hz, length_high_hz")
 
 
 class NoiseModelSpec(Spec):
@@ -257,15 +240,13 @@ class NoiseModelSpec(Spec):
     scale_high_factor: Annotated[float, _SCALE_HIGH] = 10.0
     scale_dof: Annotated[Positive, positive("the degrees of freedom of the prior of the squared factor", 4.0)] = 4.0
     scale_guess: Annotated[Positive, positive("the guess of the factor on the noise", 1.0)] = 1.0
-    discrepancy: Annotated[DiscrepancySpec | None, _DISCREPANCY] = None
     model_error: Annotated[ModelErrorSpec | None, _MODEL_ERROR] = None
     own: Annotated[bool, OWN] = False
 
     @property
     def inferred(self) -> bool:
         """Whether parameters of the noise are sampled."""
-        tables = self.discrepancy, self.model_error
-        return self.scale == "sampled" or self.distribution == "proportional" or any(t is not None for t in tables)
+        return self.scale == "sampled" or self.distribution == "proportional" or self.model_error is not None
 
     def _findings(self) -> Iterator[Finding]:
         yield from not_above(self.scale_low_factor, self.scale_high_factor, "scale_low_factor", "scale_high_factor", "")
@@ -273,18 +254,6 @@ class NoiseModelSpec(Spec):
             law = self.distribution
             fault = f'found "integrated" with distribution = "{law}": the integral over the factor is Gaussian only'
             yield Finding(("scale",), fault, f'"known" or "sampled" with {law}', 'write scale = "sampled"')
-        yield from self._discrepancy_findings()
-
-    def _discrepancy_findings(self) -> Iterator[Finding]:
-        if self.discrepancy is None:
-            return
-        loc = ("discrepancy",)
-        if self.distribution != "gaussian":
-            fault = f"residuals that are correlated are computed as Gaussian ones, not as {self.distribution}"
-            yield Finding(loc, fault, 'distribution = "gaussian" with a discrepancy', "remove one of the two")
-        if self.scale == "integrated":
-            fault = "the factor cannot be integrated out where it scales only a part of the covariance"
-            yield Finding(loc, fault, 'scale = "known" or "sampled" with a discrepancy', 'write scale = "sampled"')
 
 
 _METHOD = key_field('how the truth is measured, "frf", "impact" or "shaker"', "impact")

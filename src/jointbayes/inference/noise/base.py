@@ -73,8 +73,6 @@ class NoiseChoice:
         Prior of the factor that is integrated out.
     dof
         Degrees of freedom of heavy tails.
-    discrepancy
-        Ranges of the size and of the length in Hz of a correlated model error; None without one.
     model_error
         Sizes of the model's errors in modes; None without any.
     """
@@ -84,7 +82,6 @@ class NoiseChoice:
     scale_dof: float = 4.0
     scale_guess: float = 1.0
     dof: float = 4.0
-    discrepancy: tuple[tuple[float, float], tuple[float, float]] | None = None
     model_error: ErrorSizes | None = None
 
     @property
@@ -98,9 +95,9 @@ def log_uniform(name: str, unit: str, low: float, high: float) -> Nuisance:
     return Nuisance(name, unit, 1.0, Uniform(math.log(low), math.log(high)))
 
 
-#: What a noise model takes up of a misfit: a wrong size of the noise, a discrepancy along frequency, single lines that
-#: are far off; of natural frequencies nobody asks.
-Absorbed = Literal["nothing", "outliers", "size", "discrepancy", "frequencies"]
+#: What a noise model takes up of a misfit: a wrong size of the noise, single lines that are far off; of natural
+#: frequencies nobody asks.
+Absorbed = Literal["nothing", "outliers", "size", "frequencies"]
 
 
 class NoiseModel(ABC):
@@ -115,8 +112,6 @@ class NoiseModel(ABC):
     needs_chi2_only: ClassVar[bool] = False
     #: Whether it is the stated noise and nothing else.
     as_stated: ClassVar[bool] = False
-    #: Whether more averages make it smaller: a model error stays as it is.
-    averages_out: ClassVar[bool] = True
     #: Whether residuals may be white by another noise than the stated one, as beside bodies that are measured.
     takes_white_residuals: ClassVar[bool] = True
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
-from jointbayes.inference.noise import correlated, model_error
+from jointbayes.inference.noise import model_error
 from jointbayes.inference.noise.base import (
     GaussianSpread,
     NoiseChoice,
@@ -27,8 +27,6 @@ from jointbayes.measurement import Data
 
 def noise_of(choice: NoiseChoice, parts: int, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """The noise model that a case chooses, and the priors of its hyperparameters."""
-    if choice.discrepancy is not None and data.frfs is not None:
-        return correlated.noise_of(choice, parts, data.frfs)
     if choice.model_error is not None and data.modes is not None:
         return model_error.noise_of(choice.model_error, data.modes)
     if choice.scale == "integrated":

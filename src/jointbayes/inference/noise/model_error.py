@@ -67,7 +67,6 @@ class ModelErrorNoise(NoiseModel):
     sizes: ErrorSizes
 
     names: ClassVar[tuple[str, ...]] = ()
-    averages_out: ClassVar[bool] = False
     takes_white_residuals: ClassVar[bool] = False
 
     def __post_init__(self) -> None:

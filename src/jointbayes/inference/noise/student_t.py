@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from jointbayes.arrays import Array
+from jointbayes.frf.kernels.compiled import compiled
 from jointbayes.inference.noise.base import (
     Absorbed,
     NoiseChoice,
@@ -21,9 +22,11 @@ from jointbayes.inference.noise.base import (
     squares_of,
     white,
 )
-from jointbayes.inference.noise.kernels import log1p_sum
 from jointbayes.inference.prior import Nuisance
 from jointbayes.measurement import Data
+
+#: A product is turned into its logarithm before it leaves the range of numbers.
+_LARGE = 1e140
 
 
 def noise_of(choice: NoiseChoice, parts: int, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
@@ -130,3 +133,21 @@ class StudentNoise(NoiseModel):
         shape = (len(np.atleast_2d(hyper)), lines, pairs)
         stretch = self._scale(hyper, shape[0]) / np.sqrt(rng.chisquare(self.dof, shape) / self.dof)
         return stretch * white(rng, shape, self.parts)
+
+
+@compiled
+def log1p_sum(z: Array, parts: int, factor: Array, out: Array) -> None:
+    """Σ ln(1 + factor·|z|²) (n,) over z (n, lines, pairs·parts), by the logarithm of products of a few factors."""
+    n, lines, columns = z.shape
+    for i in range(n):
+        f, total, product = factor[i], 0.0, 1.0
+        for k in range(lines):
+            for c in range(0, columns, parts):
+                square = z[i, k, c] * z[i, k, c]
+                if parts == 2:
+                    square += z[i, k, c + 1] * z[i, k, c + 1]
+                product *= 1.0 + f * square
+                if not product < _LARGE:
+                    total += math.log(product)
+                    product = 1.0
+        out[i] = total + math.log(product)

@@ -207,14 +207,11 @@ def repeated(problem: Problem, averages_factor: float) -> FrfCandidate:
     Raises
     ------
     ModelError
-        If the factor is not above 1, the data are natural frequencies, or a model discrepancy is inferred: averaging
-        takes noise away, not model error.
+        If the factor is not above 1, or the data are natural frequencies.
     """
     measured = present(problem)
     if not 1 < averages_factor < math.inf:
         raise ModelError(f"planning: found {averages_factor:g} times the averages; expected a number above 1")
-    if problem.test.noise is not None and not problem.test.noise.averages_out:
-        raise ModelError("planning: found an inferred discrepancy; expected none, since averages do not reduce it")
     frf = measured.frf
     name, law = f"{averages_factor:g} × averages", StatedVariance(measured.variance / (averages_factor - 1))
     return FrfCandidate(

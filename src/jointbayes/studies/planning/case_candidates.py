@@ -234,9 +234,7 @@ class _FrfMaker(_Maker):
         )
 
     def _averages(self) -> Iterator[Candidate]:
-        noise = self._problem.test.noise
-        if noise is None or noise.averages_out:
-            yield repeated(self._problem, self._spec.plan.averages_factor)
+        yield repeated(self._problem, self._spec.plan.averages_factor)
 
     def _band(self) -> Iterator[Candidate]:
         top, data = self._spec.plan.f_max_hz, self._data
