@@ -37,11 +37,8 @@ _SYMBOLS = {
 #: Law and key of [structure.damping] for a symbol that stands in [structure].
 _OF_DAMPING = {"zeta": ("modal", "ratio"), "eta": ("loss_factor", "loss_factor")}
 _MIDDLES = ("mean", "median", "value", "nominal")
-#: What to write in place of a key that earlier versions had.
-_REMOVED: dict[KeyPath, str] = {
-    (table, key): "it was removed: use [noise.model_error], an error of the model in each mode"
-    for table, key in (("noise", "discrepancy"), ("uncertain", "mode_frequencies"))
-}
+#: Keys of earlier versions, in whose place errors of the model are stated.
+_REMOVED = {("noise", "discrepancy"), ("uncertain", "mode_frequencies")}
 #: Texts that mean one of the allowed ones.
 _SYNONYMS = {"hysteretic": "loss_factor", "structural": "loss_factor"}
 
@@ -226,7 +223,7 @@ def _elsewhere(path: KeyPath, root: type[BaseModel]) -> str:
     """What to write instead of a key whose meaning is stated in another table under another name; or empty."""
     key = str(path[-1])
     if path in _REMOVED:
-        return _REMOVED[path]
+        return "it was removed: use [noise.model_error], an error of the model in each mode"
     if path[:-1] == ("structure",) and key in _OF_DAMPING:
         return 'write {1} in [structure.damping] with law = "{0}"'.format(*_OF_DAMPING[key])
     if path[0] == "uncertain" and len(path) == 3 and key in _MIDDLES:
