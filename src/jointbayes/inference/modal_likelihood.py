@@ -21,7 +21,7 @@ from jointbayes.frf import (
 )
 from jointbayes.frf.ports import factors_batch
 from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
-from jointbayes.inference.noise.base import NoiseModel
+from jointbayes.inference.noise.base import NoiseModel, residuals_of_values, values_of_residuals
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.test import Test, likelihood_of
 from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of, symmetric_changes
@@ -273,7 +273,7 @@ class GaussianLikelihood(Likelihood):
         joints = joint_matrix_of(matrices)
         factor_rows = factors_batch(factors, len(joints))
         if not self.noise.needs_chi2_only:
-            z = self.standardised(joints, factor_rows)[:, :, None] / math.sqrt(2)
+            z = residuals_of_values(self.standardised(joints, factor_rows))
             return self.constant + self.noise.log_likelihood(z, self.hyper(factor_rows))
         chi2 = 0.5 * (self.standardised(joints, factor_rows) ** 2).sum(axis=-1)
         chi2[np.isnan(chi2)] = np.inf  # a shape relative to a DOF at rest
@@ -295,8 +295,7 @@ class GaussianLikelihood(Likelihood):
         """Residuals over their standard deviation and its factor, shape (batch, n)."""
         z = self.standardised(matrices, factors)
         if not self.noise.needs_chi2_only:
-            scores = self.noise.scores(z[:, :, None] / math.sqrt(2), self.hyper(factors))
-            return math.sqrt(2) * np.asarray(scores[:, :, 0])
+            return values_of_residuals(self.noise.scores(residuals_of_values(z), self.hyper(factors)))
         return z / self.hyper(factors) if self.hyper_count else z
 
     def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
@@ -341,8 +340,8 @@ class GaussianLikelihood(Likelihood):
         if self.noise.needs_chi2_only:
             rows = self.plain_residuals(matrix, directions, factors, *hyper)
         else:
-            z = self.plain_residuals(matrix, directions, factors)[:, :, None] / math.sqrt(2)
-            rows = math.sqrt(2) * np.asarray(self.noise.whiten(z, hyper)[:, :, 0])
+            z = residuals_of_values(self.plain_residuals(matrix, directions, factors))
+            rows = values_of_residuals(self.noise.whiten(z, hyper))
         return rows[0], rows[1:].T
 
     def plain_residuals(

@@ -1,6 +1,5 @@
 """The likelihood of several tests together, each with joints and uncertain quantities of its own or shared ones."""
 
-import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.likelihood_base import Likelihood
-from jointbayes.inference.noise.base import NoiseModel, Residuals
+from jointbayes.inference.noise.base import NoiseModel, Residuals, residuals_of_values, values_of_residuals
 from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
 
 
@@ -108,16 +107,19 @@ class TestsLikelihood(Likelihood):
         """ln L, shape (batch,): the sum of all tests."""
         values = [term.likelihood.log_likelihood(*term.select(matrices, factors)) for term in self._alone]
         for group in self.sharing:
-            z = self._of_group(group, matrices, factors)
+            z = self._compared(self._terms_of(group), matrices, factors)
             constant = sum(self.terms[place].likelihood.constant for place in group.tests)
             values.append(constant + group.noise.log_likelihood(z, ()))
         return np.sum(values, axis=0)
 
-    def _of_group(self, group: Sharing, matrices: AnyJointMatrix, factors: ArrayLike | None) -> Array:
-        """Residuals over √2 times their stated deviations, shape (batch, m, 1), of tests that share errors."""
-        terms = [self.terms[place] for place in group.tests]
+    def _terms_of(self, group: Sharing) -> tuple[Term, ...]:
+        return tuple(self.terms[place] for place in group.tests)
+
+    @staticmethod
+    def _compared(terms: Sequence[Term], matrices: AnyJointMatrix, factors: ArrayLike | None) -> Residuals:
+        """Residuals z, shape (batch, m, 1), of tests of real values, one after the other."""
         rows = [term.likelihood.standardised(*term.select(matrices, factors)) for term in terms]
-        return np.concatenate(rows, axis=1)[:, :, None] / math.sqrt(2)
+        return residuals_of_values(np.concatenate(rows, axis=1))
 
     def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
         """Residuals over σ: of a lone test in its own shape, of several one after the other, shape (batch, n)."""
@@ -145,7 +147,7 @@ class TestsLikelihood(Likelihood):
             If values depend on each other.
         """
         for group in self.sharing:
-            group.noise.pointwise(self._of_group(group, matrices, factors), ())
+            group.noise.pointwise(self._compared(self._terms_of(group), matrices, factors), ())
         return self._joined([term.likelihood.pointwise(*term.select(matrices, factors)) for term in self.terms])
 
     @staticmethod
@@ -171,19 +173,17 @@ class TestsLikelihood(Likelihood):
         return drawn
 
     def _white_of_group(self, group: Sharing, matrices: AnyJointMatrix, factors: ArrayLike | None) -> Array:
-        scores = group.noise.scores(self._of_group(group, matrices, factors), ())
-        return math.sqrt(2) * np.asarray(scores[:, :, 0])
+        return values_of_residuals(group.noise.scores(self._compared(self._terms_of(group), matrices, factors), ()))
 
     def draw_error_size(
         self, law: Hashable, matrices: AnyJointMatrix, factors: ArrayLike, rng: np.random.Generator
     ) -> Array | None:
         """Size of errors of the model, shape (batch,), drawn given what is left of the data."""
         alone = ((term.likelihood.noise, (term,)) for term in self._alone)
-        groups = [(group.noise, tuple(self.terms[place] for place in group.tests)) for group in self.sharing]
+        groups = [(group.noise, self._terms_of(group)) for group in self.sharing]
         for noise, terms in (*groups, *alone):
             if noise.shares == law:
-                rows = [term.likelihood.standardised(*term.select(matrices, factors)) for term in terms]
-                return noise.draw_size(rng, np.concatenate(rows, axis=1)[:, :, None] / math.sqrt(2))
+                return noise.draw_size(rng, self._compared(terms, matrices, factors))
         return None
 
     def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
@@ -218,12 +218,11 @@ class TestsLikelihood(Likelihood):
             slopes.append(self._among_all(term, slope, len(changes)))
         for group in self.sharing:
             rows = []
-            for term in (self.terms[place] for place in group.tests):
+            for term in self._terms_of(group):
                 joint, of_test = term.select(matrix, factor_rows)
                 residual, *slope_rows = term.likelihood.plain_residuals(joint, changes.block(term.rows), of_test)
                 rows.append(np.vstack([residual, self._among_all(term, np.array(slope_rows).T, len(changes)).T]))
-            z = np.hstack(rows)[:, :, None] / math.sqrt(2)
-            white = math.sqrt(2) * np.asarray(group.noise.whiten(z, ())[:, :, 0])
+            white = values_of_residuals(group.noise.whiten(residuals_of_values(np.hstack(rows)), ()))
             residuals.append(white[0])
             slopes.append(white[1:].T)
         return np.concatenate(residuals), np.concatenate(slopes)

@@ -17,7 +17,7 @@ from scipy import special
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import NoiseModel
-from jointbayes.inference.noise.base import Absorbed, squares_of
+from jointbayes.inference.noise.base import Absorbed, residuals_of_values, squares_of, values_of_residuals
 from jointbayes.posterior.whiteness import LAGS, Whiteness, lag_sd, portmanteau, replicated_portmanteau
 
 Finding = Literal["explained", "misfit", "misfit below the noise", "noise overstated"]
@@ -358,8 +358,8 @@ def check_frequencies(
     inferred: tuple[str, ...] = ()
     if noise is not None and not noise.as_stated:
         noise, rows = noise.with_scale(square.sum(axis=1) / 2, residuals.shape[1], np.asarray(hyper, dtype=float), rng)
-        z = residuals[:, :, None] / math.sqrt(2)
-        square, absorbs = 2 * noise.scores(z, rows)[:, :, 0] ** 2, noise.absorbs
+        z = residuals_of_values(residuals)
+        square, absorbs = values_of_residuals(noise.scores(z, rows)) ** 2, noise.absorbs
         inferred = noise.words(dict(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True)), z)
     return _checked(square.sum(axis=1), square.max(axis=1), square.mean(axis=0)[:, None], 1, None, absorbs, inferred)
 

@@ -267,6 +267,16 @@ def residuals_of_columns(columns: Array, parts: int) -> Residuals:
     return columns.view(np.complex128) if parts == 2 else columns
 
 
+def residuals_of_values(values: Array) -> Residuals:
+    """Real residuals over their standard deviations, shape (n, m), as z of shape (n, m, 1)."""
+    return values[:, :, None] / math.sqrt(2)
+
+
+def values_of_residuals(z: Residuals) -> Array:
+    """Real z, shape (n, m, 1), as residuals over their standard deviations, shape (n, m)."""
+    return math.sqrt(2) * np.asarray(z[:, :, 0])
+
+
 def squares_of(z: Residuals) -> Array:
     """|z|², shape as z."""
     return z.real**2 + z.imag**2 if np.iscomplexobj(z) else z**2
