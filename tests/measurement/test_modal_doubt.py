@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
@@ -65,6 +66,31 @@ def test_one_resonance_that_takes_several_poles_is_named_nonlinear_and_no_mode(f
     assert 78 < doubt.frequency_hz < 80.1
     assert doubt.reason.startswith("nonlinear? One resonance between 77.")
     assert "coherence dip" in doubt.reason
+
+
+def leaking_blocks(seed):
+    """H1 and coherence of random blocks with a Hann window, of modes at 80 Hz (0.1 %) and 210 Hz (1 %)."""
+    rng, count = np.random.default_rng(seed), 20
+    force = rng.standard_normal(SAMPLES * (count + 4))
+    response = np.zeros(force.size)
+    for at, damping, size in ((80, 0.001, 1.0), (210, 0.01, 0.5)):
+        turn, fall = 2 * np.pi * at / RATE, np.exp(-damping * 2 * np.pi * at / RATE)
+        response += scipy.signal.lfilter([0, size * fall * np.sin(turn)], [1, -2 * fall * np.cos(turn), fall**2], force)
+    response += 1e-3 * response.std() * rng.standard_normal(force.size)
+    settled = slice(4 * SAMPLES, None)
+    window = scipy.signal.get_window("hann", SAMPLES)
+    return frf_of_hits(*(record[settled].reshape(count, SAMPLES) * window for record in (response, force)))
+
+
+def test_a_coherence_dip_whose_poles_are_within_some_lines_is_leakage_and_the_mode_stays():
+    frf = leaking_blocks(1)
+    at = np.abs(frf.frequency_hz - 80).argmin()
+    assert frf.coherence[at - 2 : at + 3].min() < 0.9 < frf.coherence[at + 40, 0, 0]
+    fit = fit_modes(frf)
+    assert [round(mode.frequency_hz, 1) for mode in fit.modes] == [80.0, 210.0]
+    (doubt,) = fit.doubtful
+    assert doubt.reason.startswith("a second pole within the half-power width of the mode at 80.0")
+    assert doubt.reason.endswith("Hz: leakage")
 
 
 def test_the_same_resonance_is_a_mode_where_its_frequency_stays():

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from jointbayes.errors import ModelError
 from jointbayes.identification import missing_for_iteration, part_to_iterate
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior import Posterior, RunRecord, data_sha256
+from jointbayes.posterior.homogeneity import ModeShift
 from jointbayes.posterior.posterior import Curve, _change, curves_of
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.posterior.stored_problem import run_fingerprint
@@ -321,6 +323,44 @@ def test_the_curve_is_a_table_and_a_figure_of_each_quantity(torques, overhangs):
     tables = [block for block in section.blocks if isinstance(block, Table)]
     assert [row[0] for row in tables[2].rows] == ["5", "10", "20"]
     assert curve_section(inputs_of(overhangs)) is None
+
+
+def test_the_curve_of_an_answer_that_is_not_believed_says_nothing_of_a_change(torques):
+    inputs = inputs_of(torques)
+    modes = SimpleNamespace(reason="the model does not explain the FRFs within their noise")
+    inputs.__dict__["summary"] = dataclasses.replace(inputs.summary, knowledge=SimpleNamespace(believed_modes=modes))
+    (said, *_) = [block.text for block in curve_section(inputs).blocks if isinstance(block, Paragraph)]
+    assert "nothing is said of a change, for the model does not explain the FRFs within their noise" in said
+
+
+def test_levels_whose_data_are_equal_show_no_change(torques):
+    """Whatever made-up draws far apart say."""
+    same = jb.case_from_text("same", (OWN + TORQUES).replace("k22 = 2.2e6", "k22 = 1.52e6").replace("0.6e6", "1.52e6"))
+    posterior = dataclasses.replace(torques, problem=same.problem)
+    curve, other = posterior.curve("k22"), torques.curve("k22")
+    assert curve.change == other.change
+    assert curve.change[1] > 1
+    assert (curve.equal_data, curve.changes) == (True, False)
+    assert (other.equal_data, other.changes) == (False, True)
+    assert curve.sentence.endswith("is shown, for the data of the two are equal within their noise.")
+
+
+def test_the_report_says_which_set_ups_measured_the_same_and_how_far_modes_move(torques):
+    inputs = inputs_of(torques)
+    summary = json.loads(json.dumps(inputs.summary.to_json(), allow_nan=False))
+    assert [(each["first"], each["second"]) for each in summary["homogeneity"]] == [
+        ("loose", "usual"),
+        ("loose", "tight"),
+    ]
+    assert not any(each["equal"] for each in summary["homogeneity"])
+    _, first, *_ = overview_section(inputs).blocks
+    assert first.text.startswith("Set-ups loose and usual differ by more than their noise. 50 FRF values: ")
+    modes = ModeShift(80.0, -0.1, 0.02, (0.004, 0.012), 5.0), ModeShift(210.0, 0.01, 0.02)
+    compared = dataclasses.replace(inputs.summary.homogeneity[0], modes=modes)
+    inputs.__dict__["summary"] = dataclasses.replace(inputs.summary, homogeneity=(compared,))
+    table = overview_section(inputs).blocks[-1]
+    assert table.rows[0] == ("80", "-0.1", "0.02", "0.4", "1.2", "3", "5")
+    assert table.rows[1] == ("210", "+0.01", "0.02", "–", "–", "–", "–")
 
 
 @pytest.mark.parametrize(("name", "which"), [("k22", "overhangs"), ("k99", "torques")])

@@ -11,11 +11,15 @@ import jointbayes as jb
 from jointbayes.case.simulated_test import Truth, simulate
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
+from jointbayes.studies.campaign.campaign_findings import examine_campaign
+from jointbayes.studies.campaign.case_table import read_cases
+from jointbayes.studies.campaign.index import DONE, read_index, write_index
+from jointbayes.studies.campaign.joint_draws import read_draws
 from jointbayes.studies.compare import hypothesis_problem, require_same_data
 from jointbayes.studies.data_sets import require_simulable, simulated_problem, simulated_values
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3
-from tests.report.test_setups import HEARD, OWN, TORQUES
+from tests.report.test_setups import HEARD, OWN, TORQUES, posterior_of
 
 
 def case_of(more, base=BASE):
@@ -129,12 +133,79 @@ def test_cases_are_compared_on_the_data_of_all_their_set_ups():
         require_same_data([first, other])
 
 
-def test_a_campaign_of_cases_with_set_ups_is_refused_in_one_line(tmp_path):
-    (tmp_path / "case.toml").write_text(BASE + TWO, encoding="utf-8")
-    result = CliRunner().invoke(main, ["campaign", str(tmp_path / "case.toml"), "--out", str(tmp_path / "out")])
-    assert result.exit_code == 2
-    (line,) = result.stderr.strip().splitlines()
-    assert "setups: found the set-ups long, short; expected cases of one test" in line
+#: Quick to sample: little noise, and few walkers.
+SEVERAL = BASE.replace("relative = 0.03", "relative = 0.003") + TWO + "[sampling]\nensembles = 4\nwalkers = 16\n"
+MEASURED_SETUPS = (
+    BASE[: BASE.index("[data]")]
+    + """
+[data]
+kind = "measured_frf"
+file = "first.uff"
+channels = { "11:y" = "11:y" }
+variance = { source = "relative", relative = 0.02, floor = 0 }
+[setups.first]
+[setups.second.data]
+file = "second.uff"
+"""
+)
+
+
+def campaign(tmp_path, table, base=SEVERAL):
+    (tmp_path / "base.toml").write_text(base, encoding="utf-8")
+    (tmp_path / "joints.csv").write_text(table, encoding="utf-8")
+    command = ["campaign", str(tmp_path / "joints.csv"), "--base", str(tmp_path / "base.toml"), "--workers", "1"]
+    return CliRunner().invoke(main, [*command, "--out", str(tmp_path / "out")])
+
+
+@pytest.mark.science
+def test_a_campaign_of_cases_with_set_ups_samples_each_as_by_itself_and_has_a_population(tmp_path):
+    columns = "key,data.truth.k22,data.noise.seed,setups.short.structure.length_mm"
+    ended = campaign(tmp_path, f"{columns}\na,1.40e6,1,200\nb,1.45e6,2,201\nc,1.5e6,3,\n")
+    assert ended.exit_code in (0, 3), ended.output  # three joints may leave their population unconverged
+    assert "3 cases: 3 done, 0 failed, 0 not converged" in ended.stdout
+    done = jb.Campaign(tmp_path / "out")
+    posterior = done.posterior("b")
+    lengths = [test.structures.recipe.length for test in posterior.problem.tests]
+    assert [test.name for test in posterior.problem.tests] == ["long", "short"]
+    assert lengths == pytest.approx([0.383, 0.201])
+    for key, truth in (("a", 1.40e6), ("b", 1.45e6), ("c", 1.5e6)):
+        assert done.index.loc[key, "k22.low95"] < truth < done.index.loc[key, "k22.high95"]
+    settings = posterior.case.sampler.for_one_of_many()
+    again = jb.sample(posterior.case, seed=int(done.index.loc["b"]["seed"]), settings=settings)
+    assert again.brief()["k22.median"] == done.index.loc["b"]["k22.median"]
+    assert_array_equal(again.with_fewer_draws(4000).theta, posterior.theta)
+    findings = examine_campaign(tmp_path / "out")
+    assert findings.left_out == {}
+    assert findings.counts["in the population"] == 3
+
+
+def test_a_fault_in_a_set_up_of_a_campaign_names_row_and_column(tmp_path):
+    ended = campaign(tmp_path, "key,setups.short.structure.length_mm\na,200\nb,-3\n")
+    assert ended.exit_code == 2
+    (line,) = ended.stderr.strip().splitlines()
+    assert line.startswith(f"jointbayes: {tmp_path}/joints.csv:3: setups.short.structure.length_mm: found -3; expected")
+
+
+def test_files_of_set_ups_make_a_campaigns_case_and_stay_inside(tmp_path):
+    case_file = tmp_path / "case.toml"
+    case_file.write_text(MEASURED_SETUPS, encoding="utf-8")
+    (case,) = read_cases([case_file])
+    _, spec = case.read()
+    assert [file.name for file in case.files(spec)].count("second.uff") == 1
+    case_file.write_text(MEASURED_SETUPS.replace("second.uff", "../second.uff"), encoding="utf-8")
+    with pytest.raises(CaseError, match=r'setups.second.data.file: found "../second.uff", which leads out'):
+        read_cases([case_file])
+
+
+def test_cases_whose_set_ups_have_joints_of_their_own_say_why_they_are_in_no_population(tmp_path):
+    for key, case in (("own", case_of(TORQUES, OWN)), ("shared", case_of(TORQUES))):
+        posterior_of(case).save(tmp_path / f"{key}.nc")
+    done = {"status": DONE, "converged": True, "order": 0}
+    rows = [{"key": key, "file": f"{key}.nc", **done} for key in ("own", "shared")]
+    write_index(tmp_path, rows)
+    draws = read_draws(tmp_path, read_index(tmp_path))
+    assert [row.key for row in draws.rows] == ["shared"]
+    assert draws.left_out == {"own": "it is not of one coupled pair, the same in all its set-ups"}
 
 
 def test_published_values_are_those_of_joints_that_set_ups_share():

@@ -84,8 +84,11 @@ def load(config: Path) -> "Case":
 def draw(case: "Case", seed: int | None, checkpoint: "UnfinishedRun | None" = None) -> "Posterior":
     """Sample a case with progress on standard error."""
     from jointbayes.cli.progress_display import show_progress
+    from jointbayes.posterior.homogeneity import compare_setups
     from jointbayes.workflow import sample as draw
 
+    for comparison in compare_setups(case.problem):
+        say(comparison.sentence)
     with show_progress() as progress:
         return draw(case, seed=seed, progress=progress, checkpoint=checkpoint)
 

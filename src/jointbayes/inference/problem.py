@@ -215,9 +215,8 @@ class Problem:
         return sharing
 
     def _is_one_structure(self, terms: Sequence[Term], first: int, second: int) -> bool:
-        one, other = self.tests[first], self.tests[second]
-        alike = np.array_equal(terms[first].columns, terms[second].columns) and one.joints == other.joints
-        return alike and _is_same_body(one.structure, other.structure)
+        same_unknowns = np.array_equal(terms[first].columns, terms[second].columns)
+        return same_unknowns and is_one_structure(self.tests[first], self.tests[second])
 
     @cached_property
     def _nuisances(self) -> tuple[str, ...]:
@@ -285,6 +284,11 @@ class Problem:
         if factors is None:
             return model.frequency_hz(self.parametrisation.matrix(stiffness))
         return model.frequency_hz(self.parametrisation.matrix(stiffness), self.structural(factors))
+
+
+def is_one_structure(first: Test, second: Test) -> bool:
+    """Whether two tests are of structures that are made alike and joined at the same places."""
+    return first.joints == second.joints and _is_same_body(first.structure, second.structure)
 
 
 def _is_same_body(first: Any, second: Any) -> bool:  # noqa: ANN401

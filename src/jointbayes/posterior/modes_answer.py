@@ -148,7 +148,7 @@ def modes_problem(posterior: JudgedPosterior, sizes: ErrorSizes, freed: Problem 
         if frfs is None:
             tests.append(test)
             continue
-        resonances = _resonances(frfs)
+        resonances = resonances_of(frfs)
         numbers, far = _numbers(part, posterior, np.array([mode.frequency_hz for mode in resonances]))
         left_out += [_far_in_words(test, resonances[place]) for place in far]
         modes = [mode for place, mode in enumerate(resonances) if place not in far]
@@ -173,7 +173,7 @@ def is_of_measured_frfs(problem: Problem) -> bool:
     return bool(frfs) and modelled and not any(data.synthetic for data in frfs)
 
 
-def _resonances(frfs: FrfData) -> Sequence[MeasuredMode]:
+def resonances_of(frfs: FrfData) -> Sequence[MeasuredMode]:
     """Modes that FRFs show; those that were found as they were read."""
     if frfs.provenance is not None:
         return frfs.provenance.modes

@@ -14,6 +14,7 @@ from jointbayes.inference import Level, Test
 from jointbayes.inference.test import own_name
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import BestDraw, FileRecord
+from jointbayes.posterior.homogeneity import compare_tests
 from jointbayes.posterior.identifiability import Identifiability, Verdict
 from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.storage import log_prior_of_joint, write_tree
@@ -63,6 +64,8 @@ class Curve:
         Median and ends of the interval of the quantity at the second of the levels over that at the first, or minus it.
     unjudged
         Why nothing is said of a change: that the run has no verdict; empty where it has.
+    equal_data
+        Whether the data of the two are equal within their noise, so that they show no change.
     """
 
     name: str
@@ -80,6 +83,13 @@ class Curve:
     relative: bool
     change: tuple[float, float, float]
     unjudged: str = ""
+    equal_data: bool = False
+
+    @property
+    def changes(self) -> bool:
+        """Whether a change is shown: the interval leaves none out, and the data differ by more than their noise."""
+        _, low, high = self.change
+        return not (self.unjudged or self.equal_data or low <= (1.0 if self.relative else 0.0) <= high)
 
     @property
     def sentence(self) -> str:
@@ -97,8 +107,9 @@ class Curve:
             text += f", of {self.pairs} pairs of levels the one that differs most clearly"
             held = f"{100 * self.probability:g} % credible interval for all pairs together"
         text += f": median {middle:.4g}{quantity_unit}, {held} {low:.4g} to {high:.4g}{quantity_unit}"
-        if low <= least <= high:
-            return f"{text}; no change {between} is shown."
+        if not self.changes:
+            why = ", for the data of the two are equal within their noise" if self.equal_data else ""
+            return f"{text}; no change {between} is shown{why}."
         return f"{text}; it {'rises' if low > least else 'falls'} {between}."
 
 
@@ -134,6 +145,7 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
     pair, pairs, change = _change(values, level, relative=relative, tail=tail)
     first = named[0][0].level
     assert first is not None
+    compared = compare_tests(*(named[place][0] for place in pair))
     return Curve(
         name,
         posterior.unit(named[0][1]),
@@ -150,6 +162,7 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
         relative,
         change,
         "; ".join(reasons_for_no_verdict(posterior)),
+        compared is not None and compared.equal,
     )
 
 

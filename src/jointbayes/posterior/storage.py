@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.inference import JointPrior, Problem
+from jointbayes.joint import Blocks
 from jointbayes.sampling import Draws
 from jointbayes.whole_file import write_whole_file
 
@@ -138,13 +139,16 @@ def log_prior_of_joint(prior: JointPrior, theta: Array) -> xr.Dataset:
     """ln of the prior's density over the joint's coordinates alone, up to a constant, at θ of shape (chains, draws, d).
 
     With it draws can be reweighted to another prior by whoever knows the coordinates, which are named beside it with
-    the prior's mean, standard deviation and ends in each.
+    the prior's mean, standard deviation and ends in each; those of one joint that all set-ups share are its own.
     """
+    of_joint = prior.parametrisation
+    if isinstance(of_joint, Blocks) and len(of_joint.blocks) == 1 and not of_joint.blocks[0].name:
+        of_joint = of_joint.blocks[0].parametrisation
     density = sum(marginal.log_density(theta[..., i]) for i, marginal in enumerate(prior.marginals))
     count = len(prior.marginals)
     low, high = prior.support
     attrs = {
-        "coordinates": prior.parametrisation.key,
+        "coordinates": of_joint.key,
         "mean": prior.mean[:count],
         "sd": prior.sd[:count],
         "low": low[:count],

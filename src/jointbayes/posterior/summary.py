@@ -11,6 +11,7 @@ from jointbayes.arrays import Array
 from jointbayes.frf import MeasuredFile
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
+from jointbayes.posterior.homogeneity import Homogeneity, compare_setups
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.knowledge import ExactInputs, Knowledge
 from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies
@@ -131,6 +132,8 @@ class Summary:
     setups
         What is said of the data of each set-up, by its name; of a lone test under an empty name. Fit, check, diagnosis
         and natural frequencies above are then those of all data, of the set-up that fits worst, and of the first.
+    homogeneity
+        Whether set-ups of one structure measured the same within their noise.
     """
 
     record: RunRecord
@@ -152,6 +155,7 @@ class Summary:
     solutions: str
     left_out: tuple[LeftOut, ...]
     setups: Mapping[str, SetupSummary]
+    homogeneity: tuple[Homogeneity, ...]
 
     def __str__(self) -> str:
         record, fit = self.record, self.fit
@@ -231,6 +235,7 @@ class Summary:
             "data_sha256": self.data_sha256,
             "measurement": next(iter(self.setups.values())).measurement,
             "setups": {name: setup.as_json() for name, setup in self.setups.items() if name},
+            "homogeneity": [comparison.as_json() for comparison in self.homogeneity],
         }
         return _json_ready(summary)
 
@@ -293,6 +298,7 @@ def summarise(
         solutions=posterior.solutions.sentence,
         left_out=posterior.predict_left_out(),
         setups=setups,
+        homogeneity=compare_setups(problem),
     )
 
 

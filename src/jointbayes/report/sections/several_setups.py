@@ -12,6 +12,8 @@ from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
 from jointbayes.report.sections.measured_data import mode_table
 
+_OF_NOISE = "Standard deviations are those of the noise, of the fit of the modes or as stated for them."
+
 
 def overview_section(inputs: ReportInputs) -> ReportSection:
     """A row for each set-up: its data, and whether the model explains them."""
@@ -38,7 +40,30 @@ def overview_section(inputs: ReportInputs) -> ReportSection:
     )
     kinds = tuple("" if setup.summary.check.explains else "bad" for setup in inputs.setups)
     table = Table("Set-ups", tuple(head), tuple(rows), note=note, row_kinds=kinds)
-    return ReportSection("setups", "Set-ups", (table,))
+    return ReportSection("setups", "Set-ups", (table, *_equality(inputs)))
+
+
+def _equality(inputs: ReportInputs) -> list[Block]:
+    """Whether set-ups of one structure measured the same, and how far each mode moves."""
+    blocks: list[Block] = []
+    for each in inputs.summary.homogeneity:
+        blocks.append(Paragraph(foreign(each.sentence_of_lines)))
+        rows = tuple(
+            (
+                number(mode.frequency_hz, 5),
+                f"{mode.frequency_percent:+.2g}",
+                number(mode.frequency_percent_sd, 2),
+                *((number(100 * ratio) for ratio in mode.damping_ratio) if mode.damping_ratio else ("–", "–")),
+                number(mode.damping_factor),
+                number(mode.damping_percent_sd, 2),
+            )
+            for mode in each.modes
+        )
+        if rows:
+            head = ("Mode (Hz)", "Moves by (%)", "sd (%)", "Damping ratio (%)", "then (%)", "Factor", "sd (%)")
+            title = foreign(f"Modes of {each.first}, and how far they move to {each.second}")
+            blocks.append(Table(title, head, rows, note=_OF_NOISE))
+    return blocks
 
 
 def setup_section(place: int, inputs: SetupInputs, sections: Sequence[ReportSection]) -> ReportSection:
@@ -60,12 +85,17 @@ def curve_section(inputs: ReportInputs) -> ReportSection | None:
     curves = curves_of(inputs.posterior)
     if not curves:
         return None
-    of = curves[0].of
+    of, knowledge = curves[0].of, inputs.summary.knowledge
+    modes = knowledge.believed_modes if knowledge else None
     blocks: list[Block] = []
     for i, curve in enumerate(curves, 1):
+        if modes is not None:
+            curve = replace(curve, unjudged=f"{modes.reason}; ask the modes of each level, as measured_frequencies")
         blocks.append(Paragraph(foreign(curve.sentence)))
         blocks += [_table(inputs, curve), _figure(i, curve)]
-    return ReportSection("curve", foreign(f"Stiffness over the {of.name}"), tuple(blocks))
+    damping = inputs.posterior.problem.parametrisation.damped
+    what = "Stiffness and damping" if damping else "Stiffness"
+    return ReportSection("curve", foreign(f"{what} over the {of.name}"), tuple(blocks))
 
 
 def _axis(curve: Curve) -> str:

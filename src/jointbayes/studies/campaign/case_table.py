@@ -13,9 +13,6 @@ from glob import glob
 from pathlib import Path
 from typing import Any
 
-import pydantic
-
-from jointbayes.case.case_faults import fault_lines
 from jointbayes.case.case_text import CaseText, find_outside, read_case_text
 from jointbayes.case.keys import named_files
 from jointbayes.case.spec.parse import parse_case
@@ -79,9 +76,9 @@ class BaseCase:
         for key, value in values.items():
             _set(data, key, value, where)
         try:
-            return data, CaseSpec.model_validate(data), []
-        except pydantic.ValidationError as error:
-            return data, None, fault_lines(error, CaseSpec, self._marked(data))
+            return data, parse_case(self._marked(data)), []
+        except CaseError as error:
+            return data, None, str(error).splitlines()
 
     @cached_property
     def _files(self) -> tuple[str, ...]:
@@ -198,20 +195,15 @@ class CampaignCase:
         else:
             data, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
             text = toml_text(data)
-        if spec.setups:
-            raise CaseError(
-                f"{self.where}: setups: found the set-ups {', '.join(spec.setups)}; expected cases of one test each in "
-                "a campaign; run this case by itself"
-            )
         return text, spec
 
     def files(self, spec: CaseSpec) -> tuple[Path, ...]:
         """Files that it names: of measurements, measured bodies and matrices."""
-        return tuple(self.path.parent / name for names in named_files(spec.model_dump()).values() for name in names)
+        return tuple(self.path.parent / name for names in _named_files(spec).values() for name in names)
 
     def require_inside(self, spec: CaseSpec) -> None:
         """Refuse files outside the directory of the case file, or of the base case."""
-        for key, names in named_files(spec.model_dump()).items():
+        for key, names in _named_files(spec).items():
             if (outside := find_outside(self.path.parent, names)) is not None:
                 found, expected, remedy = outside[1]
                 raise CaseError(f"{self.where}: {'.'.join(key)}: {found}; expected {expected}; {remedy}")
@@ -227,6 +219,15 @@ class CampaignCase:
             except OSError as error:
                 digest.update(type(error).__name__.encode())
         return digest.hexdigest()
+
+
+def _named_files(spec: CaseSpec) -> dict[tuple[str, ...], tuple[str, ...]]:
+    """Names of files that a case and its set-ups state, by key."""
+    tables = spec.model_dump()
+    names = named_files(tables)
+    for setup, changed in tables["setups"].items():
+        names |= {("setups", setup, *key): files for key, files in named_files(changed).items()}
+    return names
 
 
 def read_cases(

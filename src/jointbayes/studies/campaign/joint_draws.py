@@ -82,7 +82,9 @@ def read_draws(directory: str | os.PathLike[str], rows: Sequence[CaseRow]) -> Ca
     for row in chosen:
         try:
             cases.append(_read_case(Path(directory), row, most))
-        except (OSError, KeyError, ValueError, TypeError, RuntimeError, ModelError) as error:
+        except ModelError as error:
+            left_out[row.key] = str(error)
+        except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
             left_out[row.key] = f"its posterior cannot be read ({type(error).__name__})"
     if not cases:
         return None
@@ -128,7 +130,7 @@ def _read_case(directory: Path, row: CaseRow, most: int) -> _Case:
         key = group.attrs["coordinates"]
         coordinates = key.decode() if isinstance(key, bytes) else str(key)
         if coordinates not in COORDINATES:
-            raise ModelError(f"found {coordinates} coordinates")
+            raise ModelError("it is not of one coupled pair, the same in all its set-ups")
         names = [quantity.name for quantity in parametrisation_named(coordinates).quantities]
         density = file["log_prior/joint"][()].ravel()
         columns = [file[f"posterior/{name}"][()].ravel() for name in names]
