@@ -12,10 +12,13 @@ import pytest
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import CaseError
-from jointbayes.inference import ErrorSizes
+from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Uniform
+from jointbayes.joint import PlainSprings
+from jointbayes.measurement import ModeData, Observed
 from jointbayes.posterior.modes_answer import is_of_measured_frfs, modes_problem
 from jointbayes.report import ReportInputs, build_report
-from tests.conftest import TABLE_3, cheap_text, edited
+from jointbayes.workflow import sample_quickly
+from tests.conftest import CLAMP, TABLE_3, cheap_text, edited, rod
 
 EXACT = ErrorSizes(frequency=1e-9)
 
@@ -184,3 +187,20 @@ def test_what_is_declared_exact_has_no_prior_beside():
         CaseError, match=r'uncertain\.exact: found "density", whose prior \[uncertain\.density\] states'
     ):
         case_from_text("twice", text)
+
+
+def test_quick_draws_of_two_springs_in_a_thin_sheet_have_the_quantiles_of_a_grid():
+    data = ModeData(Observed(np.array([116.8, 726.5]), np.array([0.02, 0.1])))
+    prior = JointPrior(PlainSprings(), (Uniform(18.0, 26.0), Uniform(11.0, 19.0)))
+    test = jb.Test("clamped", rod(), CLAMP, data, ModelErrorNoise.of(data, ErrorSizes()))
+    problem = jb.Problem([test], prior)
+    quick = sample_quickly(problem, seed=1)
+    axes = np.linspace(18.0, 26.0, 80), np.linspace(12.2, 14.2, 1500)
+    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+    density = np.concatenate([problem.log_posterior(rows) for rows in np.array_split(points, 200)])
+    mass = np.exp(density - density.max()).reshape(80, 1500)
+    for column, axis in enumerate(axes):
+        below = np.cumsum(mass.sum(axis=1 - column)) / mass.sum()
+        for probability in (0.025, 0.5, 0.975):
+            drawn = float((quick.theta[:, column] <= np.interp(probability, below, axis)).mean())
+            assert abs(drawn - probability) < 4 * math.sqrt(probability * (1 - probability) / len(quick.theta))

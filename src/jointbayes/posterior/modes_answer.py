@@ -234,13 +234,30 @@ def _with_tests(problem: Problem, tests: Sequence[Test]) -> Problem:
     return Problem(tests, prior, problem.initial, name=f"{problem.name}: modes")
 
 
-def modes_answer(
-    posterior: JudgedPosterior, of_modes: JudgedPosterior, asked: ModesProblem, assumed: tuple[str, ...] = ()
-) -> ModesAnswer:
-    """What the modes say, and whether that is the answer to believe.
+def which_to_believe(posterior: JudgedPosterior, asked: ModesProblem) -> tuple[bool, str]:
+    """Whether the answer of the modes is to be believed, not that of the FRFs; and why.
 
     It is unless the model explains the FRFs and its errors, as stated, are smaller than what the noise of the FRFs
     leaves open of the frequencies.
+    """
+    stated, smallest = asked.sizes.frequency, min(mode.sd_hz / mode.frequency_hz for mode in asked.used)
+    if not posterior.check.explains:
+        return True, "the model does not explain the FRFs within their noise"
+    if stated > smallest:
+        return True, (
+            f"an error of the model of {number(100 * stated, 2)} % in a natural frequency is more than the "
+            f"{number(100 * smallest, 2)} % that the noise of the FRFs leaves open"
+        )
+    return False, (
+        f"the model explains them, and its errors are stated to be smaller ({number(100 * stated, 2)} % of a natural "
+        f"frequency) than what their noise leaves open ({number(100 * smallest, 2)} %)"
+    )
+
+
+def modes_answer(
+    posterior: JudgedPosterior, of_modes: JudgedPosterior, asked: ModesProblem, assumed: tuple[str, ...] = ()
+) -> ModesAnswer:
+    """What the modes say, and whether that is the answer to believe, see `which_to_believe`.
 
     Parameters
     ----------
@@ -251,21 +268,7 @@ def modes_answer(
     assumed
         What is uncertain in it that nobody stated, in words.
     """
-    stated, smallest = asked.sizes.frequency, min(mode.sd_hz / mode.frequency_hz for mode in asked.used)
-    if not posterior.check.explains:
-        believed, reason = True, "the model does not explain the FRFs within their noise"
-    elif stated > smallest:
-        believed = True
-        reason = (
-            f"an error of the model of {number(100 * stated, 2)} % in a natural frequency is more than the "
-            f"{number(100 * smallest, 2)} % that the noise of the FRFs leaves open"
-        )
-    else:
-        believed = False
-        reason = (
-            f"the model explains them, and its errors are stated to be smaller ({number(100 * stated, 2)} % of a "
-            f"natural frequency) than what their noise leaves open ({number(100 * smallest, 2)} %)"
-        )
+    believed, reason = which_to_believe(posterior, asked)
     prior, likelihood = of_modes.problem.prior, of_modes.problem.log_posterior.likelihood
     rng, theta = np.random.default_rng([posterior.record.seed, _STREAM]), of_modes.thinned(_SIZES)
     size = likelihood.draw_error_size(asked.sizes, prior.matrix(theta), prior.factors(theta), rng)

@@ -14,7 +14,7 @@ from jointbayes.sampling.distributions import (
 )
 from jointbayes.sampling.ensemble import SamplerSettings
 from jointbayes.sampling.proposal import Proposal, Start, fit_each_mode, fit_proposal
-from jointbayes.sampling.released import END_TOLERANCE, Restraint, released_draws
+from jointbayes.sampling.released import END_TOLERANCE, Restraint, independent_chains, released_draws
 from jointbayes.sampling.sampler import run_adapted, run_ensembles
 from jointbayes.sampling.starting import replace_far_walkers, starting_walkers
 from jointbayes.sampling.stopping import INTERVAL, Quantities
@@ -26,6 +26,7 @@ __all__ = [
     "Restraint",
     "SamplerSettings",
     "UnfinishedRun",
+    "independent_chains",
     "run_adapted",
     "released_draws",
     "replace_far_walkers",

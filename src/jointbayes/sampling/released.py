@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
+from jointbayes.sampling.chains import Chains
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import Checked, LogDensity
+from jointbayes.sampling.diagnostics import split_r_hat
 from jointbayes.sampling.distributions import (
     Pool,
     WeightedDraws,
@@ -19,7 +21,7 @@ from jointbayes.sampling.distributions import (
     truncated,
 )
 from jointbayes.sampling.proposal import Finite, OneOfProposals, Proposal, likeliest_mixture
-from jointbayes.sampling.stopping import INTERVAL, Quantities
+from jointbayes.sampling.stopping import INTERVAL, Check, Quantities
 
 #: Largest Monte Carlo standard error of each end of a 95 % interval, as a share of the interval's width.
 END_TOLERANCE = 0.05
@@ -41,6 +43,7 @@ _MISSED = 1.5  # ln of an importance weight: draws above it are hardly ever prop
 _FEW = 5  # such draws for each parameter, below which nothing is fitted to them
 _LARGEST_WEIGHT = 0.01  # of all, that one draw may carry
 _LEAST_EFFECTIVE = 400.0  # draws at every end
+_CHAINS = 4  # in which independent draws are handed out, to tell R̂ from
 
 
 #: Equally weighted draws of θ, shape (n, d), and ln of the density there, shape (n,).
@@ -140,6 +143,40 @@ def released_draws(
         rows = _chosen(weighted.log_weight, number * _POOLED, rng)
         draws = pool.theta[rows], pool.value[rows]
     return None
+
+
+def independent_chains(log_density: LogDensity, theta: Array, effective: float, seconds: float) -> Chains:
+    """As many of equally weighted draws θ, shape (n, d), as they are worth, as the chains of a run without burn-in.
+
+    Parameters
+    ----------
+    log_density
+        Log of the unnormalised density over θ.
+    theta
+        The draws, in any order.
+    effective
+        Number of independent draws that these are worth.
+    seconds
+        Wall time that they took.
+    """
+    steps = min(int(effective), len(theta)) // _CHAINS
+    kept = theta[: _CHAINS * steps]
+    draws = kept.reshape(_CHAINS, steps, 1, -1)
+    check = Check(step=steps, burn_in=0, tau=np.ones(theta.shape[1]), r_hat=split_r_hat(draws))
+    return Chains(
+        theta=draws,
+        log_density=log_density(kept).reshape(draws.shape[:-1]),
+        acceptance=np.ones(_CHAINS),
+        move_acceptance={},
+        thin=1,
+        converged=True,
+        reason=f"{_CHAINS * steps} independent draws by importance sampling, each end of a 95 % interval known to "
+        f"{100 * END_TOLERANCE:g} % of the interval's width",
+        evaluations=len(kept),
+        singular=0,
+        seconds=seconds,
+        history=(check,),
+    )
 
 
 def interval_errors(values: Array, weight: Array) -> tuple[float, float]:
