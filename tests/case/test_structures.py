@@ -156,7 +156,16 @@ def test_a_workshop_knows_the_lengths_of_straight_frames_to_half_a_per_cent():
     assert "length" not in built(PORTAL, "3:y", "1:x").workshop_problem.names
     case = built(SPINDLE, "tool.tip:y", "tool.tip:y")
     assert case.problem.names[3:] == case.problem.test.structure.names == ("youngs_modulus", "tool.density")
-    assert case.workshop_problem.names[3:] == ("youngs_modulus", "density", "tool.density")
+    assert case.workshop_problem.names[3:] == ("youngs_modulus", "density", "accelerometer_mass", "tool.density")
+
+
+def test_a_workshop_knows_the_mass_of_accelerometers_to_five_per_cent():
+    weighed = PORTAL.replace("[structure]\n", "[structure]\naccelerometer_mass_g = 4.0\n", 1)
+    (mass,) = (n for n in built(weighed, "3:y", "1:x").workshop_problem.prior.nuisances if n.name == "accelerometer_mass")
+    assert (mass.unit, mass.nominal, mass.prior.sd) == ("g", 4.0, 0.05)
+    exact = weighed + '[uncertain]\nexact = ["accelerometer_mass"]\n'
+    for text in (PORTAL, exact):
+        assert "accelerometer_mass" not in built(text, "3:y", "1:x").workshop_problem.names
 
 
 def test_a_case_without_priors_takes_the_frames_own_stiffness():

@@ -31,10 +31,10 @@ DEFAULT_GUESS_FACTOR = 1e3
 #: Bounds of the default priors of a loss factor, and of a dashpot relative to the beam's own stiffness times a second.
 DEFAULT_LOSS = 1e-4, 1.0
 DEFAULT_DASHPOT_FACTORS = 1e-6, 100.0
-_MOST_MODES = 30  # whose frequencies may be uncertain one by one
 
 #: How well material and length are known in a workshop, where the case takes them as exactly known.
 WORKSHOP_SD_PERCENT = {"youngs_modulus": 2.0, "density": 1.0, "length": 0.5}
+_ACCELEROMETER_SD_PERCENT = 5.0
 _ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot be the same mode
 
 
@@ -276,7 +276,7 @@ def guess_of(joint: JointSpec, sizes: Mapping[str, OwnStiffness], marginals: Seq
 
 
 def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, FactorPriorSpec]:
-    """Priors on material, length and damping as in a workshop, where the case takes them as exactly known.
+    """Priors on material, length, damping and accelerometers as in a workshop, where the case takes them as exactly known.
 
     One factor is on the damping ratios of all set-ups, and leaves the `largest` of them below 1.
     """
@@ -284,7 +284,9 @@ def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, Fac
     usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items() if name in offered}
     if "length_offset" in stated:  # the error of the length is stated
         usual.pop("length", None)
-    if min(spec.structure.damping.values.get("damping_ratio", [0.0])) > 0 and data.frfs is not None:
+    if data.frfs is not None and offered.get("accelerometer_mass", ("g", 0.0))[1] > 0:
+        usual["accelerometer_mass"] = FactorPriorSpec(sd_percent=_ACCELEROMETER_SD_PERCENT)
+    if data.frfs is not None and min(spec.structure.damping.values.get("damping_ratio", [0.0])) > 0:
         widest = min(10.0, 0.9 / largest)
         usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
     return {name: prior for name, prior in usual.items() if name not in (*stated, *spec.uncertain.exact)}
