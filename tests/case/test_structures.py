@@ -161,7 +161,8 @@ def test_a_workshop_knows_the_lengths_of_straight_frames_to_half_a_per_cent():
 
 def test_a_workshop_knows_the_mass_of_accelerometers_to_five_per_cent():
     weighed = PORTAL.replace("[structure]\n", "[structure]\naccelerometer_mass_g = 4.0\n", 1)
-    (mass,) = (n for n in built(weighed, "3:y", "1:x").workshop_problem.prior.nuisances if n.name == "accelerometer_mass")
+    nuisances = built(weighed, "3:y", "1:x").workshop_problem.prior.nuisances
+    (mass,) = (nuisance for nuisance in nuisances if nuisance.name == "accelerometer_mass")
     assert (mass.unit, mass.nominal, mass.prior.sd) == ("g", 4.0, 0.05)
     exact = weighed + '[uncertain]\nexact = ["accelerometer_mass"]\n'
     for text in (PORTAL, exact):

@@ -276,7 +276,7 @@ def guess_of(joint: JointSpec, sizes: Mapping[str, OwnStiffness], marginals: Seq
 
 
 def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, FactorPriorSpec]:
-    """Priors on material, length, damping and accelerometers as in a workshop, where the case takes them as exactly known.
+    """Priors on material, length, damping and accelerometers as in a workshop, where the case takes them as exact.
 
     One factor is on the damping ratios of all set-ups, and leaves the `largest` of them below 1.
     """
