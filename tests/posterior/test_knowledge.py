@@ -4,6 +4,7 @@ import datetime
 import json
 import math
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, effect_of_
 from jointbayes.report import ReportInputs, build_report, render_html
 from jointbayes.report.markup import badge, nuisance_label
 from jointbayes.report.model import Callout, Paragraph, Table
+from jointbayes.report.sections import lead
 from jointbayes.report.sections.identifiable import freed_blocks
 from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, of_case, plain_reports
 
@@ -271,6 +273,24 @@ def test_a_one_sided_limit_is_compared_as_one():
     above = bounded((), 100.0, "bounded above")
     for limit, holds in ((101.0, True), (149.0, True), (151.0, False), (20.0, True)):
         assert (inputs_taken_as_exact((above, bounded(("length",), limit, "bounded above"))) == {}) == holds
+
+
+@pytest.mark.parametrize("computed", [True, False])
+def test_of_what_was_measured_page_one_gives_the_row_of_a_workshop_first(computed):
+    exact, workshop = row_of_intervals((), k=(1.0, 1.1)), row_of_intervals(("length",), k=(1.0, 2.0))
+    inputs = SimpleNamespace(
+        summary=SimpleNamespace(fit=SimpleNamespace(synthetic_data=computed)),
+        posterior=SimpleNamespace(
+            problem=SimpleNamespace(parametrisation=SimpleNamespace(damped=False)), unit=lambda _: "N/m"
+        ),
+        knowledge=SimpleNamespace(freed=(exact, workshop), assumed=("length to 0.5 %",)),
+        reference=(1.05,),
+        reference_source="a book",
+    )
+    table = lead._verdict_table(inputs, {"k": (exact.known["k"], "identified")}, workshop)
+    first, second = table.rows
+    assert [first[1], second[1]] == (["exact", "as in a workshop"] if computed else ["as in a workshop", "exact"])
+    assert (table.head[2], first[2], second[2]) == ("Published", "1.05", "–")
 
 
 def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs, of_cheap, capsys):

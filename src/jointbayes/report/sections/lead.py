@@ -133,7 +133,8 @@ def _verdict_table(
     reference = inputs.reference
     damped = inputs.posterior.problem.parametrisation.damped
     head = ["Quantity" if damped else "Stiffness", "Median", "95 % interval", "Unit", "Verdict"]
-    rows, kinds = [], []
+    rows: list[tuple[str, ...]] = []
+    kinds = []
     for i, (name, (assessment, verdict)) in enumerate(verdicts.items()):
         unit = inputs.posterior.unit(name)
         row = [
@@ -143,15 +144,17 @@ def _verdict_table(
             "–" if unit == "1" else unit,
             verdict,
         ]
-        if reference is not None:
-            row.insert(1, number(reference[i]))
+        both = [row]
         if workshop:
             row.insert(1, "as the case states" if inputs.knowledge.freed[0].uncertain else "exact")
-        rows.append(tuple(row))
-        kinds.append(kind_of(verdict))
         if workshop and name in workshop.known:
-            rows.append(_answer_in_workshop(workshop, name, published=reference is not None))
-            kinds.append(kind_of(rows[-1][-1]))
+            # of what was measured nobody knows all else exactly, so that this is the answer
+            both.insert(int(inputs.summary.fit.synthetic_data), _answer_in_workshop(workshop, name))
+        if reference is not None:
+            for cells, value in zip(both, (number(reference[i]), "–"), strict=False):
+                cells.insert(2 if workshop else 1, value)
+        rows += map(tuple, both)
+        kinds += [kind_of(cells[-1]) for cells in both]
     if workshop:
         head.insert(1, "All else")
     if reference is not None:
@@ -179,16 +182,17 @@ def _workshop_row(rows: Sequence[UncertainInputsRow]) -> UncertainInputsRow | No
     return rows[-1] if quantities_taken_as_exact(rows) and rows[-1].known else None
 
 
-def _answer_in_workshop(row: UncertainInputsRow, name: str, *, published: bool) -> tuple[str, ...]:
-    """Second row of a stiffness: median, interval or limit, and verdict with all else as in a workshop."""
+def _answer_in_workshop(row: UncertainInputsRow, name: str) -> list[str]:
+    """Row of a stiffness: median, interval or limit, and verdict with all else as in a workshop."""
     known = row.known[name]
-    cells = [
+    return [
+        name,
+        "as in a workshop",
         rounded(known.median, known.median_error),
         known.limit.removesuffix(f" {known.unit}") or known.interval(),
         "–" if known.unit == "1" else known.unit,
         verdict_text(known.verdict, if_model_right=known.if_model_right),
     ]
-    return (name, "as in a workshop", *(["–"] if published else []), *cells)
 
 
 def verdict_sentences(summary: Summary) -> str:
