@@ -383,6 +383,13 @@ level = 3.0
 [setups.high.uncertain.density]
 sd_percent = 1.1
 """  # fmt: skip
+ASSEMBLIES = beam(0) + PAIR.replace("[joint]", "[joint]\nown = true") + read("8:y") + """
+[assembly]
+scatter = 0.12
+scatter_factor = 2.7
+[setups.first]
+[setups.second]
+"""  # fmt: skip
 WHOLE = beam(0) + PAIR + synthetic()
 CASES = [
     *map(KeyCase, (*UNCERTAIN[:2], *UNCERTAIN[3:5], *FRAMES, *BODIES, *CHAINS, *MATRICES, *SPINDLE)),
@@ -412,4 +419,5 @@ CASES = [
         for name, test in TESTS.items()
     ),
     KeyCase(SETUPS, keys="setups"),
+    KeyCase(ASSEMBLIES, keys="assembly"),
 ]

@@ -319,6 +319,8 @@ def of_settings() -> list[tuple[str, str, Value]]:
         ("virtual_test.exponential_end", f"{impact}exponential_end", 1),
         ("virtual_test.overlap", "frfs_of_shaker[1].overlap", 1),
         ("setups.*.level", "setups.{0}.level.value", 1),
+        *(("assembly.scatter", f"scatters[{i}].median", 1) for i in range(3)),
+        *(("assembly.scatter_factor", f"scatters[{i}].factor", 1) for i in range(3)),
         ("setups.low.structure.length_mm", "setups.low.structure.recipe.length", MM),
         ("setups.high.uncertain.density.sd_percent", "nuisance.high.density.prior.sd", PERCENT),
         ("setups.high.uncertain.density.sd_percent", "setups.high.structure.ranges.density[0]", -6 * PERCENT),

@@ -336,7 +336,7 @@ def setup_texts(source: CaseText) -> dict[str, CaseText]:
 def planned_texts(source: CaseText) -> dict[str, CaseText]:
     """The text of each set-up that a plan proposes, ``[plan.setups.NAME]``, by its name; errors as `setup_texts`."""
     texts = _texts_below(source, source.data.get("plan"), ("plan", _SETUPS))
-    others = ("plan", "level", "reference")  # of the case, beside which a proposed set-up is one
+    others = ("plan", "level", "assembly", "reference")  # of the case, beside which a proposed set-up is one
     return {
         name: replace(text, data={k: v for k, v in text.data.items() if k not in others} | {_SETUPS: {name: {}}})
         for name, text in texts.items()

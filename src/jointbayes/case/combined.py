@@ -19,7 +19,17 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import AnyStructure, MeasuredBody, NaturalFrequencies, Substructures, rigid_body_modes
 from jointbayes.identification.resonances import resonances_hz
-from jointbayes.inference import JointPrior, Level, Marginal, NoiseModel, Nuisance, Problem, Test, Uniform
+from jointbayes.inference import (
+    AssemblyScatter,
+    JointPrior,
+    Level,
+    Marginal,
+    NoiseModel,
+    Nuisance,
+    Problem,
+    Test,
+    Uniform,
+)
 from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, blocks_of
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
@@ -147,7 +157,28 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
             for nuisance in named_here:
                 among[nuisance.name] = _shared(among.get(nuisance.name, nuisance), nuisance, setup.name)
     every = sorted(nuisances.values(), key=lambda n: n.name.rpartition(".")[2] == "gain")
-    return JointPrior(blocks_of(kinds), tuple(marginals), (*every, *of_noise.values())), np.concatenate([[], *guesses])
+    prior = JointPrior(blocks_of(kinds), tuple(marginals), (*every, *of_noise.values()), _scatters(setups))
+    return prior, np.concatenate([[], *guesses])
+
+
+def _scatters(setups: Sequence[CaseSetup]) -> tuple[AssemblyScatter, ...]:
+    """What scatters between assemblies: each stiffness of a joint that is each set-up's own, about a mean a level."""
+    groups: dict[str, dict[float | None, list[str]]] = {}
+    stated = setups[0].spec.assembly
+    for setup in setups if stated is not None else ():
+        for name, joint in setup.spec.stating_joints.items():
+            named, _ = setup.spec.joint_of_setup(setup.name, name)
+            level = None if setup.level is None else setup.level.value
+            for axis in joint.coordinates if joint.own else ():
+                if axis.logarithmic:
+                    of_level = groups.setdefault(prefixed(name, axis.name), {}).setdefault(level, [])
+                    of_level.append(prefixed(named, axis.name))
+    several = {name: [tuple(g) for g in by_level.values() if len(g) > 1] for name, by_level in groups.items()}
+    return tuple(
+        AssemblyScatter(name, tuple(among), stated.scatter, stated.scatter_factor)
+        for name, among in several.items()
+        if stated is not None and among
+    )
 
 
 def default_priors_of(specs: Mapping[str, CaseSpec]) -> frozenset[str]:

@@ -129,6 +129,7 @@ def note_written(path: Path) -> None:
 
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
     """Print convergence, verdicts, and what may be wrong with them."""
+    from jointbayes.posterior.assemblies import assembly_scatters
     from jointbayes.posterior.knowledge import listed
     from jointbayes.posterior.modes_answer import is_of_measured_frfs
     from jointbayes.posterior.uncertain_inputs import uncertain_quantities
@@ -147,6 +148,8 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
         say(knowledge.bounds_sentence)
     if posterior.solutions.sentence:
         say(posterior.solutions.sentence)
+    for scatter in assembly_scatters(posterior) if posterior.converged else ():
+        say(scatter.sentence)
     if knowledge is None and is_of_measured_frfs(posterior.problem):
         say("These verdicts take the model as exact: the report gives the answer of the modes that the FRFs show.")
     freed = posterior.case.workshop_problem if posterior.case and knowledge is None else None

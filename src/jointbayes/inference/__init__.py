@@ -1,5 +1,6 @@
 """Priors, likelihoods and the posterior density of a joint's coordinates."""
 
+from jointbayes.inference.assemblies import AssemblyScatter
 from jointbayes.inference.likelihood import FrfLikelihood
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
@@ -16,6 +17,7 @@ from jointbayes.inference.test import Level, Test, likelihood_of
 
 __all__ = [
     # prior
+    "AssemblyScatter",
     "Distribution",
     "JointPrior",
     "Marginal",

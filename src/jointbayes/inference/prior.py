@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
+from jointbayes.inference.assemblies import AssemblyScatter
 from jointbayes.inference.marginals import Marginal, Normal, OfStiffness, Uniform, marginal_of
 from jointbayes.joint import JointMatrix, Parametrisation
 from jointbayes.structure import is_additive
@@ -203,6 +204,8 @@ class JointPrior:
         or, where a coordinate is the logarithm of a stiffness, `OfStiffness` of one of these.
     nuisances
         The other uncertain quantities, whose coordinates follow.
+    scatters
+        Quantities that scatter between assemblies of a joint: their marginals are those of the mean of all.
 
     Raises
     ------
@@ -214,6 +217,7 @@ class JointPrior:
     parametrisation: Parametrisation
     marginals: tuple[Marginal, ...]
     nuisances: tuple[Nuisance, ...] = ()
+    scatters: tuple[AssemblyScatter, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "marginals", tuple(map(marginal_of, self.marginals)))
@@ -247,7 +251,7 @@ class JointPrior:
     @property
     def gaussian(self) -> bool:
         """Whether ln p is −½ Σ precision·(θ − mean)² and a constant inside the support: each normal or uniform in θ."""
-        return all(isinstance(m, Normal | Uniform) for m in self.all_marginals)
+        return not self.scatters and all(isinstance(m, Normal | Uniform) for m in self.all_marginals)
 
     @property
     def mean(self) -> Array:
@@ -332,7 +336,16 @@ class JointPrior:
         """ln p(θ), shape (n,), for θ of shape (n, d); −inf where impossible. The density integrates to one."""
         t = np.atleast_2d(np.asarray(theta, dtype=float))
         total = sum((m.log_density(t[:, i]) for i, m in enumerate(self.all_marginals)), np.zeros(len(t)))
-        return np.where(self.feasible(t), total - self.log_normalisation, -np.inf)
+        inside = self.feasible(t)
+        if self.scatters:
+            inside &= np.isfinite(total)
+            for scatter in self.scatters:
+                total[inside] += scatter.log_ratio(t[inside], self.names, self.all_marginals)
+        return np.where(inside, total - self.log_normalisation, -np.inf)
+
+    def _has_density(self, theta: Array) -> NDArray[np.bool_] | bool:
+        """Whether assemblies that scatter are inside their marginals, shape (n,)."""
+        return not self.scatters or np.isfinite(self.log_density(theta))
 
     @property
     def log_normalisation(self) -> float:
@@ -366,7 +379,9 @@ class JointPrior:
         for _ in range(1000):
             columns = [*(m.sample(rng, size) for m in self.all_marginals), np.empty(size)]  # a rigid joint has none
             theta = np.stack(columns, axis=-1)[:, :-1]
-            kept.append(theta[self.feasible(theta)])
+            for scatter in self.scatters:
+                theta = scatter.scattered(theta, self.names, rng)
+            kept.append(theta[self.feasible(theta) & self._has_density(theta)])
             if sum(map(len, kept)) >= size:
                 return np.concatenate(kept)[:size]
         raise ModelError(f"prior: found almost no positive definite joint among its draws; {NO_JOINT}")

@@ -12,6 +12,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Level, Test
 from jointbayes.inference.test import own_name
+from jointbayes.posterior.assemblies import usual_assemblies
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import BestDraw, FileRecord
 from jointbayes.posterior.homogeneity import compare_tests
@@ -64,6 +65,8 @@ class Curve:
         Median and ends of the interval of the quantity at the second of the levels over that at the first, or minus it.
     unjudged
         Why nothing is said of a change: that the run has no verdict; empty where it has.
+    of_usual
+        Whether it is the usual assembly at each of the two levels that is compared, about which set-ups scatter.
     equal_data
         Whether the data of the two are equal within their noise, so that they show no change.
     """
@@ -84,6 +87,7 @@ class Curve:
     change: tuple[float, float, float]
     unjudged: str = ""
     equal_data: bool = False
+    of_usual: bool = False
 
     @property
     def changes(self) -> bool:
@@ -101,7 +105,8 @@ class Curve:
         if self.unjudged:
             return f"{self.name} {between}: nothing is said of a change, for {self.unjudged}."
         least, quantity_unit = (1.0, "") if self.relative else (0.0, f" {self.unit}" if self.unit != "1" else "")
-        text = f"{self.name} at {second} {'over' if self.relative else 'minus'} that at {first}"
+        of = " of the usual assembly" if self.of_usual else ""
+        text = f"{self.name}{of} at {second} {'over' if self.relative else 'minus'} that at {first}"
         held = f"{100 * self.probability:g} % credible interval"
         if self.pairs > 1:
             text += f", of {self.pairs} pairs of levels the one that differs most clearly"
@@ -142,7 +147,8 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
     low, median, high = np.quantile(values, [tail, 0.5, 1 - tail], axis=0)
     level = np.array([_value(test) for test, _ in named])
     relative = all(_is_positive(posterior, quantity) for _, quantity in named)
-    pair, pairs, change = _change(values, level, relative=relative, tail=tail)
+    usual = usual_assemblies(posterior, name, values, level)
+    pair, pairs, change = _change(values if usual is None else usual, level, relative=relative, tail=tail)
     first = named[0][0].level
     assert first is not None
     compared = compare_tests(*(named[place][0] for place in pair))
@@ -163,6 +169,7 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
         change,
         "; ".join(reasons_for_no_verdict(posterior)),
         compared is not None and compared.equal,
+        usual is not None,
     )
 
 

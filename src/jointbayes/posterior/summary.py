@@ -9,6 +9,7 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.frf import MeasuredFile
+from jointbayes.posterior.assemblies import ScatterSummary, assembly_scatters
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.homogeneity import Homogeneity, compare_setups
@@ -132,8 +133,8 @@ class Summary:
     setups
         What is said of the data of each set-up, by its name; of a lone test under an empty name. Fit, check, diagnosis
         and natural frequencies above are then those of all data, of the set-up that fits worst, and of the first.
-    homogeneity
-        Whether set-ups of one structure measured the same within their noise.
+    homogeneity, assemblies
+        Whether set-ups of one structure measured the same, and how much a joint scatters between its assemblies.
     """
 
     record: RunRecord
@@ -156,6 +157,7 @@ class Summary:
     left_out: tuple[LeftOut, ...]
     setups: Mapping[str, SetupSummary]
     homogeneity: tuple[Homogeneity, ...]
+    assemblies: tuple[ScatterSummary, ...]
 
     def __str__(self) -> str:
         record, fit = self.record, self.fit
@@ -187,7 +189,7 @@ class Summary:
             *(f"    {setup.check.sentence}" for setup in self.setups.values()),
             *([f"    {sentence_of_left_out(self.left_out)}"] if self.left_out else []),
             *([] if self.measured_bodies is None else [f"    {self.measured_bodies.sentence}"]),
-            *([f"    {self.solutions}"] if self.solutions else []),
+            *(f"    {line}" for line in (self.solutions, *(each.sentence for each in self.assemblies)) if line),
             *(f"    No verdict: {reason}" for reason in self.no_verdict),
             *(f"    Warning: {warning}" for warning in self.warnings),
         ]
@@ -236,6 +238,7 @@ class Summary:
             "measurement": next(iter(self.setups.values())).measurement,
             "setups": {name: setup.as_json() for name, setup in self.setups.items() if name},
             "homogeneity": [comparison.as_json() for comparison in self.homogeneity],
+            "assemblies": [scatter.as_json() for scatter in self.assemblies],
         }
         return _json_ready(summary)
 
@@ -299,6 +302,7 @@ def summarise(
         left_out=posterior.predict_left_out(),
         setups=setups,
         homogeneity=compare_setups(problem),
+        assemblies=assembly_scatters(posterior),
     )
 
 

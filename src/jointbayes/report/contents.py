@@ -15,7 +15,12 @@ from jointbayes.report.sections.left_out import left_out_section
 from jointbayes.report.sections.measured_data import measured_bodies_section, measurement_section
 from jointbayes.report.sections.natural_frequencies import frequency_section, own_section
 from jointbayes.report.sections.run_details import sampling_section, settings_section, starts_section
-from jointbayes.report.sections.several_setups import curve_section, overview_section, setup_section
+from jointbayes.report.sections.several_setups import (
+    assembly_section,
+    curve_section,
+    overview_section,
+    setup_section,
+)
 
 Inputs = TypeVar("Inputs")
 
@@ -31,6 +36,7 @@ SECTIONS_OF_DATA = (
 SECTIONS = (
     measured_bodies_section,
     curve_section,
+    assembly_section,
     left_out_section,
     posterior_section,
     nuisance_section,

@@ -88,6 +88,18 @@ def _channel_findings(structure: StructureBase, data: MeasuredSpec, elsewhere: f
     yield from data.structure_findings(structure)
 
 
+def assembly_findings(levels: Mapping[str, float | None], joints: Mapping[str, JointSpec]) -> Iterator[Finding]:
+    """Yield that there is nothing that scatters: no joint of the set-ups' own, or no two set-ups of one level."""
+    if not any(joint.own for joint in joints.values()):
+        fault, remedy = "found no joint that is each set-up's own", "add own = true to [joint]"
+    elif len(set(levels.values())) == len(levels):
+        fault = f"found {len(levels)} set-ups{' at as many levels' if len(levels) > 1 else ''}"
+        remedy = "add an assembly, or remove [assembly]"
+    else:
+        return
+    yield Finding(("assembly",), fault, "two assemblies at least of one joint, alike but for the assembling", remedy)
+
+
 def level_findings(level: LevelSpec | None, levels: Mapping[str, float | None]) -> Iterator[Finding]:
     """Yield levels of nothing that is named, of some set-ups only, or all alike."""
     given = [name for name, value in levels.items() if value is not None]

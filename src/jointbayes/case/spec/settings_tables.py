@@ -161,6 +161,17 @@ class LevelSpec(Spec):
     unit: Annotated[str, _LEVEL_UNIT] = ""
 
 
+_SCATTER = key_field("the usual standard deviation of ln k between assemblies, a number above 0", 0.1)
+_SCATTER_FACTOR = Field(gt=1, description="the factor by which that may be wrong, a number above 1", examples=[3.0])
+
+
+class AssemblySpec(Spec):
+    """Each set-up is an assembly of its own: stiffnesses scatter between them about those of the usual assembly."""
+
+    scatter: Annotated[Positive, _SCATTER] = 0.1
+    scatter_factor: Annotated[float, _SCATTER_FACTOR] = 3.0
+
+
 _COUPLING = next(quantity.name for quantity in COUPLED if quantity.may_be_negative)
 _PARAMETER = key_field("the stiffness to be known best, by its name; without it the first coupling", _COUPLING)
 _AVERAGES_FACTOR = Field(gt=1, description="the factor on the averages, a number above 1", examples=[4.0])

@@ -22,6 +22,7 @@ from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_ta
 from jointbayes.case.spec.measured_table import MeasuredBodySpec
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec, PriorsSpec, UncertainSpec, quantity_table
 from jointbayes.case.spec.settings_tables import (
+    AssemblySpec,
     CompareSpec,
     IdentificationSpec,
     LeftOutSpec,
@@ -77,6 +78,9 @@ class CaseSpec(Spec):
         dict[Name, SetupSpec], Field(description="several tests of the same joints, a table for each, as [setups.long]")
     ] = {}  # noqa: RUF012 (pydantic copies it)
     level: Annotated[LevelSpec | None, Field(description="what the levels of the set-ups are: name, unit")] = None
+    assembly: Annotated[
+        AssemblySpec | None, Field(description="that each set-up is an assembly of its own: scatter, scatter_factor")
+    ] = None
     structure: StructureSpec
     joined: Annotated[bool, JOINED] = True
     joint: Annotated[JointSpec | None, Field(description="the joint: dofs, initial")] = None
@@ -223,7 +227,10 @@ class CaseSpec(Spec):
                     fault = f"found the name of a {what}, so that {name}.k11 would be two things"
                     yield Finding(("setups", name), fault, "a name of its own", "rename one of the two")
         joined = {name: setup for name, setup in self.setups.items() if setup.joined}
-        yield from rules.level_findings(self.level, {name: setup.level for name, setup in joined.items()})
+        levels = {name: setup.level for name, setup in joined.items()}
+        yield from rules.level_findings(self.level, levels)
+        if self.assembly is not None and self.joined:
+            yield from rules.assembly_findings(levels, self.all_joints)
         for name, proposed in self.plan.setups.items():
             loc = ("plan", "setups", name)
             if name in self.setups:
