@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
+from jointbayes.frf import HeldFrequencies
 from jointbayes.inference import ErrorSizes, ModelErrorNoise, Problem, Test
 from jointbayes.inference.test import likelihood_of, own_name
-from jointbayes.measurement import FrfData, ModeData, Observed
-from jointbayes.measurement.modal_fit import identify_modes
+from jointbayes.measurement import Antiresonances, FrfData, ModeData, Observed
+from jointbayes.measurement.modal_fit import identify_modes, identify_zeros
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.rounding import number
@@ -35,12 +36,16 @@ _SPREAD = 0.02  # of frequencies: errors well below it count by their square, th
 
 @dataclass(frozen=True, slots=True)
 class UsedMode:
-    """A measured resonance and the mode of the model that it is compared with, from 1."""
+    """A measured resonance and the mode of the model that it is compared with, from 1.
+
+    Or an antiresonance of the drive point `held`, and the mode of the model with that DOF held.
+    """
 
     setup: str
     number: int
     frequency_hz: float
     sd_hz: float
+    held: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +95,11 @@ class ModesAnswer:
     def basis(self) -> str:
         """What the modes' answer rests on."""
         middle, low, high = (number(100 * value, 2) for value in self.model_error)
-        frequencies = ", ".join(number(mode.frequency_hz, 4) for mode in self.modes)
+        where = {mode.held: _frequencies(self.modes, mode.held) for mode in self.modes}
+        zeros = "".join(f", and the antiresonances of {held} at {text} Hz" for held, text in where.items() if held)
         text = (
-            f"The modes are those at {frequencies} Hz in the FRFs; the model may miss each, by {middle} % as inferred "
-            f"({low} to {high} %)."
+            f"The modes are those at {where['']} Hz in the FRFs{zeros}; the model may miss each, by {middle} % as "
+            f"inferred ({low} to {high} %)."
         )
         if self.assumed:
             text += f" Nobody stated how well the rest is known; assumed is {', '.join(self.assumed)}."
@@ -112,6 +118,10 @@ class ModesAnswer:
             "assumed": self.assumed,
             "parameters": known_json(self.known),
         }
+
+
+def _frequencies(modes: Sequence[UsedMode], held: str) -> str:
+    return ", ".join(number(mode.frequency_hz, 4) for mode in modes if mode.held == held)
 
 
 def known_json(known: Mapping[str, Identifiability]) -> dict[str, dict[str, Any]]:
@@ -153,11 +163,10 @@ def modes_problem(posterior: JudgedPosterior, sizes: ErrorSizes, freed: Problem 
         left_out += [_far_in_words(test, resonances[place]) for place in far]
         modes = [mode for place, mode in enumerate(resonances) if place not in far]
         if modes:
-            tests.append(_test_of_modes(test, modes, numbers, sizes))
-            used += [
-                UsedMode(test.name, int(number), mode.frequency_hz, mode.frequency_sd_hz)
-                for number, mode in zip(numbers, modes, strict=True)
-            ]
+            of_test = _used(test, modes, numbers)
+            of_test += [zero for dof, fit in _zeros(frfs).items() for zero in _held_modes(part, posterior, dof, fit)]
+            tests.append(_test_of_modes(test, of_test, sizes))
+            used += of_test
     if not used:
         return None
     of_modes = _with_tests(answered, tests)
@@ -184,18 +193,52 @@ def resonances_of(frfs: FrfData) -> Sequence[MeasuredMode]:
         return ()
 
 
-def _numbers(part: Problem, posterior: JudgedPosterior, measured_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...]]:
-    """Number of the mode that each resonance is, and the places of resonances that are none of the model's.
+def _zeros(frfs: FrfData) -> Mapping[str, Sequence[MeasuredMode]]:
+    """Antiresonances of each drive point that FRFs show."""
+    accelerance = frfs.converted("accelerance")
+    try:
+        return {dof: fit.modes for dof, fit in identify_zeros(accelerance.frf, accelerance.variance).items()}
+    except JointBayesError:  # too few lines
+        return {}
 
-    Counted at the point, of the MAP and draws of the prior, whose natural frequencies are nearest.
-    """
+
+def _numbers(part: Problem, posterior: JudgedPosterior, measured_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...]]:
+    """Number of the mode that each resonance is, and the places of resonances that are none of the model's."""
     count = min(part.test.most_modes, len(measured_hz) + _MORE)
     if not count or not len(measured_hz):
         return np.empty(0, dtype=np.intp), tuple(range(len(measured_hz)))
+    stiffness, factors = _tried(part, posterior)
+    return _nearest(measured_hz, part.natural_frequencies_hz(stiffness, count, factors))
+
+
+def _held_modes(
+    part: Problem, posterior: JudgedPosterior, dof: str, zeros: Sequence[MeasuredMode]
+) -> Sequence[UsedMode]:
+    """Antiresonances of a drive point with the number of each; those that are none of the model's are left out."""
+    count = min(part.test.most_modes - 1, len(zeros) + _MORE)
+    if count < 1 or not zeros or dof in part.test.joints.labels:
+        return []
+    stiffness, factors = _tried(part, posterior)
+    held = HeldFrequencies(part.test.structures, part.test.joints, (dof,) * count, range(1, count + 1))
+    predicted_hz = held.frequency_hz(part.parametrisation.matrix(stiffness), part.structural(factors))
+    numbers, far = _nearest(np.array([zero.frequency_hz for zero in zeros]), predicted_hz)
+    near = [zero for place, zero in enumerate(zeros) if place not in far]
+    return [replace(mode, held=dof) for mode in _used(part.test, near, numbers)]
+
+
+def _tried(part: Problem, posterior: JudgedPosterior) -> tuple[Array, Array]:
+    """Stiffnesses and factors at the MAP, other modes and draws of the prior: where the modes are counted."""
     prior = part.prior
     modes = [posterior.estimate.theta, *(mode.theta for mode in posterior.estimate.modes)]
     theta = np.vstack([*modes, prior.sample(np.random.default_rng(posterior.record.seed), _DRAWS)])
-    predicted_hz = part.natural_frequencies_hz(prior.values(theta), count, prior.factors(theta))
+    return prior.values(theta), prior.factors(theta)
+
+
+def _nearest(measured_hz: Array, predicted_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...]]:
+    """Number of each measured frequency among the predicted ones, shape (n, count), and places of those that are none.
+
+    Counted at the one of n points whose natural frequencies are nearest.
+    """
     best, least = None, math.inf
     for row in predicted_hz:
         away = np.abs(np.log(measured_hz[:, None] / row))
@@ -209,6 +252,13 @@ def _numbers(part: Problem, posterior: JudgedPosterior, measured_hz: Array) -> t
     return numbers[near] + 1, tuple(sorted({*range(len(measured_hz))} - {*places[near].tolist()}))
 
 
+def _used(test: Test, modes: Sequence[MeasuredMode], numbers: NDArray[np.intp]) -> list[UsedMode]:
+    return [
+        UsedMode(test.name, int(number), mode.frequency_hz, mode.frequency_sd_hz)
+        for number, mode in zip(numbers, modes, strict=True)
+    ]
+
+
 def _far_in_words(test: Test, mode: MeasuredMode) -> str:
     where = f" of set-up {test.name}" if test.name else ""
     return (
@@ -217,12 +267,19 @@ def _far_in_words(test: Test, mode: MeasuredMode) -> str:
     )
 
 
-def _test_of_modes(test: Test, modes: Sequence[MeasuredMode], numbers: NDArray[np.intp], sizes: ErrorSizes) -> Test:
-    """The test with modes as data, with errors of the model in each."""
-    order = np.argsort(numbers)
-    frequency, sd = (np.array([getattr(modes[i], key) for i in order]) for key in ("frequency_hz", "frequency_sd_hz"))
-    data = ModeData(Observed(frequency, sd), numbers=tuple(numbers[order].tolist()))
+def _test_of_modes(test: Test, used: Sequence[UsedMode], sizes: ErrorSizes) -> Test:
+    """The test with modes and antiresonances as data, with errors of the model in each."""
+    modes = sorted((mode for mode in used if not mode.held), key=lambda mode: mode.number)
+    held = [mode for mode in used if mode.held]
+    zeros = (
+        Antiresonances(tuple(z.held for z in held), _observed(held), tuple(z.number for z in held)) if held else None
+    )
+    data = ModeData(_observed(modes), numbers=tuple(mode.number for mode in modes), zeros=zeros)
     return replace(test, data=data, noise=ModelErrorNoise.of(data, sizes), residual_kind="complex")
+
+
+def _observed(modes: Sequence[UsedMode]) -> Observed:
+    return Observed(np.array([mode.frequency_hz for mode in modes]), np.array([mode.sd_hz for mode in modes]))
 
 
 def _with_tests(problem: Problem, tests: Sequence[Test]) -> Problem:
@@ -240,7 +297,8 @@ def which_to_believe(posterior: JudgedPosterior, asked: ModesProblem) -> tuple[b
     It is unless the model explains the FRFs and its errors, as stated, are smaller than what the noise of the FRFs
     leaves open of the frequencies.
     """
-    stated, smallest = asked.sizes.frequency, min(mode.sd_hz / mode.frequency_hz for mode in asked.used)
+    stated = asked.sizes.frequency
+    smallest = min(mode.sd_hz / mode.frequency_hz for mode in asked.used if not mode.held)
     if not posterior.check.explains:
         return True, "the model does not explain the FRFs within their noise"
     if stated > smallest:
