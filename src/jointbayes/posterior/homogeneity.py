@@ -194,7 +194,7 @@ def _compare_lines(first: FrfData, second: FrfData) -> tuple[int, float, float, 
     return squares.size, float(squares.mean()), p_value, tuple(largest)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=8)  # they hold the data
 def _modes_of(data: Data) -> tuple[tuple[int | None, MeasuredMode], ...]:
     """Modes that data state, or that FRFs show, each with its number where it is stated; NaN for what is unknown."""
     if data.frfs is not None:
