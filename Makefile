@@ -66,6 +66,7 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.limits_hold
 	$(BIN)/python -m benchmarks.model_error
 	$(BIN)/python -m benchmarks.two_levels
+	$(BIN)/python -m benchmarks.free_bar
 	$(BIN)/python -m benchmarks.several_modes
 	$(BIN)/python -m benchmarks.false_alarms --sets 34
 	$(BIN)/python -m benchmarks.wrong_verdicts --sets 5

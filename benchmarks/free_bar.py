@@ -1,0 +1,155 @@
+"""What is said of a joint that is not there? `python -m benchmarks.free_bar`.
+
+A bar hangs free, and is analysed as a beam with a clamp at its end: k11, k12 and k22 with default priors. The data are
+the closed-form natural frequencies of a free bar without shear and rotary inertia, which the model has (0.03 % in the
+first mode, 0.4 % in the fifth), with a scatter of 0.1 %: the first three, four or five that bend, in turn. They are
+analysed with `[noise.model_error]` as it is by default, counted rightly, from mode 3 of a bar that a soft joint lets
+swing and rock, or from mode 1, as of a clamped beam; with modulus, density and length exact, as they are, or off by 2,
+1 and 0.3 % (one standard deviation) and uncertain by as much. Counted are verdicts, of which none may be "identified".
+
+Part of `make science`. Outcomes are kept in build/free_bar as they come, one line of JSON each, so that a run that was
+cut off goes on where it was. Figures go to benchmarks/free_bar.json, the table to docs/measured.md.
+"""
+
+import argparse
+import json
+import math
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import jointbayes as jb
+from benchmarks.coverage import write_between
+from benchmarks.page import table
+from benchmarks.record import environment, kept_outcomes, record_kind
+
+ROOT = Path(__file__).resolve().parents[1]
+KEPT = ROOT / "build" / "free_bar"
+SUMMARY = ROOT / "benchmarks" / "free_bar.json"
+PAGE = ROOT / "docs" / "measured.md"
+ENTROPY = 20261125
+
+#: Number of the first mode of the list, and whether modulus, density and length are uncertain.
+KINDS = {
+    "from mode 3, all else exact": (3, False),
+    "from mode 3, E, density and length uncertain": (3, True),
+    "from mode 1, all else exact": (1, False),
+}
+CASES = 100
+VERDICTS = ("identified", "weakly identified", "bounded above", "bounded below", "not identified", "no verdict")
+SCATTER = 0.001
+ERRORS = {"youngs_modulus": 0.02, "density": 0.01, "length": 0.003}
+#: βL of a free bar: cos βL cosh βL = 1.
+ROOTS = np.array([4.730040744862704, 7.853204624095838, 10.995607838001671, 14.137165491257464, 17.278759657399480])
+_DIAMETER, _LENGTH, _MODULUS, _DENSITY = 0.010, 1.0, 2.1e11, 7800.0
+_CASE = """
+[structure]
+length_mm = 1000.0
+elements = 10
+youngs_modulus_gpa = 210.0
+density_kg_m3 = 7800.0
+section = { shape = "circle", diameter_mm = 10.0 }
+damping = { law = "modal", ratio = 0.01 }
+
+[joint]
+dofs = ["1:y", "1:rz"]
+parametrisation = "signed"
+
+[noise.model_error]
+"""
+
+
+def frequencies_hz(off: Mapping[str, float] | None = None) -> NDArray[np.float64]:
+    """The first five natural frequencies that bend of a free bar, quantities off by factors, Hz."""
+    factor = dict.fromkeys(ERRORS, 1.0) | dict(off or {})
+    speed = math.sqrt(_MODULUS * factor["youngs_modulus"] / (_DENSITY * factor["density"]))
+    return np.asarray(ROOTS**2 / (2 * np.pi) * speed * _DIAMETER / 4 / (_LENGTH * factor["length"]) ** 2)
+
+
+def case_of(kind: str, index: int) -> jb.Case:
+    """One measurement of one bar."""
+    first, uncertain = KINDS[kind]
+    rng = np.random.default_rng([ENTROPY, index])
+    off = {name: math.exp(sd * rng.standard_normal()) for name, sd in ERRORS.items()}
+    measured = frequencies_hz(off if uncertain else None) * np.exp(SCATTER * rng.standard_normal(ROOTS.size))
+    count = 3 + (index - 1) % 3
+    text = _CASE + f'\n[data]\nkind = "modes"\nfrequencies_hz = {measured[:count].tolist()}\n'
+    text += f"sd_relative = {SCATTER}\nnumbers = {list(range(first, first + count))}\n"
+    if uncertain:
+        text += "".join(f"\n[uncertain.{name}]\nsd_percent = {100 * sd}\n" for name, sd in ERRORS.items())
+    else:
+        text += f"\n[uncertain]\nexact = {json.dumps(list(ERRORS))}\n"
+    return jb.case_from_text(f"{kind} {index}", text)
+
+
+def analysed(kind: str, index: int) -> dict[str, Any]:
+    """What a run says of each stiffness; JSON-ready."""
+    began = time.process_time()
+    case = case_of(kind, index)
+    posterior = jb.sample(case, seed=index, settings=case.sampler.for_one_of_many())
+    said = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
+    stiffness = {
+        name: {"verdict": one.verdict, "reason": one.verdict_reason, "interval95": list(one.interval95)}
+        for name, one in said.items()
+    }
+    return {"index": index, "seconds": time.process_time() - began, "stiffness": stiffness}
+
+
+def outcomes(kind: str, count: int, kept: Path) -> list[dict[str, Any]]:
+    """Outcomes of the first `count` bars; those kept in a file are not analysed again."""
+    return kept_outcomes(kept, json.dumps({"entropy": ENTROPY, "case": case_of(kind, 1).text}), count,
+                         partial(analysed, kind), kind)  # fmt: skip
+
+
+def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """JSON-ready counts of verdicts by stiffness."""
+    verdicts = {name: dict(Counter(row["stiffness"][name]["verdict"] for row in rows)) for name in rows[0]["stiffness"]}
+    return {
+        "cases": len(rows),
+        "median_seconds": float(np.median([row["seconds"] for row in rows])),
+        "verdicts": verdicts,
+        "environment": environment(),
+    }
+
+
+def section(results: Mapping[str, Mapping[str, Any]]) -> str:
+    """A table of what was counted, and where it was analysed."""
+    rows = [
+        (kind, str(data["cases"]), name, *(str(counts.get(verdict, 0)) for verdict in VERDICTS))
+        for kind, data in results.items()
+        for name, counts in data["verdicts"].items()
+    ]
+    environments = [data["environment"] for data in results.values()]
+    seconds = ", ".join(f"{data['median_seconds']:.0f}" for data in results.values())
+    place = f"{environments[0]['date']}, {environments[0]['cpu']}, Python {environments[0]['python']}, one core"
+    return "\n".join(
+        [
+            *table(("counted", "bars", "stiffness", *VERDICTS), rows),
+            "",
+            f"{place}: {seconds} s a bar.",
+            "",
+        ]
+    )
+
+
+def main() -> None:
+    """Run and report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kind", action="append", choices=list(KINDS), help="may be repeated; default: all")
+    parser.add_argument("--count", type=int, default=CASES, help="bars; default: the whole study")
+    options = parser.parse_args()
+    for kind in options.kind or KINDS:
+        data = summary(outcomes(kind, options.count, KEPT / f"{kind.replace(' ', '_').replace(',', '')}.jsonl"))
+        text = section(record_kind(SUMMARY, KINDS, kind, data))
+        print(text, flush=True)
+        write_between(PAGE, "free_bar.py", text)
+
+
+if __name__ == "__main__":
+    main()
