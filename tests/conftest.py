@@ -18,7 +18,7 @@ from jointbayes.inference import ErrorSizes, Likelihood, LogPosterior, Problem, 
 from jointbayes.joint import AnyJoint, Joint, LogStiffness
 from jointbayes.measurement import Data
 from jointbayes.posterior import Posterior, knowledge
-from jointbayes.report import ReportInputs, figures
+from jointbayes.report import ReportInputs, figures, inputs
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.workflow import sample
@@ -105,12 +105,13 @@ def first_in_ci(items: Sequence[object], count: int) -> list[object]:
 
 @contextmanager
 def plain_reports() -> Iterator[None]:
-    """Reports with blank figures, without profiles and freed inputs, a third of the price: for claims about none."""
+    """Reports with blank figures, without profiles, freed inputs and modes' answers: for claims about none of these."""
     blank = '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
     effect = knowledge.effect_of_uncertain_inputs
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "svg", lambda *_: blank)
         patch.setattr(knowledge, "_profiles", lambda *_: ())
+        patch.setattr(inputs, "ask_modes", lambda _: None)
         patch.setattr(knowledge, "effect_of_uncertain_inputs", lambda posterior, *_: effect(posterior))
         yield
 
