@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
+from jointbayes.case import case
 from jointbayes.case.case import Case, case_from_text
 from jointbayes.case.case_text import read_case_text
 from jointbayes.frf import AnyStructure
@@ -105,13 +106,17 @@ def first_in_ci(items: Sequence[object], count: int) -> list[object]:
 
 @contextmanager
 def plain_reports() -> Iterator[None]:
-    """Reports with blank figures, without profiles, freed inputs and modes' answers: for claims about none of these."""
+    """Reports with blank figures, without profiles, freed inputs, modes' answers and doubts of numbers.
+
+    A third of the price and less: for claims about none of these.
+    """
     blank = '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
     effect = knowledge.effect_of_uncertain_inputs
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "svg", lambda *_: blank)
         patch.setattr(knowledge, "_profiles", lambda *_: ())
         patch.setattr(inputs, "ask_modes", lambda _: None)
+        patch.setattr(case, "find_numbering", lambda _: None)
         patch.setattr(knowledge, "effect_of_uncertain_inputs", lambda posterior, *_: effect(posterior))
         yield
 

@@ -42,7 +42,7 @@ def cli(*arguments):
 
 
 @pytest.fixture(autouse=True)
-def _every_block(monkeypatch):
+def _every_block(monkeypatch, plain_reports):
     monkeypatch.setattr(checkpoint, "SECONDS_BETWEEN", 0.0)
     monkeypatch.setattr(checkpoint, "_TIMES_THE_COST", 0)
 

@@ -55,6 +55,7 @@ def test_a_right_list_is_not_doubted(ky, krz):
         assert find_numbering(bar(measured(ky, krz, 1, 5, seed=seed)).problem) is None
 
 
+@pytest.mark.science
 @pytest.mark.parametrize(("ky", "krz"), [(2e3, 2.0), (1e5, 1e3), (1e9, 1e6)])
 def test_frequencies_in_rad_per_s_are_named(ky, krz):
     frequency = np.array(measured(ky, krz, 1, 5))
@@ -64,6 +65,7 @@ def test_frequencies_in_rad_per_s_are_named(ky, krz):
     assert bar(frequency.tolist()).warnings == ()
 
 
+@pytest.mark.science
 def test_a_length_two_per_cent_wrong_is_no_doubt_of_the_numbers():
     frequency = [f * 1.04 for f in measured(1e7, 1e4, 1, 5, sd=1e-3)]
     assert find_numbering(bar(frequency, sd=1e-3).problem) is None

@@ -12,9 +12,8 @@ SCRIPT = (
     "if '--nowhere' in sys.argv:\n"
     "    from numba.core import caching\n"
     "    caching.CacheImpl._locator_classes = [caching.UserProvidedCacheLocator]\n"
-    "import numpy as np\n"
-    "from jointbayes.frf.kernels.secular import springs\n"
-    "print(springs(np.diag([2.0, 3.0])[None])[1])\n"
+    "from tests.frf.loop import doubled\n"
+    "print(doubled(21))\n"
 )
 
 
@@ -26,7 +25,7 @@ def run(*options, **variables):
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, *options], env=environment, capture_output=True, text=True, check=True
     )
-    assert done.stdout == "[[3. 2.]]\n"
+    assert done.stdout == "42\n"
     return done.stderr
 
 
@@ -40,7 +39,7 @@ def cache(tmp_path_factory):
 
 
 def kept(cache, ending) -> Path:
-    (path,) = cache.rglob(f"secular._take_springs-*.{ending}")
+    (path,) = cache.rglob(f"loop.doubled-*.{ending}")
     return path
 
 

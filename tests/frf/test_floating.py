@@ -137,6 +137,7 @@ def test_modes_as_data_have_no_rigid_body_motions_among_them():
     assert_allclose(again, found, rtol=1e-8)
 
 
+@pytest.mark.science
 def test_two_beams_in_free_suspension_come_back_from_their_natural_frequencies():
     section = Section.rectangle(0.04, 0.01)
     bodies = {

@@ -126,6 +126,7 @@ def many_misfit(data_of):
     )
 
 
+@pytest.mark.science
 def test_the_squares_of_many_damped_joints_are_those_of_the_assembled_structure():
     k = np.array([*K_BOTH, 3e6])
     _, chi2, expected = many_misfit(k)

@@ -114,6 +114,7 @@ def test_a_search_that_knows_one_foot_order_finds_the_other(sensor_mm):
     assert len(search.estimate().starts) == 1  # images are no starts
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_every_order_of_three_like_joints_is_found(seed):
     estimate = jb.find_map(jb.case_from_text("wheel", study.wheel()), seed=seed)

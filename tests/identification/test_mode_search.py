@@ -158,6 +158,7 @@ def wrong_summit(case):
     return search
 
 
+@pytest.mark.science
 def test_a_search_whose_end_does_not_explain_the_data_goes_on_until_it_finds_the_mode(cheap_case):
     truth = jb.find_map(cheap_case)
     search, lines = wrong_summit(cheap_case), []
@@ -264,11 +265,13 @@ def found(find, seeds):
     return sum(study.search("rod 50 × 5 mm", seed, find=find).found for seed in seeds)
 
 
+@pytest.mark.science
 def test_natural_frequencies_alone_find_modes_of_the_rod_that_as_many_draws_miss():
     assert found(by_frequencies, (0, 1, 2)) == 3
     assert found(by_draws, (0, 1, 2)) < 3
 
 
+@pytest.mark.science
 def test_without_the_condition_on_the_noise_a_ripple_is_taken_for_a_mode_and_the_mode_is_missed(monkeypatch):
     assert found(by_frequencies, (5, 6, 8)) == 3
     monkeypatch.setattr(resonances, "LEAST_SD", 0.0)

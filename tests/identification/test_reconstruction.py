@@ -86,6 +86,7 @@ def test_the_slope_of_the_squares_is_that_of_differences(damped, tolerance):
     np.testing.assert_allclose(2 * jacobian.T @ residual, differences, rtol=1e-4, atol=1e-6 * np.abs(differences).max())
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("damping", [LossFactor(0.01), ModalDamping((0.005,))], ids=["loss", "modal"])
 def test_the_best_start_leads_to_the_mode(damping):
     for seed in (1, 2):
@@ -97,6 +98,7 @@ def test_the_best_start_leads_to_the_mode(damping):
         assert max(refine(problem.log_posterior, start)[1] for start in starts) > best - 1e-3, seed
 
 
+@pytest.mark.science
 def test_dashpots_and_loss_factors_are_found_with_their_springs():
     problem, theta = damped_problem()
     _, best = refine(problem.log_posterior, theta)

@@ -64,6 +64,7 @@ def test_a_coordinate_that_is_no_logarithm_has_no_prior_on_a_stiffness(parametri
         Nuisance("density", "kg/m³", 7800.0, OfStiffness(Uniform(1.0, 2.0)))
 
 
+@pytest.mark.science
 def test_the_prior_of_a_joint_integrates_to_one_and_its_draws_follow_it():
     # as a share of the draws of another prior, weighted by the ratio of densities
     ends = {"k11": (1e6, 1e9), "k12": (1e3, 5e6), "k22": (1e3, 1e6)}

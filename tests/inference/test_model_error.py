@@ -161,6 +161,7 @@ def test_the_density_of_tests_together_has_the_slope_of_its_residuals(torques):
         assert -(jacobian.T @ residual)[i] == pytest.approx((up - down) / (2 * step), rel=1e-5)
 
 
+@pytest.mark.science
 def test_draws_of_two_levels_hold_the_change_and_come_back_from_their_file(torques, tmp_path):
     posterior = jb.sample(torques, seed=1)
     assert posterior.converged

@@ -35,6 +35,7 @@ def spoilt():
     return replace(case, problem=case.problem.with_test(data=off, noise=ProportionalNoise.of(off, 2)))
 
 
+@pytest.mark.science
 def test_the_density_of_a_value_integrates_to_one():
     measured, variance = np.full((1, 1, 1), 2.0 - 1.0j), np.full((1, 1, 1), 0.3)
     stated = math.sqrt(0.3 / 2) / abs(2.0 - 1.0j)

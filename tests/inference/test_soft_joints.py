@@ -80,6 +80,7 @@ def calibration_data_of_before(variant, index):
     return theta, replace(base, problem=problem.with_test(data=used)), int(rng.integers(2**32))
 
 
+@pytest.mark.science
 @pytest.mark.parametrize(("variant", "index"), [("joint", 98), ("joint", 460), ("noise scale", 8)])
 def test_the_mode_of_a_soft_joint_is_found(variant, index):
     """Data sets of the calibration whose mode no start reached before prior draws were screened."""

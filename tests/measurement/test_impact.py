@@ -266,6 +266,7 @@ def test_what_cannot_be_is_refused_in_one_line(broken, message):
 # variance
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("hits", [3, 10])
 def test_the_variance_from_coherence_is_the_scatter_of_simulated_impact_tests(hits):
     noise, tests = ChannelNoise(0.0, 0.02), 150

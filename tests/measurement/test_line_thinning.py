@@ -105,6 +105,7 @@ def resonance(lines: int) -> np.ndarray:
     return 1 / (k - lines / 2 - 4.5j) ** 2
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("hop", [pytest.param(128, marks=pytest.mark.science), 64, 32])
 def test_every_other_line_of_a_hann_window_gives_an_honest_variance_and_every_line_does_not(hop):
     window = signal.get_window("hann", 128)

@@ -145,6 +145,7 @@ def test_two_poles_within_a_half_power_width_are_two_modes_where_the_data_insist
     assert at[1] - at[0] < width
 
 
+@pytest.mark.science
 def test_the_covariance_holds_the_standard_deviations_and_the_correlations():
     truth = np.concatenate([true_frequencies(), [0.01] * 3])
     squares = []

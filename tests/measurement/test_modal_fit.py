@@ -57,6 +57,7 @@ def scores(modes, frequency, damping):
     return [*off, *((m.damping_ratio - d) / m.damping_sd for m, d in zip(modes, damping, strict=True))]
 
 
+@pytest.mark.science
 @pytest.mark.parametrize(("stated", "sets"), [(True, 16), (False, 8)], ids=["variance stated", "variance unknown"])
 def test_errors_are_as_large_as_stated(stated, sets):
     found = []
@@ -69,6 +70,7 @@ def test_errors_are_as_large_as_stated(stated, sets):
     assert abs(np.mean(found)) < 0.4
 
 
+@pytest.mark.science
 def test_close_modes_are_told_apart_and_none_is_invented():
     frf, variance = plate_frf(np.random.default_rng(1))
     fit = fit_modes(frf, variance)
@@ -129,6 +131,7 @@ def test_a_variance_stated_too_small_widens_the_standard_deviations():
         assert b.frequency_sd_hz == pytest.approx(a.frequency_sd_hz, rel=0.1)
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("averages", [3, 30])
 def test_estimated_coherence_serves_as_variance(averages):
     found = []

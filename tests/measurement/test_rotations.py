@@ -123,6 +123,7 @@ def test_a_rotation_measured_and_derived_is_refused():
         replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("axis", range(3), ids="xyz")
 def test_the_sign_of_a_rotation_is_that_of_a_rod_along_any_axis(axis):
     lines = np.array([60.0, 350.0])

@@ -53,6 +53,7 @@ def checked(noise: NoiseModel, z: np.ndarray, hyper: list[float], seed: int = 1)
     return check_frfs(noise, z, np.tile(np.array(hyper), (len(z), 1)), np.random.default_rng(seed))
 
 
+@pytest.mark.science
 def test_a_right_model_is_refused_no_more_often_than_stated() -> None:
     rng, none = np.random.default_rng(2), np.empty((40, 0))
     found = []

@@ -149,6 +149,7 @@ def test_what_all_else_known_would_give_is_what_sampling_that_case_gives(of_unce
         assert known.known[name].interval95 == pytest.approx((low, high), abs=0.1 * (high - low))
 
 
+@pytest.mark.science
 def test_freeing_what_a_case_takes_as_known_gives_what_sampling_it_uncertain_gives(cheap_posterior):
     case = case_from_text("gain", cheap_text() + "\n[uncertain.gain]\nsd_percent = 5.0\n")
     sampled = jb.sample(case, seed=1, settings=TO_CONVERGE)

@@ -119,6 +119,7 @@ def test_an_end_is_open_where_another_coordinate_can_make_up_for_it():
     assert high == pytest.approx(1e7 * (known - math.log(1e5) + 0.3 * Z95), rel=1e-3)
 
 
+@pytest.mark.science
 def test_limits_at_the_end_of_a_thin_curved_ridge_are_those_of_the_profile():
     """Three frequencies of three unknowns: to the far end steps as wide as all draws do not lead."""
     posterior = jb.sample(jb.load_case(CONFIGS / "clamped_beam_frequencies_360mm.toml"), seed=1, settings=TO_CONVERGE)

@@ -122,6 +122,7 @@ def test_a_joint_whose_only_test_shows_no_mode_leaves_the_answer_to_the_frfs(mea
     assert {mode.setup for mode in modes_problem(posterior, ErrorSizes()).used} == {"seen"}
 
 
+@pytest.mark.science
 def test_an_exact_model_that_nobody_says_is_exact_has_the_wider_answer_of_its_modes(measured):
     inputs = ReportInputs(measured)
     answer = inputs.knowledge.modes

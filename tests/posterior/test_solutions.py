@@ -23,6 +23,7 @@ def portal():
     return jb.sample(jb.case_from_text("portal", study.portal()), seed=1, settings=TO_CONVERGE)
 
 
+@pytest.mark.science
 def test_no_stiffness_that_differs_between_the_feet_is_identified(portal):
     assert portal.converged
     assert portal.solutions.shares == pytest.approx([0.5, 0.5], abs=0.05)
@@ -60,6 +61,7 @@ def test_the_terminal_page_one_and_the_summary_say_it(portal, capsys):
             assert low / 1.05 < value < high * 1.05
 
 
+@pytest.mark.science
 def test_the_sensor_that_would_tell_the_feet_apart_is_one_that_does(portal):
     """With a sensor across the beam's middle too the mirror image no longer fits: its FRF has the other sign."""
     assert "A sensor at mid:y with the force at mid:x would tell them apart" in portal.solutions.sentence

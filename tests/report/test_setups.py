@@ -288,6 +288,7 @@ def test_a_curve_that_turns_names_the_levels_that_differ_most(torques):
     assert turned.sentence.endswith(("it rises between 5 N m and 10 N m.", "it falls between 10 N m and 20 N m."))
 
 
+@pytest.mark.science
 def test_a_curve_that_turns_by_chance_is_seldom_said_to_change():
     """Three levels that are alike: the interval is that of all pairs, so that 5 % of the runs at most say otherwise."""
     rng, said, turned = np.random.default_rng(3), 0, 0

@@ -227,6 +227,7 @@ def test_a_mixture_as_a_whole_has_its_mean_and_scale_without_the_wide_component(
     np.testing.assert_allclose(whole.scale, np.diag([0.75 + 0.5 + 3.0, 0.75 + 0.5]))
 
 
+@pytest.mark.science
 def test_forty_dimensions_are_drawn_within_few_steps():
     d = 40
     rng = np.random.default_rng(1)

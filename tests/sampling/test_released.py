@@ -50,6 +50,7 @@ def everything(theta):
 JUDGED = Quantities(("a", "b", "m"), everything)
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_thin_curved_sheet_is_followed_as_it_opens(seed):
     rng = np.random.default_rng(seed)

@@ -406,6 +406,7 @@ class TestRun:
         assert chains.theta.shape == (4, 333, 8, 2)
         assert chains.history[-1].step == 333
 
+    @pytest.mark.science
     def test_ensemble_stuck_in_another_mode_is_not_converged(self):
         def two_modes(theta):
             return np.logaddexp(-0.5 * np.sum((theta - 50.0) ** 2, axis=1), gaussian(theta))

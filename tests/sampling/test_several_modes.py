@@ -93,6 +93,7 @@ def test_of_one_mode_nothing_changes():
     assert "between modes" in {move.name for move in weighted_moves(Identity(), several)}
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("efficiency", [None, 0.0], ids=["fitted proposal", "the jump alone"])
 def test_a_run_has_the_shares_of_the_modes(efficiency):
     settings = SamplerSettings(walkers=16, max_steps=3000, tau_factor=50)

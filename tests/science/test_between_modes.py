@@ -84,6 +84,7 @@ CASES = {
 }
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("name", CASES)
 def test_a_move_between_modes_leaves_the_density_as_it_is(name):
     distance, move = CASES[name]

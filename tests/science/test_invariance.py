@@ -127,6 +127,7 @@ def test_a_move_without_the_volume_of_its_coordinates_is_caught(move, name):
     assert smallest_level(moved(target, move(target)).theta, target) < LEVEL / 1e3
 
 
+@pytest.mark.science
 def test_the_biased_snooker_move_of_emcee_is_caught():
     # emcee 3.1.6's DESnookerMove misses part of its Hastings factor above one dimension.
     target = TARGETS["gaussian-6"]

@@ -13,6 +13,8 @@ from jointbayes.posterior.summary import summarise
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section
 from tests.conftest import CONFIGS, TABLE_3, pair_matrix
 
+pytestmark = pytest.mark.science
+
 CLAMP = Joint(("1:y", "1:rz"))
 POINTS = {1: 0.0, 6: 0.1915, 11: 0.383}
 LINES = np.arange(20.0, 2500.0, 7.0)

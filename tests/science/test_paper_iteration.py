@@ -11,6 +11,8 @@ from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor, ModalDamping
 from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
+pytestmark = pytest.mark.science
+
 FIRST_GUESS = (1e8, 0.0, 0.0)  # Table 3
 LINES = np.arange(20.0, 2501.0)
 TIP = ("11:y",)

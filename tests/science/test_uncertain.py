@@ -27,6 +27,8 @@ from jointbayes.measurement import FrfData, RelativeNoise, synthesise_frf
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from tests.conftest import pair_matrix
 
+pytestmark = pytest.mark.science
+
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
 JOINT = Joint(("1:y", "1:rz"))
 TRUTH = np.array([5.05e9, 3.44e7, 1.52e6])

@@ -10,6 +10,8 @@ from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
 from tests.conftest import cheap_text, edited
 
+pytestmark = pytest.mark.science
+
 PICKED = 900
 #: Of a p-value, below which the draws are not those of the prior: chance goes below it once in a thousand.
 LEVEL = 1e-3

@@ -59,6 +59,7 @@ def test_a_body_of_formulas_has_the_frfs_of_its_closed_form():
     assert np.abs(predicted - exact).max() < 1e-4 * np.abs(exact).max()
 
 
+@pytest.mark.science
 def test_the_joint_of_a_body_of_100_000_dofs_is_found_within_its_stated_uncertainty(tmp_path):
     asked = problem(LongRod(names=()))
     history = jb.identify(asked)
@@ -76,6 +77,7 @@ def test_the_joint_of_a_body_of_100_000_dofs_is_found_within_its_stated_uncertai
     assert summary["parameters"]["kx"]["verdict"] == "identified"
 
 
+@pytest.mark.science
 def test_what_is_uncertain_of_such_a_body_is_found_with_its_joint():
     modulus = jb.Nuisance("youngs_modulus", "GPa", 210.0, jb.Normal(0.0, 0.02))
     estimate = jb.find_map(problem(LongRod(), modulus, modulus=MODULUS))

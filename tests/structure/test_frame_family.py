@@ -68,6 +68,7 @@ def test_no_mesh_shows_up_to_the_highest_frequency():
     assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
 
 
+@pytest.mark.science
 @pytest.mark.parametrize(
     "ranges",
     [

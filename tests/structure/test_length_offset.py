@@ -29,6 +29,7 @@ def frequencies(family, factors=None):
     return NaturalFrequencies(family, CLAMP, 4).frequency_hz(pair_matrix(TABLE_3)[None], factors)[0]
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("more", [{}, MASS], ids=["bare", "with accelerometer"])
 @pytest.mark.parametrize("length", [0.1, 0.383])
 def test_an_offset_makes_the_beam_that_is_so_much_longer(length, more):

@@ -83,6 +83,7 @@ def test_where_a_table_will_not_do_the_beam_is_solved_anew(monkeypatch):
     assert worst_against_dense_solve(family, draws(family, ranges, 3)) < 1e-6
 
 
+@pytest.mark.science
 def test_two_planes_of_a_round_beam_share_their_frequencies_and_are_interpolated_all_the_same():
     family = BeamFamily(recipe(dofs_per_node=5, elements=4), {"length": (-0.01, 0.01)})
     ports = Ports(np.arange(20.0, 2500.0, 61.0), ("5:y", "5:z"), ("5:y", "5:z"))
@@ -137,6 +138,7 @@ def test_the_last_listed_damping_ratio_holds_for_all_higher_modes():
     assert math.isclose(ratios[0, -1], 0.01)
 
 
+@pytest.mark.science
 def test_free_modes_that_were_asked_for_before_are_the_same_whoever_asks():
     beam = recipe()
     ranges = {"length": (-0.01, 0.01), "section_size": (-0.02, 0.02)}

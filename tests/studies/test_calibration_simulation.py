@@ -26,6 +26,7 @@ CASES = {
 COUNT = 150
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("name", list(CASES))
 def test_the_score_at_the_truth_is_zero_in_the_mean(name):
     # E ∇ ln L = 0 where data come from the likelihood, in each direction of θ, the noise's parameters among them
@@ -42,6 +43,7 @@ def test_the_score_at_the_truth_is_zero_in_the_mean(name):
     assert np.abs(z).max() < 4.0, dict(zip(problem.names, z, strict=True))
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("name", list(CASES))
 def test_whitened_residuals_at_the_truth_have_unit_variance(name):
     problem = CASES[name].problem

@@ -127,6 +127,7 @@ class Case:
         return reference.natural_frequencies_hz if reference else None
 
     @cached_property
+    @one_blas_thread()
     def warnings(self) -> tuple[InputWarning, ...]:
         """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
         warnings: list[InputWarning] = []
