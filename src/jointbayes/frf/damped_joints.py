@@ -13,10 +13,12 @@ from jointbayes.frf.kernels.by_line import add_joints
 from jointbayes.joint import JointMatrix
 
 ComplexArray = NDArray[np.complex128]
+#: Largest diagonal of the inverse of K, scaled to a unit diagonal, for which digits enough are left.
+_STIFFEST = 1e4
 
 
 def compliance_by_line(
-    matrices: JointMatrix, omega: Array, stiffest: float = 1e4
+    matrices: JointMatrix, omega: Array
 ) -> tuple[ComplexArray, NDArray[np.int64], NDArray[np.bool_]]:
     """Inverse of K + jωC + jH at each line, joint by joint of those that stand side by side.
 
@@ -26,8 +28,6 @@ def compliance_by_line(
         Of a batch of joints, with damping.
     omega
         Lines, shape (lines,), rad/s.
-    stiffest
-        Largest diagonal of the inverse of K, scaled to a unit diagonal, for which digits enough are left.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def compliance_by_line(
         if rows.size > 1:  # of one row there is nothing to lose
             root = np.sqrt(np.maximum(np.diagonal(elastic, axis1=-2, axis2=-1), np.finfo(float).tiny))
             least = np.linalg.eigvalsh(elastic / root[:, :, None] / root[:, None, :])[:, 0]
-            possible &= least > 1 / stiffest
+            possible &= least > 1 / _STIFFEST
         possible_joints &= possible
         dynamic[~possible] = np.eye(rows.size)
         inverse = np.linalg.inv(dynamic) if rows.size > 1 else 1 / dynamic

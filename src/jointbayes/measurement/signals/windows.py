@@ -12,6 +12,7 @@ from jointbayes.frf import FrfSet
 from jointbayes.frf.frf_set import POWER_OF_JW
 
 _TAPER = 0.25  # of the force window's length, cosine-shaped, follows its end
+_LINES_APART = 64  # errors of lines farther apart than that do not correlate
 
 
 def force_window(samples: int, trigger: int, length: int) -> Array:
@@ -141,8 +142,8 @@ def effective_averages(blocks: int, window: Array, hop: int) -> float:
     return blocks / float(_overlapping(blocks, window, hop, 1)[0])
 
 
-def line_correlation(window: Array, *, random: bool, blocks: int = 1, hop: int | None = None, most: int = 64) -> Array:
-    """|correlation| of the errors of an FRF at lines 0, 1, 2, … apart, shape (most,).
+def line_correlation(window: Array, *, random: bool, blocks: int = 1, hop: int | None = None) -> Array:
+    """|correlation| of the errors of an FRF at lines 0, 1, 2, … up to 63 apart.
 
     White noise at the response is taken. With the same force in each block (a hammer) errors at two lines correlate as
     the spectra of the windowed noise do. With a random force they do so only where the force's spectra correlate as
@@ -156,10 +157,8 @@ def line_correlation(window: Array, *, random: bool, blocks: int = 1, hop: int |
         Whether the force is random (shaker), or the same in each block.
     blocks, hop
         Number of blocks, and samples from one to the next; by default blocks do not overlap.
-    most
-        How many lines apart.
     """
-    most = min(most, window.size // 2)
+    most = min(_LINES_APART, window.size // 2)
     if random:
         spectrum = _overlapping(blocks, window, hop or window.size, most)
     else:
