@@ -364,6 +364,7 @@ KEYS = {
     "schema_version", "case", "seed", "converged", "reason", "no_verdict", "parameters", "map",
     "natural_frequencies_hz", "fit", "sampler", "versions", "data_sha256", "measurement", "setups", "nuisances",
     "check", "identifiability", "mesh", "measured_bodies", "warnings", "modes", "solutions", "left_out", "answers",
+    "homogeneity", "assemblies",
 }  # fmt: skip
 
 

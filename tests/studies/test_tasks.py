@@ -46,7 +46,7 @@ def by_key(outcomes):
 def cluster():
     distributed = pytest.importorskip("distributed", reason="install jointbayes[cluster] for the tests on Dask")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
     ) as cluster:
         yield cluster
 
@@ -258,7 +258,7 @@ from jointbayes.errors import WorkerError
 from jointbayes.studies.tasks import run_tasks
 from tests.studies.task_functions import slow_square
 if __name__ == "__main__":
-    with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=None, silence_logs=50) as workers:
+    with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as workers:
         try:
             tasks = ((f"{i}", (i, 1.0)) for i in range(60))
             for outcome in run_tasks(slow_square, tasks, scheduler=workers.scheduler_address):
