@@ -4,14 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy
 from numpy.testing import assert_allclose
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.measurement.modal_fit import _few_of, fit_modes, identify_modes
-from jointbayes.measurement.modal_problem import prominent_peaks
 from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
 MATRIX = pair_matrix(TABLE_3)
@@ -163,16 +161,6 @@ def test_what_cannot_be_fitted_is_refused(change, message):
         identify_modes(beam_frf(1).frf, **arguments)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_peaks_are_those_that_scipy_finds():
-    rng = np.random.default_rng(7)
-    for count in (1, 2, 3, 10, 60, 400):
-        for _ in range(50):
-            curve = np.cumsum(rng.standard_normal(count)) + rng.standard_normal(count)
-            for least in (0.3, 1.0, 3.0):
-                expected = scipy.signal.find_peaks(curve, prominence=least)[0]
-                assert prominent_peaks(curve, least).tolist() == expected.tolist()
 
 
 def test_poles_of_many_frfs_are_sought_in_a_few_and_all_are_fitted_with_them(monkeypatch):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jointbayes.errors import ModelError
 from jointbayes.joint import parametrisation_named
 from jointbayes.sampling import Proposal, StudentT
 from jointbayes.sampling.density import newton_climb
@@ -255,30 +254,3 @@ def test_the_prior_is_normal_in_the_mean_and_half_normal_in_the_scatter():
     known += np.log(scatter)  # dσ/d ln σ
     found = prior.log_density(mean, np.log(scatter))
     np.testing.assert_allclose(found - found[0], known.sum(axis=1) - known[0].sum(), atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("theta", "log_prior"),
-    [
-        (np.zeros((2, 3)), np.zeros((2, 3))),
-        (np.zeros((2, 3, 1)), np.zeros((2, 2))),
-        (np.full((1, 3, 1), np.nan), np.zeros((1, 3))),
-        (np.zeros((1, 3, 1)), np.full((1, 3), -np.inf)),
-        (np.zeros((1, 3, 1)), np.full((1, 3), np.inf)),
-        (np.zeros((0, 3, 1)), np.zeros((0, 3))),
-    ],
-)
-def test_draws_that_are_none_are_refused(theta, log_prior):
-    with pytest.raises(ModelError, match="expected"):
-        JointDraws(theta, log_prior)
-
-
-def test_priors_that_are_none_are_refused(toy):
-    with pytest.raises(ModelError, match="above 0"):
-        PopulationPrior(np.zeros(2), np.ones(2), np.array([1.0, 0.0]))
-    with pytest.raises(ModelError, match="same length"):
-        PopulationPrior(np.zeros(2), np.ones(3), np.ones(2))
-    with pytest.raises(ModelError, match="coordinates"):
-        hierarchical_posterior(toy.draws, PopulationPrior(np.zeros(3), np.ones(3), np.ones(3)))
-    with pytest.raises(ModelError, match="no joint"):
-        JointDraws.stacked([], [])

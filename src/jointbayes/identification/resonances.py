@@ -9,11 +9,11 @@ import math
 from itertools import pairwise
 
 import numpy as np
+import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.measurement import Data, FrfData
-from jointbayes.measurement.modal_problem import prominent_peaks
 
 Complex = NDArray[np.complex128]
 
@@ -66,7 +66,7 @@ def _peaks(data: FrfData, values: Complex, output: int, input_: int) -> list[tup
     if not np.isfinite(log_magnitude).any():
         return []
     log_magnitude[~np.isfinite(log_magnitude)] = log_magnitude[np.isfinite(log_magnitude)].min()
-    peaks = prominent_peaks(log_magnitude, PROMINENCE)
+    peaks = scipy.signal.find_peaks(log_magnitude, prominence=PROMINENCE)[0]
     return [
         (_interpolate_frequency(frequency, values, ratio, int(k)), float(ratio[k]))
         for k in peaks
@@ -160,7 +160,7 @@ def _common_peaks(values: Complex, sd: Array) -> NDArray[np.intp]:
     """Lines of the resonances, of all FRFs together."""
     scaled = np.abs(values) / np.median(np.abs(values), axis=0)
     power = np.log((scaled**2).mean(axis=1)) / 2
-    peaks = prominent_peaks(power, PROMINENCE)
+    peaks = scipy.signal.find_peaks(power, prominence=PROMINENCE)[0]
     clear = (np.abs(values[peaks]) > LEAST_SD * sd[peaks]).any(axis=1)
     return peaks[clear]
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import special
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
@@ -199,6 +200,4 @@ def model_probabilities(log_z: ArrayLike) -> Array:
     >>> model_probabilities(np.log([3.0, 1.0])).round(3).tolist()
     [0.75, 0.25]
     """
-    values = np.asarray(log_z, dtype=float)
-    weight = np.exp(values - values.max())
-    return weight / weight.sum()
+    return np.asarray(special.softmax(np.asarray(log_z, dtype=float)))

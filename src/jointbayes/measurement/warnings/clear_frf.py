@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf import Quantity, quantity_factor
-from jointbayes.measurement.modal_problem import prominent_peaks
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
 
 Complex = NDArray[np.complex128]
@@ -97,7 +96,7 @@ class ClearFrf:
         """Peaks of |mobility| that stand out from their surroundings and from the noise."""
         magnitude = np.abs(self.mobility)
         resonances = []
-        for top in prominent_peaks(np.log(magnitude), np.log(_RISE)):
+        for top in scipy.signal.find_peaks(np.log(magnitude), prominence=np.log(_RISE))[0]:
             if magnitude[top] < _ABOVE_NOISE * self.noise[top]:
                 continue
             low = magnitude < magnitude[top] / np.sqrt(2)

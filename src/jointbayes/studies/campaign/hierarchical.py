@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from jointbayes.arrays import Array
-from jointbayes.errors import ModelError
 from jointbayes.joint import Parametrisation
 from jointbayes.sampling import LogDensity, Proposal, SamplerSettings, StudentT, fit_proposal, run_ensembles
 from jointbayes.sampling.density import newton_climb
@@ -67,16 +66,6 @@ class PopulationPrior:
     mean: Array
     sd: Array
     scale: Array
-
-    def __post_init__(self) -> None:
-        arrays = [np.asarray(array, dtype=float) for array in (self.mean, self.sd, self.scale)]
-        widths = np.concatenate([array.ravel() for array in arrays[1:]])
-        if len({array.shape for array in arrays}) > 1 or arrays[0].ndim != 1 or not np.isfinite(arrays).all():
-            raise ModelError("population prior: expected finite mean, sd and scale of the same length; correct them")
-        if not (widths > 0).all():
-            raise ModelError(f"population prior: found widths {widths.tolist()}; expected numbers above 0")
-        for name, array in zip(("mean", "sd", "scale"), arrays, strict=True):
-            object.__setattr__(self, name, array)
 
     @classmethod
     def from_joints(cls, mean: ArrayLike, sd: ArrayLike) -> "PopulationPrior":
@@ -178,8 +167,6 @@ def hierarchical_posterior(
         If the prior is of other coordinates than the draws.
     """
     d = draws.theta.shape[2]
-    if prior.mean.size != d:
-        raise ModelError(f"population: found a prior of {prior.mean.size} coordinates for {d}; expected as many")
     target = Reweighting(draws, parametrisation)
 
     least = np.log(RESOLVED * np.sqrt(np.median(draws.variance, axis=0)))
@@ -360,14 +347,4 @@ def weighted_quantiles(values: Array, weight: Array, probabilities: tuple[float,
     ranked = np.take_along_axis(values, order, axis=1)
     share = np.take_along_axis(weight, order, axis=1)
     middle = np.cumsum(share, axis=1) - share / 2
-    rows = np.arange(len(values))
-    quantiles = []
-    for p in probabilities:
-        after = np.clip((middle < p).sum(axis=1), 1, values.shape[1] - 1) if values.shape[1] > 1 else 0
-        if values.shape[1] == 1:
-            quantiles.append(ranked[:, 0])
-            continue
-        low, high = middle[rows, after - 1], middle[rows, after]
-        fraction = np.clip((p - low) / np.maximum(high - low, np.finfo(float).tiny), 0.0, 1.0)
-        quantiles.append(ranked[rows, after - 1] * (1 - fraction) + ranked[rows, after] * fraction)
-    return np.stack(quantiles, axis=1)
+    return np.array([np.interp(probabilities, at, row) for at, row in zip(middle, ranked, strict=True)])

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import TypeAdapter
+
 from jointbayes.errors import MeasurementError
 from jointbayes.own_directory import OwnDirectory
 from jointbayes.studies.study_directory import read_lines
@@ -88,22 +90,25 @@ class CaseRow:
     """
 
     key: str
-    file: str
     status: str
-    attempts: int
-    error: str
-    serial: str | None
-    date: datetime.datetime | None
     order: int
-    converged: bool
-    reason: str
-    explains: bool | None
     verdicts: Mapping[str, str]
+    file: str = ""
+    attempts: int = 0
+    error: str = ""
+    serial: str | None = None
+    date: datetime.datetime | None = None
+    converged: bool = False
+    reason: str = ""
+    explains: bool | None = None
 
     @property
     def label(self) -> str:
         """Serial number of the joint, or the key of its case."""
         return self.serial or self.key
+
+
+_CASE_ROW = TypeAdapter(CaseRow)
 
 
 def read_index(directory: str | os.PathLike[str]) -> tuple[CaseRow, ...]:
@@ -132,21 +137,9 @@ def _rows_of_campaign(directory: Path) -> list[Row]:
 
 def _case_row(row: Row) -> CaseRow:
     suffix = ".verdict"
-    explains = row.get("explains")
-    return CaseRow(
-        key=str(row["key"]),
-        file=str(row.get("file") or ""),
-        status=str(row["status"]),
-        attempts=int(row.get("attempts") or 0),
-        error=str(row.get("error") or ""),
-        serial=None if row.get("serial") in (None, "") else str(row["serial"]),
-        date=_date(row.get("date")),
-        order=int(row["order"]),
-        converged=bool(row.get("converged")),
-        reason=str(row.get("reason") or ""),
-        explains=None if explains is None else bool(explains),
-        verdicts={name.removesuffix(suffix): str(v) for name, v in row.items() if name.endswith(suffix) and v},
-    )
+    given = {name: value for name, value in row.items() if value not in (None, "")}
+    verdicts = {name.removesuffix(suffix): value for name, value in given.items() if name.endswith(suffix)}
+    return _CASE_ROW.validate_python(given | {"date": _date(row.get("date")), "verdicts": verdicts})
 
 
 def _date(text: str | None) -> datetime.datetime | None:

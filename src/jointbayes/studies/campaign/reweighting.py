@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr
 
 from jointbayes.arrays import Array
-from jointbayes.errors import ModelError
 from jointbayes.joint import Parametrisation
 
 _AT_ONCE = 4_000_000  # weights in memory
@@ -35,24 +34,9 @@ class JointDraws:
     theta: Array
     log_prior: Array
 
-    def __post_init__(self) -> None:
-        shape = self.theta.shape
-        if len(shape) != 3 or not all(shape) or self.log_prior.shape != shape[:2]:
-            raise ModelError(
-                f"population: found draws of shape {shape} with log priors of shape {self.log_prior.shape}; expected "
-                "(joints, n, d) and (joints, n), at least one joint"
-            )
-        if not np.isfinite(self.theta).all() or not (self.log_prior > -np.inf).all() or not self.counts.all():
-            raise ModelError(
-                "population: found draws that are not finite, or where their own prior has no density; expected "
-                "draws of posteriors; leave the joint out"
-            )
-
     @classmethod
     def stacked(cls, theta: list[Array], log_prior: list[Array]) -> Self:
         """From draws (n_j, d) and log priors (n_j,) of each joint."""
-        if not theta:
-            raise ModelError("population: found no joint; expected at least one")
         most = max(map(len, theta))
         whole = np.zeros((len(theta), most, theta[0].shape[-1]))
         density = np.full(whole.shape[:2], np.inf)

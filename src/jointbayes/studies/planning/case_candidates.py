@@ -18,16 +18,16 @@ from jointbayes.errors import CaseError
 from jointbayes.frf import AnyStructure, Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import Joints
+from jointbayes.measurement import ModalData
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 from jointbayes.studies.planning.candidates import (
     Candidate,
     FrfCandidate,
     VarianceLaw,
     estimated_law,
-    present,
     repeated,
 )
-from jointbayes.studies.planning.modal_candidates import RELATIVE_CALIBRATION, ModalCandidate, measured_modes, scatter
+from jointbayes.studies.planning.modal_candidates import RELATIVE_CALIBRATION, ModalCandidate, scatter
 from jointbayes.studies.planning.proposed_setups import proposed_setups
 
 _G = 1e-3
@@ -133,10 +133,12 @@ class _ModalMaker(_Maker):
     """Makes candidates beside modes: natural frequencies as well known as the present ones, ratios to 1 %."""
 
     def _kinds(self) -> Iterable[Iterator[Candidate]]:
-        return self._at_dofs(), self._free()
+        modes = self._problem.test.data.modes
+        assert modes is not None
+        return self._at_dofs(modes), self._free(modes)
 
-    def _at_dofs(self) -> Iterator[Candidate]:
-        modes, shown = measured_modes(self._problem), self._problem.test.data.dofs
+    def _at_dofs(self, modes: ModalData) -> Iterator[Candidate]:
+        shown = self._problem.test.data.dofs
         every = self._spec.model_copy(update={"plan": PlanSpec()}).plan_outputs
         reference = next(iter((*getattr(modes, "references", ()), *self._spec.plan_inputs)), self._farthest(every))
         for dof in self._spec.plan_outputs:
@@ -153,9 +155,8 @@ class _ModalMaker(_Maker):
         here = np.array(places[next(iter(self._spec.all_joints.values())).dofs[0].rpartition(":")[0]])
         return max(dofs, key=lambda dof: float(np.linalg.norm(np.array(places[dof.rpartition(":")[0]]) - here)))
 
-    def _free(self) -> Iterator[Candidate]:
+    def _free(self, modes: ModalData) -> Iterator[Candidate]:
         if self._worth_hitting_free:
-            modes = measured_modes(self._problem)
             numbers = tuple(range(1, modes.frequency_hz.size + 1))
             relative, nothing = scatter(modes), Joints(())
             yield ModalCandidate(
@@ -168,7 +169,8 @@ class _FrfMaker(_Maker):
 
     def __init__(self, spec: CaseSpec, problem: Problem, *, hit_free: bool) -> None:
         super().__init__(spec, problem, hit_free=hit_free)
-        measurement, data = present(problem), spec.data
+        measurement, data = problem.test.data.frfs, spec.data
+        assert measurement is not None
         self._data, self._lines = measurement.frf, measurement.frf.frequency_hz
         self._law: VarianceLaw = estimated_law(measurement)
         self._step_hz: float | None = None

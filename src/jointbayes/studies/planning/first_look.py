@@ -206,8 +206,6 @@ def sets_of(names: Sequence[str], size: int, loss: Callable[[Names], float]) -> 
     ModelError
         If none is to be chosen, or there are none to choose from.
     """
-    if size < 1 or not names:
-        raise ModelError(f"planning: found {size} of {len(names)} candidates to choose; expected at least one")
     size = min(size, len(names))
     if math.comb(len(names), size) <= MOST_SETS:
         return tuple(itertools.combinations(names, size))

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.measurement import ModalData, ModeData, ModeShapes, Observed
 from jointbayes.studies.data_sets import replace_values, simulated_values
@@ -68,20 +67,6 @@ def _of_data(problem: Problem, data: ModeData) -> Problem:
     if noise is not None:
         noise = noise.fitted_to(data, noise.parts)  # type: ignore[arg-type]  # that of modes takes modes
     return problem.with_test(data=data, noise=noise)
-
-
-def measured_modes(problem: Problem) -> ModalData:
-    """The present modes.
-
-    Raises
-    ------
-    ModelError
-        If the data are no modes.
-    """
-    data = problem.test.data
-    if data.modes is None:
-        raise ModelError(f"planning: found {data.words}; expected modes")
-    return data.modes
 
 
 def scatter(modes: ModalData) -> float:
