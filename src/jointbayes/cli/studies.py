@@ -3,7 +3,7 @@
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -93,8 +93,6 @@ def plan(config: Path, out: Path | None, as_json: bool, assume: tuple[str, ...],
     """
     case = load(config)
     stated = dict(_stated(text) for text in assume)
-    import json
-
     from jointbayes.report.run_directory import require_room
     from jointbayes.studies.planning.make_plan import plan as ranked
     from jointbayes.studies.planning.plan_report import plan_lines
@@ -200,18 +198,7 @@ _SHOWN = 10  # cases that are named on the terminal
 @click.option("--limit", "seconds", type=click.FloatRange(min=0, min_open=True), help="Longest time for a case, s.")
 @outside_option
 @click.option("--again", is_flag=True, help="Try cases again that killed their workers.")
-def campaign(
-    cases: tuple[Path, ...],
-    base: Path | None,
-    out: Path | None,
-    workers: int | None,
-    scheduler: str | None,
-    seed: int,
-    draws: int,
-    full: bool,
-    seconds: float | None,
-    again: bool,
-) -> None:
+def campaign(cases: tuple[Path, ...], out: Path | None, **settings: Any) -> None:  # noqa: ANN401 (as campaign has them)
     """Sample many cases: rows of a table in CSV over a base case, or case files; then report on all of them.
 
     Started again on the same directory it goes on: what is done is not done again.
@@ -229,21 +216,12 @@ def campaign(
             progress(now)
 
         try:
-            ended = sample_all(
-                cases, target, base=base, workers=workers, scheduler=scheduler, seed=seed, draws=draws, full=full,
-                seconds=seconds, again=again, progress=tell, allow_outside=outside_allowed(),
-            )  # fmt: skip
+            ended = sample_all(cases, target, **settings, progress=tell, allow_outside=outside_allowed())
         except WorkerError as error:
             raise WorkerError(f"{error}; {kept[UNFINISHED]}" if UNFINISHED in kept else str(error)) from error
-    _write_report(ended)
-    _exit_by(ended)
-
-
-def _write_report(ended: "Campaign") -> None:
-    from jointbayes.studies.campaign.campaign_report import write_campaign_report
-
     show_stage(Progress("looking at all cases together, and writing the report"))
-    note_written(write_campaign_report(ended.directory))
+    note_written(ended.write_report())
+    _exit_by(ended)
 
 
 def _exit_by(ended: "Campaign") -> None:

@@ -1,6 +1,6 @@
 """Simulated measurements: FRFs of the forward model or as an analyser writes them, and time histories of a test."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -172,6 +172,13 @@ class Rig:
         values[0] = values[1].real  # static; the model may not have 0 Hz
         return Responses(period, values)
 
+    def records(self, number: int, input_: str, force: Array, responses: Sequence[Array]) -> Iterator[TimeRecord]:
+        """Records of one hit, or one run of the shaker: of the force on an input, and of every output."""
+        rate, motion, where = self.sample_rate_hz, MOTION_OF[self.quantity], "virtual test"
+        yield TimeRecord(channel_label(input_), rate, force, "force", "N", number, where)
+        for output, values in zip(self.outputs, responses, strict=True):
+            yield TimeRecord(channel_label(output), rate, values, motion, si_sensor_unit(motion), number, where)
+
 
 @dataclass(frozen=True, slots=True)
 class Responses:
@@ -259,7 +266,7 @@ def hammer_records(rig: Rig, hammer: Hammer, noise: ChannelNoise, rng: np.random
         Force first, then the outputs in order; `hit` says which belong together.
     """
     tail = round(rig.decay_s * rig.sample_rate_hz)
-    responses, motion = rig.responses(rig.block + tail), MOTION_OF[rig.quantity]
+    responses = rig.responses(rig.block + tail)
     number = 0
     for j, input_ in enumerate(rig.inputs):
         nominal = _force(responses.period, rig, hammer, 1.0, 1.0)
@@ -270,17 +277,11 @@ def hammer_records(rig: Rig, hammer: Hammer, noise: ChannelNoise, rng: np.random
             force = _swing(str(kind), responses.period, rig, hammer, rng)
             moved = responses.response(force, j)[: rig.block]
             measured = _limited(force[: rig.block], _NOMINAL_N, noise.force, _FORCE_RANGE, rng)
-            yield TimeRecord(channel_label(input_), rig.sample_rate_hz, measured, "force", "N", number, "virtual test")
-            for i, output in enumerate(rig.outputs):
-                yield TimeRecord(
-                    channel_label(output),
-                    rig.sample_rate_hz,
-                    _limited(moved[:, i], float(scale[i]), noise.response, _RESPONSE_RANGE, rng),
-                    motion,
-                    si_sensor_unit(motion),
-                    number,
-                    "virtual test",
-                )
+            responded = [
+                _limited(values, float(largest), noise.response, _RESPONSE_RANGE, rng)
+                for values, largest in zip(moved.T, scale, strict=True)
+            ]
+            yield from rig.records(number, input_, measured, responded)
 
 
 def _force(samples: int, rig: Rig, hammer: Hammer, strength: float, length: float) -> Array:
@@ -325,21 +326,11 @@ def shaker_records(rig: Rig, samples: int, noise: ChannelNoise, rng: np.random.G
     TimeRecord
         Force first, then the outputs in order; `hit` counts the inputs.
     """
-    responses, motion = rig.responses(samples + round(rig.decay_s * rig.sample_rate_hz)), MOTION_OF[rig.quantity]
+    responses = rig.responses(samples + round(rig.decay_s * rig.sample_rate_hz))
     for j, input_ in enumerate(rig.inputs):
         # a random force that repeats after the record's end has no beginning: no transient to wait for
         force = _NOMINAL_N * rng.standard_normal(responses.period)
         moved = responses.response(force, j)[:samples]
         force = force[:samples] + noise.force * _NOMINAL_N * rng.standard_normal(samples)
-        yield TimeRecord(channel_label(input_), rig.sample_rate_hz, force, "force", "N", j + 1, "virtual test")
-        for i, output in enumerate(rig.outputs):
-            sd = noise.response * float(moved[:, i].std())
-            yield TimeRecord(
-                channel_label(output),
-                rig.sample_rate_hz,
-                moved[:, i] + sd * rng.standard_normal(samples),
-                motion,
-                si_sensor_unit(motion),
-                j + 1,
-                "virtual test",
-            )
+        responded = [values + noise.response * float(values.std()) * rng.standard_normal(samples) for values in moved.T]
+        yield from rig.records(j + 1, input_, force, responded)

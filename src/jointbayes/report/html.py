@@ -119,7 +119,6 @@ def _payload(plot: LinePlot) -> Markup:
     data = {
         "x_label": plain(plot.x_label),
         "y_label": plain(plot.y_label),
-        "log_x": plot.log_x,
         "log_y": plot.log_y,
         "series": [
             {

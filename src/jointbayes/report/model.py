@@ -218,8 +218,8 @@ class LinePlot:
         Axis titles with units, plain text.
     series : tuple of Series
         Drawn bands first, then lines, then points; colours follow :data:`SERIES_COLOURS` in this order.
-    log_x, log_y : bool
-        Logarithmic axes.
+    log_y : bool
+        Whether the vertical axis is logarithmic.
 
     Raises
     ------
@@ -230,16 +230,13 @@ class LinePlot:
     x_label: str
     y_label: str
     series: tuple[Series, ...]
-    log_x: bool = False
     log_y: bool = False
 
     def __post_init__(self) -> None:
         if not self.series:
             raise ValueError(f"plot of {self.y_label!r}: no series")
         for series in self.series:
-            x, *ordinates = series.columns
-            if self.log_x and x[0] <= 0:
-                raise ValueError(f"series {series.name!r}: x must be positive on a logarithmic axis")
+            _, *ordinates = series.columns
             if self.log_y and np.concatenate(ordinates).min() <= 0:
                 raise ValueError(f"series {series.name!r}: y must be positive on a logarithmic axis")
 

@@ -119,14 +119,9 @@ def write_whole(target: Path, report: Report, files: Mapping[str, str], save_dra
     with scratch_directory(target) as scratch:
         new = scratch / "new"
         new.mkdir()
-        _write_synced(new / "report.html", render_html(report).encode())
-        _write_synced(new / "report.pdf", render_pdf(report))
-        for block in report.blocks():
-            if isinstance(block, Figure):
-                files = {**files, f"figures/{block.identifier}.svg": block.svg}
-        for name, text in files.items():
+        for name, content in _contents(report, files).items():
             (new / name).parent.mkdir(exist_ok=True)
-            _write_synced(new / name, text.encode())
+            _write_synced(new / name, content)
         save_draws(new / "posterior.nc")
         if target.is_dir():
             _require_ours(target)  # once more: hours may have passed
@@ -135,14 +130,17 @@ def write_whole(target: Path, report: Report, files: Mapping[str, str], save_dra
 
 def write_into(target: Path, report: Report, files: Mapping[str, str]) -> None:
     """Write report, figures and other files, in this order, into a directory of a study; each is whole or absent."""
-    figures = {
-        f"figures/{figure.identifier}.svg": figure.svg for figure in report.blocks() if isinstance(figure, Figure)
-    }
-    rendered = {"report.html": render_html(report).encode(), "report.pdf": render_pdf(report)}
-    for name, content in (rendered | {name: text.encode() for name, text in {**figures, **files}.items()}).items():
+    for name, content in _contents(report, files).items():
         if "/" in name:
             real_directory((target / name).parent)
         write_whole_file(target / name, content)
+
+
+def _contents(report: Report, files: Mapping[str, str]) -> dict[str, bytes]:
+    """What is written of a report, its figures and other files, by name and in this order."""
+    figures = {f"figures/{block.identifier}.svg": block.svg for block in report.blocks() if isinstance(block, Figure)}
+    rendered = {"report.html": render_html(report).encode(), "report.pdf": render_pdf(report)}
+    return rendered | {name: text.encode() for name, text in {**figures, **files}.items()}
 
 
 def _write_synced(path: Path, content: bytes) -> None:

@@ -85,9 +85,9 @@
     return [min - margin, max + margin];
   };
   // Points would sit on the frame in the full view, so the axis goes a little beyond them; curves may fill it.
-  const fitted = (log, loose, full) => (u, min, max) => {
+  const fitted = (loose, full) => (u, min, max) => {
     const whole = min === full.min && max === full.max;
-    return min === null || max === null || min === max || (loose && whole) ? padded(log)(u, min, max) : [min, max];
+    return min === null || max === null || min === max || (loose && whole) ? padded(false)(u, min, max) : [min, max];
   };
 
   const translucent = (colour, alpha) => colour + Math.round(alpha * 255).toString(16).padStart(2, "0");
@@ -220,10 +220,10 @@
       padding: [10, 24, 0, 0],
       cursor: { drag: { x: true, y: false, setScale: true }, points: { show: false } },
       scales: {
-        x: { time: false, distr: plot.log_x ? 3 : 1, range: fitted(plot.log_x, loose, full) },
+        x: { time: false, range: fitted(loose, full) },
         y: { distr: plot.log_y ? 3 : 1, range: padded(plot.log_y) },
       },
-      axes: [axis("x", plot.x_label, plot.log_x, false), axis("y", plot.y_label, plot.log_y, true)],
+      axes: [axis("x", plot.x_label, false, false), axis("y", plot.y_label, plot.log_y, true)],
       hooks: {
         draw: [() => { paper.dataset.drawn = "true"; }],
         setScale: [(u, key) => { if (key === "x") reset.hidden = u.scales.x.min <= full.min && u.scales.x.max >= full.max; }],

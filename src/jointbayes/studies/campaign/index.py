@@ -137,7 +137,8 @@ def _rows_of_campaign(directory: Path) -> list[Row]:
 
 def _case_row(row: Row) -> CaseRow:
     suffix = ".verdict"
-    given = {name: value for name, value in row.items() if value not in (None, "")}
+    # NaN, the only value unlike itself, stands for an empty cell in an index that pandas has written
+    given = {name: value for name, value in row.items() if value not in (None, "") and value == value}
     verdicts = {name.removesuffix(suffix): value for name, value in given.items() if name.endswith(suffix)}
     return _CASE_ROW.validate_python(given | {"date": _date(row.get("date")), "verdicts": verdicts})
 
