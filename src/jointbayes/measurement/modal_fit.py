@@ -123,21 +123,14 @@ def fit_modes(
         return ModalFit(modes, np.hstack(values).reshape(shape), chi2 / freedom, covariance, fitted.doubtful)
 
 
-def identify_zeros(
-    frf: FrfSet,
-    variance: Array | None = None,
-    *,
-    f_min_hz: float | None = None,
-    f_max_hz: float | None = None,
-    max_order: int = 40,
-) -> dict[str, ModalFit]:
+def identify_zeros(frf: FrfSet, variance: Array | None = None) -> dict[str, ModalFit]:
     """Antiresonances of drive points: natural frequencies of the structure with that DOF held.
 
     They are the poles of one over the FRF, sought by the rules of `identify_modes`.
 
     Parameters
     ----------
-    frf, variance, f_min_hz, f_max_hz, max_order
+    frf, variance
         As for `identify_modes`.
 
     Returns
@@ -151,14 +144,13 @@ def identify_zeros(
     MeasurementError
         As `identify_modes`.
     """
-    band = f_min_hz, f_max_hz
-    _lines_inside(frf, variance, band)
+    _lines_inside(frf, variance, (None, None))
     fits = {}
     for dof in (output for output in frf.outputs if output in frf.inputs):
         at = np.s_[:, [frf.outputs.index(dof)], [frf.inputs.index(dof)]]
         noise = None if variance is None else variance[at][:, :, None]
         with _finite_numbers():
-            direct = _fitted(frf.select((dof,), (dof,)), noise, band, max_order)
+            direct = _fitted(frf.select((dof,), (dof,)), noise, (None, None))
             problem, lines = direct.problem, direct.problem.omega / (2 * np.pi)
             smooth, factor = problem.model(direct.poles), quantity_factor(lines, "accelerance", frf.quantity)[:, None]
             # one over the accelerance, linearised about the fitted one: its noise is Gaussian even where that is nearly
@@ -166,7 +158,7 @@ def identify_zeros(
             inverse = (2 / smooth - problem.values / smooth**2) / factor
             sd = 1 / (problem.weight * np.abs(smooth**2 * factor))
         point = FrfSet(lines, inverse[:, :, None], (dof,), (dof,))
-        fits[dof] = fit_modes(point, sd[:, :, None] ** 2, max_order=max_order)
+        fits[dof] = fit_modes(point, sd[:, :, None] ** 2)
     return fits
 
 

@@ -1,9 +1,10 @@
 """A table of numbers in a text file: where its numbers begin, how they are separated, and the numbers themselves."""
 
 import csv
+import itertools
 import re
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -133,7 +134,8 @@ def read_text_table(path: Path) -> TextTable:
     if count > MOST_COLUMNS:
         raise MeasurementError(f"line {number}: found {count} columns; expected at most {MOST_COLUMNS}; split the file")
     header = _header(head, delimiter, count)
-    return TextTable(header, comments, _rows(number, line, lines, delimiter, count), number)
+    rows = itertools.chain([(number, line)], lines)
+    return TextTable(header, comments, _rows(rows, delimiter, count), number)
 
 
 def _delimiter(line: str) -> str | None:
@@ -185,26 +187,24 @@ def _names(line: _TableHead, delimiter: str, count: int) -> tuple[str, ...]:
     return tuple(name.strip() for name in names)
 
 
-def _rows(number: int, line: str, lines: Iterator[tuple[int, str]], delimiter: str, count: int) -> Array:
+def _rows(lines: Iterable[tuple[int, str]], delimiter: str, count: int) -> Array:
     """All rows from the first one on, as one array; text is not kept, so that memory stays below the file's size."""
     comma = delimiter != ","
     numbers = array("d")
-    while True:
-        if line.strip() and line.lstrip()[0] not in "#%":
-            fields = _fields(line.replace(",", ".") if comma else line, delimiter)
-            if len(fields) != count:
-                raise MeasurementError(
-                    f"line {number}: found {len(fields)} fields; expected {count} as in the rows before; "
-                    "the file is cut off or damaged, export it again"
-                )
-            try:
-                numbers.extend(map(float, fields))
-            except ValueError:
-                broken = next(f for f in fields if not _NUMBER.fullmatch(f.strip()))
-                raise bad_number(broken, f"line {number}") from None
-            if "_" in line:  # Python's own spelling of long numbers, nobody's else
-                raise bad_number(next(f for f in fields if "_" in f), f"line {number}")
-        following = next(lines, None)
-        if following is None:
-            return np.frombuffer(numbers, dtype=float).reshape(-1, count)
-        number, line = following
+    for number, line in lines:
+        if not line.strip() or line.lstrip()[0] in "#%":
+            continue
+        fields = _fields(line.replace(",", ".") if comma else line, delimiter)
+        if len(fields) != count:
+            raise MeasurementError(
+                f"line {number}: found {len(fields)} fields; expected {count} as in the rows before; "
+                "the file is cut off or damaged, export it again"
+            )
+        try:
+            numbers.extend(map(float, fields))
+        except ValueError:
+            broken = next(f for f in fields if not _NUMBER.fullmatch(f.strip()))
+            raise bad_number(broken, f"line {number}") from None
+        if "_" in line:  # Python's own spelling of long numbers, nobody's else
+            raise bad_number(next(f for f in fields if "_" in f), f"line {number}")
+    return np.frombuffer(numbers, dtype=float).reshape(-1, count)

@@ -145,10 +145,13 @@ class ShakerResult:
         Its `averages` are the independent ones, rounded.
     blocks
         Number of blocks, overlapping or not.
+    effective_averages
+        What they count for.
     """
 
     frf: FrfRecord
     blocks: int
+    effective_averages: float
 
 
 def shaker_frf(
@@ -210,7 +213,7 @@ def shaker_frf(
         moved.where,
         (f"{settings.estimator} from {sum(each)} blocks that count for {effective:.3g} averages",),
     )
-    return ShakerResult(frf, sum(each))
+    return ShakerResult(frf, sum(each), effective)
 
 
 def frfs_of_shaker(records: Sequence[TimeRecord], settings: ShakerSettings) -> MadeFrfs:

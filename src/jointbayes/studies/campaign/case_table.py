@@ -331,15 +331,12 @@ def _cells(table: Path) -> Iterator[tuple[int, list[str]]]:
     first = text.split("\n", 1)[0]
     separator = max(",;\t", key=first.count)
     reader, number = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True), 1
-    while True:
-        try:
-            cells = next(reader)
-        except StopIteration:
-            return
-        except csv.Error as error:
-            raise CaseError(f"{table}:{number}: found no CSV ({error}); expected cells in rows; correct it") from None
-        yield number, cells
-        number = reader.line_num + 1
+    try:
+        for cells in reader:
+            yield number, cells
+            number = reader.line_num + 1
+    except csv.Error as error:
+        raise CaseError(f"{table}:{number}: found no CSV ({error}); expected cells in rows; correct it") from None
 
 
 def _require_columns(head: list[str], table: Path, base: str | Path | None) -> None:
