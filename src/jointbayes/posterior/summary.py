@@ -240,7 +240,7 @@ class Summary:
             "homogeneity": [comparison.as_json() for comparison in self.homogeneity],
             "assemblies": [scatter.as_json() for scatter in self.assemblies],
         }
-        return _json_ready(summary)
+        return json_ready(summary)
 
 
 def summarise(
@@ -390,11 +390,12 @@ def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
     }
 
 
-def _json_ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
+def json_ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
+    """A summary as JSON holds it: no NaN or infinity, None where a number does not exist."""
     if isinstance(value, Mapping):
-        return {str(k): _json_ready(v) for k, v in value.items()}
+        return {str(key): json_ready(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_json_ready(v) for v in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
+        return [json_ready(entry) for entry in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -15,12 +15,13 @@ from jointbayes.joint.quantities import split_hypothesis
 from jointbayes.posterior import package_versions
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
 from jointbayes.posterior.rounding import number
+from jointbayes.posterior.summary import json_ready
 from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.studies.comparison import GRADES, WeighedModel, bayes_factor_words, model_probabilities
-from jointbayes.studies.study_directory import json_ready, write_study
+from jointbayes.studies.study_directory import write_study
 
 Row = dict[str, Any]
 

@@ -2,14 +2,12 @@
 
 import datetime
 import json
-import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from jointbayes.errors import CaseError, WriteError, printable
@@ -123,17 +121,6 @@ def _parsed(line: bytes) -> Any:  # noqa: ANN401 (any JSON)
         return json.loads(line)
     except ValueError:
         return None
-
-
-def json_ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
-    """A summary as JSON holds it: no NaN or infinity, None where a number does not exist."""
-    if isinstance(value, dict):
-        return {str(key): json_ready(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [json_ready(entry) for entry in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write_study(directory: str | os.PathLike[str], kind: str, report: Report, files: Mapping[str, str]) -> Path:

@@ -136,20 +136,15 @@ def _verdict_table(
     rows: list[tuple[str, ...]] = []
     kinds = []
     for i, (name, (assessment, verdict)) in enumerate(verdicts.items()):
-        unit = inputs.posterior.unit(name)
-        row = [
-            name,
-            rounded(assessment.median, assessment.median_error),
-            assessment.limit.removesuffix(f" {assessment.unit}") or assessment.interval(),
-            "–" if unit == "1" else unit,
-            verdict,
-        ]
-        both = [row]
+        both = [_answer(name, assessment, inputs.posterior.unit(name), verdict)]
         if workshop:
-            row.insert(1, "as the case states" if inputs.knowledge.freed[0].uncertain else "exact")
+            both[0].insert(1, "as the case states" if inputs.knowledge.freed[0].uncertain else "exact")
         if workshop and name in workshop.known:
+            known = workshop.known[name]
+            row = _answer(name, known, known.unit, verdict_text(known.verdict, if_model_right=known.if_model_right))
+            row.insert(1, "as in a workshop")
             # of what was measured nobody knows all else exactly, so that this is the answer
-            both.insert(int(inputs.summary.fit.synthetic_data), _answer_in_workshop(workshop, name))
+            both.insert(int(inputs.summary.fit.synthetic_data), row)
         if reference is not None:
             for cells, value in zip(both, (number(reference[i]), "–"), strict=False):
                 cells.insert(2 if workshop else 1, value)
@@ -182,17 +177,10 @@ def _workshop_row(rows: Sequence[UncertainInputsRow]) -> UncertainInputsRow | No
     return rows[-1] if quantities_taken_as_exact(rows) and rows[-1].known else None
 
 
-def _answer_in_workshop(row: UncertainInputsRow, name: str) -> list[str]:
-    """Row of a stiffness: median, interval or limit, and verdict with all else as in a workshop."""
-    known = row.known[name]
-    return [
-        name,
-        "as in a workshop",
-        rounded(known.median, known.median_error),
-        known.limit.removesuffix(f" {known.unit}") or known.interval(),
-        "–" if known.unit == "1" else known.unit,
-        verdict_text(known.verdict, if_model_right=known.if_model_right),
-    ]
+def _answer(name: str, known: Identifiability, unit: str, verdict: str) -> list[str]:
+    """Row of a stiffness: median, interval or limit, unit, and verdict as it is printed."""
+    ends = known.limit.removesuffix(f" {known.unit}") or known.interval()
+    return [name, rounded(known.median, known.median_error), ends, "–" if unit == "1" else unit, verdict]
 
 
 def verdict_sentences(summary: Summary) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jointbayes.posterior import package_versions
+from jointbayes.posterior.summary import json_ready
 from jointbayes.report import Figure, Report
 from jointbayes.report.markup import foreign
 from jointbayes.report.run_directory import json_text, write_into
@@ -21,7 +22,6 @@ from jointbayes.studies.campaign.campaign_sections import campaign_lead, campaig
 from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS, ChartedQuantity
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
 from jointbayes.studies.campaign.index import DONE
-from jointbayes.studies.study_directory import json_ready
 
 #: Raised when a reader of the older form would misread the newer one.
 SCHEMA_VERSION = 1

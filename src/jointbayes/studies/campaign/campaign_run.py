@@ -197,9 +197,9 @@ def run_cases(
     for case in cases:
         row = earlier.get(case.key)
         if row is not None and (row["status"] == DONE or (row["status"] == KILLED and not again)):
-            text, files, of_seed = _content(case, seed)
+            _, mark, _ = _content(case, seed, draws, full)
             lacks_file = row["status"] == DONE and not (directory / row["file"]).is_file()
-            if row.get("fingerprint") == _fingerprint(text, files, of_seed, draws, full) and not lacks_file:
+            if row.get("fingerprint") == mark and not lacks_file:
                 kept[case.key] = {**row, "order": case.order, "serial": case.serial, "date": case.date}
     tries = {key: int(row.get("attempts") or 0) for key, row in earlier.items() if row["status"] != DONE}
     write_index(directory, kept.values())
@@ -222,14 +222,12 @@ def run_cases(
         write_index(directory, kept_rows(directory).values())
 
 
-def _content(case: CampaignCase, seed: int) -> tuple[str, tuple[Path, ...], int]:
+def _content(case: CampaignCase, seed: int, draws: int, full: bool) -> tuple[str, str, int]:
+    """Text of a case, the fingerprint of all that its row depends on, and the seed of its draws."""
     text, spec = case.read()
     states_seed = "seed" in spec.sampling.model_fields_set and case.cells is not None and "sampling.seed" in case.cells
-    return text, case.files(spec), spec.sampling.seed if states_seed else case_seed(seed, case.key)
-
-
-def _fingerprint(text: str, files: Sequence[Path], seed: int, draws: int, full: bool) -> str:
-    return CampaignCase.fingerprint(text, files, _FORM, code_version(), seed, draws, full)
+    of_seed = spec.sampling.seed if states_seed else case_seed(seed, case.key)
+    return text, case.fingerprint(text, case.files(spec), _FORM, code_version(), of_seed, draws, full), of_seed
 
 
 def _tasks(
@@ -242,8 +240,8 @@ def _tasks(
     allow_outside: bool,
 ) -> Iterator[tuple[str, tuple[CaseWork]]]:
     for case in cases:
-        text, files, of_seed = _content(case, seed)
-        marks[case.key] = _fingerprint(text, files, of_seed, draws, full), of_seed
+        text, mark, of_seed = _content(case, seed, draws, full)
+        marks[case.key] = mark, of_seed
         file = str((directory / "cases" / f"{case.key}.nc").absolute())
         home = str(case.path.absolute().parent)
         yield case.key, (CaseWork(case.key, text, home, of_seed, file, draws, allow_outside, full),)

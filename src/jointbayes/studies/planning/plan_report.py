@@ -12,13 +12,14 @@ from matplotlib.figure import Figure as Canvas
 
 from jointbayes.posterior.directions import spread_in_words
 from jointbayes.posterior.rounding import number
+from jointbayes.posterior.summary import json_ready
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.studies.planning.candidates import Candidate, SimulatedPosterior, Simulation
 from jointbayes.studies.planning.first_look import Linearised, Names
-from jointbayes.studies.study_directory import json_ready, write_study
+from jointbayes.studies.study_directory import write_study
 
 Entry = Mapping[str, Any]
 
