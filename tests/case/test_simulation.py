@@ -88,12 +88,10 @@ def test_noise_and_coherence_are_those_of_h1_from_the_averages_themselves(averag
     assert coherence_variance(short).mean() == pytest.approx(law.variance(true.values)[0, 0, 0], rel=0.03)
 
 
-def test_one_average_has_no_coherence_and_none_is_refused():
+def test_one_average_has_no_coherence():
     true = FrfSet([1.0, 2.0], np.ones((2, 1, 1)), ("1:y",), ("1:y",))
     single = noisy_frf(true, RelativeNoise(0.1, 0.0), 1, np.random.default_rng(1))
     assert (single.coherence, single.averages) == (None, 1)
-    with pytest.raises(MeasurementError, match="0 averages"):
-        noisy_frf(true, RelativeNoise(0.1, 0.0), 0, np.random.default_rng(1))
 
 
 def test_averages_are_those_of_the_test_then_of_the_noise():

@@ -251,7 +251,6 @@ REFUSED = {
         lambda: sort_by_force([replace(FORCE, hit=1), replace(MOTION, hit=1), replace(FORCE, hit=2)]),
         "no response of 'a' to hit 2",
     ),
-    "negative noise": (lambda: ChannelNoise(-1.0, 0.0), "noise of -1"),
 }
 
 

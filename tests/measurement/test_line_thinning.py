@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
-from jointbayes.errors import MeasurementError
 from jointbayes.measurement.signals.windows import (
     effective_averages,
     exponential_window,
@@ -79,12 +78,6 @@ def test_lines_are_kept_apart_for_even_and_uneven_lines():
     assert_array_equal(lines_apart(np.arange(10.0, 20.0), 3.0), [0, 3, 6, 9])
     assert_array_equal(lines_apart(0.1 * np.arange(1, 8), 0.3), [0, 3, 6])  # 0.1 is not exact in binary
     assert_array_equal(lines_apart(np.array([1.0, 1.5, 3.0, 10.0, 10.5]), 2.0), [0, 2, 3])
-
-
-def test_no_blocks_are_refused():
-    for blocks, hop in ((0, 4), (3, 0)):
-        with pytest.raises(MeasurementError, match="averages: found"):
-            effective_averages(blocks, HANN, hop)
 
 
 def claimed_over_true_variance(errors: np.ndarray, slope: np.ndarray, step: int) -> float:

@@ -1,7 +1,10 @@
 """How numbers are rounded, on the terminal as in reports, to the digits their errors support; and put in columns."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
 
 _MOST_DIGITS = 5
 _DIGITS_WITHOUT_ERROR = 3
@@ -155,3 +158,14 @@ def fixed(value: float | None, decimals: int) -> str:
 def interval(ends: Sequence[float], digits: int = 3) -> str:
     """Format the ends of an interval."""
     return f"{number(ends[0], digits)} … {number(ends[1], digits)}"
+
+
+def json_ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
+    """A summary as JSON holds it: no NaN or infinity, None where a number does not exist."""
+    if isinstance(value, Mapping):
+        return {str(key): json_ready(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_ready(entry) for entry in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,6 +1,5 @@
 """The numbers of a run: typed, as a table for people, and as `summary.json`, described in docs/summary-json.md."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -18,7 +17,7 @@ from jointbayes.posterior.knowledge import ExactInputs, Knowledge
 from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies
 from jointbayes.posterior.modes_answer import known_json
 from jointbayes.posterior.prediction import LeftOut, left_out_json, sentence_of_left_out
-from jointbayes.posterior.rounding import align_columns, number, rounded
+from jointbayes.posterior.rounding import align_columns, json_ready, number, rounded
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
 from jointbayes.posterior.setup_summary import (
     FitSummary,
@@ -388,14 +387,3 @@ def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
         "ess_bulk": p.ess_bulk,
         "ess_tail": p.ess_tail,
     }
-
-
-def json_ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
-    """A summary as JSON holds it: no NaN or infinity, None where a number does not exist."""
-    if isinstance(value, Mapping):
-        return {str(key): json_ready(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [json_ready(entry) for entry in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -62,20 +62,11 @@ class Callout:
         Colour and symbol of the banner.
     text : str
         The message; starting it with a bold verdict reads best.
-
-    Raises
-    ------
-    ValueError
-        If `kind` is not one of the three.
     """
 
     tag: ClassVar[str] = "callout"
     kind: Kind
     text: str
-
-    def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind):
-            raise ValueError(f"callout kind {self.kind!r}: expected one of {', '.join(get_args(Kind))}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,9 +169,6 @@ class Series:
 
     def __post_init__(self) -> None:
         where = f"series {self.name!r}"
-        if self.kind not in get_args(SeriesKind):
-            kinds = ", ".join(get_args(SeriesKind))
-            raise ValueError(f"{where}: kind {self.kind!r}, expected one of {kinds}")
         for name in ("x", "y", "y_low", "y_high"):
             values = np.array(getattr(self, name), dtype=float)
             values.setflags(write=False)

@@ -14,8 +14,7 @@ from jointbayes.joint import RIGID
 from jointbayes.joint.quantities import split_hypothesis
 from jointbayes.posterior import package_versions
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
-from jointbayes.posterior.rounding import number
-from jointbayes.posterior.summary import json_ready
+from jointbayes.posterior.rounding import json_ready, number
 from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, ReportSection, Table

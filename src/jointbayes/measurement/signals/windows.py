@@ -118,16 +118,11 @@ def effective_averages(blocks: int, window: Array, hop: int) -> float:
     Parameters
     ----------
     blocks
-        Number n of blocks.
+        Number n of blocks, 1 or more.
     window
         Window of each block, shape (samples,).
     hop
-        Samples from the start of a block to that of the next.
-
-    Raises
-    ------
-    MeasurementError
-        If there is no block or they do not move on.
+        Samples from the start of a block to that of the next, 1 or more.
 
     References
     ----------
@@ -168,10 +163,6 @@ def line_correlation(window: Array, *, random: bool, blocks: int = 1, hop: int |
 
 def _overlapping(blocks: int, window: Array, hop: int, most: int) -> Array:
     """Σ_j (1 − |j|/n) |R(m, j)|² over pairs of blocks j apart for lines m apart, shape (most,)."""
-    if blocks < 1 or hop < 1:
-        raise MeasurementError(
-            f"averages: found {blocks} blocks {hop} samples apart; expected at least 1 of each; correct them"
-        )
     samples, power = window.size, float(np.sum(window**2))
     total = np.zeros(most)
     for j in range(min(blocks, math.ceil(samples / hop))):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from jointbayes.posterior import package_versions
-from jointbayes.posterior.summary import json_ready
+from jointbayes.posterior.rounding import json_ready
 from jointbayes.report import Figure, Report
 from jointbayes.report.markup import foreign
 from jointbayes.report.run_directory import json_text, write_into

@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.posterior.directions import spread_in_words
-from jointbayes.posterior.rounding import number
-from jointbayes.posterior.summary import json_ready
+from jointbayes.posterior.rounding import json_ready, number
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
