@@ -175,9 +175,7 @@ def _finite_numbers() -> Iterator[None]:
         ) from None
 
 
-def _fitted(
-    frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int = 40, *, dips: bool = True
-) -> "_Fitted":
+def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int = 40) -> "_Fitted":
     """Modes, and the problem with the poles that they are.
 
     Of many FRFs poles are sought in a few, evenly spaced; then the values and weights of all follow, whose residues are

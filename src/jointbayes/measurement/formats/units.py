@@ -86,10 +86,6 @@ class Unit:
     factor: float
     powers: tuple[int, int, int]
 
-    def quotient(self, other: "Unit") -> "Unit":
-        """Quotient of two units."""
-        return self.times(other, -1)
-
     def times(self, other: "Unit", power: int = 1) -> "Unit":
         """Product with a power of another unit."""
         a, b = self.powers, other.powers
@@ -186,7 +182,7 @@ def frf_unit(label: str, reference_label: str = "") -> tuple[float, Quantity] | 
     """
     unit, reference = parse_unit(label), parse_unit(reference_label)
     if unit is not None and unit.powers[1] == 0 and reference is not None:
-        unit = unit.quotient(reference)
+        unit = unit.times(reference, -1)
     if unit is None or unit.powers[1] != -1 or unit.powers[0] not in (0, -1, -2) or unit.powers[2] not in (0, 1, 2):
         return None
     return unit.factor, get_args(Quantity)[2 - unit.powers[2]]

@@ -5,6 +5,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -186,27 +187,16 @@ class _FrfMaker(_Maker):
         names, columns = self._problem.test.structures.names, self._problem.structural_columns
         return family_of_recipe(recipe, {name: nuisances[i].range for name, i in zip(names, columns, strict=True)})
 
-    def _candidate(
-        self,
-        name: str,
-        words: str,
-        *,
-        structure: AnyStructure | None = None,
-        ports: Ports | None = None,
-        above_hz: float = 0.0,
-        position: str = "",
-    ) -> FrfCandidate:
-        """A candidate of the present structure and ports where it states no others."""
-        data = self._data
-        return FrfCandidate(
-            name=name, words=words, structure=structure or self._problem.test.structure, law=self._law,
-            ports=ports or Ports(self._lines, data.outputs, data.inputs), quantity=data.quantity,
-            above_hz=above_hz, position=position,
-        )  # fmt: skip
+    def _candidate(self, name: str, words: str, **changes: Any) -> FrfCandidate:  # noqa: ANN401 (fields of it)
+        """A candidate like the present measurement but for some fields."""
+        ports = Ports(self._lines, self._data.outputs, self._data.inputs)
+        structure, quantity = self._problem.test.structure, self._data.quantity
+        like = FrfCandidate(name=name, words=words, structure=structure, law=self._law, ports=ports, quantity=quantity)
+        return replace(like, **changes)
 
     def _free(self) -> Iterator[Candidate]:
         if self._worth_hitting_free:
-            yield replace(self._candidate(_FREE, _FREE_WORDS), setup=_FREE, joint=Joints(()))
+            yield self._candidate(_FREE, _FREE_WORDS, setup=_FREE, joint=Joints(()))
 
     def _at_dofs(self) -> Iterator[Candidate]:
         """New sensors, new hammers and both, without those whose pairs of DOFs say what is said already."""
@@ -226,7 +216,7 @@ class _FrfMaker(_Maker):
 
     def _measured(self, name: str, words: str, sensors: tuple[str, ...], hammers: tuple[str, ...]) -> FrfCandidate:
         """A candidate at other DOFs; a new accelerometer's mass is on the structure beside that of the present ones."""
-        structure = None
+        structure: AnyStructure = self._problem.test.structure
         if self._recipe.accelerometer_mass > 0 and sensors:
             loaded = dict.fromkeys((*self._recipe.accelerometer_dofs, *sensors))
             structure = self._family(replace(self._recipe, accelerometer_dofs=tuple(loaded)))
