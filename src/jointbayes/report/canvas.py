@@ -11,6 +11,8 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from matplotlib.text import Text
 from matplotlib.ticker import Formatter, FuncFormatter, LogFormatterSciNotation, NullFormatter
 from numpy.typing import NDArray
@@ -150,6 +152,17 @@ def logarithmic(axes: Axes) -> None:
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter(lambda value, _: "10" + f"{np.log10(value):.0f}".translate(SUPERSCRIPTS))
     axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def add_strokes(axes: Axes, place: Array, low: Array, high: Array, **style: float | str) -> None:
+    """Draw a stroke from low to high at each place, one of no length as a dot; one path for all, for there may be many.
+
+    What limits the axes is set by the caller: following each stroke to find it would take long.
+    """
+    corners = np.stack([np.repeat(place, 2), np.ravel([low, high], "F")], axis=1)
+    path = Path(corners, np.tile([Path.MOVETO, Path.LINETO], len(place)))
+    path.should_simplify = False  # or strokes of no length, the dots, are left out
+    axes.add_artist(PathPatch(path, fc="none", capstyle="round", **style))
 
 
 def margin_labels(labels: Sequence[str]) -> tuple[list[str], float]:

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.report.canvas import extremes, legend_above, logarithmic, panels, svg
+from jointbayes.report.canvas import add_strokes, extremes, legend_above, logarithmic, panels, svg
 from jointbayes.report.model import SERIES_COLOURS
 
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
@@ -80,11 +78,7 @@ def squares_by_line(frequency_hz: Array, square: Array) -> str:
         ends = np.array([[s[0], s[-1]] for s in np.array_split(np.arange(square.size), stretches)])
         shown = np.maximum(square, 1e-4)
         low, high = (f.reduceat(shown, ends[:, 0]) for f in (np.minimum, np.maximum))
-        strokes = np.stack([np.repeat(frequency_hz[ends].mean(axis=1), 2), np.ravel([low, high], "F")], axis=1)
-        points = Path(strokes, np.tile([Path.MOVETO, Path.LINETO], len(low)))
-        points.should_simplify = False  # or strokes of no length, the points, are left out
-        # no add_patch: it would follow each stroke to find the limits that are set here
-        axes.add_artist(PathPatch(points, ec=_BLUE, fc="none", alpha=0.5, lw=1.2, capstyle="round"))
+        add_strokes(axes, frequency_hz[ends].mean(axis=1), low, high, ec=_BLUE, alpha=0.5, lw=1.2)
         logarithmic(axes)
         axes.set_xlim(frequency_hz[0], frequency_hz[-1])
         axes.set_ylim(shown.min() / 1.5, shown.max() * 1.5)

@@ -7,14 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure as Canvas
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.posterior.rounding import number
-from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
+from jointbayes.report.canvas import add_strokes, legend_above, margin_labels, panels, svg
 from jointbayes.report.markup import format_numbers
 from jointbayes.report.model import SERIES_COLOURS, LinePlot, Series
 from jointbayes.studies.campaign.control import ChartedQuantity
@@ -62,15 +60,8 @@ def _points(axes: Axes, place: Array, ends: Array, colour: str, *, intervals: bo
     size = 4.0 if len(place) <= 60 else 2.4 if len(place) <= MOST_INTERVALS else 1.2
     axes.plot([], [], "o", ms=3, color=colour, label=label)
     if intervals:
-        _strokes(axes, place, ends[:, 0], ends[:, 2], ec=colour, lw=size / 4, alpha=0.7)
-    _strokes(axes, place, ends[:, 1], ends[:, 1], ec=colour, lw=size)
-
-
-def _strokes(axes: Axes, place: Array, low: Array, high: Array, **style: float | str) -> None:
-    corners = np.stack([np.repeat(place, 2), np.ravel([low, high], "F")], axis=1)
-    path = Path(corners, np.tile([Path.MOVETO, Path.LINETO], len(place)))
-    path.should_simplify = False  # or strokes of no length, the dots, are left out
-    axes.add_artist(PathPatch(path, fc="none", capstyle="round", **style))
+        add_strokes(axes, place, ends[:, 0], ends[:, 2], ec=colour, lw=size / 4, alpha=0.7)
+    add_strokes(axes, place, ends[:, 1], ends[:, 1], ec=colour, lw=size)
 
 
 def _limits(axes: Axes, quantity: ChartedQuantity, place: Array) -> None:
