@@ -16,5 +16,4 @@ def test_nothing_is_identified_where_the_truth_is_far_outside(wrong):
     outcome = analyse(wrong, 1)
     assert outcome.believed == "modes"
     assert outcome.false == ()
-    assert "k22" in outcome.modes
-    assert len(outcome.frfs) < 3
+    assert len(outcome.frfs) < len(outcome.modes)
