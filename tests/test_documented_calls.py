@@ -84,6 +84,7 @@ FILLED_IN = {
     'jb.blocks_of({"left": ..., "right": ...})': 'jb.blocks_of({"left": joint, "right": joint})',
     "jb.Problem([…], prior)": "jb.Problem(tests, torques.prior)",
     'jb.calibrate(case, 1000).write("reports/mine")': 'jb.calibrate(case, 4).write("reports/mine")',
+    "jb.calibrate(case, 1000, near=True)": "jb.calibrate(case, 4, near=True)",
     'posterior.interval("k11")': 'posterior.interval("loose.k11")',
     'posterior.predict_frf(setup="short")': 'posterior.predict_frf(setup="loose")',
     'posterior.predict_natural_frequencies(setup="short")': 'posterior.predict_natural_frequencies(setup="loose")',
