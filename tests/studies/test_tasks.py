@@ -217,7 +217,9 @@ def test_executor_made_anew_names_the_task_that_broke_it(tmp_path):
     make = partial(ProcessPoolExecutor, 2, multiprocessing.get_context("forkserver"))
     found = by_key(run_tasks(kill_some, numbered(8, str(tmp_path), (2,), (5,)), executor=make))
     assert {key for key, o in found.items() if o.killed_worker} == {"task 5"}
-    assert {o.attempts for key, o in found.items() if key != "task 5"} == {1}  # those beside it are not blamed
+    beside = found.keys() - {"task 2", "task 5"}
+    assert {found[key].attempts for key in beside} == {1}  # those beside a task that kills are not blamed
+    assert found["task 2"].attempts in (1, 2)  # it killed its worker once, alone there or beside others
     assert found["task 5"].attempts == 2
     assert len(list(tmp_path.glob("5.*"))) <= 3  # with others at most once, then by itself
     assert all(found[f"task {i}"].value == i**2 for i in range(8) if i != 5)
