@@ -158,13 +158,13 @@ def modes_problem(posterior: JudgedPosterior, sizes: ErrorSizes, freed: Problem 
         if frfs is None:
             tests.append(test)
             continue
-        resonances = resonances_of(frfs)
-        numbers, far = _numbers(part, posterior, np.array([mode.frequency_hz for mode in resonances]))
+        resonances, tried = resonances_of(frfs), _tried(part, posterior)
+        numbers, far = _numbers(part, tried, np.array([mode.frequency_hz for mode in resonances]))
         left_out += [_far_in_words(test, resonances[place]) for place in far]
         modes = [mode for place, mode in enumerate(resonances) if place not in far]
         if modes:
             of_test = _used(test, modes, numbers)
-            of_test += [zero for dof, fit in _zeros(frfs).items() for zero in _held_modes(part, posterior, dof, fit)]
+            of_test += [zero for dof, fit in _zeros(frfs).items() for zero in _held_modes(part, tried, dof, fit)]
             tests.append(_test_of_modes(test, of_test, sizes))
             used += of_test
     if not used:
@@ -202,23 +202,23 @@ def _zeros(frfs: FrfData) -> Mapping[str, Sequence[MeasuredMode]]:
         return {}
 
 
-def _numbers(part: Problem, posterior: JudgedPosterior, measured_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...]]:
+def _numbers(part: Problem, tried: tuple[Array, Array], measured_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...]]:
     """Number of the mode that each resonance is, and the places of resonances that are none of the model's."""
     count = min(part.test.most_modes, len(measured_hz) + _MORE)
     if not count or not len(measured_hz):
         return np.empty(0, dtype=np.intp), tuple(range(len(measured_hz)))
-    stiffness, factors = _tried(part, posterior)
+    stiffness, factors = tried
     return _nearest(measured_hz, part.natural_frequencies_hz(stiffness, count, factors))
 
 
 def _held_modes(
-    part: Problem, posterior: JudgedPosterior, dof: str, zeros: Sequence[MeasuredMode]
+    part: Problem, tried: tuple[Array, Array], dof: str, zeros: Sequence[MeasuredMode]
 ) -> Sequence[UsedMode]:
     """Antiresonances of a drive point with the number of each; those that are none of the model's are left out."""
     count = min(part.test.most_modes - 1, len(zeros) + _MORE)
     if count < 1 or not zeros or dof in part.test.joints.labels:
         return []
-    stiffness, factors = _tried(part, posterior)
+    stiffness, factors = tried
     held = HeldFrequencies(part.test.structures, part.test.joints, (dof,) * count, range(1, count + 1))
     predicted_hz = held.frequency_hz(part.parametrisation.matrix(stiffness), part.structural(factors))
     numbers, far = _nearest(np.array([zero.frequency_hz for zero in zeros]), predicted_hz)
