@@ -135,7 +135,10 @@ def test_time_histories(tmp_path):
     )
     np.testing.assert_allclose(acc.values, 9.80665 * H.imag)
     assert force.sample_rate_hz == pytest.approx(2000)
-    assert (strange.quantity, strange.notes) == ("unknown", ("unit 'V' not understood, values left as written",))
+    assert (strange.quantity, strange.notes) == (
+        "unknown",
+        ("unit 'V' is that of no force or motion, values left as written",),
+    )
 
 
 @pytest.mark.parametrize(

@@ -146,7 +146,7 @@ def test_data_set_164_counts_where_the_axes_have_no_unit(tmp_path):
     bare = function_58(H, units=("Hz", "NONE", "NONE"))
     record = only(tmp_path / "a", inch + bare)
     np.testing.assert_allclose(record.values, H * 0.0254 / 4.4482216152605, rtol=1e-9)
-    assert record.notes == ("converted to (m/s^2)/N by data set 164 (Inch (pound f))",)
+    assert record.notes == ("converted to SI units by data set 164 (Inch (pound f))",)
     contradicted = only(tmp_path / "b", inch + function_58(H))
     np.testing.assert_allclose(contradicted.values, H, rtol=1e-12)
     assert contradicted.notes == ("unit (m/s^2)/N taken; data set 164 (Inch (pound f)) says otherwise",)

@@ -15,7 +15,7 @@ from jointbayes.measurement.formats.grid import join_frfs
 from jointbayes.measurement.modal_doubt import DoubtfulMode
 from jointbayes.measurement.modal_fit import fit_modes
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
-from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, parse_dof
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, labels_of, parse_dof
 from jointbayes.measurement.signals.hits import Hit, hits_of
 from jointbayes.measurement.warnings.clear_frf import pair_of, usable
 from jointbayes.measurement.warnings.collector import WarningCollector
@@ -176,6 +176,11 @@ class _Seen:
         self.notes.update(record.notes)
         if isinstance(record, TimeRecord):
             self._add_history(record)
+            return
+        if not isinstance(record, FrfRecord):
+            self.kinds[type(record).__name__.removesuffix("Record").lower()] += 1
+            for label in labels_of(record):
+                self._use(label)
             return
         f = record.frequency_hz
         step = f" every {(f[-1] - f[0]) / (f.size - 1):.6g} Hz" if f.size > 1 else ""

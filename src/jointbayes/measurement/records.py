@@ -1,6 +1,7 @@
-"""What a measurement file holds, as it says it: FRFs, time histories, spectra, each with its place in the file."""
+"""What a measurement file holds, as it says it: FRFs, coherences, time histories, spectra, modes, each with a place."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -34,7 +35,7 @@ SensorQuantity = Literal["force", "displacement", "velocity", "acceleration", "u
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrfRecord:
-    """One FRF of a file, in SI units, nothing else corrected: zero lines and NaN are still there.
+    """One FRF of a file, in SI units where `factor` is a number; zero lines and NaN are still there.
 
     Parameters
     ----------
@@ -56,6 +57,9 @@ class FrfRecord:
         Place in the file for messages: ``"data set 3"``, ``"columns 2 and 3"``, ``"variable 'H'"``.
     notes
         What was done on reading, in words: ``"g converted to m/s²"``.
+    factor
+        What the numbers of the file were multiplied by to be in SI units per newton; None where `unit` does not tell,
+        or is none of an FRF over a force: the values are as written.
     """
 
     response: str
@@ -68,6 +72,7 @@ class FrfRecord:
     averages: int | None = None
     where: str = ""
     notes: tuple[str, ...] = field(default=())
+    factor: float | None = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
@@ -104,7 +109,7 @@ class TimeRecord:
         Unit as written in the file, before conversion.
     hit
         Which hit or block this is, counted from 1, where the file keeps them apart; else None.
-    where, notes
+    where, notes, factor
         As in `FrfRecord`.
     """
 
@@ -116,12 +121,88 @@ class TimeRecord:
     hit: int | None = None
     where: str = ""
     notes: tuple[str, ...] = field(default=())
+    factor: float | None = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))
 
 
-Record = FrfRecord | TimeRecord
+@dataclass(frozen=True, slots=True, eq=False)
+class CoherenceRecord:
+    """A coherence γ², shape (lines,), that stands apart from its FRF: in a file of its own. As `FrfRecord`."""
+
+    response: str
+    reference: str
+    frequency_hz: Array
+    values: Array
+    averages: int | None = None
+    where: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
+        object.__setattr__(self, "values", read_only(self.values))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpectrumRecord:
+    """A spectrum of one signal or of two, which is no FRF: listed, never data.
+
+    `kind` says in words which, as the file has it: ``"auto spectrum"``, ``"PSD"``, ``"FFT, RMS"``; `values` are as
+    written, shape (lines,).
+    """
+
+    channel: str
+    kind: str
+    frequency_hz: Array
+    values: NDArray[np.number]
+    unit: str = ""
+    where: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModeRecord:
+    """One mode of a modal test: what another program made of FRFs.
+
+    Parameters
+    ----------
+    number
+        As the file counts, from 1.
+    frequency_hz, frequency_sd_hz
+        Natural frequency and its standard deviation, Hz.
+    damping_ratio, damping_sd
+        Of critical damping, and its standard deviation.
+    shape
+        Displacement by channel label, in the file's own scale.
+    modal_mass
+        Of that scale; None where the file does not say.
+    where, notes
+        As in `FrfRecord`.
+    """
+
+    number: int
+    frequency_hz: float
+    frequency_sd_hz: float | None = None
+    damping_ratio: float | None = None
+    damping_sd: float | None = None
+    shape: Mapping[str, complex] = field(default_factory=dict)
+    modal_mass: float | None = None
+    where: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+
+Record = FrfRecord | TimeRecord | CoherenceRecord | SpectrumRecord | ModeRecord
+
+
+def labels_of(record: Record) -> tuple[str, ...]:
+    """Labels of the channels that a record names."""
+    match record:
+        case FrfRecord() | CoherenceRecord():
+            return record.response, record.reference
+        case TimeRecord() | SpectrumRecord():
+            return (record.channel,)
+    return tuple(record.shape)
 
 
 def measurable(values: Array | NDArray[np.complex128]) -> NDArray[np.bool_]:

@@ -176,6 +176,7 @@ def _frf_records(block: _Block) -> Iterator[FrfRecord]:
                 averages,
                 f"{block.where('frf')}, {output!r} over {input_!r}",
                 tuple(notes),
+                factor,
             )
 
 
@@ -320,7 +321,7 @@ def _time_record(
     factor, quantity, notes = read_sensor_unit(unit)
     claimed = cast(SensorQuantity, word) if word else quantity or "unknown"
     place, values = f"{block.where('samples')}, {channel!r}", scaled(samples, factor)
-    return TimeRecord(channel, rate, values, claimed, unit, hit, place, tuple(notes))
+    return TimeRecord(channel, rate, values, claimed, unit, hit, place, tuple(notes), factor)
 
 
 def arrays_of(records: Iterable[Record]) -> dict[str, dict[str, Any]]:

@@ -17,7 +17,7 @@ from jointbayes.measurement.formats.lvm import read_lvm
 from jointbayes.measurement.formats.named_arrays import records_of
 from jointbayes.measurement.formats.table import read_table
 from jointbayes.measurement.formats.uff_read import read_uff
-from jointbayes.measurement.records import MOST_BYTES, MOST_RECORDS, FrfRecord, Record, require_short
+from jointbayes.measurement.records import MOST_BYTES, MOST_RECORDS, FrfRecord, Record, labels_of, require_short
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Beginnings of files that are not measurements, with their names.
@@ -141,7 +141,7 @@ def iter_records(path: str | Path) -> Iterator[Record]:
                     raise MeasurementError(
                         f"content: found more than {MOST_RECORDS} FRFs and time histories; expected fewer; split it"
                     )
-                require_short(record.where[:60], *_names(record))
+                require_short(record.where[:60], *labels_of(record), getattr(record, "unit", ""))
                 yield record
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
@@ -154,12 +154,6 @@ def iter_records(path: str | Path) -> Iterator[Record]:
             f"{path}: found neither FRFs nor time histories; expected variables such as 'frequency_hz' and 'frf'; "
             "see the layout in the documentation of measurement files"
         )
-
-
-def _names(record: Record) -> tuple[str, ...]:
-    if isinstance(record, FrfRecord):
-        return record.response, record.reference, record.unit
-    return record.channel, record.unit
 
 
 def read_frf(

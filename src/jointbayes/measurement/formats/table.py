@@ -204,7 +204,17 @@ def _frf(
     coherence = values[:, parts["coherence"]] if "coherence" in parts else None
     quantity = first.quantity or named or of_unit
     return FrfRecord(
-        response, reference, lines, complex_, quantity, first.unit, coherence, averages, place, tuple(record_notes)
+        response,
+        reference,
+        lines,
+        complex_,
+        quantity,
+        first.unit,
+        coherence,
+        averages,
+        place,
+        tuple(record_notes),
+        factor,
     )
 
 
@@ -256,6 +266,7 @@ def _time_records(
             int(hit[1]) if hit else None,
             f"column {i + 1}",
             (*notes, *converted),
+            factor,
         )
 
 

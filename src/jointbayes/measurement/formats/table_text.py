@@ -73,11 +73,15 @@ def text_lines(path: Path) -> Iterator[tuple[int, str]]:
                 raise MeasurementError(
                     f"line {number}: found a NUL byte; expected text; save as plain text in UTF-8 (not UTF-16)"
                 )
-            try:
-                text = raw.decode("utf-8-sig" if number == 1 else "utf-8")
-            except UnicodeDecodeError:
-                text = raw.decode("latin-1")
-            yield number, text.rstrip("\r\n")
+            yield number, plain_text(raw).removeprefix("\ufeff" if number == 1 else "").rstrip("\r\n")
+
+
+def plain_text(raw: bytes) -> str:
+    """Text in UTF-8, or in Latin-1 where it is not."""
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
 
 
 def bad_number(field: str, where: str) -> MeasurementError:

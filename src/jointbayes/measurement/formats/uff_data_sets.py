@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from jointbayes.errors import MeasurementError
+from jointbayes.measurement.formats.table_text import plain_text
 from jointbayes.measurement.records import Dof, SensorQuantity
 
 #: Specific data types of the format.
@@ -332,7 +333,7 @@ def _header(file: BinaryIO, number: int, binary: bytes | None) -> FunctionHeader
                 "11; the file is cut off, export it again"
             )
     try:
-        return function_header([line.decode("utf-8", errors="replace") for line in lines], binary)
+        return function_header([plain_text(line) for line in lines], binary)
     except LineError as error:
         raise MeasurementError(f"data set {number}, line {line_of(file, at[error.line])}: {error}") from None
 

@@ -6,10 +6,10 @@ The tests read its files and have it read ours.
 
 import math
 import re
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import BinaryIO, TypeVar
 
 import numpy as np
 
@@ -31,10 +31,9 @@ from jointbayes.measurement.formats.units import (
     MOTION_OF,
     frequency_factor,
     frf_unit,
+    read_frf_unit,
+    read_sensor_unit,
     scaled,
-    sensor_unit,
-    si_frf_unit,
-    si_sensor_unit,
 )
 from jointbayes.measurement.records import (
     MOST_RECORDS,
@@ -61,6 +60,7 @@ class FileUnits:
     length: float = 1.0
     force: float = 1.0
     name: str = ""
+    stated: bool = False
 
 
 def units_of(body: bytes) -> FileUnits:
@@ -84,7 +84,7 @@ def units_of(body: bytes) -> FileUnits:
             f"found units {' '.join(factors[:2])[:60]!r}; expected factors of length and force above 0; correct the "
             "data set 164 or take it out",
         ) from None
-    return FileUnits(1 / length, 1 / force, lines[0][10:30].strip())
+    return FileUnits(1 / length, 1 / force, lines[0][10:30].strip(), stated=True)
 
 
 def _fields(line: str) -> list[str]:
@@ -92,55 +92,49 @@ def _fields(line: str) -> list[str]:
     return line.split() if " " in line.strip() else [line[i : i + 25].strip() for i in range(0, len(line), 25)]
 
 
-def frf_meaning(header: FunctionHeader, units: FileUnits) -> tuple[Quantity | None, float, str, list[str]]:
-    """Quantity, factor to SI, unit as written and notes of a frequency response.
+def frf_meaning(header: FunctionHeader, units: FileUnits) -> tuple[Quantity | None, float | None, str, list[str]]:
+    """Quantity, factor to SI (None where not known), unit as written and notes of a frequency response.
 
     The quantity is what the types of the axes say, else what the units say. The factor is that of the units written at
     the axes, which take precedence by the format's own words, else that of data set 164.
     """
-    unit, parsed = _written(header)
+    above, below = header.numerator.unit, header.denominator.unit
     named = _QUANTITIES.get(header.numerator.kind) if header.denominator.kind in (0, 1, 9, 13) else None
-    return _meaning(unit, parsed, named, units.length / units.force, units.name, si_frf_unit)
+    if not below or frf_unit(above) is not None:
+        return _meaning(above, read_frf_unit(above), named, units.length / units.force, units)
+    unit = f"({above})/{below}" if "/" in above else f"{above}/{below}"
+    return _meaning(unit if above else "", read_frf_unit(above, below), named, units.length / units.force, units)
 
 
-def sensor_meaning(header: FunctionHeader, units: FileUnits) -> tuple[SensorQuantity, float, str, list[str]]:
-    """Quantity, factor to SI, unit as written and notes of a time response."""
+def sensor_meaning(header: FunctionHeader, units: FileUnits) -> tuple[SensorQuantity, float | None, str, list[str]]:
+    """Quantity, factor to SI (None where not known), unit as written and notes of a time response."""
     axis = header.numerator
     named: SensorQuantity | None = _SENSORS.get(axis.kind)
     of_file = units.force if named == "force" else units.length
-    parsed = sensor_unit(axis.unit)
-    quantity, factor, unit, notes = _meaning(axis.unit, parsed, named, of_file, units.name, si_sensor_unit)
-    return quantity or "unknown", factor, unit, notes
+    read = read_sensor_unit(axis.unit)
+    meaning: tuple[SensorQuantity | None, float | None, str, list[str]] = _meaning(
+        axis.unit, read, named, of_file, units
+    )
+    return meaning[0] or "unknown", *meaning[1:]
 
 
 def _meaning(
-    unit: str, parsed: tuple[float, Q] | None, named: Q | None, of_file: float, file_name: str, si: Callable[[Any], str]
-) -> tuple[Q | None, float, str, list[str]]:
+    unit: str, read: tuple[float | None, Q | None, list[str]], named: Q | None, of_file: float, units: FileUnits
+) -> tuple[Q | None, float | None, str, list[str]]:
     """What a unit that was written, the type of an axis and the units of the file say together."""
-    notes: list[str] = []
-    if parsed is not None:
-        factor, unit_quantity = parsed
-        if factor != 1:
-            notes.append(f"{unit} converted to {si(unit_quantity)}")
+    factor, unit_quantity, notes = read
+    if unit and factor is not None:
         if named not in (None, unit_quantity):
             notes.append(f"axis types say {named}, the unit {unit} says {unit_quantity}")
-        if file_name and named is not None and not math.isclose(factor, of_file, rel_tol=1e-3):
-            notes.append(f"unit {unit} taken; data set 164 ({file_name}) says otherwise")
+        if units.name and named is not None and not math.isclose(factor, of_file, rel_tol=1e-3):
+            notes.append(f"unit {unit} taken; data set 164 ({units.name}) says otherwise")
         return named or unit_quantity, factor, unit, notes
-    if unit:
-        notes.append(f"unit {unit!r} not understood")
-    if named is None or of_file == 1:
-        return named, 1.0, unit, notes
-    return named, of_file, unit, [*notes, f"converted to {si(named)} by data set 164 ({file_name})"]
-
-
-def _written(header: FunctionHeader) -> tuple[str, tuple[float, Quantity] | None]:
-    above, below = header.numerator.unit, header.denominator.unit
-    whole = frf_unit(above)
-    if whole is not None or not below:
-        return above, whole
-    bracketed = f"({above})" if "/" in above else above
-    return (f"{bracketed}/{below}" if above else ""), frf_unit(above, below)
+    if named is None or not units.stated or unit_quantity is not None:  # over volts, whatever the lengths are
+        return named or unit_quantity, factor, unit, notes
+    notes = [note.removesuffix(", values left as written") for note in notes]
+    if of_file != 1:
+        notes.append(f"converted to SI units by data set 164 ({units.name})")
+    return named, of_file, unit, notes
 
 
 _TIME, _FRF, _COHERENCE = 1, 4, 6
@@ -320,6 +314,7 @@ def _frf_record(
         _averages(header),
         f"data set {data_set.number}",
         tuple(notes),
+        factor,
     )
 
 
@@ -372,4 +367,5 @@ def _time_record(
         int(hit[1]) if hit else nth,
         f"data set {data_set.number}",
         tuple(notes),
+        factor,
     )

@@ -38,7 +38,7 @@ def write_uff(records: Iterable[Record], path: Path, *, binary: bool) -> None:
         for record in records:
             if isinstance(record, FrfRecord):
                 _frf(file, record, binary)
-            else:
+            elif isinstance(record, TimeRecord):
                 _time(file, record, binary)
 
 

@@ -18,43 +18,42 @@ Q = TypeVar("Q")
 G_STANDARD = 9.80665
 _LBF = 4.4482216152605
 
-_FORCE, _ACCELERATION = (1, 1, -2), (1, 0, -2)
-#: Factor to SI and powers of metre, kilogram and second. ``g`` is gravity: no analyser weighs in grams.
-ATOMS: dict[str, tuple[float, tuple[int, int, int]]] = {
-    "1": (1.0, (0, 0, 0)),
-    "m": (1.0, (1, 0, 0)),
-    "cm": (1e-2, (1, 0, 0)),
-    "mm": (1e-3, (1, 0, 0)),
-    "um": (1e-6, (1, 0, 0)),
-    "nm": (1e-9, (1, 0, 0)),
-    "in": (0.0254, (1, 0, 0)),
-    "inch": (0.0254, (1, 0, 0)),
-    "mil": (2.54e-5, (1, 0, 0)),
-    "ft": (0.3048, (1, 0, 0)),
-    "s": (1.0, (0, 0, 1)),
-    "sec": (1.0, (0, 0, 1)),
-    "ms": (1e-3, (0, 0, 1)),
-    "kg": (1.0, (0, 1, 0)),
-    "rad": (1.0, (0, 0, 0)),
-    "N": (1.0, _FORCE),
+Powers = tuple[int, int, int, int]
+_FORCE, _ACCELERATION, _LENGTH, _SECONDS = (1, 1, -2, 0), (1, 0, -2, 0), (1, 0, 0, 0), (0, 0, 1, 0)
+_VOLT = (0, 0, 0, 1)
+#: Factor to SI and powers of metre, kilogram, second and volt. ``g`` is gravity: no analyser weighs in grams.
+ATOMS: dict[str, tuple[float, Powers]] = {
+    **dict.fromkeys(("1", "rad"), (1.0, (0, 0, 0, 0))),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), (1.0, _LENGTH)),
+    "cm": (1e-2, _LENGTH),
+    "mm": (1e-3, _LENGTH),
+    **dict.fromkeys(("um", "micron", "microns"), (1e-6, _LENGTH)),
+    "nm": (1e-9, _LENGTH),
+    **dict.fromkeys(("in", "inch", "inches"), (0.0254, _LENGTH)),
+    **dict.fromkeys(("mil", "mils"), (2.54e-5, _LENGTH)),
+    **dict.fromkeys(("ft", "feet"), (0.3048, _LENGTH)),
+    **dict.fromkeys(("s", "sec", "second", "seconds"), (1.0, _SECONDS)),
+    "ms": (1e-3, _SECONDS),
+    "ips": (0.0254, (1, 0, -1, 0)),
+    "kg": (1.0, (0, 1, 0, 0)),
+    **dict.fromkeys(("N", "newton", "newtons"), (1.0, _FORCE)),
     "mN": (1e-3, _FORCE),
     "kN": (1e3, _FORCE),
     "MN": (1e6, _FORCE),
     "dyn": (1e-5, _FORCE),
-    "lbf": (_LBF, _FORCE),
-    "lb": (_LBF, _FORCE),
-    "lbs": (_LBF, _FORCE),
-    "kgf": (G_STANDARD, _FORCE),
-    "kp": (G_STANDARD, _FORCE),
-    "g": (G_STANDARD, _ACCELERATION),
-    "G": (G_STANDARD, _ACCELERATION),
-    "gn": (G_STANDARD, _ACCELERATION),
-    "g0": (G_STANDARD, _ACCELERATION),
-    "Nm": (1.0, (2, 1, -2)),
+    **dict.fromkeys(("lbf", "lb", "lbs", "pound", "pounds"), (_LBF, _FORCE)),
+    **dict.fromkeys(("kgf", "kp"), (G_STANDARD, _FORCE)),
+    **dict.fromkeys(("g", "G", "gn", "g0", "gs"), (G_STANDARD, _ACCELERATION)),
+    "Nm": (1.0, (2, 1, -2, 0)),
+    "Pa": (1.0, (-1, 1, -2, 0)),
+    "kPa": (1e3, (-1, 1, -2, 0)),
+    **dict.fromkeys(("V", "volt", "volts"), (1.0, _VOLT)),
+    "mV": (1e-3, _VOLT),
+    "Hz": (1.0, (0, 0, -1, 0)),
 }
 #: Factor to Hz of the units of a frequency axis, in small letters.
 FREQUENCY_HZ: dict[str, float] = {
-    "hz": 1.0,
+    **dict.fromkeys(("hz", "hertz", "cps"), 1.0),
     "1/s": 1.0,
     "s^-1": 1.0,
     "khz": 1e3,
@@ -62,12 +61,19 @@ FREQUENCY_HZ: dict[str, float] = {
     "cpm": 1 / 60,
     **dict.fromkeys(("rad/s", "rad/sec", "rads/s", "rad s^-1", "rad.s-1"), 0.5 / math.pi),
 }
-_SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "⁻": "^-", "¹": "1", "µ": "u", "μ": "u", "·": "*", "⋅": "*"})
+_SUPERSCRIPTS = str.maketrans(
+    {"²": "^2", "³": "^3", "⁻": "^-", "¹": "1", "µ": "u", "μ": "u", "·": "*", "⋅": "*", "[": "(", "]": ")", "’": "'"}
+)
 _TOKEN = re.compile(r"\s*(?:(?P<name>[A-Za-z]+0?|1)(?P<power>(?:\^|\*\*)?(?:-?\d|\(-?\d\)))?|(?P<sign>[*/()]))")
-_SENSORS: dict[tuple[int, int, int], SensorQuantity] = {
+#: A plural as programs write it, ``g's`` and ``Pound(s)``; and metres by seconds run together, ``ms-2``.
+_PLURAL, _RUN_TOGETHER = (
+    re.compile(r"(?<=[A-Za-z])(?:'s\b|(?<=[A-Za-z]{3})\(s\))"),
+    re.compile(r"(?<![A-Za-z])ms(?=\^?\(?-\d)"),
+)
+_SENSORS: dict[Powers, SensorQuantity] = {
     _FORCE: "force",
-    (1, 0, 0): "displacement",
-    (1, 0, -1): "velocity",
+    _LENGTH: "displacement",
+    (1, 0, -1, 0): "velocity",
     _ACCELERATION: "acceleration",
 }
 #: What a sensor measures that makes the FRF.
@@ -81,23 +87,30 @@ _SI_SENSOR = {"force": "N", "displacement": "m", "velocity": "m/s", "acceleratio
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Factor to SI, and powers of metre, kilogram and second."""
+    """Factor to SI, and powers of metre, kilogram, second and volt."""
 
     factor: float
-    powers: tuple[int, int, int]
+    powers: Powers
 
     def times(self, other: "Unit", power: int = 1) -> "Unit":
         """Product with a power of another unit."""
         a, b = self.powers, other.powers
-        powers = (a[0] + power * b[0], a[1] + power * b[1], a[2] + power * b[2])
+        powers = (a[0] + power * b[0], a[1] + power * b[1], a[2] + power * b[2], a[3] + power * b[3])
         return Unit(self.factor * other.factor**power, powers)
 
 
-_ONE = Unit(1.0, (0, 0, 0))
+_ONE = Unit(1.0, (0, 0, 0, 0))
 
 
-def parse_unit(label: str) -> Unit | None:
+def parse_unit(label: str, *, lasting: bool = True) -> Unit | None:
     """Unit of a label, or None where the label is empty or not understood.
+
+    Parameters
+    ----------
+    label
+        As a file has it.
+    lasting
+        Whether a stroke lasts to the end, as in ``m/N*s`` for m/(N·s); else up to the next sign, as in ``1/N*(m/s²)``.
 
     Examples
     --------
@@ -106,9 +119,10 @@ def parse_unit(label: str) -> Unit | None:
     >>> parse_unit("EU/EU") is None
     True
     """
-    text = label.translate(_SUPERSCRIPTS).strip().strip("[]").strip()
+    text = label.translate(_SUPERSCRIPTS).replace("^-^", "^-").strip()
     if not text or len(text) > 60:  # nobody's unit is longer; a bound keeps brackets from nesting deeply
         return None
+    text = _RUN_TOGETHER.sub("m*s", _PLURAL.sub("", text))
     tokens: list[re.Match[str]] = []
     at = 0
     while at < len(text):
@@ -118,23 +132,23 @@ def parse_unit(label: str) -> Unit | None:
         tokens.append(token)
         at = token.end()
     try:
-        unit, rest = _product(tokens)
-    except (KeyError, ValueError):
+        unit, rest = _product(tokens, lasting)
+    except (KeyError, ValueError, OverflowError):
         return None
     return unit if not rest else None
 
 
-def _product(tokens: list[re.Match[str]]) -> tuple[Unit, list[re.Match[str]]]:
+def _product(tokens: list[re.Match[str]], lasting: bool) -> tuple[Unit, list[re.Match[str]]]:
     unit, power = _ONE, 1
     while tokens:
         token, tokens = tokens[0], tokens[1:]
         match token["sign"]:
             case "*":
-                continue  # a product lasts: m/N*s is read as m/N·s, (m/N)s is not written by anyone
+                power = power if lasting else 1
             case "/":
                 power = -1
             case "(":
-                inner, tokens = _product(tokens)
+                inner, tokens = _product(tokens, lasting)
                 if not tokens or tokens[0]["sign"] != ")":
                     raise ValueError("bracket")
                 tokens = tokens[1:]
@@ -180,34 +194,54 @@ def frf_unit(label: str, reference_label: str = "") -> tuple[float, Quantity] | 
     >>> frf_unit("m/s", "lbf")[1]
     'mobility'
     """
-    unit, reference = parse_unit(label), parse_unit(reference_label)
-    if unit is not None and unit.powers[1] == 0 and reference is not None:
-        unit = unit.times(reference, -1)
-    if unit is None or unit.powers[1] != -1 or unit.powers[0] not in (0, -1, -2) or unit.powers[2] not in (0, 1, 2):
+    units = _readings(label, reference_label)
+    meant = [u for u in units if (p := u.powers)[1::2] == (-1, 0) and p[0] in (0, -1, -2) and p[2] in (0, 1, 2)]
+    if len(meant) != 1:
         return None
+    unit = meant[0]
     return unit.factor, get_args(Quantity)[2 - unit.powers[2]]
 
 
-def read_frf_unit(label: str) -> tuple[float, Quantity | None, list[str]]:
-    """Factor to SI, quantity where the unit of an FRF says it, and notes on what becomes of the values."""
-    return _read(label, frf_unit(label), si_frf_unit)
+def _readings(label: str, reference_label: str) -> set[Unit]:
+    """The units that a label can stand for, divided by that of the force where it stands apart."""
+    reference = parse_unit(reference_label)
+    units = {unit for lasting in (True, False) if (unit := parse_unit(label, lasting=lasting)) is not None}
+    return {u if u.powers[1] or u.powers[3] or reference is None else u.times(reference, -1) for u in units}
 
 
-def read_sensor_unit(label: str) -> tuple[float, SensorQuantity | None, list[str]]:
+def read_frf_unit(label: str, reference_label: str = "") -> tuple[float | None, Quantity | None, list[str]]:
+    """Factor to SI, quantity where the unit of an FRF says it, and notes on what becomes of the values.
+
+    The factor is None where the unit is not understood, or none of an FRF over a force; 1 where there is no unit. The
+    quantity of an FRF over volts is that of its response: its modes are those of the structure.
+    """
+    parsed = frf_unit(label, reference_label)
+    volts = {-u.powers[2] for u in _readings(label, reference_label) if u.powers[:2] == (1, 0) and u.powers[3] == -1}
+    if parsed is None and len(volts) == 1 and (power := volts.pop()) in (0, 1, 2):
+        quantity = get_args(Quantity)[power]
+        return None, quantity, [f"unit {label!r} is over volts, values left as written"]
+    return _read(label, parsed, si_frf_unit)
+
+
+def read_sensor_unit(label: str) -> tuple[float | None, SensorQuantity | None, list[str]]:
     """The same for the unit of a time history."""
+    if parse_unit(label) is not None and sensor_unit(label) is None:
+        return None, None, [f"unit {label!r} is that of no force or motion, values left as written"]
     return _read(label, sensor_unit(label), si_sensor_unit)
 
 
-def _read(label: str, parsed: tuple[float, Q] | None, si_unit: Callable[[Q], str]) -> tuple[float, Q | None, list[str]]:
+def _read(
+    label: str, parsed: tuple[float, Q] | None, si_unit: Callable[[Q], str]
+) -> tuple[float | None, Q | None, list[str]]:
     if parsed is None:
-        return 1.0, None, [f"unit {label!r} not understood, values left as written"] if label else []
+        return (None, None, [f"unit {label!r} not understood, values left as written"]) if label else (1.0, None, [])
     factor, quantity = parsed
     return factor, quantity, [f"{label} converted to {si_unit(quantity)}"] if factor != 1 else []
 
 
-def scaled(values: NDArray[Any], factor: float) -> NDArray[Any]:
+def scaled(values: NDArray[Any], factor: float | None) -> NDArray[Any]:
     """Real or complex values times a factor, each part by itself: an infinite one leaves the other as it was."""
-    if factor == 1:
+    if factor is None or factor == 1:
         return values
     parts = np.ascontiguousarray(values)
     with np.errstate(over="ignore", under="ignore"):

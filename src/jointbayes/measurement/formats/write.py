@@ -78,6 +78,8 @@ def write_records(records: Iterable[Record], path: str | Path, format: str) -> N
         raise MeasurementError(f"{path}: found format {format!r}; expected one of {', '.join(FORMATS)}; correct it")
     if not records:
         raise MeasurementError(f"{path}: found nothing to write; expected FRFs or time histories; give at least one")
+    if any(getattr(record, "factor", 1.0) is None for record in records):
+        raise MeasurementError(f"{path}: found records in no SI unit; expected SI units; convert them before")
     _require_possible(path)
     try:
         with whole_file(path) as temporary_path:

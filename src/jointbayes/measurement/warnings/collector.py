@@ -151,7 +151,7 @@ def find_warnings(records: Record | Iterable[Record], mass_kg: float | None = No
         In the order of the file; the same about several records is one warning.
     """
     collector = WarningCollector(mass_kg)
-    for record in [records] if isinstance(records, FrfRecord | TimeRecord) else records:
+    for record in [records] if isinstance(records, Record) else records:
         collector.add(record)
     return collector.warnings()
 
@@ -183,6 +183,8 @@ class WarningCollector:
             self._nyquist_hz = min(self._nyquist_hz, record.sample_rate_hz / 2)
             for warning in _history_warnings(record):
                 self._keep(where, warning)
+            return
+        if not isinstance(record, FrfRecord):
             return
         where, clear = _named(f"{record.response}/{record.reference}", record.where), ClearFrf.of(record)
         self._judge(where, record, clear)

@@ -196,8 +196,9 @@ def _unit_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
 def warnings_of_notes(notes: tuple[str, ...]) -> Iterator[MeasurementWarning]:
     """What a reader noted already: units that it could not read, or of which the file says two things."""
     for note in notes:
-        if "not understood" in note:
-            yield MeasurementWarning("unit_unknown", note, "find out the unit, and scale the channel by its gain")
+        if "left as written" in note or "not understood" in note:
+            remedy = "state the units of response and force in [data.channels]; natural frequencies need none"
+            yield MeasurementWarning("unit_unknown", note, remedy)
         if "says otherwise" in note:
             yield MeasurementWarning(
                 "unit_system", note, "find out which is right, and scale the channel by its gain if it is the other"
