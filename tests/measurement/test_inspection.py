@@ -14,8 +14,9 @@ from jointbayes.cli.commands import main
 from jointbayes.frf import FrfSet
 from jointbayes.measurement import inspection
 from jointbayes.measurement.formats import write_frf, write_records
-from jointbayes.measurement.inspection import inspect_file, inspect_records, text_of
-from jointbayes.measurement.records import FrfRecord, TimeRecord
+from jointbayes.measurement.inspection import contents_of_records, inspect_file, inspect_records
+from jointbayes.measurement.inspection_text import text_of
+from jointbayes.measurement.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord
 from jointbayes.report.inspect_figure import inspect_figure
 from tests.conftest import CONFIGS
 from tests.measurement.test_warnings import DAMPING, FREQUENCY, LINES, hammer, records, times
@@ -155,8 +156,7 @@ def test_what_is_no_measurement_is_one_line_and_exit_2(content, part, tmp_path):
 
 
 @pytest.mark.science
-def test_many_frfs_are_streamed(monkeypatch):
-    monkeypatch.setattr(inspection, "_MOST_LINES", 0)  # the fit is not what is measured
+def test_many_frfs_are_streamed():
     lines = np.arange(10, 6410) * 0.25
     one = records(np.random.default_rng(7), lines=lines)[1]
 
@@ -168,11 +168,62 @@ def test_many_frfs_are_streamed(monkeypatch):
     peak = {}
     for count in (20, 70):
         tracemalloc.start()
-        inspect_records(many(count))
+        contents_of_records(many(count))  # the fit is not what is measured
         peak[count] = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
     # an FRF with its axis and coherence is 200 kB; what is kept of each is a fiftieth of that
     assert (peak[70] - peak[20]) / 50 < 8_000
+
+
+def test_contents_and_warnings_are_printed_before_the_fit_and_progress_on_standard_error(clean, monkeypatch):
+    """Whoever looks at a large file has its channels at once, also where the fit takes long or is interrupted."""
+
+    def interrupted(*arguments, **more):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(inspection, "fit_modes", interrupted)
+    result = CliRunner().invoke(main, ["inspect", str(clean)])
+    assert result.exit_code != 0
+    assert "Channels (2)" in result.stdout
+    assert "No warnings." in result.stdout
+    assert "Resonances" not in result.stdout
+    assert "fitting resonances: 1595 lines" in result.stderr
+
+
+def test_resonances_are_sought_in_a_band(clean):
+    result = CliRunner().invoke(main, ["inspect", str(clean), "--band", "300", "1000"])
+    lines = result.stdout.splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("Resonances of"))
+    assert [round(float(line.split()[1])) for line in lines[first + 1 :]] == [400, 820]
+    for band in (["1000", "300"], ["300", "300"], ["nan", "300"], ["-1", "5"]):
+        wrong = CliRunner().invoke(main, ["inspect", str(clean), "--band", *band])
+        assert (wrong.exit_code, wrong.stdout) == (2, "")
+
+
+def test_all_kinds_of_records_are_listed():
+    f = np.arange(1.0, 21.0)
+    modes = [
+        ModeRecord(1, 12.5, 0.01, 0.004, 2e-4, {"1:z": 1 + 0j, "2:z": -0.5 + 0j}),
+        ModeRecord(2, 40.0),
+    ]
+    listed = inspect_records(
+        [
+            CoherenceRecord("1:z", "2:z", f, np.full(20, 0.9), 8),
+            SpectrumRecord("acc", "PSD", f, np.ones(20), "g²/Hz"),
+            *modes,
+        ]
+    )
+    assert listed.kinds == {
+        "coherence, without its FRF; 20 lines, 1 to 20 Hz every 1 Hz": 1,
+        "spectrum, no FRF: PSD, unit g²/Hz; 20 lines, 1 to 20 Hz every 1 Hz": 1,
+        "mode": 2,
+    }
+    assert (listed.averages, listed.coherence) == ((8,), (0.9, 0.9))
+    assert listed.listed_modes == tuple(modes)
+    text = "\n".join(text_of(listed))
+    assert "Modes in the file (2)\n    1        12.5 ± 0.01 Hz   damping 0.4 % ± 0.02 %   shape at 2 DOFs\n" in text
+    assert "acc  no direction; 1 spectra" in text
+    assert "Resonances: there is no FRF" in text
 
 
 # ---- hostile and careless input
@@ -221,7 +272,7 @@ def test_a_figure_never_replaces_the_measurement(tmp_path):
         done = CliRunner().invoke(main, ["inspect", str(path), "--figure", str(tmp_path / name)])
         assert done.exit_code == 2, done.output
         assert "expected" in done.stderr
-        assert done.stderr.count("\n") == 1
+        assert done.stderr.count("jointbayes: ") == 1
     assert path.read_bytes() == before
     assert stat.S_ISFIFO((tmp_path / "pipe.svg").stat().st_mode)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["hard.svg", "link.svg", "me.csv", "pipe.svg"]

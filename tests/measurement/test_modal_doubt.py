@@ -10,7 +10,8 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement import FrfData, RelativeNoise
 from jointbayes.measurement.assemble import _modes as assembled_modes
-from jointbayes.measurement.inspection import inspect_records, text_of
+from jointbayes.measurement.inspection import inspect_records
+from jointbayes.measurement.inspection_text import text_of
 from jointbayes.measurement.measurement_plan import MeasurementPlan
 from jointbayes.measurement.modal_fit import fit_modes, identify_modes, identify_zeros
 from jointbayes.measurement.records import FrfRecord

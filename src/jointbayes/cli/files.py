@@ -86,16 +86,31 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--figure", type=click.Path(path_type=Path), help="SVG file to draw FRFs and hits into.")
 @click.option("--mass", type=click.FloatRange(min=0, min_open=True), help="Mass of a structure that hangs free, kg.")
+@click.option("--band", nargs=2, type=click.FloatRange(min=0), help="Seek resonances from LOW to HIGH only, Hz.",
+              metavar="LOW HIGH")  # fmt: skip
 @click.option("--conjugate", is_flag=True, help="Take the complex conjugates of the FRFs, as [data] of a case may.")
-def inspect_command(file: Path, figure: Path | None, mass: float | None, conjugate: bool) -> None:
-    """List what a measurement file holds, and warn of what looks wrong in it."""
-    from jointbayes.measurement.inspection import inspect_file, text_of
+def inspect_command(
+    file: Path, figure: Path | None, mass: float | None, band: tuple[float, float] | None, conjugate: bool
+) -> None:
+    """List what a measurement file holds, and warn of what looks wrong in it; then look for resonances."""
+    from jointbayes.cli.progress_display import show_stage
+    from jointbayes.errors import CaseError
+    from jointbayes.measurement.inspection import contents_of, with_resonances
+    from jointbayes.measurement.inspection_text import contents_text, resonances_text
+    from jointbayes.progress import Progress
     from jointbayes.whole_file import write_whole_file
 
     if figure is not None:
         _require_other_file(figure, file, "--figure")
-    inspection = inspect_file(file, mass, conjugate=conjugate)
-    for line in text_of(inspection):
+    if band and not band[0] < band[1]:
+        raise CaseError(f"--band: found {band[0]:g} {band[1]:g}; expected LOW below HIGH, in Hz; exchange them")
+    inspection = contents_of(file, mass, conjugate=conjugate)
+    for line in contents_text(inspection):
+        say(line)
+    if inspection.frfs:
+        show_stage(Progress("fitting resonances", f"{inspection.frfs[0].frequency_hz.size} lines"))
+    inspection = with_resonances(inspection, band or (None, None))
+    for line in resonances_text(inspection):
         say(line)
     if figure is not None:
         from jointbayes.report.inspect_figure import inspect_figure

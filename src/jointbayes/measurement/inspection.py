@@ -1,11 +1,10 @@
-"""What a measurement file holds and what is doubtful about it, and that in words, line by line, for a terminal."""
+"""What a measurement file holds and what is doubtful about it, and after that the resonances of its FRFs."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -15,7 +14,15 @@ from jointbayes.measurement.formats.grid import join_frfs
 from jointbayes.measurement.modal_doubt import DoubtfulMode
 from jointbayes.measurement.modal_fit import fit_modes
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
-from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, labels_of, parse_dof
+from jointbayes.measurement.records import (
+    CoherenceRecord,
+    FrfRecord,
+    ModeRecord,
+    Record,
+    SpectrumRecord,
+    TimeRecord,
+    labels_of,
+)
 from jointbayes.measurement.signals.hits import Hit, hits_of
 from jointbayes.measurement.warnings.clear_frf import pair_of, usable
 from jointbayes.measurement.warnings.collector import WarningCollector
@@ -24,8 +31,9 @@ from jointbayes.measurement.warnings.collector import WarningCollector
 _KEPT = 3
 #: Hits kept for the figure, and samples kept of time histories for FRFs.
 _HITS_DRAWN, _SAMPLES_KEPT = 24, 5_000_000
-#: More lines than this are not fitted at once.
-_MOST_LINES = 20_000
+#: Modes kept of those that a file states.
+_MODES_KEPT = 40
+_Band = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,11 +48,12 @@ class HitTrace:
 
 @dataclass(slots=True)
 class ChannelCount:
-    """How often a channel is response and force of an FRF, how many time histories it has, and of which quantity."""
+    """How often a channel is response and force of an FRF, has time histories and spectra, and of which quantity."""
 
     as_response: int = 0
     as_force: int = 0
     histories: int = 0
+    spectra: int = 0
     quantities: Counter[str] = field(default_factory=Counter)
 
 
@@ -65,13 +74,17 @@ class Inspection:
     notes
         What readers did, each with how often.
     frfs
-        Some FRFs whole, for the figure: drive points first.
-    modes, modes_of, modes_note, doubtful
-        Resonances, of which FRFs they are, why there are none, and what looks like one and is left out.
+        Some FRFs whole, for the figure and for resonances: drive points first.
+    conjugated
+        Whether the FRFs are complex conjugates of what they should be, which their resonances are sought in.
     hits
         All hits of hammers, the first ones with the force to draw.
+    listed_modes
+        Modes that the file itself states.
     warnings
         What contradicts itself.
+    modes, modes_of, modes_note, doubtful
+        Resonances, of which FRFs they are, why there are none, and what looks like one and is left out.
     """
 
     source: str
@@ -82,15 +95,41 @@ class Inspection:
     coherence: tuple[float, float] | None
     notes: dict[str, int]
     frfs: tuple[FrfRecord, ...]
-    modes: tuple[MeasuredMode, ...]
-    modes_of: tuple[str, ...]
-    modes_note: str
-    doubtful: tuple[DoubtfulMode, ...]
+    conjugated: bool
     hits: tuple[HitTrace, ...]
+    listed_modes: tuple[ModeRecord, ...]
     warnings: tuple[MeasurementWarning, ...]
+    modes: tuple[MeasuredMode, ...] = ()
+    modes_of: tuple[str, ...] = ()
+    modes_note: str = ""
+    doubtful: tuple[DoubtfulMode, ...] = ()
 
 
-def inspect_file(path: Path, mass_kg: float | None = None, *, conjugate: bool = False) -> Inspection:
+def inspect_file(
+    path: Path, mass_kg: float | None = None, *, conjugate: bool = False, band_hz: _Band = (None, None)
+) -> Inspection:
+    """Look through a measurement file and fit the resonances of its FRFs: `contents_of`, and then `with_resonances`.
+
+    Parameters
+    ----------
+    path
+        File of any format that is read.
+    mass_kg
+        Mass of the structure if it hangs free, kg, to hold drive points against.
+    conjugate
+        Whether the complex conjugates of the FRFs are looked at.
+    band_hz
+        Lowest and highest frequency at which resonances are sought, Hz; None is the end of the lines.
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read.
+    """
+    return with_resonances(contents_of(path, mass_kg, conjugate=conjugate), band_hz)
+
+
+def contents_of(path: Path, mass_kg: float | None = None, *, conjugate: bool = False) -> Inspection:
     """Look through a measurement file; of a universal file no more than a few records are in memory at once.
 
     Parameters
@@ -111,16 +150,17 @@ def inspect_file(path: Path, mass_kg: float | None = None, *, conjugate: bool = 
 
     form = detect_format(path)
     records = (r.conjugate if conjugate and isinstance(r, FrfRecord) else r for r in iter_records(path))
-    return replace(inspect_records(records, mass_kg), source=str(path), form=form)
+    return replace(contents_of_records(records, mass_kg), source=str(path), form=form)
 
 
 def inspect_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
     """As `inspect_file`, for records that come one by one."""
-    with np.errstate(all="ignore"):  # a file may hold any number
-        return _inspected(records, mass_kg)
+    return with_resonances(contents_of_records(records, mass_kg))
 
 
-def _inspected(records: Iterable[Record], mass_kg: float | None) -> Inspection:
+@np.errstate(all="ignore")  # a file may hold any number
+def contents_of_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
+    """As `contents_of`, for records that come one by one."""
     seen = _Seen(WarningCollector(mass_kg))
     for record in records:
         seen.add(record)
@@ -128,13 +168,10 @@ def _inspected(records: Iterable[Record], mass_kg: float | None) -> Inspection:
     for record in made:
         seen.warnings.add(record)
         seen.keep_frf(record)
-    kept = seen.frf_kept()
     warnings = seen.warnings.warnings()
-    fitted = kept
-    if seen.warnings.conjugated:
+    conjugated = bool(seen.warnings.conjugated)
+    if conjugated:
         seen.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
-        fitted = tuple(record.conjugate for record in kept)
-    modes, doubtful, modes_of, modes_note = _modes(fitted) if kept else ((), (), (), note)
     coherences = seen.coherence
     return Inspection(
         "",
@@ -144,14 +181,31 @@ def _inspected(records: Iterable[Record], mass_kg: float | None) -> Inspection:
         tuple(sorted(seen.averages)),
         (min(low for low, _ in coherences), float(np.median([m for _, m in coherences]))) if coherences else None,
         dict(seen.notes),
-        kept,
-        modes,
-        modes_of,
-        modes_note,
-        doubtful,
+        seen.frf_kept(),
+        conjugated,
         tuple(seen.hits),
+        tuple(seen.modes),
         warnings,
+        modes_note=note,
     )
+
+
+@np.errstate(all="ignore")
+def with_resonances(inspection: Inspection, band_hz: _Band = (None, None)) -> Inspection:
+    """Return the inspection with the resonances of its FRFs, or why there are none.
+
+    Parameters
+    ----------
+    inspection
+        Of `contents_of`.
+    band_hz
+        As for `inspect_file`.
+    """
+    if not inspection.frfs:
+        return inspection
+    kept = tuple(record.conjugate for record in inspection.frfs) if inspection.conjugated else inspection.frfs
+    modes, doubtful, modes_of, note = _modes(kept, band_hz)
+    return replace(inspection, modes=modes, doubtful=doubtful, modes_of=modes_of, modes_note=note)
 
 
 @dataclass(slots=True)
@@ -168,6 +222,7 @@ class _Seen:
     others: list[FrfRecord] = field(default_factory=list)
     hits: list[HitTrace] = field(default_factory=list)
     histories: list[TimeRecord] = field(default_factory=list)
+    modes: list[ModeRecord] = field(default_factory=list)
     samples: int = 0
     complete: bool = True
 
@@ -177,24 +232,31 @@ class _Seen:
         if isinstance(record, TimeRecord):
             self._add_history(record)
             return
-        if not isinstance(record, FrfRecord):
-            self.kinds[type(record).__name__.removesuffix("Record").lower()] += 1
-            for label in labels_of(record):
-                self._use(label)
+        for label in labels_of(record):
+            self._use(label)
+        if isinstance(record, ModeRecord):
+            self.kinds["mode"] += 1
+            if len(self.modes) < _MODES_KEPT:
+                self.modes.append(record)
             return
-        f = record.frequency_hz
-        step = f" every {(f[-1] - f[0]) / (f.size - 1):.6g} Hz" if f.size > 1 else ""
-        span = f"{f.size} lines, {f[0]:.6g} to {f[-1]:.6g} Hz{step}" if f.size else "no lines"
-        unit = f", unit {record.unit}" if record.unit else ", no unit"
-        self.kinds[f"FRF: {record.quantity or 'unknown quantity'}{unit}; {span}"] += 1
+        span = _span(record.frequency_hz)
+        if isinstance(record, SpectrumRecord):
+            self.kinds[f"spectrum, no FRF: {record.kind}{_unit(record.unit)}; {span}"] += 1
+            self._use(record.channel).spectra += 1
+            return
+        if record.averages is not None:
+            self.averages.add(record.averages)
+        coherence = record.values if isinstance(record, CoherenceRecord) else record.coherence
+        if coherence is not None and np.isfinite(coherence).any():
+            finite = coherence[np.isfinite(coherence)]
+            self.coherence.append((float(finite.min()), float(np.median(finite))))
+        if isinstance(record, CoherenceRecord):
+            self.kinds[f"coherence, without its FRF; {span}"] += 1
+            return
+        self.kinds[f"FRF: {record.quantity or 'unknown quantity'}{_unit(record.unit)}; {span}"] += 1
         self._use(record.response).as_response += 1
         self._use(record.reference).as_force += 1
         self._use(record.response).quantities[record.quantity or "unknown"] += 1
-        if record.averages is not None:
-            self.averages.add(record.averages)
-        if record.coherence is not None and np.isfinite(record.coherence).any():
-            finite = record.coherence[np.isfinite(record.coherence)]
-            self.coherence.append((float(finite.min()), float(np.median(finite))))
         self.keep_frf(record)
 
     def keep_frf(self, record: FrfRecord) -> None:
@@ -214,9 +276,8 @@ class _Seen:
         use.histories += 1
         use.quantities[record.quantity] += 1
         seconds = record.values.size / record.sample_rate_hz
-        unit = f", unit {record.unit}" if record.unit else ", no unit"
         self.kinds[
-            f"time history: {record.quantity}{unit}; {record.values.size} samples, {seconds:.6g} s at "
+            f"time history: {record.quantity}{_unit(record.unit)}; {record.values.size} samples, {seconds:.6g} s at "
             f"{record.sample_rate_hz:.6g} Hz"
         ] += 1
         for hit in hits_of(record):
@@ -226,6 +287,16 @@ class _Seen:
             self.histories.append(record)
         else:
             self.complete = False
+
+
+def _span(frequency_hz: Array) -> str:
+    f = frequency_hz
+    step = f" every {(f[-1] - f[0]) / (f.size - 1):.6g} Hz" if f.size > 1 else ""
+    return f"{f.size} lines, {f[0]:.6g} to {f[-1]:.6g} Hz{step}" if f.size else "no lines"
+
+
+def _unit(unit: str) -> str:
+    return f", unit {unit}" if unit else ", no unit"
 
 
 def _trace(record: TimeRecord, hit: Hit, *, drawn: bool) -> HitTrace:
@@ -249,6 +320,8 @@ def _frfs_of_hits(histories: list[TimeRecord]) -> tuple[list[FrfRecord], str]:
     from jointbayes.measurement.signals.impact import impact_frfs
     from jointbayes.measurement.signals.spectra import sort_by_force
 
+    if not histories:
+        return [], "there is no FRF"
     forces = [r for r in histories if r.quantity == "force"]
     if not forces or any(len(hits_of(r)) != 1 for r in forces):
         return [], "the records are not one hit each: make FRFs of them first"
@@ -263,7 +336,7 @@ def _frfs_of_hits(histories: list[TimeRecord]) -> tuple[list[FrfRecord], str]:
 _Modes = tuple[tuple[MeasuredMode, ...], tuple[DoubtfulMode, ...], tuple[str, ...], str]
 
 
-def _modes(kept: tuple[FrfRecord, ...]) -> _Modes:
+def _modes(kept: tuple[FrfRecord, ...], band_hz: _Band) -> _Modes:
     """Resonances of FRFs on the same lines over the same force; doubtful ones; which FRFs; and why there are none."""
     clean = [usable(r) for r in kept if r.quantity is not None]
     if not clean:
@@ -276,121 +349,11 @@ def _modes(kept: tuple[FrfRecord, ...]) -> _Modes:
             group.setdefault(record.response, record)
     members = list(group.values())[:_KEPT]
     names = tuple(f"{r.response}/{r.reference}" for r in members)
-    if first.frequency_hz.size > _MOST_LINES:
-        return (), (), names, f"{first.frequency_hz.size} lines are too many to fit at once: choose a band"
     coherences = [r.coherence for r in members if r.averages and r.coherence is not None]
     told = len(coherences) == len(members) and all(((c >= 0) & (c <= 1)).all() for c in coherences)
     try:
-        fit = fit_modes(join_frfs(members if told else [replace(r, coherence=None) for r in members], "modes"))
+        frf = join_frfs(members if told else [replace(r, coherence=None) for r in members], "modes")
+        fit = fit_modes(frf, f_min_hz=band_hz[0], f_max_hz=band_hz[1])
     except MeasurementError as error:
         return (), (), names, str(error)
     return fit.modes, fit.doubtful, names, "" if fit.modes else "none stands out of the noise"
-
-
-T = TypeVar("T")
-
-#: Longer lists are cut here.
-_LISTED = 40
-
-
-def text_of(inspection: Inspection) -> Iterator[str]:
-    """Lines to print: contents, channels, resonances, hits, notes, warnings."""
-    yield f"{inspection.source} ({inspection.form})" if inspection.form else inspection.source or "records"
-    for kind, count in _first(inspection.kinds):
-        yield f"  {count} × {kind}"
-    yield from _more(len(inspection.kinds))
-    if inspection.averages:
-        yield f"  averages: {', '.join(str(n) for n in inspection.averages[:10])}"
-    if inspection.coherence is not None:
-        yield f"  coherence: smallest {inspection.coherence[0]:.4f}, median {inspection.coherence[1]:.4f}"
-    yield ""
-    yield f"Channels ({len(inspection.channels)})"
-    width = max((len(label) for label in inspection.channels), default=0)
-    for label, use in _first(inspection.channels):
-        yield f"  {label:<{width}}  {_dof(label)}{_use(use)}"
-    yield from _more(len(inspection.channels))
-    yield from _resonances(inspection)
-    yield from _hits(inspection)
-    if inspection.notes:
-        yield ""
-        yield "Done on reading"
-        for note, count in _first(inspection.notes):
-            yield f"  {note}" + (f" ({count} times)" if count > 1 else "")
-        yield from _more(len(inspection.notes))
-    yield ""
-    if not inspection.warnings:
-        yield "No warnings."
-        return
-    yield f"Warnings ({len(inspection.warnings)})"
-    for number, warning in enumerate(inspection.warnings, 1):
-        yield f"  {number}. {warning.where}: {warning.sentence}. What to do: {warning.remedy}. [{warning.key}]"
-
-
-def _resonances(inspection: Inspection) -> Iterator[str]:
-    yield ""
-    if not inspection.modes:
-        yield f"Resonances: {inspection.modes_note}"
-    else:
-        yield f"Resonances of {', '.join(inspection.modes_of)} (± one standard deviation)"
-    for number, mode in enumerate(inspection.modes, 1):
-        digits = _digits(mode.frequency_sd_hz)
-        percent, sd = 100 * mode.damping_ratio, 100 * mode.damping_sd
-        yield (
-            f"  {number:>3}  {mode.frequency_hz:>10.{digits}f} ± {mode.frequency_sd_hz:.{digits}f} Hz   "
-            f"damping {percent:.{_digits(sd)}f} ± {sd:.{_digits(sd)}f} %"
-        )
-    if inspection.doubtful:
-        yield "Left out of the resonances"
-    for doubt in inspection.doubtful:
-        yield f"  {doubt.frequency_hz:.6g} Hz: {doubt.reason}"
-
-
-def _hits(inspection: Inspection) -> Iterator[str]:
-    if not inspection.hits:
-        return
-    yield ""
-    yield f"Hits ({len(inspection.hits)})"
-    for trace in inspection.hits[:_LISTED]:
-        hit = trace.hit
-        verdict = "kept" if hit.kept else f"LEFT OUT: {hit.reason}"
-        yield f"  {trace.channel} hit {hit.number}: {hit.peak_n:.4g} N, {1e3 * hit.width_s:.3g} ms, {verdict}"
-    yield from _more(len(inspection.hits))
-
-
-def _dof(label: str) -> str:
-    dof = parse_dof(label)
-    if dof is None or dof.direction == 0:
-        return "no direction; "
-    axis = ("", "X", "Y", "Z", "RX", "RY", "RZ")[abs(dof.direction)]
-    return f"node {dof.node}, direction {axis}{'-' if dof.direction < 0 else '+'}; "
-
-
-def _use(use: ChannelCount) -> str:
-    parts = []
-    if use.as_response:
-        parts.append(f"response of {use.as_response} FRFs")
-    if use.as_force:
-        parts.append(f"force of {use.as_force} FRFs")
-    if use.histories:
-        parts.append(f"{use.histories} time histories")
-    kinds = ", ".join(use.quantities)
-    return ", ".join(parts) + (f" ({kinds})" if kinds else "")
-
-
-def _digits(sd: float) -> int:
-    """Decimals that show a standard deviation with two digits."""
-    if not sd > 0:
-        return 2
-    decimals = 0
-    while sd < 9.5 and decimals < 8:
-        sd, decimals = 10 * sd, decimals + 1
-    return decimals
-
-
-def _first(entries: dict[str, T]) -> list[tuple[str, T]]:
-    return list(entries.items())[:_LISTED]
-
-
-def _more(count: int) -> Iterator[str]:
-    if count > _LISTED:
-        yield f"  and {count - _LISTED} more"

@@ -35,7 +35,8 @@ class FileTarget(Target):
     def _attempted(self, path: Path) -> Exception | None:
         from jointbayes.errors import MeasurementError
         from jointbayes.measurement.formats import read_frf
-        from jointbayes.measurement.inspection import inspect_file, text_of
+        from jointbayes.measurement.inspection import inspect_file
+        from jointbayes.measurement.inspection_text import text_of
 
         refused: MeasurementError | None = None
         try:

@@ -96,7 +96,7 @@ class ClearFrf:
         """Peaks of |mobility| that stand out from their surroundings and from the noise."""
         magnitude = np.abs(self.mobility)
         resonances = []
-        for top in scipy.signal.find_peaks(np.log(magnitude), prominence=np.log(_RISE))[0]:
+        for top in _prominent_peaks(magnitude):
             if magnitude[top] < _ABOVE_NOISE * self.noise[top]:
                 continue
             low = magnitude < magnitude[top] / np.sqrt(2)
@@ -130,6 +130,23 @@ class ClearFrf:
         """The same for the other time factor."""
         sign = 1.0 if self.quantity == "mobility" else -1.0  # conj(H) (iω)ⁿ against conj(H (iω)ⁿ)
         return replace(self, mobility=sign * self.mobility.conj())
+
+
+def _prominent_peaks(magnitude: Array) -> list[int]:
+    """Peaks that rise by `_RISE` above the lowest point towards a higher one, or the end, on either side."""
+    slope = np.sign(np.diff(magnitude))
+    turns = np.concatenate([[0], np.flatnonzero(slope[1:] != slope[:-1]) + 1, [magnitude.size - 1]])
+    peaks, top, low, rising = [], 0, 0, False
+    levels = magnitude.tolist()
+    for line in turns.tolist():
+        top = line if levels[line] > levels[top] else top
+        low = line if levels[line] < levels[low] else low
+        if rising and levels[line] * _RISE <= levels[top]:
+            peaks.append(top)
+            low, rising = line, False
+        elif not rising and levels[line] >= _RISE * levels[low]:
+            top, rising = line, True
+    return peaks
 
 
 def are_conjugates(turns: Array, least: float) -> bool | None:

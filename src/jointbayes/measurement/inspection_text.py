@@ -1,0 +1,138 @@
+"""What an inspection of a measurement file found, in words, line by line, for a terminal."""
+
+from collections.abc import Iterator
+from typing import TypeVar
+
+from jointbayes.measurement.inspection import ChannelCount, Inspection
+from jointbayes.measurement.records import parse_dof
+
+T = TypeVar("T")
+
+#: Longer lists are cut here.
+_LISTED = 40
+
+
+def text_of(inspection: Inspection) -> Iterator[str]:
+    """All lines to print."""
+    yield from contents_text(inspection)
+    yield from resonances_text(inspection)
+
+
+def contents_text(inspection: Inspection) -> Iterator[str]:
+    """Contents, channels, hits, notes, warnings: what needs no fit."""
+    yield f"{inspection.source} ({inspection.form})" if inspection.form else inspection.source or "records"
+    for kind, count in _first(inspection.kinds):
+        yield f"  {count} × {kind}"
+    yield from _more(len(inspection.kinds))
+    if inspection.averages:
+        yield f"  averages: {', '.join(str(n) for n in inspection.averages[:10])}"
+    if inspection.coherence is not None:
+        yield f"  coherence: smallest {inspection.coherence[0]:.4f}, median {inspection.coherence[1]:.4f}"
+    yield ""
+    yield f"Channels ({len(inspection.channels)})"
+    width = max((len(label) for label in inspection.channels), default=0)
+    for label, use in _first(inspection.channels):
+        yield f"  {label:<{width}}  {_dof(label)}{_use(use)}"
+    yield from _more(len(inspection.channels))
+    yield from _listed_modes(inspection)
+    yield from _hits(inspection)
+    if inspection.notes:
+        yield ""
+        yield "Done on reading"
+        for note, count in _first(inspection.notes):
+            yield f"  {note}" + (f" ({count} times)" if count > 1 else "")
+        yield from _more(len(inspection.notes))
+    yield ""
+    if not inspection.warnings:
+        yield "No warnings."
+        return
+    yield f"Warnings ({len(inspection.warnings)})"
+    for number, warning in enumerate(inspection.warnings, 1):
+        yield f"  {number}. {warning.where}: {warning.sentence}. What to do: {warning.remedy}. [{warning.key}]"
+
+
+def resonances_text(inspection: Inspection) -> Iterator[str]:
+    """Resonances that the FRFs show, and what is left out of them."""
+    yield ""
+    if not inspection.modes:
+        yield f"Resonances: {inspection.modes_note}"
+    else:
+        yield f"Resonances of {', '.join(inspection.modes_of)} (± one standard deviation)"
+    for number, mode in enumerate(inspection.modes, 1):
+        digits = _digits(mode.frequency_sd_hz)
+        percent, sd = 100 * mode.damping_ratio, 100 * mode.damping_sd
+        yield (
+            f"  {number:>3}  {mode.frequency_hz:>10.{digits}f} ± {mode.frequency_sd_hz:.{digits}f} Hz   "
+            f"damping {percent:.{_digits(sd)}f} ± {sd:.{_digits(sd)}f} %"
+        )
+    if inspection.doubtful:
+        yield "Left out of the resonances"
+    for doubt in inspection.doubtful:
+        yield f"  {doubt.frequency_hz:.6g} Hz: {doubt.reason}"
+
+
+def _listed_modes(inspection: Inspection) -> Iterator[str]:
+    """Modes that the file itself states."""
+    if inspection.listed_modes:
+        yield ""
+        yield f"Modes in the file ({inspection.kinds['mode']})"
+    for mode in inspection.listed_modes:
+        sd = "" if mode.frequency_sd_hz is None else f" ± {mode.frequency_sd_hz:.2g}"
+        damping = "" if mode.damping_ratio is None else f"   damping {100 * mode.damping_ratio:.4g} %"
+        spread = "" if mode.damping_sd is None or not damping else f" ± {100 * mode.damping_sd:.2g} %"
+        where = f"   shape at {len(mode.shape)} DOFs" if mode.shape else ""
+        yield f"  {mode.number:>3}  {mode.frequency_hz:>10.6g}{sd} Hz{damping}{spread}{where}"
+    yield from _more(inspection.kinds.get("mode", 0))
+
+
+def _hits(inspection: Inspection) -> Iterator[str]:
+    if not inspection.hits:
+        return
+    yield ""
+    yield f"Hits ({len(inspection.hits)})"
+    for trace in inspection.hits[:_LISTED]:
+        hit = trace.hit
+        verdict = "kept" if hit.kept else f"LEFT OUT: {hit.reason}"
+        yield f"  {trace.channel} hit {hit.number}: {hit.peak_n:.4g} N, {1e3 * hit.width_s:.3g} ms, {verdict}"
+    yield from _more(len(inspection.hits))
+
+
+def _dof(label: str) -> str:
+    dof = parse_dof(label)
+    if dof is None or dof.direction == 0:
+        return "no direction; "
+    axis = ("", "X", "Y", "Z", "RX", "RY", "RZ")[abs(dof.direction)]
+    return f"node {dof.node}, direction {axis}{'-' if dof.direction < 0 else '+'}; "
+
+
+def _use(use: ChannelCount) -> str:
+    parts = []
+    if use.as_response:
+        parts.append(f"response of {use.as_response} FRFs")
+    if use.as_force:
+        parts.append(f"force of {use.as_force} FRFs")
+    if use.histories:
+        parts.append(f"{use.histories} time histories")
+    if use.spectra:
+        parts.append(f"{use.spectra} spectra")
+    kinds = ", ".join(use.quantities)
+    return ", ".join(parts) + (f" ({kinds})" if kinds else "")
+
+
+def _digits(sd: float) -> int:
+    """Decimals that show a standard deviation with two digits."""
+    if not sd > 0:
+        return 2
+    decimals = 0
+    while sd < 9.5 and decimals < 8:
+        sd, decimals = 10 * sd, decimals + 1
+    return decimals
+
+
+def _first(entries: dict[str, T]) -> list[tuple[str, T]]:
+    return list(entries.items())[:_LISTED]
+
+
+def _more(count: int) -> Iterator[str]:
+    if count > _LISTED:
+        yield f"  and {count - _LISTED} more"
