@@ -21,7 +21,7 @@ _MOVED = {
         "errors": "CheckpointError ReportError WorkerError WriteError",
         "inference": "GaussianNoise IntegratedScale ProportionalNoise ScaledNoise",
         "joint": "ElasticCentre Joints Rigid",
-        "measurement.assemble": "mean_of_repeats",
+        "measurement.frf_variance": "mean_of_repeats",
         "measurement.formats": "iter_records write_records",
         "measurement.inspection": "Inspection",
         "measurement.provenance": "MeasuredMode MeasurementWarning",

@@ -239,12 +239,13 @@ VARIANCES = ("source = 'coherence', averages = 12", "source = 'relative', relati
 
 def files(number: int) -> str:
     """What data of all kinds from files may say."""
+    first = 'dof = "8:y", gain = 1.02, unit = "g", sensitivity = 0.011'
     return f"""
 f_min_hz = 21.0
 f_max_hz = 2400.0
 thin = 3
 exclude_hz = [[49.5, 50.7], [99.1, 102.3]]
-channels = {{ a = {{ dof = "8:y", gain = 1.02 }}, b = {{ dof = "-7:y", accelerometer_mass_g = 2.2 }} }}
+channels = {{ a = {{ {first} }}, b = {{ dof = "-7:y", accelerometer_mass_g = 2.2 }} }}
 variance = {{ {VARIANCES[number]} }}
 records = {{ {RECORDS[number]} }}
 """

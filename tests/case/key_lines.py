@@ -172,6 +172,7 @@ def of_files() -> list[tuple[str, str, Value]]:
         files, records = f"files.{name}.", f"{table}.records."
         lines += [
             (f"{table}.channels.*.gain", f"{files}channels.{channel}.gain", 1),
+            (f"{table}.channels.*.sensitivity", f"{files}channels.{channel}.unit.sensitivity", 1),
             (f"{table}.channels.*.accelerometer_mass_g", f"{files}channels.{channel}.accelerometer_mass", GRAM),
             *((f"{table}.f_{end}_hz", f"{files}(signals.)?f_{end}_hz", 1) for end in ("min", "max")),
             (f"{table}.thin", f"{files}line_step", 1),

@@ -7,7 +7,7 @@ import pytest
 
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.measurement import RelativeNoise
-from jointbayes.measurement.assemble import estimate_variance
+from jointbayes.measurement.frf_variance import estimate_variance
 from jointbayes.measurement.measurement_plan import VarianceSource
 from tests.conftest import TABLE_3, cheap_text, pair_matrix
 

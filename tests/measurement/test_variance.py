@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement import RelativeNoise
-from jointbayes.measurement.assemble import mean_of_repeats
+from jointbayes.measurement.frf_variance import mean_of_repeats
 
 LINES = np.arange(10.0, 60.0)
 TRUE = (1 + LINES / 10) * np.exp(0.1j * LINES)

@@ -12,7 +12,7 @@ from jointbayes.arrays import Array
 from jointbayes.case.case_text import CaseText, find_outside
 from jointbayes.case.spec.data_table import NoiseSpec, SyntheticFrfSpec
 from jointbayes.case.spec.fields import DataTable, KeyPath
-from jointbayes.case.spec.measured_table import MeasuredBodySpec, MeasuredSpec, VarianceSpec
+from jointbayes.case.spec.measured_table import ChannelSpec, MeasuredBodySpec, MeasuredSpec, VarianceSpec
 from jointbayes.case.spec.prior_tables import FactorPriorSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec, NoiseModelSpec
 from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix, matrix_findings
@@ -24,6 +24,7 @@ from jointbayes.inference import NoiseModel, Nuisance
 from jointbayes.inference.noise.base import ErrorSizes, NoiseChoice
 from jointbayes.joint import AnyJoint, joints_of
 from jointbayes.measurement import CoherenceNoise, Data, NoiseLaw, RelativeNoise, split_modes, synthesise_frf
+from jointbayes.measurement.formats.channel_units import ChannelUnit
 from jointbayes.measurement.measurement_plan import Channel, MeasurementPlan, VarianceSource
 from jointbayes.measurement.rotations import Rotation
 from jointbayes.measurement.signals.hits import HitSettings
@@ -43,13 +44,15 @@ def plan_of(spec: CaseSpec) -> MeasurementPlan:
     """What a case with data in measurement files asks for of these."""
     files, joints = spec.data.files, joints_of(spec.joint_objects)
     assert files is not None
-    return replace(plan_of_files(files), joint_dofs=joints.labels, **files.asked_for(spec.structure))
+    free_gain = spec.uncertain.gain is not None
+    asked = files.asked_for(spec.structure)
+    return replace(plan_of_files(files), joint_dofs=joints.labels, free_gain=free_gain, **asked)
 
 
 def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
     """What all tables of measurement files ask for of these."""
     return MeasurementPlan(
-        {name: Channel(c.label, c.sign, c.gain, c.accelerometer_mass_g * _G) for name, c in data.channels.items()},
+        {name: _channel(channel) for name, channel in data.channels.items()},
         _variance(data.variance) if data.variance else None,
         data.quantity,
         data.f_min_hz,
@@ -60,6 +63,11 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
         exclude_hz=data.exclude_hz,
         conjugate=data.conjugate,
     )
+
+
+def _channel(spec: ChannelSpec) -> Channel:
+    unit = ChannelUnit(spec.unit, spec.quantity, spec.sensitivity)
+    return Channel(spec.label, spec.sign, spec.gain, spec.accelerometer_mass_g * _G, unit)
 
 
 def _variance(spec: VarianceSpec) -> VarianceSource:

@@ -14,29 +14,26 @@ from pathlib import Path
 import numpy as np
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet, MeasuredFile
+from jointbayes.frf import MeasuredFile
 from jointbayes.measurement.accelerometer import remove_accelerometers
 from jointbayes.measurement.data import Data, FrequencyData, FrfData
+from jointbayes.measurement.formats.channel_units import restate_history
 from jointbayes.measurement.formats.grid import cut_to_band, excluded_lines, join_frfs, measured_lines
 from jointbayes.measurement.formats.read import iter_records
+from jointbayes.measurement.frf_variance import estimate_variance
 from jointbayes.measurement.measurement_plan import (
     ChannelMap,
     FrequencyPlan,
     MeasurementPlan,
-    VarianceSource,
     map_records,
 )
-from jointbayes.measurement.modal_fit import fit_modes, modes_and_doubtful
+from jointbayes.measurement.modal_fit import modes_and_doubtful
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.rotations import joint_frf_set, replace_stations
 from jointbayes.measurement.signals.impact import frfs_of_hits
 from jointbayes.measurement.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
-from jointbayes.measurement.variance import RelativeNoise, coherence_variance
 from jointbayes.measurement.warnings.collector import find_warnings
-
-#: χ² per degree of freedom up to which a modal fit is close enough to the FRFs to tell how large they are.
-_EXPLAINED = 10.0
 
 
 def read_measurement(names: Sequence[str], directory: Path, plan: MeasurementPlan) -> Data:
@@ -84,8 +81,7 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
     """
     where = ", ".join(file.name for file in files) or "records"
     made = MadeFrfs(()) if plan.signals is None else _frfs_of_histories(records, plan, where)
-    stored = (record for record in records if isinstance(record, FrfRecord))
-    mapped = map_records(stored if plan.signals is None else made.frfs, plan.channels, where)
+    mapped = map_records(records if plan.signals is None else made.frfs, plan.channels, where)
     stated, contradicted = _apply_quantity(mapped.records, plan, where)
     notes = [*made.notes, *dict.fromkeys(note for record in stated for note in record.notes)]
     if plan.conjugate:
@@ -164,8 +160,9 @@ def _frfs_of_histories(records: Iterable[Record], plan: MeasurementPlan, where: 
     channels = ChannelMap(plan.channels)
     histories = [record for record in records if isinstance(record, TimeRecord)]
     channels.require_all([record.channel for record in histories], where)
-    histories = [record for record in histories if channels.find(record.channel)]
+    mapped = ((record, channels.find(record.channel)) for record in histories)
     try:
+        histories = [restate_history(record, found[0].unit) for record, found in mapped if found]
         if isinstance(plan.signals, ShakerSettings):
             return frfs_of_shaker(histories, plan.signals)
         return frfs_of_hits(histories, plan.signals)
@@ -193,6 +190,12 @@ def _apply_quantity(
                 where=record.where,
             )
         stated.append(record if plan.quantity is None else replace(record, quantity=plan.quantity))
+        if record.factor is None and plan.frequencies is None and not plan.free_gain:
+            raise MeasurementError(
+                f'{_place(record, where)}: found the unit "{record.unit}", no motion over a force in SI units; '
+                'expected the units of response and force: unit = "g" and, of volts, sensitivity in [data.channels]; '
+                'or kind = "measured_frequencies", or [uncertain.gain]'
+            )
     return stated, list(contradicted.values())
 
 
@@ -220,126 +223,6 @@ def _repetitions(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> 
                 "repetitions of each; leave the surplus out"
             )
     return [[group[k] for group in by_pair.values()] for k in range(most)]
-
-
-def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, where: str) -> tuple[FrfData, str]:
-    """FRFs with their variance, and where that comes from, in words.
-
-    Parameters
-    ----------
-    sets
-        FRFs; more than one where measurements were repeated, of which the mean is taken.
-    choice
-        Where the variance comes from; None leaves it open: the same everywhere.
-    where
-        The files, for messages.
-
-    Raises
-    ------
-    MeasurementError
-        If the FRFs do not tell what is to be taken from them.
-    """
-    frf = sets[0]
-    if choice is None:
-        return FrfData(frf, np.ones(frf.values.shape)), "estimated from what the modal fit leaves"
-    if choice.averages is not None:
-        frf = replace(frf, averages=choice.averages)
-    law = choice.law
-    least = f", but at least a standard deviation of {100 * law.relative:g} % of |H| in each part" if law else ""
-    if choice.source == "repeats":
-        words = f"from the scatter of {len(sets)} repeated measurements, whose mean is used{least}"
-        return mean_of_repeats(sets, law), words
-    if law and (choice.source == "relative" or (frf.averages == 1 and choice.law_for_one_average)):
-        alone = "" if choice.source == "relative" else " (of one average coherence says nothing)"
-        words = f"as stated: {100 * law.relative:g} % of |H| and {100 * law.floor:g} % of the median accelerance{alone}"
-        smooth = _smoothed(frf, law)
-        if smooth is None:
-            return FrfData(frf, law.variance_of_accelerance(frf)), words
-        variance = law.variance_of_accelerance(smooth)
-        return FrfData(frf, variance), f"{words}; |H| is that of a modal fit, without the noise"
-    try:
-        variance = coherence_variance(frf)
-    except MeasurementError as error:
-        raise MeasurementError(f"{where}: {error}") from error
-    if law:
-        variance = np.maximum(variance, law.variance_of_accelerance(frf))
-    assert frf.averages is not None
-    measured = FrfData(frf, variance, variance_dof=2 * (frf.averages - 1))
-    return measured, f"from the coherence of {frf.averages} averages{least}"
-
-
-def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) -> FrfData:
-    """Mean of repeated measurements of the same FRFs, and its variance from their scatter.
-
-    σ² = Σ|H_i − H̄|²/(m(m − 1)) for m repetitions, line by line. It counts all that differs from one to the next,
-    also what no coherence shows: a sensor taken off and mounted again, a joint tightened anew. But it is the variance
-    of the *mean*: what all repetitions have in common, such as a calibration, it does not see. Residuals over it are
-    Student-t with 2(m − 1) degrees of freedom: three repetitions leave four of them.
-
-    Parameters
-    ----------
-    frfs
-        At least two sets with the same lines, DOFs and quantity.
-    least
-        Law of the accelerance's noise that no line falls below.
-
-    Returns
-    -------
-    FrfData
-        The mean with its variance. Without coherence: none belongs to a mean of FRFs. Averages are those of all sets
-        together, where all tell.
-
-    Raises
-    ------
-    MeasurementError
-        If there are fewer than two, they do not match, or all are the same.
-    """
-    where = "noise from repeats"
-    if len(frfs) < 2:
-        raise MeasurementError(
-            f"{where}: found {len(frfs)} measurement; expected two or more; measure again, or state the noise"
-        )
-    first = frfs[0]
-    for number, other in enumerate(frfs[1:], 2):
-        for what, same in (
-            ("lines", np.array_equal(first.frequency_hz, other.frequency_hz)),
-            ("DOFs", (first.outputs, first.inputs) == (other.outputs, other.inputs)),
-            ("quantity", first.quantity == other.quantity),
-        ):
-            if not same:
-                raise MeasurementError(
-                    f"{where}: found other {what} in measurement {number} than in the first; expected the same; "
-                    "leave it out or bring it to the same"
-                )
-    values = np.stack([frf.values for frf in frfs])
-    m, mean = len(frfs), values.mean(axis=0)
-    scatter = np.sum(np.abs(values - mean) ** 2, axis=0) / (m * (m - 1))
-    if not scatter.any():
-        raise MeasurementError(
-            f"{where}: found {m} measurements that are the same to the last digit; expected independent ones, which "
-            "differ by their noise; do not repeat one file"
-        )
-    counts = [frf.averages for frf in frfs]
-    averages = None if None in counts else sum(n for n in counts if n is not None)
-    combined = replace(first, values=mean, coherence=None, averages=averages)
-    variance = scatter if least is None else np.maximum(scatter, least.variance_of_accelerance(combined))
-    return FrfData(combined, variance, variance_dof=2 * (m - 1))
-
-
-def _smoothed(frf: FrfSet, law: RelativeNoise) -> FrfSet | None:
-    """FRFs of a modal fit, without the noise of the measured ones; None where none comes close to them.
-
-    A variance in proportion to the *measured* |H|² favours lines that the noise made small, so that everything fitted
-    comes out too small by the variance relative to |H|², which many lines do not average away.
-    """
-    accelerance = FrfData(frf, law.variance_of_accelerance(frf)).converted("accelerance")
-    try:
-        fit = fit_modes(accelerance.frf, accelerance.variance)
-    except MeasurementError:
-        return None
-    if not fit.modes or fit.misfit > _EXPLAINED:
-        return None
-    return replace(accelerance.frf, values=fit.values, coherence=None).converted(frf.quantity)
 
 
 def _modes(measured: FrfData, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:

@@ -1,15 +1,18 @@
 """What is asked for of measurement files: which channels stand for which DOFs, lines, variance, masses, rotations."""
 
 import difflib
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
+from jointbayes.measurement.formats.channel_units import AS_THE_FILE_SAYS, ChannelUnit, restate_frf
 from jointbayes.measurement.provenance import ChannelUse, Role
-from jointbayes.measurement.records import FrfRecord
+from jointbayes.measurement.records import CoherenceRecord, FrfRecord, Record
 from jointbayes.measurement.rotations import Rotation
 from jointbayes.measurement.signals.impact import ImpactSettings
 from jointbayes.measurement.signals.spectra import ShakerSettings
@@ -32,12 +35,15 @@ class Channel:
         Factor by which the channel's signal is multiplied.
     accelerometer_mass
         Mass of the sensor whose effect is to be taken out of the FRFs, kg.
+    unit
+        What it measures and in which unit, where that is stated.
     """
 
     dof: str
     sign: float = 1.0
     gain: float = 1.0
     accelerometer_mass: float = 0.0
+    unit: ChannelUnit = AS_THE_FILE_SAYS
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +118,7 @@ class ChannelMap:
             )
 
 
-def map_records(records: Iterable[FrfRecord], channels: Mapping[str, Channel], where: str) -> MappedRecords:
+def map_records(records: Iterable[Record], channels: Mapping[str, Channel], where: str) -> MappedRecords:
     """Relabel FRFs by DOFs of the model, with the signs and gains of their channels.
 
     An FRF is response over force: it is multiplied by the response's factor and divided by the force's.
@@ -120,7 +126,7 @@ def map_records(records: Iterable[FrfRecord], channels: Mapping[str, Channel], w
     Parameters
     ----------
     records
-        FRFs as the files give them; may be a stream, of which only mapped FRFs are kept.
+        As the files give them; may be a stream, of which only mapped FRFs are kept, and coherences apart from them.
     channels
         By label of the file.
     where
@@ -134,16 +140,28 @@ def map_records(records: Iterable[FrfRecord], channels: Mapping[str, Channel], w
     """
     channel_map = ChannelMap(channels)
     kept: list[FrfRecord] = []
+    pairs: list[tuple[str, str]] = []
+    apart: list[CoherenceRecord] = []
     uses: dict[tuple[str, Role], ChannelUse] = {}
     labels: dict[str, None] = {}
     for record in records:
+        if isinstance(record, CoherenceRecord):
+            apart.append(record)
+        if not isinstance(record, FrfRecord):
+            continue
         labels |= dict.fromkeys((record.response, record.reference))
         response, force = channel_map.use(record.response, "response"), channel_map.use(record.reference, "force")
         if response is None or force is None:
             continue
         uses[record.response, "response"], uses[record.reference, "force"] = response, force
+        stated = (found[0].unit for label in (record.response, record.reference) if (found := channel_map.find(label)))
+        try:
+            record = restate_frf(record, *stated)
+        except MeasurementError as error:
+            raise MeasurementError(f"{where}: {error}") from None
         factor = response.factor / force.factor
         values = record.values if factor == 1 else factor * record.values
+        pairs.append((record.response, record.reference))
         kept.append(replace(record, response=response.dof, reference=force.dof, values=values))
     if not labels:
         raise MeasurementError(
@@ -156,8 +174,39 @@ def map_records(records: Iterable[FrfRecord], channels: Mapping[str, Channel], w
             f"channel of {' and '.join(channels)} as well"
         )
     _refuse_doubles(uses.values(), where)
+    kept = _with_coherences(kept, pairs, apart, where)
     used = {label for label, _ in uses}
     return MappedRecords(tuple(kept), tuple(uses.values()), tuple(label for label in labels if label not in used))
+
+
+def _with_coherences(
+    frfs: list[FrfRecord], pairs: list[tuple[str, str]], apart: list[CoherenceRecord], where: str
+) -> list[FrfRecord]:
+    """FRFs with the coherences that stand apart: of the same channels, or the only one of the only FRF."""
+    alone = len(frfs) == len(apart) == 1
+    waiting: dict[tuple[str, str], list[CoherenceRecord]] = defaultdict(list)
+    for record in apart:
+        waiting[pairs[0] if alone else (record.response, record.reference)].append(record)
+    counts = Counter(pairs)
+    for pair, of_pair in waiting.items():
+        if pair in counts and counts[pair] != len(of_pair):
+            raise MeasurementError(
+                f"{where}: found {len(of_pair)} coherences of {pair[0]} over {pair[1]} and {counts[pair]} FRFs; "
+                "expected as many; leave the surplus out"
+            )
+    each = [waiting[pair].pop(0) if pair in waiting else None for pair in pairs]
+    return [_with_coherence(f, c, where) if c and f.coherence is None else f for f, c in zip(frfs, each, strict=True)]
+
+
+def _with_coherence(frf: FrfRecord, coherence: CoherenceRecord, where: str) -> FrfRecord:
+    lines = coherence.frequency_hz
+    if lines.shape != frf.frequency_hz.shape or not np.allclose(lines, frf.frequency_hz, rtol=1e-6, equal_nan=True):
+        raise MeasurementError(
+            f"{where}: {coherence.where}: found a coherence of {lines.size} lines that are not the "
+            f"{frf.frequency_hz.size} of the FRF in {frf.where}; expected the same lines; export again"
+        )
+    notes = (*frf.notes, f"coherence taken from {coherence.where}")
+    return replace(frf, coherence=coherence.values, averages=frf.averages or coherence.averages, notes=notes)
 
 
 def _refuse_doubles(uses: Iterable[ChannelUse], where: str) -> None:
@@ -221,6 +270,8 @@ class MeasurementPlan:
         Bands, lowest and highest frequency each, whose lines are left out.
     conjugate
         Whether the files hold complex conjugates: FRFs with the time factor exp(−iωt).
+    free_gain
+        Whether the scale of the FRFs is uncertain, so that they need no SI unit.
     line_step
         Every how many lines one is kept; None keeps all, or with windows those that are independent.
     roving
@@ -252,3 +303,4 @@ class MeasurementPlan:
     frequencies: FrequencyPlan | None = None
     exclude_hz: tuple[tuple[float, float], ...] = ()
     conjugate: bool = False
+    free_gain: bool = False

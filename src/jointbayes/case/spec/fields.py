@@ -108,7 +108,7 @@ TABLE = (
     Limits("error_factor scatter_factor", 1.0, 1e3),
     Limits("eigenvalues eigenvalue_sd", 1e-12, 1e20),
     Limits("components values_per_kg sd_per_kg", 1e-15, 1e15),
-    Limits("gain", 1e-12, 1e12),
+    Limits("gain sensitivity", 1e-12, 1e12),
     Limits("coherence", 1e-6, 1.0),
     Limits("threshold", 1e-30, 1e3),
     Limits("line_weight", 1e-6, 10.0),

@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from jointbayes.measurement.rotations import Rotation
 
 
+SensorQuantity = Literal["force", "displacement", "velocity", "acceleration"]
+
+
 def _signed(text: str) -> str:
     if not re.fullmatch(f"-?{POINT_LABEL}:(x|y|z|rx|ry|rz)", text):
         expected = 'a DOF label node:direction, such as "11:y", or "-11:y" where the channel points the other way'
@@ -53,6 +56,11 @@ def _channel_table(value: object) -> object:
 
 
 _DOF = key_field('a DOF label such as "11:y", or "-11:y" where the channel points the other way', "11:y")
+_UNIT = key_field(
+    'the unit of what it measures, as "g", "m/s^2" or "lbf", where the file does not say or is wrong', "g"
+)
+_MEASURES = key_field('what it measures, "force", "displacement", "velocity" or "acceleration"', "acceleration")
+_SENSITIVITY = positive("the volts for one of its unit, where the file holds volts", 0.01)
 _SENSOR_MASS = not_negative("the mass in g of the sensor, to be taken out of the FRFs", 2.0)
 
 
@@ -60,6 +68,9 @@ class ChannelSpec(Spec):
     """What a channel of the file stands for; in a case file often the DOF alone: ``"Point:11:Y+" = "11:y"``."""
 
     dof: Annotated[str, AfterValidator(_signed), _DOF]
+    quantity: Annotated[SensorQuantity | None, _MEASURES] = None
+    unit: Annotated[str, max_length(60), _UNIT] = ""
+    sensitivity: Annotated[float | None, _SENSITIVITY] = None
     gain: Annotated[float, positive("the factor by which the channel's signal is multiplied", 1.02)] = 1.0
     accelerometer_mass_g: Annotated[float, _SENSOR_MASS] = 0.0
 
@@ -72,6 +83,19 @@ class ChannelSpec(Spec):
     def sign(self) -> float:
         """−1 where the channel points the other way."""
         return -1.0 if self.dof.startswith("-") else 1.0
+
+    def _findings(self) -> Iterator[Finding]:
+        from jointbayes.measurement.formats.units import sensor_unit
+
+        measured = sensor_unit(self.unit)
+        if self.unit and measured is None:
+            expected = 'the unit of a force or a motion, such as "N", "lbf", "g", "m/s^2", "mm/s" or "um"'
+            yield Finding(("unit",), f'found "{self.unit}"', expected, "correct it")
+        elif self.sensitivity is not None and not self.unit:
+            yield Finding(("unit",), missing=True)
+        elif measured and self.quantity not in (None, measured[1]):
+            fault = f'found "{self.quantity}" beside unit = "{self.unit}", which is one of {measured[1]}'
+            yield Finding(("quantity",), fault, "one that fits", "correct or remove one of the two")
 
 
 _STATIONS = key_field("two or three translations in order along the structure", ["1:y", "2:y", "3:y"])
