@@ -1,5 +1,6 @@
 """Cases on the time histories of a hammer or a shaker: from raw records to the data of the likelihood."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import jointbayes as jb
 from jointbayes.case.case import Case
 from jointbayes.case.simulated_test import simulate
 from jointbayes.errors import CaseError
-from jointbayes.measurement.formats import write_records
+from jointbayes.measurement.formats import iter_records, write_records
+from jointbayes.measurement.records import TimeRecord
 from tests.conftest import TABLE_3, best_of, cheap_text, edited
 
 VARIANCE = '[data.variance]\nsource = "coherence"\nrelative = 0.003\n'
@@ -23,12 +25,12 @@ def virtual_records(path: Path, table: str, kind: str = "npz") -> None:
     write_records(simulate(case, seed=5), path, kind)
 
 
-def loaded(folder: Path, records: str) -> Case:
+def loaded(folder: Path, records: str, variance: str = VARIANCE) -> Case:
     whole = cheap_text()
     start, end = whole.index("[data]"), whole.index("[identification]")
     data = (
         '[data]\nkind = "measured_frf"\nfile = "hits.npz"\nf_min_hz = 20.0\nf_max_hz = 1000.0\n\n'
-        f'[data.channels]\n"Point:5:Y+" = "5:y"\n\n{records}\n{VARIANCE}\n'
+        f'[data.channels]\n"Point:5:Y+" = "5:y"\n\n{records}\n{variance}\n'
     )
     path = folder / "case.toml"
     path.write_text(f"{whole[:start]}{data}\n{whole[end:]}", encoding="utf-8")
@@ -55,6 +57,45 @@ def test_hammer_records_become_frfs_and_find_the_joint(tmp_path):
     assert sd < 0.05
 
 
+def recording(path: Path, gap_s: float) -> None:
+    """The hits of a file in one recording, each after what is left of a block and a gap in which only noise is."""
+    by_channel: dict[str, list[TimeRecord]] = {}
+    for record in iter_records(path):
+        by_channel.setdefault(f"{record.channel} {record.quantity}", []).append(record)
+    rng, records = np.random.default_rng(3), []
+    for hits in by_channel.values():
+        noise = [
+            1e-4 * np.abs(hit.values).max() * rng.standard_normal(round(gap_s * hit.sample_rate_hz)) for hit in hits
+        ]
+        values = np.concatenate(
+            [part for pair in zip(noise, (hit.values for hit in hits), strict=True) for part in pair]
+        )
+        records.append(replace(hits[0], values=values, hit=None))
+    write_records(records, path, "uff58b")
+
+
+@pytest.mark.parametrize("gap_s", [None, 0.1])
+def test_hits_need_no_more_than_a_channel_map_and_a_band(tmp_path, gap_s):
+    virtual_records(tmp_path / "hits.npz", 'method = "impact"\nwrites = "time"\naverages = 10', "uff58b")
+    if gap_s:
+        recording(tmp_path / "hits.npz", gap_s)
+    case = loaded(tmp_path, "", variance="")
+    assert case.problem.test.data.frf.averages >= 9
+    notes = case.problem.test.data.provenance.notes
+    assert notes[0].startswith("FRFs were made of the hits of a hammer, H1, ")
+    assert ("blocks of" in notes[0]) == bool(gap_s)
+    assert case.problem.test.data.provenance.variance.startswith("from the coherence of")
+    off, sd = k22_of(case)
+    assert abs(off) < 4 * sd
+    assert sd < 0.05
+
+
+def test_a_force_of_no_hammer_needs_to_be_told_how(tmp_path):
+    virtual_records(tmp_path / "hits.npz", 'method = "shaker"\nwrites = "time"\naverages = 4\nblock_s = 1.0')
+    with pytest.raises(CaseError, match=r"no hammer's; expected hits.*write method = \"shaker\" and block_s"):
+        loaded(tmp_path, "", variance="")
+
+
 def test_shaker_records_become_frfs(tmp_path):
     virtual_records(tmp_path / "hits.npz", 'method = "shaker"\nwrites = "time"\naverages = 40\nblock_s = 4.0')
     case = loaded(tmp_path, '[data.records]\nmethod = "shaker"\nblock_s = 4.0')
@@ -62,12 +103,6 @@ def test_shaker_records_become_frfs(tmp_path):
     assert case.problem.test.data.frf.averages == pytest.approx(40, abs=1)
     modes = case.problem.test.data.provenance.modes
     assert [round(m.frequency_hz) for m in modes] == [122, 752]
-
-
-def test_records_without_their_table_are_named(tmp_path):
-    virtual_records(tmp_path / "hits.npz", 'method = "impact"\nwrites = "time"\naverages = 2')
-    with pytest.raises(CaseError, match=r"hits.npz: found no FRF; .*add a table \[data.records\]"):
-        loaded(tmp_path, "")
 
 
 @pytest.mark.parametrize(

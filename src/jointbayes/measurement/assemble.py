@@ -6,6 +6,7 @@ accelerometers, modes, rotations.
 
 import difflib
 import hashlib
+import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -31,7 +32,7 @@ from jointbayes.measurement.modal_fit import modes_and_doubtful
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.rotations import joint_frf_set, replace_stations
-from jointbayes.measurement.signals.impact import frfs_of_hits
+from jointbayes.measurement.signals.impact import frfs_of_hits, settings_of
 from jointbayes.measurement.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
 from jointbayes.measurement.warnings.collector import find_warnings
 
@@ -80,8 +81,9 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
         If the records do not hold what the plan says.
     """
     where = ", ".join(file.name for file in files) or "records"
-    made = MadeFrfs(()) if plan.signals is None else _frfs_of_histories(records, plan, where)
-    mapped = map_records(records if plan.signals is None else made.frfs, plan.channels, where)
+    histories, stored = _histories_and_frfs(records, plan)
+    made = _frfs_of_histories(histories, plan, where) if histories or plan.signals else MadeFrfs(())
+    mapped = map_records(made.frfs or stored, plan.channels, where)
     stated, contradicted = _apply_quantity(mapped.records, plan, where)
     notes = [*made.notes, *dict.fromkeys(note for record in stated for note in record.notes)]
     if plan.conjugate:
@@ -155,19 +157,39 @@ def _records(directory: Path, names: Sequence[str]) -> Iterator[Record]:
             yield record if len(names) == 1 else replace(record, where=f"{name}, {record.where}".rstrip(", "))
 
 
-def _frfs_of_histories(records: Iterable[Record], plan: MeasurementPlan, where: str) -> MadeFrfs:
+def _histories_and_frfs(records: Iterable[Record], plan: MeasurementPlan) -> tuple[list[TimeRecord], Iterable[Record]]:
+    """The time histories where FRFs are made of them, as the plan says, or because there is no FRF; and the rest."""
+    stream = iter(records)
+    histories: list[TimeRecord] = []
+    apart: list[Record] = []
+    for record in stream:
+        if isinstance(record, FrfRecord) and plan.signals is None:
+            return [], itertools.chain(apart, [record], stream)
+        if isinstance(record, TimeRecord):
+            histories.append(record)
+        else:
+            apart.append(record)
+    return histories, apart
+
+
+def _frfs_of_histories(histories: list[TimeRecord], plan: MeasurementPlan, where: str) -> MadeFrfs:
     """FRFs made of the time histories of the mapped channels."""
     channels = ChannelMap(plan.channels)
-    histories = [record for record in records if isinstance(record, TimeRecord)]
     channels.require_all([record.channel for record in histories], where)
     mapped = ((record, channels.find(record.channel)) for record in histories)
     try:
         histories = [restate_history(record, found[0].unit) for record, found in mapped if found]
         if isinstance(plan.signals, ShakerSettings):
             return frfs_of_shaker(histories, plan.signals)
-        return frfs_of_hits(histories, plan.signals)
+        settings = plan.signals or settings_of(histories, plan.f_min_hz, plan.f_max_hz)
+        made = frfs_of_hits(histories, settings)
     except MeasurementError as error:
         raise MeasurementError(f"{where}: {error}") from error
+    if plan.signals is not None:
+        return made
+    block = settings.hits.block_s
+    cut = f"blocks of {block:g} s about each hit" if block else "each record is the block of one hit"
+    return replace(made, notes=(f"FRFs were made of the hits of a hammer, H1, {cut}.", *made.notes))
 
 
 def _apply_quantity(

@@ -157,7 +157,7 @@ class VarianceSpec(Spec):
 
     used_with = {"averages": ("source", "coherence")}  # noqa: RUF012 (no field)
 
-    source: Annotated[Literal["coherence", "repeats", "relative"], _SOURCE]
+    source: Annotated[Literal["coherence", "repeats", "relative"], _SOURCE] = "coherence"
     relative: Annotated[float, not_negative("the least standard deviation as a fraction of |H|", 0.001)] = 0.001
     floor: Annotated[float, not_negative("the least standard deviation as a fraction of the median |H|", 0.001)] = 0.0
     averages: Annotated[int | None, _AVERAGES] = None
@@ -285,7 +285,7 @@ class MeasuredFrfSpec(MeasuredSpec):
     kind: Annotated[Literal["measured_frf"], DATA_KIND]
     outputs: Annotated[Labels, key_field("a list of the measured DOFs used; empty: all", ["11:y"])] = ()
     inputs: Annotated[Labels, key_field("a list of the excited DOFs used; empty: all", ["11:y"])] = ()
-    variance: Annotated[VarianceSpec, _VARIANCE]
+    variance: Annotated[VarianceSpec, _VARIANCE] = VarianceSpec()
     rotations: Annotated[
         dict[Label, RotationSpec], key_field('a table for each rotation, as [data.rotations."1:rz"]', {})
     ] = {}  # noqa: RUF012 (frozen model)
@@ -357,7 +357,7 @@ class MeasuredBodySpec(MeasuredSpec):
     """A body given by its FRFs between the DOFs that its channels stand for, and rotations between them."""
 
     kind: Annotated[Literal["measured"], _BODY_KIND]
-    variance: Annotated[VarianceSpec, _VARIANCE]
+    variance: Annotated[VarianceSpec, _VARIANCE] = VarianceSpec()
     rotations: Annotated[dict[Label, RotationSpec], _BODY_ROTATIONS] = {}  # noqa: RUF012 (frozen model)
     propagate: Annotated[bool, _PROPAGATE] = True
 

@@ -6,6 +6,7 @@ The tests read its files and have it read ours.
 
 import math
 import re
+from collections import Counter
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -157,32 +158,33 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
     with path.open("rb") as file:
         sets, corrections, units = _index(file)
         coherences: dict[Pair, list[UffDataSet]] = {}
-        occurrences: dict[Pair, int] = {}
+        occurrences: Counter[tuple[Pair, int]] = Counter()
         for data_set in sets:
             if _function(data_set) == _COHERENCE:
                 coherences.setdefault(_pair(data_set), []).append(data_set)
             elif _function(data_set) in (_FRF, _TIME):
-                occurrences[_pair(data_set)] = occurrences.get(_pair(data_set), 0) + 1
+                occurrences[_signal(data_set)] += 1
         if not occurrences:
             kinds = sorted({data_set.kind for data_set in sets})
             raise MeasurementError(
                 f"data sets: found {len(sets)} of the types {', '.join(map(str, kinds[:10])) or 'none'}, and no FRF or "
                 "time history among them; expected data sets 58 of function type 4 or 1; export the FRFs"
             )
-        seen: dict[Pair, int] = {}
+        seen: Counter[tuple[Pair, int]] = Counter()
         for data_set in sets:
             if _function(data_set) not in (_FRF, _TIME):
                 continue
-            pair = _pair(data_set)
-            nth = seen[pair] = seen.get(pair, 0) + 1
+            pair, count = _pair(data_set), occurrences[_signal(data_set)]
+            seen[_signal(data_set)] += 1
+            nth = seen[_signal(data_set)]
             if _function(data_set) == _TIME:
-                yield _time_record(file, data_set, corrections, units, nth if occurrences[pair] > 1 else None)
+                yield _time_record(file, data_set, corrections, units, nth if count > 1 else None)
                 continue
             of_pair = coherences.get(pair, [])
-            paired = len(of_pair) == occurrences[pair]
+            paired = len(of_pair) == count
             record = _frf_record(file, data_set, of_pair[nth - 1] if paired else None, corrections, units)
             if of_pair and not paired:
-                left = f"{len(of_pair)} coherences for {occurrences[pair]} FRFs of this pair: none taken"
+                left = f"{len(of_pair)} coherences for {count} FRFs of this pair: none taken"
                 record = replace(record, notes=(*record.notes, left))
             yield record
 
@@ -235,6 +237,12 @@ def _labels(header: FunctionHeader) -> Pair:
         named = next((line for line in header.ids if line.startswith(f"{key}=")), None)
         labels.append(named.removeprefix(f"{key}=") if named else dof_label(dof))
     return labels[0], labels[1]
+
+
+def _signal(data_set: UffDataSet) -> tuple[Pair, int]:
+    """What occurs again with each hit: force and motion of one point are time histories of two kinds."""
+    assert data_set.header is not None
+    return _pair(data_set), data_set.header.numerator.kind if _function(data_set) == _TIME else 0
 
 
 def _body(file: BinaryIO, data_set: UffDataSet) -> bytes:

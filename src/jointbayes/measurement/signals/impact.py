@@ -13,7 +13,7 @@ from jointbayes.measurement.formats.grid import join_frfs
 from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.modal_fit import identify_modes
 from jointbayes.measurement.records import FrfRecord, TimeRecord
-from jointbayes.measurement.signals.hits import Hit, HitSettings, find_hits, reject_overloads
+from jointbayes.measurement.signals.hits import Hit, HitSettings, find_hits, hits_of, reject_overloads
 from jointbayes.measurement.signals.spectra import (
     WINDOW_SAMPLES,
     Estimator,
@@ -186,6 +186,29 @@ def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None 
         if lost:
             notes.append(f"Left out of the hits on {forces[0].channel}: {', '.join(lost)}.")
     return MadeFrfs(tuple(frfs), _line_step(chosen.exponential_end), tuple(notes))
+
+
+def settings_of(records: Sequence[TimeRecord], f_min_hz: float | None, f_max_hz: float | None) -> ImpactSettings:
+    """How FRFs are made of the records of a hammer where nobody says it: each record a block, or blocks about its hits.
+
+    A block is a tenth shorter than hits are apart, as most of them are, and begins with a twentieth before the hit.
+
+    Raises
+    ------
+    MeasurementError
+        If there is no force, or one that is no hammer's.
+    """
+    found = [(record, hits_of(record)) for forces, _ in sort_by_force(records) for record in forces]
+    other = next((record for record, hits in found if not hits), None)
+    if other is not None:
+        raise MeasurementError(
+            f"{other.where}: found a force on {other.channel!r} that is no hammer's; expected hits, or how FRFs "
+            'are made; write method = "shaker" and block_s in [data.records]'
+        )
+    gaps = np.concatenate([np.diff([hit.trigger for hit in hits]) / record.sample_rate_hz for record, hits in found])
+    block_s = float(np.floor(900 * np.quantile(gaps, 0.25)) / 1000) if gaps.size else None
+    hit_settings = HitSettings(block_s, block_s / 20 if block_s else 0.0)
+    return ImpactSettings(hit_settings, f_min_hz=f_min_hz, f_max_hz=f_max_hz)
 
 
 def _line_step(exponential_end: float) -> int:
