@@ -239,7 +239,7 @@ def test_lines_padded_to_column_80_and_a_byte_order_mark(tmp_path, single):
 
 def test_other_data_sets_are_passed_over(tmp_path):
     nodes = "    -1\n  2411\n         1         0         0        11\n   1.0D+00   2.0D+00   3.0D+00\n    -1\n"
-    record = only(tmp_path / "a", nodes + "\n" + function_58(H) + "    -1\n    55\nNONE\n    -1\n")
+    record = only(tmp_path / "a", nodes + "\n" + function_58(H) + "    -1\n  2414\nNONE\n    -1\n")
     assert isinstance(record, FrfRecord)
     assert record.where == "data set 2"
 

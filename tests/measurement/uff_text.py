@@ -47,3 +47,33 @@ def function_58(
     per_line = 6 if single else (3 if not even and complex_ else 4)
     lines += ["".join(cells[i : i + per_line]) for i in range(0, len(cells), per_line)]
     return "\n".join([*lines, "    -1"]) + "\n"
+
+
+def mode_55(
+    shape,
+    stated=(52.5, 2.0, 0.012, 0.0),
+    *,
+    analysis=2,
+    motion=8,
+    kind=None,
+    number=3,
+    ids=("NONE",) * 5,
+    per_node=None,
+    counts=None,
+):
+    """Text of one data set 55, as the format describes it: `shape` has a row of values for each node's number."""
+    rows = {node: np.asarray(row) for node, row in shape.items()}
+    complex_ = any(np.iscomplexobj(row) for row in rows.values())
+    per_node = per_node or (rows[next(iter(rows))].size if rows else 3)
+    characteristic = {1: 1, 3: 2, 6: 3}.get(per_node, 0)
+    lines = ["    -1", f"{55:6d}", *ids]
+    definition = (1, analysis, characteristic, motion, kind or (5 if complex_ else 2), per_node)
+    lines.append("".join(f"{x:10d}" for x in definition))
+    lines.append("".join(f"{x:10d}" for x in (counts or (2, len(stated), 1, number))))
+    for numbers, node in ((np.array(stated), None), *((row, node) for node, row in rows.items())):
+        if node is not None:
+            lines.append(f"{node:10d}")
+        numbers = numbers.astype(complex).view(float) if complex_ and node is not None else numbers
+        cells = [f"{x:13.5E}" for x in numbers]
+        lines += ["".join(cells[i : i + 6]) for i in range(0, len(cells), 6)]
+    return "\n".join([*lines, "    -1"]) + "\n"

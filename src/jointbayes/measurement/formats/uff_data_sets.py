@@ -27,6 +27,9 @@ AXIS_TYPES: dict[SensorQuantity, int] = {
 CORRECTIONS = 58017
 #: Ordinate types: real single, real double, complex single, complex double.
 _TYPES = (2, 4, 5, 6)
+#: Function, version and degrees of freedom, columns apart by blanks: whatever the widths of columns, it is read alike.
+_DOFS = re.compile(r"(\d+)\s+\d+\s+(\d+)\s+\d+" + r"\s+(\S+)\s+(\d{1,9})\s+([+-]?\d+)" * 2)
+_MORE_ID_LINES = 5
 #: No FRF has more values, and no count beyond it is worth a multiplication.
 _MOST_VALUES = 10**10
 
@@ -130,7 +133,12 @@ def function_header(lines: list[str], binary: str | bytes | None) -> FunctionHea
     LineError
         If a field is no number or impossible.
     """
-    dof = _fields(lines, 5, ((0, 5), (5, 15), (15, 20), (20, 30), (41, 51), (51, 55), (66, 76), (76, 80)))
+    loose = _DOFS.fullmatch(lines[5].strip())
+    columns = ((0, 5), (15, 20), (41, 51), (51, 55), (66, 76), (76, 80))
+    dof = [int(loose[i]) for i in (1, 2, 4, 5, 7, 8)] if loose else _fields(lines, 5, columns)
+    if any(abs(direction) > 6 for direction in (dof[3], dof[5])):
+        raise LineError(5, f"found directions {dof[3]} and {dof[5]}; expected -6 to 6; export it again")
+    entities = (loose[3], loose[6]) if loose else (lines[5][30:41], lines[5][55:66])
     form = _fields(lines, 6, ((0, 10), (10, 20), (20, 30)))
     minimum, increment = _real(lines, 6, 30, 43), _real(lines, 6, 43, 56)
     ordinate, count, spacing = form
@@ -146,9 +154,9 @@ def function_header(lines: list[str], binary: str | bytes | None) -> FunctionHea
     return FunctionHeader(
         tuple(line.strip() for line in lines[:5]),
         dof[0],
-        dof[2],
-        Dof(_entity(lines[5][30:41]), dof[4], dof[5]),
-        Dof(_entity(lines[5][55:66]), dof[6], dof[7]),
+        dof[1],
+        Dof(_entity(entities[0]), dof[2], dof[3]),
+        Dof(_entity(entities[1]), dof[4], dof[5]),
         ordinate,
         count,
         spacing == 1,
@@ -174,8 +182,6 @@ def _fields(lines: list[str], line: int, columns: tuple[tuple[int, int], ...]) -
                 "export it again",
             )
         numbers.append(int(field) if field.strip("+-") else 0)
-    if line == 5 and any(abs(direction) > 6 for direction in (numbers[5], numbers[7])):
-        raise LineError(5, f"found directions {numbers[5]} and {numbers[7]}; expected -6 to 6; export it again")
     return numbers
 
 
@@ -194,8 +200,12 @@ def _real(lines: list[str], line: int, first: int, last: int) -> float:
 def _axis(lines: list[str], line: int) -> Axis:
     kind = _fields(lines, line, ((0, 10),))[0]
     text = lines[line].rstrip("\r\n")
-    label, unit = (_entity(text[first:last]) for first, last in ((26, 46), (47, 67)))
-    return Axis(kind, label, unit)
+    label, unit = text[26:46], text[47:67]
+    if text[46:47].strip():  # longer than its columns: the unit is what comes last
+        label, _, unit = text[26:].rstrip().rpartition(" ")
+    elif unit[19:].strip():
+        unit += text[67:].partition(" ")[0]
+    return Axis(kind, _entity(label), _entity(unit))
 
 
 def _entity(text: str) -> str:
@@ -301,7 +311,7 @@ def _data_set(file: BinaryIO, number: int) -> UffDataSet:
     kind, binary = int(match[1]), bool(match[2])
     start = file.tell()
     if kind != 58:
-        return UffDataSet(number, kind, start, _closing(file, number, start))
+        return UffDataSet(number, kind, start, _closing(file, number, start - 1))
     header = _header(file, number, line if binary else None)
     start = file.tell()
     if not binary:
@@ -322,20 +332,28 @@ def _data_set(file: BinaryIO, number: int) -> UffDataSet:
 
 
 def _header(file: BinaryIO, number: int, binary: bytes | None) -> FunctionHeader:
-    """Header of a data set 58 from the eleven lines at the position of the file."""
-    at, lines = [], []
-    for _ in range(11):
+    """Header of a data set 58 from the eleven lines at the position of the file, or more where ID lines are more."""
+    at: list[int] = []
+    lines: list[str] = []
+    fault = None
+    while len(lines) < 11 + _MORE_ID_LINES:
         at.append(file.tell())
-        lines.append(file.readline(_LONGEST_LINE))
-        if not lines[-1].endswith(b"\n") or _DELIMITER.fullmatch(lines[-1]):
-            raise MeasurementError(
-                f"data set {number}, line {line_of(file, at[-1])}: found {len(lines) - 1} lines of header; expected "
-                "11; the file is cut off, export it again"
-            )
-    try:
-        return function_header([plain_text(line) for line in lines], binary)
-    except LineError as error:
-        raise MeasurementError(f"data set {number}, line {line_of(file, at[error.line])}: {error}") from None
+        line = file.readline(_LONGEST_LINE)
+        if not line.endswith(b"\n") or _DELIMITER.fullmatch(line):
+            words = f"found {len(lines)} lines of header; expected 11; the file is cut off, export it again"
+            fault = fault or (at[-1], words)
+            break
+        lines.append(plain_text(line))
+        if len(lines) < 11:
+            continue
+        try:
+            return function_header(lines[:5] + lines[-6:], binary)
+        except LineError as error:
+            fault = fault or (at[error.line], str(error))
+            if error.line != 5:
+                break
+    assert fault is not None
+    raise MeasurementError(f"data set {number}, line {line_of(file, fault[0])}: {fault[1]}")
 
 
 def _closing(file: BinaryIO, number: int, start: int) -> int:

@@ -1,25 +1,22 @@
-"""Universal files (UFF, UNV): data sets 58 and 58b, with headers 151 and 164, streamed.
+"""Universal files (UFF, UNV): data sets 58, 58b and 55, with headers 151 and 164, streamed.
 
 Why not pyuff: it holds the whole file in memory, names no line, reads garbled header fields as zero and replaces NaN.
 The tests read its files and have it read ours.
 """
 
-import math
 import re
-from collections import Counter
-from collections.abc import Generator
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import BinaryIO
 
 import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.table_text import float_of
 from jointbayes.measurement.formats.uff_data_sets import (
-    AXIS_TYPES,
     CORRECTIONS,
     FunctionHeader,
     LineError,
@@ -27,125 +24,98 @@ from jointbayes.measurement.formats.uff_data_sets import (
     line_of,
     scan,
 )
+from jointbayes.measurement.formats.uff_modes import MOST_MODE_BYTES, read_mode
+from jointbayes.measurement.formats.uff_units import FileUnits, frf_meaning, sensor_meaning, units_of
 from jointbayes.measurement.formats.uff_values import Function, decode
-from jointbayes.measurement.formats.units import (
-    MOTION_OF,
-    frequency_factor,
-    frf_unit,
-    read_frf_unit,
-    read_sensor_unit,
-    scaled,
-)
+from jointbayes.measurement.formats.units import frequency_factor, scaled
 from jointbayes.measurement.records import (
     MOST_RECORDS,
+    CoherenceRecord,
     FrfRecord,
+    ModeRecord,
     Record,
-    SensorQuantity,
+    SpectrumRecord,
     TimeRecord,
     dof_label,
     even_rate,
 )
 
-Q = TypeVar("Q")
-
-_SENSORS: dict[int, SensorQuantity] = {kind: sensor for sensor, kind in AXIS_TYPES.items() if kind} | {
-    9: "force"
-}  # 9: excitation force
-_QUANTITIES = {AXIS_TYPES[motion]: quantity for quantity, motion in MOTION_OF.items()}
-
-
-@dataclass(frozen=True, slots=True)
-class FileUnits:
-    """Data set 164: metres and newtons for one unit of the file, and what the file calls its system of units."""
-
-    length: float = 1.0
-    force: float = 1.0
-    name: str = ""
-    stated: bool = False
-
-
-def units_of(body: bytes) -> FileUnits:
-    """Units from the content of a data set 164, whose factors turn SI into the file's units.
-
-    Raises
-    ------
-    LineError
-        If a factor is missing or not positive.
-    """
-    lines = body.decode("utf-8", errors="replace").splitlines()
-    # the format itself writes these factors as D25.17
-    factors = [re.sub("[dD]", "e", field) for line in lines[1:] for field in _fields(line)]
-    try:
-        length, force = float(factors[0]), float(factors[1])
-        if not (0 < length < math.inf and 0 < force < math.inf):
-            raise ValueError
-    except (IndexError, ValueError):
-        raise LineError(
-            0,
-            f"found units {' '.join(factors[:2])[:60]!r}; expected factors of length and force above 0; correct the "
-            "data set 164 or take it out",
-        ) from None
-    return FileUnits(1 / length, 1 / force, lines[0][10:30].strip(), stated=True)
-
-
-def _fields(line: str) -> list[str]:
-    """Numbers of a line, separated by blanks or in columns 25 wide that touch."""
-    return line.split() if " " in line.strip() else [line[i : i + 25].strip() for i in range(0, len(line), 25)]
-
-
-def frf_meaning(header: FunctionHeader, units: FileUnits) -> tuple[Quantity | None, float | None, str, list[str]]:
-    """Quantity, factor to SI (None where not known), unit as written and notes of a frequency response.
-
-    The quantity is what the types of the axes say, else what the units say. The factor is that of the units written at
-    the axes, which take precedence by the format's own words, else that of data set 164.
-    """
-    above, below = header.numerator.unit, header.denominator.unit
-    named = _QUANTITIES.get(header.numerator.kind) if header.denominator.kind in (0, 1, 9, 13) else None
-    if not below or frf_unit(above) is not None:
-        return _meaning(above, read_frf_unit(above), named, units.length / units.force, units)
-    unit = f"({above})/{below}" if "/" in above else f"{above}/{below}"
-    return _meaning(unit if above else "", read_frf_unit(above, below), named, units.length / units.force, units)
-
-
-def sensor_meaning(header: FunctionHeader, units: FileUnits) -> tuple[SensorQuantity, float | None, str, list[str]]:
-    """Quantity, factor to SI (None where not known), unit as written and notes of a time response."""
-    axis = header.numerator
-    named: SensorQuantity | None = _SENSORS.get(axis.kind)
-    of_file = units.force if named == "force" else units.length
-    read = read_sensor_unit(axis.unit)
-    meaning: tuple[SensorQuantity | None, float | None, str, list[str]] = _meaning(
-        axis.unit, read, named, of_file, units
-    )
-    return meaning[0] or "unknown", *meaning[1:]
-
-
-def _meaning(
-    unit: str, read: tuple[float | None, Q | None, list[str]], named: Q | None, of_file: float, units: FileUnits
-) -> tuple[Q | None, float | None, str, list[str]]:
-    """What a unit that was written, the type of an axis and the units of the file say together."""
-    factor, unit_quantity, notes = read
-    if unit and factor is not None:
-        if named not in (None, unit_quantity):
-            notes.append(f"axis types say {named}, the unit {unit} says {unit_quantity}")
-        if units.name and named is not None and not math.isclose(factor, of_file, rel_tol=1e-3):
-            notes.append(f"unit {unit} taken; data set 164 ({units.name}) says otherwise")
-        return named or unit_quantity, factor, unit, notes
-    if named is None or not units.stated or unit_quantity is not None:  # over volts, whatever the lengths are
-        return named or unit_quantity, factor, unit, notes
-    notes = [note.removesuffix(", values left as written") for note in notes]
-    if of_file != 1:
-        notes.append(f"converted to SI units by data set 164 ({units.name})")
-    return named, of_file, unit, notes
-
-
-_TIME, _FRF, _COHERENCE = 1, 4, 6
+_TIME, _FRF, _COHERENCE, _MODES = 1, 4, 6, 55
+#: Functions that are listed and no data, by their types.
+_LISTED = {
+    0: "function of unknown type",
+    2: "auto spectrum",
+    3: "cross spectrum",
+    5: "transmissibility",
+    7: "auto correlation",
+    8: "cross correlation",
+    9: "power spectral density",
+    10: "energy spectral density",
+    12: "spectrum",
+}
+_SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3}
 #: An FRF has up to four: values, coherence, and corrections of both.
 _MOST_SETS = 4 * MOST_RECORDS + 100
-Pair = tuple[str, str]
+#: Type of function, labels of response and reference, and of time histories what the sensor measures.
+Place = tuple[int, str, str, int]
+
+
+@dataclass(slots=True)
+class _UniversalFile:
+    """An open file and what its first pass found: corrections and units by the number of their data set."""
+
+    file: BinaryIO
+    sets: list[UffDataSet] = field(default_factory=list)
+    corrections: dict[int, UffDataSet] = field(default_factory=dict)
+    units: dict[int, FileUnits] = field(default_factory=dict)
+
+    def body(self, data_set: UffDataSet) -> bytes:
+        """Content of a data set."""
+        self.file.seek(data_set.start)
+        return self.file.read(data_set.stop - data_set.start)
+
+    @contextmanager
+    def located(self, data_set: UffDataSet) -> Iterator[None]:
+        """Name data set and line of what cannot be read."""
+        try:
+            yield
+        except LineError as error:
+            line = line_of(self.file, data_set.start) + error.line
+            raise MeasurementError(f"data set {data_set.number}, line {line}: {error}") from None
+
+    def function(self, data_set: UffDataSet) -> tuple[FunctionHeader, Function]:
+        """Header and values of a data set 58."""
+        header = data_set.header
+        assert header is not None
+        with self.located(data_set):
+            function = decode(header, self.body(data_set))
+        self.correct(data_set, function.abscissa, function.ordinate.view(np.float64))
+        return header, function
+
+    def correct(self, data_set: UffDataSet, *numbers: Array) -> None:
+        """Add the digits that did not fit the columns: steps in units of the last place, for each number."""
+        if data_set.number not in self.corrections:
+            return
+        text = self.body(self.corrections[data_set.number]).split()
+        count = sum(array.size for array in numbers)
+        if len(text) != count or not all(re.fullmatch(rb"[+-]\d{1,18}", step) for step in text):
+            raise MeasurementError(
+                f"data set {data_set.number + 1}: found {len(text)} corrections; expected {count} whole numbers; "
+                "take the data set out or export again"
+            )
+        steps = np.array(text, dtype="S20").astype(np.int64)
+        for array in numbers:
+            array.reshape(-1).view(np.int64)[...] += steps[: array.size]
+            steps = steps[array.size :]
+
+    def units_of(self, data_set: UffDataSet) -> FileUnits:
+        """Those of the last data set 164 before it, or else of the first in the file."""
+        before = [number for number in self.units if number < data_set.number]
+        return self.units[max(before) if before else min(self.units)] if self.units else FileUnits()
 
 
 def read_uff(path: Path) -> Generator[Record, None, None]:
-    """FRFs and time histories of a universal file, in its order, one in memory at a time.
+    """What a universal file holds, in its order, one record in memory at a time; spectra without their values.
 
     A first pass finds the data sets, so that a file cut off is refused before anything is read from it, and so that the
     coherence of an FRF is found wherever it stands.
@@ -156,41 +126,30 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
         If the file is cut off, a count is wrong or a field is not a number.
     """
     with path.open("rb") as file:
-        sets, corrections, units = _index(file)
-        coherences: dict[Pair, list[UffDataSet]] = {}
-        occurrences: Counter[tuple[Pair, int]] = Counter()
-        for data_set in sets:
-            if _function(data_set) == _COHERENCE:
-                coherences.setdefault(_pair(data_set), []).append(data_set)
-            elif _function(data_set) in (_FRF, _TIME):
-                occurrences[_signal(data_set)] += 1
-        if not occurrences:
-            kinds = sorted({data_set.kind for data_set in sets})
+        source = _index(file)
+        places: dict[Place, list[UffDataSet]] = {}
+        for data_set in source.sets:
+            places.setdefault(_place(data_set), []).append(data_set)
+        seen: dict[Place, int] = {}
+        empty = True
+        for data_set in source.sets:
+            place = _place(data_set)
+            seen[place] = seen.get(place, 0) + 1
+            record = _record(source, data_set, seen[place], places)
+            if record is not None:
+                empty = False
+                yield record
+        if empty:
+            kinds = sorted({data_set.kind for data_set in source.sets})
             raise MeasurementError(
-                f"data sets: found {len(sets)} of the types {', '.join(map(str, kinds[:10])) or 'none'}, and no FRF or "
-                "time history among them; expected data sets 58 of function type 4 or 1; export the FRFs"
+                f"data sets: found {len(source.sets)} of the types {', '.join(map(str, kinds[:10])) or 'none'}, and no "
+                "FRF, time history or mode among them; expected data sets 58 of function type 4 or 1, or 55 of modes; "
+                "export the FRFs"
             )
-        seen: Counter[tuple[Pair, int]] = Counter()
-        for data_set in sets:
-            if _function(data_set) not in (_FRF, _TIME):
-                continue
-            pair, count = _pair(data_set), occurrences[_signal(data_set)]
-            seen[_signal(data_set)] += 1
-            nth = seen[_signal(data_set)]
-            if _function(data_set) == _TIME:
-                yield _time_record(file, data_set, corrections, units, nth if count > 1 else None)
-                continue
-            of_pair = coherences.get(pair, [])
-            paired = len(of_pair) == count
-            record = _frf_record(file, data_set, of_pair[nth - 1] if paired else None, corrections, units)
-            if of_pair and not paired:
-                left = f"{len(of_pair)} coherences for {count} FRFs of this pair: none taken"
-                record = replace(record, notes=(*record.notes, left))
-            yield record
 
 
-def _index(file: BinaryIO) -> tuple[list[UffDataSet], dict[int, UffDataSet], FileUnits]:
-    sets, corrections, units = [], {}, FileUnits()
+def _index(file: BinaryIO) -> _UniversalFile:
+    source = _UniversalFile(file)
     for data_set in scan(file):
         behind = file.tell()
         if data_set.number > _MOST_SETS:
@@ -199,123 +158,98 @@ def _index(file: BinaryIO) -> tuple[list[UffDataSet], dict[int, UffDataSet], Fil
                 "with what belongs to them; split the file"
             )
         if data_set.kind == CORRECTIONS:
-            corrections[data_set.number - 1] = data_set
+            source.corrections[data_set.number - 1] = data_set
         elif data_set.kind == 164:
             if data_set.stop - data_set.start > 4096:
                 raise MeasurementError(
                     f"data set {data_set.number}: found {data_set.stop - data_set.start} bytes of units; expected "
                     "3 lines"
                 )
-            try:
-                units = units_of(_body(file, data_set))
-            except LineError as error:
-                line = line_of(file, data_set.start) + error.line
-                raise MeasurementError(f"data set {data_set.number}, line {line}: {error}") from None
+            with source.located(data_set):
+                source.units[data_set.number] = units_of(source.body(data_set))
         else:
-            sets.append(data_set)
+            source.sets.append(data_set)
         file.seek(behind)
-    return sets, corrections, units
+    return source
 
 
-def _function(data_set: UffDataSet) -> int | None:
-    """Function type, with complex spectra of unknown type over frequency counted as FRFs; None where not a 58."""
+def _place(data_set: UffDataSet) -> Place:
+    """Type and labels, with complex functions of unknown type over frequency counted as FRFs."""
     header = data_set.header
     if header is None:
-        return None
-    return _FRF if header.function == 0 and header.is_complex and header.abscissa.kind == 18 else header.function
-
-
-def _pair(data_set: UffDataSet) -> Pair:
-    assert data_set.header is not None
-    return _labels(data_set.header)
-
-
-def _labels(header: FunctionHeader) -> Pair:
-    """Labels of response and reference: from the degrees of freedom, or from ID lines that our writer left."""
+        return _MODES if data_set.kind == 55 else -data_set.kind, "", "", 0
+    is_frf = header.function == 0 and header.is_complex and header.abscissa.kind == 18
     labels = []
     for key, dof in (("response", header.response), ("reference", header.reference)):
-        named = next((line for line in header.ids if line.startswith(f"{key}=")), None)
+        named = next((line for line in header.ids if line.startswith(f"{key}=")), None)  # as our writer leaves it
         labels.append(named.removeprefix(f"{key}=") if named else dof_label(dof))
-    return labels[0], labels[1]
+    # force and motion of one point are time histories of two kinds
+    sensor = header.numerator.kind if header.function == _TIME else 0
+    return _FRF if is_frf else header.function, labels[0], labels[1], sensor
 
 
-def _signal(data_set: UffDataSet) -> tuple[Pair, int]:
-    """What occurs again with each hit: force and motion of one point are time histories of two kinds."""
-    assert data_set.header is not None
-    return _pair(data_set), data_set.header.numerator.kind if _function(data_set) == _TIME else 0
-
-
-def _body(file: BinaryIO, data_set: UffDataSet) -> bytes:
-    file.seek(data_set.start)
-    return file.read(data_set.stop - data_set.start)
-
-
-def _read(file: BinaryIO, data_set: UffDataSet, corrections: dict[int, UffDataSet]) -> Function:
+def _record(
+    source: _UniversalFile, data_set: UffDataSet, nth: int, places: dict[Place, list[UffDataSet]]
+) -> Record | None:
+    """The record of a data set, the nth of its place; None where it holds none, or belongs to another."""
+    kind, response, reference, _ = place = _place(data_set)
+    where = f"data set {data_set.number}"
     header = data_set.header
-    assert header is not None
-    try:
-        function = decode(header, _body(file, data_set))
-    except LineError as error:
-        line = line_of(file, data_set.start) + error.line
-        raise MeasurementError(f"data set {data_set.number}, line {line}: {error}") from None
-    if data_set.number not in corrections:
-        return function
-    return _corrected(function, _body(file, corrections[data_set.number]), data_set)
-
-
-def _corrected(function: Function, body: bytes, data_set: UffDataSet) -> Function:
-    """Values with the digits that did not fit their columns: steps in units of the last place, for each number."""
-    ordinate = function.ordinate.view(float) if np.iscomplexobj(function.ordinate) else function.ordinate
-    count = function.abscissa.size + ordinate.size
-    text = body.split()
-    if len(text) != count or not all(re.fullmatch(rb"[+-]\d{1,18}", step) for step in text):
+    if header is None:
+        return _mode(source, data_set) if kind == _MODES else None
+    if kind not in (_TIME, _FRF, _COHERENCE):
+        words = _LISTED.get(kind, f"function of type {kind}")
+        lines = np.empty(0)
+        return SpectrumRecord(response, words, lines, lines, header.numerator.unit, where, ("values not read",))
+    axis_kind, axis_unit = header.abscissa.kind, header.abscissa.unit
+    over_time = axis_kind == 17 or (axis_kind != 18 and axis_unit.lower() in _SECONDS)
+    over_frequency = axis_kind == 18 or (axis_kind != 17 and frequency_factor(axis_unit) is not None)
+    if over_frequency if kind == _TIME else over_time:
+        axis = f"an abscissa of type {axis_kind} and unit {axis_unit or 'none'}"
+        expected = "time (17, s)" if kind == _TIME else "frequency (18, Hz)"
         raise MeasurementError(
-            f"data set {data_set.number + 1}: found {len(text)} corrections; expected {count} whole numbers; "
-            "take the data set out or export again"
+            f"{where}: found a function of type {kind} over {axis}; expected {expected}; correct the type of function "
+            "or the axis"
         )
-    steps = np.array(text, dtype="S20").astype(np.int64)
-    for numbers, corrections in (
-        (function.abscissa, steps[: function.abscissa.size]),
-        (ordinate, steps[function.abscissa.size :]),
-    ):
-        numbers.view(np.int64)[...] += corrections
-    return function
+    if kind == _TIME:
+        return _time(source, data_set, response, nth if len(places[place]) > 1 else None)
+    if kind == _FRF:
+        return _frf(source, data_set, nth, places)
+    if (_FRF, response, reference, 0) in places:
+        return None
+    header, function = source.function(data_set)
+    notes: list[str] = []
+    lines, squared = _frequency_hz(function.abscissa, header, notes), np.asarray(function.ordinate.real)
+    return CoherenceRecord(response, reference, lines, squared, _averages(header), where, tuple(notes))
 
 
-def _frf_record(
-    file: BinaryIO,
-    data_set: UffDataSet,
-    coherence: UffDataSet | None,
-    corrections: dict[int, UffDataSet],
-    units: FileUnits,
-) -> FrfRecord:
-    header = data_set.header
-    assert header is not None
-    function = _read(file, data_set, corrections)
-    quantity, factor, unit, notes = frf_meaning(header, units)
+def _frf(source: _UniversalFile, data_set: UffDataSet, nth: int, places: dict[Place, list[UffDataSet]]) -> FrfRecord:
+    header, function = source.function(data_set)
+    _, response, reference, _ = place = _place(data_set)
+    quantity, factor, unit, notes = frf_meaning(header, source.units_of(data_set))
     if header.function == 0:
         notes.append("function of unknown type taken for an FRF")
     if not header.is_complex:
         notes.append("FRF without imaginary part")
     lines = _frequency_hz(function.abscissa, header, notes)
-    squared = None
-    if coherence is not None:
-        read = _read(file, coherence, corrections)
-        assert coherence.header is not None
+    of_pair, squared = places.get((_COHERENCE, response, reference, 0), []), None
+    if of_pair and len(of_pair) != len(places[place]):
+        notes.append(f"{len(of_pair)} coherences for {len(places[place])} FRFs of this pair: none taken")
+    elif of_pair:
+        coherence = of_pair[nth - 1]
+        coherence_header, read = source.function(coherence)
         squared = np.asarray(read.ordinate.real)
-        coherence_lines = _frequency_hz(read.abscissa, coherence.header, [])
+        coherence_lines = _frequency_hz(read.abscissa, coherence_header, [])
         if coherence_lines.size != lines.size or not np.allclose(coherence_lines, lines, rtol=1e-6, equal_nan=True):
             raise MeasurementError(
                 f"data set {coherence.number}: found a coherence of {squared.size} lines that are not those of the FRF "
                 f"in data set {data_set.number} ({lines.size} lines); expected the same lines; export again"
             )
-    response, reference = _labels(header)
-    values = scaled(function.ordinate, factor)
     return FrfRecord(
         response,
         reference,
         lines,
-        np.asarray(values, complex),
+        np.asarray(scaled(function.ordinate, factor), complex),
         quantity,
         unit,
         squared,
@@ -347,33 +281,31 @@ def _averages(header: FunctionHeader) -> int | None:
     return None
 
 
-def _time_record(
-    file: BinaryIO, data_set: UffDataSet, corrections: dict[int, UffDataSet], units: FileUnits, nth: int | None
-) -> TimeRecord:
-    header = data_set.header
-    assert header is not None
-    function = _read(file, data_set, corrections)
+def _time(source: _UniversalFile, data_set: UffDataSet, channel: str, nth: int | None) -> TimeRecord:
+    header, function = source.function(data_set)
     if header.is_complex:
         raise MeasurementError(
             f"data set {data_set.number}: found complex values of a time history; expected real ones; export again"
         )
-    scale = 1e-3 if header.abscissa.unit.lower() in ("ms", "msec") else 1.0
+    scale = _SECONDS.get(header.abscissa.unit.lower(), 1.0)
     told = next((line for line in header.ids if line.startswith("sample_rate_hz=")), "")
     rate = even_rate(function.abscissa * scale, f"data set {data_set.number}")
     exact = float_of(told.removeprefix("sample_rate_hz="))
     if exact is not None and abs(exact / rate - 1) < 1e-3:
         rate = exact  # its inverse, the step, is rounded
-    quantity, factor, unit, notes = sensor_meaning(header, units)
+    quantity, factor, unit, notes = sensor_meaning(header, source.units_of(data_set))
     hit = next((re.fullmatch(r"hit (\d{1,9})", line) for line in header.ids if line.startswith("hit ")), None)
     values = scaled(function.ordinate.real, factor)
-    return TimeRecord(
-        _labels(header)[0],
-        rate,
-        values,
-        quantity,
-        unit,
-        int(hit[1]) if hit else nth,
-        f"data set {data_set.number}",
-        tuple(notes),
-        factor,
-    )
+    place = f"data set {data_set.number}"
+    return TimeRecord(channel, rate, values, quantity, unit, int(hit[1]) if hit else nth, place, tuple(notes), factor)
+
+
+def _mode(source: _UniversalFile, data_set: UffDataSet) -> ModeRecord | None:
+    size = data_set.stop - data_set.start
+    if size > MOST_MODE_BYTES:
+        raise MeasurementError(
+            f"data set {data_set.number}: found a mode of {size} bytes; expected at most {MOST_MODE_BYTES}; export "
+            "fewer nodes"
+        )
+    with source.located(data_set):
+        return read_mode(source.body(data_set), data_set.number, lambda *numbers: source.correct(data_set, *numbers))

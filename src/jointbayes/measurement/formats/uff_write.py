@@ -1,4 +1,4 @@
-"""Universal files written: data sets 151, 164 and, for each function, 58 in text or 58b."""
+"""Universal files written: data sets 151, 164, for each function 58 in text or 58b, for each mode 55."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -11,17 +11,27 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.uff_data_sets import AXIS_TYPES, CORRECTIONS
+from jointbayes.measurement.formats.uff_modes import mode_lines
 from jointbayes.measurement.formats.units import MOTION_OF, si_sensor_unit
-from jointbayes.measurement.records import Dof, FrfRecord, Record, SensorQuantity, TimeRecord, dof_label, parse_dof
+from jointbayes.measurement.records import (
+    Dof,
+    FrfRecord,
+    ModeRecord,
+    Record,
+    SensorQuantity,
+    TimeRecord,
+    dof_label,
+    parse_dof,
+)
 
 _AXIS_NAMES = {8: "Displacement", 11: "Velocity", 12: "Acceleration", 13: "Force", 17: "Time", 18: "Frequency"}
 
 
-def write_uff(records: Iterable[Record], path: Path, *, binary: bool) -> None:
-    """Write FRFs, their coherence and time histories; what is read back is the same to the last bit.
+def write_uff(records: Iterable[Record], path: Path, *, binary: bool, remarks: Sequence[str] = ()) -> None:
+    """Write FRFs, their coherence, time histories and modes; what is read back is the same to the last bit.
 
     Text has columns 20 wide, too few for the last digits of a double: what is missing follows each function in a data
-    set of a type that other programs pass over. They read 13 digits.
+    set of a type that other programs pass over. They read 13 digits, of modes 6. Remarks, ASCII, stand in another such.
 
     Raises
     ------
@@ -35,11 +45,19 @@ def write_uff(records: Iterable[Record], path: Path, *, binary: bool) -> None:
             file,
             ["    -1", "   164", f"{1:10d}{'SI: metre, newton':<20}{2:10d}", factors, f"{273.15:25.17E}", "    -1"],
         )
+        if remarks:
+            _lines(file, ["    -1", f"{CORRECTIONS + 1:6d}", *remarks, "    -1"])
         for record in records:
             if isinstance(record, FrfRecord):
                 _frf(file, record, binary)
             elif isinstance(record, TimeRecord):
                 _time(file, record, binary)
+            elif isinstance(record, ModeRecord):
+                _mode(file, record)
+            else:
+                raise MeasurementError(
+                    f"records: found a {type(record).__name__}; expected FRFs, time histories or modes; leave it out"
+                )
 
 
 def _lines(file: BinaryIO, lines: Iterable[str]) -> None:
@@ -65,6 +83,12 @@ def _time(file: BinaryIO, record: TimeRecord, binary: bool) -> None:
     ids = [f"sample_rate_hz={float(record.sample_rate_hz)!r}", "" if record.hit is None else f"hit {record.hit}"]
     time = np.arange(record.values.size) / record.sample_rate_hz
     _function(file, 1, (record.channel, ""), ids, axes, time, record.values, binary, always_even=True)
+
+
+def _mode(file: BinaryIO, mode: ModeRecord) -> None:
+    lines, true, read = mode_lines(mode)
+    _lines(file, ["    -1", f"{55:6d}", *lines, "    -1"])
+    _corrections(file, true, read)
 
 
 def _function(
@@ -123,7 +147,8 @@ def _dofs(pair: tuple[str, str]) -> tuple[tuple[Dof, Dof], list[str]]:
     """Degrees of freedom of response and reference, and ID lines for labels that they do not spell exactly."""
     dofs, named = [], []
     for key, label in zip(("response", "reference"), pair, strict=True):
-        dof = (parse_dof(label) if label.isascii() else None) or Dof("", 0, 0)
+        # of a DOF with words behind it other programs see the DOF
+        dof = (parse_dof(label.partition(" ")[0]) if label.isascii() else None) or Dof("", 0, 0)
         dofs.append(dof)
         if label and dof_label(dof) != label:
             line = f"{key}={label}"
