@@ -118,7 +118,7 @@ def test_structs_of_matlab_are_blocks(tmp_path):
     scipy.io.savemat(str(tmp_path / "a"), {"test": test, "other": np.eye(3)}, appendmat=False)
     found = list(iter_records(tmp_path / "a"))
     assert [r.response for r in found] == ["tip", "mid", "root"]
-    assert found[0].where == "variable 'test.frf', 'tip' over 'input 1'"
+    assert found[0].where == "variable 'test.H', 'tip' over 'input 1'"
 
 
 def test_hdf5_groups_are_blocks_and_attributes_count(tmp_path):
@@ -225,9 +225,8 @@ def test_matlab_5_is_read_as_scipy_reads_it(tmp_path, compressed):
     }
     cells = np.array([["a", "bb"], ["", "d"]], dtype=object)
     scipy.io.savemat(tmp_path / "a.mat", given | {"cells": cells}, do_compression=compressed)
-    ((place, block),) = read_arrays(tmp_path / "a.mat", "mat")
+    block = read_arrays(tmp_path / "a.mat", "mat")
     expected = scipy.io.loadmat(tmp_path / "a.mat")
-    assert place == ""
     assert block.pop("cells").tolist() == ["a", "bb", "", "d"]
     assert block.keys() == given.keys()
     for name, value in block.items():
@@ -255,7 +254,7 @@ def test_cells_within_cells_however_deep_are_one_line(tmp_path, depth):
         content = matlab_cell(content)
     header = content[: -len(sound[128:])] * (depth // 100)  # whose sizes no longer agree, as scipy does not notice
     (tmp_path / "a.mat").write_bytes(sound[:128] + matlab_cell(header + content, b"c"))
-    with pytest.raises(MeasurementError, match=r"expected a cell array of labels|cannot be read"):
+    with pytest.raises(MeasurementError, match=r"1 cells real|groups 33 deep"):
         list(iter_records(tmp_path / "a.mat"))
 
 

@@ -62,6 +62,7 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
         _signals(data) if data.records else None,
         exclude_hz=data.exclude_hz,
         conjugate=data.conjugate,
+        layout=data.layout.names if data.layout else {},
     )
 
 

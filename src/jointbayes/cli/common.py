@@ -47,6 +47,22 @@ outside_option = click.option(
 )
 
 
+def _as_layout(_context: click.Context, _option: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    pairs = [value.partition("=") for value in values]
+    if wrong := next((value for value, (key, _, name) in zip(values, pairs, strict=True) if not (key and name)), None):
+        raise click.BadParameter(f"found {wrong!r}; expected KEY=NAME, as frf=H1")
+    return {key.strip(): name.strip() for key, _, name in pairs}
+
+
+layout_option = click.option(
+    "--layout",
+    multiple=True,
+    metavar="KEY=NAME",
+    callback=_as_layout,
+    help="What a variable of the file stands for, as [data.layout] says it; may be repeated.",
+)
+
+
 def outside_allowed() -> bool:
     """Whether the command that runs was given --allow-outside."""
     return bool(click.get_current_context().meta.get(_OUTSIDE, False))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from jointbayes.cli.common import config_argument, outside_allowed, outside_option
+from jointbayes.cli.common import config_argument, layout_option, outside_allowed, outside_option
 from jointbayes.cli.output import say
 
 #: Formats of `simulate`, each with the endings that choose it.
@@ -89,8 +89,14 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
 @click.option("--band", nargs=2, type=click.FloatRange(min=0), help="Seek resonances from LOW to HIGH only, Hz.",
               metavar="LOW HIGH")  # fmt: skip
 @click.option("--conjugate", is_flag=True, help="Take the complex conjugates of the FRFs, as [data] of a case may.")
+@layout_option
 def inspect_command(
-    file: Path, figure: Path | None, mass: float | None, band: tuple[float, float] | None, conjugate: bool
+    file: Path,
+    figure: Path | None,
+    mass: float | None,
+    band: tuple[float, float] | None,
+    conjugate: bool,
+    layout: dict[str, str],
 ) -> None:
     """List what a measurement file holds, and warn of what looks wrong in it; then look for resonances."""
     from jointbayes.cli.progress_display import show_stage
@@ -104,7 +110,7 @@ def inspect_command(
         _require_other_file(figure, file, "--figure")
     if band and not band[0] < band[1]:
         raise CaseError(f"--band: found {band[0]:g} {band[1]:g}; expected LOW below HIGH, in Hz; exchange them")
-    inspection = contents_of(file, mass, conjugate=conjugate)
+    inspection = contents_of(file, mass, conjugate=conjugate, layout=layout)
     for line in contents_text(inspection):
         say(line)
     if inspection.frfs:

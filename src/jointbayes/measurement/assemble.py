@@ -8,7 +8,7 @@ import difflib
 import hashlib
 import itertools
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,7 +55,7 @@ def read_measurement(names: Sequence[str], directory: Path, plan: MeasurementPla
         If a file is missing or wrong, or does not hold what the plan says.
     """
     files = tuple(_fingerprint(directory / name, name) for name in names)
-    return assemble_measurement(_records(directory, names), plan, files)
+    return assemble_measurement(_records(directory, names, plan.layout), plan, files)
 
 
 def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files: Sequence[MeasuredFile] = ()) -> Data:
@@ -150,10 +150,10 @@ def _fingerprint(path: Path, name: str) -> MeasuredFile:
     return MeasuredFile(name, path.stat().st_size, digest)
 
 
-def _records(directory: Path, names: Sequence[str]) -> Iterator[Record]:
+def _records(directory: Path, names: Sequence[str], layout: Mapping[str, str]) -> Iterator[Record]:
     """All records of all files, one after the other."""
     for name in names:
-        for record in iter_records(directory / name):
+        for record in iter_records(directory / name, layout):
             yield record if len(names) == 1 else replace(record, where=f"{name}, {record.where}".rstrip(", "))
 
 

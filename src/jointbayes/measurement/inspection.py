@@ -1,7 +1,7 @@
 """What a measurement file holds and what is doubtful about it, and after that the resonances of its FRFs."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -106,7 +106,12 @@ class Inspection:
 
 
 def inspect_file(
-    path: Path, mass_kg: float | None = None, *, conjugate: bool = False, band_hz: _Band = (None, None)
+    path: Path,
+    mass_kg: float | None = None,
+    *,
+    conjugate: bool = False,
+    band_hz: _Band = (None, None),
+    layout: Mapping[str, str] | None = None,
 ) -> Inspection:
     """Look through a measurement file and fit the resonances of its FRFs: `contents_of`, and then `with_resonances`.
 
@@ -120,16 +125,20 @@ def inspect_file(
         Whether the complex conjugates of the FRFs are looked at.
     band_hz
         Lowest and highest frequency at which resonances are sought, Hz; None is the end of the lines.
+    layout
+        What the variables of the file stand for, as `jointbayes.measurement.formats.iter_records` takes it.
 
     Raises
     ------
     MeasurementError
         If the file cannot be read.
     """
-    return with_resonances(contents_of(path, mass_kg, conjugate=conjugate), band_hz)
+    return with_resonances(contents_of(path, mass_kg, conjugate=conjugate, layout=layout), band_hz)
 
 
-def contents_of(path: Path, mass_kg: float | None = None, *, conjugate: bool = False) -> Inspection:
+def contents_of(
+    path: Path, mass_kg: float | None = None, *, conjugate: bool = False, layout: Mapping[str, str] | None = None
+) -> Inspection:
     """Look through a measurement file; of a universal file no more than a few records are in memory at once.
 
     Parameters
@@ -140,6 +149,8 @@ def contents_of(path: Path, mass_kg: float | None = None, *, conjugate: bool = F
         Mass of the structure if it hangs free, kg, to hold drive points against.
     conjugate
         Whether the complex conjugates of the FRFs are looked at.
+    layout
+        As in `inspect_file`.
 
     Raises
     ------
@@ -149,7 +160,8 @@ def contents_of(path: Path, mass_kg: float | None = None, *, conjugate: bool = F
     from jointbayes.measurement.formats.read import detect_format, iter_records
 
     form = detect_format(path)
-    records = (r.conjugate if conjugate and isinstance(r, FrfRecord) else r for r in iter_records(path))
+    read = iter_records(path, layout)
+    records = (r.conjugate if conjugate and isinstance(r, FrfRecord) else r for r in read)
     return replace(contents_of_records(records, mass_kg), source=str(path), form=form)
 
 

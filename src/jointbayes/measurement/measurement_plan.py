@@ -3,7 +3,7 @@
 import difflib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -286,6 +286,8 @@ class MeasurementPlan:
         DOFs of the joint on both of its sides, at which the paper's iteration needs FRFs.
     frequencies
         Set where natural frequencies are the data.
+    layout
+        What the variables of the files stand for, as `jointbayes.measurement.formats.iter_records` takes it.
     """
 
     channels: Mapping[str, Channel]
@@ -304,3 +306,4 @@ class MeasurementPlan:
     exclude_hz: tuple[tuple[float, float], ...] = ()
     conjugate: bool = False
     free_gain: bool = False
+    layout: Mapping[str, str] = field(default_factory=dict)

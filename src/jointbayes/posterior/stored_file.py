@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.inference import Problem
-from jointbayes.measurement.formats.array_files import read_arrays
+from jointbayes.measurement.formats.array_files import read_groups
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import FileRecord, parse_record
 from jointbayes.posterior.posterior import Posterior
@@ -192,7 +192,7 @@ def read_stored(path: str | os.PathLike[str]) -> StoredFile:
     if not there:
         raise MeasurementError(f"{where}: no such file; {_EXPECTED}; give the path of one")
     try:
-        groups = {place.strip("/"): block for place, block in read_arrays(Path(path), "hdf5")}
+        groups = read_groups(Path(path))
     except MeasurementError as error:
         raise MeasurementError(f"{where}: found no posterior in it: {error}") from None
     text = groups.get("", {}).get(RECORD)

@@ -33,6 +33,7 @@ from jointbayes.case.spec.fields import (
     raise_findings,
     to_list,
 )
+from jointbayes.case.spec.layout_table import LayoutSpec
 from jointbayes.joint.quantities import DIRECTIONS, direction_of, rotation_sign
 
 if TYPE_CHECKING:
@@ -200,6 +201,7 @@ class RecordsSpec(Spec):
 
 
 _RECORDS = Field(description="how FRFs are made from time histories: method")
+_LAYOUT = Field(description="what the variables of the files stand for: frequency_hz, frf, time, force and others")
 _FILE = key_field("the name of a measurement file, or a list of names", "tip.uff")
 _MAP = key_field('a table from channel to DOF, as "Point:11:Y+" = "11:y"', {})
 _QUANTITY = key_field(
@@ -236,6 +238,7 @@ class MeasuredSpec(DataTable):
     thin: Annotated[int | None, count_field("every how many lines one is kept", 2, 1, 10_000)] = None
     accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
     channels: Annotated[_Channels, _MAP]
+    layout: Annotated[LayoutSpec | None, _LAYOUT] = None
     records: Annotated[RecordsSpec | None, _RECORDS] = None
     variance: Annotated[VarianceSpec | None, _VARIANCE] = None
 

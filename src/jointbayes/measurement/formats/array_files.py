@@ -1,4 +1,4 @@
-"""Files of named arrays: npz (never a pickle), HDF5 and MATLAB, read and written as blocks of arrays and texts."""
+"""Files of named arrays: npz (never a pickle), HDF5 and MATLAB, read as one tree of arrays and texts, and written."""
 
 import math
 import mmap
@@ -6,7 +6,7 @@ import re
 import struct
 import warnings
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,29 +15,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.formats.matlab_5 import REMEDY, Block, read_matlab, refuse_larger
+from jointbayes.measurement.formats.matlab_5 import (
+    REMEDY,
+    UNREADABLE,
+    Block,
+    Unread,
+    full_matrix,
+    list_or_texts,
+    read_matlab,
+    refuse_deeper,
+    refuse_larger,
+)
 from jointbayes.measurement.records import LONGEST_LABEL, MOST_RECORDS
 
 #: A compressed file may unpack to this many times its size, which measured FRFs do not come near, or to 1 MiB: small
 #: files have headers and constant coherences, which pack well.
 _RATIO, _ALWAYS = 20, 2**20
-#: Groups within groups, and groups and arrays in one file: no export comes near.
-_DEEPEST, _MOST_OBJECTS = 32, 200_000
 #: Bytes of one text in a file of arrays: labels are short, and a posterior's coordinates too.
 _LONGEST_TEXT = 4096
 _MATLAB_HEADER = b"MATLAB 7.3 MAT-file, Platform: jointbayes, Created on: unknown HDF5 schema 1.00 ."
 
 
-def read_arrays(path: Path, kind: str) -> Iterator[tuple[str, Block]]:
-    """Blocks of named arrays of a file with the place of each; `kind` is ``npz``, ``mat``, ``mat73`` or ``hdf5``.
+def read_arrays(path: Path, kind: str) -> Block:
+    """All that a file holds, as one tree; `kind` is ``npz``, ``mat``, ``mat73`` or ``hdf5``.
+
+    Returns
+    -------
+    dict
+        Name to an array of numbers or text, to a dict (struct, group), to a list of these (cells, array of structs), or
+        to an `Unread`, in the order of the file and groups by name.
 
     Raises
     ------
     MeasurementError
-        If the file cannot be read, unpacks to far more than its size, or holds what is neither numbers nor text.
+        If the file cannot be read, or unpacks to far more than its size.
     """
     try:
-        yield from _READERS[kind](path, max(_ALWAYS, _RATIO * path.stat().st_size))
+        return _READERS[kind](path, max(_ALWAYS, _RATIO * path.stat().st_size))
     except MeasurementError:
         raise
     # the libraries raise whatever the damaged bytes lead them to; which kind is of no use to anybody
@@ -47,6 +61,26 @@ def read_arrays(path: Path, kind: str) -> Iterator[tuple[str, Block]]:
         ) from None
 
 
+def read_groups(path: Path) -> dict[str, Block]:
+    """Arrays of an HDF5 file by the place of their group, ``""`` at the top.
+
+    Raises
+    ------
+    MeasurementError
+        As `read_arrays`, and if there is anything but numbers and text.
+    """
+    groups: dict[str, Block] = {}
+    waiting = [("", read_arrays(path, "hdf5"))]
+    while waiting:
+        place, block = waiting.pop()
+        groups[place.strip("/")] = {key: value for key, value in block.items() if not isinstance(value, dict)}
+        waiting += [(f"{place}/{key}", value) for key, value in block.items() if isinstance(value, dict)]
+        for key, value in groups[place.strip("/")].items():
+            if isinstance(value, Unread):
+                raise MeasurementError(f"variable '{place}/{key}': found {value.what}; expected numbers or text")
+    return groups
+
+
 def _reason(error: Exception) -> str:
     return " ".join(str(error).split())[:120] or type(error).__name__
 
@@ -54,15 +88,14 @@ def _reason(error: Exception) -> str:
 # ---- npz
 
 
-def _read_npz(path: Path, most: int) -> Iterator[tuple[str, Block]]:
-    """Blocks of an archive; ``record_2/frf`` is the array ``frf`` of the block ``record_2/``."""
-    blocks: dict[str, Block] = {}
+def _read_npz(path: Path, most: int) -> Block:
+    """Arrays of an archive; ``record_2/frf`` is the array ``frf`` of the group ``record_2``."""
+    tree: Block = {}
     with zipfile.ZipFile(path) as archive:
         refuse_larger(sum(member.file_size for member in archive.infolist()), most)
     with np.load(path, allow_pickle=False) as arrays, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of headers as Python 2 wrote them
         for name in arrays.files:
-            place, _, key = name.rpartition("/")
             try:
                 array = arrays[name]
             # numpy, zlib and zipfile each raise their own kinds on damaged bytes
@@ -73,8 +106,15 @@ def _read_npz(path: Path, most: int) -> Iterator[tuple[str, Block]]:
                 ) from None
             if not isinstance(array, np.ndarray):
                 raise MeasurementError(f"member '{name}': found no NumPy array; expected .npy members; save it again")
-            blocks.setdefault(f"{place}/" if place else "", {})[key] = array
-    yield from blocks.items()
+            *groups, key = name.split("/")
+            refuse_deeper(len(groups), len(arrays.files), f"variable '{name}'")
+            block = tree
+            for group in groups:
+                block = block.setdefault(group, {})
+                if not isinstance(block, dict):
+                    raise MeasurementError(f"variable '{name}': found an array '{group}' as well; rename one of them")
+            block[key] = array
+    return tree
 
 
 def write_npz(blocks: dict[str, Block], path: Path) -> None:
@@ -106,22 +146,12 @@ def write_matlab(blocks: dict[str, Block], path: Path) -> None:
 # ---- HDF5 and MATLAB 7.3
 
 
-def _read_hdf5(path: Path, most: int, *, matlab: bool = False) -> Iterator[tuple[str, Block]]:
-    """Blocks of a file, one for each group; attributes count as arrays."""
+def _read_hdf5(path: Path, most: int, *, matlab: bool = False) -> Block:
     import h5py  # type: ignore[import-untyped]
 
     _require_sound_heaps(path)
     with h5py.File(path, "r") as file:
-        groups = dict(_groups(file))
-        refuse_larger(sum(_bytes_of(item) for _, block in groups.values() for item in block.values()), most)
-        for place in sorted(groups, key=_natural):
-            group, arrays = groups[place]
-            prefix = f"{place}/" if place else ""
-            block = {key: _dataset(item, f"variable '{prefix}{key}'", matlab) for key, item in arrays.items()}
-            block = ({} if matlab else _attributes(group)) | block
-            block = {key: value for key, value in block.items() if value is not None}
-            if block:
-                yield prefix, block
+        return _Hdf5(file, most, matlab).group(file)
 
 
 def _require_sound_heaps(path: Path) -> None:
@@ -142,41 +172,77 @@ def _bytes_of(item: Any) -> int:  # noqa: ANN401 - h5py is untyped here
     return max(item.nbytes, math.prod(item.chunks) * item.dtype.itemsize if item.chunks else 0)
 
 
-def _groups(file: Any) -> Iterator[tuple[str, tuple[Any, Block]]]:  # noqa: ANN401
-    """Place of each group, the group itself and its arrays; links to other places and other files are passed over.
+class _Hdf5:
+    """Reads the groups of an open file, and what references in them lead to; other links are passed over."""
 
-    Not by `visititems`, which looks each name up from the top: in groups within groups that takes quadratic time.
-    """
-    import h5py
+    def __init__(self, file: Any, most: int, matlab: bool) -> None:  # noqa: ANN401 - h5py is untyped here
+        self.file, self.most, self.matlab = file, most, matlab
+        self.bytes = self.count = 0
+        self.seen: set[tuple[int, int]] = set()
 
-    waiting, seen, count = [("", file, 0)], set(), 0
-    while waiting:
-        place, group, depth = waiting.pop()
+    def group(self, group: Any, place: str = "", depth: int = 0) -> Any:  # noqa: ANN401
+        """Content of a group: attributes count as arrays; None of one that was there before, as one that holds itself.
+
+        Not by `visititems`, which looks each name up from the top: in groups within groups that takes quadratic time.
+        """
+        import h5py
+
         where = h5py.h5o.get_info(group.id)
-        if (where.fileno, where.addr) in seen:
-            continue  # a group that holds itself
-        seen.add((where.fileno, where.addr))
-        count += len(group)
-        if depth > _DEEPEST or count > _MOST_OBJECTS:
-            raise MeasurementError(
-                f"group '{place[:60]}': found groups {depth} deep, {count} entries so far; expected at most {_DEEPEST} "
-                f"deep and {_MOST_OBJECTS} entries; {REMEDY}"
-            )
-        arrays: Block = {}
+        if (where.fileno, where.addr) in self.seen:
+            return None
+        self.seen.add((where.fileno, where.addr))
+        self.count += len(group)
+        refuse_deeper(depth, self.count, f"group '{place}'")
+        items: Block = {}
         for name in group:
             if len(name) > LONGEST_LABEL:
                 raise MeasurementError(
                     f"group '{place[:60]}': found a name of {len(name)} characters; expected at most {LONGEST_LABEL}; "
                     "rename it"
                 )
-            if (not place and name.startswith("#")) or not isinstance(group.get(name, getlink=True), h5py.HardLink):
-                continue  # MATLAB's own, and links
-            item = group[name]
-            if isinstance(item, h5py.Dataset):
-                arrays[name] = item
-            elif isinstance(item, h5py.Group):
-                waiting.append((f"{place}/{name}" if place else name, item, depth + 1))
-        yield place, (group, arrays)
+            # MATLAB's own, and links
+            if (place or not name.startswith("#")) and isinstance(group.get(name, getlink=True), h5py.HardLink):
+                items[name] = group[name]
+        attributes = _attributes(group)
+        names = [n for n, item in items.items() if isinstance(item, h5py.Dataset)]
+        groups = sorted((n for n, item in items.items() if isinstance(item, h5py.Group)), key=_natural)
+        block = {} if self.matlab else attributes
+        block |= {name: self.item(items[name], f"{place}/{name}".lstrip("/"), depth + 1) for name in names + groups}
+        block = {name: value for name, value in block.items() if value is not None}
+        if self.matlab and "MATLAB_sparse" in attributes and {"ir", "jc"} <= block.keys():
+            shape = (int(attributes["MATLAB_sparse"]), block["jc"].size - 1)
+            parts = (block["ir"].ravel(), block["jc"].ravel(), block.get("data", np.zeros(0)).ravel())
+            return full_matrix(shape, *parts, self.most - self.bytes)
+        lists = [len(v) for n, v in block.items() if self.matlab and isinstance(v, list) and _is_struct_field(items[n])]
+        if lists and len(lists) == len(block):  # the fields of an array of structs, element by element
+            return [{name: values[i] for name, values in block.items()} for i in range(min(lists))]
+        return block
+
+    def item(self, item: Any, place: str, depth: int) -> Any:  # noqa: ANN401
+        """Content of a data set or a group."""
+        import h5py
+
+        if isinstance(item, h5py.Group):
+            return self.group(item, place, depth)
+        if not isinstance(item, h5py.Dataset):
+            return None
+        self.bytes += _bytes_of(item)
+        refuse_larger(self.bytes, self.most)
+        if h5py.check_ref_dtype(item.dtype) is not h5py.Reference or not item.shape:
+            return _dataset(item, f"variable '{place}'", self.matlab)
+        if not self.matlab:
+            return Unread("references to other places")
+        self.count += item.size
+        refuse_deeper(depth, self.count, f"group '{place}'")
+        references = np.asarray(item[()]).T.ravel()
+        values = [self.item(self.file[r], place, depth + 1) if r else None for r in references]
+        values = [np.zeros(0) if value is None else value for value in values]
+        return values if _is_struct_field(item) else list_or_texts(values)
+
+
+def _is_struct_field(item: Any) -> bool:  # noqa: ANN401
+    """Whether a data set of references holds one field of an array of structs; cells say that they are cells."""
+    return "MATLAB_class" not in item.attrs
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
@@ -205,19 +271,17 @@ def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
     import h5py
 
     if item.is_virtual or item.external:
-        raise MeasurementError(f"{where}: found data kept in another file; expected them in this one; {REMEDY}")
+        return Unread("data kept in another file")
     attributes = _attributes(item)
     kind = _matlab_class(attributes)
     if "MATLAB_object_decode" in attributes or kind == "function_handle":
-        raise MeasurementError(f"{where}: found a function handle or an object of MATLAB; expected numbers; {REMEDY}")
+        return UNREADABLE
     if item.shape is None or "MATLAB_empty" in attributes:
-        return None
+        return np.array([], dtype=str) if kind == "char" else None
     if h5py.check_string_dtype(item.dtype):
         return _texts(item, where)
-    if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
-        return np.array([_text(item.file[reference], where) for reference in item[()].ravel(order="K")], dtype=str)
     if not _is_plain(item.dtype):
-        raise MeasurementError(f"{where}: found data of type {item.dtype}; expected numbers or text; {REMEDY}")
+        return Unread(f"data of type {item.dtype}")
     values: NDArray[Any] = item[()]
     if values.dtype.names == ("real", "imag"):
         whole = np.empty(values.shape, complex)
@@ -225,9 +289,9 @@ def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
         values = whole
     if kind == "char":
         if values.dtype.kind != "u":
-            raise MeasurementError(f"{where}: found text stored as {item.dtype}; expected whole numbers; {REMEDY}")
+            return Unread(f"text stored as {item.dtype}")
         return np.array(_characters(values), dtype=str)
-    return np.asarray(values).T if matlab else values
+    return np.asarray(values).T if matlab else np.asarray(values)
 
 
 def _is_plain(dtype: np.dtype[Any]) -> bool:
@@ -264,14 +328,6 @@ def _texts(item: Any, where: str) -> NDArray[np.str_]:  # noqa: ANN401
             f"{_LONGEST_TEXT}; {REMEDY}"
         )
     return np.array(item.asstr(errors="replace")[()], dtype=str)
-
-
-def _text(item: Any, where: str) -> str:  # noqa: ANN401
-    """Text in a cell of a cell array."""
-    attributes = _attributes(item)
-    if _matlab_class(attributes) != "char" or item.dtype.kind != "u" or item.nbytes > 2 * _LONGEST_TEXT:
-        raise MeasurementError(f"{where}: found cells that are not text; expected a cell array of labels; {REMEDY}")
-    return "" if "MATLAB_empty" in attributes else _characters(item[()])[0]
 
 
 def _characters(codes: NDArray[Any]) -> list[str]:
@@ -327,7 +383,7 @@ def _matlab_variable(group: Any, key: str, value: Any) -> None:  # noqa: ANN401
     item.attrs["MATLAB_class"] = np.bytes_("double")
 
 
-_READERS: dict[str, Callable[[Path, int], Iterator[tuple[str, Block]]]] = {
+_READERS: dict[str, Callable[[Path, int], Block]] = {
     "npz": _read_npz,
     "mat": read_matlab,
     "mat73": partial(_read_hdf5, matlab=True),

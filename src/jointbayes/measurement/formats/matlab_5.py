@@ -1,4 +1,4 @@
-"""MATLAB 5 files (up to v7): arrays of numbers, of characters, cells of text, and structs of these.
+"""MATLAB 5 files (up to v7) as one tree: structs are dicts, cells and arrays of structs lists, the rest arrays.
 
 Why not `scipy.io.loadmat`: about one in a hundred damaged files ends the process there (types of elements, widths of
 names and the depth of cells are not checked in C), and to check them first takes as many lines as to read them.
@@ -11,7 +11,8 @@ The MathWorks: MAT-File Format, level 5 MAT-files.
 import math
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,12 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 
+#: Names to what stands under them: arrays of numbers or text, further blocks, lists of both, or `Unread`.
 Block = dict[str, Any]
 
 REMEDY = "store plain numbers and text in this file"
+#: Groups, structs and cells within each other, and all that a file holds; no export comes near.
+DEEPEST, MOST_OBJECTS = 32, 200_000
 #: Numbers of the format's data types.
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _CODECS = {1: "utf-8", 2: "utf-8", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
@@ -30,16 +34,26 @@ _CELL, _STRUCT, _OBJECT, _CHARACTERS, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 
 _COMPLEX = 1 << 11
 
 
-def read_matlab(path: Path, most: int) -> Iterator[tuple[str, Block]]:
-    """All variables as one block, and each element of a struct as a block of its own; `most` bytes may be unpacked."""
-    top: Block = {}
-    structs: dict[str, Block] = {}
+@dataclass(frozen=True, slots=True)
+class Unread:
+    """What a file has where neither numbers nor text are."""
+
+    what: str
+
+
+UNREADABLE = Unread("a function handle or an object of MATLAB")
+
+
+def read_matlab(path: Path, most: int) -> Block:
+    """All variables of a file, of which `most` bytes may be unpacked."""
+    variables: Block = {}
     unpacked, size = 0, path.stat().st_size
     with path.open("rb") as file:
         header = file.read(128)
         if len(header) < 128:
             raise ValueError(f"a header of {len(header)} bytes")
         order = "<" if header[126:] == b"IM" else ">"
+        reader = _Reader(order, most)
         while tag := file.read(8):
             kind, length = struct.unpack(f"{order}II", tag)
             content = file.read(min(length, size))
@@ -50,15 +64,10 @@ def read_matlab(path: Path, most: int) -> Iterator[tuple[str, Block]]:
                 unpacked += len(content)
                 refuse_larger(unpacked, most)
                 content = content[8:]
-            name, value = _variable(content, order)
-            if isinstance(value, list):
-                places = [f"{name}." if len(value) == 1 else f"{name}({i + 1})." for i in range(len(value))]
-                structs |= dict(zip(places, value, strict=True))
-            elif name:  # nameless is what MATLAB keeps for itself
-                top[name] = value
-    if top:
-        yield "", top
-    yield from structs.items()
+            name, value = reader.variable(content)
+            if name:  # nameless is what MATLAB keeps for itself
+                variables[name] = value
+    return variables
 
 
 def refuse_larger(size: float, most: int) -> None:
@@ -76,37 +85,103 @@ def refuse_larger(size: float, most: int) -> None:
         )
 
 
-def _variable(content: bytes, order: str, where: str = "") -> tuple[str, Any]:
-    """Name and value of a matrix: an array of numbers or text, or the elements of a struct, each a block.
+def refuse_deeper(depth: int, count: int, where: str) -> None:
+    """Refuse what lies deeper than any export, or is more.
 
-    `where` is its place where it is within another one, which no struct may be.
+    Raises
+    ------
+    MeasurementError
+        If it is deeper than `DEEPEST` or more than `MOST_OBJECTS`.
     """
-    (_, flags), *elements = _elements(content, order)
-    word = struct.unpack_from(f"{order}I", flags)[0]
-    kind = word & 255
-    name = elements[0 if kind == _OPAQUE else 1][1].decode("latin-1")
-    place = where or f"variable '{name}'"
-    if kind in (_OBJECT, _FUNCTION, _OPAQUE):
-        raise MeasurementError(f"{place}: found a function handle or an object of MATLAB; expected numbers; {REMEDY}")
-    if kind == _SPARSE or (kind == _STRUCT and where):
-        raise MeasurementError(f"{place}: found a sparse matrix or a struct; expected a full array; {REMEDY}")
-    (_, dimensions), _, *elements = elements
-    shape = struct.unpack(f"{order}{len(dimensions) // 4}i", dimensions)
-    if min(shape) < 0:
-        raise ValueError(f"shape {shape}")
-    if kind == _STRUCT:
-        return name, _struct_elements(elements, shape, name, order)
-    if kind == _CELL:
-        texts = [_cell_text(cell, order, place) for _, cell in elements]
-        return name, np.array(_reorder_by_rows(texts, shape), dtype=str)
-    if kind == _CHARACTERS:
-        return name, _char_rows(*elements[0], shape, order) if elements else np.array([], dtype=str)
-    real, *imaginary = (np.frombuffer(data, f"{order}{_TYPES[code]}") for code, data in elements)
-    numbers = real.astype(real.dtype.newbyteorder("="))
-    if word & _COMPLEX:
-        numbers = np.empty(real.size, complex)
-        numbers.real, numbers.imag = real, imaginary[0]
-    return name, numbers.reshape(shape, order="F")
+    if depth > DEEPEST or count > MOST_OBJECTS:
+        raise MeasurementError(
+            f"{where[:80]}: found groups {depth} deep, {count} entries so far; expected at most {DEEPEST} deep and "
+            f"{MOST_OBJECTS} entries; {REMEDY}"
+        )
+
+
+def full_matrix(
+    shape: tuple[int, ...], rows: NDArray[Any], starts: NDArray[Any], values: NDArray[Any], most: int
+) -> NDArray[Any] | Unread:
+    """Matrix of a sparse one, stored by columns, where it is no larger than `most` bytes."""
+    if len(shape) != 2 or 16 * math.prod(shape) > most:
+        return Unread("a sparse matrix, too large to be written in full")
+    ends = starts.astype(np.int64)
+    counts = ends[1:] - ends[:-1]
+    used = int(counts.sum())
+    if counts.size != shape[1] or counts.min(initial=0) < 0 or not 0 <= used <= min(rows.size, values.size):
+        raise ValueError(f"a sparse matrix of {values.size} values")
+    matrix = np.zeros(shape, values.dtype if values.size else float)
+    matrix[rows[:used].astype(np.int64), np.repeat(np.arange(shape[1]), counts)] = values[:used]
+    return matrix
+
+
+def list_or_texts(items: list[Any]) -> list[Any] | NDArray[np.str_]:
+    """Cells as one array where all of them are texts, or empty beside texts."""
+    arrays = [item for item in items if isinstance(item, np.ndarray) and (item.size == 0 or item.dtype.kind == "U")]
+    if len(arrays) == len(items) and all(item.size < 2 for item in arrays):
+        return np.array([str(item.ravel()[0]) if item.size else "" for item in arrays], dtype=str)
+    return items
+
+
+class _Reader:
+    """Reads the variables of a file, however structs and cells are within each other."""
+
+    def __init__(self, order: str, most: int) -> None:
+        self.order, self.left, self.count = order, most, 0
+
+    def variable(self, content: bytes, depth: int = 0, where: str = "") -> tuple[str, Any]:
+        """Name and value of a matrix."""
+        self.count += 1
+        refuse_deeper(depth, self.count, where)
+        if not content:
+            return "", np.zeros((0, 0))
+        (_, flags), *elements = _elements(content, self.order)
+        word = struct.unpack_from(f"{self.order}I", flags)[0]
+        kind = word & 255
+        name = elements[0 if kind == _OPAQUE else 1][1].decode("latin-1")
+        where = where or f"variable '{name}'"
+        if kind in (_OBJECT, _FUNCTION, _OPAQUE):
+            return name, UNREADABLE
+        (_, dimensions), _, *elements = elements
+        shape = struct.unpack(f"{self.order}{len(dimensions) // 4}i", dimensions)
+        if min(shape) < 0:
+            raise ValueError(f"shape {shape}")
+        if kind == _STRUCT:
+            return name, self._structs(elements, shape, depth, where)
+        if kind == _CELL:
+            cells = [self.variable(cell, depth + 1, where)[1] for _, cell in elements]
+            return name, list_or_texts(_reorder_by_rows(cells, shape))
+        if kind == _CHARACTERS:
+            return name, _char_rows(*elements[0], shape, self.order) if elements else np.array([], dtype=str)
+        *indices, real, imaginary = self._parts(elements, 2 if kind == _SPARSE else 0)
+        numbers = real
+        if word & _COMPLEX:
+            numbers = np.empty(real.size, complex)
+            numbers.real, numbers.imag = real, imaginary
+        if kind == _SPARSE:
+            matrix = full_matrix(shape, indices[0], indices[1], numbers, self.left)
+            self.left -= getattr(matrix, "nbytes", 0)
+            return name, matrix
+        return name, numbers.reshape(shape, order="F")
+
+    def _parts(self, elements: list[tuple[int, bytes]], indices: int) -> list[NDArray[Any]]:
+        """Indices of a sparse matrix, the real part, and the imaginary one, empty where there is none."""
+        parts = [self._numbers(*element) for element in elements[: indices + 2]]
+        return parts if len(parts) > indices + 1 else [*parts, np.zeros(0)]
+
+    def _numbers(self, code: int, data: bytes) -> NDArray[Any]:
+        numbers = np.frombuffer(data, f"{self.order}{_TYPES[code]}")
+        return numbers.astype(numbers.dtype.newbyteorder("="))
+
+    def _structs(self, elements: list[tuple[int, bytes]], shape: tuple[int, ...], depth: int, where: str) -> Any:  # noqa: ANN401
+        (_, length), (_, names), *values = elements
+        width = struct.unpack(f"{self.order}i", length)[0]
+        fields = [names[i : i + width].split(b"\0")[0].decode("latin-1") for i in range(0, len(names), width)]
+        read = [self.variable(value, depth + 1, where)[1] for _, value in values]
+        count = len(read) // max(len(fields), 1)
+        blocks = [dict(zip(fields, read[i * len(fields) :], strict=False)) for i in range(count)]
+        return blocks[0] if math.prod(shape) == count == 1 else _reorder_by_rows(blocks, shape)
 
 
 def _elements(content: bytes, order: str) -> list[tuple[int, bytes]]:
@@ -129,26 +204,6 @@ def _elements(content: bytes, order: str) -> list[tuple[int, bytes]]:
 def _reorder_by_rows(items: Sequence[Any], shape: tuple[int, ...]) -> list[Any]:
     """Items of an array that MATLAB stores column by column, row by row."""
     return [items[i] for i in np.arange(len(items)).reshape(shape, order="F").ravel().tolist()]
-
-
-def _struct_elements(elements: list[tuple[int, bytes]], shape: tuple[int, ...], name: str, order: str) -> list[Block]:
-    (_, length), (_, names), *values = elements
-    width = struct.unpack(f"{order}i", length)[0]
-    fields = [names[i : i + width].split(b"\0")[0].decode("latin-1") for i in range(0, len(names), width)]
-    numbers = range(len(values) // max(len(fields), 1))
-    blocks = []
-    for i, number in enumerate(_reorder_by_rows(numbers, shape)):
-        place = f"{name}." if len(numbers) == 1 else f"{name}({i + 1})."
-        given = zip(fields, values[number * len(fields) :], strict=False)
-        blocks.append({key: _variable(value, order, f"variable '{place}{key}'")[1] for key, (_, value) in given})
-    return blocks
-
-
-def _cell_text(content: bytes, order: str, place: str) -> str:
-    text = _variable(content, order, place)[1] if content else np.array([], dtype=str)
-    if text.size and (text.dtype.kind != "U" or text.size > 1):
-        raise MeasurementError(f"{place}: found cells that are not text; expected a cell array of labels; {REMEDY}")
-    return "" if text.size == 0 else str(text.ravel()[0])
 
 
 def _char_rows(kind: int, data: bytes, shape: tuple[int, ...], order: str) -> NDArray[np.str_]:

@@ -1,7 +1,7 @@
-"""Named arrays as npz, MAT and HDF5 files hold them, and the records they stand for."""
+"""Arrays of one struct or group under the names that they can have, and the time histories among them."""
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, cast, get_args
 
 import numpy as np
@@ -9,98 +9,135 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.units import read_frf_unit, read_sensor_unit, scaled, si_frf_unit, si_sensor_unit
-from jointbayes.measurement.records import (
-    HIGHEST_HZ,
-    MOST_AVERAGES,
-    MOST_RECORDS,
-    FrfRecord,
-    Record,
-    SensorQuantity,
-    TimeRecord,
-    even_rate,
-)
+from jointbayes.measurement.formats.array_names import ALIASES, SENSORS, meaning_of
+from jointbayes.measurement.formats.matlab_5 import Unread
+from jointbayes.measurement.formats.units import read_sensor_unit, scaled
+from jointbayes.measurement.records import HIGHEST_HZ, MOST_RECORDS, SensorQuantity, TimeRecord, even_rate
 
 Arrays = Mapping[str, Any]
 
-#: Names by which each array is known, the one we write first; compared without regard to case.
-ALIASES: dict[str, tuple[str, ...]] = {
-    "frequency_hz": ("frequency_hz", "frequency", "frequencies", "freq", "freqs", "freq_hz", "f_hz", "f"),
-    "omega": ("omega_rad_s", "omega", "w"),
-    "frf": ("frf", "h", "frfs"),
-    "outputs": ("outputs", "output", "responses", "response_channels"),
-    "inputs": ("inputs", "input", "references", "reference_channels"),
-    "quantity": ("quantity",),
-    "unit": ("unit", "units"),
-    "coherence": ("coherence", "coh", "gamma2"),
-    "averages": ("averages", "n_averages", "navg"),
-    "sample_rate_hz": ("sample_rate_hz", "sample_rate", "fs"),
-    "time": ("time", "time_s", "t"),
-    "samples": ("samples",),
-    "channels": ("channels", "channel"),
-    "quantities": ("quantities",),
-    "hits": ("hits",),
-}
-_SENSORS = ("force", "displacement", "velocity", "acceleration", "response")
+#: Days of MATLAB's `datenum` in this century and the last; instants in seconds begin where the measurement does.
+_DAYS = (690_000.0, 780_000.0)
 
 
-def records_of(arrays: Arrays, place: str = "") -> Iterator[Record]:
-    """Records of one block of named arrays.
+class Block:
+    """Arrays of one struct or group.
 
     Parameters
     ----------
     arrays
-        Arrays and strings by name.
+        By their names in the file.
     place
-        Group or struct the block stands in, empty at the top.
-
-    Raises
-    ------
-    MeasurementError
-        If a name that is needed is missing, or shapes do not agree.
+        Struct or group that they stand in, with the sign that follows it; empty at the top.
+    outer
+        Block that this one stands in, whose axes are its own where it has none.
+    written
+        Names in the file of arrays that the user has given another name.
+    label
+        What it is called where it is one of an array of structs; empty elsewhere.
     """
-    named = _Block(arrays, place)
-    if named.has("frf"):
-        yield from _frf_records(named)
-    if named.has("samples") or any(named.raw(name) is not None for name in _SENSORS):
-        yield from _time_records(named)
 
+    def __init__(
+        self,
+        arrays: Arrays,
+        place: str = "",
+        outer: "Block | None" = None,
+        written: Mapping[str, str] | None = None,
+        label: str = "",
+    ) -> None:
+        self.arrays, self.place, self.outer, self._written = arrays, place, outer, written or {}
+        self.label = label
+        self.meanings = {name: meaning_of(name) for name in arrays}
+        self._lower: dict[str, str] = {}
+        for name in arrays:
+            self._lower.setdefault(name.lower(), name)
+        if self.named("time") or self.named("interval") or self.named("rate"):  # f is a force
+            for name in [n for n in self.named("frequency") if n.lower() == "f" and not rises(arrays[n])]:
+                self.meanings[name] = meaning_of("force signal")
 
-class _Block:
-    """Arrays of one block under the names we use."""
+    def where(self, key: str) -> str:
+        """Place of an array in words, by its name in the file or by the one it is known under."""
+        name = self.name_of(key) or key
+        return f"variable '{self._written.get(name) or self.place + name}'"
 
-    def __init__(self, arrays: Arrays, place: str) -> None:
-        self._lower = {name.lower(): value for name, value in arrays.items()}
-        self.place = place
+    def name_of(self, key: str) -> str | None:
+        """Name in the file of what is known under a name."""
+        if key in self.arrays:
+            return key
+        return next((self._lower[n] for n in ALIASES.get(key, (key,)) if n in self._lower), None)
 
-    def where(self, name: str) -> str:
-        return f"variable '{self.place}{name}'"
-
-    def raw(self, name: str) -> Any:  # noqa: ANN401 - whatever the file holds under that name
-        return self._lower.get(name)
+    def get(self, key: str) -> Any:  # noqa: ANN401 - whatever the file holds under that name
+        """What is known under a name; None where nothing is."""
+        name = self.name_of(key)
+        return None if name is None else self.arrays[name]
 
     def has(self, key: str) -> bool:
+        """Whether there is anything known under a name."""
         return self.get(key) is not None
 
-    def get(self, key: str) -> Any:  # noqa: ANN401
-        return next((self._lower[name] for name in ALIASES[key] if name in self._lower), None)
+    def stated(self, key: str) -> bool:
+        """Whether the user has said which array this is."""
+        return key in self._written
+
+    def named(self, role: str) -> list[str]:
+        """Names of arrays of more than one value that have a role."""
+        return [n for n, meaning in self.meanings.items() if meaning.role == role and size_of(self.arrays[n]) > 1]
+
+    def scalar(self, role: str) -> float | None:
+        """Number of a role in this block or an outer one."""
+        for name, meaning in self.meanings.items():
+            if meaning.role == role and size_of(self.arrays[name]) == 1:
+                return float(self.numbers(name).ravel()[0])
+        return None if self.outer is None else self.outer.scalar(role)
 
     def numbers(self, key: str, kind: type = np.float64) -> NDArray[Any]:
         """Array of real or complex numbers; anything else is refused."""
         return numbers(self.get(key), self.where(key), kind)
 
     def strings(self, key: str) -> list[str]:
+        """Texts known under a name; none where nothing is."""
         values = self.get(key)
         return [] if values is None else strings(values, self.where(key))
 
     def string(self, key: str) -> str:
+        """First of the texts, or an empty one."""
         return next(iter(self.strings(key)), "")
+
+    def unit_of(self, name: str) -> str:
+        """Text under a name such as ``H_unit``, ``unit_H`` or ``frequency_units``, for an array of that name."""
+        small = name.lower()
+        keys = (f"{small}_unit", f"{small}_units", f"unit_{small}", f"{small}unit")
+        return next((self.string(key) for key in keys if is_text(self.get(key))), "")
+
+
+def size_of(value: Any) -> int:  # noqa: ANN401
+    """Count of the numbers of an array, or of the arrays of a cell array; 0 of what is neither."""
+    if isinstance(value, list):
+        return sum(map(size_of, value))
+    return value.size if isinstance(value, np.ndarray) and value.dtype.kind in "iufc" else 0
+
+
+def is_text(value: Any) -> bool:  # noqa: ANN401
+    """Whether something in a file is text."""
+    return isinstance(value, (str, bytes)) or (isinstance(value, np.ndarray) and value.dtype.kind in "US")
+
+
+def rises(value: Any) -> bool:  # noqa: ANN401
+    """Whether something is an array of numbers each of which is above the one before, as on an axis."""
+    array = value if isinstance(value, np.ndarray) else np.zeros(0, dtype=str)
+    if array.dtype.kind not in "iuf" or array.size < 2:
+        return False
+    numbers = array.ravel()
+    return bool((numbers[1:] > numbers[:-1]).all())
 
 
 def numbers(values: Any, where: str, kind: type = np.float64) -> NDArray[Any]:  # noqa: ANN401
-    """Array of numbers of a file as float or complex."""
-    array = np.asarray(values)
+    """Array of numbers of a file as float or complex; of cells the columns of one."""
+    if isinstance(values, Unread):
+        raise MeasurementError(f"{where}: found {values.what}; expected numbers; store it as a numeric array")
+    if isinstance(values, list) and len({size_of(value) for value in values}) == 1 and size_of(values):
+        return np.stack([numbers(value, where, kind).ravel() for value in values], axis=-1)
+    array = np.asarray(None if isinstance(values, (list, dict)) else values)
     allowed = "iufc" if kind is np.complex128 else "iuf"
     if array.dtype.kind not in allowed:
         raise MeasurementError(
@@ -111,15 +148,21 @@ def numbers(values: Any, where: str, kind: type = np.float64) -> NDArray[Any]:  
 
 
 def _kind_name(array: NDArray[Any]) -> str:
-    return {"U": "text", "S": "text", "O": "objects", "c": "complex numbers", "b": "true and false"}.get(
-        array.dtype.kind, f"data of type {array.dtype}"
-    )
+    return {
+        "U": "text",
+        "S": "text",
+        "O": "a struct or unlike cells",
+        "c": "complex numbers",
+        "b": "true and false",
+    }.get(array.dtype.kind, f"data of type {array.dtype}")
 
 
 def strings(values: Any, where: str) -> list[str]:  # noqa: ANN401
     """Strings of a file: text, bytes, or an array or cell array of them; blanks at the end dropped."""
     if isinstance(values, (str, bytes)):
         values = [values]
+    if isinstance(values, (Unread, dict, list)):
+        raise MeasurementError(f"{where}: found no text; expected text; store labels as strings")
     if isinstance(values, np.ndarray) and values.dtype.kind == "U":
         _require_unicode(values, where)
     texts = []
@@ -144,135 +187,107 @@ def _require_unicode(text: NDArray[Any], where: str) -> None:
         )
 
 
-def _frf_records(block: _Block) -> Iterator[FrfRecord]:
-    lines, notes = _lines(block)
-    values, moved = _arrange_axes(block.numbers("frf", np.complex128), lines.size, block.where("frf"), block)
-    outputs, named_out = _labels(block, "outputs", values.shape[1])
-    inputs, named_in = _labels(block, "inputs", values.shape[2])
-    notes += [*moved, *named_out, *named_in]
-    coherence = None
-    if block.has("coherence"):
-        coherence, _ = _arrange_axes(block.numbers("coherence"), lines.size, block.where("coherence"), block)
-        if coherence.shape != values.shape:
-            raise MeasurementError(
-                f"{block.where('coherence')}: found shape {coherence.shape}; expected {values.shape} as the FRFs; "
-                "store one coherence for each FRF"
-            )
-    unit = block.string("unit")
-    factor, unit_quantity, of_unit = read_frf_unit(unit)
-    notes += of_unit
-    quantity = _quantity(block) or unit_quantity
-    averages = _averages(block)
-    for i, output in enumerate(outputs):
-        for j, input_ in enumerate(inputs):
-            yield FrfRecord(
-                output,
-                input_,
-                lines,
-                scaled(values[:, i, j], factor),
-                quantity,
-                unit,
-                None if coherence is None else coherence[:, i, j],
-                averages,
-                f"{block.where('frf')}, {output!r} over {input_!r}",
-                tuple(notes),
-                factor,
-            )
+def time_records(block: Block) -> Iterator[TimeRecord]:
+    """Columns of `samples` with their channels, one array for each sensor with hits in columns, or arrays over time."""
+    if block.has("samples"):
+        yield from _sample_records(block)
+        return
+    sensors = [name for name in SENSORS if size_of(block.get(name)) or isinstance(block.get(name), Unread)]
+    for sensor in sensors:
+        samples = columns(block.numbers(sensor), block.where(sensor))
+        rate, notes = _rate(block, sensor, len(samples))
+        word = "" if sensor == "response" else sensor
+        for i in range(samples.shape[1]):
+            hit = i + 1 if samples.shape[1] > 1 else None
+            unit = block.unit_of(sensor)
+            yield _time_record(block, sensor, (sensor, rate, unit, word, hit), samples[:, i], notes)
+    axes, signals = block.named("time"), [n for role in ("signal", "outputs", "inputs") for n in block.named(role)]
+    if axes:
+        signals += [name for name in block.named("") if np.ndim(block.get(name)) < 3]
+    if not axes and block.scalar("rate") is None and block.scalar("interval") is None:
+        return
+    for name in signals:
+        values = block.numbers(name, np.complex128) if size_of(block.get(name)) else None
+        if name.lower() in SENSORS or values is None or values.ndim > 2 or np.any(values.imag):
+            continue
+        laid = _along_time(block, name, values.real)
+        if laid is None:
+            continue
+        rate, notes = _rate(block, name, len(laid))
+        chan = name.lower().removeprefix("time_chan_")
+        label = f"channel {chan}" if chan.isdecimal() else name
+        for i in range(laid.shape[1]):
+            channel = f"{label} {i + 1}" if laid.shape[1] > 1 else label
+            yield _time_record(block, name, (channel, rate, block.unit_of(name), "", None), laid[:, i], notes)
 
 
-def _lines(block: _Block) -> tuple[Array, list[str]]:
-    if block.has("frequency_hz"):
-        return block.numbers("frequency_hz").ravel(), []
-    if block.has("omega"):
-        return block.numbers("omega").ravel() / (2 * np.pi), ["frequency in rad/s converted to Hz"]
-    raise MeasurementError(
-        f"{block.where('frf')}: found no frequency lines with it; expected a variable 'frequency_hz' (or "
-        "'omega_rad_s'); add it"
+def _sample_records(block: Block) -> Iterator[TimeRecord]:
+    samples = columns(block.numbers("samples"), block.where("samples"))
+    rate, notes = _rate(block, "samples", len(samples))
+    count = samples.shape[1]
+    channels = block.strings("channels") or [f"channel {i + 1}" for i in range(count)]
+    units, words = block.strings("unit") or [""] * count, block.strings("quantities") or [""] * count
+    hits = _hit_numbers(block) if block.has("hits") else [0] * count
+    if not len(channels) == len(units) == len(words) == len(hits) == count:
+        raise MeasurementError(
+            f"{block.where('samples')}: found {count} columns; expected as many channels ({len(channels)}), units "
+            f"({len(units)}), quantities ({len(words)}) and hits ({len(hits)}); correct them"
+        )
+    for i, channel in enumerate(channels):
+        named = (channel, rate, units[i], words[i], hits[i] or None)
+        yield _time_record(block, "samples", named, samples[:, i], notes)
+
+
+def _along_time(block: Block, name: str, values: Array) -> Array | None:
+    """Samples in columns, where the array has as many values along one axis as there are instants."""
+    time = _instants(block, name, values.shape)
+    if time is None:
+        return columns(values, block.where(name)) if values.size > 7 and not block.named("time") else None
+    counts = values.shape.count(time.size)
+    if counts > 1 and values.ndim == 2:
+        raise square_error(block.where(name), values.shape, "instants", _key(name), block.place + name)
+    if not counts:
+        return None
+    values = values.reshape(values.shape[0], -1)
+    return values if len(values) == time.size else values.T
+
+
+def _key(name: str) -> str:
+    return "force" if meaning_of(name).role == "signal" and "force" in name.lower() else "response"
+
+
+def square_error(where: str, shape: tuple[int, ...], what: str, key: str, name: str) -> MeasurementError:
+    """Refusal of an array that may lie either way."""
+    return MeasurementError(
+        f"{where}: found shape {shape}, of which either axis can be that of the {what}; expected it to be told by the "
+        f'shape; write {key} = "{name}(:,1)" or "{name}(1,:)" in [data.layout], one column or row'
     )
 
 
-def _arrange_axes(values: NDArray[Any], lines: int, where: str, block: _Block) -> tuple[NDArray[Any], list[str]]:
-    """Array of shape (lines, outputs, inputs) from the shapes that occur in files."""
-    shape, notes = values.shape, []
-    if values.ndim == 0 or values.ndim > 3 or lines not in shape:
-        raise MeasurementError(
-            f"{where}: found shape {shape}; expected (lines, outputs, inputs) with {lines} lines; correct the array"
-        )
-    if shape[0] != lines:
-        axis = shape.index(lines)
-        values = np.moveaxis(values, axis, 0)
-        notes.append(f"array of shape {shape} read with its lines along axis {axis + 1}")
-    if values.ndim == 1:
-        return values[:, None, None], notes
-    if values.ndim == 2:
-        one_output = len(block.strings("outputs")) == 1 and values.shape[1] > 1
-        return (values[:, None, :] if one_output else values[:, :, None]), notes
-    return values, notes
+def _instants(block: Block, name: str, shape: tuple[int, ...]) -> Array | None:
+    """The time vector that belongs to an array: of its own name, or the one that fits."""
+    axes = block.named("time")
+    alike = [axis for axis in axes if block.meanings[axis].rest == block.meanings[name].rest]
+    fitting = [axis for axis in alike or axes if size_of(block.get(axis)) in shape]
+    vectors = {axis: block.numbers(axis).ravel() for axis in fitting}
+    first = next(iter(vectors), None)
+    if first is None:
+        return None if block.outer is None or axes else _instants(block.outer, name, shape)
+    other = next((axis for axis, vector in vectors.items() if not np.array_equal(vector, vectors[first])), None)
+    if other is not None and not block.stated("time"):
+        raise two_axes_error(block, name, (first, other), "time")
+    return vectors[first] if not block.stated("time") else vectors.get("time")
 
 
-def _labels(block: _Block, key: str, count: int) -> tuple[list[str], list[str]]:
-    labels = block.strings(key)
-    if not labels:
-        name = key[:-1]
-        return [f"{name} {i + 1}" for i in range(count)], [f"no {key} named in the file, numbered instead"]
-    if len(labels) != count or len(set(labels)) != count:
-        raise MeasurementError(
-            f"{block.where(key)}: found {len(labels)} labels, {len(set(labels))} different; expected {count}, one for "
-            "each; correct them"
-        )
-    return labels, []
+def two_axes_error(block: Block, name: str, axes: tuple[str, str], key: str) -> MeasurementError:
+    """Refusal of an array that has two axes to choose from."""
+    return MeasurementError(
+        f"{block.where(name)}: found two axes for it, '{axes[0]}' and '{axes[1]}', which differ; expected one; write "
+        f'{key} = "{block.place}{axes[0]}" or "{block.place}{axes[1]}" in [data.layout]'
+    )
 
 
-def _quantity(block: _Block) -> Quantity | None:
-    word = block.string("quantity").lower()
-    if not word:
-        return None
-    if word not in get_args(Quantity):
-        raise MeasurementError(
-            f"{block.where('quantity')}: found {word!r}; expected one of {', '.join(get_args(Quantity))}; correct it"
-        )
-    return cast(Quantity, word)
-
-
-def _averages(block: _Block) -> int | None:
-    if not block.has("averages"):
-        return None
-    values, where = block.numbers("averages").ravel(), block.where("averages")
-    if values.size != 1 or not (1 <= values[0] <= MOST_AVERAGES) or values[0] != int(values[0]):
-        raise MeasurementError(
-            f"{where}: found {values[:3].tolist()}; expected one whole number from 1 to {MOST_AVERAGES}; correct it"
-        )
-    return int(values[0])
-
-
-def _time_records(block: _Block) -> Iterator[TimeRecord]:
-    """Columns of `samples` with their channels, or one array for each sensor with hits in columns."""
-    if block.has("samples"):
-        samples = _columns(block.numbers("samples"), block.where("samples"))
-        rate = _rate(block, len(samples))
-        count = samples.shape[1]
-        channels = block.strings("channels") or [f"channel {i + 1}" for i in range(count)]
-        units, words = block.strings("unit") or [""] * count, block.strings("quantities") or [""] * count
-        hits = _hit_numbers(block) if block.has("hits") else [0] * count
-        if not len(channels) == len(units) == len(words) == len(hits) == count:
-            raise MeasurementError(
-                f"{block.where('samples')}: found {count} columns; expected as many channels ({len(channels)}), units "
-                f"({len(units)}), quantities ({len(words)}) and hits ({len(hits)}); correct them"
-            )
-        for i, channel in enumerate(channels):
-            yield _time_record(block, channel, rate, samples[:, i], (units[i], words[i]), hits[i] or None)
-        return
-    for name in _SENSORS:
-        if block.raw(name) is None:
-            continue
-        samples = _columns(numbers(block.raw(name), block.where(name)), block.where(name))
-        rate = _rate(block, len(samples))
-        for i in range(samples.shape[1]):
-            word = "" if name == "response" else name
-            yield _time_record(block, name, rate, samples[:, i], ("", word), i + 1 if samples.shape[1] > 1 else None)
-
-
-def _hit_numbers(block: _Block) -> list[int]:
+def _hit_numbers(block: Block) -> list[int]:
     hits = block.numbers("hits").ravel()
     with np.errstate(invalid="ignore"):  # of NaN that signal
         whole = (hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))
@@ -283,107 +298,71 @@ def _hit_numbers(block: _Block) -> list[int]:
     return [int(hit) for hit in hits]
 
 
-def _columns(values: NDArray[Any], where: str) -> NDArray[Any]:
+def columns(values: NDArray[Any], where: str) -> NDArray[Any]:
+    """Samples in columns."""
     if values.ndim > 2 or values.size == 0:
         raise MeasurementError(f"{where}: found shape {values.shape}; expected (samples, channels); correct the array")
     return values.reshape(-1, 1) if values.ndim < 2 or 1 in values.shape else values
 
 
-def _rate(block: _Block, samples: int) -> float:
-    if block.has("sample_rate_hz"):
-        rate = block.numbers("sample_rate_hz").ravel()
-        if rate.size == 1 and 1 / HIGHEST_HZ <= rate[0] <= HIGHEST_HZ:
-            return float(rate[0])
+def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
+    """Sampling rate of an array, in Hz, with notes."""
+    told, interval = block.scalar("rate"), block.scalar("interval")
+    if block.has("sample_rate_hz") and told is None:
         raise MeasurementError(
-            f"{block.where('sample_rate_hz')}: found {rate[:3].tolist()}; expected one number above 0 and up to "
+            f"{block.where('sample_rate_hz')}: found no one number; expected one number above 0 and up to "
             f"{HIGHEST_HZ:g} Hz; correct it"
         )
-    if not block.has("time"):
+    if told is None and interval:
+        told = 1 / interval
+    if told is not None and not 1 / HIGHEST_HZ <= told <= HIGHEST_HZ:
         raise MeasurementError(
-            f"{block.where('samples')}: found no sampling rate; expected 'sample_rate_hz' or 'time'; add it"
+            f"{block.where('sample_rate_hz')}: found {told:g}; expected one number above 0 and up to "
+            f"{HIGHEST_HZ:g} Hz; correct it"
         )
-    time = block.numbers("time").ravel()
-    if time.size != samples:
+    time = _instants(block, name, (samples,))
+    if time is None or block.stated("sample_rate_hz"):
+        if told is not None:
+            return told, []
+        axes = block.named("time")
+        if axes:
+            raise MeasurementError(
+                f"{block.where(axes[0])}: found {size_of(block.get(axes[0]))} instants; expected {samples}, one for "
+                "each sample; correct it"
+            )
         raise MeasurementError(
-            f"{block.where('time')}: found {time.size} instants; expected {samples}, one for each sample; correct it"
+            f"{block.where(name)}: found no sampling rate; expected 'sample_rate_hz' or 'time'; add it"
         )
-    return even_rate(time, block.where("time"))
+    where, notes = block.where(next(iter(block.named("time")), "time")), []
+    scale, even = 1.0, time
+    if "ms" in frozenset().union(*(block.meanings[axis].hints for axis in block.named("time"))):
+        scale, notes = 1e-3, ["instants in ms converted to s"]
+    elif time.size and _DAYS[0] <= time.min() and time.max() <= _DAYS[1] and np.ptp(time) < 1:
+        scale, even, notes = 86400.0, time - time[0], ["instants in days (datenum of MATLAB) converted to s"]
+    if told is None:
+        return even_rate(even * scale, where), notes
+    rate = (time.size - 1) / (np.ptp(time) * scale) if np.ptp(time) > 0 else np.inf
+    if not abs(rate / told - 1) < 1e-2:
+        raise MeasurementError(
+            f"{where}: found instants at {rate:.6g} Hz beside a sampling rate of {told:.6g} Hz; expected one of them; "
+            "write time or sample_rate_hz with the name of the right one in [data.layout]"
+        )
+    return told, notes
 
 
 def _time_record(
-    block: _Block, channel: str, rate: float, samples: NDArray[Any], unit_and_quantity: tuple[str, str], hit: int | None
+    block: Block,
+    name: str,
+    named: tuple[str, float, str, str, int | None],
+    samples: NDArray[Any],
+    notes: list[str],
 ) -> TimeRecord:
-    unit, word = unit_and_quantity
+    channel, rate, unit, word, hit = named
     if word and word not in get_args(SensorQuantity):
         raise MeasurementError(
             f"{block.where('quantities')}: found {word!r}; expected one of {', '.join(get_args(SensorQuantity))}"
         )
-    factor, quantity, notes = read_sensor_unit(unit)
+    factor, quantity, converted = read_sensor_unit(unit)
     claimed = cast(SensorQuantity, word) if word else quantity or "unknown"
-    place, values = f"{block.where('samples')}, {channel!r}", scaled(samples, factor)
-    return TimeRecord(channel, rate, values, claimed, unit, hit, place, tuple(notes), factor)
-
-
-def arrays_of(records: Iterable[Record]) -> dict[str, dict[str, Any]]:
-    """Blocks of named arrays for records: one block for FRFs on one grid and one rate, else one for each record.
-
-    Returns
-    -------
-    dict
-        Name of the block to its arrays; the name is empty where there is one block only.
-    """
-    records = list(records)
-    frfs = [record for record in records if isinstance(record, FrfRecord)]
-    times = [record for record in records if isinstance(record, TimeRecord)]
-    blocks = [_frf_block(group) for group in (_grids(frfs))]
-    same = len({(record.sample_rate_hz, record.values.size) for record in times}) == 1
-    blocks += [_time_block(group) for group in ([times] if same else [[record] for record in times])]
-    return {"": blocks[0]} if len(blocks) == 1 else {f"record_{i + 1}": block for i, block in enumerate(blocks)}
-
-
-def _grids(frfs: Sequence[FrfRecord]) -> list[list[FrfRecord]]:
-    """All records as one grid where they form one, in grid order; else each by itself."""
-    if not frfs:
-        return []
-    first = frfs[0]
-    pairs = {(record.response, record.reference): record for record in frfs}
-    outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in pairs)) for side in (0, 1))
-    complete = len(pairs) == len(frfs) == len(outputs) * len(inputs)
-    alike = all(
-        (r.quantity, r.averages, r.coherence is None) == (first.quantity, first.averages, first.coherence is None)
-        and np.array_equal(r.frequency_hz, first.frequency_hz)
-        for r in frfs
-    )
-    if complete and alike:
-        return [[pairs[output, input_] for output in outputs for input_ in inputs]]
-    return [[record] for record in frfs]
-
-
-def _frf_block(group: list[FrfRecord]) -> dict[str, Any]:
-    first = group[0]
-    outputs, inputs = (list(dict.fromkeys(getattr(r, side) for r in group)) for side in ("response", "reference"))
-    shape = (len(outputs), len(inputs), first.frequency_hz.size)
-    block: dict[str, Any] = {
-        "frequency_hz": first.frequency_hz,
-        "frf": np.moveaxis(np.array([r.values for r in group]).reshape(shape), -1, 0),
-        "outputs": outputs,
-        "inputs": inputs,
-    }
-    if first.quantity is not None:
-        block |= {"quantity": first.quantity, "unit": si_frf_unit(first.quantity)}
-    if first.coherence is not None:
-        block["coherence"] = np.moveaxis(np.array([r.coherence for r in group]).reshape(shape), -1, 0)
-    if first.averages is not None:
-        block["averages"] = float(first.averages)
-    return block
-
-
-def _time_block(group: list[TimeRecord]) -> dict[str, Any]:
-    return {
-        "sample_rate_hz": group[0].sample_rate_hz,
-        "samples": np.array([r.values for r in group]).T,
-        "channels": [r.channel for r in group],
-        "quantities": [r.quantity for r in group],
-        "units": [si_sensor_unit(r.quantity) or " " for r in group],
-        "hits": np.array([float(r.hit or 0) for r in group]),
-    }
+    place, values = f"{block.where(name)}, {channel!r}", scaled(samples, factor)
+    return TimeRecord(channel, rate, values, claimed, unit, hit, place, (*notes, *converted), factor)

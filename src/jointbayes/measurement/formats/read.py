@@ -3,7 +3,7 @@
 import re
 import stat
 import zipfile
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -12,9 +12,9 @@ from pathlib import Path
 from jointbayes.errors import MeasurementError, path_fault
 from jointbayes.frf import FrfSet, Quantity
 from jointbayes.measurement.formats.array_files import read_arrays
+from jointbayes.measurement.formats.array_walk import records_of_tree
 from jointbayes.measurement.formats.grid import cut_to_band, join_frfs
 from jointbayes.measurement.formats.lvm import read_lvm
-from jointbayes.measurement.formats.named_arrays import records_of
 from jointbayes.measurement.formats.table import read_table
 from jointbayes.measurement.formats.uff_read import read_uff
 from jointbayes.measurement.records import MOST_BYTES, MOST_RECORDS, FrfRecord, Record, labels_of, require_short
@@ -112,13 +112,15 @@ def _text_format(path: Path, head: bytes, text: bytes) -> str:
     return "table"
 
 
-def iter_records(path: str | Path) -> Iterator[Record]:
+def iter_records(path: str | Path, layout: Mapping[str, str] | None = None) -> Iterator[Record]:
     """FRFs and time histories of a file, one after the other, in SI units and otherwise as the file has them.
 
     Parameters
     ----------
     path
         UFF, MAT, CSV or TSV, npz, HDF5 or LVM; told apart by content.
+    layout
+        What variables of the file stand for where their names do not tell: our name to theirs, as ``[data.layout]``.
 
     Yields
     ------
@@ -133,8 +135,13 @@ def iter_records(path: str | Path) -> Iterator[Record]:
     path = Path(path)
     count = 0
     kind = detect_format(path)
+    if layout and kind not in _LAID_OUT:
+        raise MeasurementError(
+            f"{path}: found [data.layout] for a file of format {kind}; expected it for MAT, HDF5 or npz; take it away"
+        )
     try:
-        with closing(_READERS[kind](path)) as records:
+        reader = _READERS[kind]
+        with closing(reader(path, layout or {}) if kind in _LAID_OUT else reader(path)) as records:
             for record in records:
                 count += 1
                 if count > MOST_RECORDS:
@@ -184,12 +191,13 @@ def read_frf(
     return join_frfs((replace(r, quantity=quantity) if quantity else r for r in cut), str(path))
 
 
-def _array_records(path: Path, kind: str) -> Generator[Record, None, None]:
-    for place, arrays in read_arrays(path, kind):
-        yield from records_of(arrays, place)
+def _array_records(path: Path, layout: Mapping[str, str], kind: str) -> Generator[Record, None, None]:
+    yield from records_of_tree(read_arrays(path, kind), layout, "." if kind.startswith("mat") else "/")
 
 
-_Reader = Callable[[Path], Generator[Record, None, None]]
+_Reader = Callable[..., Generator[Record, None, None]]
+#: Formats whose readers take a layout.
+_LAID_OUT = ("mat", "mat73", "npz", "hdf5")
 #: Formats that the first words of a file tell, with their names and readers.
 _TOLD_BY_BEGINNING: tuple[tuple[bytes, str, _Reader], ...] = (
     (b"MATLAB 7.3", "mat73", partial(_array_records, kind="mat73")),

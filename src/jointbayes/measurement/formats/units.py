@@ -244,7 +244,7 @@ def scaled(values: NDArray[Any], factor: float | None) -> NDArray[Any]:
     if factor is None or factor == 1:
         return values
     parts = np.ascontiguousarray(values)
-    with np.errstate(over="ignore", under="ignore"):
+    with np.errstate(all="ignore"):
         return np.asarray((parts.view(np.float64) * factor).view(parts.dtype))
 
 

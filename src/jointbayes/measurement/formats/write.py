@@ -3,15 +3,17 @@
 import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from jointbayes.errors import MeasurementError, WriteError, path_fault
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.formats.array_files import write_hdf5, write_mat73, write_matlab, write_npz
-from jointbayes.measurement.formats.named_arrays import arrays_of
 from jointbayes.measurement.formats.table import write_table
 from jointbayes.measurement.formats.uff_write import write_uff
-from jointbayes.measurement.formats.units import si_frf_unit
-from jointbayes.measurement.records import FrfRecord, Record
+from jointbayes.measurement.formats.units import si_frf_unit, si_sensor_unit
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.whole_file import whole_file
 
 _WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
@@ -19,10 +21,10 @@ _WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
     "uff58b": lambda records, path: write_uff(records, path, binary=True),
     "csv": lambda records, path: write_table(records, path, ","),
     "tsv": lambda records, path: write_table(records, path, "\t"),
-    "npz": lambda records, path: write_npz(arrays_of(records), path),
-    "mat": lambda records, path: write_matlab(arrays_of(records), path),
-    "mat73": lambda records, path: write_mat73(arrays_of(records), path),
-    "hdf5": lambda records, path: write_hdf5(arrays_of(records), path),
+    "npz": lambda records, path: write_npz(_arrays_of(records), path),
+    "mat": lambda records, path: write_matlab(_arrays_of(records), path),
+    "mat73": lambda records, path: write_mat73(_arrays_of(records), path),
+    "hdf5": lambda records, path: write_hdf5(_arrays_of(records), path),
 }
 
 #: Formats that can be written.
@@ -103,3 +105,68 @@ def _require_possible(path: Path) -> None:
         raise WriteError(
             f"{str(path)[:300]}: found that it cannot be written ({reason}); expected the path of a file; correct it"
         ) from None
+
+
+def _arrays_of(records: Iterable[Record]) -> dict[str, dict[str, Any]]:
+    """Blocks of named arrays for records: one block for FRFs on one grid and one rate, else one for each record.
+
+    Returns
+    -------
+    dict
+        Name of the block to its arrays; the name is empty where there is one block only.
+    """
+    records = list(records)
+    frfs = [record for record in records if isinstance(record, FrfRecord)]
+    times = [record for record in records if isinstance(record, TimeRecord)]
+    blocks = [_frf_block(group) for group in (_grids(frfs))]
+    same = len({(record.sample_rate_hz, record.values.size) for record in times}) == 1
+    blocks += [_time_block(group) for group in ([times] if same else [[record] for record in times])]
+    return {"": blocks[0]} if len(blocks) == 1 else {f"record_{i + 1}": block for i, block in enumerate(blocks)}
+
+
+def _grids(frfs: Sequence[FrfRecord]) -> list[list[FrfRecord]]:
+    """All records as one grid where they form one, in grid order; else each by itself."""
+    if not frfs:
+        return []
+    first = frfs[0]
+    pairs = {(record.response, record.reference): record for record in frfs}
+    outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in pairs)) for side in (0, 1))
+    complete = len(pairs) == len(frfs) == len(outputs) * len(inputs)
+    alike = all(
+        (r.quantity, r.averages, r.coherence is None) == (first.quantity, first.averages, first.coherence is None)
+        and np.array_equal(r.frequency_hz, first.frequency_hz)
+        for r in frfs
+    )
+    if complete and alike:
+        return [[pairs[output, input_] for output in outputs for input_ in inputs]]
+    return [[record] for record in frfs]
+
+
+def _frf_block(group: list[FrfRecord]) -> dict[str, Any]:
+    first = group[0]
+    outputs, inputs = (list(dict.fromkeys(getattr(r, side) for r in group)) for side in ("response", "reference"))
+    shape = (len(outputs), len(inputs), first.frequency_hz.size)
+    block: dict[str, Any] = {
+        "frequency_hz": first.frequency_hz,
+        "frf": np.moveaxis(np.array([r.values for r in group]).reshape(shape), -1, 0),
+        "outputs": outputs,
+        "inputs": inputs,
+    }
+    if first.quantity is not None:
+        block |= {"quantity": first.quantity, "unit": si_frf_unit(first.quantity)}
+    if first.coherence is not None:
+        block["coherence"] = np.moveaxis(np.array([r.coherence for r in group]).reshape(shape), -1, 0)
+    if first.averages is not None:
+        block["averages"] = float(first.averages)
+    return block
+
+
+def _time_block(group: list[TimeRecord]) -> dict[str, Any]:
+    return {
+        "sample_rate_hz": group[0].sample_rate_hz,
+        "samples": np.array([r.values for r in group]).T,
+        "channels": [r.channel for r in group],
+        "quantities": [r.quantity for r in group],
+        "units": [si_sensor_unit(r.quantity) or " " for r in group],
+        "hits": np.array([float(r.hit or 0) for r in group]),
+    }
