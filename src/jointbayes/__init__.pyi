@@ -48,6 +48,7 @@ from jointbayes.posterior import Posterior as Posterior
 from jointbayes.posterior.summary import Summary as Summary
 from jointbayes.progress import Progress as Progress
 from jointbayes.progress import ProgressCallback as ProgressCallback
+from jointbayes.report.export import export as export
 from jointbayes.report.run_directory import write_report as write_report
 from jointbayes.sampling import SamplerSettings as SamplerSettings
 from jointbayes.structure import BeamFamily as BeamFamily

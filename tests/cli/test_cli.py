@@ -87,7 +87,7 @@ def test_every_public_name_can_be_had():
 
 def test_help_names_every_command_and_the_exit_status():
     shown = cli("--help").output
-    for command in ("run", "identify", "sample", "report", "check"):
+    for command in ("run", "identify", "sample", "report", "export", "check"):
         assert f"\n  {command} " in shown
         assert cli(command, "--help").exit_code == 0
     codes = "0 done, 1 the check does not match or the analysis is not calibrated, 2 bad input, 3 the sampler has not"

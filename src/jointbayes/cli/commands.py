@@ -17,7 +17,7 @@ import click
 from jointbayes.cli.common import BAD_INPUT, INTERRUPTED, OUTPUT_CLOSED, TERMINATED, UNFINISHED, WRITTEN
 from jointbayes.cli.files import init, inspect_command, simulate
 from jointbayes.cli.output import is_closed, let_go, say
-from jointbayes.cli.run import check, identify, report, run, sample
+from jointbayes.cli.run import check, export, identify, report, run, sample
 from jointbayes.cli.studies import calibrate, campaign, compare, plan
 from jointbayes.errors import JointBayesError, ReportInterruptedError, TerminatedError, printable
 
@@ -118,6 +118,7 @@ for command in (
     identify,
     sample,
     report,
+    export,
     check,
     compare,
     plan,

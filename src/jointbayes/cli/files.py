@@ -36,7 +36,7 @@ def init(file: Path) -> None:
     say(f"Case: {target}; next: jointbayes run {target}")
 
 
-def _require_other_file(written: Path, read: Path, option: str) -> None:
+def require_other_file(written: Path, read: Path, option: str) -> None:
     """Refuse to write a file over the one that the command reads."""
     from jointbayes.errors import CaseError
 
@@ -46,6 +46,20 @@ def _require_other_file(written: Path, read: Path, option: str) -> None:
         return  # one of them is not there
     if same:
         raise CaseError(f"{written}: found the file that is read; expected another one; choose another {option}")
+
+
+def format_of_ending(path: Path, formats: dict[str, tuple[str, ...]]) -> str:
+    """Return the format that the ending of a file chooses; without one the path is refused."""
+    from jointbayes.errors import CaseError
+
+    for name, endings in formats.items():
+        if path.suffix.lower() in endings:
+            return name
+    expected = ", ".join(ending for endings in formats.values() for ending in endings)
+    raise CaseError(
+        f"{path}: found no format of the ending {path.suffix!r}; expected one of {expected}; choose another or give "
+        "--format"
+    )
 
 
 @click.command()
@@ -59,21 +73,15 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
     from jointbayes.case.case import load_case
     from jointbayes.case.simulated_test import describe
     from jointbayes.case.simulated_test import simulate as measure
-    from jointbayes.errors import CaseError
     from jointbayes.measurement.formats import write_records
 
-    chosen = form or next((name for name, endings in _FORMATS.items() if out.suffix.lower() in endings), None)
-    if chosen is None:
-        raise CaseError(
-            f"{out}: found no format of the ending {out.suffix!r}; expected one of "
-            f"{', '.join(e for endings in _FORMATS.values() for e in endings)}; choose another or give --format"
-        )
-    _require_other_file(out, config, "--out")
+    chosen = form or format_of_ending(out, _FORMATS)
+    require_other_file(out, config, "--out")
     case = load_case(config, allow_outside=outside_allowed())
     targets = {setup.name: out.with_stem(f"{out.stem}-{setup.name}") if setup.name else out for setup in case.setups}
     measured = {}
     for setup in case.setups:  # all of them before any is written
-        _require_other_file(targets[setup.name], config, "--out")
+        require_other_file(targets[setup.name], config, "--out")
         measured[setup.name] = measure(case, setup=setup.name, seed=seed)
     for name, records in measured.items():
         write_records(records, targets[name], chosen)
@@ -107,7 +115,7 @@ def inspect_command(
     from jointbayes.whole_file import write_whole_file
 
     if figure is not None:
-        _require_other_file(figure, file, "--figure")
+        require_other_file(figure, file, "--figure")
     if band and not band[0] < band[1]:
         raise CaseError(f"--band: found {band[0]:g} {band[1]:g}; expected LOW below HIGH, in Hz; exchange them")
     inspection = contents_of(file, mass, conjugate=conjugate, layout=layout)

@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -153,6 +154,59 @@ def report(posterior: Path, out: Path | None) -> None:
     with draws_explained(posterior, target):
         note_written(write_run(loaded, target, show_stage))
     say(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
+    exit_by_convergence(loaded)
+
+
+#: Formats of `export`, each with the endings that choose it.
+_EXPORTED: dict[str, tuple[str, ...]] = {
+    "uff58": (".uff", ".unv", ".uf"),
+    "uff58b": (),
+    "mat": (".mat",),
+    "csv": (".csv",),
+    "nastran": (".bdf", ".nas"),
+    "abaqus": (".inp",),
+    "calculix": (),
+    "ansys": (".mac",),
+}
+
+
+@click.command()
+@click.argument("posterior", type=click.Path(path_type=Path))
+@click.option("--to", "target", required=True, type=click.Path(path_type=Path), help="File to write.")
+@click.option("--format", "form", type=click.Choice(list(_EXPORTED)), help="By default that of the file's ending.")
+@click.option("--units", type=click.Choice(["SI", "mm-N-t"]), default="SI", help="Of the cards; by default SI.")
+@click.option("--setup", help="Set-up, where there are several; by default the first.")
+@click.option("--node", "nodes", multiple=True, metavar="NAME=NUMBER", help="Number of a node with a name; repeatable.")
+@click.option("--first-id", type=click.IntRange(1, 90_000_000), default=900001, help="First number that cards may use.")
+def export(
+    posterior: Path,
+    target: Path,
+    form: str | None,
+    units: Literal["SI", "mm-N-t"],
+    setup: str | None,
+    nodes: tuple[str, ...],
+    first_id: int,
+) -> None:
+    """Write predicted FRFs and modes (uff, mat, csv), or the joint as cards for FE programs, of a posterior file.
+
+    POSTERIOR may be a run directory.
+    """
+    from jointbayes.cli.files import format_of_ending, require_other_file
+    from jointbayes.errors import CaseError
+    from jointbayes.report.export import export as write
+    from jointbayes.workflow import load_posterior
+
+    chosen = form or format_of_ending(target, _EXPORTED)
+    pairs = [pair.rpartition("=") for pair in nodes]
+    if wrong := [name + sign + number for name, sign, number in pairs if not (name and number.isdecimal())]:
+        raise CaseError(f"--node: found {wrong[0]!r}; expected NAME=NUMBER, such as footA=17; correct it")
+    source = posterior / "posterior.nc" if posterior.is_dir() else posterior
+    require_other_file(target, source, "--to")
+    loaded = load_posterior(source)
+    numbers = {name: int(number) for name, _, number in pairs}
+    for line in write(loaded, target, chosen, setup=setup, units=units, nodes=numbers, first_id=first_id):
+        say(line)
+    say(f"Written: {target} ({chosen})")
     exit_by_convergence(loaded)
 
 

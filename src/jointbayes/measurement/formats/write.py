@@ -21,10 +21,10 @@ _WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
     "uff58b": lambda records, path: write_uff(records, path, binary=True),
     "csv": lambda records, path: write_table(records, path, ","),
     "tsv": lambda records, path: write_table(records, path, "\t"),
-    "npz": lambda records, path: write_npz(_arrays_of(records), path),
-    "mat": lambda records, path: write_matlab(_arrays_of(records), path),
-    "mat73": lambda records, path: write_mat73(_arrays_of(records), path),
-    "hdf5": lambda records, path: write_hdf5(_arrays_of(records), path),
+    "npz": lambda records, path: write_npz(arrays_of(records), path),
+    "mat": lambda records, path: write_matlab(arrays_of(records), path),
+    "mat73": lambda records, path: write_mat73(arrays_of(records), path),
+    "hdf5": lambda records, path: write_hdf5(arrays_of(records), path),
 }
 
 #: Formats that can be written.
@@ -107,7 +107,7 @@ def _require_possible(path: Path) -> None:
         ) from None
 
 
-def _arrays_of(records: Iterable[Record]) -> dict[str, dict[str, Any]]:
+def arrays_of(records: Iterable[Record]) -> dict[str, dict[str, Any]]:
     """Blocks of named arrays for records: one block for FRFs on one grid and one rate, else one for each record.
 
     Returns

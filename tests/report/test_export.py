@@ -1,0 +1,185 @@
+"""What a posterior says in files of other programs: values to the last bit, verdicts in comments, one-line refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.io import loadmat
+
+from jointbayes.cli.commands import main
+from jointbayes.errors import ModelError
+from jointbayes.measurement.formats import iter_records
+from jointbayes.measurement.records import FrfRecord, ModeRecord
+from jointbayes.report.export import FILES, central_joint, export
+from jointbayes.report.fe_cards import PROGRAMS
+
+FREE_ROTATION = {"1": 101, "1:r": 102}
+
+
+def written(posterior, path, form, **wishes):
+    export(posterior, path, form, **wishes)
+    return list(iter_records(path))
+
+
+def of_kind(records, kind):
+    return [record for record in records if isinstance(record, kind)]
+
+
+@pytest.fixture(scope="module")
+def band(cheap_posterior):
+    return cheap_posterior.predict_frf()
+
+
+@pytest.mark.parametrize("form", FILES)
+def test_frfs_and_their_band_are_read_back_to_the_last_bit(cheap_posterior, band, tmp_path, form):
+    frfs = of_kind(written(cheap_posterior, tmp_path / "a", form), FrfRecord)
+    words = ("median", "lower end of 95 %", "upper end of 95 %")
+    assert [(r.response, r.reference, r.quantity) for r in frfs] == [(f"5:y {w}", "5:y", band.quantity) for w in words]
+    turn = np.exp(1j * np.deg2rad(band.phase_deg[:, 0, 0]))
+    for record, size in zip(frfs, (band.magnitude, band.magnitude_low, band.magnitude_high), strict=True):
+        np.testing.assert_array_equal(record.frequency_hz, band.frequency_hz)
+        np.testing.assert_array_equal(record.values, size[:, 0, 0] * turn)
+
+
+@pytest.mark.parametrize("form", ["uff58", "uff58b"])
+def test_pyuff_reads_the_same(cheap_posterior, tmp_path, form):
+    pyuff = pytest.importorskip("pyuff", reason="the oracle of universal files is not installed")
+    records = written(cheap_posterior, tmp_path / "a.uff", form)
+    theirs = pyuff.UFF(str(tmp_path / "a.uff")).read_sets()
+    assert {151, 164, 58, 55} <= {each["type"] for each in theirs}
+    for record, each in zip(of_kind(records, FrfRecord), (s for s in theirs if s["type"] == 58), strict=True):
+        assert (each["rsp_node"], each["rsp_dir"], each["ref_node"], each["ref_dir"]) == (5, 2, 5, 2)
+        assert f"response={record.response}" in (each[f"id{n}"].strip() for n in range(1, 6))
+        np.testing.assert_allclose(each["data"], record.values, rtol=1e-12)
+        np.testing.assert_allclose(each["x"], record.frequency_hz, rtol=1e-12)
+    for record, each in zip(of_kind(records, ModeRecord), (s for s in theirs if s["type"] == 55), strict=True):
+        assert (each["mode_n"], each["freq"]) == (record.number, pytest.approx(record.frequency_hz, rel=1e-5))
+        assert each["r2"][list(each["node_nums"]).index(5)] == pytest.approx(record.shape["5:Y+"].real, rel=1e-5)
+
+
+def test_modes_are_those_of_the_joint_of_the_medians(cheap_posterior, tmp_path):
+    modes = of_kind(written(cheap_posterior, tmp_path / "a.uff", "uff58"), ModeRecord)
+    problem, medians = cheap_posterior.problem, np.median(cheap_posterior.stiffness, axis=0)
+    frequencies = problem.natural_frequencies_hz(medians, 3)[0]
+    np.testing.assert_allclose([mode.frequency_hz for mode in modes], frequencies, rtol=1e-9)
+    draws = cheap_posterior.predict_natural_frequencies(3, 400)
+    np.testing.assert_allclose([mode.frequency_sd_hz for mode in modes], draws.std(axis=0), rtol=1e-6)
+    assert {mode.modal_mass for mode in modes} == {1.0}
+    assert [mode.damping_ratio for mode in modes] == [0.01] * 3
+
+
+def test_matlab_has_modes_and_joint_by_name(cheap_posterior, tmp_path):
+    modes = of_kind(written(cheap_posterior, tmp_path / "a.uff", "uff58"), ModeRecord)
+    export(cheap_posterior, tmp_path / "a.mat", "mat")
+    file = loadmat(tmp_path / "a.mat", simplify_cells=True)
+    np.testing.assert_array_equal(file["modes"]["Fn"], [mode.frequency_hz for mode in modes])
+    np.testing.assert_array_equal(file["modes"]["Fn_std"], [mode.frequency_sd_hz for mode in modes])
+    by_label = dict(zip(file["modes"]["dofs"], file["modes"]["Phi"], strict=True))
+    np.testing.assert_array_equal(by_label["5:Y+"], [mode.shape["5:Y+"] for mode in modes])
+    medians = np.median(cheap_posterior.stiffness, axis=0)
+    np.testing.assert_allclose(file["joint"]["stiffness"], [medians[:2], medians[1:]], rtol=1e-14)
+    assert list(file["joint"]["names"]) == ["k11", "k12", "k22"]
+    assert list(file["joint"]["verdict"]) == [cheap_posterior.identifiability(n).verdict for n in ("k11", "k12", "k22")]
+    intervals = [cheap_posterior.interval(name) for name in ("k11", "k12", "k22")]
+    np.testing.assert_allclose(file["joint"]["interval95"], intervals, rtol=1e-12)
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize("units", ["SI", "mm-N-t"])
+def test_cards_say_median_interval_and_verdict(cheap_posterior, tmp_path, program, units):
+    nodes = FREE_ROTATION if program == "calculix" else {}
+    export(cheap_posterior, tmp_path / "a", program, units=units, nodes=nodes)
+    text = (tmp_path / "a").read_text(encoding="ascii")
+    said = " ".join(line.lstrip("$*! ") for line in text.splitlines())
+    for name, factor, unit in (("k11", 1e-3, "N/mm"), ("k12", 1.0, "N"), ("k22", 1e3, "N*mm/rad")):
+        known = cheap_posterior.identifiability(name)
+        factor, unit = (factor, unit) if units != "SI" else (1.0, unit.replace("mm", "m"))
+        verdict = known.verdict if "identified" in known.verdict and known.verdict[0] != "n" else known.verdict.upper()
+        assert f"{name} = {known.median * factor:.10g} {unit}, 95 % interval " in said
+        assert f": {verdict}" in said
+    assert "NOT IDENTIFIED" in said
+    assert ("mm, N, t, s" in said) == (units == "mm-N-t")
+
+
+def test_a_run_that_has_not_converged_says_so_on_its_cards(cheap_posterior, tmp_path):
+    record = replace(cheap_posterior.record, converged=False, reason="stopped after 3 steps")
+    export(replace(cheap_posterior, record=record), tmp_path / "a.bdf", "nastran")
+    said = (tmp_path / "a.bdf").read_text().replace("\n$ ", " ")
+    assert "NOT CONVERGED, DO NOT USE THESE NUMBERS: stopped after 3 steps" in said
+    assert "NO VERDICT" in said
+
+
+def test_where_no_joint_has_the_medians_the_mode_is_written(cheap_posterior, monkeypatch):
+    theta, of = central_joint(cheap_posterior)
+    assert of == "joint of the medians"
+    np.testing.assert_allclose(
+        cheap_posterior.problem.prior.values(theta), np.median(cheap_posterior.stiffness, axis=0)
+    )
+    kind = type(cheap_posterior.problem.parametrisation)
+    monkeypatch.setattr(kind, "describes", lambda *_: False)
+    theta, of = central_joint(cheap_posterior)
+    assert of.startswith("joint mode")
+    assert theta is cheap_posterior.mode_theta
+
+
+def test_data_without_frfs_have_modes_and_no_table(frequency_posterior, tmp_path):
+    records = written(frequency_posterior, tmp_path / "a.uff", "uff58")
+    assert {type(record) for record in records} == {ModeRecord}
+    assert len(records) >= 3
+    with pytest.raises(ModelError, match=r"found .* as data, and no FRFs for csv; expected FRFs; choose uff58 or mat"):
+        export(frequency_posterior, tmp_path / "a.csv", "csv")
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_an_unknown_format_is_refused(cheap_posterior, tmp_path):
+    with pytest.raises(ModelError, match="found format 'step'; expected one of uff58, uff58b, mat, csv, nastran"):
+        export(cheap_posterior, tmp_path / "a", "step")
+
+
+# ---- command line
+
+
+@pytest.fixture(scope="module")
+def saved(cheap_posterior, tmp_path_factory):
+    directory = tmp_path_factory.mktemp("export") / "out"
+    directory.mkdir()
+    cheap_posterior.save(directory / "posterior.nc")
+    return directory
+
+
+def cli(*arguments):
+    result = CliRunner().invoke(main, ["export", *map(str, arguments)])
+    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
+    return result
+
+
+@pytest.mark.parametrize(
+    ("name", "begins"), [("a.uff", "    -1"), ("a.csv", "# Joint"), ("a.bdf", "$"), ("a.inp", "**"), ("a.mac", "!")]
+)
+def test_the_ending_chooses_the_format_and_a_run_directory_will_do(saved, tmp_path, name, begins):
+    result = cli(saved, "--to", tmp_path / name)
+    assert result.exit_code == 0
+    assert f"Written: {tmp_path / name}" in result.output
+    assert (tmp_path / name).read_text(encoding="utf-8").startswith(begins)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--to", "a.step"), "found no format of the ending '.step'; expected one of .uff"),
+        (("--to", "posterior.nc", "--format", "uff58"), "found the file that is read"),
+        (("--to", "a.bdf", "--node", "1"), "--node: found '1'; expected NAME=NUMBER, such as footA=17; correct it"),
+        (("--to", "a.bdf", "--node", "1=x"), "--node: found '1=x'"),
+        (("--to", "a.bdf", "--node", "1=0"), "DOF 1:y: found no node with a number"),
+        (("--to", "a.inp", "--format", "calculix"), "found a rotation of node 1; expected the ROT NODE"),
+        (("--to", "a.uff", "--setup", "loud"), "found set-up 'loud'"),
+    ],
+)
+def test_what_cannot_be_written_is_one_line(saved, tmp_path, monkeypatch, options, said):
+    monkeypatch.chdir(saved)
+    result = cli("posterior.nc", *options)
+    assert result.exit_code == 2
+    assert said in result.output
+    assert len(result.output.splitlines()) == 1
+    assert sorted(path.name for path in saved.iterdir()) == ["posterior.nc"]
