@@ -117,7 +117,7 @@ def _name_arrays(blocks: list[Block], layout: Mapping[str, str]) -> list[Block]:
     data = [key for key in layout if key in _DATA]
     named: list[Block] = []
     for block in blocks:
-        if data and not any(block is holder for key in data for holder, _ in places[key]):
+        if data and not any(block is holder for holder, _ in places[data[0]]):
             continue
         mapped, written = {}, {}
         for key, path in layout.items():
