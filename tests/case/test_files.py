@@ -592,3 +592,29 @@ def test_frfs_that_are_made_here_are_no_conjugates(tmp_path):
     data = frf_data("conjugate = true") + '[data.records]\nmethod = "impact"\n'
     with pytest.raises(CaseError, match=r"data\.conjugate: found true with time histories"):
         loaded(tmp_path, data)
+
+
+def test_a_layout_names_the_variables_of_a_file_that_nobody_would_know(tmp_path):
+    frf = virtual()
+    variables = {"a": frf.values[:, :, 0], "b": frf.frequency_hz, "outputs": np.array(["p", "q", "r"])}
+    np.savez(tmp_path / "tip.npz", **variables, inputs=np.array(["hammer"]))
+    channels = '"p" = "5:y"\n"q" = "1:y"\n"r" = "1:rz"\n"hammer" = "5:y"'
+    variance = '[data.variance]\nsource = "relative"\nrelative = 0.02\nfloor = 0.01'
+    data = frf_data('outputs = ["5:y"]\nquantity = "accelerance"', channels, variance)
+    case = loaded(tmp_path, f'{data}\n[data.layout]\nfrf = "a"\nfrequency_hz = "b"\n')
+    np.testing.assert_allclose(case.problem.test.data.frf.values, frf.values[:, :1], rtol=1e-12)
+    with pytest.raises(CaseError, match="found neither FRFs nor time histories in 'a'"):
+        loaded(tmp_path, data)
+    with pytest.raises(CaseError, match=r'data.layout.frff: unknown key.* did you mean "frf"'):
+        loaded(tmp_path, f'{data}\n[data.layout]\nfrff = "a"\n')
+
+
+def test_inspect_takes_a_layout(tmp_path):
+    frf = virtual()
+    np.savez(tmp_path / "tip.npz", a=frf.values[:, 0, 0], b=frf.frequency_hz)
+    named = ["--layout", "frf=a", "--layout", "frequency_hz = b"]
+    shown = CliRunner().invoke(main, ["inspect", str(tmp_path / "tip.npz"), *named])
+    assert (shown.exit_code, "output 1" in shown.output) == (0, True)
+    wrong = CliRunner().invoke(main, ["inspect", str(tmp_path / "tip.npz"), "--layout", "frf"])
+    assert wrong.exit_code == 2
+    assert "found 'frf'; expected KEY=NAME" in wrong.output

@@ -1,9 +1,9 @@
 """FRFs, coherences and spectra among the arrays of one struct or group."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.named_arrays import Block, is_text, rises, size_of, square_error, two_axes_error
+from jointbayes.measurement.formats.matlab_5 import Unread
+from jointbayes.measurement.formats.named_arrays import Block, is_complex, rises, size_of, square_error, two_axes_error
 from jointbayes.measurement.formats.units import frequency_factor, read_frf_unit, scaled
 from jointbayes.measurement.records import MOST_AVERAGES, CoherenceRecord, FrfRecord, SpectrumRecord
 
@@ -21,13 +22,11 @@ _MOST_RADIANS = 4 * np.pi
 
 @dataclass(frozen=True, slots=True)
 class _Values:
-    """Values over frequency under one name or two, before they are laid along the lines."""
+    """Values over frequency as they stand under one name or two."""
 
     name: str
     values: NDArray[Any]
-    rest: frozenset[str]
     notes: list[str] = field(default_factory=list)
-    quantity: Quantity | None = None
 
 
 def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | SpectrumRecord]:
@@ -39,40 +38,25 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
         If a frequency axis is missing or is one of two, shapes do not agree, or what is given has two readings.
     """
     frfs = _frfs(block)
-    _refuse_estimators(block, [frf.name for frf in frfs])
-    coherences = [
-        _Values(n, block.numbers(n), block.meanings[n].rest)
-        for n in block.named("coherence")
-        if frfs or _axis(block, np.shape(block.get(n)))
-    ]
+    coherences = [name for name in block.named("coherence") if frfs or _axes(block, block.numbers(name).shape)]
     for frf in frfs:
-        fitting = [c for c in coherences if c.rest == frf.rest] or (coherences if len(frfs) == 1 else [])
+        alike = [name for name in coherences if block.rest(name) == block.rest(frf.name)]
+        fitting = alike or (coherences if len(frfs) == 1 else [])
         coherence = fitting[0] if len(fitting) == 1 else None
-        coherences = [c for c in coherences if c is not coherence]
+        coherences = [name for name in coherences if name != coherence]
         yield from _frf_records(block, frf, coherence, alone=len(frfs) == 1)
-    for values in coherences:
-        lines, notes, array = _laid_out(block, values)
-        labels = _labels_of(block, values, array.shape, alone=not frfs and len(coherences) == 1)
-        for i, j, output, input_ in _pairs(labels[:2]):
-            place = f"{block.where(values.name)}, {output!r} over {input_!r}"
-            said = (*notes, *labels[2])
-            yield CoherenceRecord(output, input_, lines, array[:, i, j], _averages(block), place, said)
+    for name in coherences:
+        alone = not frfs and len(coherences) == 1
+        for labels, lines, values, where, notes in _laid_out(block, _Values(name, block.numbers(name)), alone=alone):
+            yield CoherenceRecord(*labels, lines, values, _averages(block), where, notes)
     for name in block.named("spectrum"):
         array = block.numbers(name, np.complex128)
-        if array.ndim < 3 and _axis(block, array.shape) is not None:
-            kind = " ".join(w for w in re.split(r"[\W_]+", name) if not w.isdecimal())
-            lines, notes, array = _laid_out(block, _Values(name, array, frozenset()))
-            for i in range(array.shape[1]):
-                label = _channel(name) or (f"{name} {i + 1}" if array.shape[1] > 1 else name)
-                unit = block.unit_of(name)
-                yield SpectrumRecord(label, kind, lines, array[:, i, 0], unit, block.where(name), tuple(notes))
-
-
-def _pairs(labels: Sequence[list[str]]) -> Iterator[tuple[int, int, str, str]]:
-    outputs, inputs = labels
-    for i, output in enumerate(outputs):
-        for j, input_ in enumerate(inputs):
-            yield i, j, output, input_
+        if array.ndim < 3 and _axes(block, array.shape):
+            kind = block.string("kind") or " ".join(w for w in re.split(r"[\W_]+", name) if not w.isdecimal())
+            alone = block.has("outputs")
+            for labels, lines, values, where, notes in _laid_out(block, _Values(name, array), alone=alone):
+                unit = block.unit_of(name) or block.string("unit")
+                yield SpectrumRecord(labels[0], kind, lines, values, unit, where, notes)
 
 
 # ---- values
@@ -82,45 +66,45 @@ def _frfs(block: Block) -> list[_Values]:
     """FRFs of a block: complex arrays, real and imaginary parts, magnitudes with phases."""
     frfs = [_complex(block, *names) for names in _matched(block, "real", "imaginary")]
     if block.stated("real") and not frfs:
-        frfs.append(_Values("real", block.numbers("real").astype(complex), frozenset(), ["imaginary part taken as 0"]))
+        frfs.append(_Values("real", block.numbers("real").astype(complex), ["imaginary part taken as 0"]))
     frfs += [_polar(block, *names) for names in _matched(block, "magnitude", "phase")]
-    named = [n for n, m in block.meanings.items() if m.role == "frf" and _may_be_frf(block, n)]
+    named = block.named("frf") or [
+        n
+        for n, value in block.arrays.items()
+        if n.lower() in ("frf", "frfs") and isinstance(value, (np.ndarray, Unread))
+    ]
     for name in named:
         array = block.numbers(name, np.complex128)
-        if np.asarray(block.get(name)[0] if isinstance(block.get(name), list) else block.get(name)).dtype.kind == "c":
-            meaning = block.meanings[name]
-            frfs.append(_Values(name, array, meaning.rest, [], meaning.quantity))
-    if frfs or not named:
-        return frfs
-    polar = [_polar(block, *names) for names in _matched(block, "frf", "phase")]
-    if not polar:
+        if is_complex(block.get(name)):
+            frfs.append(_Values(name, array))
+    if named and not frfs:
+        frfs = [_polar(block, *names) for names in _matched(block, "frf", "phase")]
+    if named and not frfs:
         raise MeasurementError(
             f"{block.where(named[0])}: found real numbers, which may be the real part of an FRF or its magnitude; "
-            f'expected complex numbers, or the other part beside it; write magnitude = "{block.place}{named[0]}" and '
+            f'expected complex numbers, or the other part beside it; write magnitude = "{block.path(named[0])}" and '
             "phase_deg, or real and imaginary, in [data.layout]"
         )
-    return polar
-
-
-def _may_be_frf(block: Block, name: str) -> bool:
-    value = block.get(name)
-    if name.lower() in ("frf", "frfs") and not isinstance(value, (dict, list)):
-        return True
-    return size_of(value) > 1
+    if len(frfs) > 1 and {frf.name.lower() for frf in frfs} <= {"h1", "h2", "hv"}:
+        raise MeasurementError(
+            f"{block.where(named[0])}: found {' and '.join(named)}, which may be estimates of one FRF or FRFs of "
+            f'several channels; expected one of them; write frf = "{block.path(named[0])}" in [data.layout]'
+        )
+    return frfs
 
 
 def _matched(block: Block, first: str, second: str) -> Iterator[tuple[str, str]]:
     """Names of two roles that belong together: by their other words, or because there is one of each."""
     ones, others = block.named(first), block.named(second)
     for name in ones:
-        alike = [o for o in others if block.meanings[o].rest == block.meanings[name].rest]
+        alike = [other for other in others if block.rest(other) == block.rest(name)]
         if len(ones) == len(others) == 1 or len(alike) == 1:
             yield name, (alike or others)[0]
 
 
-def _same_shape(block: Block, name: str, other: str) -> tuple[Array, Array]:
+def _same_size(block: Block, name: str, other: str) -> tuple[Array, Array]:
     first, second = block.numbers(name), block.numbers(other)
-    if first.shape != second.shape and not (first.size == second.size == max(*first.shape, *second.shape)):
+    if first.shape != second.shape and not first.size == second.size == max(*first.shape, *second.shape):
         raise MeasurementError(
             f"{block.where(other)}: found shape {second.shape}; expected {first.shape} as '{name}'; correct one of them"
         )
@@ -128,98 +112,63 @@ def _same_shape(block: Block, name: str, other: str) -> tuple[Array, Array]:
 
 
 def _complex(block: Block, real: str, imaginary: str) -> _Values:
-    first, second = _same_shape(block, real, imaginary)
+    first, second = _same_size(block, real, imaginary)
     values = np.empty(first.shape, complex)
     values.real, values.imag = first, second
-    return _Values(real, values, block.meanings[real].rest, [], block.meanings[real].quantity)
+    return _Values(real, values)
 
 
 def _polar(block: Block, name: str, of_phase: str) -> _Values:
-    magnitude, phase = _same_shape(block, name, of_phase)
-    notes, meaning = [], block.meanings[name]
-    unit = block.unit_of(name)
-    if "db" in meaning.hints or re.match(r"dB\b", unit, re.IGNORECASE):
-        notes.append("decibels taken as 20 log10 of the magnitude")
-        with np.errstate(over="ignore"):
-            magnitude = 10 ** (magnitude / 20)
+    magnitude, phase = _same_size(block, name, of_phase)
+    hints, notes = block.hints(of_phase), []
+    if "db" in block.hints(name):
+        notes = ["decibels taken as 20 log10 of the magnitude"]
+        magnitude = 10 ** (magnitude / 20)
     elif (magnitude < 0).any():
         raise MeasurementError(
             f"{block.where(name)}: found negative numbers, which may be decibels or the real part of an FRF; expected "
-            f'magnitudes of 0 or more; write magnitude_db or real = "{block.place}{name}" in [data.layout]'
+            f'magnitudes of 0 or more; write magnitude_db or real = "{block.path(name)}" in [data.layout]'
         )
-    radians, note = _radians(block, of_phase, phase)
-    with np.errstate(invalid="ignore"):
-        values = magnitude * np.exp(1j * radians)
-    return _Values(name, values, meaning.rest, notes + note, meaning.quantity)
-
-
-def _radians(block: Block, name: str, phase: Array) -> tuple[Array, list[str]]:
-    hints, unit = block.meanings[name].hints, block.unit_of(name).lower().strip("[]() ")
-    if hints & {"rad", "radian", "radians"} or unit in ("rad", "radian", "radians"):
-        return phase, []
-    if hints & {"deg", "degree", "degrees"} or unit in ("deg", "degree", "degrees", "°"):
-        return np.deg2rad(phase), []
-    if np.max(np.abs(phase[np.isfinite(phase)]), initial=0.0) > _MOST_RADIANS:
-        return np.deg2rad(phase), ["phase without unit taken as degrees, since it passes 4π"]
-    raise MeasurementError(
-        f"{block.where(name)}: found a phase that may be in degrees or in radians; expected the unit in its name; "
-        f'write phase_deg = "{block.place}{name}" or phase_rad in [data.layout]'
-    )
-
-
-def _refuse_estimators(block: Block, names: list[str]) -> None:
-    """H1 and H2 may be two estimates of one FRF, or two FRFs."""
-    small = {name.lower() for name in names}
-    if len(small) > 1 and small <= {"h1", "h2", "hv"}:
+    if not hints & {"deg", "rad"} and np.max(np.abs(phase[np.isfinite(phase)]), initial=0.0) > _MOST_RADIANS:
+        hints, notes = frozenset({"deg"}), [*notes, "phase without unit taken as degrees, since it passes 4π"]
+    if not hints & {"deg", "rad"}:
         raise MeasurementError(
-            f"{block.where(names[0])}: found {' and '.join(names)}, which may be estimates of one FRF or FRFs of "
-            f'several channels; expected one of them; write frf = "{block.place}{names[0]}" in [data.layout]'
+            f"{block.where(of_phase)}: found a phase that may be in degrees or in radians; expected the unit in its "
+            f'name; write phase_deg = "{block.path(of_phase)}" or phase_rad in [data.layout]'
         )
+    return _Values(name, magnitude * np.exp(1j * (np.deg2rad(phase) if "deg" in hints else phase)), notes)
 
 
 # ---- axes
 
 
-def _axis(block: Block, shape: tuple[int, ...]) -> str | None:
-    """Name of the frequency vector that fits an array of this shape, in this block or an outer one."""
-    fitting = [n for n in block.named("frequency") + block.named("omega") if size_of(block.get(n)) in shape]
-    return fitting[0] if fitting else (None if block.outer is None else _axis(block.outer, shape))
+def _axes(block: Block | None, shape: tuple[int, ...]) -> list[tuple[Block, str]]:
+    """Frequency vectors that fit an array, of the innermost block that has one; such in Hz before those in rad/s."""
+    while block is not None:
+        for role in ("frequency", "omega"):
+            names = [name for name in block.named(role) if size_of(block.get(name)) in shape]
+            if names:
+                return [(block, n) for n in names if block.stated(n)] or [(block, n) for n in names]
+        block = block.outer
+    return []
 
 
 def _lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
     """Frequency lines of an array, in Hz, with notes."""
-    for holder in _outwards(block):
-        for role, factor in (("frequency", 1.0), ("omega", 0.5 / np.pi)):
-            axes = holder.named(role)
-            if role == "frequency" and not axes and (name_of := holder.name_of("frequency_hz")) is not None:
-                axes = [name_of]  # of one line, or no numbers at all
-            fitting = [axis for axis in axes if size_of(holder.get(axis)) in shape] or axes[:1]
-            key = "frequency_hz" if role == "frequency" else "omega"
-            fitting = [axis for axis in fitting if holder.stated(axis)] or fitting
-            if not fitting:
-                continue
-            lines = holder.numbers(fitting[0]).ravel()
-            for other in fitting[1:]:
-                if not np.array_equal(holder.numbers(other).ravel(), lines):
-                    raise two_axes_error(holder, name, (fitting[0], other), key)
-            unit = holder.unit_of(fitting[0]) or ("khz" if "khz" in holder.meanings[fitting[0]].hints else "")
-            if role == "omega":
-                return lines * factor, ["frequency in rad/s converted to Hz"]
-            return _in_hertz(lines, unit, holder.where(fitting[0]))
-    return _counted_lines(block, name, shape)
-
-
-def _outwards(block: Block | None) -> Iterator[Block]:
-    while block is not None:
-        yield block
-        block = block.outer
-
-
-def _in_hertz(lines: Array, unit: str, where: str) -> tuple[Array, list[str]]:
-    factor: float | None = frequency_factor(unit) if unit else 1.0
+    axes = _axes(block, shape) or [(block, axis) for role in ("frequency", "omega") for axis in block.named(role, 0)]
+    if not axes:
+        return _counted_lines(block, name, shape)
+    holder, axis = axes[0]
+    lines, role = holder.numbers(axis).ravel(), holder.meanings[axis].role
+    for _, other in axes[1:]:
+        if role == holder.meanings[other].role and not np.array_equal(holder.numbers(other).ravel(), lines):
+            raise two_axes_error(holder, name, (axis, other), "frequency_hz")
+    hints = holder.hints(axis)
+    unit = "rad/s" if role == "omega" else holder.unit_of(axis) or ("kHz" if "khz" in hints else "Hz")
+    factor = frequency_factor(unit)
     if factor is None:
-        raise MeasurementError(f"{where}: found the unit {unit!r}; expected Hz or rad/s; correct it")
-    return np.multiply(lines, factor, dtype=np.float64), [f"frequency in {unit} converted to Hz"] if factor != 1 else []
+        raise MeasurementError(f"{holder.where(axis)}: found the unit {unit!r}; expected Hz or rad/s; correct it")
+    return lines * factor, [f"frequency in {unit} converted to Hz"] if factor != 1 else []
 
 
 def _counted_lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
@@ -227,145 +176,121 @@ def _counted_lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Arr
     start, step = block.scalar("f_start"), block.scalar("f_step")
     if step is not None and start is not None:
         return start + step * np.arange(float(max(shape, default=0))), [
-            f"lines from {start:g} Hz in steps of {step:g} Hz"
+            f"lines of {start:g} Hz and steps of {step:g} Hz"
         ]
     if step is not None:
         raise MeasurementError(
             f"{block.where(name)}: found a step of {step:g} Hz and no first line, which may be 0 or {step:g} Hz; "
             f'expected both; write f_start_hz = "0" or "{step:g}" in [data.layout]'
         )
-    for holder in _outwards(block):
-        for axis in holder.named("w"):
-            raise MeasurementError(
-                f"{holder.where(axis)}: found an axis that may be in rad/s or in Hz; expected its name to say which; "
-                f'write omega_rad_s = "{holder.place}{axis}" or frequency_hz in [data.layout]'
-            )
+    if axes := [*block.named("w"), *(block.outer.named("w") if block.outer else [])]:
+        raise MeasurementError(
+            f"variable '{axes[0]}': found an axis that may be in rad/s or in Hz; expected its name to say which; write "
+            f'omega_rad_s = "{axes[0]}" or frequency_hz in [data.layout]'
+        )
     rising = [n for n, v in block.arrays.items() if size_of(v) in shape and rises(v)]
-    guess = (
-        f"; '{rising[0]}' rises: write frequency_hz = \"{block.place}{rising[0]}\" in [data.layout]" if rising else ""
-    )
+    guess = f"'{rising[0]}' rises: write frequency_hz = \"{block.path(rising[0])}\" in [data.layout]" if rising else ""
     raise MeasurementError(
         f"{block.where(name)}: found no frequency lines with it; expected a variable 'frequency_hz' (or "
-        f"'omega_rad_s'){guess or '; add it, or name it in [data.layout]'}"
+        f"'omega_rad_s'); {guess or 'add it, or name it in [data.layout]'}"
     )
 
 
-def _laid_out(block: Block, values: _Values) -> tuple[Array, list[str], NDArray[Any]]:
-    """Lines, notes, and the values in the shape (lines, outputs, inputs)."""
-    lines, notes = _lines(block, values.name, values.values.shape)
-    array, moved = _arrange_axes(values.values, lines.size, values.name, block)
-    return lines, [*notes, *values.notes, *moved], array
-
-
-def _arrange_axes(values: NDArray[Any], lines: int, name: str, block: Block) -> tuple[NDArray[Any], list[str]]:
+def _arranged(block: Block, name: str, values: NDArray[Any], lines: int) -> tuple[NDArray[Any], list[str]]:
     """Array of shape (lines, outputs, inputs) from the shapes that occur in files."""
     shape, notes, where = values.shape, [], block.where(name)
     if values.ndim == 0 or values.ndim > 3 or lines not in shape:
         raise MeasurementError(
             f"{where}: found shape {shape}; expected (lines, outputs, inputs) with {lines} lines; correct the array"
         )
-    if shape.count(lines) > 1 and lines > 1 and not block.strings("outputs"):
-        raise square_error(where, shape, "lines", "frf", block.place + name)
+    if shape.count(lines) > 1 and lines > 1 and not block.has("outputs"):
+        raise square_error(block, name, shape, "lines", "frf")
     if shape[0] != lines:
         axis = shape.index(lines)
         values = np.moveaxis(values, axis, 0)
         notes.append(f"array of shape {shape} read with its lines along axis {axis + 1}")
-    if values.ndim == 1:
-        return values[:, None, None], notes
-    if values.ndim == 2:
-        one_output = len(block.strings("outputs")) == 1 and values.shape[1] > 1
-        return (values[:, None, :] if one_output else values[:, :, None]), notes
-    return values, notes
+    one_output = values.ndim == 2 and values.shape[1] > 1 and len(block.strings("outputs")) == 1
+    return values[:, None, :] if one_output else values.reshape(*values.shape, *[1] * (3 - values.ndim)), notes
 
 
 # ---- records
 
 
-def _frf_records(block: Block, frf: _Values, coherence: _Values | None, *, alone: bool) -> Iterator[FrfRecord]:
-    lines, notes, values = _laid_out(block, frf)
-    outputs, inputs, of_labels = _labels_of(block, frf, values.shape, alone=alone)
-    of_coherence = None
+def _laid_out(
+    block: Block, given: _Values, *, alone: bool
+) -> Iterator[tuple[tuple[str, str], Array, NDArray[Any], str, tuple[str, ...]]]:
+    """Each column of an array with its labels, lines, place and notes."""
+    lines, notes = _lines(block, given.name, given.values.shape)
+    array, moved = _arranged(block, given.name, given.values, lines.size)
+    outputs, of_outputs = _labels(block, given.name, "output", array.shape[1], alone=alone)
+    inputs, of_inputs = _labels(block, given.name, "input", array.shape[2], alone=alone)
+    said = tuple(dict.fromkeys([*notes, *given.notes, *moved, *of_outputs, *of_inputs]))
+    for i, output in enumerate(outputs):
+        for j, input_ in enumerate(inputs):
+            where = f"{block.where(given.name)}, {output!r} over {input_!r}"
+            yield (output, input_), lines, array[:, i, j], where, said
+
+
+def _frf_records(block: Block, frf: _Values, coherence: str | None, *, alone: bool) -> Iterator[FrfRecord]:
+    columns = list(_laid_out(block, frf, alone=alone))
+    squared: list[Array | None] = [None] * len(columns)
     if coherence is not None:
-        of_coherence, _ = _arrange_axes(coherence.values, lines.size, coherence.name, block)
-        if of_coherence.shape != values.shape:
+        arranged, _ = _arranged(block, coherence, block.numbers(coherence), columns[0][1].size if columns else 0)
+        squared = list(arranged.reshape(len(arranged), -1).T)
+        if len(squared) != len(columns):
             raise MeasurementError(
-                f"{block.where(coherence.name)}: found shape {of_coherence.shape}; expected {values.shape} as the "
-                "FRFs; store one coherence for each FRF"
+                f"{block.where(coherence)}: found shape {arranged.shape}; expected {frf.values.shape} as the FRFs; "
+                "store one coherence for each FRF"
             )
     unit = block.unit_of(frf.name) or block.string("unit")
     factor, of_unit, converted = read_frf_unit(unit)
-    quantity = _quantity(block) or frf.quantity or of_unit
+    quantity = _quantity(block) or block.meanings[frf.name].quantity or of_unit
     if of_unit is not None and quantity != of_unit:
         converted = [*converted, f"{quantity} by name, {of_unit} by its unit: the name was followed"]
     averages = _averages(block)
-    for i, j, output, input_ in _pairs((outputs, inputs)):
-        yield FrfRecord(
-            output,
-            input_,
-            lines,
-            scaled(values[:, i, j], factor),
-            quantity,
-            unit,
-            None if of_coherence is None else of_coherence[:, i, j],
-            averages,
-            f"{block.where(frf.name)}, {output!r} over {input_!r}",
-            (*notes, *of_labels, *converted),
-            factor,
-        )
+    for (labels, lines, values, where, notes), of_pair in zip(columns, squared, strict=True):
+        said, si_values = (*notes, *converted), scaled(values, factor)
+        yield FrfRecord(*labels, lines, si_values, quantity, unit, of_pair, averages, where, said, factor)
 
 
-def _channel(name: str) -> str | None:
-    """Channel of a variable of SignalCalc."""
-    match = re.fullmatch(r".*_chan_(\d{1,6})", name.lower())
-    return f"channel {match[1]}" if match else None
-
-
-def _labels_of(
-    block: Block, values: _Values, shape: tuple[int, ...], *, alone: bool
-) -> tuple[list[str], list[str], list[str]]:
-    """Response and reference labels of an array, and notes on where they are from."""
-    digits = re.fullmatch(r"[a-z]+_?(\d)_?(\d)", values.name.lower())
-    channel = _channel(values.name)
+def _labels(
+    block: Block, name: str, side: Literal["output", "input"], count: int, *, alone: bool
+) -> tuple[list[str], list[str]]:
+    """Labels of the responses or forces of an array, and notes on where they are from."""
+    small = name.lower()
+    digits, channel = re.fullmatch(r"[a-z]+_?(\d)_?(\d)", small), re.fullmatch(r".*_chan_(\d{1,6})", small)
     if channel is not None:
-        labels, notes = (channel, "channel 1"), ["channel 1 taken as the reference of all FRFs"]
+        label, note = f"channel {channel[1] if side == 'output' else 1}", "channel 1 taken as the reference of all FRFs"
     elif digits is not None:
-        labels = (f"output {digits[1]}", f"input {digits[2]}")
-        notes = [f"'{values.name}' read as response {digits[1]} over force {digits[2]}"]
-    elif alone and block.label and not block.has("outputs"):
-        named = next((block.string(key) for key in ("name", "label", "point") if is_text(block.get(key))), "")
-        labels, notes = (named or block.label, "input 1"), ["channels named by the elements of an array of structs"]
-    elif alone:
-        outputs, of_outputs = _labels(block, "outputs", shape[1])
-        inputs, of_inputs = _labels(block, "inputs", shape[2])
-        return outputs, inputs, of_outputs + of_inputs
-    else:
-        labels, notes = (values.name, "input 1"), ["channels named by the variables of the file"]
-    sides = [[f"{x} {i + 1}" for i in range(n)] if n > 1 else [x] for x, n in zip(labels, shape[1:], strict=True)]
-    return sides[0], sides[1], notes
-
-
-def _labels(block: Block, key: str, count: int) -> tuple[list[str], list[str]]:
-    labels = block.strings(key)
-    if not labels:
-        name = key[:-1]
-        return [f"{name} {i + 1}" for i in range(count)], [f"no {key} named in the file, numbered instead"]
-    if len(labels) != count or len(set(labels)) != count:
-        raise MeasurementError(
-            f"{block.where(key)}: found {len(labels)} labels, {len(set(labels))} different; expected {count}, one for "
-            "each; correct them"
+        label, note = (
+            f"{side} {digits[1 + (side == 'input')]}",
+            f"'{name}' read as response {digits[1]} over {digits[2]}",
         )
-    return labels, []
+    elif labels := block.strings(f"{side}s") if alone else []:
+        if len(labels) != count or len(set(labels)) != count:
+            raise MeasurementError(
+                f"{block.where(f'{side}s')}: found {len(labels)} labels, {len(set(labels))} different; expected {count}"
+                ", one for each; correct them"
+            )
+        return labels, []
+    elif alone and not (block.label and side == "output"):
+        return [f"{side} {i + 1}" for i in range(count)], [f"no {side}s named in the file, numbered instead"]
+    else:
+        own_name = block.string("name") or block.string("label") or block.label if alone else name
+        label, note = (
+            (own_name if side == "output" else "input 1"),
+            "channels named by variables or structs of the file",
+        )
+    return [label] if count == 1 else [f"{label} {i + 1}" for i in range(count)], [note]
 
 
 def _quantity(block: Block) -> Quantity | None:
     word = block.string("quantity").lower()
-    if not word:
-        return None
-    if word not in get_args(Quantity):
+    if word and word not in get_args(Quantity):
         raise MeasurementError(
             f"{block.where('quantity')}: found {word!r}; expected one of {', '.join(get_args(Quantity))}; correct it"
         )
-    return cast(Quantity, word)
+    return cast(Quantity, word) if word else None
 
 
 def _averages(block: Block) -> int | None:

@@ -11,9 +11,9 @@ import numpy as np
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.array_frfs import frequency_records
 from jointbayes.measurement.formats.array_names import ALIASES, tokens_of
-from jointbayes.measurement.formats.array_structs import described_records
+from jointbayes.measurement.formats.array_structs import described_blocks
 from jointbayes.measurement.formats.matlab_5 import Unread
-from jointbayes.measurement.formats.named_arrays import Block, rises, size_of, time_records
+from jointbayes.measurement.formats.named_arrays import Block, is_text, rises, size_of, time_records
 from jointbayes.measurement.records import CoherenceRecord, FrfRecord, Record
 
 #: Keys of a layout that name an axis, with the roles that they replace, and those that may be a number as well.
@@ -28,6 +28,8 @@ _DATA = (
     *("frf", "real", "imaginary", "magnitude", "magnitude_db", "phase", "phase_deg", "phase_rad", "coherence"),
     *("samples", "force", "response"),
 )
+_VALUES = {*("frf", "coherence", "spectrum", "real", "imaginary", "magnitude", "phase", "signal", "samples"), ""}
+_VALUES |= {"outputs", "inputs"}
 #: Keys of a layout for arrays.
 LAYOUT_KEYS = (*_AXES, *_DATA)
 _MOST_LISTED = 8
@@ -51,26 +53,36 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
         If nothing is understood, or something may be read in two ways; naming what there is.
     """
     blocks = list(_blocks(tree, "", None, sign))
-    used = _name_arrays(blocks, layout) if layout else blocks
+    used = _name_arrays(blocks, layout) if layout else _described(blocks)
     records: list[Record] = []
-    for block in used:
-        described = None if layout else described_records(block)
-        records += described if described is not None else [*frequency_records(block), *time_records(block)]
+    with np.errstate(all="ignore"):  # a file may hold any number
+        for block in used:
+            records += [*frequency_records(block), *time_records(block)]
     if not records and any(block.arrays for block in blocks):
         raise MeasurementError(_not_understood(blocks))
     yield from _with_coherences(records)
 
 
 def _blocks(tree: Mapping[str, Any], place: str, outer: Block | None, sign: str, label: str = "") -> Iterator[Block]:
-    """The struct itself, then those within it; nothing within one that describes itself."""
+    """The struct itself, then those within it."""
     block = Block(tree, place, outer, label=label)
     yield block
     for name, value in tree.items():
-        if isinstance(value, dict) and described_records(block) is None:
+        if isinstance(value, dict):
             yield from _blocks(value, f"{place}{name}{sign}", block, sign)
         elif isinstance(value, list):
             for position, element in _elements(value, f"{place}{name}", "()"):
                 yield from _blocks(element, f"{position}{sign}", block, sign, label=position)
+
+
+def _described(blocks: list[Block]) -> Iterator[Block]:
+    """Structs that describe themselves under our own names, in place of what is within them; the others as they are."""
+    outer: str | None = None  # what is within a struct follows it
+    for block in blocks:
+        if outer is None or not block.place.startswith(outer):
+            described = described_blocks(block)
+            outer = None if described is None else block.place
+            yield from [block] if described is None else described
 
 
 def _elements(values: list[Any], place: str, brackets: str) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -114,34 +126,26 @@ def _name_arrays(blocks: list[Block], layout: Mapping[str, str]) -> list[Block]:
                 f"[data.layout]: found '{key}' for a file of arrays; expected one of {', '.join(LAYOUT_KEYS)}"
             )
     places = {key: _holders(blocks, key, path) for key, path in layout.items()}
-    data = [key for key in layout if key in _DATA]
+    within = {key: {id(holder): (holder, name) for holder, name in held} for key, held in places.items()}
+    data = next((key for key in layout if key in _DATA), None)
+    taken = {alias for key in layout for alias in ALIASES.get(key, (key,))}
+    dropped = {role for key in layout for role in _AXES.get(key, ())} | (_VALUES if data else set())
     named: list[Block] = []
-    for block in blocks:
-        if data and not any(block is holder for holder, _ in places[data[0]]):
-            continue
+    for block in blocks if data is None else [holder for holder, _ in places[data]]:
         mapped, written = {}, {}
         for key, path in layout.items():
-            held = [entry for entry in places[key] if entry[0] is block] or places[key]
-            if len(held) > 1 and held[0][0] is not block:
-                listed = " and ".join(f"'{holder.place}{name}'" for holder, name in held[:2])
+            held = within[key].get(id(block)) or places[key][0]
+            if len(places[key]) > 1 and held[0] is not block:
+                listed = " and ".join(f"'{holder.path(name)}'" for holder, name in places[key][:2])
                 raise MeasurementError(
-                    f"[data.layout] {key}: found {path!r} {len(held)} times, {listed}; expected one; write its path"
+                    f"[data.layout] {key}: found {path!r} {len(places[key])} times, {listed}; expected one; write "
+                    "its whole path"
                 )
             mapped[key], written[key] = _value(held, key, path)
-        dropped = {role for key in layout for role in _AXES.get(key, ())}
-        if data:
-            dropped |= {"frf", "spectrum", "real", "imaginary", "magnitude", "phase", "signal", "outputs", "inputs", ""}
-            dropped |= {"samples", "coherence"} & {*layout, *(["coherence"] if "frf" not in layout else [])}
-        kept = {n: v for n, v in block.arrays.items() if block.meanings[n].role not in dropped or _is_label(v)}
-        kept = {
-            n: v for n, v in kept.items() if n.lower() not in {a for key in layout for a in ALIASES.get(key, (key,))}
-        }
+        kept = {n: v for n, v in block.arrays.items() if is_text(v) or block.meanings[n].role not in dropped}
+        kept = {n: v for n, v in kept.items() if n.lower() not in taken}
         named.append(Block(mapped | kept, block.place, block.outer, written))
     return named
-
-
-def _is_label(value: Any) -> bool:  # noqa: ANN401
-    return isinstance(value, np.ndarray) and value.dtype.kind in "US"
 
 
 def _holders(blocks: list[Block], key: str, path: str) -> list[tuple[Block, str]]:
@@ -172,9 +176,9 @@ def _number(text: str) -> float | None:
     return number if np.isfinite(number) else None
 
 
-def _value(held: list[tuple[Block, str]], key: str, path: str) -> tuple[Any, str]:
+def _value(held: tuple[Block, str], key: str, path: str) -> tuple[Any, str]:
     """What a path means, and how to write it."""
-    block, name = held[0]
+    block, name = held
     if not name:
         return np.array(_number(path)), path
     value, match, where = block.get(name), _COLUMN.search(path), f"{block.place}{name}"

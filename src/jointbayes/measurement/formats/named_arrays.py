@@ -1,5 +1,6 @@
 """Arrays of one struct or group under the names that they can have, and the time histories among them."""
 
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from typing import Any, cast, get_args
@@ -55,10 +56,14 @@ class Block:
             for name in [n for n in self.named("frequency") if n.lower() == "f" and not rises(arrays[n])]:
                 self.meanings[name] = meaning_of("force signal")
 
-    def where(self, key: str) -> str:
-        """Place of an array in words, by its name in the file or by the one it is known under."""
+    def path(self, key: str) -> str:
+        """How the file or the user calls an array."""
         name = self.name_of(key) or key
-        return f"variable '{self._written.get(name) or self.place + name}'"
+        return self._written.get(name) or self.place + name
+
+    def where(self, key: str) -> str:
+        """Place of an array in words."""
+        return f"variable '{self.path(key)}'"
 
     def name_of(self, key: str) -> str | None:
         """Name in the file of what is known under a name."""
@@ -79,14 +84,24 @@ class Block:
         """Whether the user has said which array this is."""
         return key in self._written
 
-    def named(self, role: str) -> list[str]:
-        """Names of arrays of more than one value that have a role."""
-        return [n for n, meaning in self.meanings.items() if meaning.role == role and size_of(self.arrays[n]) > 1]
+    def named(self, role: str, least: int = 2) -> list[str]:
+        """Names of arrays of a role, of at least so many numbers."""
+        return [n for n, meaning in self.meanings.items() if meaning.role == role and size_of(self.arrays[n]) >= least]
+
+    def rest(self, name: str) -> frozenset[str]:
+        """Words of a name that tell which FRF or channel it is of."""
+        return self.meanings[name].rest
+
+    def hints(self, name: str) -> frozenset[str]:
+        """Units that a name or the unit beside it tells: ``deg``, ``rad``, ``db``, ``khz`` and others."""
+        unit = re.match(r"[\[(]?(°|[A-Za-z]+)", self.unit_of(name))
+        words = {*self.meanings[name].hints, *([unit[1].lower()] if unit else [])}
+        return frozenset("deg" if word.startswith(("deg", "°")) else word.removesuffix("ians") for word in words)
 
     def scalar(self, role: str) -> float | None:
-        """Number of a role in this block or an outer one."""
+        """Number of a role or a name in this block or an outer one."""
         for name, meaning in self.meanings.items():
-            if meaning.role == role and size_of(self.arrays[name]) == 1:
+            if role in (meaning.role, name.lower()) and size_of(self.arrays[name]) == 1:
                 return float(self.numbers(name).ravel()[0])
         return None if self.outer is None else self.outer.scalar(role)
 
@@ -100,14 +115,13 @@ class Block:
         return [] if values is None else strings(values, self.where(key))
 
     def string(self, key: str) -> str:
-        """First of the texts, or an empty one."""
-        return next(iter(self.strings(key)), "")
+        """First of the texts, or an empty one where there is no text."""
+        return next(iter(self.strings(key)), "") if is_text(self.get(key)) else ""
 
     def unit_of(self, name: str) -> str:
         """Text under a name such as ``H_unit``, ``unit_H`` or ``frequency_units``, for an array of that name."""
         small = name.lower()
-        keys = (f"{small}_unit", f"{small}_units", f"unit_{small}", f"{small}unit")
-        return next((self.string(key) for key in keys if is_text(self.get(key))), "")
+        return next(filter(None, map(self.string, (f"{small}_unit", f"{small}_units", f"unit_{small}"))), "")
 
 
 def size_of(value: Any) -> int:  # noqa: ANN401
@@ -115,6 +129,11 @@ def size_of(value: Any) -> int:  # noqa: ANN401
     if isinstance(value, list):
         return sum(map(size_of, value))
     return value.size if isinstance(value, np.ndarray) and value.dtype.kind in "iufc" else 0
+
+
+def is_complex(value: Any) -> bool:  # noqa: ANN401
+    """Whether an array, or one of the cells, is of complex numbers."""
+    return any(map(is_complex, value)) if isinstance(value, list) else np.iscomplexobj(value)
 
 
 def is_text(value: Any) -> bool:  # noqa: ANN401
@@ -159,10 +178,10 @@ def _kind_name(array: NDArray[Any]) -> str:
 
 def strings(values: Any, where: str) -> list[str]:  # noqa: ANN401
     """Strings of a file: text, bytes, or an array or cell array of them; blanks at the end dropped."""
-    if isinstance(values, (str, bytes)):
-        values = [values]
     if isinstance(values, (Unread, dict, list)):
         raise MeasurementError(f"{where}: found no text; expected text; store labels as strings")
+    if isinstance(values, (str, bytes)):
+        values = [values]
     if isinstance(values, np.ndarray) and values.dtype.kind == "U":
         _require_unicode(values, where)
     texts = []
@@ -192,33 +211,26 @@ def time_records(block: Block) -> Iterator[TimeRecord]:
     if block.has("samples"):
         yield from _sample_records(block)
         return
-    sensors = [name for name in SENSORS if size_of(block.get(name)) or isinstance(block.get(name), Unread)]
-    for sensor in sensors:
-        samples = columns(block.numbers(sensor), block.where(sensor))
-        rate, notes = _rate(block, sensor, len(samples))
-        word = "" if sensor == "response" else sensor
+    sensors = [name for name in block.arrays if name.lower() in SENSORS and not isinstance(block.get(name), dict)]
+    others = ["signal", "outputs", "inputs", *([""] if block.named("time") else [])]
+    clocked = block.named("time") or {block.scalar("rate"), block.scalar("interval")} != {None}
+    signals = [n for role in others for n in block.named(role) if n not in sensors] if clocked else []
+    for name in [*sorted(sensors, key=lambda name: SENSORS.index(name.lower())), *signals]:
+        of_sensor = name in sensors
+        if not of_sensor and is_complex(block.get(name)):
+            continue
+        values = block.numbers(name)
+        samples = columns(values, block.where(name)) if of_sensor else _along_time(block, name, values)
+        if samples is None:
+            continue
+        rate, notes = _rate(block, name, len(samples))
+        word = name.lower() if of_sensor and name.lower() != "response" else ""
+        label = name.lower() if of_sensor else re.sub(r"(?i)^time_chan_(\d+)$", r"channel \1", name)
+        several = samples.shape[1] > 1
         for i in range(samples.shape[1]):
-            hit = i + 1 if samples.shape[1] > 1 else None
-            unit = block.unit_of(sensor)
-            yield _time_record(block, sensor, (sensor, rate, unit, word, hit), samples[:, i], notes)
-    axes, signals = block.named("time"), [n for role in ("signal", "outputs", "inputs") for n in block.named(role)]
-    if axes:
-        signals += [name for name in block.named("") if np.ndim(block.get(name)) < 3]
-    if not axes and block.scalar("rate") is None and block.scalar("interval") is None:
-        return
-    for name in signals:
-        values = block.numbers(name, np.complex128) if size_of(block.get(name)) else None
-        if name.lower() in SENSORS or values is None or values.ndim > 2 or np.any(values.imag):
-            continue
-        laid = _along_time(block, name, values.real)
-        if laid is None:
-            continue
-        rate, notes = _rate(block, name, len(laid))
-        chan = name.lower().removeprefix("time_chan_")
-        label = f"channel {chan}" if chan.isdecimal() else name
-        for i in range(laid.shape[1]):
-            channel = f"{label} {i + 1}" if laid.shape[1] > 1 else label
-            yield _time_record(block, name, (channel, rate, block.unit_of(name), "", None), laid[:, i], notes)
+            channel = f"{label} {i + 1}" if several and not of_sensor else label
+            named = (channel, rate, block.unit_of(name), word, i + 1 if several and of_sensor else None)
+            yield _time_record(block, name, named, samples[:, i], notes)
 
 
 def _sample_records(block: Block) -> Iterator[TimeRecord]:
@@ -241,56 +253,50 @@ def _sample_records(block: Block) -> Iterator[TimeRecord]:
 def _along_time(block: Block, name: str, values: Array) -> Array | None:
     """Samples in columns, where the array has as many values along one axis as there are instants."""
     time = _instants(block, name, values.shape)
-    if time is None:
-        return columns(values, block.where(name)) if values.size > 7 and not block.named("time") else None
-    counts = values.shape.count(time.size)
-    if counts > 1 and values.ndim == 2:
-        raise square_error(block.where(name), values.shape, "instants", _key(name), block.place + name)
-    if not counts:
+    if values.ndim > 2 or (time is None and (block.named("time") or values.size < 8)):
         return None
+    if time is None:
+        return columns(values, block.where(name))
+    if values.ndim == 2 and values.shape[0] == values.shape[1]:
+        raise square_error(block, name, values.shape, "instants", "response")
     values = values.reshape(values.shape[0], -1)
     return values if len(values) == time.size else values.T
 
 
-def _key(name: str) -> str:
-    return "force" if meaning_of(name).role == "signal" and "force" in name.lower() else "response"
-
-
-def square_error(where: str, shape: tuple[int, ...], what: str, key: str, name: str) -> MeasurementError:
+def square_error(block: Block, name: str, shape: tuple[int, ...], what: str, key: str) -> MeasurementError:
     """Refusal of an array that may lie either way."""
     return MeasurementError(
-        f"{where}: found shape {shape}, of which either axis can be that of the {what}; expected it to be told by the "
-        f'shape; write {key} = "{name}(:,1)" or "{name}(1,:)" in [data.layout], one column or row'
+        f"{block.where(name)}: found shape {shape}, of which either axis can be that of the {what}; expected it to be "
+        f'told by the shape; write {key} = "{block.path(name)}(:,1)" or "{block.path(name)}(1,:)" in [data.layout]'
     )
 
 
 def _instants(block: Block, name: str, shape: tuple[int, ...]) -> Array | None:
     """The time vector that belongs to an array: of its own name, or the one that fits."""
     axes = block.named("time")
-    alike = [axis for axis in axes if block.meanings[axis].rest == block.meanings[name].rest]
+    alike = [axis for axis in axes if block.rest(axis) == block.rest(name)]
     fitting = [axis for axis in alike or axes if size_of(block.get(axis)) in shape]
-    vectors = {axis: block.numbers(axis).ravel() for axis in fitting}
-    first = next(iter(vectors), None)
-    if first is None:
+    fitting = [axis for axis in fitting if block.stated(axis)] or fitting
+    if not fitting:
         return None if block.outer is None or axes else _instants(block.outer, name, shape)
-    other = next((axis for axis, vector in vectors.items() if not np.array_equal(vector, vectors[first])), None)
-    if other is not None and not block.stated("time"):
-        raise two_axes_error(block, name, (first, other), "time")
-    return vectors[first] if not block.stated("time") else vectors.get("time")
+    time = block.numbers(fitting[0]).ravel()
+    for other in fitting[1:]:
+        if not np.array_equal(block.numbers(other).ravel(), time):
+            raise two_axes_error(block, name, (fitting[0], other), "time")
+    return time
 
 
 def two_axes_error(block: Block, name: str, axes: tuple[str, str], key: str) -> MeasurementError:
     """Refusal of an array that has two axes to choose from."""
     return MeasurementError(
         f"{block.where(name)}: found two axes for it, '{axes[0]}' and '{axes[1]}', which differ; expected one; write "
-        f'{key} = "{block.place}{axes[0]}" or "{block.place}{axes[1]}" in [data.layout]'
+        f'{key} = "{block.path(axes[0])}" or "{block.path(axes[1])}" in [data.layout]'
     )
 
 
 def _hit_numbers(block: Block) -> list[int]:
     hits = block.numbers("hits").ravel()
-    with np.errstate(invalid="ignore"):  # of NaN that signal
-        whole = (hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))
+    whole = (hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))
     if not whole.all():
         raise MeasurementError(
             f"{block.where('hits')}: found {hits[:3].tolist()}; expected whole numbers from 1, 0 for none; correct it"
@@ -307,47 +313,38 @@ def columns(values: NDArray[Any], where: str) -> NDArray[Any]:
 
 def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
     """Sampling rate of an array, in Hz, with notes."""
-    told, interval = block.scalar("rate"), block.scalar("interval")
-    if block.has("sample_rate_hz") and told is None:
-        raise MeasurementError(
-            f"{block.where('sample_rate_hz')}: found no one number; expected one number above 0 and up to "
-            f"{HIGHEST_HZ:g} Hz; correct it"
-        )
+    told, interval, axes = block.scalar("rate"), block.scalar("interval"), block.named("time")
     if told is None and interval:
         told = 1 / interval
-    if told is not None and not 1 / HIGHEST_HZ <= told <= HIGHEST_HZ:
+    if (told is None and block.has("sample_rate_hz")) or not (told is None or 1 / HIGHEST_HZ <= told <= HIGHEST_HZ):
         raise MeasurementError(
-            f"{block.where('sample_rate_hz')}: found {told:g}; expected one number above 0 and up to "
-            f"{HIGHEST_HZ:g} Hz; correct it"
+            f"{block.where('sample_rate_hz')}: found {'no one number' if told is None else f'{told:g}'}; expected one "
+            f"number above 0 and up to {HIGHEST_HZ:g} Hz; correct it"
         )
-    time = _instants(block, name, (samples,))
-    if time is None or block.stated("sample_rate_hz"):
-        if told is not None:
-            return told, []
-        axes = block.named("time")
+    time = None if block.stated("sample_rate_hz") else _instants(block, name, (samples,))
+    if time is None and told is not None:
+        return told, []
+    if time is None:
+        fault = "found no sampling rate; expected 'sample_rate_hz' or 'time'; add it"
         if axes:
-            raise MeasurementError(
-                f"{block.where(axes[0])}: found {size_of(block.get(axes[0]))} instants; expected {samples}, one for "
-                "each sample; correct it"
-            )
-        raise MeasurementError(
-            f"{block.where(name)}: found no sampling rate; expected 'sample_rate_hz' or 'time'; add it"
-        )
-    where, notes = block.where(next(iter(block.named("time")), "time")), []
-    scale, even = 1.0, time
-    if "ms" in frozenset().union(*(block.meanings[axis].hints for axis in block.named("time"))):
+            count = size_of(block.get(axes[0]))
+            fault = f"found {count} instants; expected {samples}, one for each sample; correct it"
+        raise MeasurementError(f"{block.where(axes[0] if axes else name)}: {fault}")
+    scale, notes = 1.0, []
+    if any("ms" in block.hints(axis) for axis in axes):
         scale, notes = 1e-3, ["instants in ms converted to s"]
     elif time.size and _DAYS[0] <= time.min() and time.max() <= _DAYS[1] and np.ptp(time) < 1:
-        scale, even, notes = 86400.0, time - time[0], ["instants in days (datenum of MATLAB) converted to s"]
-    if told is None:
-        return even_rate(even * scale, where), notes
-    rate = (time.size - 1) / (np.ptp(time) * scale) if np.ptp(time) > 0 else np.inf
-    if not abs(rate / told - 1) < 1e-2:
+        scale, notes = 86400.0, ["instants in days (datenum of MATLAB) converted to s"]
+    where, instants = block.where(axes[0] if axes else "time"), (time - time[:1]) * scale
+    rate = (
+        even_rate(instants, where) if told is None else (time.size - 1) / max(float(np.ptp(instants)), 1 / HIGHEST_HZ)
+    )
+    if told is not None and not abs(rate / told - 1) < 1e-2:
         raise MeasurementError(
             f"{where}: found instants at {rate:.6g} Hz beside a sampling rate of {told:.6g} Hz; expected one of them; "
             "write time or sample_rate_hz with the name of the right one in [data.layout]"
         )
-    return told, notes
+    return told or rate, notes
 
 
 def _time_record(
