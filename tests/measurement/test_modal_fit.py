@@ -185,3 +185,31 @@ def test_a_clean_frf_of_few_lines_has_modes_or_none_but_no_error(lines, coherenc
         known = {} if coherence is None else {"coherence": np.full(values.shape, coherence), "averages": 10}
         modes = identify_modes(FrfSet(frequency, values, ("1:y",), ("1:y",), "receptance", **known))
         assert all(np.isfinite([mode.frequency_hz, mode.damping_ratio]).all() for mode in modes)
+
+
+def many_modes(rng, modes=14):
+    """Three FRFs of a band that is searched in three pieces, and the truth."""
+    lines = np.arange(20.0, 1500.0, 1.0)
+    frequency = 40 + 1400 * (np.arange(modes) + rng.uniform(0.2, 0.8, modes)) / modes
+    damping = rng.uniform(0.003, 0.01, modes)
+    shapes = rng.choice([-1, 1], (3, modes)) * rng.uniform(0.5, 1.5, (3, modes))
+    omega, omega_r = 2 * np.pi * lines[:, None], 2 * np.pi * frequency
+    modal = -(omega**2) / (omega_r**2 - omega**2 + 2j * damping * omega_r * omega)
+    exact = (modal @ (shapes * shapes[:1]).T)[:, :, None]
+    variance = RelativeNoise(0.02, 0.01).variance(exact)
+    noise = np.sqrt(variance / 2) * (rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape))
+    return FrfSet(lines, exact + noise, ("1:y", "2:y", "3:y"), ("1:y",), "accelerance"), variance, frequency, damping
+
+
+def test_a_band_of_many_modes_that_is_searched_in_pieces_has_the_modes_and_errors_of_the_whole(monkeypatch):
+    frf, variance, frequency, damping = many_modes(np.random.default_rng(1))
+    pieces = fit_modes(frf, variance)
+    assert np.std(scores(pieces.modes, frequency, damping)) == pytest.approx(1.0, abs=0.4)  # 28 scores
+    assert pieces.misfit == pytest.approx(1.0, abs=0.05)
+    assert pieces.doubtful == ()
+    monkeypatch.setattr("jointbayes.measurement.modal_problem._IN_A_PIECE", 100)
+    whole = fit_modes(frf, variance)
+    for a, b in zip(pieces.modes, whole.modes, strict=True):
+        assert a.frequency_hz == pytest.approx(b.frequency_hz, abs=0.02 * b.frequency_sd_hz)
+        assert a.damping_ratio == pytest.approx(b.damping_ratio, abs=0.02 * b.damping_sd)
+    assert_allclose(pieces.covariance, whole.covariance, rtol=1e-2, atol=1e-3 * np.abs(whole.covariance).max())

@@ -108,8 +108,8 @@ class PoleReview:
             for weak, strong in self._pairs():
                 if nonlinear[weak] and nonlinear[strong]:
                     continue
-                fewer = self.problem.climb(np.delete(self.poles, weak))
-                gain = (self.problem.chi2(fewer) - self.problem.chi2(self.poles)) / self.local_misfit()[strong]
+                fewer, rise = self.problem.without(self.poles, weak)
+                gain = rise / self.local_misfit()[strong]
                 dips = self._coherence_dips(strong)
                 if gain > _INSISTED * self.problem.price and (not dips or self._shapes_differ(weak, strong)):
                     continue

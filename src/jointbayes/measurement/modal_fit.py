@@ -199,7 +199,7 @@ def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int 
     if stated is not None:
         poles = problem.search(poles, order)
     else:
-        poles = problem.climb(poles)
+        poles = problem.by_pieces(poles, ModalProblem.climb)
         from_coherence = _noise_squares(frf, inside, few)
         # the noise is known better the more modes are known: once for the strong ones, once for all
         for _ in range(2):
@@ -207,6 +207,7 @@ def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int 
             square, width = from_coherence or (np.abs(values - model) ** 2, n_lines)
             problem = ModalProblem(frequency, values, _weight_of_squares(square, model, width), frf.quantity)
             poles = problem.search(poles, order)
+    poles = problem.climb(poles, fine=True)
     incoherence = None if frf.coherence is None else 1 - frf.coherence[inside].reshape(n_lines, -1)[:, few]
     review = PoleReview(problem, poles, incoherence)
     is_mode = review.review()

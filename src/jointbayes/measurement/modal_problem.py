@@ -1,7 +1,8 @@
 """The modal model of measured FRFs: where its poles may be, weighted least squares for them, and further ones."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf import Quantity, quantity_factor
+from jointbayes.frf.frf_set import Lines
 from jointbayes.measurement.polynomial_poles import polynomial_poles, steady_poles
 
 Complex = NDArray[np.complex128]
@@ -27,6 +29,10 @@ _EDGE = 1.1
 _ROUGH, _FINE = 0.03, 1e-10
 #: So many lines apart what is left may hang together: a Hann window spreads over two.
 _TOGETHER = 2
+#: Added to squares of rows of unit length, which rounding may leave without an inverse.
+_ROUNDING = 1e-13
+#: Poles of a piece of the band that is searched by itself.
+_IN_A_PIECE = 5
 #: Damping ratios to start from where a residual stands out.
 _TRIED_DAMPING = (0.001, 0.003, 0.01, 0.03)
 
@@ -38,18 +44,22 @@ class ModalProblem:
     ----------
     Golub, G., Pereyra, V. (2003). Separable nonlinear least squares: the variable projection method and its
     applications. Inverse Problems 19, R1. DOI 10.1088/0266-5611/19/2/201
+    Kaufman, L. (1975). A variable projection method for solving separable nonlinear least squares problems. BIT 15, 49.
     """
 
     def __init__(self, frequency_hz: Array, values: Complex, weight: Array, quantity: Quantity) -> None:
         self.omega = 2 * np.pi * frequency_hz
         self.values = values
         self.weight = weight
+        self.quantity = quantity
         self.factor = quantity_factor(frequency_hz, quantity)
-        rest = self._rest()
+        #: real and imaginary parts in turn: noise of σ² = E|δH|² = 1 has unit variance in each
+        self.both_weights = np.sqrt(2.0) * np.repeat(weight.T, 2, axis=1)
+        rest = self._rest().view(float)
         #: what lies outside the band is the same for all poles: it is taken out of everything once
-        self.rest = [_orthonormal(_parts(w[:, None] * rest)) for w in weight.T]
-        target = [_parts((weight * values)[:, k : k + 1]) for k in range(values.shape[1])]
-        self.target = [(t - q @ (q.T @ t))[:, 0] for q, t in zip(self.rest, target, strict=True)]
+        self.rest = [_orthonormal(w * rest) for w in self.both_weights]
+        targets = self.both_weights * np.ascontiguousarray(values.T).view(float)
+        self.target = [t - (rest @ t) @ rest for rest, t in zip(self.rest, targets, strict=True)]
         self._last: tuple[bytes, list[_Linear]] = (b"none", [])
 
     def climb(self, poles: Complex, *, fine: bool = False) -> Complex:
@@ -75,8 +85,11 @@ class ModalProblem:
         def slopes(now: Complex) -> tuple[Array, Array]:
             """JᵀJ and Jᵀr, of steps in x."""
             scale = np.concatenate([width, -now.real / np.abs(now)])
-            jacobian = np.hstack(self.jacobian(now)) * scale
-            return jacobian.T @ jacobian, jacobian.T @ self._residual(now)
+            square, slope = np.zeros((scale.size, scale.size)), np.zeros(scale.size)
+            for by_pole, on_rest, on_rows, fit in self._slopes(now):
+                square += by_pole @ by_pole.T - on_rest @ on_rest.T - on_rows @ fit.inverse @ on_rows.T
+                slope -= by_pole @ fit.residual
+            return square * np.outer(scale, scale), slope * scale
 
         reach = np.repeat(_REACH, poles.size)
         x, now, least, damping = np.zeros(2 * poles.size), poles, self.chi2(poles), 1e-3
@@ -97,9 +110,55 @@ class ModalProblem:
         return now, bool((np.abs(x) < 0.95 * reach).all())
 
     def search(self, poles: Complex, order: int) -> Complex:
-        """Poles of least squares: further ones join while they pay their price, and those that do not must go.
+        """Poles, roughly climbed piece by piece: further ones join while they pay their price, idle ones must go."""
+        poles = self.by_pieces(poles, lambda piece, some: piece._searched(some, order))
+        # what two pieces found of one mode is idle
+        return self._drop_idle(poles, self.price / self._misfit(poles))
 
-        Further ones are sought in what the fit leaves: its polynomial poles, and two modes in the place of one.
+    def by_pieces(self, poles: Complex, improved: Callable[["ModalProblem", Complex], Complex]) -> Complex:
+        """Poles improved by a few of a piece of the band at a time, the modes elsewhere being as they are.
+
+        A mode tells of itself in its neighbourhood: a piece reaches one pole further than those that it answers for.
+        What the others leave in it is nearly smooth, and is fitted with the rest.
+        """
+        poles = poles[np.argsort(np.abs(poles))]
+        pieces = -(-poles.size // _IN_A_PIECE)
+        if pieces < 2:
+            return improved(self, poles)
+        gaps, apart = _gaps(poles)
+        ends = [0]
+        for nominal in np.linspace(0, poles.size, pieces + 1).round().astype(int)[1:-1]:
+            ends.append(int(nominal) - 1 + int(np.argmax(apart[nominal - 1 : nominal + 2])))
+        answers = []
+        for first, last in pairwise([*ends, poles.size]):
+            low, high = max(first - 2, 0), min(last + 2, poles.size)
+            answer = improved(self._piece(poles, low, high), poles[low:high])
+            answers.append(answer[(np.abs(answer) >= gaps[first]) & (np.abs(answer) < gaps[last])])
+        return np.concatenate(answers)
+
+    def without(self, poles: Complex, pole: int) -> tuple[Complex, float]:
+        """Poles, in order, without one of them and those beside it climbed; and by how much χ² rises about them."""
+        low, high = max(pole - 3, 0), min(pole + 4, poles.size)
+        piece, before = self._piece(poles, low, high, whole=True), poles[low:high]
+        after = piece.climb(np.delete(before, pole - low))
+        return np.concatenate([poles[:low], after, poles[high:]]), piece.chi2(after) - piece.chi2(before)
+
+    def _piece(self, poles: Complex, low: int, high: int, *, whole: bool = False) -> "ModalProblem":
+        """The problem of some of the poles, which are in order, without what is fitted of the others."""
+        if high - low == poles.size:
+            return self
+        gaps = _gaps(poles)[0]
+        lines = (self.omega >= gaps[low]) & (self.omega <= gaps[high]) | whole
+        others = np.ones(poles.size, dtype=bool)
+        others[low:high] = False
+        amplitudes = self.residues(poles)[:, others]
+        in_phase, quadrature = np.vsplit(self._basis(poles[others], lines), 2)
+        values = self.values[lines] - (amplitudes.real @ in_phase + amplitudes.imag @ quadrature).T
+        return ModalProblem(self.omega[lines] / (2 * np.pi), values, self.weight[lines], self.quantity)
+
+    def _searched(self, poles: Complex, order: int) -> Complex:
+        """Poles with further ones from what the fit leaves, among them two modes in the place of one.
+
         The price is what the Bayesian information criterion asks for the numbers that a mode adds, two for its pole and
         two for each FRF, plus a margin; χ² is taken relative to its mean.
         """
@@ -114,7 +173,7 @@ class ModalProblem:
                     break
             else:
                 break
-        return self.climb(poles, fine=True)
+        return poles
 
     @property
     def price(self) -> float:
@@ -125,17 +184,18 @@ class ModalProblem:
         """Starts with one mode more, the most promising first."""
         residual = self.values - self.model(poles)
         square = (np.abs(self.weight * residual) ** 2).mean(axis=1)
-        by_order = polynomial_poles(self.omega / (2 * np.pi), residual, self.weight, order)
+        by_order = polynomial_poles(self.omega / (2 * np.pi), residual, self.weight, min(order, self.omega.size // 4))
         candidates = np.concatenate([steady_poles(by_order, 3), self._peaks(square)])
-        gain = self.gain(poles, candidates) / self._misfit(poles)
+        misfit = self._misfit(poles)
+        gain = self.gain(poles, candidates) / misfit
         for i in np.argsort(gain)[::-1][:3]:
             if gain[i] > price:
                 yield np.append(poles, candidates[i])
         for i, pole in enumerate(poles):
             width = -pole.real
             near = np.abs(self.omega - abs(pole)) < 3 * width
-            # E of the mean is 1; its spread is 1/√n
-            if near.any() and square[near].mean() > 1 + 4 / np.sqrt(near.sum() * self.values.shape[1]):
+            # the mean has a spread of 1/√n
+            if near.any() and square[near].mean() > misfit * (1 + 4 / np.sqrt(near.sum() * self.values.shape[1])):
                 yield np.append(np.delete(poles, i), [pole - 0.7j * width, pole + 0.7j * width])
 
     def _peaks(self, square: Array) -> Complex:
@@ -165,7 +225,7 @@ class ModalProblem:
 
     def chi2(self, poles: Complex) -> float:
         """χ² of the best residues for these poles."""
-        return float(np.sum(self._residual(poles) ** 2))
+        return float(sum(fit.residual @ fit.residual for fit in self._linear(poles)))
 
     def _misfit(self, poles: Complex) -> float:
         return max(1.0, self.chi2(poles) / self.freedom(poles.size))
@@ -176,113 +236,116 @@ class ModalProblem:
 
     def residual(self, poles: Complex) -> Complex:
         """What the best residues for these poles leave, over the noise, shape (lines, frfs)."""
-        real, imaginary = np.stack([fit.residual for fit in self._linear(poles)], axis=1).reshape(2, -1, len(self.rest))
-        return np.asarray((real + 1j * imaginary) / np.sqrt(2))
+        return np.column_stack([fit.residual.view(complex) for fit in self._linear(poles)]) / np.sqrt(2)
 
     def losses(self, poles: Complex) -> Array:
         """By how much χ² of each FRF rises without each of the poles, shape (frfs, poles), before any climb."""
         rows = []
         for fit in self._linear(poles):
-            inverse = scipy.linalg.solve_triangular(fit.r, np.eye(len(fit.r)))
             pairs = np.arange(2 * poles.size).reshape(2, -1).T
-            blocks = np.einsum("pic,pjc->pij", inverse[pairs], inverse[pairs])
-            residues = (inverse @ fit.shares)[pairs][:, :, None]
-            rows.append((residues * np.linalg.solve(blocks, residues)).sum(axis=(1, 2)))
+            amplitudes, blocks = fit.amplitudes[pairs][:, :, None], fit.inverse[pairs[:, :, None], pairs[:, None]]
+            rows.append((amplitudes * np.linalg.solve(blocks, amplitudes)).sum(axis=(1, 2)))
         return np.array(rows)
 
     def residues(self, poles: Complex) -> Complex:
         """In-phase and quadrature amplitudes of each pole as complex numbers, shape (frfs, poles)."""
-        amplitudes = [scipy.linalg.lstsq(fit.r, fit.shares)[0] / fit.scale for fit in self._linear(poles)]
-        in_phase, quadrature = np.array(amplitudes).reshape(len(amplitudes), 2, -1).swapaxes(0, 1)
-        return np.asarray(in_phase + 1j * quadrature)
+        amplitudes = np.array([fit.amplitudes for fit in self._linear(poles)])
+        return np.asarray(amplitudes[:, : poles.size] + 1j * amplitudes[:, poles.size :])
 
     def gain_by_line(self, poles: Complex, pole: int) -> Array:
         """At which lines one of the poles makes χ² smaller, shape (lines,), before any climb."""
-        others = self._residual(np.delete(poles, pole)).reshape(len(self.rest), 2, -1)
-        change = others - self._residual(poles).reshape(others.shape)
-        return np.asarray((change**2).sum(axis=(0, 1)))
+        total = np.zeros(self.omega.size)
+        pair = [pole, pole + poles.size]
+        for fit, rest in zip(self._linear(poles), self.rest, strict=True):
+            # what the pole's two rows explain that the others cannot
+            shares = np.linalg.solve(fit.inverse[np.ix_(pair, pair)], fit.amplitudes[pair]) @ fit.inverse[pair]
+            explained = shares @ fit.rows - (shares @ fit.on_rest) @ rest
+            total += ((fit.residual + explained) ** 2 - fit.residual**2).reshape(-1, 2).sum(axis=1)
+        return total
 
     def gain(self, poles: Complex, candidates: Complex) -> Array:
         """By how much χ² falls if one of the candidates is added, shape (candidates,), before any climb."""
-        further = self._basis(candidates)[0]
-        n = candidates.size
-        total = np.zeros(n)
-        for w, rest, fit in zip(self.weight.T, self.rest, self._linear(poles), strict=True):
-            new = _parts(w[:, None] * further)
-            for q in (rest, fit.q):
-                new -= q @ (q.T @ new)
-            # two columns each: in-phase and quadrature
-            first = new[:, :n] / np.linalg.norm(new[:, :n], axis=0)
-            second = new[:, n:] - first * np.sum(first * new[:, n:], axis=0)
-            second /= np.linalg.norm(second, axis=0)
-            total += (fit.residual @ first) ** 2 + (fit.residual @ second) ** 2
+        further = self._basis(candidates).view(float)
+        pairs = np.arange(2 * candidates.size).reshape(2, -1).T
+        total = np.zeros(candidates.size)
+        for w, rest, fit in zip(self.both_weights, self.rest, self._linear(poles), strict=True):
+            new = w * further
+            new /= np.linalg.norm(new, axis=1)[:, None]
+            on_rest = new @ rest.T
+            on_rows = new @ fit.rows.T - on_rest @ fit.on_rest.T
+            square = new @ new.T - on_rest @ on_rest.T - on_rows @ fit.inverse @ on_rows.T
+            slope = (new @ fit.residual)[pairs][:, :, None]
+            blocks = square[pairs[:, :, None], pairs[:, None]] + _ROUNDING * np.eye(2)
+            total += (slope * np.linalg.solve(blocks, slope)).sum(axis=(1, 2))
         return total
 
     def _rest(self) -> Complex:
-        omega = self.omega[:, None]
-        outside = np.array([r * self.omega[0] for r in _REST_BELOW] + [r * self.omega[-1] for r in _REST_ABOVE])
+        omega = self.omega
+        outside = np.array([r * omega[0] for r in _REST_BELOW] + [r * omega[-1] for r in _REST_ABOVE])[:, None]
         one_pole = 1 / (outside**2 - omega**2)
-        columns = [(1j * omega) ** np.array(_REST_POWERS), one_pole, 1j * omega * one_pole]
-        rest = self.factor[:, None] * np.hstack(columns)
-        return rest / np.abs(rest).max(axis=0)
+        rows = [(1j * omega) ** np.array(_REST_POWERS)[:, None], one_pole, 1j * omega * one_pole]
+        rest = self.factor * np.vstack(rows)
+        return rest / np.abs(rest).max(axis=1)[:, None]
 
     def freedom(self, modes: int) -> int:
         """Degrees of freedom of χ²: values less fitted numbers."""
         lines, frfs = (int(n) for n in self.values.shape)
         return max(1, 2 * lines * frfs - 2 * modes - frfs * (2 * modes + _REST_COLUMNS))
 
-    def _basis(self, poles: Complex) -> tuple[Complex, Complex, Complex]:
-        """Columns of the linear model, and those of the modes differentiated by ω_r and by ζ.
+    def _basis(self, poles: Complex, lines: Lines = slice(None)) -> Complex:
+        """Rows of the linear model: mode r has ω_r²/D and jωω_r/D, shape (2 modes, lines).
 
-        Mode r has the columns ω_r²/D and jωω_r/D with D = ω_r² − ω² + 2jζω_rω, each times (jω)ⁿ of the quantity: real
-        coefficients of both allow complex modes.
+        D = ω_r² − ω² + 2jζ_r ω_r ω, each times (jω)ⁿ of the quantity: real coefficients of both allow complex modes.
         """
-        omega_r, zeta = np.abs(poles)[None, :], (-poles.real / np.abs(poles))[None, :]
-        omega = self.omega[:, None]
-        factor = self.factor[:, None] / np.abs(self.factor).max()
-        d = omega_r**2 - omega**2 + 2j * zeta * omega_r * omega
-        upper = np.hstack([omega_r**2 + 0 * omega, 1j * omega * omega_r])
-        upper_by_omega = np.hstack([2 * omega_r + 0 * omega, 1j * omega + 0 * omega_r])
-        d2, d2_by_omega = np.hstack([d, d]), np.hstack([2 * omega_r + 2j * zeta * omega] * 2)
-        d2_by_zeta = np.hstack([2j * omega_r * omega] * 2)
-        modal = factor * upper / d2
-        by_omega = factor * (upper_by_omega / d2 - upper * d2_by_omega / d2**2)
-        by_zeta = -factor * upper * d2_by_zeta / d2**2
-        return modal, by_omega, by_zeta
+        omega_r, per_d = np.abs(poles)[:, None], self._per_denominator(poles, lines)
+        return np.vstack([omega_r**2 * per_d, 1j * self.omega[lines] * (omega_r * per_d)])
 
-    def _residual(self, poles: Complex) -> Array:
-        return np.concatenate([fit.residual for fit in self._linear(poles)])
+    def _per_denominator(self, poles: Complex, lines: Lines = slice(None)) -> Complex:
+        omega_r, omega = np.abs(poles)[:, None], self.omega[lines]
+        d = np.empty((poles.size, omega.size), dtype=complex)
+        d.real = (omega_r - omega) * (omega_r + omega)
+        d.imag = -2 * poles.real[:, None] * omega
+        return np.asarray(self.factor[lines] / np.abs(self.factor).max() / d)
 
     def _linear(self, poles: Complex) -> list["_Linear"]:
         """Best residues of each FRF for these poles; those of the last poles asked for are kept."""
         if self._last[0] != poles.tobytes():
-            basis, fits = self._basis(poles)[0], []
-            for w, rest, target in zip(self.weight.T, self.rest, self.target, strict=True):
-                columns = _parts(w[:, None] * basis)
-                columns -= rest @ (rest.T @ columns)
-                scale = np.linalg.norm(columns, axis=0)
-                q, r = np.linalg.qr(columns / scale)
-                shares = q.T @ target
-                fits.append(_Linear(q, r, scale, shares, target - q @ shares))
+            basis, fits = self._basis(poles).view(float), []
+            for w, rest, target in zip(self.both_weights, self.rest, self.target, strict=True):
+                rows = w * basis
+                on_rest, square = rows @ rest.T, rows @ rows.T
+                scale = np.sqrt(np.outer(np.diag(square), np.diag(square)))
+                square = (square - on_rest @ on_rest.T) / scale + _ROUNDING * np.eye(len(rows))
+                inverse = scipy.linalg.cho_solve(scipy.linalg.cho_factor(square), np.eye(len(rows))) / scale
+                amplitudes = inverse @ (rows @ target)
+                residual = target - amplitudes @ rows + (amplitudes @ on_rest) @ rest
+                fits.append(_Linear(rows, on_rest, inverse, amplitudes, residual))
             self._last = poles.tobytes(), fits
         return self._last[1]
 
-    def jacobian(self, poles: Complex) -> tuple[Array, Array]:
-        """Derivatives of the residuals by each ω_r and each ζ, shape (values, modes) each, after Kaufman (1975)."""
-        _, by_omega, by_zeta = self._basis(poles)
-        n = poles.size
-        blocks: list[Array] = []
-        for w, rest, fit in zip(self.weight.T, self.rest, self._linear(poles), strict=True):
-            amplitude = scipy.linalg.lstsq(fit.r, fit.shares)[0] / fit.scale
-            slope = _parts(
-                w[:, None]
-                * np.hstack([d[:, :n] * amplitude[:n] + d[:, n:] * amplitude[n:] for d in (by_omega, by_zeta)])
-            )
-            for q in (rest, fit.q):
-                slope -= q @ (q.T @ slope)
-            blocks.append(-slope)
-        both = np.vstack(blocks)
-        return both[:, :n], both[:, n:]
+    def _slopes(self, poles: Complex) -> Iterator[tuple[Array, Array, Array, "_Linear"]]:
+        """Derivatives of each fitted FRF by each ω_r, then each ζ_r; their products with the rest and with the rows.
+
+        What neither explains of them is the Jacobian, but for its sign, after Kaufman. With them comes the linear fit.
+        """
+        omega_r, zeta, omega = np.abs(poles)[:, None], (-poles.real / np.abs(poles))[:, None], self.omega
+        per_d = self._per_denominator(poles)
+        by_denominator = per_d * per_d / (self.factor / np.abs(self.factor).max())
+        by_denominator = np.vstack(
+            [(2 * omega_r + 2j * zeta * omega) * by_denominator, 2j * omega * omega_r * by_denominator]
+        )
+        of_in_phase = -np.tile(omega_r**2, (2, 1)) * by_denominator
+        of_quadrature = -1j * omega * (np.tile(omega_r, (2, 1)) * by_denominator)
+        of_in_phase[: poles.size] += 2 * omega_r * per_d
+        of_quadrature[: poles.size] += 1j * omega * per_d
+        of_in_phase, of_quadrature = of_in_phase.view(float), of_quadrature.view(float)
+        for w, rest, fit in zip(self.both_weights, self.rest, self._linear(poles), strict=True):
+            in_phase, quadrature = np.tile(fit.amplitudes.reshape(2, -1), (1, 2))[:, :, None]
+            by_pole = in_phase * of_in_phase
+            by_pole += quadrature * of_quadrature
+            by_pole *= w
+            on_rest = by_pole @ rest.T
+            yield by_pole, on_rest, by_pole @ fit.rows.T - on_rest @ fit.on_rest.T, fit
 
     def covariance(self, poles: Complex) -> Array:
         """Covariance of (ω₁ … ω_n, ζ₁ … ζ_n) of poles of least squares, shape (2n, 2n).
@@ -290,39 +353,48 @@ class ModalProblem:
         The inverse of JᵀJ, widened where what is left at the lines that tell of a number is larger than the noise, or
         hangs together over neighbouring lines or FRFs.
         """
-        jacobian = np.hstack(self.jacobian(poles))
-        scale = np.linalg.norm(jacobian, axis=0)
-        inverse = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), rcond=1e-14, hermitian=True)
-        lines, frfs = self.values.shape
-        influence = ((jacobian / scale) @ inverse).reshape(frfs, 2, lines, -1)
-        residual = self._residual(poles).reshape(frfs, 2, lines)
-        by_line = np.einsum("fplk,fpl->lk", influence, residual)
-        square = np.sum(by_line**2, axis=0)
+        square, by_line = np.zeros((2 * poles.size, 2 * poles.size)), np.zeros((2 * poles.size, self.omega.size))
+        for rest, (by_pole, on_rest, on_rows, fit) in zip(self.rest, self._slopes(poles), strict=True):
+            shares = on_rows @ fit.inverse
+            jacobian = (on_rest - shares @ fit.on_rest) @ rest + shares @ fit.rows - by_pole
+            square += jacobian @ jacobian.T
+            by_line += (jacobian * fit.residual).reshape(len(jacobian), -1, 2).sum(axis=2)
+        scale = np.sqrt(np.diag(square))
+        inverse = np.linalg.pinv(square / np.outer(scale, scale), rcond=1e-14, hermitian=True)
+        by_line = inverse @ (by_line / scale[:, None])
+        spread = np.sum(by_line**2, axis=1)
         for shift in range(1, _TOGETHER + 1):
-            square = square + 2 * np.sum(by_line[shift:] * by_line[:-shift], axis=0)
-        widening = np.sqrt(np.maximum(square / np.diag(inverse), self._misfit(poles))) / scale
+            spread = spread + 2 * np.sum(by_line[:, shift:] * by_line[:, :-shift], axis=1)
+        widening = np.sqrt(np.maximum(spread / np.diag(inverse), self._misfit(poles))) / scale
         return np.asarray(inverse * np.outer(widening, widening))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Linear:
-    """Best residues of one FRF: columns scaled and orthonormal, shares of the target in them, and what is left."""
+    """Best residues of one FRF: rows X, their shares of the rest, (XXᵀ)⁻¹ without it, and what is left."""
 
-    q: Array
-    r: Array
-    scale: Array
-    shares: Array
+    rows: Array
+    on_rest: Array
+    inverse: Array
+    amplitudes: Array
     residual: Array
+
+
+def _gaps(poles: Complex) -> tuple[Array, Array]:
+    """Where between neighbours of ordered poles, nearer to the narrower, and how many half-power widths they are apart.
+
+    Both have an entry before the first pole and one after the last, shape (poles + 1,).
+    """
+    at, width = np.abs(poles), -poles.real
+    both, apart = width[:-1] + width[1:], np.diff(at)
+    return np.concatenate([[0.0], at[:-1] + apart * width[:-1] / both, [np.inf]]), np.concatenate(
+        [[0.0], apart / both, [0.0]]
+    )
 
 
 def _pole(omega_r: Array, zeta: Array) -> Complex:
     return omega_r * (-zeta + 1j * np.sqrt(1 - zeta**2))
 
 
-def _parts(columns: Complex) -> Array:
-    """Real and imaginary parts over each other, scaled so that noise of σ² = E|δH|² = 1 has unit variance in each."""
-    return np.sqrt(2.0) * np.vstack([columns.real, columns.imag])
-
-
-def _orthonormal(columns: Array) -> Array:
-    return np.linalg.qr(columns / np.linalg.norm(columns, axis=0), "reduced")[0]
+def _orthonormal(rows: Array) -> Array:
+    return np.ascontiguousarray(np.linalg.qr((rows / np.linalg.norm(rows, axis=1)[:, None]).T, "reduced")[0].T)

@@ -56,8 +56,9 @@ def polynomial_poles(frequency_hz: Array, values: Complex, weight: Array, max_or
     for h, w in zip(values.T, weight.T, strict=True):
         x = w[:, None] * powers
         y = -h[:, None] * x
-        # the first columns of Q serve the lower orders
-        eliminated.append(np.linalg.qr(x)[0].conj().T @ y)
+        # the first columns of the orthonormal x R⁻¹ serve the lower orders
+        triangle = np.linalg.qr(x, mode="r")
+        eliminated.append(scipy.linalg.solve_triangular(triangle, x.conj().T @ y, trans="C"))
         reduced += y.conj().T @ y
     poles_by_order = []
     for order in range(2, max_order + 1):
