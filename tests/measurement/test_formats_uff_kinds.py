@@ -6,12 +6,13 @@ pyuff, which is the oracle for what it reads.
 """
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
 
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.formats import iter_records, write_records
+from jointbayes.measurement.formats import iter_records, uff_read, write_records
 from jointbayes.measurement.inspection import inspect_file
 from jointbayes.measurement.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord
 from tests.measurement.uff_text import function_58, header_164, mode_55
@@ -141,6 +142,36 @@ def test_what_programs_write_is_read_right(tmp_path, name):
             np.testing.assert_allclose(record.values, H * (record.factor or 1), rtol=1e-12)
         if isinstance(record, CoherenceRecord):
             np.testing.assert_array_equal(record.values, 0.5)
+
+
+@pytest.mark.parametrize("part", [1, 64, 1000])
+def test_functions_are_the_same_whatever_is_decoded_at_once(tmp_path, monkeypatch, part):
+    values = RNG.normal(size=301) + 1j * RNG.normal(size=301)
+    time = function_58(values.real, function=1, first=0.0, kinds=("time", "force", "none"), units=("s", "N", "NONE"))
+    uneven = function_58(values, np.sort(RNG.uniform(1, 900, 301)), response=("NONE", 2, 3))
+    loose = "\n".join(" ".join(line.split()) if "E" in line[4:20] else line for line in uneven.split("\n"))
+    text = time + function_58(values) + uneven + loose.replace("         2   3", "         5   3")
+    whole = read(tmp_path / "a.uff", text)
+    monkeypatch.setattr(uff_read, "_PART", part)
+    for record, same in zip(read(tmp_path / "a.uff", text), whole, strict=True):
+        np.testing.assert_array_equal(record.values, same.values)
+        if isinstance(record, FrfRecord):
+            np.testing.assert_array_equal(record.frequency_hz, same.frequency_hz)
+    with pytest.raises(MeasurementError, match="line 164: found 601 numbers; expected 602"):
+        read(tmp_path / "a.uff", function_58(values).replace(f"{values[150].real:20.12E}", " " * 20))
+
+
+def test_long_time_histories_are_streamed(tmp_path):
+    long = RNG.normal(size=50_000)
+    form = {"function": 1, "first": 0.0, "kinds": ("time", "force", "none"), "units": ("s", "N", "NONE")}
+    path = tmp_path / "a.uff"
+    path.write_text("".join(function_58(long, response=("NONE", n, 3), **form) for n in range(1, 9)))
+    tracemalloc.start()
+    count = sum(1 for _ in iter_records(path))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert count == 8
+    assert peak < path.stat().st_size / 2
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pyuff leaves files open

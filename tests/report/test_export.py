@@ -69,6 +69,14 @@ def test_modes_are_those_of_the_joint_of_the_medians(cheap_posterior, tmp_path):
     assert [mode.damping_ratio for mode in modes] == [0.01] * 3
 
 
+def test_modes_and_shapes_come_back_from_matlab(cheap_posterior, tmp_path):
+    modes = of_kind(written(cheap_posterior, tmp_path / "a.uff", "uff58"), ModeRecord)
+    for mode, back in zip(modes, of_kind(written(cheap_posterior, tmp_path / "a.mat", "mat"), ModeRecord), strict=True):
+        for key in ("number", "frequency_hz", "frequency_sd_hz", "damping_ratio", "damping_sd"):
+            assert getattr(back, key) == getattr(mode, key)
+        assert back.shape == {label: mode.shape[label] for label in back.shape}
+
+
 def test_matlab_has_modes_and_joint_by_name(cheap_posterior, tmp_path):
     modes = of_kind(written(cheap_posterior, tmp_path / "a.uff", "uff58"), ModeRecord)
     export(cheap_posterior, tmp_path / "a.mat", "mat")
@@ -127,6 +135,7 @@ def test_data_without_frfs_have_modes_and_no_table(frequency_posterior, tmp_path
     records = written(frequency_posterior, tmp_path / "a.uff", "uff58")
     assert {type(record) for record in records} == {ModeRecord}
     assert len(records) >= 3
+    assert len(written(frequency_posterior, tmp_path / "a.mat", "mat")) == len(records)
     with pytest.raises(ModelError, match=r"found .* as data, and no FRFs for csv; expected FRFs; choose uff58 or mat"):
         export(frequency_posterior, tmp_path / "a.csv", "csv")
     assert not (tmp_path / "a.csv").exists()

@@ -10,6 +10,7 @@ import numpy as np
 
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.array_frfs import frequency_records
+from jointbayes.measurement.formats.array_modes import mode_records
 from jointbayes.measurement.formats.array_names import ALIASES, tokens_of
 from jointbayes.measurement.formats.array_structs import described_blocks
 from jointbayes.measurement.formats.matlab_5 import Unread
@@ -57,7 +58,7 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
     records: list[Record] = []
     with np.errstate(all="ignore"):  # a file may hold any number
         for block in used:
-            records += [*frequency_records(block), *time_records(block)]
+            records += [*frequency_records(block), *time_records(block), *mode_records(block)]
     if not records and any(block.arrays for block in blocks):
         raise MeasurementError(_not_understood(blocks))
     yield from _with_coherences(records)

@@ -53,6 +53,7 @@ _LISTED = {
     10: "energy spectral density",
     12: "spectrum",
 }
+_PART = 2**22  # bytes of a function that are decoded at once
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3}
 #: An FRF has up to four: values, coherence, and corrections of both.
 _MOST_SETS = 4 * MOST_RECORDS + 100
@@ -74,6 +75,13 @@ class _UniversalFile:
         self.file.seek(data_set.start)
         return self.file.read(data_set.stop - data_set.start)
 
+    def lines(self, data_set: UffDataSet) -> Iterator[bytes]:
+        """The same in parts that end with a line."""
+        self.file.seek(data_set.start)
+        while (left := data_set.stop - self.file.tell()) > 0:
+            part = self.file.read(min(left, _PART))
+            yield part + self.file.readline(left - len(part))
+
     @contextmanager
     def located(self, data_set: UffDataSet) -> Iterator[None]:
         """Name data set and line of what cannot be read."""
@@ -88,8 +96,9 @@ class _UniversalFile:
         header = data_set.header
         assert header is not None
         with self.located(data_set):
-            function = decode(header, self.body(data_set))
-        self.correct(data_set, function.abscissa, function.ordinate.view(np.float64))
+            function = decode(header, self.lines(data_set), data_set.stop - data_set.start)
+        if data_set.number in self.corrections:
+            self.correct(data_set, function.abscissa, function.ordinate.view(np.float64))
         return header, function
 
     def correct(self, data_set: UffDataSet, *numbers: Array) -> None:
@@ -139,6 +148,7 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
             if record is not None:
                 empty = False
                 yield record
+                del record  # before the next is read
         if empty:
             kinds = sorted({data_set.kind for data_set in source.sets})
             raise MeasurementError(
@@ -289,7 +299,8 @@ def _time(source: _UniversalFile, data_set: UffDataSet, channel: str, nth: int |
         )
     scale = _SECONDS.get(header.abscissa.unit.lower(), 1.0)
     told = next((line for line in header.ids if line.startswith("sample_rate_hz=")), "")
-    rate = even_rate(function.abscissa * scale, f"data set {data_set.number}")
+    instants = header.increment * np.arange(min(header.count, 2)) if header.even else function.abscissa
+    rate = even_rate(np.asarray(instants * scale, dtype=float), f"data set {data_set.number}")
     exact = float_of(told.removeprefix("sample_rate_hz="))
     if exact is not None and abs(exact / rate - 1) < 1e-3:
         rate = exact  # its inverse, the step, is rounded

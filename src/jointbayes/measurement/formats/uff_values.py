@@ -3,7 +3,9 @@
 import io
 import re
 from array import array
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +19,27 @@ _OF_NUMBERS = b"0123456789eE+-. \r\n"
 _NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Function:
-    """Abscissa and ordinate, shape (count,)."""
+    """Abscissa and ordinate, shape (count,); an even abscissa is made when it is asked for."""
 
-    abscissa: Array
+    header: FunctionHeader
+    stated: Array | None
     ordinate: Array | NDArray[np.complex128]
 
+    @cached_property
+    def abscissa(self) -> Array:
+        """Frequencies or instants in the file's unit."""
+        if self.stated is not None:
+            return self.stated
+        abscissa = np.arange(self.header.count, dtype=np.float64)
+        with np.errstate(over="ignore"):
+            abscissa *= self.header.increment
+            abscissa += self.header.minimum
+        return abscissa
 
-def decode(header: FunctionHeader, body: bytes) -> Function:
+
+def decode(header: FunctionHeader, body: Iterable[bytes], size: int) -> Function:
     """Values of a data set 58.
 
     Parameters
@@ -33,26 +47,26 @@ def decode(header: FunctionHeader, body: bytes) -> Function:
     header
         Header of the data set.
     body
-        Content after the header, up to the delimiter.
+        Content after the header, up to the delimiter: of text parts that end with a line, so that memory stays near the
+        size of the numbers.
+    size
+        Bytes of all of it.
 
     Raises
     ------
     LineError
         If a field is not a number, or there are more or fewer than the header says.
     """
-    numbers = _binary(header, body) if header.byte_order else _text(header, body)
+    numbers = _binary(header, b"".join(body)) if header.byte_order else _text(header, body, size)
     numbers = numbers.reshape(header.count, header.per_value)
-    if header.even:
-        with np.errstate(over="ignore"):
-            abscissa = np.asarray(header.minimum + np.arange(header.count) * header.increment, dtype=np.float64)
-    else:
-        abscissa, numbers = numbers[:, 0].copy(), numbers[:, 1:]
+    stated = None if header.even else numbers[:, 0].copy()
+    numbers = numbers[:, 0 if header.even else 1 :]
     if not header.is_complex:
-        return Function(abscissa, numbers[:, 0].copy())
+        return Function(header, stated, np.ascontiguousarray(numbers[:, 0]))
     ordinate = np.empty(header.count, complex)
     # not a + 1j·b, which turns an infinite part into NaN and loses the sign of a zero
     ordinate.real, ordinate.imag = numbers[:, 0], numbers[:, 1]
-    return Function(abscissa, ordinate)
+    return Function(header, stated, ordinate)
 
 
 def _binary(header: FunctionHeader, body: bytes) -> Array:
@@ -65,16 +79,21 @@ def _binary(header: FunctionHeader, body: bytes) -> Array:
     return np.concatenate([rows["x"][:, None].astype(float), rows["y"].astype(float)], axis=1)
 
 
-def _text(header: FunctionHeader, body: bytes) -> Array:
+def _text(header: FunctionHeader, body: Iterable[bytes], size: int) -> Array:
     expected = header.count * header.per_value
     # each number takes a digit and, but for columns that touch, a blank: a count beyond that is wrong
-    if expected > len(body):
-        raise LineError(0, _count_message(header, f"at most {len(body)} numbers"))
-    if not body.translate(None, _OF_NUMBERS):
-        fast = _columns(header, body, expected)
-        if fast is not None:
-            return fast
-    return _numbers(header, body, expected)
+    if expected > size:
+        raise LineError(0, _count_message(header, f"at most {size} numbers"))
+    numbers, read, line = np.empty(expected), 0, 0
+    for part in body:
+        plain = not part.translate(None, _OF_NUMBERS)
+        some = _columns(header, part, expected - read, line) if plain else None
+        some = _numbers(header, part, expected - read, line) if some is None else some
+        numbers[read : read + some.size] = some
+        read, line = read + some.size, line + part.count(b"\n")
+    if read != expected:
+        raise LineError(max(line - 1, 0), _count_message(header, f"{read} numbers"))
+    return numbers
 
 
 def _widths(header: FunctionHeader) -> tuple[int, ...]:
@@ -86,21 +105,19 @@ def _widths(header: FunctionHeader) -> tuple[int, ...]:
     return (13, 20, 20) if header.is_complex else (13, 20) * 2
 
 
-def _columns(header: FunctionHeader, body: bytes, expected: int) -> Array | None:
-    """All numbers at once where every full line is as long as the first; None where one differs.
-
-    Nothing but one column at a time is copied, so that memory stays near the size of the text.
-    """
+def _columns(header: FunctionHeader, body: bytes, most: int, line: int) -> Array | None:
+    """All numbers at once where every full line is as long as the first; None where one differs."""
     widths = _widths(header)
     per_line, width, length = len(widths), sum(widths), body.find(b"\n") + 1
-    full = expected // per_line
-    if length <= width or full * length > len(body):
+    full = min(most // per_line, len(body) // max(length, 1))
+    if length <= width:
         return None
     cells = np.frombuffer(body, "S1", count=full * length).reshape(full, length)
     ends = cells[:, width:]
     if not ((ends == b"\n") | (ends == b"\r") | (ends == b" ")).all() or not (ends[:, -1] == b"\n").all():
         return None
-    numbers = np.empty(expected)
+    rest = _numbers(header, body[full * length :], most - full * per_line, line + full)
+    numbers = np.empty(full * per_line + rest.size)
     first = 0
     for i, wide in enumerate(widths):
         field = np.ascontiguousarray(cells[:, first : first + wide]).view(f"S{wide}")[:, 0]
@@ -109,15 +126,13 @@ def _columns(header: FunctionHeader, body: bytes, expected: int) -> Array | None
         except ValueError:
             return None
         first += wide
-    rest = _numbers(header, body[full * length :], expected - full * per_line, full)
     numbers[full * per_line :] = rest
     return numbers
 
 
-def _numbers(header: FunctionHeader, body: bytes, expected: int, skipped: int = 0) -> Array:
+def _numbers(header: FunctionHeader, body: bytes, most: int, skipped: int) -> Array:
     """Numbers by the format's columns, or separated by blanks where the columns do not hold numbers."""
     numbers = array("d")
-    line = skipped
     for line, raw in enumerate(io.BytesIO(body), start=skipped):
         text = raw.rstrip()
         cells, first = [], 0
@@ -131,12 +146,9 @@ def _numbers(header: FunctionHeader, body: bytes, expected: int, skipped: int = 
             if not _NUMBER.fullmatch(cell):
                 raise LineError(line, str(bad_number(cell.decode("ascii", errors="replace"), "")).removeprefix(": "))
             numbers.append(float(cell))
-        if len(numbers) > expected:
+        if len(numbers) > most:
             raise LineError(line, _count_message(header, "more numbers"))
-    if len(numbers) != expected:
-        actual = header.count * header.per_value - expected + len(numbers)
-        raise LineError(line, _count_message(header, f"{actual} numbers"))
-    return np.frombuffer(numbers, dtype=float) if expected else np.empty(0)
+    return np.frombuffer(numbers, dtype=float) if numbers else np.empty(0)
 
 
 def _count_message(header: FunctionHeader, actual: str) -> str:
