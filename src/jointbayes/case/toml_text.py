@@ -112,9 +112,9 @@ class _Scanner:
             path = (*path, key)
             self.lines.setdefault(path, line)
         self._take(_EQUALS)
-        self._value(path)
+        self.toml_value(path)
 
-    def _value(self, path: KeyPath) -> None:
+    def toml_value(self, path: KeyPath) -> None:
         if self._sees("[", "{"):
             self._entries(path)
         else:
@@ -128,7 +128,7 @@ class _Scanner:
         while not self._sees("]", "}"):
             if is_array:
                 self.lines[(*path, index)] = self._line()
-                self._value((*path, index))
+                self.toml_value((*path, index))
             else:
                 self._pair(path)
             index += 1
@@ -281,7 +281,7 @@ def toml_text(data: Mapping[str, Any]) -> str:
 
 def _table(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
     inside = {key: value for key, value in table.items() if isinstance(value, Mapping)}
-    lines = [f"{_key(key)} = {_value(value)}" for key, value in table.items() if key not in inside]
+    lines = [f"{_key(key)} = {toml_value(value)}" for key, value in table.items() if key not in inside]
     if path and (lines or not inside):
         lines = ["", f"[{'.'.join(map(_key, path))}]", *lines]
     for key, value in inside.items():
@@ -297,7 +297,8 @@ def _text(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")  # JSON allows it as it is, TOML not
 
 
-def _value(value: object) -> str:
+def toml_value(value: object) -> str:
+    """A value, list or table as TOML has it on one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -307,7 +308,7 @@ def _value(value: object) -> str:
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{_key(key)} = {_value(entry)}' for key, entry in value.items())} }}"
+        return f"{{ {', '.join(f'{_key(key)} = {toml_value(entry)}' for key, entry in value.items())} }}"
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_value, value))}]"
+        return f"[{', '.join(map(toml_value, value))}]"
     return str(value)  # dates and times, which Python prints as TOML has them

@@ -21,19 +21,38 @@ _FORMATS: dict[str, tuple[str, ...]] = {
 
 
 @click.command()
-@click.argument("file", default="my_case.toml", type=click.Path(path_type=Path))
-def init(file: Path) -> None:
-    """Write a small case to start from, by default my_case.toml; FILE may be a directory."""
+@click.argument("file", nargs=-1, type=click.Path(path_type=Path))
+@click.option(
+    "--from", "measured", multiple=True, type=click.Path(path_type=Path), help="Measurement file, or several."
+)
+@layout_option
+def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, str]) -> None:
+    """Write a case to start from, by default my_case.toml; FILE may be a directory.
+
+    It is a small one that runs as it stands; or with --from one for your measurement files, with what they tell and a
+    "?" where only you know. FILEs after --from that do not end in .toml are measurement files as well.
+    """
     from importlib.resources import files
 
+    from jointbayes.case.first_case import propose_case
     from jointbayes.errors import CaseError
     from jointbayes.whole_file import write_whole_file
 
-    target = file / "my_case.toml" if file.is_dir() else file
+    cases = [path for path in file if not measured or path.suffix == ".toml" or path.is_dir()]
+    if len(cases) > 1:
+        raise CaseError(f"{cases[1]}: found a second case to write; expected one; write measurement files after --from")
+    target = cases[0] if cases else Path("my_case.toml")
+    target = target / "my_case.toml" if target.is_dir() else target
     if target.exists():
         raise CaseError(f"{target}: found a file of this name; expected a new one; choose another name")
-    write_whole_file(target, files("jointbayes.cli").joinpath("minimal.toml").read_bytes())
-    say(f"Case: {target}; next: jointbayes run {target}")
+    if not measured:
+        write_whole_file(target, files("jointbayes.cli").joinpath("minimal.toml").read_bytes())
+        say(f"Case: {target}; next: jointbayes run {target}")
+        return
+    text = propose_case([*measured, *(path for path in file if path not in cases)], target.parent, layout)
+    write_whole_file(target, text.encode())
+    lines = [str(i) for i, line in enumerate(text.splitlines(), 1) if '"?' in line and not line.startswith("#")]
+    say(f'Case: {target}; answer each "?" (lines {", ".join(lines)}), then: jointbayes run {target}')
 
 
 def require_other_file(written: Path, read: Path, option: str) -> None:

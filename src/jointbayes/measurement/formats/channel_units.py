@@ -106,6 +106,21 @@ def _parts(unit: str) -> tuple[str, str]:
     return unit, ""
 
 
+def unknown_sides(unit: str) -> tuple[set[str], set[str]]:
+    """Keys that a case must state of response and force of an FRF whose unit is that of no motion over a force."""
+    response, force = (
+        set() if not part or sensor_unit(part) else {"unit", "sensitivity"} if _volts(part) else {"unit"}
+        for part in _parts(unit)
+    )
+    return response, force
+
+
+def _volts(unit: str) -> float | None:
+    """Volts of a unit, 1 where the file says nothing; None where it is another unit."""
+    parsed = parse_unit(unit)
+    return parsed.factor if parsed and parsed.powers == (0, 0, 0, 1) else None if unit else 1.0
+
+
 def _factor(unit: str) -> float | None:
     """Factor to SI of what the file says of one side, 1 where it says nothing."""
     parsed = sensor_unit(unit)
@@ -114,9 +129,9 @@ def _factor(unit: str) -> float | None:
 
 def _side(stated: ChannelUnit, unit: str, factor: float | None, place: str) -> tuple[float, SensorQuantity | None]:
     """Factor to SI of one channel and what it measures, by the case where it says so, else by the file."""
-    of_file, volts = sensor_unit(unit), parse_unit(unit)
+    of_file = sensor_unit(unit)
     if stated.sensitivity is not None:
-        in_volts = volts.factor if volts is not None and volts.powers == (0, 0, 0, 1) else None if unit else 1.0
+        in_volts = _volts(unit)
         if in_volts is None:
             raise MeasurementError(
                 f"{place}: found the unit {unit!r} and a sensitivity; expected volts, which a sensitivity divides; "

@@ -1,0 +1,247 @@
+"""A first case from measurement files: all that they tell, and a question mark where only the user knows."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+from jointbayes.case.combined import WORKSHOP_SD_PERCENT
+from jointbayes.case.toml_text import toml_text, toml_value
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet
+from jointbayes.measurement.formats.channel_units import unknown_sides
+from jointbayes.measurement.formats.grid import cut_to_band, join_frfs, measured_lines
+from jointbayes.measurement.formats.read import iter_records
+from jointbayes.measurement.modal_fit import fit_modes
+from jointbayes.measurement.records import CoherenceRecord, FrfRecord, ModeRecord, TimeRecord
+from jointbayes.measurement.signals.impact import settings_of
+from jointbayes.measurement.signals.spectra import sort_by_force
+
+#: FRFs that are fitted to tell how noisy they are, where no coherence does.
+_FITTED = 3
+_STRUCTURE = (
+    'structure = { length_mm = "?", section = { shape = "circle", diameter_mm = "?" }, youngs_modulus_gpa = 210.0, '
+    "density_kg_m3 = 7800.0%s }"
+)
+_MEASURED_DAMPING = ', damping = { law = "modal", ratio = "measured" }'
+
+
+@dataclass(slots=True)
+class _Content:
+    """What the files hold."""
+
+    channels: dict[str, set[str]] = field(default_factory=dict)  # label to what of it is open: "unit", "sensitivity"
+    frfs: list[FrfRecord] = field(default_factory=list)
+    count: int = 0
+    pairs: set[tuple[str, str]] = field(default_factory=set)
+    with_coherence: int = 0
+    averages: set[int | None] = field(default_factory=set)
+    no_quantity: bool = False
+    no_unit: bool = False
+    band: tuple[float, float] = (np.inf, 0.0)
+    histories: list[TimeRecord] = field(default_factory=list)
+    modes: list[ModeRecord] = field(default_factory=list)
+
+    def add_frf(self, record: FrfRecord) -> None:
+        """Take note of an FRF; the first ones are kept."""
+        sides = unknown_sides(record.unit) if record.factor is None else (set(), set())
+        for label, unknown in zip((record.response, record.reference), sides, strict=True):
+            self.channels.setdefault(label, set()).update(unknown)
+        self.count += 1
+        self.pairs.add((record.response, record.reference))
+        self.with_coherence += record.coherence is not None
+        self.averages.add(record.averages)
+        self.no_quantity |= record.quantity is None and not any(sides)
+        self.no_unit |= not record.unit
+        lines = record.frequency_hz[np.isfinite(record.frequency_hz) & (record.frequency_hz > 0)]
+        self.band = min(self.band[0], lines.min(initial=np.inf)), max(self.band[1], lines.max(initial=0.0))
+        if len(self.frfs) < _FITTED:
+            self.frfs.append(record)
+
+
+def propose_case(files: Sequence[Path], directory: Path, layout: Mapping[str, str] | None = None) -> str:
+    """Text of a case with what measurement files tell; where only the user knows there is ``"?"``.
+
+    Parameters
+    ----------
+    files
+        FRFs, time histories of a hammer or a shaker, or modes of a modal test.
+    directory
+        Of the case file, from which names of files count.
+    layout
+        As `iter_records` takes it.
+
+    Raises
+    ------
+    MeasurementError
+        If a file cannot be read, lies outside of the directory, or holds nothing that is data.
+    """
+    names = [_name_from(path, directory) for path in files]
+    content = _Content()
+    for path in files:
+        for record in iter_records(path, layout):
+            match record:
+                case FrfRecord():
+                    content.add_frf(record)
+                case TimeRecord():
+                    content.histories.append(record)
+                case ModeRecord():
+                    content.modes.append(record)
+                case CoherenceRecord():
+                    content.with_coherence += 1
+                    content.averages.add(record.averages)
+    if content.count:
+        data = _frf_lines(names, content, layout)
+    elif content.histories:
+        data = _history_lines(names, content, layout)
+    elif content.modes:
+        data = _mode_lines(content.modes)
+    else:
+        raise MeasurementError(
+            f"{', '.join(names)}: found no FRF, time history or mode; expected one of these; export the FRFs"
+        )
+    damping = "" if content.modes and not content.count else _MEASURED_DAMPING
+    # the answer of the modes of FRFs takes them for uncertain anyway, and the FRFs themselves take far longer with them
+    sign = "# " if damping else ""
+    return "\n".join([*_head(names, damping), *data, "", *(f"{sign}{line}" for line in _uncertain())]) + "\n"
+
+
+def _name_from(path: Path, directory: Path) -> str:
+    name = os.path.relpath(path, directory)
+    if name.startswith(".."):
+        raise MeasurementError(
+            f"{path}: found outside of the directory of the case; expected it there; write the case beside it: "
+            f"jointbayes init {path.parent / 'my_case.toml'} --from {path}"
+        )
+    return Path(name).as_posix()
+
+
+def _head(names: Sequence[str], damping: str) -> Iterator[str]:
+    yield f'# Written by jointbayes init from {", ".join(_plain(name) for name in names)}. Answer each "?".'
+    yield "# 1. What is the structure, without its joint? A straight beam of steel here: node 1 at one end, node 11 at"
+    yield '#    the other, evenly spaced. Other structures: "The case file" in the documentation, [structure].'
+    yield _STRUCTURE % damping
+    yield '# 2. Where is the joint? Its DOFs: a clamp of node 1 that yields is ["1:y", "1:rz"].'
+    yield 'joint.dofs = ["?"]'
+    yield ""
+    yield "[data]"
+
+
+def _files(names: Sequence[str], layout: Mapping[str, str] | None) -> Iterator[str]:
+    yield f"file = {toml_value(names[0] if len(names) == 1 else list(names))}"
+    if layout:
+        yield f"layout = {toml_value(layout)}"
+
+
+def _channels(open_of: Mapping[str, set[str]]) -> Iterator[str]:
+    yield '# 3. Where were sensor and hammer? Node and direction of each: "11:y" is the end; "-11:y" if it points the'
+    yield "#    other way. A channel that is not used may be taken out."
+    entries = {
+        label: {"dof": "?"} | dict.fromkeys(sorted(keys), "?") if keys else "?" for label, keys in open_of.items()
+    }
+    if len(entries) <= 4:
+        yield f"channels = {toml_value(entries)}"
+    else:
+        yield toml_text({"data": {"channels": entries}})
+
+
+def _frf_lines(names: Sequence[str], content: _Content, layout: Mapping[str, str] | None) -> Iterator[str]:
+    yield 'kind = "measured_frf"'
+    yield from _files(names, layout)
+    if content.no_quantity:
+        yield 'quantity = "?"   # the file does not say it: receptance, mobility or accelerance'
+    if content.no_unit:
+        yield '# The file states no unit, SI was taken: m/s² and N. Else { dof = "11:y", unit = "g" } for a channel.'
+    yield f"f_min_hz = {float(content.band[0])}"
+    yield f"f_max_hz = {float(content.band[1])}"
+    variance = list(_variance(content))
+    yield from _channels(content.channels)
+    yield ""
+    yield "[data.variance]"
+    yield from variance
+
+
+def _variance(content: _Content) -> Iterator[str]:
+    if content.count > len(content.pairs) and content.count % len(content.pairs) == 0:
+        yield f'source = "repeats"   # {content.count // len(content.pairs)} measurements of each FRF'
+    elif content.with_coherence >= content.count and content.averages != {1}:
+        yield 'source = "coherence"'
+        if None in content.averages:
+            yield 'averages = "?"   # the number of averages, which the file does not say'
+    else:
+        relative, floor, words = _noise(content.frfs)
+        yield f'source = "relative"   # {words}'
+        yield f"relative = {relative:.2g}"
+        yield f"floor = {floor:.2g}"
+
+
+def _noise(frfs: Sequence[FrfRecord]) -> tuple[float, float, str]:
+    """Noise relative to |H|, and to its median, as a modal fit leaves it; a usual one where none fits."""
+    usual = 0.03, 0.01, "a usual one: the file has no coherence; state what you know"
+    try:
+        used, _ = measured_lines([cut_to_band(frfs[0], "", 1e-6, None)], "")
+        frf: FrfSet = join_frfs([FrfRecord("2", "1", r.frequency_hz, r.values, "accelerance") for r in used], "")
+        fit = fit_modes(frf)
+    except MeasurementError:
+        return usual
+    # of a part with the standard deviation a|H| + b the magnitude of both is on average the square root of π/2 times it
+    size, middle = np.abs(fit.values).ravel(), float(np.median(np.abs(fit.values)))
+    left, weight = np.abs(frf.values - fit.values).ravel() * np.sqrt(2 / np.pi), 1 / (size + 0.1 * middle)
+    columns = np.column_stack([size, np.full(size.size, middle)]) * weight[:, None]
+    relative, floor = map(float, scipy.optimize.nnls(columns, left * weight)[0])
+    if not fit.modes or relative > 0.2:
+        return usual
+    return max(relative, 0.002), max(floor, 0.001), "what a modal fit leaves: the file has no coherence"
+
+
+def _history_lines(names: Sequence[str], content: _Content, layout: Mapping[str, str] | None) -> Iterator[str]:
+    records = content.histories
+    for record in records:
+        unknown = {"unit"} if record.quantity == "unknown" else set()
+        content.channels.setdefault(record.channel, set()).update(unknown)
+    longest = max(record.values.size / record.sample_rate_hz for record in records)
+    yield 'kind = "measured_frf"'
+    yield from _files(names, layout)
+    yield "# From two lines above 0 Hz to where the anti-alias filter begins; shorten it to what the hammer excites."
+    yield f"f_min_hz = {max(20.0, round(2 / longest, 3))}"
+    yield f"f_max_hz = {round(records[0].sample_rate_hz / 2.56, 3)}"
+    if any(record.quantity == "force" for record in records) and not any(content.channels.values()):
+        sort_by_force(records)
+        try:
+            settings = settings_of(records, None, None)
+            hits = settings.hits
+            block = f", block_s = {hits.block_s:g}, pretrigger_s = {hits.pretrigger_s:g}" if hits.block_s else ""
+            yield f'records = {{ method = "impact"{block} }}'
+        except MeasurementError:
+            yield f'records = {{ method = "shaker", block_s = {longest / 16:.3g} }}'
+    yield from _channels(content.channels)
+
+
+def _mode_lines(modes: Sequence[ModeRecord]) -> Iterator[str]:
+    """Modes of a modal test as a table of the case: nothing of the file is read again."""
+    modes = sorted(modes, key=lambda mode: mode.frequency_hz)
+    yield 'kind = "modes"'
+    yield f"frequencies_hz = [{', '.join(repr(float(mode.frequency_hz)) for mode in modes)}]"
+    if all(mode.frequency_sd_hz for mode in modes):
+        yield f"sd_hz = [{', '.join(f'{mode.frequency_sd_hz:.4g}' for mode in modes)}]"
+    else:
+        yield "sd_relative = 0.005   # the file does not say it: mounting the structure anew changes them so much"
+    yield "# 3. Which modes of the structure are these, counted from the lowest? And if shapes are to be data, which"
+    yield '#    DOFs are their channels? See [data.shapes] in "The case file".'
+    yield 'numbers = "?"'
+    labels = list(dict.fromkeys(label for mode in modes for label in mode.shape))
+    if labels:
+        yield f"# The file has shapes at {', '.join(_plain(label) for label in labels[:12])}."
+
+
+def _uncertain() -> Iterator[str]:
+    yield "[uncertain]   # as in a workshop, and assumed where the report says so; state what you know better"
+    for name, percent in WORKSHOP_SD_PERCENT.items():
+        yield f"{name} = {{ sd_percent = {percent} }}"
+
+
+def _plain(text: str) -> str:
+    return "".join(character if character.isprintable() else "?" for character in text)

@@ -1,0 +1,249 @@
+"""What a newcomer types: `init --from FILE`, an answer to each question, `run`; the beam of the files has no mesh."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy
+from benchmarks.exact_beam import ExactBeam, circle
+from click.testing import CliRunner
+
+import jointbayes as jb
+from jointbayes.cli.commands import main
+from jointbayes.measurement.formats import write_records
+from jointbayes.measurement.records import FrfRecord, ModeRecord, TimeRecord
+
+TRUTH = ExactBeam(
+    0.383, circle(0.025, 0.3), 2.1e11, 0.3, 7800.0, {1: 0.0, 6: 0.1915, 11: 0.383}, (5.05e9, 3.44e7, 1.52e6)
+)
+LINES = np.arange(20.0, 1000.0, 8.0)
+AVERAGES, COHERENCE = 10, 0.98
+ANSWERS = (
+    ('length_mm = "?"', "length_mm = 383.0"),
+    ('diameter_mm = "?"', "diameter_mm = 25.0"),
+    ('joint.dofs = ["?"]', 'joint.dofs = ["1:y", "1:rz"]'),
+)
+
+
+def accelerance(seed: int = 1) -> np.ndarray:
+    """Accelerance of the tip with the noise that ten averages of a coherence leave, shape (lines,)."""
+    rng = np.random.default_rng(seed)
+    exact = -((2 * np.pi * LINES) ** 2) * TRUTH.receptance(LINES, ("11:y",), ("11:y",), loss_factor=0.02)[:, 0, 0]
+    sd = np.abs(exact) * np.sqrt((1 - COHERENCE) / COHERENCE / (AVERAGES - 1) / 2)
+    return exact + sd * (rng.standard_normal(LINES.size) + 1j * rng.standard_normal(LINES.size))
+
+
+def hits(count: int = 10, rate: float = 5120.0, seconds: float = 0.8) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Force in N and acceleration in m/s² of hits at the tip: modes up to 15 kHz, sampled finely and then decimated."""
+    fine = 8 * rate
+    rng, modes = np.random.default_rng(4), TRUTH.modes(15e3)
+    shape = modes.shapes[:, TRUTH.index(["11:y"])[0]]
+    time = np.arange(round(fine * seconds)) / fine
+    made = []
+    for _ in range(count):
+        start, width, peak = 0.02, 0.0006, rng.uniform(80, 160)
+        pulse = peak * np.sin(np.pi * np.clip((time - start) / width, 0, 1))
+        response = np.zeros(time.size)
+        for omega, phi in zip(modes.omega, shape, strict=True):
+            a, b = [[0, 1], [-(omega**2), -0.02 * omega]], [[0], [phi]]
+            c, d = [[-phi * omega**2, -0.02 * phi * omega]], [[phi**2]]
+            system = tuple(map(np.array, (a, b, c, d)))
+            *discrete, _ = scipy.signal.cont2discrete(system, 1 / fine, method="foh")
+            numerator, denominator = scipy.signal.ss2tf(*discrete)
+            response += scipy.signal.lfilter(numerator[0], denominator, pulse)
+        signals = (scipy.signal.decimate(signal, 8, ftype="fir") for signal in (pulse, response))
+        noisy = [s + sd * rng.standard_normal(s.size) for s, sd in zip(signals, (0.01, 0.02), strict=True)]
+        made.append((noisy[0], noisy[1]))
+    return made
+
+
+def csv(path: Path) -> None:
+    """As somebody exports it from a spreadsheet: three columns, a unit, no coherence."""
+    rows = (f"{f},{h.real!r},{h.imag!r}\n" for f, h in zip(LINES.tolist(), accelerance().tolist(), strict=True))
+    path.write_text("Frequency (Hz),Real (m/s²/N),Imag (m/s²/N)\n" + "".join(rows), encoding="utf-8")
+
+
+def frf_file(path: Path, kind: str) -> None:
+    label, coherence = "Point:3:Z+", np.full(LINES.size, COHERENCE)
+    record = FrfRecord(label, label, LINES, accelerance(), "accelerance", "(m/s^2)/N", coherence, AVERAGES)
+    write_records([record], path, kind)
+
+
+def lvm(path: Path) -> None:
+    """Ten hits as LabVIEW writes them: a segment for each, force in lbf and acceleration in g."""
+    made = hits()
+    text = [
+        "LabVIEW Measurement\t",
+        "Separator\tTab",
+        "Decimal_Separator\t.",
+        "X_Columns\tOne",
+        "***End_of_Header***\t",
+        "",
+    ]
+    for force, response in made:
+        text += [
+            "Channels\t2",
+            f"Samples\t{force.size}\t{force.size}",
+            "Y_Unit_Label\tlbf\tg",
+            "X_Dimension\tTime\tTime",
+        ]
+        text += ["X0\t0\t0", f"Delta_X\t{1 / 5120.0!r}\t{1 / 5120.0!r}", "***End_of_Header***\t\t"]
+        text.append("X_Value\thammer\tacc tip\tComment")
+        rows = zip((force / 4.4482216152605).tolist(), (response / 9.80665).tolist(), strict=True)
+        text += [f"{i / 5120.0!r}\t{x!r}\t{y!r}" for i, (x, y) in enumerate(rows)] + [""]
+    path.write_text("\n".join(text), encoding="utf-8")
+
+
+FILES = {
+    "tip.csv": (csv, {"output 1": "11:y", "input 1": "11:y"}, "relative"),
+    "tip.uff": (lambda path: frf_file(path, "uff58b"), {"Point:3:Z+": "11:y"}, "coherence"),
+    "tip.mat": (lambda path: frf_file(path, "mat"), {"Point:3:Z+": "11:y"}, "coherence"),
+    "hits.lvm": (lvm, {"hammer": "11:y", "acc tip": "11:y"}, "coherence"),
+}
+
+
+def typed(*arguments: object) -> str:
+    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def toml_key(label: str) -> str:
+    return label if label.isidentifier() else f'"{label}"'
+
+
+def answered(folder: Path, name: str) -> Path:
+    """The case that `init` writes for a file, with each question answered in its line."""
+    write, channels, _ = FILES[name]
+    write(folder / name)
+    path = folder / "my_case.toml"
+    said = typed("init", path, "--from", folder / name)
+    text = path.read_text(encoding="utf-8")
+    asked = [str(i) for i, line in enumerate(text.splitlines(), 1) if '"?"' in line and not line.startswith("#")]
+    assert len(asked) == 3
+    assert f"(lines {', '.join(asked)})" in said
+    of_channels = [(f'{toml_key(label)} = "?"', f'{toml_key(label)} = "{dof}"') for label, dof in channels.items()]
+    for question, answer in (*ANSWERS, *of_channels):
+        assert text.count(question) == 1
+        text = text.replace(question, answer)
+    assert '= "?"' not in text
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_three_lines_are_asked_and_the_rest_is_in_the_file(tmp_path, name):
+    case = jb.load_case(answered(tmp_path, name))
+    data = case.problem.test.data
+    assert (data.frf.outputs, data.frf.inputs) == (("11:y",), ("11:y",))
+    assert data.provenance.variance.startswith("as stated" if FILES[name][2] == "relative" else "from the coherence")
+    lines = data.frf.frequency_hz
+    exact = -((2 * np.pi * lines) ** 2) * TRUTH.receptance(lines, ("11:y",), ("11:y",), loss_factor=0.02)[:, 0, 0]
+    band = (lines > 40) & (lines < 900)
+    # the damping of the records is viscous, and the decay is cut off where a block ends
+    assert np.median(np.abs(data.frf.converted("accelerance").values[:, 0, 0] / exact - 1)[band]) < 0.06
+    assert "# youngs_modulus = { sd_percent = 2.0 }" in (tmp_path / "my_case.toml").read_text(encoding="utf-8")
+
+
+def test_the_noise_of_a_file_without_coherence_is_what_a_modal_fit_leaves(tmp_path):
+    text = answered(tmp_path, "tip.csv").read_text(encoding="utf-8")
+    stated = float(text.split("relative = ")[1].split()[0])
+    assert stated == pytest.approx(np.sqrt((1 - COHERENCE) / COHERENCE / (AVERAGES - 1) / 2), rel=0.3)
+
+
+@pytest.mark.science
+def test_a_newcomer_has_a_report_after_three_commands(tmp_path):
+    path = answered(tmp_path, "tip.csv")
+    assert "Report: " in typed("run", path, "--out", tmp_path / "out")
+    answers = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["answers"]
+    low, high = answers[answers["believed"]]["parameters"]["k22"]["interval95"]
+    assert low < 1.52e6 < high
+    assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", list(FILES)[1:])
+def test_a_newcomer_has_a_report_of_each_kind_of_file(tmp_path, name):
+    path = answered(tmp_path, name)
+    assert "Report: " in typed("run", path, "--out", tmp_path / "out")
+
+
+@pytest.mark.parametrize("command", ["run", "identify"])
+def test_an_open_question_is_named_with_its_line(tmp_path, command):
+    csv(tmp_path / "tip.csv")
+    typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "tip.csv")
+    result = CliRunner().invoke(main, [command, str(tmp_path / "my_case.toml")])
+    assert result.exit_code == 2
+    assert result.output.count('found "?", a question that is still open; expected') == 5
+
+
+def test_what_the_file_does_not_say_is_asked(tmp_path):
+    bare = FrfRecord("acc", "force", LINES, accelerance(), unit="EU/V", coherence=np.full(LINES.size, 0.9), factor=None)
+    rows = [f"{f},{h.real},{h.imag},0.99" for f, h in zip(LINES, bare.values, strict=True)]
+    head = "Frequency (Hz),Real acc / force (EU/V),Imag acc / force (EU/V),Coherence acc / force"
+    (tmp_path / "tip.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
+    typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "tip.csv")
+    text = (tmp_path / "my_case.toml").read_text(encoding="utf-8")
+    assert '"acc" = { dof = "?", unit = "?" }'.replace('"acc"', "acc") in text
+    assert 'force = { dof = "?", sensitivity = "?", unit = "?" }' in text
+    assert 'averages = "?"' in text
+
+
+def test_a_layout_goes_into_the_case(tmp_path):
+    np.savez(tmp_path / "odd.npz", lines=LINES, answer=accelerance())
+    path = tmp_path / "my_case.toml"
+    typed("init", path, "--from", tmp_path / "odd.npz", "--layout", "frequency_hz=lines", "--layout", "frf=answer")
+    assert 'layout = { frequency_hz = "lines", frf = "answer" }' in path.read_text(encoding="utf-8")
+
+
+def test_modes_of_a_modal_test_are_typed_into_the_case(tmp_path, monkeypatch):
+    modes = [ModeRecord(i + 1, f, 0.1 * (i + 1), 0.01, shape={"1:Z+": 1.0}) for i, f in enumerate((121.5, 752.4))]
+    monkeypatch.setattr("jointbayes.case.first_case.iter_records", lambda *_: iter(modes))
+    text = jb.case.first_case.propose_case([tmp_path / "modes.uff"], tmp_path)
+    assert "frequencies_hz = [121.5, 752.4]" in text
+    assert "sd_hz = [0.1, 0.2]" in text
+    assert "shapes at 1:Z+" in text
+    assert "\nyoungs_modulus = { sd_percent = 2.0 }" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--from", "missing.csv"], "found no such file"),
+        (["my_case.toml", "other.toml", "--from", "tip.csv"], "found a second case to write"),
+        (["--from", "../tip.csv"], "found outside of the directory of the case"),
+        (["--from", "empty.csv"], "blank bytes"),
+    ],
+)
+def test_what_cannot_be_begun_leaves_no_case(tmp_path, monkeypatch, arguments, message):
+    folder = tmp_path / "here"
+    folder.mkdir()
+    csv(folder / "tip.csv")
+    csv(tmp_path / "tip.csv")
+    (folder / "empty.csv").write_text(" ")
+    monkeypatch.chdir(folder)
+    result = CliRunner().invoke(main, ["init", *arguments])
+    assert (result.exit_code, message in result.output) == (2, True), result.output
+    assert not list(folder.glob("*.toml"))
+
+
+def test_several_files_are_named_behind_from_as_a_shell_lists_them(tmp_path, monkeypatch):
+    frf_file(tmp_path / "a.uff", "uff58b")
+    frf_file(tmp_path / "b.uff", "uff58b")
+    monkeypatch.chdir(tmp_path)
+    typed("init", "--from", "a.uff", "b.uff")
+    text = Path("my_case.toml").read_text(encoding="utf-8")
+    assert 'file = ["a.uff", "b.uff"]' in text
+    assert 'source = "repeats"   # 2 measurements of each FRF' in text
+
+
+def test_a_recording_says_nothing_of_its_blocks_where_it_is_no_hammers(tmp_path):
+    rng = np.random.default_rng(1)
+    for name, quantity in (("shaker", "force"), ("acc", "acceleration")):
+        record = TimeRecord(
+            name, 1000.0, rng.standard_normal(16_000), quantity, "N" if quantity == "force" else "m/s^2"
+        )
+        write_records([record], tmp_path / f"{name}.uff", "uff58b")
+    typed("init", tmp_path / "a.toml", "--from", tmp_path / "shaker.uff", tmp_path / "acc.uff")
+    assert 'records = { method = "shaker", block_s = 1' in (tmp_path / "a.toml").read_text(encoding="utf-8")
