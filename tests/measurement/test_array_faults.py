@@ -110,6 +110,10 @@ BROKEN = {
         {"fs": 256.0, "force": np.zeros((4, 3, 2))},
         r"variable 'force': found shape \(4, 3, 2\); expected \(samples, channels\)",
     ),
+    "instants in minutes": (
+        {"t": T, "t_unit": "min", "x": X[:, 0]},
+        "variable 't': found the unit 'min'; expected s or ms",
+    ),
     "hits without sense": (
         {"fs": 256.0, "samples": X, "hits": np.array([0.5, 1.0])},
         "variable 'hits': found .*whole numbers",
@@ -179,7 +183,7 @@ BROKEN = {
     "dewesoft without rate": ({"Data1_AI_1": X[:, 0]}, r"found neither .*'Data1_AI_1' \("),
     "dewesoft of two clocks": (
         {"Sample_rate": 300.0, "Data1_AI_1": X[:, 0], "Data1_time_AI_1": T},
-        "found instants at 256 Hz beside a sampling rate of 300 Hz; .*write time or sample_rate_hz",
+        "found sampling rates of 256 Hz and 300 Hz; .*write time or sample_rate_hz",
     ),
 }
 
@@ -262,15 +266,21 @@ HOSTILE = {
     ),
     "two clocks": (
         {"fs": 512.0, "t": T, "x": X[:, 0]},
-        "instants at 256 Hz beside a sampling rate of 512 Hz",
+        "found sampling rates of 256 Hz and 512 Hz",
         {"time": "t"},
         [history("x", X[:, 0])],
     ),
     "two clocks, the other one": (
         {"fs": 512.0, "t": T, "x": X[:, 0]},
-        "instants at 256 Hz",
+        "sampling rates of 256 Hz",
         {"sample_rate_hz": "fs"},
         [history("x", X[:, 0], 512.0)],
+    ),
+    "a rate and an interval": (
+        {"fs": 512.0, "dt": 1 / 256, "x": X[:, 0]},
+        "found sampling rates of 256 Hz and 512 Hz",
+        {"sample_rate_hz": "256"},
+        [history("x", X[:, 0])],
     ),
     "two time axes": (
         {"t": T, "time2": 2 * T, "y": X[:, 0]},

@@ -226,6 +226,42 @@ FILES = {
     ),
     "cells of numbers": ({"H": [column(H[:, i]) for i in range(3)], "f": F}, MANY, WITH_LISTS),
     "sparse": ({"FRF": scipy.sparse.csc_matrix(H), "f": F}, MANY),
+    "units of each FRF": (
+        {"H": H, "f": F, "unit": np.array(["g/N", "mm/N", "EU"])},
+        [
+            frf("output 1", "input 1", G * V, quantity="accelerance"),
+            frf("output 2", "input 1", H[:, 1] / 1000, quantity="receptance"),
+            frf("output 3", "input 1", H[:, 2], factor=None),
+        ],
+        ("npz",),
+    ),
+    "units of nobody knows which": (
+        {"force": X[:, 0], "acceleration": X[:, 1], "fs": 256.0, "units": np.array(["N", "g"])},
+        [history("force", X[:, 0], factor=None, unit="N, g"), history("acceleration", X[:, 1], factor=None)],
+        ("npz",),
+    ),
+    "a unit of one of two": (
+        {"force": X[:, 0], "acceleration": X[:, 1], "fs": 256.0, "unit": "g"},
+        [history("force", X[:, 0], factor=None), history("acceleration", G * X[:, 1], factor=G)],
+    ),
+    "spectra beside": ({"H": V, "f": F, "F": H[:, 1], "X": H[:, 2]}, ONE, ("mat", "mat73", "npz")),
+    "magnitudes of 20 to 60": (
+        {"mag": np.abs(V) + 20, "phase_deg": np.degrees(np.angle(V)), "f": F},
+        [
+            frf("output 1", "input 1", V + 20 * V / np.abs(V))
+            | {
+                "notes": (
+                    "magnitude taken as linear, not in decibels",
+                    "no outputs named in the file, numbered instead",
+                    "no inputs named in the file, numbered instead",
+                )
+            }
+        ],
+    ),
+    "magnitudes in dB by their unit": (
+        {"mag": 20 * np.log10(np.abs(V)), "mag_unit": "dB", "phase_deg": np.degrees(np.angle(V)), "f": F},
+        [frf("output 1", "input 1", factor=None)],
+    ),
     "beside other things": ({"H": V, "f": F, "h": 0.01, "E": 210e9, "note": "steel", "n": 8.0}, ONE),
 }
 CASES = [(name, form) for name, (_, _, *only) in FILES.items() for form in (only[0] if only else WRITERS)]

@@ -23,6 +23,7 @@ from jointbayes.measurement.formats import (
     write_records,
 )
 from jointbayes.measurement.formats import read as reading
+from jointbayes.measurement.formats.array_walk import records_of_tree
 from jointbayes.measurement.formats.table import Column, column_of, column_records
 from jointbayes.measurement.inspection import inspect_file, inspect_records
 from jointbayes.measurement.records import FrfRecord, TimeRecord
@@ -186,7 +187,14 @@ def units_again(n):
     list(iter_records("units"))
 
 
-@pytest.mark.parametrize("work", [join, same_names, histories, units_again])
+def structs(n):
+    """Structs beside each other, and FRFs with their coherences in one of them."""
+    frfs = {f"H_{i}": LINES + 1j for i in range(n // 10)} | {f"coh_{i}": LINES for i in range(n // 10)}
+    tree = {f"hit_{i}": {"H": LINES + 1j} for i in range(n)} | {"f": LINES, "all": frfs}
+    sum(1 for _ in records_of_tree(tree, {}, "."))
+
+
+@pytest.mark.parametrize("work", [join, same_names, histories, units_again, structs])
 def test_time_does_not_grow_with_the_square_of_the_number(tmp_path, monkeypatch, work):
     monkeypatch.chdir(tmp_path)
     n = 4000 if work is join else 2000

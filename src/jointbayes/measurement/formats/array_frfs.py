@@ -39,13 +39,11 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
     """
     frfs = _frfs(block)
     coherences = [name for name in block.named("coherence") if frfs or _axes(block, block.numbers(name).shape)]
+    pairs = dict(_pairs(block, [frf.name for frf in frfs], coherences))
     for frf in frfs:
-        alike = [name for name in coherences if block.rest(name) == block.rest(frf.name)]
-        fitting = alike or (coherences if len(frfs) == 1 else [])
-        coherence = fitting[0] if len(fitting) == 1 else None
-        coherences = [name for name in coherences if name != coherence]
-        yield from _frf_records(block, frf, coherence, alone=len(frfs) == 1)
-    for name in coherences:
+        yield from _frf_records(block, frf, pairs.get(frf.name), alone=len(frfs) == 1)
+    placed = {*pairs.values()}
+    for name in (name for name in coherences if name not in placed):
         alone = not frfs and len(coherences) == 1
         for labels, lines, values, where, notes in _laid_out(block, _Values(name, block.numbers(name)), alone=alone):
             yield CoherenceRecord(*labels, lines, values, _averages(block), where, notes)
@@ -55,8 +53,7 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
             kind = block.string("kind") or " ".join(w for w in re.split(r"[\W_]+", name) if not w.isdecimal())
             alone = block.has("outputs")
             for labels, lines, values, where, notes in _laid_out(block, _Values(name, array), alone=alone):
-                unit = block.unit_of(name) or block.string("unit")
-                yield SpectrumRecord(labels[0], kind, lines, values, unit, where, notes)
+                yield SpectrumRecord(labels[0], kind, lines, values, block.told_unit(name), where, notes)
 
 
 # ---- values
@@ -64,10 +61,11 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
 
 def _frfs(block: Block) -> list[_Values]:
     """FRFs of a block: complex arrays, real and imaginary parts, magnitudes with phases."""
-    frfs = [_complex(block, *names) for names in _matched(block, "real", "imaginary")]
+    frfs = [_complex(block, *names) for names in _pairs(block, block.named("real"), block.named("imaginary"))]
     if block.stated("real") and not frfs:
         frfs.append(_Values("real", block.numbers("real").astype(complex), ["imaginary part taken as 0"]))
-    frfs += [_polar(block, *names) for names in _matched(block, "magnitude", "phase")]
+    phases = block.named("phase")
+    frfs += [_polar(block, *names) for names in _pairs(block, block.named("magnitude"), phases)]
     named = block.named("frf") or [
         n
         for n, value in block.arrays.items()
@@ -78,7 +76,7 @@ def _frfs(block: Block) -> list[_Values]:
         if is_complex(block.get(name)):
             frfs.append(_Values(name, array))
     if named and not frfs:
-        frfs = [_polar(block, *names) for names in _matched(block, "frf", "phase")]
+        frfs = [_polar(block, *names) for names in _pairs(block, block.named("frf"), phases)]
     if named and not frfs:
         raise MeasurementError(
             f"{block.where(named[0])}: found real numbers, which may be the real part of an FRF or its magnitude; "
@@ -93,13 +91,15 @@ def _frfs(block: Block) -> list[_Values]:
     return frfs
 
 
-def _matched(block: Block, first: str, second: str) -> Iterator[tuple[str, str]]:
-    """Names of two roles that belong together: by their other words, or because there is one of each."""
-    ones, others = block.named(first), block.named(second)
-    for name in ones:
-        alike = [other for other in others if block.rest(other) == block.rest(name)]
-        if len(ones) == len(others) == 1 or len(alike) == 1:
-            yield name, (alike or others)[0]
+def _pairs(block: Block, names: list[str], others: list[str]) -> Iterator[tuple[str, str]]:
+    """Names that belong together: by the words that tell which FRF it is, or because there is one of each."""
+    of_words: dict[frozenset[str], list[str]] = {}
+    for other in others:
+        of_words.setdefault(block.rest(other), []).append(other)
+    for name in names:
+        alike = of_words.get(block.rest(name), others if len(names) == len(others) == 1 else [])
+        if len(alike) == 1:
+            yield name, alike[0]
 
 
 def _same_size(block: Block, name: str, other: str) -> tuple[Array, Array]:
@@ -120,8 +120,8 @@ def _complex(block: Block, real: str, imaginary: str) -> _Values:
 
 def _polar(block: Block, name: str, of_phase: str) -> _Values:
     magnitude, phase = _same_size(block, name, of_phase)
-    hints, notes = block.hints(of_phase), []
-    if "db" in block.hints(name):
+    hints, notes = block.hints(of_phase), ["magnitude taken as linear, not in decibels"]
+    if "db" in block.hints(name) or block.told_unit(name)[:2].lower() == "db":
         notes = ["decibels taken as 20 log10 of the magnitude"]
         magnitude = 10 ** (magnitude / 20)
     elif (magnitude < 0).any():
@@ -146,7 +146,7 @@ def _axes(block: Block | None, shape: tuple[int, ...]) -> list[tuple[Block, str]
     """Frequency vectors that fit an array, of the innermost block that has one; such in Hz before those in rad/s."""
     while block is not None:
         for role in ("frequency", "omega"):
-            names = [name for name in block.named(role) if size_of(block.get(name)) in shape]
+            names = [n for n in block.named(role) if size_of(block.get(n)) in shape and not is_complex(block.get(n))]
             if names:
                 return [(block, n) for n in names if block.stated(n)] or [(block, n) for n in names]
         block = block.outer
@@ -208,7 +208,7 @@ def _arranged(block: Block, name: str, values: NDArray[Any], lines: int) -> tupl
     if shape[0] != lines:
         axis = shape.index(lines)
         values = np.moveaxis(values, axis, 0)
-        notes.append(f"array of shape {shape} read with its lines along axis {axis + 1}")
+        notes = [f"array of shape {shape} read with its lines along axis {axis + 1}"] if values.size > lines else []
     one_output = values.ndim == 2 and values.shape[1] > 1 and len(block.strings("outputs")) == 1
     return values[:, None, :] if one_output else values.reshape(*values.shape, *[1] * (3 - values.ndim)), notes
 
@@ -242,13 +242,17 @@ def _frf_records(block: Block, frf: _Values, coherence: str | None, *, alone: bo
                 f"{block.where(coherence)}: found shape {arranged.shape}; expected {frf.values.shape} as the FRFs; "
                 "store one coherence for each FRF"
             )
-    unit = block.unit_of(frf.name) or block.string("unit")
-    factor, of_unit, converted = read_frf_unit(unit)
-    quantity = _quantity(block) or block.meanings[frf.name].quantity or of_unit
-    if of_unit is not None and quantity != of_unit:
-        converted = [*converted, f"{quantity} by name, {of_unit} by its unit: the name was followed"]
-    averages = _averages(block)
-    for (labels, lines, values, where, notes), of_pair in zip(columns, squared, strict=True):
+    units, averages = block.strings("unit"), _averages(block)
+    units = (
+        units
+        if len(units) == len(columns) and not block.unit_of(frf.name)
+        else [block.told_unit(frf.name)] * len(columns)
+    )
+    for (labels, lines, values, where, notes), of_pair, unit in zip(columns, squared, units, strict=True):
+        factor, of_unit, converted = read_frf_unit(unit)
+        quantity = _quantity(block) or block.meanings[frf.name].quantity or of_unit
+        if of_unit is not None and quantity != of_unit:
+            converted = [*converted, f"{quantity} by name, {of_unit} by its unit: the name was followed"]
         said, si_values = (*notes, *converted), scaled(values, factor)
         yield FrfRecord(*labels, lines, si_values, quantity, unit, of_pair, averages, where, said, factor)
 
@@ -260,7 +264,11 @@ def _labels(
     small = name.lower()
     digits, channel = re.fullmatch(r"[a-z]+_?(\d)_?(\d)", small), re.fullmatch(r".*_chan_(\d{1,6})", small)
     if channel is not None:
-        label, note = f"channel {channel[1] if side == 'output' else 1}", "channel 1 taken as the reference of all FRFs"
+        reference = "input 1" if block.has("hf_chan_1") else "channel 1"
+        label, note = (
+            (f"channel {channel[1]}" if side == "output" else reference),
+            f"{reference} taken as the reference",
+        )
     elif digits is not None:
         label, note = (
             f"{side} {digits[1 + (side == 'input')]}",
@@ -285,7 +293,7 @@ def _labels(
 
 
 def _quantity(block: Block) -> Quantity | None:
-    word = block.string("quantity").lower()
+    word = ", ".join(dict.fromkeys(block.strings("quantity"))).lower()
     if word and word not in get_args(Quantity):
         raise MeasurementError(
             f"{block.where('quantity')}: found {word!r}; expected one of {', '.join(get_args(Quantity))}; correct it"

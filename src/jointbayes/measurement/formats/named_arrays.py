@@ -21,6 +21,10 @@ Arrays = Mapping[str, Any]
 _DAYS = (690_000.0, 780_000.0)
 
 
+#: Factors to s of units of time.
+SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+
+
 class Block:
     """Arrays of one struct or group.
 
@@ -52,9 +56,12 @@ class Block:
         self._lower: dict[str, str] = {}
         for name in arrays:
             self._lower.setdefault(name.lower(), name)
-        if self.named("time") or self.named("interval") or self.named("rate"):  # f is a force
-            for name in [n for n in self.named("frequency") if n.lower() == "f" and not rises(arrays[n])]:
+        if {"time", "interval", "rate"} & {meaning.role for meaning in self.meanings.values()}:
+            for name in [n for n in arrays if n.lower() == "f" and size_of(arrays[n]) > 1 and not rises(arrays[n])]:
                 self.meanings[name] = meaning_of("force signal")
+        self._roles: dict[str, list[str]] = {}
+        for name, meaning in self.meanings.items():
+            self._roles.setdefault(meaning.role, []).append(name)
 
     def path(self, key: str) -> str:
         """How the file or the user calls an array."""
@@ -86,7 +93,7 @@ class Block:
 
     def named(self, role: str, least: int = 2) -> list[str]:
         """Names of arrays of a role, of at least so many numbers."""
-        return [n for n, meaning in self.meanings.items() if meaning.role == role and size_of(self.arrays[n]) >= least]
+        return [name for name in self._roles.get(role, []) if size_of(self.arrays[name]) >= least]
 
     def rest(self, name: str) -> frozenset[str]:
         """Words of a name that tell which FRF or channel it is of."""
@@ -96,12 +103,14 @@ class Block:
         """Units that a name or the unit beside it tells: ``deg``, ``rad``, ``db``, ``khz`` and others."""
         unit = re.match(r"[\[(]?(°|[A-Za-z]+)", self.unit_of(name))
         words = {*self.meanings[name].hints, *([unit[1].lower()] if unit else [])}
-        return frozenset("deg" if word.startswith(("deg", "°")) else word.removesuffix("ians") for word in words)
+        return frozenset(
+            "deg" if word[:3] in ("deg", "°") else word[:3] if word[:3] == "rad" else word for word in words
+        )
 
     def scalar(self, role: str) -> float | None:
         """Number of a role or a name in this block or an outer one."""
-        for name, meaning in self.meanings.items():
-            if role in (meaning.role, name.lower()) and size_of(self.arrays[name]) == 1:
+        for name in (*self._roles.get(role, []), *filter(None, [self._lower.get(role)])):
+            if size_of(self.arrays[name]) == 1:
                 return float(self.numbers(name).ravel()[0])
         return None if self.outer is None else self.outer.scalar(role)
 
@@ -117,6 +126,10 @@ class Block:
     def string(self, key: str) -> str:
         """First of the texts, or an empty one where there is no text."""
         return next(iter(self.strings(key)), "") if is_text(self.get(key)) else ""
+
+    def told_unit(self, name: str) -> str:
+        """Unit of an array of values: its own, or that of the block; of several the list, which is no unit."""
+        return self.unit_of(name) or ", ".join(dict.fromkeys(self.strings("unit")))
 
     def unit_of(self, name: str) -> str:
         """Text under a name such as ``H_unit``, ``unit_H`` or ``frequency_units``, for an array of that name."""
@@ -229,7 +242,7 @@ def time_records(block: Block) -> Iterator[TimeRecord]:
         several = samples.shape[1] > 1
         for i in range(samples.shape[1]):
             channel = f"{label} {i + 1}" if several and not of_sensor else label
-            named = (channel, rate, block.unit_of(name), word, i + 1 if several and of_sensor else None)
+            named = (channel, rate, block.told_unit(name), word, i + 1 if several and of_sensor else None)
             yield _time_record(block, name, named, samples[:, i], notes)
 
 
@@ -312,39 +325,45 @@ def columns(values: NDArray[Any], where: str) -> NDArray[Any]:
 
 
 def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
-    """Sampling rate of an array, in Hz, with notes."""
-    told, interval, axes = block.scalar("rate"), block.scalar("interval"), block.named("time")
-    if told is None and interval:
-        told = 1 / interval
-    if (told is None and block.has("sample_rate_hz")) or not (told is None or 1 / HIGHEST_HZ <= told <= HIGHEST_HZ):
+    """Sampling rate of an array, in Hz, with notes; refused where two that are told differ by 1 %."""
+    interval, axes = block.scalar("interval"), block.named("time")
+    rates = [rate for rate in (block.scalar("rate"), 1 / interval if interval else None) if rate is not None]
+    if (not rates and block.has("sample_rate_hz")) or not all(1 / HIGHEST_HZ <= rate <= HIGHEST_HZ for rate in rates):
         raise MeasurementError(
-            f"{block.where('sample_rate_hz')}: found {'no one number' if told is None else f'{told:g}'}; expected one "
+            f"{block.where('sample_rate_hz')}: found {f'{rates[0]:g}' if rates else 'no one number'}; expected one "
             f"number above 0 and up to {HIGHEST_HZ:g} Hz; correct it"
         )
-    time = None if block.stated("sample_rate_hz") else _instants(block, name, (samples,))
-    if time is None and told is not None:
-        return told, []
-    if time is None:
-        fault = "found no sampling rate; expected 'sample_rate_hz' or 'time'; add it"
-        if axes:
-            count = size_of(block.get(axes[0]))
-            fault = f"found {count} instants; expected {samples}, one for each sample; correct it"
-        raise MeasurementError(f"{block.where(axes[0] if axes else name)}: {fault}")
-    scale, notes = 1.0, []
-    if any("ms" in block.hints(axis) for axis in axes):
-        scale, notes = 1e-3, ["instants in ms converted to s"]
-    elif time.size and _DAYS[0] <= time.min() and time.max() <= _DAYS[1] and np.ptp(time) < 1:
-        scale, notes = 86400.0, ["instants in days (datenum of MATLAB) converted to s"]
-    where, instants = block.where(axes[0] if axes else "time"), (time - time[:1]) * scale
-    rate = (
-        even_rate(instants, where) if told is None else (time.size - 1) / max(float(np.ptp(instants)), 1 / HIGHEST_HZ)
-    )
-    if told is not None and not abs(rate / told - 1) < 1e-2:
-        raise MeasurementError(
-            f"{where}: found instants at {rate:.6g} Hz beside a sampling rate of {told:.6g} Hz; expected one of them; "
-            "write time or sample_rate_hz with the name of the right one in [data.layout]"
+    time, notes = None if block.stated("sample_rate_hz") else _instants(block, name, (samples,)), []
+    where = block.where(axes[0] if axes else "time")
+    if time is not None:
+        unit = next(filter(None, map(block.unit_of, axes)), "ms" if any("ms" in block.hints(a) for a in axes) else "s")
+        scale = SECONDS.get(unit.lower())
+        if unit == "s" and time.size and _DAYS[0] <= time.min() and time.max() <= _DAYS[1] and np.ptp(time) < 1:
+            unit, scale = "days (datenum of MATLAB)", 86400.0
+        if scale is None:
+            raise MeasurementError(f"{where}: found the unit {unit!r}; expected s or ms; correct it")
+        notes = [f"instants in {unit} converted to s"] if scale != 1 else []
+        instants = (time - time[:1]) * scale
+        rates.append(
+            (time.size - 1) / max(float(np.ptp(instants)), 1 / HIGHEST_HZ) if rates else even_rate(instants, where)
         )
-    return told or rate, notes
+    elif not rates:
+        count, fault = (
+            size_of(block.get(axes[0])) if axes else 0,
+            "found no sampling rate; expected 'sample_rate_hz' or 'time'",
+        )
+        fault = (
+            f"found {count} instants; expected {samples}, one for each sample; correct it"
+            if axes
+            else f"{fault}; add it"
+        )
+        raise MeasurementError(f"{where if axes else block.where(name)}: {fault}")
+    if not max(rates) / min(rates) - 1 < 1e-2:
+        raise MeasurementError(
+            f"{where}: found sampling rates of {rates[-1]:.6g} Hz and {rates[0]:.6g} Hz; expected one; write time or "
+            "sample_rate_hz with the name of the right one in [data.layout]"
+        )
+    return rates[0], notes
 
 
 def _time_record(
@@ -360,6 +379,8 @@ def _time_record(
             f"{block.where('quantities')}: found {word!r}; expected one of {', '.join(get_args(SensorQuantity))}"
         )
     factor, quantity, converted = read_sensor_unit(unit)
+    if word and quantity not in (None, word):
+        factor, converted = None, [f"unit {unit!r} is none of {word}, values left as written"]
     claimed = cast(SensorQuantity, word) if word else quantity or "unknown"
     place, values = f"{block.where(name)}, {channel!r}", scaled(samples, factor)
     return TimeRecord(channel, rate, values, claimed, unit, hit, place, (*notes, *converted), factor)
