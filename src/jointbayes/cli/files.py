@@ -8,7 +8,7 @@ from jointbayes.cli.common import config_argument, layout_option, outside_allowe
 from jointbayes.cli.output import say
 
 #: Formats of `simulate`, each with the endings that choose it.
-_FORMATS: dict[str, tuple[str, ...]] = {
+FORMATS: dict[str, tuple[str, ...]] = {
     "uff58": (".uff", ".unv", ".uf"),
     "uff58b": (),
     "mat": (".mat",),
@@ -85,7 +85,7 @@ def format_of_ending(path: Path, formats: dict[str, tuple[str, ...]]) -> str:
 @config_argument
 @outside_option
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Measurement file to write.")
-@click.option("--format", "form", type=click.Choice(list(_FORMATS)), help="By default that of the file's ending.")
+@click.option("--format", "form", type=click.Choice(list(FORMATS)), help="By default that of the file's ending.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the test; by default that of [virtual_test].")
 def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> None:
     """Measure the truth of a case in a virtual test and write a measurement file, or one for each set-up."""
@@ -94,7 +94,7 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
     from jointbayes.case.simulated_test import simulate as measure
     from jointbayes.measurement.formats import write_records
 
-    chosen = form or format_of_ending(out, _FORMATS)
+    chosen = form or format_of_ending(out, FORMATS)
     require_other_file(out, config, "--out")
     case = load_case(config, allow_outside=outside_allowed())
     targets = {setup.name: out.with_stem(f"{out.stem}-{setup.name}") if setup.name else out for setup in case.setups}

@@ -20,6 +20,7 @@ from jointbayes.cli.common import (
     seed_option,
     unfinished,
 )
+from jointbayes.cli.files import FORMATS, format_of_ending, require_other_file
 from jointbayes.cli.output import say
 
 
@@ -158,15 +159,9 @@ def report(posterior: Path, out: Path | None) -> None:
 
 
 #: Formats of `export`, each with the endings that choose it.
-_EXPORTED: dict[str, tuple[str, ...]] = {
-    "uff58": (".uff", ".unv", ".uf"),
-    "uff58b": (),
-    "mat": (".mat",),
-    "csv": (".csv",),
-    "nastran": (".bdf", ".nas"),
-    "abaqus": (".inp",),
-    "calculix": (),
-    "ansys": (".mac",),
+_EXPORTED = {
+    **{form: FORMATS[form] for form in ("uff58", "uff58b", "mat", "csv")},
+    **{"nastran": (".bdf", ".nas"), "abaqus": (".inp",), "calculix": (), "ansys": (".mac",)},
 }
 
 
@@ -191,7 +186,6 @@ def export(
 
     POSTERIOR may be a run directory.
     """
-    from jointbayes.cli.files import format_of_ending, require_other_file
     from jointbayes.errors import CaseError
     from jointbayes.report.export import export as write
     from jointbayes.workflow import load_posterior

@@ -100,7 +100,8 @@ def export(
             write_matlab(arrays_of(frfs) | _blocks(posterior, part, stiffness, modes), temporary)
         else:
             write_uff((*frfs, *modes), temporary, binary=form == "uff58b", remarks=ascii_lines(said))
-    return (f"{len(frfs)} FRFs: median and both ends of the 95 % band; {len(modes)} modes of the {of}",)
+    band, shapes = f"{len(frfs)} FRFs: median and both ends of the 95 % band", f"{len(modes)} modes of the {of}"
+    return (*([band] if frfs else []), *([shapes] if modes else []))
 
 
 def central_joint(posterior: Posterior) -> tuple[Array, str]:

@@ -1,4 +1,4 @@
-"""FRFs, coherences and spectra among the arrays of one struct or group."""
+"""FRFs, coherences, spectra and modes among the arrays of one struct or group."""
 
 import re
 from collections.abc import Iterator
@@ -14,7 +14,14 @@ from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.matlab_5 import Unread
 from jointbayes.measurement.formats.named_arrays import Block, is_complex, rises, size_of, square_error, two_axes_error
 from jointbayes.measurement.formats.units import frequency_factor, read_frf_unit, scaled
-from jointbayes.measurement.records import MOST_AVERAGES, CoherenceRecord, FrfRecord, SpectrumRecord
+from jointbayes.measurement.records import (
+    HIGHEST_HZ,
+    MOST_AVERAGES,
+    CoherenceRecord,
+    FrfRecord,
+    ModeRecord,
+    SpectrumRecord,
+)
 
 #: Phases beyond are in degrees: those of resonances in radians do not come near.
 _MOST_RADIANS = 4 * np.pi
@@ -310,3 +317,45 @@ def _averages(block: Block) -> int | None:
             f"{where}: found {values[:3].tolist()}; expected one whole number from 1 to {MOST_AVERAGES}; correct it"
         )
     return int(values[0])
+
+
+def mode_records(block: Block) -> Iterator[ModeRecord]:
+    """Modes of a block, as pyOMA names them: ``Fn``, Hz, damping ratios ``Xi``, shapes ``Phi`` (channels x modes).
+
+    Raises
+    ------
+    MeasurementError
+        If a frequency is none, or shapes do not agree.
+    """
+    if not size_of(block.get("fn")):
+        return
+    of_modes = {key: block.numbers(key).ravel() for key in ("fn", "fn_std", "xi", "xi_std") if size_of(block.get(key))}
+    frequency, notes, where = of_modes["fn"], [], block.where("fn")
+    count = frequency.size
+    shapes = block.numbers("phi", np.complex128) if size_of(block.get("phi")) else np.empty((0, count))
+    shapes = shapes.reshape(-1, 1) if shapes.ndim == 1 and count == 1 else shapes
+    if shapes.ndim == 2 and shapes.shape[0] == count > 1:
+        square = shapes.shape[1] == count
+        notes.append("square shapes read as channels x modes" if square else "shapes read as modes x channels")
+        shapes = shapes if square else shapes.T
+    sizes = {key: values.size for key, values in of_modes.items()}
+    if shapes.ndim != 2 or shapes.shape[1] != count or set(sizes.values()) != {count}:
+        raise MeasurementError(
+            f"{where}: found {sizes} values and shapes 'Phi' of shape {shapes.shape}; expected one of each for each of "
+            f"{count} modes, channels x modes; correct them"
+        )
+    if not ((frequency >= 0) & (frequency <= HIGHEST_HZ)).all():
+        raise MeasurementError(f"{where}: found no frequencies; expected 0 to {HIGHEST_HZ:g} Hz; leave the others out")
+    doubtful = [key for key in ("Fn_cov", "Xi_cov") if block.has(key.lower())]
+    notes += [f"{key} not taken: a variance or a relative one" for key in doubtful]
+    if "xi" in of_modes and not (np.abs(of_modes["xi"]) < 1).all():
+        notes.append("Xi not taken: above critical, or in percent")
+        of_modes = {key: values for key, values in of_modes.items() if "xi" not in key}
+    labels = block.strings("dofs") or block.strings("channels") or [f"channel {i + 1}" for i in range(len(shapes))]
+    if len(set(labels)) != len(shapes):
+        found = f"found {len(labels)} channels for {len(shapes)} rows"
+        raise MeasurementError(f"{block.where('phi')}: {found}; expected one for each; correct them")
+    for i in range(count):
+        sd, ratio, ratio_sd = (float(of_modes[k][i]) if k in of_modes else None for k in ("fn_std", "xi", "xi_std"))
+        shape, place = dict(zip(labels, shapes[:, i].tolist(), strict=True)), f"{where}, mode {i + 1}"
+        yield ModeRecord(i + 1, float(frequency[i]), sd, ratio, ratio_sd, shape, None, place, tuple(notes))

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.formats.array_frfs import frequency_records
-from jointbayes.measurement.formats.array_modes import mode_records
+from jointbayes.measurement.formats.array_frfs import frequency_records, mode_records
 from jointbayes.measurement.formats.array_names import ALIASES, tokens_of
 from jointbayes.measurement.formats.matlab_5 import Unread
 from jointbayes.measurement.formats.named_arrays import (

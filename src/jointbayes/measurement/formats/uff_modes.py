@@ -55,7 +55,7 @@ def read_mode(body: bytes, number: int, correct: Callable[[Array, Array], None])
     if kind not in (2, 4, 5, 6):
         raise LineError(5, f"found data type {kind}; expected 2 (real) or 5 (complex); export the modes again")
     counts = _integers(lines, 6, 4)
-    mode, n_real = counts[3] if counts[0] > 1 else counts[2], counts[1]
+    mode, n_real = counts[3], counts[1]
     if not (1 <= n_real <= 12 and n_real >= (2 if analysis in _COMPLEX else 1)):
         raise LineError(6, f"found {n_real} real parameters; expected those of a mode, 4 or 6; export the modes again")
     end = 7 + -(-n_real // 6)
@@ -105,9 +105,7 @@ def _parameters(analysis: int, stated: list[float], notes: list[str]) -> tuple[f
 
 
 def _integers(lines: list[str], at: int, count: int) -> list[int]:
-    fields = [lines[at][i : i + 10].strip() for i in range(0, 10 * count, 10)]
-    if not all(re.fullmatch(r"[+-]?\d+", field) for field in fields):
-        fields = lines[at].split()[:count]  # columns of another width
+    fields = lines[at].split()[:count]
     if len(fields) < count or not all(re.fullmatch(r"[+-]?\d{1,10}", field) for field in fields):
         raise LineError(at, f"found {lines[at].strip()[:40]!r}; expected {count} whole numbers; export the modes again")
     return list(map(int, fields))

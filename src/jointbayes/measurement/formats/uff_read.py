@@ -25,8 +25,14 @@ from jointbayes.measurement.formats.uff_data_sets import (
     scan,
 )
 from jointbayes.measurement.formats.uff_modes import MOST_MODE_BYTES, read_mode
-from jointbayes.measurement.formats.uff_units import FileUnits, frf_meaning, sensor_meaning, units_of
-from jointbayes.measurement.formats.uff_values import Function, decode
+from jointbayes.measurement.formats.uff_values import (
+    FileUnits,
+    Function,
+    decode,
+    frf_meaning,
+    sensor_meaning,
+    units_of,
+)
 from jointbayes.measurement.formats.units import frequency_factor, scaled
 from jointbayes.measurement.records import (
     MOST_RECORDS,
