@@ -25,13 +25,15 @@ _SURE = 0.8
 class Resonance:
     """A peak of an FRF: its frequency, cosine of the phase of mobility there, and lines above half its power.
 
-    `turn` is −1 where the phase clearly falls through it, 1 where it rises, and between where lines are too coarse.
+    `turn` is −1 where the phase clearly falls through it, 1 where it rises, and between where lines are too coarse;
+    `centre_hz` is the mean of the lines above half power, weighted with the power.
     """
 
     frequency_hz: float
     cosine: float
     lines: int
     turn: float
+    centre_hz: float
 
 
 def pair_of(record: FrfRecord) -> tuple[str, str, int]:
@@ -111,7 +113,8 @@ class ClearFrf:
             turn = float(np.sign(steps.sum()) * (1 - np.abs(steps).max() / np.pi))
             if abs(steps.sum()) < _QUARTER or (magnitude[across] < _CLEAR * self.noise[across]).any():
                 turn = 0.0
-            resonances.append(Resonance(float(self.frequency_hz[top]), cosine, int(last - first), turn))
+            centre = float(np.average(self.frequency_hz[first:last], weights=magnitude[first:last] ** 2))
+            resonances.append(Resonance(float(self.frequency_hz[top]), cosine, int(last - first), turn, centre))
         return tuple(resonances)
 
     @property

@@ -13,6 +13,7 @@ from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, measur
 from jointbayes.measurement.signals.hits import hits_of, is_cut_off
 from jointbayes.measurement.warnings.clear_frf import ClearFrf, are_conjugates
 from jointbayes.measurement.warnings.frf_warnings import conjugated_warning, warnings_of_frf, warnings_of_notes
+from jointbayes.measurement.warnings.shift_warnings import Peaks, shift_warning
 
 Complex = NDArray[np.complex128]
 
@@ -126,6 +127,8 @@ def _named_constant(level: float, turned: bool) -> MeasurementWarning | None:
 _NAMED = 3
 #: Offsets smaller than this fraction of the largest value do no harm.
 _OFFSET = 0.01
+#: A ring-down is looked at in so many parts of so many samples; it is cut off above this fraction of its largest value.
+_PARTS, _FEWEST_SAMPLES, _CUT_OFF = 8, 200, 0.05
 #: Resolved resonances from which on one FRF, and all of a file, tell whether they are conjugates.
 _ALONE, _TOGETHER = 0.8, 0.5
 #: FRFs kept whole, which do not tell, until those of the whole file have told it.
@@ -170,6 +173,7 @@ class WarningCollector:
         self._raw: dict[tuple[str, str], list[MeasurementWarning]] = {}
         self._counts: dict[tuple[str, str], int] = {}
         self._sketches: dict[tuple[str, str], list[Sketch]] = {}
+        self._peaks: dict[tuple[str, str], Peaks] = {}
         self._turns = np.zeros(2)
         self._waiting: list[tuple[str, FrfRecord, ClearFrf]] = []
         self._highest_hz = 0.0
@@ -192,7 +196,9 @@ class WarningCollector:
         if highest > self._highest_hz:
             self._highest_hz, self._highest_where = highest, where
         if clear is not None:
-            self._compare((clear.response, clear.reference), sketch_of(record, clear))
+            pair = clear.response, clear.reference
+            self._compare_peaks(pair, Peaks.of(where, clear))
+            self._compare(pair, sketch_of(record, clear))
 
     @property
     def conjugated(self) -> bool | None:
@@ -248,6 +254,16 @@ class WarningCollector:
         kept = self._raw.setdefault(group, [])
         if len(kept) < _NAMED:
             kept.append(replace(warning, where=where))
+
+    def _compare_peaks(self, pair: tuple[str, str], peaks: Peaks) -> None:
+        """Compare resonances with those of the same FRF before, or else of the first response to the same force."""
+        for key, same_frf in ((pair, True), (("", pair[1]), False)):
+            first = self._peaks.setdefault(key, peaks)
+            if first is not peaks:
+                warning = shift_warning(first, peaks, same_frf=same_frf)
+                if warning is not None:
+                    self._keep(f"{first.where} and {peaks.where}", warning)
+                return
 
     def _compare(self, pair: tuple[str, str], sketch: Sketch) -> None:
         swapped = (pair[1], pair[0])
@@ -310,6 +326,26 @@ def _history_warnings(record: TimeRecord) -> Iterator[MeasurementWarning]:
             number = hit.number if record.hit is None else record.hit
             yield MeasurementWarning("double_hit", f"hit {number} is a {hit.reason}", "leave this hit out")
     yield from _offset(x)
+    if record.quantity != "force":
+        yield from _truncation(x)
+
+
+def _truncation(x: Array) -> Iterator[MeasurementWarning]:
+    """A ring-down that the end of the record cuts off."""
+    top = int(np.argmax(np.abs(x - np.median(x))))
+    after = np.array_split(x[top:] - np.median(x), _PARTS)
+    if after[0].size < _FEWEST_SAMPLES:
+        return
+    level = np.array([np.sqrt(np.mean(part**2)) for part in after])
+    # noise and a steady response do not fall from part to part, least of all at the end
+    rings = (np.diff(level) < 0).all() and level[-1] < 0.9 * level[-2]
+    left = float(np.abs(after[-1]).max() / np.abs(x[top] - np.median(x)))
+    if rings and left > _CUT_OFF:
+        yield MeasurementWarning(
+            "truncated_ring_down",
+            f"the response still rings with {100 * left:.2g} % of its largest value at the end of the record",
+            "measure longer blocks, or use an exponential window (exponential_end in [data.signals])",
+        )
 
 
 def _offset(x: Array) -> Iterator[MeasurementWarning]:

@@ -13,6 +13,7 @@ from jointbayes.measurement.formats.units import frf_unit
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable
 from jointbayes.measurement.warnings.clear_frf import ClearFrf, Resonance
+from jointbayes.measurement.warnings.excitation_warnings import excitation_warnings
 
 Complex = NDArray[np.complex128]
 
@@ -54,6 +55,7 @@ def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | 
     yield from _unit_warnings(record)
     if clear is None:
         return
+    yield from excitation_warnings(record, clear)
     # the phase at a resonance between two lines is anything
     peaks = tuple(p for p in clear.resonances if p.lines >= _RESOLVED)
     if clear.response == clear.reference:

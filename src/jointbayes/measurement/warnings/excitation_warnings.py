@@ -1,0 +1,143 @@
+"""What coherence and noise of one FRF say of how it was excited: leakage, an excitation that ends, hum of the mains."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.arrays import Array
+from jointbayes.measurement.provenance import MeasurementWarning
+from jointbayes.measurement.records import FrfRecord
+from jointbayes.measurement.warnings.clear_frf import ClearFrf, usable
+
+#: Incoherence 1 − γ² at a resonance from which on, and over that beside it, there is a dip.
+_DIP, _OVER = 0.05, 3.0
+#: A mean of k degrees of freedom exceeds its expectation by 8/√k once in 100 000.
+_SCATTER = 8.0
+#: Averages where the file does not say.
+_FEW_AVERAGES = 4
+#: Stretches of the band; coherence above and below which one is good and bad; how the noise rises where the force ends.
+_STRETCHES, _GOOD, _BAD, _RISE = 40, 0.9, 0.5, 5.0
+#: Multiples of the mains that are looked at; how many at least must stand out, and what share of them.
+_MULTIPLES, _HUMMING, _SHARE = 20, 3, 0.25
+#: Lines further apart show no single tone.
+_COARSE_HZ = 5.0
+Lines = NDArray[np.bool_]
+
+
+def excitation_warnings(record: FrfRecord, clear: ClearFrf) -> Iterator[MeasurementWarning]:
+    """Warnings that rest on coherence, or where there is none on the scatter of neighbouring lines.
+
+    Parameters
+    ----------
+    record
+        As a reader gives it.
+    clear
+        What can be judged of it.
+    """
+    coherence = usable(record).coherence
+    if coherence is not None and not ((coherence >= 0) & (coherence <= 1)).all():
+        return
+    averages = max((record.averages or _FEW_AVERAGES) - 1, 1)
+    incoherence = None if coherence is None or (coherence >= 1 - 1e-9).all() else 1 - coherence
+    hum, humming = _mains(clear, incoherence, averages)
+    yield from hum
+    if incoherence is not None:
+        yield from _leakage(clear, incoherence, averages, ~humming)
+    yield from _end_of_excitation(clear, incoherence, averages)
+
+
+def _leakage(clear: ClearFrf, incoherence: Array, averages: int, judged: Lines) -> Iterator[MeasurementWarning]:
+    """Resonances at which the coherence dips: there the response is largest, and noise of the sensor does least."""
+    lines, dips, magnitude = np.arange(incoherence.size), [], np.abs(clear.mobility)
+    noise = magnitude**2 * incoherence / np.maximum(1 - incoherence, 1e-6)
+    for peak in clear.resonances:
+        top, half = int(np.argmin(np.abs(clear.frequency_hz - peak.frequency_hz))), max(peak.lines, 2)
+        off = lines - top
+        # lines of an antiresonance close by are none of the resonance
+        at = (np.abs(off) <= half / 2) & (magnitude > magnitude[top] / 2) & judged
+        sides = [(side * off > half) & (side * off <= max(4 * half, 8)) for side in (-1, 1)]
+        if at.sum() * averages < 4 or min(side.sum() for side in sides) < 4:
+            continue
+        over = max(_OVER, 1 + _SCATTER / np.sqrt(at.sum() * averages))
+        beside = max(float(np.median(incoherence[side])) for side in sides)
+        # a weak mode between strong ones has a low coherence, but no more noise than they
+        noisier = noise[at].mean() > over * max(np.median(noise[side]) for side in sides)
+        if noisier and incoherence[at].mean() > max(_DIP, over * beside):
+            dips.append((peak, 1 - incoherence[at].mean(), 1 - beside))
+    if dips:
+        peak, low, high = dips[0]
+        few = f", of which {peak.lines} lines are within half power" if peak.lines < 5 else ""
+        more = f" and at {len(dips) - 1} more" if len(dips) > 1 else ""
+        yield MeasurementWarning(
+            "leakage",
+            f"coherence is {low:.2f} at the resonance at {peak.frequency_hz:.4g} Hz{few}, and {high:.3f} beside it"
+            f"{more}: leakage of blocks that are too short, or the frequency depends on the level",
+            "measure with longer blocks, and once more at half the level; do not trust height and damping of the peak",
+        )
+
+
+def _end_of_excitation(clear: ClearFrf, incoherence: Array | None, averages: int) -> Iterator[MeasurementWarning]:
+    """From where on to the end of the band coherence is gone and the noise far above that before."""
+    f, size = clear.frequency_hz, np.abs(clear.mobility)
+    if f.size < 4 * _STRETCHES:
+        return
+    if incoherence is None:
+        # of noise alone the magnitude is about as large
+        coherence, noise = 1 / (1 + (2 * clear.noise / size) ** 2), clear.noise
+    else:
+        coherence = 1 - incoherence
+        noise = size * np.sqrt(incoherence / np.maximum(coherence, 1e-6) / (2 * (averages + 1)))
+    if clear.quantity != "mobility":  # noise of the sensor is even in the quantity that is measured
+        noise = noise * (2 * np.pi * f) ** (1 if clear.quantity == "accelerance" else -1)
+    stretches = np.array_split(np.arange(f.size), _STRETCHES)
+    good = np.array([np.median(coherence[s]) for s in stretches])
+    level = np.array([np.median(noise[s]) for s in stretches])
+    bad = np.flatnonzero(good >= _BAD)
+    first = int(bad[-1]) + 1 if bad.size else 0
+    if not 3 <= first <= _STRETCHES - 2:
+        return
+    before = slice(0, max(first - 2, 1))
+    if np.median(good[before]) > _GOOD and np.median(level[first:]) > _RISE * np.median(level[before]):
+        start, rise = f[stretches[first][0]], np.median(level[first:]) / np.median(level[before])
+        yield MeasurementWarning(
+            "excitation_ends",
+            f"from {start:.4g} Hz to the last line at {f[-1]:.4g} Hz coherence is mostly below {_BAD:g}, and the noise "
+            f"is {rise:.2g} times that before: the force does not reach so far",
+            "end the band there (f_max_hz), or hit with a harder tip, or drive with a wider band",
+        )
+
+
+def _mains(clear: ClearFrf, incoherence: Array | None, averages: int) -> tuple[list[MeasurementWarning], Lines]:
+    """Lines at multiples of the mains that stand out of both sides, as hardly any elsewhere do; and which these are."""
+    f = clear.frequency_hz
+    warnings: list[MeasurementWarning] = []
+    hum = np.zeros(f.size, dtype=bool)
+    step = (f[-1] - f[0]) / (f.size - 1)
+    if step > _COARSE_HZ or f.size < 64:
+        return warnings, hum
+    # lines three to six away are out of reach of a window's skirt
+    values = np.abs(clear.mobility) if incoherence is None else incoherence
+    beside = np.median([np.roll(values, shift) for shift in (-6, -5, -4, -3, 3, 4, 5, 6)], axis=0)
+    if incoherence is None:
+        outlying = values > beside + _SCATTER * clear.noise
+    else:
+        outlying = (values > (1 + _SCATTER / np.sqrt(averages)) * beside) & (values > _DIP)
+    for mains in (50.0, 60.0):
+        multiples = mains * np.arange(1, _MULTIPLES + 1)
+        multiples = multiples[(multiples > f[0] + 4 * step) & (multiples < f[-1] - 4 * step)]
+        near = np.abs(f - multiples[:, None]) <= step
+        humming = (near & outlying).any(axis=1)
+        # three lines about each multiple stand out by chance as often as others
+        if humming.sum() >= max(_HUMMING, _SHARE * multiples.size, 12 * outlying.mean() * multiples.size):
+            hum |= np.abs((f + mains / 2) % mains - mains / 2) <= 2.5 * step
+            places = ", ".join(f"{at:g}" for at in multiples[humming][:4]) + (" and more" if humming.sum() > 4 else "")
+            count = f"{int(humming.sum())} of {multiples.size} multiples"
+            warnings.append(
+                MeasurementWarning(
+                    "mains",
+                    f"lines stand out at {places} Hz, {count} of {mains:g} Hz: hum of the mains",
+                    "leave these lines out (exclude_hz); look at grounding and at the cables of the sensors",
+                )
+            )
+    return warnings, hum
