@@ -49,6 +49,7 @@ bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against oth
 
 numbers: $(VENV)/.stamp-test  ## run every shipped case and write what README and docs quote of them (minutes)
 	$(BIN)/python -m benchmarks.numbers
+	$(BIN)/python -m benchmarks.walk_through
 
 fuzz: $(VENV)/.stamp-test  ## damaged input for every reader, SECONDS=60 each; what fails is kept in fuzz-offenders/
 	$(BIN)/python -m tests.fuzz all --seconds $(SECONDS)

@@ -5,20 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy
-from benchmarks.exact_beam import ExactBeam, circle
+from benchmarks.walk_through import AVERAGES, COHERENCE, TRUTH, accelerance, write_frfs, write_lvm
 from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.measurement.formats import write_records
-from jointbayes.measurement.records import FrfRecord, ModeRecord, TimeRecord
+from jointbayes.measurement.records import ModeRecord, TimeRecord
 
-TRUTH = ExactBeam(
-    0.383, circle(0.025, 0.3), 2.1e11, 0.3, 7800.0, {1: 0.0, 6: 0.1915, 11: 0.383}, (5.05e9, 3.44e7, 1.52e6)
-)
 LINES = np.arange(20.0, 1000.0, 8.0)
-AVERAGES, COHERENCE = 10, 0.98
 ANSWERS = (
     ('length_mm = "?"', "length_mm = 383.0"),
     ('diameter_mm = "?"', "diameter_mm = 25.0"),
@@ -26,80 +21,21 @@ ANSWERS = (
 )
 
 
-def accelerance(seed: int = 1) -> np.ndarray:
-    """Accelerance of the tip with the noise that ten averages of a coherence leave, shape (lines,)."""
-    rng = np.random.default_rng(seed)
-    exact = -((2 * np.pi * LINES) ** 2) * TRUTH.receptance(LINES, ("11:y",), ("11:y",), loss_factor=0.02)[:, 0, 0]
-    sd = np.abs(exact) * np.sqrt((1 - COHERENCE) / COHERENCE / (AVERAGES - 1) / 2)
-    return exact + sd * (rng.standard_normal(LINES.size) + 1j * rng.standard_normal(LINES.size))
-
-
-def hits(count: int = 10, rate: float = 5120.0, seconds: float = 0.8) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Force in N and acceleration in m/s² of hits at the tip: modes up to 15 kHz, sampled finely and then decimated."""
-    fine = 8 * rate
-    rng, modes = np.random.default_rng(4), TRUTH.modes(15e3)
-    shape = modes.shapes[:, TRUTH.index(["11:y"])[0]]
-    time = np.arange(round(fine * seconds)) / fine
-    made = []
-    for _ in range(count):
-        start, width, peak = 0.02, 0.0006, rng.uniform(80, 160)
-        pulse = peak * np.sin(np.pi * np.clip((time - start) / width, 0, 1))
-        response = np.zeros(time.size)
-        for omega, phi in zip(modes.omega, shape, strict=True):
-            a, b = [[0, 1], [-(omega**2), -0.02 * omega]], [[0], [phi]]
-            c, d = [[-phi * omega**2, -0.02 * phi * omega]], [[phi**2]]
-            system = tuple(map(np.array, (a, b, c, d)))
-            *discrete, _ = scipy.signal.cont2discrete(system, 1 / fine, method="foh")
-            numerator, denominator = scipy.signal.ss2tf(*discrete)
-            response += scipy.signal.lfilter(numerator[0], denominator, pulse)
-        signals = (scipy.signal.decimate(signal, 8, ftype="fir") for signal in (pulse, response))
-        noisy = [s + sd * rng.standard_normal(s.size) for s, sd in zip(signals, (0.01, 0.02), strict=True)]
-        made.append((noisy[0], noisy[1]))
-    return made
-
-
 def csv(path: Path) -> None:
     """As somebody exports it from a spreadsheet: three columns, a unit, no coherence."""
-    rows = (f"{f},{h.real!r},{h.imag!r}\n" for f, h in zip(LINES.tolist(), accelerance().tolist(), strict=True))
+    rows = (f"{f},{h.real!r},{h.imag!r}\n" for f, h in zip(LINES.tolist(), accelerance(LINES).tolist(), strict=True))
     path.write_text("Frequency (Hz),Real (m/s²/N),Imag (m/s²/N)\n" + "".join(rows), encoding="utf-8")
 
 
 def frf_file(path: Path, kind: str) -> None:
-    label, coherence = "Point:3:Z+", np.full(LINES.size, COHERENCE)
-    record = FrfRecord(label, label, LINES, accelerance(), "accelerance", "(m/s^2)/N", coherence, AVERAGES)
-    write_records([record], path, kind)
-
-
-def lvm(path: Path) -> None:
-    """Ten hits as LabVIEW writes them: a segment for each, force in lbf and acceleration in g."""
-    made = hits()
-    text = [
-        "LabVIEW Measurement\t",
-        "Separator\tTab",
-        "Decimal_Separator\t.",
-        "X_Columns\tOne",
-        "***End_of_Header***\t",
-        "",
-    ]
-    for force, response in made:
-        text += [
-            "Channels\t2",
-            f"Samples\t{force.size}\t{force.size}",
-            "Y_Unit_Label\tlbf\tg",
-            "X_Dimension\tTime\tTime",
-        ]
-        text += ["X0\t0\t0", f"Delta_X\t{1 / 5120.0!r}\t{1 / 5120.0!r}", "***End_of_Header***\t\t"]
-        text.append("X_Value\thammer\tacc tip\tComment")
-        rows = zip((force / 4.4482216152605).tolist(), (response / 9.80665).tolist(), strict=True)
-        text += [f"{i / 5120.0!r}\t{x!r}\t{y!r}" for i, (x, y) in enumerate(rows)] + [""]
-    path.write_text("\n".join(text), encoding="utf-8")
+    write_frfs(path, LINES, kind, (("Point:3:Z+", "11:y"),))
 
 
 FILES = {
     "tip.csv": (csv, {"output 1": "11:y", "input 1": "11:y"}, "relative"),
     "tip.uff": (lambda path: frf_file(path, "uff58b"), {"Point:3:Z+": "11:y"}, "coherence"),
     "tip.mat": (lambda path: frf_file(path, "mat"), {"Point:3:Z+": "11:y"}, "coherence"),
-    "hits.lvm": (lvm, {"hammer": "11:y", "acc tip": "11:y"}, "coherence"),
+    "hits.lvm": (write_lvm, {"hammer": "11:y", "acc tip": "11:y"}, "coherence"),
 }
 
 
@@ -179,8 +115,7 @@ def test_an_open_question_is_named_with_its_line(tmp_path, command):
 
 
 def test_what_the_file_does_not_say_is_asked(tmp_path):
-    bare = FrfRecord("acc", "force", LINES, accelerance(), unit="EU/V", coherence=np.full(LINES.size, 0.9), factor=None)
-    rows = [f"{f},{h.real},{h.imag},0.99" for f, h in zip(LINES, bare.values, strict=True)]
+    rows = [f"{f},{h.real},{h.imag},0.99" for f, h in zip(LINES, accelerance(LINES), strict=True)]
     head = "Frequency (Hz),Real acc / force (EU/V),Imag acc / force (EU/V),Coherence acc / force"
     (tmp_path / "tip.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
     typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "tip.csv")
@@ -191,7 +126,7 @@ def test_what_the_file_does_not_say_is_asked(tmp_path):
 
 
 def test_a_layout_goes_into_the_case(tmp_path):
-    np.savez(tmp_path / "odd.npz", lines=LINES, answer=accelerance())
+    np.savez(tmp_path / "odd.npz", lines=LINES, answer=accelerance(LINES))
     path = tmp_path / "my_case.toml"
     typed("init", path, "--from", tmp_path / "odd.npz", "--layout", "frequency_hz=lines", "--layout", "frf=answer")
     assert 'layout = { frequency_hz = "lines", frf = "answer" }' in path.read_text(encoding="utf-8")
