@@ -1,9 +1,14 @@
 """Trees of arrays written as MATLAB 5, MATLAB 7.3, npz and HDF5 files, as MATLAB and others write them."""
 
+import itertools
+
 import h5py
 import numpy as np
 import scipy.io
 import scipy.sparse
+
+#: Of what references lead to, each of which has a name of its own.
+_NUMBERS = itertools.count()
 
 
 def write_mat(tree, path):
@@ -38,9 +43,10 @@ def write_mat73(tree, path):
 
 
 def _reference(file, value):
+    name = f"r{next(_NUMBERS)}"
     refs = file.require_group("#refs#")
-    _put(file, refs, f"r{len(refs)}", value)
-    return refs[f"r{len(refs) - 1}"].ref
+    _put(file, refs, name, value)
+    return refs[name].ref
 
 
 def _put(file, group, name, value):
@@ -59,6 +65,9 @@ def _put(file, group, name, value):
         refs = [_reference(file, item) for item in value]
         made = group.create_dataset(name, data=np.array([refs], dtype=h5py.ref_dtype).T)
         made.attrs["MATLAB_class"] = np.bytes_("cell")
+    elif isinstance(value, str) and not value:
+        made = group.create_dataset(name, data=np.zeros(2, "u8"))
+        made.attrs["MATLAB_class"], made.attrs["MATLAB_empty"] = np.bytes_("char"), np.uint8(1)
     elif isinstance(value, str):
         made = group.create_dataset(name, data=np.frombuffer(value.encode("utf-16-le"), "<u2")[:, None])
         made.attrs["MATLAB_class"] = np.bytes_("char")

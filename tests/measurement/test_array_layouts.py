@@ -15,9 +15,11 @@ Layouts and where they are described:
 
 import numpy as np
 import pytest
+import scipy.io
 import scipy.sparse
 
 from jointbayes.measurement.formats import iter_records
+from jointbayes.measurement.formats.array_files import read_arrays
 from jointbayes.measurement.records import CoherenceRecord, FrfRecord, SpectrumRecord, TimeRecord
 from tests.measurement.array_trees import WITH_LISTS, WRITERS
 
@@ -285,6 +287,47 @@ def require(records, expected):
                 assert record.factor == pytest.approx(value, rel=1e-15)
             elif key != "kind":
                 assert getattr(record, key) == value, key
+
+
+def squeezed(value):
+    """A tree with its arrays as they are without axes of one, and single texts as texts."""
+    if isinstance(value, dict):
+        return {name: squeezed(item) for name, item in sorted(value.items())}
+    if isinstance(value, list) and not all(isinstance(item, str) for item in value):
+        return [squeezed(item) for item in value]
+    array = np.squeeze(np.asarray(value))
+    return array.astype(str).tolist() or "" if array.dtype.kind == "U" else array.astype(complex).tolist()
+
+
+@pytest.mark.parametrize("name", [n for n, (_, _, *forms) in FILES.items() if not forms or "mat73" in forms[0]])
+def test_both_versions_of_matlab_give_the_tree_that_was_written(tmp_path, name):
+    tree = FILES[name][0]
+    trees = []
+    for form in WITH_LISTS:
+        WRITERS[form](tree, tmp_path / form)
+        trees.append(squeezed(read_arrays(tmp_path / form, form)))
+    assert trees[0] == trees[1]
+    full = {key: value.toarray() if scipy.sparse.issparse(value) else value for key, value in tree.items()}
+    assert trees[0] == squeezed(full)
+
+
+def test_cells_in_cells_empty_ones_and_structs_of_cells(tmp_path):
+    """As MATLAB nests them; scipy's reader is the oracle of the file that scipy wrote."""
+    tree = {
+        "a": {"b": [{"c": ["x", "y"], "d": [1.0, [2.0, "z"]]}, {"c": ["u", "v"], "d": [3.0]}]},
+        "e": np.zeros((0, 0)),
+    }
+    for form in WITH_LISTS:
+        WRITERS[form]({"a": tree["a"]}, tmp_path / form)
+        first, second = read_arrays(tmp_path / form, form)["a"]["b"]
+        assert (first["c"].tolist(), second["c"].tolist()) == (["x", "y"], ["u", "v"])
+        assert [float(first["d"][0].item()), float(second["d"][0].item())] == [1.0, 3.0]
+        inner = first["d"][1]
+        assert (inner[0].item(), str(inner[1].item())) == (2.0, "z")
+    WRITERS["mat"](tree, tmp_path / "a")
+    oracle = scipy.io.loadmat(tmp_path / "a", appendmat=False, simplify_cells=True)
+    assert oracle["a"]["b"][0]["d"][1][0] == 2.0
+    assert read_arrays(tmp_path / "a", "mat")["e"].size == oracle["e"].size == 0
 
 
 def test_there_are_enough_layouts():

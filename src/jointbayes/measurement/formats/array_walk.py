@@ -285,7 +285,7 @@ def _holders(blocks: list[Block], key: str, path: str) -> list[tuple[Block, str]
             return found
     if key in _NUMBERS and _number(path) is not None:
         return [(blocks[0], "")]
-    near = difflib.get_close_matches(name, paths, 1, 0.6)
+    near = difflib.get_close_matches(name[:100], paths[:5000], 1, 0.6)
     listed = ", ".join(f"'{p[:60]}'" for p in paths[:_MOST_LISTED]) + (" …" if len(paths) > _MOST_LISTED else "")
     remedy = f"did you mean '{near[0]}'?" if near else "correct the name"
     raise MeasurementError(f"[data.layout] {key}: found no variable '{path[:60]}'; expected one of {listed}; {remedy}")
