@@ -66,7 +66,7 @@ def test_modes_are_those_of_the_joint_of_the_medians(cheap_posterior, tmp_path):
     draws = cheap_posterior.predict_natural_frequencies(3, 400)
     np.testing.assert_allclose([mode.frequency_sd_hz for mode in modes], draws.std(axis=0), rtol=1e-6)
     assert {mode.modal_mass for mode in modes} == {1.0}
-    assert [mode.damping_ratio for mode in modes] == [0.01] * 3
+    assert [(mode.damping_ratio, mode.damping_sd) for mode in modes] == [(0.01, None)] * 3
 
 
 def test_modes_and_shapes_come_back_from_matlab(cheap_posterior, tmp_path):

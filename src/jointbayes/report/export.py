@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf import AssembledShapes
+from jointbayes.frf import AssembledShapes, Modal
 from jointbayes.inference import Problem
 from jointbayes.joint import Joint, Joints
 from jointbayes.measurement.formats.array_files import write_matlab
@@ -132,28 +132,38 @@ def _frfs(posterior: Posterior, setup: str | None) -> tuple[FrfRecord, ...]:
 
 def _modes(posterior: Posterior, part: Problem, theta: Array, nodes: dict[str, int]) -> tuple[ModeRecord, ...]:
     """Lowest modes with unit modal mass at the nodes of the model; none of a structure with a measured body."""
-    test, count = part.test, min(_MOST_MODES, part.test.most_modes)
-    if count < 1:
+    test, most = part.test, min(_MOST_MODES, part.test.most_modes)
+    if most < 1:
         return ()
     dofs = tuple(dict.fromkeys((*test.data.dofs, *test.joints.labels)))
-    rows = np.vstack([theta, posterior.thinned(_DRAWS)])
-    modal = AssembledShapes(test.structures, test.joints, count, dofs).modes(
-        part.parametrisation.matrix(part.prior.values(rows)), part.structural(part.prior.factors(rows))
-    )
     labels = [_label(dof, nodes) for dof in dofs]
-    count = min(count, max(_FEWEST_MODES, int((modal.frequency_hz[0] <= test.data.top_hz).sum())))
+
+    def modal_at(rows: Array, count: int) -> Modal:
+        return AssembledShapes(test.structures, test.joints, count, dofs).modes(
+            part.parametrisation.matrix(part.prior.values(rows)), part.structural(part.prior.factors(rows))
+        )
+
+    modal = modal_at(theta[None], most)
+    count = min(most, max(_FEWEST_MODES, int((modal.frequency_hz[0] <= test.data.top_hz).sum())))
+    drawn = modal_at(posterior.thinned(_DRAWS), count)
     return tuple(
         ModeRecord(
             n + 1,
             float(modal.frequency_hz[0, n]),
-            float(modal.frequency_hz[1:, n].std()),
+            _sd(drawn.frequency_hz[:, n]),
             float(modal.damping_ratio[0, n]),
-            float(modal.damping_ratio[1:, n].std()),
+            _sd(drawn.damping_ratio[:, n]),
             dict(zip(labels, modal.shapes[0, n].astype(complex).tolist(), strict=True)),
             1.0,
         )
         for n in range(count)
     )
+
+
+def _sd(values: Array) -> float | None:
+    """Standard deviation; None of what the model holds fixed, but for rounding."""
+    sd = float(values.std())
+    return sd if sd > 1e-9 * float(np.abs(values).max()) else None
 
 
 def _label(dof: str, nodes: dict[str, int]) -> str:
@@ -218,9 +228,9 @@ def _blocks(
         return {"joint": joint}
     of_modes = {
         "Fn": np.array([mode.frequency_hz for mode in modes]),
-        "Fn_std": np.array([mode.frequency_sd_hz for mode in modes]),
+        "Fn_std": np.array([mode.frequency_sd_hz for mode in modes], dtype=float),
         "Xi": np.array([mode.damping_ratio for mode in modes]),
-        "Xi_std": np.array([mode.damping_sd for mode in modes]),
+        "Xi_std": np.array([mode.damping_sd for mode in modes], dtype=float),
         "Phi": np.array([list(mode.shape.values()) for mode in modes]).T,
         "dofs": list(modes[0].shape),
     }

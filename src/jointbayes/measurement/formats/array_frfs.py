@@ -356,6 +356,7 @@ def mode_records(block: Block) -> Iterator[ModeRecord]:
         found = f"found {len(labels)} channels for {len(shapes)} rows"
         raise MeasurementError(f"{block.where('phi')}: {found}; expected one for each; correct them")
     for i in range(count):
-        sd, ratio, ratio_sd = (float(of_modes[k][i]) if k in of_modes else None for k in ("fn_std", "xi", "xi_std"))
+        of_mode = {key: float(values[i]) for key, values in of_modes.items() if np.isfinite(values[i])}
+        sd, ratio, ratio_sd = (of_mode.get(key) for key in ("fn_std", "xi", "xi_std"))
         shape, place = dict(zip(labels, shapes[:, i].tolist(), strict=True)), f"{where}, mode {i + 1}"
         yield ModeRecord(i + 1, float(frequency[i]), sd, ratio, ratio_sd, shape, None, place, tuple(notes))

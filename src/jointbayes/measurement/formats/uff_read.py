@@ -214,9 +214,10 @@ def _record(
     if header is None:
         return _mode(source, data_set) if kind == _MODES else None
     if kind not in (_TIME, _FRF, _COHERENCE):
-        words = _LISTED.get(kind, f"function of type {kind}")
-        lines = np.empty(0)
-        return SpectrumRecord(response, words, lines, lines, header.numerator.unit, where, ("values not read",))
+        words, none = _LISTED.get(kind, f"function of type {kind}"), np.empty(0)
+        told = header.even and header.abscissa.kind == 18 and header.count <= data_set.stop - data_set.start
+        lines = _frequency_hz(Function(header, None, none).abscissa, header, []) if told else none
+        return SpectrumRecord(response, words, lines, none, header.numerator.unit, where, ("values not read",))
     axis_kind, axis_unit = header.abscissa.kind, header.abscissa.unit
     over_time = axis_kind == 17 or (axis_kind != 18 and axis_unit.lower() in _SECONDS)
     over_frequency = axis_kind == 18 or (axis_kind != 17 and frequency_factor(axis_unit) is not None)
