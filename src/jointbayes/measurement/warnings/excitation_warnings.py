@@ -18,8 +18,9 @@ _SCATTER = 8.0
 _FEW_AVERAGES = 4
 #: Stretches of the band; coherence above and below which one is good and bad; how the noise rises where the force ends.
 _STRETCHES, _GOOD, _BAD, _RISE = 40, 0.9, 0.5, 5.0
-#: Multiples of the mains that are looked at; how many at least must stand out, and what share of them.
-_MULTIPLES, _HUMMING, _SHARE = 20, 3, 0.25
+#: Multiples of the mains that are looked at; how many at least must stand out, and what share of them: of the
+#: coherence, and of the FRF, where the tips of resonances stand out as well.
+_MULTIPLES, _HUMMING, _SHARE, _SHARE_OF_LINES = 20, 3, 0.25, 0.5
 #: Lines further apart show no single tone.
 _COARSE_HZ = 5.0
 Lines = NDArray[np.bool_]
@@ -36,7 +37,8 @@ def excitation_warnings(record: FrfRecord, clear: ClearFrf) -> Iterator[Measurem
         What can be judged of it.
     """
     coherence = usable(record).coherence
-    if coherence is not None and not ((coherence >= 0) & (coherence <= 1)).all():
+    stated = coherence is not None and coherence.shape == clear.mobility.shape
+    if coherence is not None and not (stated and ((coherence >= 0) & (coherence <= 1)).all()):
         return
     averages = max((record.averages or _FEW_AVERAGES) - 1, 1)
     incoherence = None if coherence is None or (coherence >= 1 - 1e-9).all() else 1 - coherence
@@ -52,14 +54,15 @@ def _leakage(clear: ClearFrf, incoherence: Array, averages: int, judged: Lines) 
     lines, dips, magnitude = np.arange(incoherence.size), [], np.abs(clear.mobility)
     noise = magnitude**2 * incoherence / np.maximum(1 - incoherence, 1e-6)
     for peak in clear.resonances:
-        top, half = int(np.argmin(np.abs(clear.frequency_hz - peak.frequency_hz))), max(peak.lines, 2)
-        off = lines - top
+        top, half = int(np.searchsorted(clear.frequency_hz, peak.frequency_hz)), max(peak.lines, 2)
+        reach = max(4 * half, 8)
         # lines of an antiresonance close by are none of the resonance
-        at = (np.abs(off) <= half / 2) & (magnitude > magnitude[top] / 2) & judged
-        sides = [(side * off > half) & (side * off <= max(4 * half, 8)) for side in (-1, 1)]
-        if at.sum() * averages < 4 or min(side.sum() for side in sides) < 4:
+        at = lines[max(top - half // 2, 0) : top + half // 2 + 1]
+        at = at[(magnitude[at] > magnitude[top] / 2) & judged[at]]
+        sides = lines[max(top - reach, 0) : max(top - half, 0)], lines[top + half + 1 : top + reach + 1]
+        if at.size * averages < 4 or min(side.size for side in sides) < 4:
             continue
-        over = max(_OVER, 1 + _SCATTER / np.sqrt(at.sum() * averages))
+        over = max(_OVER, 1 + _SCATTER / np.sqrt(at.size * averages))
         beside = max(float(np.median(incoherence[side])) for side in sides)
         # a weak mode between strong ones has a low coherence, but no more noise than they
         noisier = noise[at].mean() > over * max(np.median(noise[side]) for side in sides)
@@ -90,16 +93,15 @@ def _end_of_excitation(clear: ClearFrf, incoherence: Array | None, averages: int
         noise = size * np.sqrt(incoherence / np.maximum(coherence, 1e-6) / (2 * (averages + 1)))
     if clear.quantity != "mobility":  # noise of the sensor is even in the quantity that is measured
         noise = noise * (2 * np.pi * f) ** (1 if clear.quantity == "accelerance" else -1)
-    stretches = np.array_split(np.arange(f.size), _STRETCHES)
-    good = np.array([np.median(coherence[s]) for s in stretches])
-    level = np.array([np.median(noise[s]) for s in stretches])
+    each = f.size // _STRETCHES
+    good, level = (np.median(x[-_STRETCHES * each :].reshape(_STRETCHES, each), axis=1) for x in (coherence, noise))
     bad = np.flatnonzero(good >= _BAD)
     first = int(bad[-1]) + 1 if bad.size else 0
     if not 3 <= first <= _STRETCHES - 2:
         return
     before = slice(0, max(first - 2, 1))
     if np.median(good[before]) > _GOOD and np.median(level[first:]) > _RISE * np.median(level[before]):
-        start, rise = f[stretches[first][0]], np.median(level[first:]) / np.median(level[before])
+        start, rise = f[f.size - (_STRETCHES - first) * each], np.median(level[first:]) / np.median(level[before])
         yield MeasurementWarning(
             "excitation_ends",
             f"from {start:.4g} Hz to the last line at {f[-1]:.4g} Hz coherence is mostly below {_BAD:g}, and the noise "
@@ -116,20 +118,22 @@ def _mains(clear: ClearFrf, incoherence: Array | None, averages: int) -> tuple[l
     step = (f[-1] - f[0]) / (f.size - 1)
     if step > _COARSE_HZ or f.size < 64:
         return warnings, hum
-    # lines three to six away are out of reach of a window's skirt
-    values = np.abs(clear.mobility) if incoherence is None else incoherence
-    beside = np.median([np.roll(values, shift) for shift in (-6, -5, -4, -3, 3, 4, 5, 6)], axis=0)
-    if incoherence is None:
-        outlying = values > beside + _SCATTER * clear.noise
-    else:
-        outlying = (values > (1 + _SCATTER / np.sqrt(averages)) * beside) & (values > _DIP)
+    values, share = (np.abs(clear.mobility), _SHARE_OF_LINES) if incoherence is None else (incoherence, _SHARE)
+
+    def outlying(places: Array) -> NDArray[np.bool_]:
+        """Whether one of the three lines about each place stands out of those three to six lines away."""
+        about = np.searchsorted(f, places)[:, None] + np.arange(-1, 2)
+        beside = np.median(values[about[:, :, None] + [-6, -5, -4, -3, 3, 4, 5, 6]], axis=2)
+        if incoherence is None:
+            return np.asarray((values[about] > beside + _SCATTER * clear.noise[about]).any(axis=1))
+        above = (values[about] > (1 + _SCATTER / np.sqrt(averages)) * beside) & (values[about] > _DIP)
+        return np.asarray(above.any(axis=1))
+
     for mains in (50.0, 60.0):
         multiples = mains * np.arange(1, _MULTIPLES + 1)
-        multiples = multiples[(multiples > f[0] + 4 * step) & (multiples < f[-1] - 4 * step)]
-        near = np.abs(f - multiples[:, None]) <= step
-        humming = (near & outlying).any(axis=1)
-        # three lines about each multiple stand out by chance as often as others
-        if humming.sum() >= max(_HUMMING, _SHARE * multiples.size, 12 * outlying.mean() * multiples.size):
+        multiples = multiples[(multiples > f[0] + 8 * step) & (multiples < f[-1] - mains)]
+        humming, elsewhere = outlying(multiples), outlying(multiples + 0.37 * mains)
+        if humming.sum() >= max(_HUMMING, share * multiples.size, 3 * elsewhere.sum()):
             hum |= np.abs((f + mains / 2) % mains - mains / 2) <= 2.5 * step
             places = ", ".join(f"{at:g}" for at in multiples[humming][:4]) + (" and more" if humming.sum() > 4 else "")
             count = f"{int(humming.sum())} of {multiples.size} multiples"
