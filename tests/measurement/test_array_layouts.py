@@ -101,6 +101,22 @@ FILES = {
         {"Coherence": siemens(C, "", "Coherence")},
         [{"kind": CoherenceRecord, "response": "Tip:1:+Z", "reference": "Tip:2:+X", "frequency_hz": F, "values": C}],
     ),
+    "test.lab channels in the name": (
+        {"FRF_1": siemens() | {"function_record": {"name": "FRF Tip:1:+Z/Tip:2:+X", "type": "FRF"}}},
+        [frf("Tip:1:+Z", "Tip:2:+X", G * V)],
+    ),
+    "test.lab unit and factor differ": (
+        {
+            "FRF": siemens()
+            | {
+                "y_values": {
+                    "values": column(V),
+                    "quantity": {"label": "g/N", "unit_transformation": {"factor_to_si": 1.0}},
+                }
+            }
+        },
+        [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="g/N (factor_to_si 1)")],
+    ),
     "test.lab uneven lines": (
         {"FRF": siemens(values=V, unit="m/N") | {"x_values": {"values": F**1.5, "quantity": {"label": "Hz"}}}},
         [frf("Tip:1:+Z", "Tip:2:+X", lines=F**1.5, quantity="receptance")],
@@ -263,6 +279,20 @@ FILES = {
     "magnitudes in dB by their unit": (
         {"mag": 20 * np.log10(np.abs(V)), "mag_unit": "dB", "phase_deg": np.degrees(np.angle(V)), "f": F},
         [frf("output 1", "input 1", factor=None)],
+    ),
+    "an FRF of a name that says nothing": (
+        {"G": H[:, 1], "H": V, "f": F},
+        [
+            frf(
+                "output 1",
+                "input 1",
+                notes=(
+                    "'G' not read: [data.layout] can name it",
+                    "no outputs named in the file, numbered instead",
+                    "no inputs named in the file, numbered instead",
+                ),
+            )
+        ],
     ),
     "beside other things": ({"H": V, "f": F, "h": 0.01, "E": 210e9, "note": "steel", "n": 8.0}, ONE),
 }

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, cast, get_args
 
 import numpy as np
@@ -82,6 +82,8 @@ def _frfs(block: Block) -> list[_Values]:
         array = block.numbers(name, np.complex128)
         if is_complex(block.get(name)):
             frfs.append(_Values(name, array))
+    left = [f"'{name}' not read: [data.layout] can name it" for name in block.named("") if is_complex(block.get(name))]
+    frfs = [replace(frf, notes=[*frf.notes, *left[:8]]) for frf in frfs]
     if named and not frfs:
         frfs = [_polar(block, *names) for names in _pairs(block, block.named("frf"), phases)]
     if named and not frfs:

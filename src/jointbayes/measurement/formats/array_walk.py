@@ -164,7 +164,7 @@ def _test_lab(block: Block) -> Iterator[Block]:
     struct = block.place.rstrip("./").rpartition(".")[2]
     kind = about.string("type") if is_text(about.get("type")) else struct
     count, inputs = values.shape[1], next((_labels(about, key) for key in about.arrays if "reference" in key), [])
-    outputs = _labels(about, "primary_channel") or _labels(about, "name")
+    outputs = _labels(about, "primary_channel") or [label.removeprefix(f"{kind} ") for label in _labels(about, "name")]
     if not inputs and all(label.count("/") == 1 for label in outputs):
         outputs, inputs = ([label.split("/")[side].strip() for label in outputs] for side in (0, 1))
     if len(outputs) != count:
