@@ -294,6 +294,14 @@ FILES = {
             )
         ],
     ),
+    "beside texts and numbers of known names": (
+        {"H": V, "f": F, "force": "hammer", "samples": 4096.0, "time": "12:30", "units": {"H": "g"}, "response": 2.0},
+        ONE,
+    ),
+    "FRF and what it was made of": (
+        {"H": V, "f": F, "t": T, "input": X[:, 0], "output": X[:, 1]},
+        [*ONE, history("output", X[:, 1]), history("input", X[:, 0])],
+    ),
     "beside other things": ({"H": V, "f": F, "h": 0.01, "E": 210e9, "note": "steel", "n": 8.0}, ONE),
 }
 CASES = [(name, form) for name, (_, _, *only) in FILES.items() for form in (only[0] if only else WRITERS)]

@@ -58,7 +58,7 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
         array = block.numbers(name, np.complex128)
         if array.ndim < 3 and _axes(block, array.shape):
             kind = block.string("kind") or " ".join(w for w in re.split(r"[\W_]+", name) if not w.isdecimal())
-            alone = block.has("outputs")
+            alone = bool(block.strings("outputs"))
             for labels, lines, values, where, notes in _laid_out(block, _Values(name, array), alone=alone):
                 yield SpectrumRecord(labels[0], kind, lines, values, block.told_unit(name), where, notes)
 
@@ -212,7 +212,7 @@ def _arranged(block: Block, name: str, values: NDArray[Any], lines: int) -> tupl
         raise MeasurementError(
             f"{where}: found shape {shape}; expected (lines, outputs, inputs) with {lines} lines; correct the array"
         )
-    if shape.count(lines) > 1 and lines > 1 and not block.has("outputs"):
+    if shape.count(lines) > 1 and lines > 1 and not block.strings("outputs"):
         raise square_error(block, name, shape, "lines", "frf")
     if shape[0] != lines:
         axis = shape.index(lines)

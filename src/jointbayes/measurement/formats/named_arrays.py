@@ -119,9 +119,11 @@ class Block:
         return numbers(self.get(key), self.where(key), kind)
 
     def strings(self, key: str) -> list[str]:
-        """Texts known under a name; none where nothing is."""
-        values = self.get(key)
-        return [] if values is None else strings(values, self.where(key))
+        """Texts known under a name; none where nothing is, or something else under another name for it."""
+        name = self.name_of(key)
+        values = None if name is None else self.arrays[name]
+        other = isinstance(values, dict) or (name is not None and name.lower() != key and not is_text(values))
+        return [] if values is None or other else strings(values, self.where(key))
 
     def string(self, key: str) -> str:
         """First of the texts, or an empty one where there is no text."""
@@ -221,10 +223,10 @@ def _require_unicode(text: NDArray[Any], where: str) -> None:
 
 def time_records(block: Block) -> Iterator[TimeRecord]:
     """Columns of `samples` with their channels, one array for each sensor with hits in columns, or arrays over time."""
-    if block.has("samples"):
+    if size_of(block.get("samples")) > 1:
         yield from _sample_records(block)
         return
-    sensors = [name for name in block.arrays if name.lower() in SENSORS and not isinstance(block.get(name), dict)]
+    sensors = [name for name, value in block.arrays.items() if name.lower() in SENSORS and size_of(value) > 1]
     others = ["signal", "outputs", "inputs", *([""] if block.named("time") else [])]
     clocked = block.named("time") or {block.scalar("rate"), block.scalar("interval")} != {None}
     signals = [n for role in others for n in block.named(role) if n not in sensors] if clocked else []
