@@ -302,6 +302,15 @@ FILES = {
         {"H": V, "f": F, "t": T, "input": X[:, 0], "output": X[:, 1]},
         [*ONE, history("output", X[:, 1]), history("input", X[:, 0])],
     ),
+    "Txy and Cxy": (
+        {"Txy": V, "Cxy": C, "Pxx": C, "f": F},
+        [frf("output 1", "input 1", coherence=C), {"kind": SpectrumRecord, "channel": "Pxx", "values": C}],
+    ),
+    "data of an FRF": ({"frf": {"data": H, "freq": F}}, MANY),
+    "simulink": (
+        {"out": {"time": T, "signals": {"values": X, "dimensions": 2.0}}},
+        [history("values 1", X[:, 0]), history("values 2", X[:, 1])],
+    ),
     "beside other things": ({"H": V, "f": F, "h": 0.01, "E": 210e9, "note": "steel", "n": 8.0}, ONE),
 }
 CASES = [(name, form) for name, (_, _, *only) in FILES.items() for form in (only[0] if only else WRITERS)]

@@ -43,21 +43,26 @@ _QUANTITIES: dict[Quantity, frozenset[str]] = {
 }
 _BESIDE_F = _words("f axis vec vector hz khz rad s") | _START | _STEP
 #: Words of an FRF wherever they stand in a name, and those that count only at its beginning.
-_FRF = _words("frf frfs transfer").union(*_QUANTITIES.values())
+_FRF = _words("frf frfs transfer txy hxy").union(*_QUANTITIES.values())
 _FRF_FIRST = _words("h hf hv tf")
 #: Words that tell the role wherever they stand in a name; the first role that fits is taken.
 _ROLES: tuple[tuple[str, frozenset[str]], ...] = (
     ("meta", _words("unit units label labels names title comment date index idx nat natural mode modes damping")),
-    ("coherence", _words("coherence coh msc kohärenz gamma")),
-    ("spectrum", _words("psd asd csd fft spec spectrum spectra autospectrum autopower cross rms gxx gyy gxy gff gxf")),
+    ("coherence", _words("coherence coh cxy msc kohärenz gamma")),
+    (
+        "spectrum",
+        _words(
+            "psd asd csd fft spec spectrum spectra autospectrum autopower cross rms gxx gyy gxy gff gxf pxx pyy pxy"
+        ),
+    ),
     ("phase", _words("phase phs phi angle ang arg")),
     ("magnitude", _words("mag magnitude amp ampl amplitude abs modulus betrag db")),
     ("imaginary", _words("imag im imaginary")),
     ("real", _words("real re")),
 )
 _SIGNAL = _words(
-    "x y u acc accel acceleration force hammer resp response signal signals data ch chan channel ai input output "
-    "disp displacement vel velocity sig excitation impact sensor"
+    "x y u acc accel acceleration force hammer resp response signal signals data values ch chan channel ai input "
+    "output disp displacement vel velocity sig excitation impact sensor"
 )
 _HINTS = _words("deg degree degrees rad radian radians db ms khz mhz")
 

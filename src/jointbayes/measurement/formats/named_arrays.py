@@ -53,6 +53,9 @@ class Block:
         self.arrays, self.place, self.outer, self._written = arrays, place, outer, written or {}
         self.label = label
         self.meanings = {name: meaning_of(name) for name in arrays}
+        of_struct = meaning_of(re.split(r"[./]", place)[-2] if re.search(r"[./]", place) else "")
+        if of_struct.role in ("frf", "coherence"):  # frf.data
+            self.meanings |= {name: of_struct for name in arrays if name.lower() in ("data", "values", "value")}
         self._lower: dict[str, str] = {}
         for name in arrays:
             self._lower.setdefault(name.lower(), name)
@@ -97,7 +100,7 @@ class Block:
 
     def rest(self, name: str) -> frozenset[str]:
         """Words of a name that tell which FRF or channel it is of."""
-        return self.meanings[name].rest
+        return (self.meanings.get(name) or meaning_of(name)).rest
 
     def hints(self, name: str) -> frozenset[str]:
         """Units that a name or the unit beside it tells: ``deg``, ``rad``, ``db``, ``khz`` and others."""
@@ -228,7 +231,8 @@ def time_records(block: Block) -> Iterator[TimeRecord]:
         return
     sensors = [name for name, value in block.arrays.items() if name.lower() in SENSORS and size_of(value) > 1]
     others = ["signal", "outputs", "inputs", *([""] if block.named("time") else [])]
-    clocked = block.named("time") or {block.scalar("rate"), block.scalar("interval")} != {None}
+    timed = block.named("time") or (block.outer and block.outer.named("time"))
+    clocked = timed or {block.scalar("rate"), block.scalar("interval")} != {None}
     signals = [n for role in others for n in block.named(role) if n not in sensors] if clocked else []
     for name in [*sorted(sensors, key=lambda name: SENSORS.index(name.lower())), *signals]:
         of_sensor = name in sensors
