@@ -13,8 +13,11 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import ModelError
+from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joint
 from jointbayes.report.fe_cards import PROGRAMS, fe_cards, joint_element
+from jointbayes.structure import ModalDamping, Section, beam
+from tests.conftest import STEEL
 
 K2 = np.array([[2.0e6, 3.0e3], [3.0e3, 40.0]])
 K3 = np.array([[3e7, -2e5, 1e4], [-2e5, 8e6, 5e3], [1e4, 5e3, 900.0]])
@@ -263,13 +266,13 @@ CUBE = """*NODE
 {0}1, {0}2, {0}3, {0}4, {0}5, {0}6, {0}7, {0}8
 *RIGID BODY, NSET=N{0}, REF NODE={0}01, ROT NODE={0}02
 """
-STEEL = "*MATERIAL, NAME=STEEL\n*ELASTIC\n2.1E11, 0.3\n*SOLID SECTION, ELSET=CUBES, MATERIAL=STEEL\n"
+CUBES = "*MATERIAL, NAME=STEEL\n*ELASTIC\n2.1E11, 0.3\n*SOLID SECTION, ELSET=CUBES, MATERIAL=STEEL\n"
 
 
 def solve_calculix(directory, text, nodes, moved, steps):
     """Displacements of DOFs that CalculiX finds in each step, given by keyword lines; what is not moved is held."""
     lines = [CUBE.format(node) for node in nodes]
-    lines += [STEEL, text, "*NSET, NSET=OUT", ", ".join(f"{node}0{i}" for node in nodes for i in (1, 2))]
+    lines += [CUBES, text, "*NSET, NSET=OUT", ", ".join(f"{node}0{i}" for node in nodes for i in (1, 2))]
     held = {(f"{node}0{i}", dof) for node in nodes for i in (1, 2) for dof in (1, 2, 3)} - set(moved)
     lines += ["*BOUNDARY", *(f"{node}, {dof}" for node, dof in sorted(held))]
     for step in steps:
@@ -326,6 +329,48 @@ def test_calculix_deforms_two_nodes_by_their_compliance(tmp_path, name):
     dofs = [("301", 1), ("301", 2), ("302", 3), ("701", 1), ("701", 2), ("702", 3)]
     steps = solve_calculix(tmp_path, text, (3, 7), dofs, forces(dofs))
     require_inverse(np.array([[step[dof] for step in steps] for dof in dofs]) / 1e-3, whole)
+
+
+def solid_bar(mm):
+    """A steel bar of solid elements, 400 x 20 x 60 mm; one end is a rigid body: REF NODE 9001, ROT NODE 9002."""
+    nx, ny, nz, unit = 40, 2, 3, 1e3 if mm else 1.0
+
+    def node(i, j, k):
+        return 1 + k + (nz + 1) * (j + (ny + 1) * i)
+
+    cells = [(i, j, k) for i in range(nx + 1) for j in range(ny + 1) for k in range(nz + 1)]
+    places = unit * np.array([(0.4 * i / nx, 0.02 * (j / ny - 0.5), 0.06 * (k / nz - 0.5)) for i, j, k in cells])
+    lines = [
+        "*NODE",
+        *(f"{node(*cell)}, {x:.9g}, {y:.9g}, {z:.9g}" for cell, (x, y, z) in zip(cells, places, strict=True)),
+    ]
+    lines += ["9001, 0., 0., 0.", "9002, 0., 0., 0.", "*ELEMENT, TYPE=C3D8I, ELSET=BAR"]
+    inner = [cell for cell in cells if cell[0] < nx and cell[1] < ny and cell[2] < nz]
+    for number, (i, j, k) in enumerate(inner, 1):
+        side = [node(i, j, k), node(i + 1, j, k), node(i + 1, j + 1, k), node(i, j + 1, k)]
+        lines.append(", ".join(map(str, (number, *side, *(n + 1 for n in side)))))
+    lines += ["*NSET, NSET=FACE", *(f"{node(*cell)}," for cell in cells if cell[0] == 0)]
+    lines += ["*RIGID BODY, NSET=FACE, REF NODE=9001, ROT NODE=9002", "*MATERIAL, NAME=STEEL", "*ELASTIC"]
+    lines += [f"{2.1e11 / unit**2}, 0.3", "*DENSITY", f"{7.8e-9 if mm else 7800.0}"]
+    return [*lines, "*SOLID SECTION, ELSET=BAR, MATERIAL=STEEL"]
+
+
+@needs_ccx
+@pytest.mark.parametrize("units", ["SI", "mm-N-t"])
+@pytest.mark.parametrize("k12", [3e4, -3e4])
+def test_a_bar_of_solid_elements_on_the_exported_joint_has_the_model_s_frequency(tmp_path, units, k12):
+    """Sign and units of the whole way: the other sign of k12 moves the first natural frequency by a fifth."""
+    joint, matrix = Joint(("1:y", "1:rz")), np.array([[1e6, k12], [k12, 1e4]])
+    model = beam(0.4, Section.rectangle(0.06, 0.02), STEEL, ModalDamping((0.01,)), elements=10)
+    first, second = NaturalFrequencies(model, joint, 2).frequency_hz(matrix)[0]
+    element = joint_element(joint, matrix, (), units, {"1": 9001, "1:r": 9002})
+    lines = [*solid_bar(units != "SI"), fe_cards("calculix", [element], [], units, 9101).rstrip()]
+    lines += ["*BOUNDARY", "9001, 1", "9001, 3", "9002, 1, 2", "*STEP", "*FREQUENCY", "2", "*END STEP"]
+    (tmp_path / "t.inp").write_text("\n".join(lines) + "\n")
+    subprocess.run(["ccx", "t"], cwd=tmp_path, capture_output=True, timeout=60, check=False)
+    rows = [line.split() for line in (tmp_path / "t.dat").read_text().splitlines()]
+    found = [float(row[3]) for row in rows if len(row) == 5 and row[0].isdigit()]
+    np.testing.assert_allclose(found[:2], [first, second], rtol=2e-3)
 
 
 def test_a_rotation_of_a_plain_node_is_none_in_calculix():
