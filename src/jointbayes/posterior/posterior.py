@@ -18,6 +18,7 @@ from jointbayes.posterior.file_record import BestDraw, FileRecord
 from jointbayes.posterior.homogeneity import compare_tests
 from jointbayes.posterior.identifiability import Identifiability, Verdict
 from jointbayes.posterior.knowledge import Knowledge
+from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.storage import log_prior_of_joint, write_tree
 from jointbayes.posterior.stored_problem import add_problem
 from jointbayes.posterior.summary import (
@@ -288,6 +289,12 @@ def _columns(
 
 class Posterior(JudgedPosterior):
     """Draws from the posterior of a joint's stiffnesses; built as `PosteriorDraws` is."""
+
+    @property
+    def believed_modes(self) -> ModesAnswer | None:
+        """The answer of the modes of measured FRFs, if it is kept with the draws and to be believed, not theirs."""
+        kept = self._kept_knowledge
+        return kept.modes if kept and kept.modes and kept.modes.believed else None
 
     @one_blas_thread()
     def summary(self, knowledge: Knowledge | None = None) -> Summary:
