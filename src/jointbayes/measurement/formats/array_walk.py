@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -65,14 +65,35 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
         If nothing is understood, or something may be read in two ways; naming what there is.
     """
     blocks = list(_blocks(tree, "", None, sign))
-    used = _name_arrays(blocks, layout) if layout else _described(blocks)
-    records: list[Record] = []
-    with np.errstate(all="ignore"):  # a file may hold any number
-        for block in used:
-            records += [*frequency_records(block), *time_records(block), *mode_records(block)]
-    if not records and any(block.arrays for block in blocks):
+    used = _name_arrays(blocks, layout) if layout else list(_described(blocks))
+    apart: dict[tuple[str, str], list[CoherenceRecord]] = {}
+    for record in _records(block for block in used if block.named("coherence")):
+        if isinstance(record, CoherenceRecord):
+            apart.setdefault((record.response, record.reference), []).append(record)
+    understood = bool(apart)
+    for record in _records(used):
+        understood = True
+        if isinstance(record, FrfRecord) and record.coherence is None:
+            of_pair = apart.get((record.response, record.reference))
+            if of_pair and np.array_equal(of_pair[0].frequency_hz, record.frequency_hz):
+                record = replace(record, coherence=of_pair.pop(0).values)
+        if not isinstance(record, CoherenceRecord):
+            yield record
+    for of_pair in apart.values():
+        yield from of_pair
+    if not understood and any(block.arrays for block in blocks):
         raise MeasurementError(_not_understood(blocks))
-    yield from _with_coherences(records)
+
+
+def _records(blocks: Iterable[Block]) -> Iterator[Record]:
+    """Records of blocks one by one, without warnings of NumPy: a file may hold any number."""
+    records = (r for block in blocks for part in (frequency_records, time_records, mode_records) for r in part(block))
+    while True:
+        with np.errstate(all="ignore"):
+            record = next(records, None)
+        if record is None:
+            return
+        yield record
 
 
 def _blocks(tree: Mapping[str, Any], place: str, outer: Block | None, sign: str, label: str = "") -> Iterator[Block]:
@@ -104,28 +125,6 @@ def _elements(values: list[Any], place: str, brackets: str) -> Iterator[tuple[st
             yield position, value
         elif isinstance(value, list):
             yield from _elements(value, position, "{}")
-
-
-def _with_coherences(records: list[Record]) -> Iterator[Record]:
-    """Coherences that stand apart go to the one FRF of their channels, where that has their lines and none yet."""
-    frfs: dict[tuple[str, str], list[FrfRecord]] = {}
-    for record in records:
-        if isinstance(record, FrfRecord):
-            frfs.setdefault((record.response, record.reference), []).append(record)
-    placed: dict[int, CoherenceRecord] = {}
-    for record in records:
-        if not isinstance(record, CoherenceRecord):
-            continue
-        frf, *more = frfs.get((record.response, record.reference), [None])
-        lines = None if frf is None or frf.coherence is not None or more else frf.frequency_hz
-        if lines is not None and np.array_equal(lines, record.frequency_hz):
-            placed.setdefault(id(frf), record)
-    apart = {id(coherence) for coherence in placed.values()}
-    for record in records:
-        if isinstance(record, FrfRecord) and id(record) in placed:
-            yield replace(record, coherence=placed[id(record)].values)
-        elif id(record) not in apart:
-            yield record
 
 
 # ---- structs that describe themselves
