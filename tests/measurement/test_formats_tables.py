@@ -111,7 +111,7 @@ def test_without_a_header_three_columns_are_frequency_real_and_imaginary(tmp_pat
     (record,) = records(tmp_path / "a", table((LINES, H.real, H.imag), None))
     np.testing.assert_array_equal(record.values, H)
     assert record.quantity is None
-    assert record.notes[0] == "no header: taken as frequency in Hz, real and imaginary parts"
+    assert record.notes[0] == "no name: column 1 taken as frequency in Hz, since it goes from 1.5 in steps of 0.583333"
     with pytest.raises(MeasurementError, match="4 columns without a header"):
         records(tmp_path / "b", table((LINES, H.real, H.imag, H.imag), None))
 

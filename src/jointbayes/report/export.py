@@ -14,7 +14,7 @@ from jointbayes.frf import AssembledShapes, Modal
 from jointbayes.inference import Problem
 from jointbayes.joint import Joint, Joints
 from jointbayes.measurement.formats.array_files import write_matlab
-from jointbayes.measurement.formats.table import write_table
+from jointbayes.measurement.formats.table_write import write_table
 from jointbayes.measurement.formats.uff_write import write_uff
 from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.formats.write import arrays_of

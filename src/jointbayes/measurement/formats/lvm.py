@@ -1,8 +1,7 @@
-"""LabVIEW measurement files (``.lvm``): time histories, and FRFs as columns of real and imaginary part."""
+"""LabVIEW measurement files (``.lvm``): time histories, spectra, and FRFs as columns of real and imaginary part."""
 
 import itertools
 import re
-from array import array
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,12 +10,12 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.formats.table import Column, column_of, column_records
-from jointbayes.measurement.formats.table_text import bad_number, text_lines
+from jointbayes.measurement.formats.columns import Column, column_of
+from jointbayes.measurement.formats.table import column_records
+from jointbayes.measurement.formats.table_text import Lines, float_of, read_rows, text_lines
 from jointbayes.measurement.records import MOST_COLUMNS, Record, TimeRecord, require_short
 
 _END = "***End_of_Header***"
-Lines = Iterator[tuple[int, str]]
 
 
 @dataclass(slots=True)
@@ -24,46 +23,62 @@ class _Layout:
     """What the header of the file says of all segments."""
 
     separator: str = "\t"
-    decimal: str = "."
+    decimal: str = ""
     x_columns: str = "one"
 
 
 @dataclass(slots=True)
 class _Segment:
-    """Header of a segment: fields by name, each with one value for each channel."""
+    """Header of a segment: fields by name, each with one value for each column behind the first."""
 
     line: int
     fields: dict[str, list[str]] = field(default_factory=dict)
 
     def each(self, key: str, count: int) -> list[str]:
-        """Values of a field, one for each channel, empty where there are fewer."""
+        """Values of a field, one for each column, empty where there are fewer."""
         values = self.fields.get(key, [])
         return [*values, *[""] * count][:count]
 
 
 def read_lvm(path: Path) -> Generator[Record, None, None]:
-    """Records of a LabVIEW measurement file; a segment that comes again counts as the next hit.
+    """Records of a LabVIEW measurement file; a segment or block that comes again counts as the next hit.
 
     Raises
     ------
     MeasurementError
-        If the header has no end, counts do not agree with the rows, or a field is not a number.
+        If the header has no end, the file is cut off, or a field is not a number.
     """
-    lines = text_lines(path)
+    with path.open("rb") as file:
+        file.seek(-1, 2)
+        is_cut = file.read(1) not in b"\r\n\0"
+    lines = _without_special_blocks(text_lines(path))
     layout = _file_header(lines)
-    segment = _segment_header(lines, layout)
-    number = 0
-    while segment is not None:
-        number += 1
-        following, records = _segment(segment, lines, layout)
-        for record in records:
-            several = number > 1 or following is not None
-            if isinstance(record, TimeRecord) and record.hit is None and several:
+    blocks = enumerate(_blocks(lines, layout), start=1)
+    block = next(blocks, None)
+    if block is None:
+        raise MeasurementError("header: found no segment of data; expected at least one; export the measurement again")
+    while block is not None:
+        number, (segment, names, values) = block
+        following = next(blocks, None)
+        samples = _samples(segment)
+        if following is None and is_cut and len(values) < samples:
+            raise MeasurementError(
+                f"line {segment.line}: found {len(values)} rows of the segment; expected {samples} samples; the file "
+                "is cut off within a number, export it again"
+            )
+        for record in _records(segment, names, values, layout):
+            if isinstance(record, TimeRecord) and record.hit is None and (number > 1 or following is not None):
                 record = replace(record, hit=number)
             yield replace(record, where=f"segment {number}, {record.where}")
-        segment = following
-    if number == 0:
-        raise MeasurementError("header: found no segment of data; expected at least one; export the measurement again")
+        block = following
+
+
+def _without_special_blocks(lines: Lines) -> Lines:
+    for number, line in lines:
+        if line.startswith("***Start_Special***"):
+            next((True for _, inside in lines if inside.startswith("***End_Special***")), None)
+        else:
+            yield number, line
 
 
 def _file_header(lines: Lines) -> _Layout:
@@ -80,7 +95,7 @@ def _file_header(lines: Lines) -> _Layout:
                     raise MeasurementError(f"line {number}: found separator {value[:20]!r}; expected Tab or Comma")
                 layout.separator = separators[value.lower()]
             case "decimal_separator":
-                layout.decimal = value or ","
+                layout.decimal = value
             case "x_columns":
                 layout.x_columns = value.lower()
     raise MeasurementError(
@@ -88,14 +103,42 @@ def _file_header(lines: Lines) -> _Layout:
     )
 
 
-def _segment_header(lines: Lines, layout: _Layout) -> _Segment | None:
-    """Header of the next segment, or None at the end of the file."""
-    first = next(((number, line) for number, line in lines if line.strip()), None)
-    if first is None:
-        return None
+def _blocks(lines: Lines, layout: _Layout) -> Iterator[tuple[_Segment, list[str], Array]]:
+    """Segments with the names of their columns and their rows; several blocks may stand under one header."""
+    segment, names = None, []
+    while first := next(((number, line) for number, line in lines if line.strip()), None):
+        rows: Lines = lines
+        if segment is not None and first[1].lstrip()[0] in "0123456789+-.":
+            rows = itertools.chain([first], lines)
+        else:
+            segment = _segment_header(first, lines, layout)
+            names = _names(segment, lines, layout)
+        values, gaps = read_rows(_split_rows(rows, layout, len(names)), len(names))
+        if not len(values):
+            raise MeasurementError(
+                f"line {segment.line}: found no row of numbers in the segment; expected the samples; export it again"
+            )
+        values[:, list(gaps)] = np.nan  # a channel of another rate, whose samples do not fill the rows
+        samples = _samples(segment)
+        with np.errstate(invalid="ignore"):
+            bounds = np.flatnonzero(np.diff(values[:, 0]) < 0) + 1  # where the axis begins again
+        if layout.x_columns == "no" and samples and len(values) % samples == 0:
+            bounds = np.arange(samples, len(values), samples)
+        for block in np.split(values, bounds):
+            yield segment, names, block
+
+
+def _samples(segment: _Segment) -> int:
+    """Samples that the header promises; 0 where it does not say."""
+    return max((int(n) for n in segment.fields.get("samples", []) if n.isdecimal() and len(n) < 19), default=0)
+
+
+def _segment_header(first: tuple[int, str], lines: Lines, layout: _Layout) -> _Segment:
     segment = _Segment(first[0])
     for _, line in itertools.chain([first], lines):
         if line.startswith(_END):
+            if layout.x_columns == "multi" and any(segment.each("x_dimension", 2)[1:]):  # no cell for an X column
+                segment.fields = {k: [c for cell in cells for c in (cell, "")] for k, cells in segment.fields.items()}
             return segment
         key, *values = line.split(layout.separator)
         segment.fields[key.strip().lower()] = [value.strip() for value in values]
@@ -106,8 +149,7 @@ def _segment_header(lines: Lines, layout: _Layout) -> _Segment | None:
     )
 
 
-def _segment(segment: _Segment, lines: Lines, layout: _Layout) -> tuple[_Segment | None, Iterator[Record]]:
-    """Records of a segment, and the header of the next one."""
+def _names(segment: _Segment, lines: Lines, layout: _Layout) -> list[str]:
     number, line = next(lines, (segment.line, ""))
     names = [name.strip() for name in line.split(layout.separator)]
     if not names or names[0].lower() != "x_value":
@@ -117,73 +159,75 @@ def _segment(segment: _Segment, lines: Lines, layout: _Layout) -> tuple[_Segment
     if len(names) > MOST_COLUMNS:
         raise MeasurementError(f"line {number}: found {len(names)} columns; expected at most {MOST_COLUMNS}; split it")
     require_short(f"line {number}", *names)
-    values, following = _rows(len(names), number, lines, layout)
-    units = segment.each("y_unit_label", len(names))
-    samples = segment.each("samples", 1)[0][:18]
-    if samples.isdecimal() and int(samples) != len(values):
-        raise MeasurementError(
-            f"line {segment.line}: found {len(values)} rows of the segment; expected {samples} samples; the file is "
-            "cut off, export it again"
-        )
-    if layout.x_columns == "multi":
-        names, values = _one_axis(names, values, segment.line)
-    channels = [column_of(f"{name} [{unit}]" if unit else name) for name, unit in zip(names[1:], units, strict=False)]
-    frequency = segment.each("x_dimension", 1)[0].lower() == "frequency"
-    axis = Column("frequency", "", segment.each("x_unit_label", 1)[0] or "Hz") if frequency else Column("time", "", "s")
-    if layout.x_columns == "no":
-        values[:, 0] = _axis(segment, len(values))
+    return names
+
+
+def _split_rows(lines: Lines, layout: _Layout, count: int) -> Iterator[tuple[int, list[str]]]:
+    """Rows up to a blank line or the end, without comments."""
+    comma = layout.decimal == "," or (not layout.decimal and layout.separator != ",")
+    for number, line in lines:
+        if not line.strip():
+            return
+        fields = (line.replace(",", ".") if comma else line).split(layout.separator)[:count]
+        if layout.x_columns == "no":
+            fields[0] = "nan"
+        yield number, fields
+
+
+def _records(segment: _Segment, names: list[str], values: Array, layout: _Layout) -> Iterator[Record]:
+    count = len(names)
+    units, dimensions, axis_units = (segment.each(k, count) for k in ("y_unit_label", "x_dimension", "x_unit_label"))
+    notes = _clock(segment, names, values, layout)
+    columns = []
+    for i, name in enumerate(names):  # the header has a cell for each column behind the first
+        if name.lower() != "x_value":
+            columns.append(column_of(f"{name} [{units[i - 1]}]" if units[i - 1] else name))
+        elif dimensions[i].lower() == "frequency":
+            columns.append(Column("frequency", "", axis_units[i] or "Hz", header=name))
+        else:
+            columns.append(Column("time", "", "s", header=name))
     comments = {}
     for note in segment.each("notes", 1)[0].split(";"):
         key, _, value = note.partition(":")
         comments[key.strip().lower()] = value.strip()
-    return following, column_records([axis, *channels], values, comments)
+    yield from column_records(columns, values, comments, notes)
 
 
-def _axis(segment: _Segment, count: int) -> Array:
-    start, step = (segment.each(key, 1)[0].replace(",", ".") for key in ("x0", "delta_x"))
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(float(start or "0") + np.arange(count) * float(step), dtype=np.float64)
-    except ValueError:
-        raise MeasurementError(
-            f"line {segment.line}: found X0 {start[:20]!r} and Delta_X {step[:20]!r}; expected numbers; export it again"
-        ) from None
-
-
-def _one_axis(names: list[str], values: Array, line: int) -> tuple[list[str], Array]:
-    """Columns with one axis where each channel has its own."""
-    axes = [i for i, name in enumerate(names) if name.lower() == "x_value"]
-    if not np.array_equal(values[:, axes], np.repeat(values[:, :1], len(axes), axis=1), equal_nan=True):
-        raise MeasurementError(
-            f"line {line}: found channels with different axes; expected one for all; export with one X column"
-        )
-    keep = [0, *(i for i, name in enumerate(names) if name.lower() != "x_value")]
-    return [names[i] for i in keep], values[:, keep]
-
-
-def _rows(count: int, number: int, lines: Lines, layout: _Layout) -> tuple[Array, _Segment | None]:
-    """Rows of numbers up to a blank line or the end, and the header of the next segment."""
-    numbers = array("d")
-    following: _Segment | None = None
-    for number, line in lines:
-        if not line.strip():
-            following = _segment_header(lines, layout)
-            break
-        fields = line.split(layout.separator)[:count]
-        if len(fields) != count:
+def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) -> tuple[str, ...]:
+    """Notes on counts and steps; an axis that the file does not write out is made from its header."""
+    notes = []
+    samples, filled = _samples(segment), np.asarray(~np.isnan(values).all(axis=0))
+    if samples > 1 and samples != len(values):
+        notes.append(f"{len(values)} rows, where the header says {samples} samples")
+    clocks = [
+        (i, x0, step)
+        for i, (x0, step) in enumerate(zip(*(segment.each(k, len(names) - 1) for k in ("x0", "delta_x")), strict=True))
+        if filled[i + 1] and step and names[i + 1].lower() != "x_value"
+    ]
+    steps = [float_of(step.replace(",", ".")) for _, _, step in clocks]
+    if layout.x_columns != "multi":
+        for (i, x0, step), (first, first_x0, first_step) in zip(clocks[1:], clocks, strict=False):
+            if (x0, step) != (first_x0, first_step):
+                raise MeasurementError(
+                    f"line {segment.line}: found X0 {x0[:20]!r} and Delta_X {step[:20]!r} of {names[i + 1]!r}, "
+                    f"{first_x0[:20]!r} and {first_step[:20]!r} of {names[first + 1]!r}; expected one clock for one X "
+                    "column; export with an X column for each channel"
+                )
+    if layout.x_columns == "no":
+        x0 = float_of(clocks[0][1].replace(",", ".") or "0") if clocks else None
+        if x0 is None or not steps[0]:
+            shown = clocks[0][1:] if clocks else ("", "")
             raise MeasurementError(
-                f"line {number}: found {len(fields)} fields; expected {count}; the file is cut off, export it again"
+                f"line {segment.line}: found X0 {shown[0][:20]!r} and Delta_X {shown[1][:20]!r}; expected numbers; "
+                "export it again"
             )
-        if layout.x_columns == "no":
-            fields[0] = "0"
-        for text in fields:
-            plain = text.strip().replace(",", ".") if layout.decimal == "," else text.strip()
-            try:
-                numbers.append(float(plain))
-            except ValueError:
-                raise bad_number(text, f"line {number}") from None
-            if "_" in plain:
-                raise bad_number(text, f"line {number}")
-    if not numbers:
-        raise MeasurementError(f"line {number}: found no row of numbers; expected the samples; export it again")
-    return np.frombuffer(numbers, dtype=float).reshape(-1, count).copy(), following
+        with np.errstate(over="ignore", invalid="ignore"):
+            values[:, 0] = x0 + steps[0] * np.arange(len(values))
+        digits = len(re.sub(r"^[0.]+|\.|e.*", "", clocks[0][2].replace(",", ".").lower()).rstrip("0"))
+        if digits in (2, 3):
+            notes.append(f"sampling rate {1 / steps[0]:g} Hz from a Delta_X of {digits} digits, {clocks[0][2]}")
+    elif steps and steps[0] and len(values) > 1:
+        step = (values[-1, 0] - values[0, 0]) / (len(values) - 1)
+        if abs(step / steps[0] - 1) > 0.01:
+            notes.append(f"X_Value goes in steps of {step:g}, where Delta_X says {steps[0]:g}: X_Value taken")
+    return tuple(notes)

@@ -16,7 +16,9 @@ from jointbayes.measurement.formats.array_walk import records_of_tree
 from jointbayes.measurement.formats.grid import cut_to_band, join_frfs
 from jointbayes.measurement.formats.lvm import read_lvm
 from jointbayes.measurement.formats.table import read_table
+from jointbayes.measurement.formats.tdms import read_tdms
 from jointbayes.measurement.formats.uff_read import read_uff
+from jointbayes.measurement.formats.xlsx import read_xlsx
 from jointbayes.measurement.records import MOST_BYTES, MOST_RECORDS, FrfRecord, Record, labels_of, require_short
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -30,22 +32,19 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
     (b"BZh", "a bzip2 archive"),
     (b"\xfd7zXZ", "an xz archive"),
     (b"7z\xbc\xaf", "a 7-Zip archive"),
-    (b"\xd0\xcf\x11\xe0", "an old Microsoft Office document"),
+    (b"\xd0\xcf\x11\xe0", "an old Microsoft Office document (save it as .xlsx or CSV)"),
     (b"\x89PNG", "an image"),
     (b"\xff\xd8\xff", "an image"),
-    (b"\xff\xfe", "text in UTF-16"),
-    (b"\xfe\xff", "text in UTF-16"),
-    (b"TDSm", "a LabVIEW TDMS file"),
     (b"<!DOCTYPE", "a web page"),
     (b"<html", "a web page"),
     (b"<?xml", "an XML document"),
     (b"\x93NUMPY", "a single NumPy array"),
 )
-_EXPECTED = "expected UFF, MAT, CSV or TSV, npz, HDF5 or LVM; export the measurement in one of them"
+_EXPECTED = "expected UFF, MAT, CSV or TSV, xlsx, npz, HDF5, LVM or TDMS; export the measurement in one of them"
 
 
 def detect_format(path: str | Path) -> str:
-    """Format of a file by its content: ``uff``, ``mat``, ``mat73``, ``npz``, ``hdf5``, ``lvm`` or ``table``.
+    """Format by content: ``uff``, ``mat``, ``mat73``, ``npz``, ``hdf5``, ``lvm``, ``tdms``, ``xlsx`` or ``table``.
 
     Raises
     ------
@@ -56,7 +55,17 @@ def detect_format(path: str | Path) -> str:
     head = _head(path)
     if not head.strip():
         raise MeasurementError(f"{path}: found nothing but {len(head)} blank bytes in the file; {_EXPECTED}")
+    wide = head[:2] in (b"\xff\xfe", b"\xfe\xff")
+    if wide:
+        head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode("utf-8", errors="replace")
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if text.startswith(b"version https://git-lfs"):
+        raise MeasurementError(
+            f"{path}: found a pointer of Git LFS in place of the file; expected the measurement itself; run "
+            "`git lfs pull` in its repository"
+        )
+    if wide and text.split(b"\n", 1)[0].strip() == b"-1":
+        raise MeasurementError(f"{path}: found text in UTF-16; expected a universal file in ASCII; save it so")
     by_beginning = (kind for beginning, kind, _ in _TOLD_BY_BEGINNING if text.startswith(beginning))
     return next(by_beginning, None) or _binary_format(path, head) or _text_format(path, head, text)
 
@@ -94,7 +103,9 @@ def _binary_format(path: Path, head: bytes) -> str | None:
             ) from None
         if any(name.endswith(".npy") for name in names):
             return "npz"
-        raise MeasurementError(f"{path}: found a zip archive without NumPy arrays (an Office document?); {_EXPECTED}")
+        if "xl/workbook.xml" in names:
+            return "xlsx"
+        raise MeasurementError(f"{path}: found a zip archive without NumPy arrays or sheets; {_EXPECTED}")
     if re.match(rb"\x80[\x01-\x05]|c[\w.]+\n\w+\n|\(lp\d|\(dp\d|[\]}]q\x00", head):
         raise MeasurementError(f"{path}: found a Python pickle, which is never opened; {_EXPECTED}")
     for start, name in _OTHERS:
@@ -118,9 +129,9 @@ def iter_records(path: str | Path, layout: Mapping[str, str] | None = None) -> I
     Parameters
     ----------
     path
-        UFF, MAT, CSV or TSV, npz, HDF5 or LVM; told apart by content.
+        UFF, MAT, CSV or TSV, xlsx, npz, HDF5, LVM or TDMS; told apart by content.
     layout
-        What variables of the file stand for where their names do not tell: our name to theirs, as ``[data.layout]``.
+        What the file's names stand for where they do not tell: our name to theirs, as ``[data.layout]``.
 
     Yields
     ------
@@ -137,7 +148,8 @@ def iter_records(path: str | Path, layout: Mapping[str, str] | None = None) -> I
     kind = detect_format(path)
     if layout and kind not in _LAID_OUT:
         raise MeasurementError(
-            f"{path}: found [data.layout] for a file of format {kind}; expected it for MAT, HDF5 or npz; take it away"
+            f"{path}: found [data.layout] for a file of format {kind}; expected it for MAT, HDF5, npz or tables; "
+            "take it away"
         )
     try:
         reader = _READERS[kind]
@@ -197,16 +209,18 @@ def _array_records(path: Path, layout: Mapping[str, str], kind: str) -> Generato
 
 _Reader = Callable[..., Generator[Record, None, None]]
 #: Formats whose readers take a layout.
-_LAID_OUT = ("mat", "mat73", "npz", "hdf5")
+_LAID_OUT = ("mat", "mat73", "npz", "hdf5", "table", "xlsx", "tdms")
 #: Formats that the first words of a file tell, with their names and readers.
 _TOLD_BY_BEGINNING: tuple[tuple[bytes, str, _Reader], ...] = (
     (b"MATLAB 7.3", "mat73", partial(_array_records, kind="mat73")),
     (b"MATLAB 5.0", "mat", partial(_array_records, kind="mat")),
     (b"LabVIEW Measurement", "lvm", read_lvm),
+    (b"TDSm", "tdms", read_tdms),
 )
 _READERS: dict[str, _Reader] = {
     "uff": read_uff,
     "table": read_table,
+    "xlsx": read_xlsx,
     "npz": partial(_array_records, kind="npz"),
     "hdf5": partial(_array_records, kind="hdf5"),
     **{kind: reader for _, kind, reader in _TOLD_BY_BEGINNING},

@@ -1,157 +1,219 @@
-"""CSV and TSV tables: columns with names and units as FRFs or time histories, read and written."""
+"""FRFs, time histories and spectra of tables, whatever file they stand in: what the columns are is told by evidence."""
 
-import csv
 import re
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.table_text import float_of, read_text_table
-from jointbayes.measurement.formats.units import (
-    frequency_factor,
-    read_frf_unit,
-    read_sensor_unit,
-    scaled,
-    si_frf_unit,
-    si_sensor_unit,
+from jointbayes.measurement.formats.columns import (
+    FRF_ROLES,
+    QUANTITY_WORDS,
+    TIME_S,
+    Column,
+    Role,
+    column_of,
+    listed,
+    spectrum_kind,
 )
-from jointbayes.measurement.records import MOST_AVERAGES, FrfRecord, Record, TimeRecord, even_rate
-
-Role = Literal["frequency", "time", "real", "imaginary", "magnitude", "phase", "coherence", "other"]
-#: Words for each role; looked for at the beginning or end of a name.
-_WORDS: tuple[tuple[Role, str], ...] = (
-    ("frequency", r"frequency|frequenz|freq|omega|f|ω"),
-    ("time", r"time|zeit|t"),
-    ("coherence", r"coherence|coh|kohärenz|gamma2|γ²|γ2"),
-    ("real", r"real ?part|real|re"),
-    ("imaginary", r"imaginary ?part|imag\.? ?part|imaginary|imag|im"),
-    ("magnitude", r"magnitude|mag|amplitude|abs|betrag|modulus"),
-    ("phase", r"phase|angle|arg"),
+from jointbayes.measurement.formats.table_axes import FREQUENCY_STEP, TIME_STEP, filled_length, groups_of, layout_axis
+from jointbayes.measurement.formats.table_text import TextTable, float_of, read_text_table, text_lines
+from jointbayes.measurement.formats.units import frequency_factor, read_frf_unit, read_sensor_unit, scaled
+from jointbayes.measurement.records import (
+    MOST_AVERAGES,
+    CoherenceRecord,
+    FrfRecord,
+    Record,
+    SpectrumRecord,
+    TimeRecord,
+    even_rate,
 )
-_QUANTITY_WORDS: tuple[tuple[Quantity, str], ...] = (
-    ("accelerance", r"accelerance|inertance"),
-    ("mobility", r"mobility"),
-    ("receptance", r"receptance|compliance|admittance"),
-)
-_UNIT = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>.*)\))\s*$")
+
+_UNITLESS = "no unit, where other columns have one: values left as written, and not taken as SI"
+_DEGREES = "degrees as [deg] or radians as [rad]; correct the header"
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """Role, channel name and unit of a column."""
+def read_table(path: Path, layout: Mapping[str, str] | None = None) -> Generator[Record, None, None]:
+    """Records of a CSV or TSV file, or another table in text.
 
-    role: Role
-    name: str
-    unit: str
-    quantity: Quantity | None = None
-
-
-def column_of(header: str) -> Column:
-    """Role, name and unit of a column from its header.
-
-    Examples
-    --------
-    >>> column_of("Real 11:y / 11:y [g/N]")
-    Column(role='real', name='11:y / 11:y', unit='g/N', quantity=None)
-    >>> column_of("Frequency (rad/s)").unit
-    'rad/s'
+    Raises
+    ------
+    MeasurementError
+        If a row or the header cannot be understood.
     """
-    header = " ".join(header.split())
-    # looked for where there can be one: a search for a bracket that is not there takes quadratic time
-    match = _UNIT.match(header) if header.endswith(("]", ")")) else None
-    name = header if match is None else match["name"]
-    unit = "" if match is None else (match["square"] if match["square"] is not None else match["round"]).strip()
-    if match is None and (slash := re.fullmatch(r"(\S+) ?/ ?(Hz|rad/s|s|ms)", header)):
-        name, unit = slash[1], slash[2]
-    quantity: Quantity | None = None
-    for candidate, words in _QUANTITY_WORDS:
-        shorter = re.sub(rf"\b(?:{words})\b", " ", name, flags=re.IGNORECASE)
-        if shorter != name:
-            quantity, name = candidate, shorter
-    for role, words in _WORDS:
-        # a word glued to digits or letters is part of a channel's name: "force" is not f
-        for pattern in (rf"^\s*(?:{words})(?![\w:])[\s_.:,-]*", rf"(?<![\w:])[\s_.,-]*(?:{words})\s*$"):
-            rest = re.sub(pattern, "", name, flags=re.IGNORECASE)
-            if rest != name:
-                return Column(role, " ".join(rest.split()), unit, quantity)
-    return Column("other", " ".join(name.split()), unit, quantity)
+    yield from table_records(read_text_table(text_lines(path)), layout)
+
+
+def table_records(
+    table: TextTable, layout: Mapping[str, str] | None = None, notes: tuple[str, ...] = ()
+) -> Iterator[Record]:
+    """Records of a table; `layout` may say of its first column that it is ``axis``: time or frequency_hz."""
+    columns = [column_of(name) for name in table.header]
+    if columns[0].header.lower() in ("x", "sequence") and "increment" in table.comments:  # of an oscilloscope
+        start, step = (float_of(table.comments[key]) for key in ("start", "increment"))
+        if start is not None and step is not None:
+            table.values[:, 0] = start + step * table.values[:, 0]
+            columns[0] = Column("time", "", "s")
+    unit = table.comments.get("vertical units", "")
+    if unit and not any(column.unit for column in columns[1:]):
+        columns[1:] = [replace(column, unit=unit) for column in columns[1:]]
+    yield from column_records(columns, table.values, table.comments, notes, layout_axis(layout))
 
 
 def column_records(
-    columns: Sequence[Column], values: Array, comments: Mapping[str, str], notes: tuple[str, ...] = ()
+    columns: Sequence[Column],
+    values: Array,
+    comments: Mapping[str, str],
+    notes: tuple[str, ...] = (),
+    axis: str | None = None,
 ) -> Iterator[Record]:
-    """FRFs or time histories of a table; the first column must be frequency or time.
+    """FRFs, time histories and spectra of a table with a column of frequency or time, or one of each channel.
 
     Parameters
     ----------
     columns
         Of the table, one for each column of `values`.
     values
-        Numbers, shape (rows, columns).
+        Numbers, shape (rows, columns); NaN at the end of a column that is shorter.
     comments
         ``averages``, ``quantity`` and ``sample_rate_hz`` where the file tells them.
     notes
         What was done so far.
+    axis
+        What the first column is where its name does not say it: ``"time"`` or ``"frequency_hz"``.
 
     Raises
     ------
     MeasurementError
-        If columns do not pair up, or a unit of the axis is not known.
+        If columns do not pair up, a unit of the axis is not known, or a column can be read in two ways.
     """
-    if columns[0].role == "time":
-        yield from _time_records(columns, values, comments, notes)
-        return
-    if columns[0].role != "frequency":
-        raise MeasurementError(
-            f"column 1: found {columns[0].name or 'no name'!r}; expected frequency or time; name the column"
-        )
-    axis = columns[0]
-    unit = axis.unit or ("rad/s" if axis.role == "frequency" and "omega" in axis.name.lower() else "")
-    factor = 1.0 if not unit else frequency_factor(unit)
+    columns = list(columns)
+    empty = np.asarray(np.isnan(values).all(axis=0))
+    passed = [i for i, c in enumerate(columns) if c.role == "index" or (i and empty[i])]
+    groups = groups_of(columns, values, sorted(set(range(len(columns))) - set(passed)), axis)
+    if passed:
+        notes = (*notes, f"passed over: {listed(columns, passed)}")
+    starts = []
+    for numbers, note in groups:
+        rows = values[: filled_length(values[:, numbers])]
+        group_notes = (*notes, *note)
+        if columns[numbers[0]].role == "frequency":
+            yield from _frequency_records(columns, rows, numbers, comments, group_notes)
+            continue
+        yield from _time_records(columns, rows, numbers, comments, group_notes)
+        starts.append((rows[0, numbers[0]], rows[1, numbers[0]] - rows[0, numbers[0]]))
+        if abs(starts[-1][0] - starts[0][0]) > 0.01 * starts[0][1]:
+            raise MeasurementError(
+                f"column {numbers[0] + 1}: found a channel that begins at {starts[-1][0]:g}, the first at "
+                f"{starts[0][0]:g}; expected channels that begin together; cut them to one start"
+            )
+
+
+def _frequency_records(
+    columns: list[Column],
+    values: Array,
+    numbers: list[int],
+    comments: Mapping[str, str],
+    notes: tuple[str, ...],
+) -> Iterator[Record]:
+    axis, *rest = numbers
+    factor = frequency_factor(columns[axis].unit or ("rad/s" if "omega" in columns[axis].header.lower() else "Hz"))
     if factor is None:
-        raise MeasurementError(f"column 1: found the unit {unit!r}; expected Hz or rad/s; correct the header")
+        unit = columns[axis].unit
+        raise MeasurementError(f"column {axis + 1}: found the unit {unit!r}; expected Hz or rad/s; correct the header")
     if factor != 1:
-        notes = (*notes, f"frequency in {unit} converted to Hz")
-    lines = values[:, 0] * factor
-    frfs = _pair_up(columns)
-    averages = _averages(comments, len(frfs))
-    for (name, parts), n in zip(frfs, averages, strict=True):
-        yield _frf(columns, parts, values, lines, name, n, comments, notes)
+        notes = (*notes, f"frequency in {columns[axis].unit or 'rad/s'} converted to Hz")
+    elif columns[axis].header and not columns[axis].unit:
+        notes = (*notes, "frequency without unit taken as Hz")
+    lines = values[:, axis] * factor
+    if rest and not any(columns[i].header or columns[i].unit for i in rest):
+        _name_parts(columns, values, rest)
+    frfs = _pair_up(columns, rest)
+    spectra = [i for i in rest if columns[i].role == "spectrum"]
+    others = [i for i in rest if columns[i].role not in (*FRF_ROLES, "spectrum")]
+    if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, whatever its name
+        spectra = [i for i in others if read_sensor_unit(columns[i].unit)[1]]
+        others = [i for i in others if i not in spectra]
+        if not spectra:
+            raise MeasurementError(
+                f"header: found {listed(columns, numbers)}; expected frequency, real and imaginary part "
+                "(or magnitude and phase), such as 'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer "
+                "[g/N]'; name the columns so"
+            )
+    if others:
+        notes = (*notes, f"passed over: {listed(columns, others)}")
+    yield from _spectra(columns, values, spectra, lines, notes)
+    whole = [(name, parts) for name, parts in frfs if set(parts) != {"coherence"}]
+    averages = iter(_averages(comments, len(whole)))
+    has_units = any(columns[i].unit for i in rest if columns[i].role in ("real", "imaginary", "magnitude"))
+    for name, parts in frfs:
+        if set(parts) == {"coherence"}:
+            response, reference, unnamed = _channels(name)
+            where, g2 = f"column {parts['coherence'] + 1}", values[:, parts["coherence"]]
+            yield CoherenceRecord(response, reference, lines, g2, None, where, (*notes, *unnamed))
+        else:
+            yield _frf(columns, parts, values, lines, name, next(averages), comments, notes, has_units)
 
 
-def _pair_up(columns: Sequence[Column]) -> list[tuple[str, dict[Role, int]]]:
+def _spectra(
+    columns: list[Column], values: Array, numbers: list[int], lines: Array, notes: tuple[str, ...]
+) -> Iterator[SpectrumRecord]:
+    for i in numbers:
+        channel, unit = columns[i].header or f"column {i + 1}", columns[i].unit
+        yield SpectrumRecord(channel, spectrum_kind(columns[i]), lines, values[:, i], unit, f"column {i + 1}", notes)
+
+
+def _name_parts(columns: list[Column], values: Array, numbers: list[int]) -> None:
+    """Columns without names as real and imaginary parts, unless they may be something else."""
+    expected = "expected frequency, then pairs of real and imaginary part; name the columns in a first line"
+    if len(numbers) % 2 or not numbers:
+        raise MeasurementError(f"header: found {len(numbers) + 1} columns without a header; {expected}")
+    for k, (a, b) in enumerate(zip(numbers[::2], numbers[1::2], strict=True), start=1):
+        first, second = values[:, a], values[:, b]
+        with np.errstate(invalid="ignore"):
+            largest, jump = np.abs(second).max(), np.abs(np.diff(second)).max(initial=0.0)
+            one_sign = (first >= 0).all() or (first <= 0).all()
+        degrees, radians = 3.2 < largest <= 360, 3 < largest <= 3.1416 and jump > 5
+        if one_sign and len(values) > 3 and (degrees or radians):
+            raise MeasurementError(
+                f"columns {a + 1} and {b + 1}: found numbers of one sign, and numbers up to {largest:g}; expected to "
+                "know whether they are real and imaginary part, or magnitude and phase in "
+                f"{'degrees' if degrees else 'radians'}; name the columns: 'frequency [Hz],real,imaginary' or "
+                f"'frequency [Hz],magnitude,phase [{'deg' if degrees else 'rad'}]'"
+            )
+        columns[a] = Column("real", f"output {k} / input 1", "")
+        columns[b] = Column("imaginary", f"output {k} / input 1", "")
+
+
+def _pair_up(columns: Sequence[Column], numbers: list[int]) -> list[tuple[str, dict[Role, int]]]:
     """FRFs by name with their columns: those of one name belong together, a role that comes again begins the next."""
     frfs: list[tuple[str, dict[Role, int]]] = []
     of_name: dict[str, list[dict[Role, int]]] = {}
     times: dict[tuple[str, Role], int] = {}
-    for i, column in enumerate(columns[1:], start=1):
-        if column.role not in ("real", "imaginary", "magnitude", "phase", "coherence"):
-            raise MeasurementError(
-                f"column {i + 1}: found {column.name!r}; expected real, imaginary, magnitude, phase or coherence in "
-                "the name; name the column"
-            )
+    for i in numbers:
+        column = columns[i]
+        if column.role not in FRF_ROLES:
+            continue
         nth = times[column.name, column.role] = times.get((column.name, column.role), -1) + 1
         alike = of_name.setdefault(column.name, [])
         if nth == len(alike):
             alike.append({})
             frfs.append((column.name, alike[nth]))
         alike[nth][column.role] = i
+    if len(frfs) == 2 and not all(of_name) and not set(frfs[0][1]) & set(frfs[1][1]):
+        frfs = [(frfs[0][0] or frfs[1][0], frfs[0][1] | frfs[1][1])]  # one FRF, some of whose columns do not name it
     for name, parts in frfs:
-        roles = set(parts) - {"coherence"}
-        if roles not in ({"real", "imaginary"}, {"magnitude", "phase"}):
+        if not (
+            {"real", "imaginary"} <= set(parts) or {"magnitude", "phase"} <= set(parts) or [*parts] == ["coherence"]
+        ):
             first = min(parts.values()) + 1
             raise MeasurementError(
                 f"column {first}: found {' and '.join(sorted(parts))} of {name!r}; expected real and "
                 "imaginary, or magnitude and phase; complete the columns"
             )
-    if not frfs:
-        raise MeasurementError("header: found a frequency column only; expected real and imaginary columns; add them")
     return frfs
 
 
@@ -178,85 +240,135 @@ def _frf(
     averages: int | None,
     comments: Mapping[str, str],
     notes: tuple[str, ...],
+    has_units: bool,
 ) -> FrfRecord:
     record_notes = list(notes)
-    first = columns[parts["real" if "real" in parts else "magnitude"]]
-    unit = first.unit
-    if "real" in parts:
+    roles: tuple[Role, Role] = ("real", "imaginary") if {"real", "imaginary"} <= set(parts) else ("magnitude", "phase")
+    first, second = (parts[role] for role in roles)
+    unit = columns[first].unit.replace(")(", ")/(")  # SignalCalc's (m/s2)(N)
+    if roles[0] == "real":
+        unit = unit or columns[second].unit
+        if columns[second].unit and read_frf_unit(columns[second].unit)[:2] != read_frf_unit(columns[first].unit)[:2]:
+            raise MeasurementError(
+                f"columns {first + 1} and {second + 1}: found the units {columns[first].unit!r} and "
+                f"{columns[second].unit!r}; expected one unit of both parts; correct the header"
+            )
         complex_ = np.empty(lines.size, complex)
-        complex_.real, complex_.imag = values[:, parts["real"]], values[:, parts["imaginary"]]
+        complex_.real, complex_.imag = values[:, first], values[:, second]
     else:
-        magnitude, unit = _magnitude(values[:, parts["magnitude"]], unit, record_notes)
-        phase = _phase(values[:, parts["phase"]], columns[parts["phase"]].unit, record_notes)
+        magnitude, unit = _magnitude(values[:, first], unit, f"column {first + 1}", record_notes)
+        phase = _phase(values[:, second], columns[second].unit, f"column {second + 1}", record_notes)
         with np.errstate(invalid="ignore"):
             complex_ = magnitude * np.exp(1j * phase)
     factor, of_unit, converted = read_frf_unit(unit)
-    complex_ = scaled(complex_, factor)
+    if not unit and has_units:
+        factor, converted = None, [_UNITLESS]
     record_notes += converted
     word = comments.get("quantity", "").lower()
-    named = next((candidate for candidate, words in _QUANTITY_WORDS if word and re.fullmatch(words, word)), None)
-    response, _, reference = (label.strip() for label in re.sub(r"\s+over\s+", " / ", name).rpartition(" / "))
-    if not response:
-        response, reference = (reference or "output 1"), "input 1"
-        record_notes.append("the header does not name response and reference")
-    numbers = sorted(parts.values())
-    place = f"columns {', '.join(str(i + 1) for i in numbers[:-1])} and {numbers[-1] + 1}"
-    coherence = values[:, parts["coherence"]] if "coherence" in parts else None
-    quantity = first.quantity or named or of_unit
+    named = next((candidate for candidate, words in QUANTITY_WORDS if word and re.fullmatch(words, word)), None)
+    response, reference, unnamed = _channels(name)
+    used = sorted(parts[role] for role in (*roles, "coherence") if role in parts)
     return FrfRecord(
         response,
         reference,
         lines,
-        complex_,
-        quantity,
-        first.unit,
-        coherence,
+        scaled(complex_, factor),
+        columns[first].quantity or named or of_unit,
+        columns[first].unit,
+        values[:, parts["coherence"]] if "coherence" in parts else None,
         averages,
-        place,
-        tuple(record_notes),
+        f"columns {', '.join(str(i + 1) for i in used[:-1])} and {used[-1] + 1}",
+        (*record_notes, *unnamed),
         factor,
     )
 
 
-def _magnitude(values: Array, unit: str, notes: list[str]) -> tuple[Array, str]:
-    if not re.match(r"dB\b", unit, re.IGNORECASE):
+def _channels(name: str) -> tuple[str, str, tuple[str, ...]]:
+    """Response and reference that a name says, and a note where it does not."""
+    response, _, reference = (label.strip() for label in re.sub(r"\s+over\s+", " / ", name).rpartition(" / "))
+    if response:
+        return response, reference, ()
+    return reference or "output 1", "input 1", ("the header does not name response and reference",)
+
+
+def _magnitude(values: Array, unit: str, where: str, notes: list[str]) -> tuple[Array, str]:
+    decibels = re.match(r"dB\b\s*(?:,|re\.?|ref\.?)?\s*(?P<level>[\d.]+(?:e[+-]?\d+)?)?\s*", unit, re.IGNORECASE)
+    if decibels is None:
+        if (values < 0).any():
+            raise MeasurementError(
+                f"{where}: found a magnitude below 0 in {unit or 'no unit'!r}; expected magnitudes, or decibels named "
+                "so; write [dB re 1 m/s²/N] or the like behind the name"
+            )
         return values, unit
-    reference = re.sub(r"^dB\s*(?:,|re\.?|ref\.?)?\s*1?\s*", "", unit, flags=re.IGNORECASE)
-    notes.append(f"decibels taken as 20 log10 of the magnitude over 1 {reference}".rstrip())
+    level, reference = float_of(decibels["level"] or "1"), unit[decibels.end() :]
+    if not level or not 1e-30 < level < 1e30:
+        raise MeasurementError(f"{where}: found {unit[:40]!r}; expected decibels over a number and unit; correct it")
+    notes.append(f"decibels taken as 20 log10 of the magnitude over {level:g} {reference}".rstrip())
     with np.errstate(over="ignore"):
-        return 10 ** (values / 20), reference
+        return level * 10 ** (values / 20), reference
 
 
-def _phase(values: Array, unit: str, notes: list[str]) -> Array:
+def _phase(values: Array, unit: str, where: str, notes: list[str]) -> Array:
     word = unit.strip().lower()
+    finite = values[np.isfinite(values)]
+    largest, jump = (float(np.max(np.abs(x), initial=0.0)) for x in (finite, np.diff(finite)))
     if word in ("rad", "radian", "radians"):
+        if jump > 6.6:  # wrapped radians jump by 2π
+            raise MeasurementError(f"{where}: found a phase in {unit!r} that jumps by {jump:.3g}; expected {_DEGREES}")
         return values
     if word in ("deg", "°", "degree", "degrees", "grad"):
+        if 3.1 < largest < 3.1416 and jump > 6:
+            raise MeasurementError(f"{where}: found a phase in {unit!r} from -π to π; expected {_DEGREES}")
         return np.deg2rad(values)
     if word:
-        raise MeasurementError(f"header: found the phase in {unit!r}; expected deg or rad; correct the header")
+        raise MeasurementError(f"{where}: found the phase in {unit!r}; expected deg or rad; correct the header")
     # no column of radians reaches beyond a few turns, no column of degrees of a resonance stays within them
-    degrees = bool(np.max(np.abs(values[np.isfinite(values)]), initial=0.0) > 4 * np.pi)
-    if not degrees:
-        raise MeasurementError("header: found a phase without unit; expected [deg] or [rad]; add it to the header")
+    if largest <= 4 * np.pi:
+        raise MeasurementError(f"{where}: found a phase without unit; expected [deg] or [rad]; add it to the header")
     notes.append("phase without unit taken as degrees, since it passes 4π")
     return np.deg2rad(values)
 
 
 def _time_records(
-    columns: Sequence[Column], values: Array, comments: Mapping[str, str], notes: tuple[str, ...]
-) -> Iterator[TimeRecord]:
-    scale = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3}.get(columns[0].unit.lower())
+    columns: list[Column],
+    values: Array,
+    numbers: list[int],
+    comments: Mapping[str, str],
+    notes: tuple[str, ...],
+) -> Iterator[Record]:
+    axis, *channels = numbers
+    spectra = [i for i in channels if columns[i].role == "spectrum"]
+    if spectra and len(spectra) == len(channels):
+        note = "its first column is taken as frequency in Hz, since the file names spectra"
+        yield from _spectra(columns, values, spectra, values[:, axis], (*notes, note))
+        return
+    scale = TIME_S.get(columns[axis].unit.lower() or "s")
     if scale is None:
-        raise MeasurementError(f"column 1: found the unit {columns[0].unit!r}; expected s or ms; correct the header")
-    rate = even_rate(values[:, 0] * scale, "column 1")
+        unit = columns[axis].unit
+        raise MeasurementError(f"column {axis + 1}: found the unit {unit!r}; expected s or ms; correct the header")
+    rate = even_rate(values[:, axis] * scale, f"column {axis + 1}")
     told = float_of(comments.get("sample_rate_hz", ""))
     if told is not None and abs(told / rate - 1) < 1e-3:
         rate = told  # exact, where the instants are rounded
-    for i, column in enumerate(columns[1:], start=1):
+    elif not columns[axis].unit and rate < 1.001 / FREQUENCY_STEP:
+        raise MeasurementError(
+            f"column {axis + 1}: found time without a unit in steps of {1 / rate:g}; expected s ({rate:g} samples a "
+            f"second) or ms ({1e3 * rate:g} a second); write [s] or [ms] behind its name"
+        )
+    elif not columns[axis].unit and rate < 1.001 / TIME_STEP:
+        notes = (*notes, f"time without unit taken as s, {rate:g} samples a second")
+    if spectra:
+        notes = (*notes, f"passed over: {listed(columns, spectra)}")
+    for i in channels:
+        if i in spectra:
+            continue
+        column = columns[i]
         factor, quantity, converted = read_sensor_unit(column.unit)
-        hit = re.search(r"\bhit (\d{1,6})$", column.name)
-        name = column.name[: hit.start()].strip() if hit else column.name
+        if not column.unit and any(columns[k].unit for k in channels):
+            factor, converted = None, [_UNITLESS]
+        label = column.name if column.role == "other" else column.header
+        hit = re.search(r"\bhit (\d{1,6})$", label)
+        name = label[: hit.start()].strip() if hit else label
         yield TimeRecord(
             name or f"column {i + 1}",
             rate,
@@ -268,93 +380,3 @@ def _time_records(
             (*notes, *converted),
             factor,
         )
-
-
-def read_table(path: Path) -> Generator[Record, None, None]:
-    """FRFs or time histories of a CSV or TSV file.
-
-    Raises
-    ------
-    MeasurementError
-        If a row or the header cannot be understood.
-    """
-    table = read_text_table(path)
-    columns = [column_of(name) for name in table.header]
-    notes: tuple[str, ...] = ()
-    if not any(table.header):
-        if len(columns) % 2 == 0:
-            raise MeasurementError(
-                f"line {table.first_line}: found {len(columns)} columns without a header; expected frequency, then "
-                "pairs of real and imaginary part; name the columns in a first line"
-            )
-        pairs = len(columns) // 2
-        columns = [Column("frequency", "", "Hz")]
-        for i in range(pairs):
-            name = f"output {i + 1} / input 1"
-            columns += [Column("real", name, ""), Column("imaginary", name, "")]
-        notes = ("no header: taken as frequency in Hz, real and imaginary parts",)
-    elif columns[0].role == "frequency" and not columns[0].unit and "omega" in table.header[0].lower():
-        columns[0] = replace(columns[0], unit="rad/s")
-    yield from column_records(columns, table.values, table.comments, notes)
-
-
-def table_columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[str, str]]:
-    """Headers, columns and comments of a table that holds the records.
-
-    Raises
-    ------
-    MeasurementError
-        If the records do not share their lines, or their sampling rate and length.
-    """
-    frfs = [record for record in records if isinstance(record, FrfRecord)]
-    times = [record for record in records if isinstance(record, TimeRecord)]
-    if bool(frfs) == bool(times):
-        raise MeasurementError(
-            "table: found FRFs and time histories, or neither; expected one kind; write one file for each"
-        )
-    if frfs:
-        return _frf_columns(frfs)
-    rate, size = times[0].sample_rate_hz, times[0].values.size
-    if any((r.sample_rate_hz, r.values.size) != (rate, size) for r in times):
-        raise MeasurementError(
-            "table: found time histories of different rates or lengths; expected one time axis; write uff58 or hdf5"
-        )
-    names = ["time [s]"]
-    for r in times:
-        hit = f" hit {r.hit}" if r.hit is not None else ""
-        names.append(f"{r.channel}{hit} [{si_sensor_unit(r.quantity)}]")
-    return names, [np.arange(size) / rate, *(r.values for r in times)], {"sample_rate_hz": repr(float(rate))}
-
-
-def _frf_columns(frfs: Sequence[FrfRecord]) -> tuple[list[str], list[Array], dict[str, str]]:
-    lines = frfs[0].frequency_hz
-    names, columns = ["frequency [Hz]"], [lines]
-    for r in frfs:
-        if not np.array_equal(r.frequency_hz, lines):
-            raise MeasurementError(
-                "table: found FRFs on different lines; expected one frequency axis; write uff58 or hdf5"
-            )
-        pair = f"{r.response} / {r.reference}"
-        unit = f" [{si_frf_unit(r.quantity)}]" if r.quantity else ""
-        names += [f"real {pair}{unit}", f"imaginary {pair}{unit}"]
-        columns += [r.values.real, r.values.imag]
-        if r.coherence is not None:
-            names.append(f"coherence {pair}")
-            columns.append(r.coherence)
-    told = [r.averages for r in frfs]
-    comments = {}
-    if None not in told:
-        comments["averages"] = str(told[0]) if len(set(told)) == 1 else ", ".join(map(str, told))
-    return names, columns, comments
-
-
-def write_table(records: Sequence[Record], path: Path, delimiter: str) -> None:
-    """Write records as a table; numbers with as many digits as it takes to read them back exactly."""
-    names, columns, comments = table_columns(records)
-    with path.open("w", encoding="utf-8", newline="") as file:
-        for key, value in comments.items():
-            file.write(f"# {key}: {value}\n")
-        writer = csv.writer(file, delimiter=delimiter, lineterminator="\n")
-        writer.writerow(names)
-        for row in zip(*(column.tolist() for column in columns), strict=True):
-            writer.writerow(map(repr, row))

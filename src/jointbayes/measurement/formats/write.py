@@ -10,7 +10,7 @@ import numpy as np
 from jointbayes.errors import MeasurementError, WriteError, path_fault
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.formats.array_files import write_hdf5, write_mat73, write_matlab, write_npz
-from jointbayes.measurement.formats.table import write_table
+from jointbayes.measurement.formats.table_write import write_table
 from jointbayes.measurement.formats.uff_write import write_uff
 from jointbayes.measurement.formats.units import si_frf_unit, si_sensor_unit
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
