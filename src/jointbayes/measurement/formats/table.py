@@ -92,7 +92,7 @@ def column_records(
     """
     columns = list(columns)
     empty = np.asarray(np.isnan(values).all(axis=0))
-    passed = [i for i, c in enumerate(columns) if c.role == "index" or (i and empty[i])]
+    passed = [i for i, c in enumerate(columns) if c.role == "index" or empty[i]]
     groups = groups_of(columns, values, sorted(set(range(len(columns))) - set(passed)), axis)
     if passed:
         notes = (*notes, f"passed over: {listed(columns, passed)}")

@@ -265,12 +265,14 @@ def _header(head: list[_TableHead], delimiter: str, count: int, comments: dict[s
 
 def _are_units(cells: list[str], above: list[tuple[int, list[str]]], count: int) -> bool:
     """Whether a row above the numbers holds units: those of an axis first, and below names or with known ones only."""
-    if not 0 < len(cells) <= count or axis_role(cells[0]) is None:
+    first = next((i for i, cell in enumerate(cells) if cell), 0)
+    if not 0 < len(cells) <= count or axis_role(cells[first]) is None:
         return False
     names = above[-1][1] if above else []
-    named = len(names) == count and column_of(names[0]).role in ("frequency", "time")
-    known = all(not cell or parse_unit(cell.strip("[]()")) is not None for cell in cells[1:])
-    return known or (named and all(column_of(cell).role in ("other", "spectrum") for cell in cells[1:]))
+    named = len(names) == count and column_of(names[first]).role in ("frequency", "time")
+    known = all(not cell or parse_unit(cell.strip("[]()")) is not None for cell in cells[first + 1 :])
+    others = (column_of(cell).role in ("other", "spectrum") for cell in cells[first + 1 :])
+    return known or (named and all(others))
 
 
 def _cells(line: _TableHead, delimiter: str, count: int) -> list[str]:

@@ -38,9 +38,9 @@ def read_xlsx(path: Path, layout: Mapping[str, str] | None = None) -> Generator[
         )
     refused: MeasurementError | None = None
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), path.open("rb") as file:  # by its name openpyxl refuses what has another ending
             warnings.simplefilter("ignore")  # of styles and validations, which are of no concern
-            workbook = openpyxl.load_workbook(path, read_only=True, data_only=True)
+            workbook = openpyxl.load_workbook(file, read_only=True, data_only=True)
             try:
                 for sheet in workbook.worksheets[:_MOST_SHEETS]:
                     try:
