@@ -104,6 +104,11 @@ def test_each_hit_is_shown_and_the_frfs_of_the_hits_have_their_resonance(hits):
     text = "\n".join(text_of(found))
     assert "Point:1:Z+ hit 3: " in text
     assert "LEFT OUT: double hit, again after 2" in text
+    first = next(line for line in text.splitlines() if "Point:1:Z+ hit 1: " in line)
+    # a half sine is 20 dB down at 1.31 over its length, which is 1.5 times the width at half its height
+    assert float(first.split("20 dB down at ")[1].split()[0]) * found.hits[0].hit.width_s == pytest.approx(
+        0.87, rel=0.1
+    )
     assert {d.key for d in found.warnings} == {"double_hit"}
     (mode,) = found.modes
     assert mode.frequency_hz == pytest.approx(200.0, abs=max(4 * mode.frequency_sd_hz, 0.02))

@@ -176,7 +176,7 @@ def contents_of_records(records: Iterable[Record], mass_kg: float | None = None)
     seen = _Seen(WarningCollector(mass_kg))
     for record in records:
         seen.add(record)
-    made, note = ([], "") if seen.frf_kept() else _frfs_of_hits(seen.histories if seen.complete else [])
+    made, note = ([], "") if seen.frf_kept() else _frfs_of_hits(seen)
     for record in made:
         seen.warnings.add(record)
         seen.keep_frf(record)
@@ -327,18 +327,20 @@ def _trace(record: TimeRecord, hit: Hit, *, drawn: bool) -> HitTrace:
     return HitTrace(record.channel, hit, time, np.array(record.values[first:last]))
 
 
-def _frfs_of_hits(histories: list[TimeRecord]) -> tuple[list[FrfRecord], str]:
+def _frfs_of_hits(seen: _Seen) -> tuple[list[FrfRecord], str]:
     """FRFs of a hammer's records that hold one hit each, and why there are none."""
     from jointbayes.measurement.signals.impact import impact_frfs
     from jointbayes.measurement.signals.spectra import sort_by_force
 
-    if not histories:
+    if not seen.histories:
         return [], "there is no FRF"
-    forces = [r for r in histories if r.quantity == "force"]
+    if not seen.complete:
+        return [], f"the records have more than {_SAMPLES_KEPT} samples: of these only `run` makes FRFs"
+    forces = [r for r in seen.histories if r.quantity == "force"]
     if not forces or any(len(hits_of(r)) != 1 for r in forces):
         return [], "the records are not one hit each: make FRFs of them first"
     try:
-        tests = sort_by_force(histories)
+        tests = sort_by_force(seen.histories)
         results = [impact_frfs(force, responses) for force, responses in tests if responses]
     except MeasurementError as error:
         return [], f"no FRFs could be made of the hits: {error}"

@@ -3,7 +3,9 @@
 from collections.abc import Iterator
 from typing import TypeVar
 
-from jointbayes.measurement.inspection import ChannelCount, Inspection
+import numpy as np
+
+from jointbayes.measurement.inspection import ChannelCount, HitTrace, Inspection
 from jointbayes.measurement.records import parse_dof
 
 T = TypeVar("T")
@@ -93,8 +95,21 @@ def _hits(inspection: Inspection) -> Iterator[str]:
     for trace in inspection.hits[:_LISTED]:
         hit = trace.hit
         verdict = "kept" if hit.kept else f"LEFT OUT: {hit.reason}"
-        yield f"  {trace.channel} hit {hit.number}: {hit.peak_n:.4g} N, {1e3 * hit.width_s:.3g} ms, {verdict}"
+        pulse = f"{hit.peak_n:.4g} N, {1e3 * hit.width_s:.3g} ms{_reach(trace)}"
+        yield f"  {trace.channel} hit {hit.number}: {pulse}, {verdict}"
     yield from _more(len(inspection.hits))
+
+
+def _reach(trace: HitTrace) -> str:
+    """From which frequency on the force of a hit is less than a tenth of its largest spectral line."""
+    if trace.force_n.size < 2:
+        return ""
+    samples = max(4096, trace.force_n.size)
+    spectrum = np.abs(np.fft.rfft(trace.force_n - np.median(trace.force_n), samples))
+    top = int(spectrum.argmax())
+    below = np.flatnonzero(spectrum[top:] < 0.1 * spectrum[top])
+    step_hz = 1 / (samples * (trace.time_s[1] - trace.time_s[0]))
+    return f", 20 dB down at {(top + below[0]) * step_hz:.3g} Hz" if below.size else ""
 
 
 def _dof(label: str) -> str:

@@ -332,14 +332,15 @@ def _history_warnings(record: TimeRecord) -> Iterator[MeasurementWarning]:
 
 def _truncation(x: Array) -> Iterator[MeasurementWarning]:
     """A ring-down that the end of the record cuts off."""
-    top = int(np.argmax(np.abs(x - np.median(x))))
-    after = np.array_split(x[top:] - np.median(x), _PARTS)
+    x = x - np.median(x)
+    top = int(np.argmax(np.abs(x)))
+    after = np.array_split(x[top:], _PARTS)
     if after[0].size < _FEWEST_SAMPLES:
         return
     level = np.array([np.sqrt(np.mean(part**2)) for part in after])
     # noise and a steady response do not fall from part to part, least of all at the end
     rings = (np.diff(level) < 0).all() and level[-1] < 0.9 * level[-2]
-    left = float(np.abs(after[-1]).max() / np.abs(x[top] - np.median(x)))
+    left = float(np.abs(after[-1]).max() / np.abs(x[top]))
     if rings and left > _CUT_OFF:
         yield MeasurementWarning(
             "truncated_ring_down",
