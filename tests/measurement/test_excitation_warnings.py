@@ -155,3 +155,13 @@ def test_clean_files_are_silent():
 @pytest.mark.science
 def test_clean_files_are_silent_over_many_structures():
     assert false_alarms(range(40, 400)) == {}
+
+
+def test_uneven_lines_of_any_kind_are_judged_or_not_but_never_an_error():
+    rng = np.random.default_rng(5)
+    s = structure(5)
+    for size in (16, 64, 200):
+        for power in (0.2, 1.0, 6.0):
+            lines = 10 + 990 * np.sort(rng.random(size)) ** power
+            for record in (s.record(lines, 1), replace(s.record(lines), coherence=None)):
+                assert not new_keys([record, record]) & {"level_dependence", "mass_loading"}

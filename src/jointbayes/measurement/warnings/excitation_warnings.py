@@ -122,7 +122,7 @@ def _mains(clear: ClearFrf, incoherence: Array | None, averages: int) -> tuple[l
 
     def outlying(places: Array) -> NDArray[np.bool_]:
         """Whether one of the three lines about each place stands out of those three to six lines away."""
-        about = np.searchsorted(f, places)[:, None] + np.arange(-1, 2)
+        about = np.clip(np.searchsorted(f, places), 7, f.size - 8)[:, None] + np.arange(-1, 2)
         beside = np.median(values[about[:, :, None] + [-6, -5, -4, -3, 3, 4, 5, 6]], axis=2)
         if incoherence is None:
             return np.asarray((values[about] > beside + _SCATTER * clear.noise[about]).any(axis=1))
