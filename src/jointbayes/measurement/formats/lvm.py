@@ -12,7 +12,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.columns import Column, column_of
 from jointbayes.measurement.formats.table import column_records
-from jointbayes.measurement.formats.table_text import Lines, float_of, read_rows, text_lines
+from jointbayes.measurement.formats.table_text import Lines, bad_number, float_of, read_rows, text_lines
 from jointbayes.measurement.records import MOST_COLUMNS, Record, TimeRecord, require_short
 
 _END = "***End_of_Header***"
@@ -118,6 +118,8 @@ def _blocks(lines: Lines, layout: _Layout) -> Iterator[tuple[_Segment, list[str]
             raise MeasurementError(
                 f"line {segment.line}: found no row of numbers in the segment; expected the samples; export it again"
             )
+        if axes := [line for i, line in gaps.items() if names[i].lower() == "x_value"]:
+            raise bad_number("", f"line {min(axes)}")
         values[:, list(gaps)] = np.nan  # a channel of another rate, whose samples do not fill the rows
         samples = _samples(segment)
         with np.errstate(invalid="ignore"):
@@ -178,8 +180,13 @@ def _records(segment: _Segment, names: list[str], values: Array, layout: _Layout
     count = len(names)
     units, dimensions, axis_units = (segment.each(k, count) for k in ("y_unit_label", "x_dimension", "x_unit_label"))
     notes = _clock(segment, names, values, layout)
-    columns = []
+    columns: list[Column] = []
+    empty = np.asarray(np.isnan(values).all(axis=0))
     for i, name in enumerate(names):  # the header has a cell for each column behind the first
+        if name.lower() == "x_value" and empty[i] and not empty[i + 1 : i + 2].all():
+            raise MeasurementError(
+                f"line {segment.line}: found no number of X_Value of {names[i + 1]!r}; expected some"
+            )
         if name.lower() != "x_value":
             columns.append(column_of(f"{name} [{units[i - 1]}]" if units[i - 1] else name))
         elif dimensions[i].lower() == "frequency":
@@ -193,6 +200,7 @@ def _records(segment: _Segment, names: list[str], values: Array, layout: _Layout
     yield from column_records(columns, values, comments, notes)
 
 
+@np.errstate(all="ignore")
 def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) -> tuple[str, ...]:
     """Notes on counts and steps; an axis that the file does not write out is made from its header."""
     notes = []

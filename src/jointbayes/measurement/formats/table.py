@@ -104,6 +104,8 @@ def column_records(
             yield from _frequency_records(columns, rows, numbers, comments, group_notes)
             continue
         yield from _time_records(columns, rows, numbers, comments, group_notes)
+        if len(rows) < 2:
+            continue
         starts.append((rows[0, numbers[0]], rows[1, numbers[0]] - rows[0, numbers[0]]))
         if abs(starts[-1][0] - starts[0][0]) > 0.01 * starts[0][1]:
             raise MeasurementError(
@@ -166,6 +168,7 @@ def _spectra(
         yield SpectrumRecord(channel, spectrum_kind(columns[i]), lines, values[:, i], unit, f"column {i + 1}", notes)
 
 
+@np.errstate(all="ignore")
 def _name_parts(columns: list[Column], values: Array, numbers: list[int]) -> None:
     """Columns without names as real and imaginary parts, unless they may be something else."""
     expected = "expected frequency, then pairs of real and imaginary part; name the columns in a first line"
@@ -308,6 +311,7 @@ def _magnitude(values: Array, unit: str, where: str, notes: list[str]) -> tuple[
         return level * 10 ** (values / 20), reference
 
 
+@np.errstate(all="ignore")
 def _phase(values: Array, unit: str, where: str, notes: list[str]) -> Array:
     word = unit.strip().lower()
     finite = values[np.isfinite(values)]

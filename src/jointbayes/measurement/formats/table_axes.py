@@ -80,16 +80,19 @@ def groups_of(
     return [(group, note) for group in groups if len(group) > 1] or [(groups[0], note)]
 
 
+@np.errstate(all="ignore")
 def _rises(x: Array) -> bool:
     x = x[~np.isnan(x)]
     return x.size > 1 and bool((np.diff(x) > 0).all())
 
 
+@np.errstate(all="ignore")
 def _counts(x: Array) -> bool:
     """Whether a column counts its rows from 0 or 1."""
     return x[0] in (0, 1) and bool((np.diff(x) == 1).all())
 
 
+@np.errstate(all="ignore")
 def _told_axis(column: Column, x: Array, number: int, axis: str | None) -> tuple[Column, tuple[str, ...]]:
     """Column of frequency or time where no name says which: by its numbers, or by the layout."""
     x = x[~np.isnan(x)]

@@ -243,7 +243,8 @@ def _header(head: list[_TableHead], delimiter: str, count: int, comments: dict[s
         return tuple(_with_unit("", unit) for unit in units)
     number, names = rows[-1]
     if len(names) != count:
-        if len(names) > 2 and any(column_of(name).role != "other" for name in names if name):
+        roles = [column_of(name).role for name in names if name]
+        if (len(names) > 2 and set(roles) != {"other"}) or (roles[:1] in (["frequency"], ["time"]) and roles[1:]):
             comma = ", and commas that are no decimal signs" if delimiter == "," and len(names) < count else ""
             raise MeasurementError(
                 f"line {number}: found {len(names)} names above {count} columns of numbers; expected one for each "
@@ -341,7 +342,7 @@ def read_rows(rows: Iterable[tuple[int, list[str]]], count: int) -> tuple[Array,
             for i, field in enumerate(fields):
                 if not field.strip():
                     empty.setdefault(i, number)
-                elif not _NUMBER.fullmatch(field.strip()):
+                elif "," in field or not _NUMBER.fullmatch(field.strip()):
                     raise bad_number(field, f"line {number}") from None
             numbers.extend(float(field) if field.strip() else np.nan for field in fields)
         if "_" in "".join(fields):  # Python's own spelling of long numbers, nobody's else
