@@ -102,7 +102,7 @@ def on_a_terminal(arguments, cwd):
 def test_nothing_of_a_file_reaches_the_terminal_raw(tmp_path):
     hostile_archive(tmp_path / "sound.npz")
     with np.load(tmp_path / "sound.npz") as archive:
-        broken = {f"{name}\x1b[31m\x9b\u202e": archive[name] for name in archive}
+        broken = {f"un{name}\x1b[31m\x9b\u202e": archive[name] for name in archive}
     np.savez(tmp_path / "bad\x1b[31m\n\u202e.npz", **broken, frf=np.array(["x\x1b[31m"]))
     code, sent = on_a_terminal(["inspect", "sound.npz"], tmp_path)
     assert code == 0
