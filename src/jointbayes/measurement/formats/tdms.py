@@ -15,6 +15,9 @@ from jointbayes.measurement.formats.table import column_records
 from jointbayes.measurement.formats.table_axes import layout_axis
 from jointbayes.measurement.records import MOST_COLUMNS, Record, TimeRecord, require_short
 
+#: Scales of a channel: npTDMS looks at each, however many a damaged file promises.
+_MOST_SCALES = 100
+
 
 def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Generator[Record, None, None]:
     """Records of the groups; groups with the same channels are hits.
@@ -28,15 +31,14 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Generator[
     """
     try:
         import nptdms
+        from nptdms.log import log_manager
     except ImportError:
         raise MeasurementError(
             "content: found a LabVIEW TDMS file; expected the package npTDMS, which reads it; pip install "
             "jointbayes[files], or export the measurement as LVM"
         ) from None
     logging.getLogger("nptdms").addHandler(logging.NullHandler())
-    logger = logging.getLogger("nptdms")
-    if not logger.handlers:
-        logger.addHandler(logging.NullHandler())  # what it says of damaged files is said below
+    log_manager.set_level(logging.CRITICAL)  # what it says of damaged files is said below
     try:
         with path.open("rb") as handle, nptdms.TdmsFile.open(handle) as file:
             channels = [channel for group in file.groups() for channel in group.channels()]
@@ -46,6 +48,13 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Generator[
                     f"content: found {len(channels)} channels of {sum(map(len, channels))} values in {size} bytes; "
                     "expected no more values than bytes; copy the file again"
                 )
+            scales = (o.properties.get("NI_Number_Of_Scales", 0) for o in (file, *file.groups(), *channels))
+            if max(map(int, scales)) > _MOST_SCALES:
+                raise MeasurementError(
+                    f"content: found a channel of over {_MOST_SCALES} scales; expected fewer; copy the file again"
+                )
+            status = file.file_status
+            notes = ("cut off: channels hold what was written before",) if status.incomplete_final_segment else ()
             groups: dict[str, list[_Channel]] = {}
             for channel in channels:
                 if len(channel) and (channel.dtype is not None and channel.dtype.kind in "iufc"):
@@ -60,7 +69,7 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Generator[
     alike = len(groups) > 1 and len({tuple(c.name for c in channels) for channels in groups.values()}) == 1
     for number, (name, members) in enumerate(groups.items(), start=1):
         require_short("group", name, *(text for c in members for text in (c.name, c.unit)))
-        for record in _group_records(name, members, layout):
+        for record in _group_records(name, members, layout, notes):
             if isinstance(record, TimeRecord) and record.hit is None and alike:
                 record = replace(record, hit=number)
             yield replace(record, where=f"group {name[:60]!r}, {record.where}")
@@ -101,7 +110,9 @@ def _channel(channel: Any) -> _Channel:  # noqa: ANN401 - npTDMS has no types
     )
 
 
-def _group_records(name: str, channels: list[_Channel], layout: Mapping[str, str] | None) -> Iterator[Record]:
+def _group_records(
+    name: str, channels: list[_Channel], layout: Mapping[str, str] | None, notes: tuple[str, ...]
+) -> Iterator[Record]:
     """Records of a group: channels of one clock make a table behind a column of frequency or time."""
     columns: list[Column] = []
     arrays: list[NDArray[Any]] = []
@@ -128,5 +139,5 @@ def _group_records(name: str, channels: list[_Channel], layout: Mapping[str, str
     for i, array in enumerate(arrays):
         table[: array.size, i] = array
     left = [c.name for c in channels if clocks and not c.step]
-    notes = (f"without a wf_increment, passed over: {', '.join(left)[:200]}",) if left else ()
+    notes += (f"without a wf_increment, passed over: {', '.join(left)[:200]}",) if left else ()
     yield from column_records(columns, table, {}, notes, layout_axis(layout))
