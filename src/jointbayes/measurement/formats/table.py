@@ -104,9 +104,9 @@ def column_records(
             yield from _frequency_records(columns, rows, numbers, comments, group_notes)
             continue
         yield from _time_records(columns, rows, numbers, comments, group_notes)
-        if len(rows) < 2:
+        if len(rows) < 2 or not np.isfinite(rows[:2, numbers[0]]).all():
             continue
-        starts.append((rows[0, numbers[0]], rows[1, numbers[0]] - rows[0, numbers[0]]))
+        starts.append((float(rows[0, numbers[0]]), float(rows[1, numbers[0]] - rows[0, numbers[0]])))
         if abs(starts[-1][0] - starts[0][0]) > 0.01 * starts[0][1]:
             raise MeasurementError(
                 f"column {numbers[0] + 1}: found a channel that begins at {starts[-1][0]:g}, the first at "
@@ -130,7 +130,8 @@ def _frequency_records(
         notes = (*notes, f"frequency in {columns[axis].unit or 'rad/s'} converted to Hz")
     elif columns[axis].header and not columns[axis].unit:
         notes = (*notes, "frequency without unit taken as Hz")
-    lines = values[:, axis] * factor
+    with np.errstate(over="ignore"):
+        lines = values[:, axis] * factor
     if rest and not any(columns[i].header or columns[i].unit for i in rest):
         _name_parts(columns, values, rest)
     frfs = _pair_up(columns, rest)
@@ -261,7 +262,7 @@ def _frf(
     else:
         magnitude, unit = _magnitude(values[:, first], unit, f"column {first + 1}", record_notes)
         phase = _phase(values[:, second], columns[second].unit, f"column {second + 1}", record_notes)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             complex_ = magnitude * np.exp(1j * phase)
     factor, of_unit, converted = read_frf_unit(unit)
     if not unit and has_units:

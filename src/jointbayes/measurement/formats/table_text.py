@@ -344,7 +344,7 @@ def read_rows(rows: Iterable[tuple[int, list[str]]], count: int) -> tuple[Array,
                     empty.setdefault(i, number)
                 elif "," in field or not _NUMBER.fullmatch(field.strip()):
                     raise bad_number(field, f"line {number}") from None
-            numbers.extend(float(field) if field.strip() else np.nan for field in fields)
+            numbers.extend(float(field.strip() or "nan") for field in fields)
         if "_" in "".join(fields):  # Python's own spelling of long numbers, nobody's else
             raise bad_number(next(f for f in fields if "_" in f), f"line {number}")
         if empty:
