@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
+from jointbayes.measurement.formats.columns import TIME_S
 from jointbayes.measurement.formats.table_text import float_of
 from jointbayes.measurement.formats.uff_data_sets import (
     CORRECTIONS,
@@ -24,21 +26,22 @@ from jointbayes.measurement.formats.uff_data_sets import (
     line_of,
     scan,
 )
-from jointbayes.measurement.formats.uff_modes import MOST_MODE_BYTES, read_mode
 from jointbayes.measurement.formats.uff_values import (
+    MOST_MODE_BYTES,
     FileUnits,
-    Function,
     decode,
+    even_abscissa,
     frf_meaning,
+    read_mode,
     sensor_meaning,
     units_of,
 )
 from jointbayes.measurement.formats.units import frequency_factor, scaled
 from jointbayes.measurement.records import (
+    MOST_BYTES,
     MOST_RECORDS,
     CoherenceRecord,
     FrfRecord,
-    ModeRecord,
     Record,
     SpectrumRecord,
     TimeRecord,
@@ -60,7 +63,6 @@ _LISTED = {
     12: "spectrum",
 }
 _PART = 2**22  # bytes of a function that are decoded at once
-_SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3}
 #: An FRF has up to four: values, coherence, and corrections of both.
 _MOST_SETS = 4 * MOST_RECORDS + 100
 #: Type of function, labels of response and reference, and of time histories what the sensor measures.
@@ -76,10 +78,16 @@ class _UniversalFile:
     corrections: dict[int, UffDataSet] = field(default_factory=dict)
     units: dict[int, FileUnits] = field(default_factory=dict)
 
-    def body(self, data_set: UffDataSet) -> bytes:
-        """Content of a data set."""
+    def body(self, data_set: UffDataSet, most: int = MOST_BYTES) -> bytes:
+        """Content of a data set of at most so many bytes."""
+        size = data_set.stop - data_set.start
+        if size > most:
+            raise MeasurementError(
+                f"data set {data_set.number}: found {size} bytes of type {data_set.kind}; expected at most {most}; "
+                "export less"
+            )
         self.file.seek(data_set.start)
-        return self.file.read(data_set.stop - data_set.start)
+        return self.file.read(size)
 
     def lines(self, data_set: UffDataSet) -> Iterator[bytes]:
         """The same in parts that end with a line."""
@@ -97,15 +105,14 @@ class _UniversalFile:
             line = line_of(self.file, data_set.start) + error.line
             raise MeasurementError(f"data set {data_set.number}, line {line}: {error}") from None
 
-    def function(self, data_set: UffDataSet) -> tuple[FunctionHeader, Function]:
-        """Header and values of a data set 58."""
+    def function(self, data_set: UffDataSet) -> tuple[FunctionHeader, Array, Array | NDArray[np.complex128]]:
+        """Header, abscissa and ordinate of a data set 58."""
         header = data_set.header
         assert header is not None
         with self.located(data_set):
-            function = decode(header, self.lines(data_set), data_set.stop - data_set.start)
-        if data_set.number in self.corrections:
-            self.correct(data_set, function.abscissa, function.ordinate.view(np.float64))
-        return header, function
+            abscissa, ordinate = decode(header, self.lines(data_set), data_set.stop - data_set.start)
+        self.correct(data_set, abscissa, ordinate.view(np.float64))
+        return header, abscissa, ordinate
 
     def correct(self, data_set: UffDataSet, *numbers: Array) -> None:
         """Add the digits that did not fit the columns: steps in units of the last place, for each number."""
@@ -176,13 +183,8 @@ def _index(file: BinaryIO) -> _UniversalFile:
         if data_set.kind == CORRECTIONS:
             source.corrections[data_set.number - 1] = data_set
         elif data_set.kind == 164:
-            if data_set.stop - data_set.start > 4096:
-                raise MeasurementError(
-                    f"data set {data_set.number}: found {data_set.stop - data_set.start} bytes of units; expected "
-                    "3 lines"
-                )
             with source.located(data_set):
-                source.units[data_set.number] = units_of(source.body(data_set))
+                source.units[data_set.number] = units_of(source.body(data_set, 4096))
         else:
             source.sets.append(data_set)
         file.seek(behind)
@@ -212,14 +214,18 @@ def _record(
     where = f"data set {data_set.number}"
     header = data_set.header
     if header is None:
-        return _mode(source, data_set) if kind == _MODES else None
+        if kind != _MODES:
+            return None
+        with source.located(data_set):
+            body = source.body(data_set, MOST_MODE_BYTES)
+            return read_mode(body, data_set.number, lambda *numbers: source.correct(data_set, *numbers))
     if kind not in (_TIME, _FRF, _COHERENCE):
         words, none = _LISTED.get(kind, f"function of type {kind}"), np.empty(0)
         told = header.even and header.abscissa.kind == 18 and header.count <= data_set.stop - data_set.start
-        lines = _frequency_hz(Function(header, None, none).abscissa, header, []) if told else none
+        lines = _frequency_hz(even_abscissa(header), header, []) if told else none
         return SpectrumRecord(response, words, lines, none, header.numerator.unit, where, ("values not read",))
     axis_kind, axis_unit = header.abscissa.kind, header.abscissa.unit
-    over_time = axis_kind == 17 or (axis_kind != 18 and axis_unit.lower() in _SECONDS)
+    over_time = axis_kind == 17 or (axis_kind != 18 and axis_unit.lower() in TIME_S)
     over_frequency = axis_kind == 18 or (axis_kind != 17 and frequency_factor(axis_unit) is not None)
     if over_frequency if kind == _TIME else over_time:
         axis = f"an abscissa of type {axis_kind} and unit {axis_unit or 'none'}"
@@ -234,47 +240,36 @@ def _record(
         return _frf(source, data_set, nth, places)
     if (_FRF, response, reference, 0) in places:
         return None
-    header, function = source.function(data_set)
+    header, abscissa, squared = source.function(data_set)
     notes: list[str] = []
-    lines, squared = _frequency_hz(function.abscissa, header, notes), np.asarray(function.ordinate.real)
-    return CoherenceRecord(response, reference, lines, squared, _averages(header), where, tuple(notes))
+    lines = _frequency_hz(abscissa, header, notes)
+    return CoherenceRecord(response, reference, lines, squared.real, _averages(header), where, tuple(notes))
 
 
 def _frf(source: _UniversalFile, data_set: UffDataSet, nth: int, places: dict[Place, list[UffDataSet]]) -> FrfRecord:
-    header, function = source.function(data_set)
+    header, abscissa, ordinate = source.function(data_set)
     _, response, reference, _ = place = _place(data_set)
     quantity, factor, unit, notes = frf_meaning(header, source.units_of(data_set))
     if header.function == 0:
         notes.append("function of unknown type taken for an FRF")
     if not header.is_complex:
         notes.append("FRF without imaginary part")
-    lines = _frequency_hz(function.abscissa, header, notes)
+    lines = _frequency_hz(abscissa, header, notes)
     of_pair, squared = places.get((_COHERENCE, response, reference, 0), []), None
     if of_pair and len(of_pair) != len(places[place]):
         notes.append(f"{len(of_pair)} coherences for {len(places[place])} FRFs of this pair: none taken")
     elif of_pair:
         coherence = of_pair[nth - 1]
-        coherence_header, read = source.function(coherence)
-        squared = np.asarray(read.ordinate.real)
-        coherence_lines = _frequency_hz(read.abscissa, coherence_header, [])
+        coherence_header, coherence_abscissa, gamma2 = source.function(coherence)
+        squared, coherence_lines = gamma2.real, _frequency_hz(coherence_abscissa, coherence_header, [])
         if coherence_lines.size != lines.size or not np.allclose(coherence_lines, lines, rtol=1e-6, equal_nan=True):
             raise MeasurementError(
                 f"data set {coherence.number}: found a coherence of {squared.size} lines that are not those of the FRF "
                 f"in data set {data_set.number} ({lines.size} lines); expected the same lines; export again"
             )
-    return FrfRecord(
-        response,
-        reference,
-        lines,
-        np.asarray(scaled(function.ordinate, factor), complex),
-        quantity,
-        unit,
-        squared,
-        _averages(header),
-        f"data set {data_set.number}",
-        tuple(notes),
-        factor,
-    )
+    values, where = scaled(ordinate, factor).astype(complex, copy=False), f"data set {data_set.number}"
+    pair, averages = (response, reference), _averages(header)
+    return FrfRecord(*pair, lines, values, quantity, unit, squared, averages, where, tuple(notes), factor)
 
 
 def _frequency_hz(abscissa: Array, header: FunctionHeader, notes: list[str]) -> Array:
@@ -282,11 +277,9 @@ def _frequency_hz(abscissa: Array, header: FunctionHeader, notes: list[str]) -> 
     factor = frequency_factor(unit) if unit else 1.0
     if factor is None:
         notes.append(f"unit {unit!r} of the frequency not understood, taken as Hz")
-        return abscissa
-    if factor == 1:
-        return abscissa
-    notes.append(f"frequency in {unit} converted to Hz")
-    return abscissa * factor
+    elif factor != 1:
+        notes.append(f"frequency in {unit} converted to Hz")
+    return abscissa * (factor or 1.0)
 
 
 def _averages(header: FunctionHeader) -> int | None:
@@ -299,31 +292,20 @@ def _averages(header: FunctionHeader) -> int | None:
 
 
 def _time(source: _UniversalFile, data_set: UffDataSet, channel: str, nth: int | None) -> TimeRecord:
-    header, function = source.function(data_set)
+    header, abscissa, ordinate = source.function(data_set)
     if header.is_complex:
         raise MeasurementError(
             f"data set {data_set.number}: found complex values of a time history; expected real ones; export again"
         )
-    scale = _SECONDS.get(header.abscissa.unit.lower(), 1.0)
+    scale = TIME_S.get(header.abscissa.unit.lower(), 1.0)
     told = next((line for line in header.ids if line.startswith("sample_rate_hz=")), "")
-    instants = header.increment * np.arange(min(header.count, 2)) if header.even else function.abscissa
+    instants = header.increment * np.arange(min(header.count, 2)) if header.even else abscissa
     rate = even_rate(np.asarray(instants * scale, dtype=float), f"data set {data_set.number}")
     exact = float_of(told.removeprefix("sample_rate_hz="))
     if exact is not None and abs(exact / rate - 1) < 1e-3:
         rate = exact  # its inverse, the step, is rounded
     quantity, factor, unit, notes = sensor_meaning(header, source.units_of(data_set))
     hit = next((re.fullmatch(r"hit (\d{1,9})", line) for line in header.ids if line.startswith("hit ")), None)
-    values = scaled(function.ordinate.real, factor)
+    values = scaled(ordinate.real, factor)
     place = f"data set {data_set.number}"
     return TimeRecord(channel, rate, values, quantity, unit, int(hit[1]) if hit else nth, place, tuple(notes), factor)
-
-
-def _mode(source: _UniversalFile, data_set: UffDataSet) -> ModeRecord | None:
-    size = data_set.stop - data_set.start
-    if size > MOST_MODE_BYTES:
-        raise MeasurementError(
-            f"data set {data_set.number}: found a mode of {size} bytes; expected at most {MOST_MODE_BYTES}; export "
-            "fewer nodes"
-        )
-    with source.located(data_set):
-        return read_mode(source.body(data_set), data_set.number, lambda *numbers: source.correct(data_set, *numbers))

@@ -1,12 +1,17 @@
-"""Values of a data set 58, columns of fixed width in text, IEEE numbers in binary, and their units."""
+"""Values of a data set 58, columns of fixed width in text, IEEE numbers in binary, with their units; modes of a 55.
+
+References
+----------
+Structural Dynamics Research Lab, University of Cincinnati: Universal File Formats, data sets 55 and 58.
+"""
 
 import io
 import math
 import re
 from array import array
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from itertools import accumulate
 from typing import TypeVar
 
 import numpy as np
@@ -14,38 +19,24 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.table_text import bad_number
+from jointbayes.measurement.formats.table_text import bad_number, float_of
 from jointbayes.measurement.formats.uff_data_sets import AXIS_TYPES, FunctionHeader, LineError, body_bytes
 from jointbayes.measurement.formats.units import MOTION_OF, frf_unit, read_frf_unit, read_sensor_unit
-from jointbayes.measurement.records import SensorQuantity
+from jointbayes.measurement.records import Dof, ModeRecord, SensorQuantity, dof_label
 
 #: With these alone, NumPy reads a field as we do; it would also take 1_000 for a number.
 _OF_NUMBERS = b"0123456789eE+-. \r\n"
-_NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 
 
-@dataclass(frozen=True, eq=False)
-class Function:
-    """Abscissa and ordinate, shape (count,); an even abscissa is made when it is asked for."""
-
-    header: FunctionHeader
-    stated: Array | None
-    ordinate: Array | NDArray[np.complex128]
-
-    @cached_property
-    def abscissa(self) -> Array:
-        """Frequencies or instants in the file's unit."""
-        if self.stated is not None:
-            return self.stated
-        abscissa = np.arange(self.header.count, dtype=np.float64)
-        with np.errstate(over="ignore"):
-            abscissa *= self.header.increment
-            abscissa += self.header.minimum
-        return abscissa
+def even_abscissa(header: FunctionHeader) -> Array:
+    """Frequencies or instants, shape (count,), in the file's unit."""
+    with np.errstate(over="ignore"):
+        return np.arange(header.count, dtype=np.float64) * header.increment + header.minimum
 
 
-def decode(header: FunctionHeader, body: Iterable[bytes], size: int) -> Function:
-    """Values of a data set 58.
+def decode(header: FunctionHeader, body: Iterable[bytes], size: int) -> tuple[Array, Array | NDArray[np.complex128]]:
+    """Abscissa, in the file's unit, and ordinate of a data set 58, each of shape (count,).
 
     Parameters
     ----------
@@ -64,14 +55,10 @@ def decode(header: FunctionHeader, body: Iterable[bytes], size: int) -> Function
     """
     numbers = _binary(header, b"".join(body)) if header.byte_order else _text(header, body, size)
     numbers = numbers.reshape(header.count, header.per_value)
-    stated = None if header.even else numbers[:, 0].copy()
-    numbers = numbers[:, 0 if header.even else 1 :]
-    if not header.is_complex:
-        return Function(header, stated, np.ascontiguousarray(numbers[:, 0]))
-    ordinate = np.empty(header.count, complex)
+    abscissa = even_abscissa(header) if header.even else numbers[:, 0].copy()
+    ordinate = np.ascontiguousarray(numbers[:, 0 if header.even else 1 :])
     # not a + 1j·b, which turns an infinite part into NaN and loses the sign of a zero
-    ordinate.real, ordinate.imag = numbers[:, 0], numbers[:, 1]
-    return Function(header, stated, ordinate)
+    return abscissa, ordinate.view(complex)[:, 0] if header.is_complex else ordinate[:, 0]
 
 
 def _binary(header: FunctionHeader, body: bytes) -> Array:
@@ -139,21 +126,25 @@ def _numbers(header: FunctionHeader, body: bytes, most: int, skipped: int) -> Ar
     """Numbers by the format's columns, or separated by blanks where the columns do not hold numbers."""
     numbers = array("d")
     for line, raw in enumerate(io.BytesIO(body), start=skipped):
-        text = raw.rstrip()
-        cells, first = [], 0
-        for wide in _widths(header):
-            if first < len(text):
-                cells.append(text[first : first + wide].strip())
-            first += wide
-        if len(text) > first or not all(_NUMBER.fullmatch(cell) for cell in cells):
-            cells = text.split()
-        for cell in cells:
+        for cell in _cells_of(raw.decode("ascii", errors="replace"), _widths(header), _NUMBER):
             if not _NUMBER.fullmatch(cell):
-                raise LineError(line, str(bad_number(cell.decode("ascii", errors="replace"), "")).removeprefix(": "))
+                raise _no_number(cell, line)
             numbers.append(float(cell))
         if len(numbers) > most:
             raise LineError(line, _count_message(header, "more numbers"))
     return np.frombuffer(numbers, dtype=float) if numbers else np.empty(0)
+
+
+def _cells_of(line: str, widths: Sequence[int], number: re.Pattern[str]) -> list[str]:
+    """Numbers of a line by the format's columns, or separated by blanks where the columns do not hold numbers."""
+    text, ends = line.rstrip(), list(accumulate(widths))
+    cells = [text[end - wide : end].strip() for wide, end in zip(widths, ends, strict=True) if end - wide < len(text)]
+    return cells if len(text) <= ends[-1] and all(map(number.fullmatch, cells)) else text.split()
+
+
+def _no_number(cell: str, line: int) -> LineError:
+    """Error of a cell that holds none."""
+    return LineError(line, str(bad_number(cell, "")).removeprefix(": "))
 
 
 def _count_message(header: FunctionHeader, actual: str) -> str:
@@ -259,3 +250,133 @@ def _meaning(
     if of_file != 1:
         notes.append(f"converted to SI units by data set 164 ({units.name})")
     return named, of_file, unit, notes
+
+
+# ---- modes: data at nodes of a data set 55
+
+#: Bytes of one mode; the largest finite-element model has 10⁶ nodes in it.
+MOST_MODE_BYTES = 2**27
+NORMAL_MODES, _COMPLEX = 2, (3, 7)  # analysis types with modes: normal, complex of first and of second order
+_DIRECTIONS = {1: (0,), 3: (1, 2, 3), 6: (1, 2, 3, 4, 5, 6)}  # by the number of values at a node
+_MOTIONS = {8: "", 11: "velocities", 12: "accelerations"}
+_LIKELY_DAMPING = 0.2
+_MODE_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+|[+-]\d{3})?")
+
+
+def read_mode(body: bytes, number: int, correct: Callable[[Array, Array], None]) -> ModeRecord | None:
+    """The mode of a data set 55; None where it holds something else: static deflections, stresses, time steps.
+
+    Parameters
+    ----------
+    body
+        Content of the data set.
+    number
+        Of the data set, counted from 1.
+    correct
+        Adds the digits to the parameters and the values that did not fit the columns of our writer.
+
+    Raises
+    ------
+    LineError
+        If a field is no number or impossible, or a line is missing.
+    """
+    lines = body.decode("utf-8", errors="replace").splitlines()
+    if len(lines) < 8:
+        raise LineError(
+            max(len(lines) - 1, 0),
+            f"found {len(lines)} lines of a data set 55; expected 8 and the nodes; export the modes again",
+        )
+    _, analysis, _, motion, kind, per_node = _integers(lines, 5, 6)
+    if analysis not in (NORMAL_MODES, *_COMPLEX) or motion not in (0, 1, *_MOTIONS) or per_node not in _DIRECTIONS:
+        return None
+    if kind not in (2, 4, 5, 6):
+        raise LineError(5, f"found data type {kind}; expected 2 (real) or 5 (complex); export the modes again")
+    counts = _integers(lines, 6, 4)
+    mode, n_real = counts[3], counts[1]
+    if not (1 <= n_real <= 12 and n_real >= (2 if analysis in _COMPLEX else 1)):
+        raise LineError(6, f"found {n_real} real parameters; expected those of a mode, 4 or 6; export the modes again")
+    end = 7 + -(-n_real // 6)
+    stated = np.array(list(_mode_numbers(lines, 7, end, n_real)))
+    nodes, values = _shape(lines, end, per_node * (2 if kind in (5, 6) else 1))
+    correct(stated, values)
+    shape = values.view(complex) if kind in (5, 6) else values
+    labels = [dof_label(Dof("", node, direction)) for node in nodes for direction in _DIRECTIONS[per_node]]
+    notes = [f"shape in {_MOTIONS[motion]}"] if _MOTIONS.get(motion) else []
+    frequency, ratio, mass = _parameters(analysis, [*stated.tolist(), *[0.0] * 4], notes)
+    told = re.search(r"(?:mode|freq)[^=]*?(\d+\.\d+)\s*Hz", " ".join(lines[:5]), re.IGNORECASE)
+    if told and not math.isclose(float(told[1]), frequency, rel_tol=0.02, abs_tol=0.02):
+        notes.append(f"frequency {frequency:.6g} Hz, and {told[1]} Hz in an ID line")
+    sds = dict(word.split("=") for line in lines[:5] for word in line.split() if re.fullmatch(r"\w+_sd\w*=\S+", word))
+    return ModeRecord(
+        mode,
+        frequency,
+        float_of(sds.get("frequency_sd_hz", "")),
+        ratio,
+        float_of(sds.get("damping_sd", "")),
+        dict(zip(labels, shape.ravel().astype(complex).tolist(), strict=True)),
+        mass,
+        f"data set {number}",
+        tuple(notes),
+    )
+
+
+def _parameters(analysis: int, stated: list[float], notes: list[str]) -> tuple[float, float | None, float | None]:
+    """Frequency, damping ratio and modal mass; what is doubtful goes to the notes."""
+    if analysis == NORMAL_MODES:
+        frequency, mass, ratio, loss = stated[:4]
+        if ratio == 0 and loss != 0:
+            ratio = loss / 2
+            notes.append(f"damping ratio half the hysteretic damping, {loss:g}")
+    else:
+        pole, mass = complex(stated[0], stated[1]), 0.0
+        frequency = abs(pole) / (2 * math.pi)
+        ratio = -pole.real / abs(pole) if pole else 0.0
+    if not 0 <= frequency <= 1e9 or math.isnan(ratio):
+        raise LineError(7, f"found {frequency:g} Hz and damping {ratio:g}; expected a mode's; export the modes again")
+    if ratio < 0:
+        notes.append(f"negative damping ratio {ratio:.3g}: the sign of the eigenvalue's real part, or unstable")
+    if ratio > _LIKELY_DAMPING:
+        taken = "not taken: above critical, or in percent" if ratio >= 1 else "is high: some programs write percent"
+        notes.append(f"damping ratio {ratio:.3g} {taken}")
+    return frequency, None if ratio == 0 or ratio >= 1 else ratio, mass or None
+
+
+def _integers(lines: list[str], at: int, count: int) -> list[int]:
+    fields = lines[at].split()[:count]
+    if len(fields) < count or not all(re.fullmatch(r"[+-]?\d{1,10}", field) for field in fields):
+        raise LineError(at, f"found {lines[at].strip()[:40]!r}; expected {count} whole numbers; export the modes again")
+    return list(map(int, fields))
+
+
+def _mode_numbers(lines: list[str], first: int, end: int, count: int) -> Iterator[float]:
+    """Numbers of a record, 13 columns each or separated by blanks."""
+    for at in range(first, end):
+        wanted = min(6, count - 6 * (at - first))
+        cells = _cells_of(lines[at], (13,) * wanted, _MODE_NUMBER) if at < len(lines) else []
+        if len(cells) != wanted:
+            raise LineError(
+                min(at, len(lines) - 1),
+                f"found {len(cells)} numbers; expected {wanted}; the data set is cut off or its counts are wrong, "
+                "export the modes again",
+            )
+        for cell in cells:
+            value = float(re.sub(r"(?<=\d)([+-]\d{3})$", r"E\1", cell)) if _MODE_NUMBER.fullmatch(cell) else math.nan
+            if not math.isfinite(value):
+                raise _no_number(cell, at)
+            yield value
+
+
+def _shape(lines: list[str], at: int, count: int) -> tuple[list[int], Array]:
+    """Numbers of the nodes, and their values, shape (nodes, count)."""
+    nodes: dict[int, int] = {}
+    values: list[float] = []
+    per_node = 1 + -(-count // 6)
+    while at < len(lines):
+        field = lines[at].strip()
+        if not re.fullmatch(r"\d{1,9}", field) or int(field) in nodes:
+            why = "a second time" if re.fullmatch(r"\d{1,9}", field) else "for a node"
+            raise LineError(at, f"found {field[:30]!r} {why}; expected a new node's number; export the modes again")
+        nodes[int(field)] = at
+        values += _mode_numbers(lines, at + 1, at + per_node, count)
+        at += per_node
+    return list(nodes), np.array(values).reshape(len(nodes), count)

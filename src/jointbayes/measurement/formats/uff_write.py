@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.uff_data_sets import AXIS_TYPES, CORRECTIONS
-from jointbayes.measurement.formats.uff_modes import mode_lines
+from jointbayes.measurement.formats.uff_values import NORMAL_MODES
 from jointbayes.measurement.formats.units import MOTION_OF, si_sensor_unit
 from jointbayes.measurement.records import (
     Dof,
@@ -39,21 +39,20 @@ def write_uff(records: Iterable[Record], path: Path, *, binary: bool, remarks: S
         If a label is longer than an ID line.
     """
     with path.open("wb") as file:
-        _lines(file, ["    -1", "   151", "jointbayes", "NONE", "NONE", *(["NONE"] * 4), "    -1"])
-        factors = "".join(f"{value:25.17E}" for value in (1.0, 1.0, 1.0))
-        _lines(
-            file,
-            ["    -1", "   164", f"{1:10d}{'SI: metre, newton':<20}{2:10d}", factors, f"{273.15:25.17E}", "    -1"],
-        )
+        _data_set(file, 151, ["jointbayes", *(["NONE"] * 6)])
+        factors = f"{1.0:25.17E}" * 3
+        _data_set(file, 164, [f"{1:10d}{'SI: metre, newton':<20}{2:10d}", factors, f"{273.15:25.17E}"])
         if remarks:
-            _lines(file, ["    -1", f"{CORRECTIONS + 1:6d}", *remarks, "    -1"])
+            _data_set(file, CORRECTIONS + 1, remarks)
         for record in records:
             if isinstance(record, FrfRecord):
                 _frf(file, record, binary)
             elif isinstance(record, TimeRecord):
                 _time(file, record, binary)
             elif isinstance(record, ModeRecord):
-                _mode(file, record)
+                lines, true, read = _mode_lines(record)
+                _data_set(file, 55, lines)
+                _corrections(file, true, read)
             else:
                 raise MeasurementError(
                     f"records: found a {type(record).__name__}; expected FRFs, time histories or modes; leave it out"
@@ -62,6 +61,10 @@ def write_uff(records: Iterable[Record], path: Path, *, binary: bool, remarks: S
 
 def _lines(file: BinaryIO, lines: Iterable[str]) -> None:
     file.writelines(f"{line.rstrip(' ') if line.strip() != '-1' else line}\n".encode() for line in lines)
+
+
+def _data_set(file: BinaryIO, kind: int, lines: Iterable[str]) -> None:
+    _lines(file, ["    -1", f"{kind:6d}", *lines, "    -1"])
 
 
 def _frf(file: BinaryIO, record: FrfRecord, binary: bool) -> None:
@@ -85,12 +88,6 @@ def _time(file: BinaryIO, record: TimeRecord, binary: bool) -> None:
     _function(file, 1, (record.channel, ""), ids, axes, time, record.values, binary, always_even=True)
 
 
-def _mode(file: BinaryIO, mode: ModeRecord) -> None:
-    lines, true, read = mode_lines(mode)
-    _lines(file, ["    -1", f"{55:6d}", *lines, "    -1"])
-    _corrections(file, true, read)
-
-
 def _function(
     file: BinaryIO,
     function: int,
@@ -105,22 +102,18 @@ def _function(
 ) -> None:
     dofs, named = _dofs(pair)
     even, minimum, increment = _spacing(abscissa)
-    if always_even:
-        # the sampling rate stands in an ID line: the abscissa itself is not kept
+    if always_even:  # the sampling rate stands in an ID line: the abscissa itself is not kept
         even, minimum, increment = True, _short(0.0), _short(float(abscissa[-1]) / max(1, abscissa.size - 1))
     complex_ = np.iscomplexobj(ordinate)
     numbers = np.ascontiguousarray(ordinate).view(float).reshape(ordinate.size, -1)
     columns = numbers if even else np.column_stack([abscissa, numbers])
-    lines = [*(line for line in (*named, *ids) if line)]
+    lines = [line for line in (*named, *ids) if line]
     lines = ["NONE"] * (5 - len(lines)) + lines
     head = f"{58:6d}"
     if binary:
         head += f"b{1:6d}{2:6d}{11:12d}{columns.size * 8:12d}{0:6d}{0:6d}{0:12d}{0:12d}"
-    response, reference = dofs
-    lines.append(
-        f"{function:5d}{0:10d}{0:5d}{0:10d} {response.entity or 'NONE':<10}{response.node:10d}{response.direction:4d}"
-        f" {reference.entity or 'NONE':<10}{reference.node:10d}{reference.direction:4d}"
-    )
+    cells = [f" {dof.entity or 'NONE':<10}{dof.node:10d}{dof.direction:4d}" for dof in dofs]
+    lines.append(f"{function:5d}{0:10d}{0:5d}{0:10d}{''.join(cells)}")
     lines.append(
         f"{6 if complex_ else 4:10d}{ordinate.size:10d}{int(even):10d}{minimum:>13}{increment:>13}{'0.00000E+00':>13}"
     )
@@ -134,16 +127,15 @@ def _function(
     text, read = _text(columns, even)
     file.write(text)
     _lines(file, ["    -1"])
-    if even:
-        read_abscissa = float(minimum) + np.arange(abscissa.size) * float(increment)
-    else:
+    read_abscissa = float(minimum) + np.arange(abscissa.size) * float(increment)
+    if not even:
         read_abscissa, read = read[:, 0], read[:, 1:]
     if always_even:
         read_abscissa = abscissa
     _corrections(file, np.concatenate([abscissa, numbers.ravel()]), np.concatenate([read_abscissa, read.ravel()]))
 
 
-def _dofs(pair: tuple[str, str]) -> tuple[tuple[Dof, Dof], list[str]]:
+def _dofs(pair: tuple[str, str]) -> tuple[list[Dof], list[str]]:
     """Degrees of freedom of response and reference, and ID lines for labels that they do not spell exactly."""
     dofs, named = [], []
     for key, label in zip(("response", "reference"), pair, strict=True):
@@ -158,7 +150,7 @@ def _dofs(pair: tuple[str, str]) -> tuple[tuple[Dof, Dof], list[str]]:
                     "of 80; shorten the label"
                 )
             named.append(line)
-    return (dofs[0], dofs[1]), named
+    return dofs, named
 
 
 def _short(value: float) -> str:
@@ -203,6 +195,41 @@ def _corrections(file: BinaryIO, true: Array, read: Array) -> None:
         return
     # a single blank and a sign before each: no line of it can be taken for a delimiter
     words = [f"{step:+d}" for step in steps.tolist()]
-    _lines(file, ["    -1", f"{CORRECTIONS:6d}"])
-    _lines(file, (" ".join(words[i : i + 12]) for i in range(0, len(words), 12)))
-    _lines(file, ["    -1"])
+    _data_set(file, CORRECTIONS, (" ".join(words[i : i + 12]) for i in range(0, len(words), 12)))
+
+
+def _mode_lines(mode: ModeRecord) -> tuple[list[str], Array, Array]:
+    """Lines of a data set 55, the numbers that they stand for, and those that will be read from them.
+
+    Raises
+    ------
+    MeasurementError
+        If a label of the shape is no node with a direction.
+    """
+    dofs = {label: parse_dof(label) for label in mode.shape}
+    for label, dof in dofs.items():
+        if dof is None or dof.entity or not dof.direction:
+            raise MeasurementError(
+                f"mode {mode.number}: found label {label[:30]!r}; expected that of a node, such as '12:Z+'; rename it"
+            )
+    rows: dict[int, list[complex]] = {}
+    per_node = 6 if any(abs(dof.direction) > 3 for dof in dofs.values() if dof) else 3
+    for label, dof in dofs.items():
+        assert dof is not None
+        value = mode.shape[label] if dof.direction > 0 else -mode.shape[label]
+        rows.setdefault(dof.node, [0j] * per_node)[abs(dof.direction) - 1] = value
+    complex_ = any(value.imag for value in map(complex, mode.shape.values()))
+    sds = {"frequency_sd_hz": mode.frequency_sd_hz, "damping_sd": mode.damping_sd}
+    told = " ".join(f"{key}={value!r}" for key, value in sds.items() if value is not None)
+    stated = [mode.frequency_hz, mode.modal_mass or 0.0, mode.damping_ratio or 0.0, 0.0]
+    lines = [f"Mode {mode.number}", told or "NONE", *["NONE"] * 3]
+    definition = (1, NORMAL_MODES, per_node // 3 + 1, 8, 5 if complex_ else 2, per_node)
+    lines.append("".join(f"{number:10d}" for number in definition))
+    lines += [f"{2:10d}{4:10d}{1:10d}{mode.number:10d}", "".join(f"{x:13.5E}" for x in stated)]
+    true = list(stated)
+    for node, row in rows.items():
+        numbers = np.array(row, complex).view(float) if complex_ else np.array(row, complex).real
+        cells = [f"{x:13.5E}" for x in numbers]
+        lines += [f"{node:10d}", *("".join(cells[i : i + 6]) for i in range(0, len(cells), 6))]
+        true += numbers.tolist()
+    return lines, np.array(true), np.array([float(f"{x:13.5E}") for x in true])
