@@ -73,15 +73,10 @@ def _frfs(block: Block) -> list[_Values]:
         frfs.append(_Values("real", block.numbers("real").astype(complex), ["imaginary part taken as 0"]))
     phases = block.named("phase")
     frfs += [_polar(block, *names) for names in _pairs(block, block.named("magnitude"), phases)]
-    named = block.named("frf") or [
-        n
-        for n, value in block.arrays.items()
-        if n.lower() in ("frf", "frfs") and isinstance(value, (np.ndarray, Unread))
-    ]
-    for name in named:
-        array = block.numbers(name, np.complex128)
-        if is_complex(block.get(name)):
-            frfs.append(_Values(name, array))
+    array_like = [n for n, value in block.arrays.items() if isinstance(value, (np.ndarray, Unread))]
+    named = block.named("frf") or [name for name in array_like if name.lower() in ("frf", "frfs")]
+    arrays = {name: block.numbers(name, np.complex128) for name in named}
+    frfs += [_Values(name, values) for name, values in arrays.items() if is_complex(block.get(name))]
     left = [f"'{name}' not read: [data.layout] can name it" for name in block.named("") if is_complex(block.get(name))]
     frfs = [replace(frf, notes=[*frf.notes, *left[:8]]) for frf in frfs]
     if named and not frfs:
@@ -184,9 +179,8 @@ def _counted_lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Arr
     """Lines from a first one and a step; refused where these are missing."""
     start, step = block.scalar("f_start"), block.scalar("f_step")
     if step is not None and start is not None:
-        return start + step * np.arange(float(max(shape, default=0))), [
-            f"lines of {start:g} Hz and steps of {step:g} Hz"
-        ]
+        lines = start + step * np.arange(float(max(shape, default=0)))
+        return lines, [f"lines of {start:g} Hz and steps of {step:g} Hz"]
     if step is not None:
         raise MeasurementError(
             f"{block.where(name)}: found a step of {step:g} Hz and no first line, which may be 0 or {step:g} Hz; "
@@ -252,11 +246,8 @@ def _frf_records(block: Block, frf: _Values, coherence: str | None, *, alone: bo
                 "store one coherence for each FRF"
             )
     units, averages = block.strings("unit"), _averages(block)
-    units = (
-        units
-        if len(units) == len(columns) and not block.unit_of(frf.name)
-        else [block.told_unit(frf.name)] * len(columns)
-    )
+    if len(units) != len(columns) or block.unit_of(frf.name):
+        units = [block.told_unit(frf.name)] * len(columns)
     for (labels, lines, values, where, notes), of_pair, unit in zip(columns, squared, units, strict=True):
         factor, of_unit, converted = read_frf_unit(unit)
         quantity = _quantity(block) or block.meanings[frf.name].quantity or of_unit
@@ -274,15 +265,11 @@ def _labels(
     digits, channel = re.fullmatch(r"[a-z]+_?(\d)_?(\d)", small), re.fullmatch(r".*_chan_(\d{1,6})", small)
     if channel is not None:
         reference = "input 1" if block.has("hf_chan_1") else "channel 1"
-        label, note = (
-            (f"channel {channel[1]}" if side == "output" else reference),
-            f"{reference} taken as the reference",
-        )
+        label, note = f"channel {channel[1]}", f"{reference} taken as the reference"
+        label = label if side == "output" else reference
     elif digits is not None:
-        label, note = (
-            f"{side} {digits[1 + (side == 'input')]}",
-            f"'{name}' read as response {digits[1]} over {digits[2]}",
-        )
+        label = f"{side} {digits[1 if side == 'output' else 2]}"
+        note = f"'{name}' read as response {digits[1]} over {digits[2]}"
     elif labels := block.strings(f"{side}s") if alone else []:
         if len(labels) != count or len(set(labels)) != count:
             raise MeasurementError(
@@ -293,11 +280,9 @@ def _labels(
     elif alone and not (block.label and side == "output"):
         return [f"{side} {i + 1}" for i in range(count)], [f"no {side}s named in the file, numbered instead"]
     else:
-        own_name = block.string("name") or block.string("label") or block.label if alone else name
-        label, note = (
-            (own_name if side == "output" else "input 1"),
-            "channels named by variables or structs of the file",
-        )
+        label, note = "input 1", "channels named by variables or structs of the file"
+        if side == "output":
+            label = block.string("name") or block.string("label") or block.label if alone else name
     return [label] if count == 1 else [f"{label} {i + 1}" for i in range(count)], [note]
 
 

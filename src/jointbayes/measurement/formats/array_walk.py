@@ -13,9 +13,9 @@ from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.array_frfs import frequency_records, mode_records
 from jointbayes.measurement.formats.array_names import ALIASES, tokens_of
+from jointbayes.measurement.formats.columns import TIME_S
 from jointbayes.measurement.formats.matlab_5 import Unread
 from jointbayes.measurement.formats.named_arrays import (
-    SECONDS,
     Block,
     is_text,
     rises,
@@ -38,7 +38,7 @@ _DATA = (
     *("frf", "real", "imaginary", "magnitude", "magnitude_db", "phase", "phase_deg", "phase_rad", "coherence"),
     *("samples", "force", "response"),
 )
-_VALUES = {*("frf", "coherence", "spectrum", "real", "imaginary", "magnitude", "phase", "signal", "samples"), ""}
+_VALUES = {"", "frf", "coherence", "spectrum", "real", "imaginary", "magnitude", "phase", "signal", "samples"}
 _VALUES |= {"outputs", "inputs"}
 #: Keys of a layout for arrays.
 LAYOUT_KEYS = (*_AXES, *_DATA)
@@ -217,7 +217,7 @@ def _columns(
 ) -> Iterator[Block]:
     """Columns over an axis; `units` are those of the axis and of the values, `kind` is what the file calls it."""
     (axis, values), path = over, f"{block.place}{name}"
-    word, seconds = kind.lower(), SECONDS.get(units[0].strip().lower())
+    word, seconds = kind.lower(), TIME_S.get(units[0].strip().lower())
     role = next((role for role, words in _KINDS if re.search(words, word)), "")
     if not units[0] and not role and re.search("signal|time", word):
         seconds = 1.0
@@ -230,12 +230,11 @@ def _columns(
         role = "frf"
     role = "samples" if seconds is not None else role or "spectrum"
     for (output, input_), column in zip(labels, values.T, strict=True):
-        column = column if np.any(column.imag) else column.real
-        arrays: dict[str, Any] = {"unit": units[1]}
+        arrays: dict[str, Any] = {"unit": units[1], role: column if np.any(column.imag) else column.real}
         if seconds is not None:
-            arrays |= {"samples": column, "channels": output, "time": axis * seconds}
+            arrays |= {"channels": output, "time": axis * seconds}
         else:
-            arrays |= {"frequency_hz": axis, role: column, "outputs": output, "inputs": input_}
+            arrays |= {"frequency_hz": axis, "outputs": output, "inputs": input_}
             arrays |= {"frequency_hz_unit": units[0], "kind": kind}
         yield Block(arrays, written=dict.fromkeys(arrays, path))
 
@@ -343,17 +342,13 @@ def _guess(block: Block, name: str, value: Any) -> str:  # noqa: ANN401
     shape = f"{len(value)} cells" if isinstance(value, list) else " x ".join(map(str, first.shape)) or "1"
     kind = {"c": "complex", "i": "whole", "u": "whole"}.get(getattr(first, "dtype", np.dtype(float)).kind, "real")
     role = block.meanings[name].role
-    known = [alias for aliases in ALIASES.values() for alias in aliases if len(alias) > 3]
-    near = difflib.get_close_matches(name.lower()[:40], known, 1, 0.75) or [
-        close for token in tokens_of(name[:80])[:5] for close in difflib.get_close_matches(token, known, 1, 0.8)
-    ]
-    guess = ""
+    aliases = [alias for aliases in ALIASES.values() for alias in aliases if len(alias) > 3]
+    near = difflib.get_close_matches(name.lower()[:40], aliases, 1, 0.75)
+    for token in tokens_of(name[:80])[:5]:
+        near += difflib.get_close_matches(token, aliases, 1, 0.8)
     if near and not role:
-        guess = f", did you mean '{near[0]}'?"
-    elif role in ("magnitude", "phase", "real", "imaginary"):
-        guess = f", {role}: the other part is missing"
-    elif kind == "complex":
-        guess = ", frf?"
-    elif rises(value):
-        guess = ", frequency_hz or time?"
+        return f"{shape} {kind}, did you mean '{near[0]}'?"
+    if role in ("magnitude", "phase", "real", "imaginary"):
+        return f"{shape} {kind}, {role}: the other part is missing"
+    guess = ", frf?" if kind == "complex" else ", frequency_hz or time?" if rises(value) else ""
     return f"{shape} {kind}{guess}"

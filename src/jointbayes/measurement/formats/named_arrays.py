@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.array_names import ALIASES, SENSORS, meaning_of
+from jointbayes.measurement.formats.columns import TIME_S
 from jointbayes.measurement.formats.matlab_5 import Unread
 from jointbayes.measurement.formats.units import read_sensor_unit, scaled
 from jointbayes.measurement.records import HIGHEST_HZ, MOST_RECORDS, SensorQuantity, TimeRecord, even_rate
@@ -21,8 +22,8 @@ Arrays = Mapping[str, Any]
 _DAYS = (690_000.0, 780_000.0)
 
 
-#: Factors to s of units of time.
-SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+#: What is no real number, by NumPy's letter for its kind.
+_KINDS = {"U": "text", "S": "text", "O": "a struct or unlike cells", "c": "complex numbers", "b": "true and false"}
 
 
 class Block:
@@ -161,67 +162,40 @@ def is_text(value: Any) -> bool:  # noqa: ANN401
 
 def rises(value: Any) -> bool:  # noqa: ANN401
     """Whether something is an array of numbers each of which is above the one before, as on an axis."""
-    array = value if isinstance(value, np.ndarray) else np.zeros(0, dtype=str)
-    if array.dtype.kind not in "iuf" or array.size < 2:
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf" or value.size < 2:
         return False
-    numbers = array.ravel()
-    return bool((numbers[1:] > numbers[:-1]).all())
+    return bool((value.ravel()[1:] > value.ravel()[:-1]).all())
 
 
 def numbers(values: Any, where: str, kind: type = np.float64) -> NDArray[Any]:  # noqa: ANN401
     """Array of numbers of a file as float or complex; of cells the columns of one."""
-    if isinstance(values, Unread):
-        raise MeasurementError(f"{where}: found {values.what}; expected numbers; store it as a numeric array")
     if isinstance(values, list) and len({size_of(value) for value in values}) == 1 and size_of(values):
         return np.stack([numbers(value, where, kind).ravel() for value in values], axis=-1)
     array = np.asarray(None if isinstance(values, (list, dict)) else values)
-    allowed = "iufc" if kind is np.complex128 else "iuf"
+    allowed, expected = ("iufc", "complex") if kind is np.complex128 else ("iuf", "real")
     if array.dtype.kind not in allowed:
-        raise MeasurementError(
-            f"{where}: found {_kind_name(array)}; expected {'complex' if kind is np.complex128 else 'real'} numbers; "
-            "store it as a numeric array"
+        what = (
+            values.what if isinstance(values, Unread) else _KINDS.get(array.dtype.kind, f"data of type {array.dtype}")
         )
+        raise MeasurementError(f"{where}: found {what}; expected {expected} numbers; store it as a numeric array")
     return array.astype(kind, copy=False)
-
-
-def _kind_name(array: NDArray[Any]) -> str:
-    return {
-        "U": "text",
-        "S": "text",
-        "O": "a struct or unlike cells",
-        "c": "complex numbers",
-        "b": "true and false",
-    }.get(array.dtype.kind, f"data of type {array.dtype}")
 
 
 def strings(values: Any, where: str) -> list[str]:  # noqa: ANN401
     """Strings of a file: text, bytes, or an array or cell array of them; blanks at the end dropped."""
-    if isinstance(values, (Unread, dict, list)):
+    if not is_text(values):
         raise MeasurementError(f"{where}: found no text; expected text; store labels as strings")
-    if isinstance(values, (str, bytes)):
-        values = [values]
-    if isinstance(values, np.ndarray) and values.dtype.kind == "U":
-        _require_unicode(values, where)
-    texts = []
-    for item in np.asarray(values, dtype=object).ravel():
-        while isinstance(item, np.ndarray) and item.size == 1:
-            item = item.ravel()[0]
-        if isinstance(item, bytes):
-            item = item.decode("utf-8", errors="replace")
-        if not isinstance(item, str):
-            raise MeasurementError(f"{where}: found {type(item).__name__}; expected text; store labels as strings")
-        texts.append(item.rstrip())
-    return texts
-
-
-def _require_unicode(text: NDArray[Any], where: str) -> None:
-    """Refuse code points that no text has, which NumPy takes from a file as they are."""
-    codes = np.ascontiguousarray(text).reshape(-1).view(np.dtype(np.uint32).newbyteorder(text.dtype.byteorder))
+    texts = np.ascontiguousarray(values).reshape(-1)
+    if texts.dtype.kind == "S":
+        return [text.decode("utf-8", errors="replace").rstrip() for text in texts.tolist()]
+    # code points that no text has, which NumPy takes from a file as they are
+    codes = texts.view(np.dtype(np.uint32).newbyteorder(texts.dtype.byteorder))
     bad = (codes > sys.maxunicode) | ((codes >= 0xD800) & (codes < 0xE000))
     if bad.any():
         raise MeasurementError(
             f"{where}: found the code {int(codes[np.argmax(bad)]):#x}, no character; expected text; save it again"
         )
+    return [text.rstrip() for text in texts.tolist()]
 
 
 def time_records(block: Block) -> Iterator[TimeRecord]:
@@ -258,14 +232,18 @@ def _sample_records(block: Block) -> Iterator[TimeRecord]:
     count = samples.shape[1]
     channels = block.strings("channels") or [f"channel {i + 1}" for i in range(count)]
     units, words = block.strings("unit") or [""] * count, block.strings("quantities") or [""] * count
-    hits = _hit_numbers(block) if block.has("hits") else [0] * count
+    hits = block.numbers("hits").ravel() if block.has("hits") else np.zeros(count)
+    if not ((hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))).all():
+        raise MeasurementError(
+            f"{block.where('hits')}: found {hits[:3].tolist()}; expected whole numbers from 1, 0 for none; correct it"
+        )
     if not len(channels) == len(units) == len(words) == len(hits) == count:
         raise MeasurementError(
             f"{block.where('samples')}: found {count} columns; expected as many channels ({len(channels)}), units "
             f"({len(units)}), quantities ({len(words)}) and hits ({len(hits)}); correct them"
         )
     for i, channel in enumerate(channels):
-        named = (channel, rate, units[i], words[i], hits[i] or None)
+        named = (channel, rate, units[i], words[i], int(hits[i]) or None)
         yield _time_record(block, "samples", named, samples[:, i], notes)
 
 
@@ -313,16 +291,6 @@ def two_axes_error(block: Block, name: str, axes: tuple[str, str], key: str) -> 
     )
 
 
-def _hit_numbers(block: Block) -> list[int]:
-    hits = block.numbers("hits").ravel()
-    whole = (hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))
-    if not whole.all():
-        raise MeasurementError(
-            f"{block.where('hits')}: found {hits[:3].tolist()}; expected whole numbers from 1, 0 for none; correct it"
-        )
-    return [int(hit) for hit in hits]
-
-
 def columns(values: NDArray[Any], where: str) -> NDArray[Any]:
     """Samples in columns."""
     if values.ndim > 2 or values.size == 0:
@@ -343,7 +311,7 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
     where = block.where(axes[0] if axes else "time")
     if time is not None:
         unit = next(filter(None, map(block.unit_of, axes)), "ms" if any("ms" in block.hints(a) for a in axes) else "s")
-        scale = SECONDS.get(unit.lower())
+        scale = TIME_S.get(unit.lower())
         if unit == "s" and time.size and _DAYS[0] <= time.min() and time.max() <= _DAYS[1] and np.ptp(time) < 1:
             unit, scale = "days (datenum of MATLAB)", 86400.0
         if scale is None:
@@ -354,15 +322,10 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
             (time.size - 1) / max(float(np.ptp(instants)), 1 / HIGHEST_HZ) if rates else even_rate(instants, where)
         )
     elif not rates:
-        count, fault = (
-            size_of(block.get(axes[0])) if axes else 0,
-            "found no sampling rate; expected 'sample_rate_hz' or 'time'",
-        )
-        fault = (
-            f"found {count} instants; expected {samples}, one for each sample; correct it"
-            if axes
-            else f"{fault}; add it"
-        )
+        fault = "found no sampling rate; expected 'sample_rate_hz' or 'time'; add it"
+        if axes:
+            count = size_of(block.get(axes[0]))
+            fault = f"found {count} instants; expected {samples}, one for each sample; correct it"
         raise MeasurementError(f"{where if axes else block.where(name)}: {fault}")
     if not max(rates) / min(rates) - 1 < 1e-2:
         raise MeasurementError(
