@@ -130,11 +130,8 @@ def _frfs(posterior: Posterior, setup: str | None) -> tuple[FrfRecord, ...]:
     band = posterior.predict_frf(setup=setup)
     turn: NDArray[np.complex128] = np.exp(1j * np.deg2rad(band.phase_deg))
     unit = si_frf_unit(band.quantity)
-    of_band = {
-        "median": band.magnitude,
-        "lower end of 95 %": band.magnitude_low,
-        "upper end of 95 %": band.magnitude_high,
-    }
+    ends = {"lower end of 95 %": band.magnitude_low, "upper end of 95 %": band.magnitude_high}
+    of_band = {"median": band.magnitude, **ends}
     return tuple(
         FrfRecord(f"{output} {name}", input_, band.frequency_hz, (size * turn)[:, i, j], band.quantity, unit)
         for i, output in enumerate(band.outputs)
@@ -159,18 +156,13 @@ def _modes(posterior: Posterior, part: Problem, theta: Array, nodes: dict[str, i
     modal = modal_at(theta[None], most)
     count = min(most, max(_FEWEST_MODES, int((modal.frequency_hz[0] <= test.data.top_hz).sum())))
     drawn = modal_at(posterior.thinned(_DRAWS), count)
-    return tuple(
-        ModeRecord(
-            n + 1,
-            float(modal.frequency_hz[0, n]),
-            _sd(drawn.frequency_hz[:, n]),
-            float(modal.damping_ratio[0, n]),
-            _sd(drawn.damping_ratio[:, n]),
-            dict(zip(labels, modal.shapes[0, n].astype(complex).tolist(), strict=True)),
-            1.0,
-        )
-        for n in range(count)
-    )
+    modes = []
+    for n in range(count):
+        frequency = float(modal.frequency_hz[0, n]), _sd(drawn.frequency_hz[:, n])
+        damping = float(modal.damping_ratio[0, n]), _sd(drawn.damping_ratio[:, n])
+        shape = dict(zip(labels, modal.shapes[0, n].astype(complex).tolist(), strict=True))
+        modes.append(ModeRecord(n + 1, *frequency, *damping, shape, 1.0))
+    return tuple(modes)
 
 
 def _sd(values: Array) -> float | None:

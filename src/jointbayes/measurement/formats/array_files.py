@@ -167,11 +167,6 @@ def _require_sound_heaps(path: Path) -> None:
                 at += step
 
 
-def _bytes_of(item: Any) -> int:  # noqa: ANN401 - h5py is untyped here
-    """Bytes that a data set takes in memory, or one of the chunks that it is unpacked in."""
-    return max(item.nbytes, math.prod(item.chunks) * item.dtype.itemsize if item.chunks else 0)
-
-
 class _Hdf5:
     """Reads the groups of an open file, and what references in them lead to; other links are passed over."""
 
@@ -226,7 +221,8 @@ class _Hdf5:
             return self.group(item, place, depth)
         if not isinstance(item, h5py.Dataset):
             return None
-        self.bytes += _bytes_of(item)
+        # of the data set in memory, or of one of the chunks that it is unpacked in
+        self.bytes += max(item.nbytes, math.prod(item.chunks or (0,)) * item.dtype.itemsize)
         refuse_larger(self.bytes, self.most)
         if h5py.check_ref_dtype(item.dtype) is not h5py.Reference or not item.shape:
             return _dataset(item, f"variable '{place}'", self.matlab)
@@ -252,18 +248,12 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 def _attributes(group: Any) -> Block:  # noqa: ANN401
     """Attributes that are numbers or one text; of lists of texts each entry could be as long as the file."""
-    kinds = {key: group.attrs.get_id(key) for key in group.attrs}
-    values = {
-        key: group.attrs[key]
-        for key, kind in kinds.items()
-        if _is_plain(kind.dtype) or (kind.dtype.kind == "O" and kind.shape == ())
-    }
-    arrays = {key: np.asarray(value) for key, value in values.items()}
+    arrays: Block = {}
+    for key in group.attrs:
+        kind = group.attrs.get_id(key)
+        if _is_plain(kind.dtype) or (kind.dtype.kind == "O" and kind.shape == ()):
+            arrays[key] = np.asarray(group.attrs[key])
     return {key: array for key, array in arrays.items() if array.dtype.kind in "iufUS"}
-
-
-def _matlab_class(attributes: Block) -> str:
-    return np.asarray(attributes.get("MATLAB_class", ""), dtype=str).ravel()[0]
 
 
 def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
@@ -273,7 +263,7 @@ def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
     if item.is_virtual or item.external:
         return Unread("data kept in another file")
     attributes = _attributes(item)
-    kind = _matlab_class(attributes)
+    kind = np.asarray(attributes.get("MATLAB_class", ""), dtype=str).ravel()[0]
     if "MATLAB_object_decode" in attributes or kind == "function_handle":
         return UNREADABLE
     if item.shape is None or "MATLAB_empty" in attributes:
@@ -336,30 +326,27 @@ def _characters(codes: NDArray[Any]) -> list[str]:
     return [row.tobytes().decode("utf-16-le", errors="replace").rstrip() for row in rows]
 
 
-def write_hdf5(blocks: dict[str, Block], path: Path) -> None:
-    """Write blocks of named arrays, one group for each where there are several."""
+def write_hdf5(blocks: dict[str, Block], path: Path, *, matlab: bool = False) -> None:
+    """Write blocks of named arrays, one group for each where there are several.
+
+    As MATLAB 7.3 does, behind a header of 512 bytes, where `matlab`.
+    """
     import h5py
 
-    with h5py.File(path, "w", locking=False) as file:  # `whole_file` has locked it
-        for name, block in blocks.items():
-            group = file.create_group(name) if name else file
-            for key, value in block.items():
-                group[key] = np.array(value, dtype=h5py.string_dtype()) if isinstance(value, list) else value
-
-
-def write_mat73(blocks: dict[str, Block], path: Path) -> None:
-    """Write blocks of named arrays as MATLAB 7.3 does: a header of 512 bytes, then HDF5."""
-    import h5py
-
-    with h5py.File(path, "w", userblock_size=512, locking=False) as file:
+    size = 512 if matlab else 0
+    with h5py.File(path, "w", userblock_size=size, locking=False) as file:  # `whole_file` has locked it
         for name, block in blocks.items():
             group: Any = file.create_group(name) if name else file
-            if name:
+            if name and matlab:
                 group.attrs["MATLAB_class"] = np.bytes_("struct")
             for key, value in block.items():
-                _matlab_variable(group, key, value)
-    with path.open("r+b") as raw:
-        raw.write(_MATLAB_HEADER.ljust(124) + b"\x00\x02IM")
+                if matlab:
+                    _matlab_variable(group, key, value)
+                else:
+                    group[key] = np.array(value, dtype=h5py.string_dtype()) if isinstance(value, list) else value
+    if matlab:
+        with path.open("r+b") as raw:
+            raw.write(_MATLAB_HEADER.ljust(124) + b"\x00\x02IM")
 
 
 def _matlab_variable(group: Any, key: str, value: Any) -> None:  # noqa: ANN401

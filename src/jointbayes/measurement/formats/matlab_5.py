@@ -154,7 +154,9 @@ class _Reader:
             return name, list_or_texts(_reorder_by_rows(cells, shape))
         if kind == _CHARACTERS:
             return name, _char_rows(*elements[0], shape, self.order) if elements else np.array([], dtype=str)
-        *indices, real, imaginary = self._parts(elements, 2 if kind == _SPARSE else 0)
+        count = 4 if kind == _SPARSE else 2  # indices of a sparse matrix, real part, imaginary part or none
+        parts = [self._numbers(*element) for element in elements[:count]]
+        *indices, real, imaginary = parts if len(parts) == count else [*parts, np.zeros(0)]
         numbers = real
         if word & _COMPLEX:
             numbers = np.empty(real.size, complex)
@@ -164,11 +166,6 @@ class _Reader:
             self.left -= getattr(matrix, "nbytes", 0)
             return name, matrix
         return name, numbers.reshape(shape, order="F")
-
-    def _parts(self, elements: list[tuple[int, bytes]], indices: int) -> list[NDArray[Any]]:
-        """Indices of a sparse matrix, the real part, and the imaginary one, empty where there is none."""
-        parts = [self._numbers(*element) for element in elements[: indices + 2]]
-        return parts if len(parts) > indices + 1 else [*parts, np.zeros(0)]
 
     def _numbers(self, code: int, data: bytes) -> NDArray[Any]:
         numbers = np.frombuffer(data, f"{self.order}{_TYPES[code]}")

@@ -66,7 +66,7 @@ def detect_format(path: str | Path) -> str:
         )
     if wide and text.split(b"\n", 1)[0].strip() == b"-1":
         raise MeasurementError(f"{path}: found text in UTF-16; expected a universal file in ASCII; save it so")
-    by_beginning = (kind for beginning, kind, _ in _TOLD_BY_BEGINNING if text.startswith(beginning))
+    by_beginning = (kind for beginning, kind in _TOLD_BY_BEGINNING.items() if text.startswith(beginning))
     return next(by_beginning, None) or _binary_format(path, head) or _text_format(path, head, text)
 
 
@@ -207,21 +207,20 @@ def _array_records(path: Path, layout: Mapping[str, str], kind: str) -> Generato
     yield from records_of_tree(read_arrays(path, kind), layout, "." if kind.startswith("mat") else "/")
 
 
-_Reader = Callable[..., Generator[Record, None, None]]
 #: Formats whose readers take a layout.
 _LAID_OUT = ("mat", "mat73", "npz", "hdf5", "table", "xlsx", "tdms")
-#: Formats that the first words of a file tell, with their names and readers.
-_TOLD_BY_BEGINNING: tuple[tuple[bytes, str, _Reader], ...] = (
-    (b"MATLAB 7.3", "mat73", partial(_array_records, kind="mat73")),
-    (b"MATLAB 5.0", "mat", partial(_array_records, kind="mat")),
-    (b"LabVIEW Measurement", "lvm", read_lvm),
-    (b"TDSm", "tdms", read_tdms),
-)
-_READERS: dict[str, _Reader] = {
+#: Formats that the first words of a file tell.
+_TOLD_BY_BEGINNING = {
+    b"MATLAB 7.3": "mat73",
+    b"MATLAB 5.0": "mat",
+    b"LabVIEW Measurement": "lvm",
+    b"TDSm": "tdms",
+}
+_READERS: dict[str, Callable[..., Generator[Record, None, None]]] = {
     "uff": read_uff,
+    "lvm": read_lvm,
+    "tdms": read_tdms,
     "table": read_table,
     "xlsx": read_xlsx,
-    "npz": partial(_array_records, kind="npz"),
-    "hdf5": partial(_array_records, kind="hdf5"),
-    **{kind: reader for _, kind, reader in _TOLD_BY_BEGINNING},
+    **{kind: partial(_array_records, kind=kind) for kind in ("mat", "mat73", "npz", "hdf5")},
 }

@@ -150,23 +150,12 @@ def function_header(lines: list[str], binary: str | bytes | None) -> FunctionHea
         raise LineError(6, f"found abscissa spacing {spacing}; expected 0 (uneven) or 1 (even); export it again")
     if spacing == 1 and not (math.isfinite(minimum) and math.isfinite(increment) and increment > 0) and count > 1:
         raise LineError(6, f"found abscissa increment {increment:g}; expected it above 0; export it again")
-    order, stated_bytes = _binary(binary)
+    ids = tuple(line.strip() for line in lines[:5])
+    dofs = Dof(_entity(entities[0]), dof[2], dof[3]), Dof(_entity(entities[1]), dof[4], dof[5])
+    axes = _axis(lines, 7), _axis(lines, 8), _axis(lines, 9)
+    even, (order, stated_bytes) = spacing == 1, _binary(binary)
     return FunctionHeader(
-        tuple(line.strip() for line in lines[:5]),
-        dof[0],
-        dof[1],
-        Dof(_entity(entities[0]), dof[2], dof[3]),
-        Dof(_entity(entities[1]), dof[4], dof[5]),
-        ordinate,
-        count,
-        spacing == 1,
-        minimum,
-        increment,
-        _axis(lines, 7),
-        _axis(lines, 8),
-        _axis(lines, 9),
-        order,
-        stated_bytes,
+        ids, dof[0], dof[1], *dofs, ordinate, count, even, minimum, increment, *axes, order, stated_bytes
     )
 
 

@@ -226,11 +226,9 @@ def sensor_meaning(header: FunctionHeader, units: FileUnits) -> tuple[SensorQuan
     axis = header.numerator
     named: SensorQuantity | None = _SENSORS.get(axis.kind)
     of_file = units.force if named == "force" else units.length
-    read = read_sensor_unit(axis.unit)
-    meaning: tuple[SensorQuantity | None, float | None, str, list[str]] = _meaning(
-        axis.unit, read, named, of_file, units
-    )
-    return meaning[0] or "unknown", *meaning[1:]
+    quantity: SensorQuantity | None
+    quantity, factor, unit, notes = _meaning(axis.unit, read_sensor_unit(axis.unit), named, of_file, units)
+    return quantity or "unknown", factor, unit, notes
 
 
 def _meaning(
@@ -307,17 +305,9 @@ def read_mode(body: bytes, number: int, correct: Callable[[Array, Array], None])
     if told and not math.isclose(float(told[1]), frequency, rel_tol=0.02, abs_tol=0.02):
         notes.append(f"frequency {frequency:.6g} Hz, and {told[1]} Hz in an ID line")
     sds = dict(word.split("=") for line in lines[:5] for word in line.split() if re.fullmatch(r"\w+_sd\w*=\S+", word))
-    return ModeRecord(
-        mode,
-        frequency,
-        float_of(sds.get("frequency_sd_hz", "")),
-        ratio,
-        float_of(sds.get("damping_sd", "")),
-        dict(zip(labels, shape.ravel().astype(complex).tolist(), strict=True)),
-        mass,
-        f"data set {number}",
-        tuple(notes),
-    )
+    frequency_sd, ratio_sd = (float_of(sds.get(key, "")) for key in ("frequency_sd_hz", "damping_sd"))
+    motions, where = dict(zip(labels, shape.ravel().astype(complex).tolist(), strict=True)), f"data set {number}"
+    return ModeRecord(mode, frequency, frequency_sd, ratio, ratio_sd, motions, mass, where, tuple(notes))
 
 
 def _parameters(analysis: int, stated: list[float], notes: list[str]) -> tuple[float, float | None, float | None]:

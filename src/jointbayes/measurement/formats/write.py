@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from jointbayes.errors import MeasurementError, WriteError, path_fault
 from jointbayes.frf import FrfSet
-from jointbayes.measurement.formats.array_files import write_hdf5, write_mat73, write_matlab, write_npz
+from jointbayes.measurement.formats.array_files import write_hdf5, write_matlab, write_npz
 from jointbayes.measurement.formats.table_write import write_table
 from jointbayes.measurement.formats.uff_write import write_uff
 from jointbayes.measurement.formats.units import si_frf_unit, si_sensor_unit
@@ -23,7 +24,7 @@ _WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
     "tsv": lambda records, path: write_table(records, path, "\t"),
     "npz": lambda records, path: write_npz(arrays_of(records), path),
     "mat": lambda records, path: write_matlab(arrays_of(records), path),
-    "mat73": lambda records, path: write_mat73(arrays_of(records), path),
+    "mat73": lambda records, path: write_hdf5(arrays_of(records), path, matlab=True),
     "hdf5": lambda records, path: write_hdf5(arrays_of(records), path),
 }
 
@@ -46,21 +47,12 @@ def write_frf(frf: FrfSet, path: str | Path, format: str) -> None:
 
 def records_of_frf(frf: FrfSet, label: Callable[[str], str] = str, where: str = "") -> tuple[FrfRecord, ...]:
     """FRFs of a set one by one, inputs fastest; `label` makes channel labels of DOFs, `where` is the records' place."""
-    return tuple(
-        FrfRecord(
-            label(output),
-            label(input_),
-            frf.frequency_hz,
-            frf.values[:, i, j],
-            frf.quantity,
-            si_frf_unit(frf.quantity),
-            None if frf.coherence is None else frf.coherence[:, i, j],
-            frf.averages,
-            where,
-        )
-        for i, output in enumerate(frf.outputs)
-        for j, input_ in enumerate(frf.inputs)
-    )
+    records = []
+    for (i, output), (j, input_) in product(enumerate(frf.outputs), enumerate(frf.inputs)):
+        values, coherence = frf.values[:, i, j], None if frf.coherence is None else frf.coherence[:, i, j]
+        told = (frf.quantity, si_frf_unit(frf.quantity), coherence, frf.averages, where)
+        records.append(FrfRecord(label(output), label(input_), frf.frequency_hz, values, *told))
+    return tuple(records)
 
 
 def write_records(records: Iterable[Record], path: str | Path, format: str) -> None:
@@ -118,7 +110,7 @@ def arrays_of(records: Iterable[Record]) -> dict[str, dict[str, Any]]:
     records = list(records)
     frfs = [record for record in records if isinstance(record, FrfRecord)]
     times = [record for record in records if isinstance(record, TimeRecord)]
-    blocks = [_frf_block(group) for group in (_grids(frfs))]
+    blocks = [_frf_block(group) for group in _grids(frfs)]
     same = len({(record.sample_rate_hz, record.values.size) for record in times}) == 1
     blocks += [_time_block(group) for group in ([times] if same else [[record] for record in times])]
     return {"": blocks[0]} if len(blocks) == 1 else {f"record_{i + 1}": block for i, block in enumerate(blocks)}
