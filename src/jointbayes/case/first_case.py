@@ -1,6 +1,7 @@
 """A first case from measurement files: all that they tell, and a question mark where only the user knows."""
 
 import os
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,8 +36,7 @@ class _Content:
 
     channels: dict[str, set[str]] = field(default_factory=dict)  # label to what of it is open: "unit", "sensitivity"
     frfs: list[FrfRecord] = field(default_factory=list)
-    count: int = 0
-    pairs: set[tuple[str, str]] = field(default_factory=set)
+    pairs: Counter[tuple[str, str]] = field(default_factory=Counter)
     with_coherence: int = 0
     averages: set[int | None] = field(default_factory=set)
     no_quantity: bool = False
@@ -50,8 +50,7 @@ class _Content:
         sides = unknown_sides(record.unit) if record.factor is None else (set(), set())
         for label, unknown in zip((record.response, record.reference), sides, strict=True):
             self.channels.setdefault(label, set()).update(unknown)
-        self.count += 1
-        self.pairs.add((record.response, record.reference))
+        self.pairs[record.response, record.reference] += 1
         self.with_coherence += record.coherence is not None
         self.averages.add(record.averages)
         self.no_quantity |= record.quantity is None and not any(sides)
@@ -93,7 +92,7 @@ def propose_case(files: Sequence[Path], directory: Path, layout: Mapping[str, st
                 case CoherenceRecord():
                     content.with_coherence += 1
                     content.averages.add(record.averages)
-    if content.count:
+    if content.pairs:
         data = _frf_lines(names, content, layout)
     elif content.histories:
         data = _history_lines(names, content, layout)
@@ -103,7 +102,7 @@ def propose_case(files: Sequence[Path], directory: Path, layout: Mapping[str, st
         raise MeasurementError(
             f"{', '.join(names)}: found no FRF, time history or mode; expected one of these; export the FRFs"
         )
-    damping = "" if content.modes and not content.count else _MEASURED_DAMPING
+    damping = "" if content.modes and not content.pairs else _MEASURED_DAMPING
     # the answer of the modes of FRFs takes them for uncertain anyway, and the FRFs themselves take far longer with them
     sign = "# " if damping else ""
     return "\n".join([*_head(names, damping), *data, "", *(f"{sign}{line}" for line in _uncertain())]) + "\n"
@@ -165,9 +164,10 @@ def _frf_lines(names: Sequence[str], content: _Content, layout: Mapping[str, str
 
 
 def _variance(content: _Content) -> Iterator[str]:
-    if content.count > len(content.pairs) and content.count % len(content.pairs) == 0:
-        yield f'source = "repeats"   # {content.count // len(content.pairs)} measurements of each FRF'
-    elif content.with_coherence >= content.count and content.averages != {1}:
+    times, surplus = divmod(content.pairs.total(), len(content.pairs))
+    if times > 1 and not surplus:
+        yield f'source = "repeats"   # {times} measurements of each FRF'
+    elif content.with_coherence >= content.pairs.total() and content.averages != {1}:
         yield 'source = "coherence"'
         if None in content.averages:
             yield 'averages = "?"   # the number of averages, which the file does not say'

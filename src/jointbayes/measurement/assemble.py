@@ -22,12 +22,7 @@ from jointbayes.measurement.formats.channel_units import restate_history
 from jointbayes.measurement.formats.grid import cut_to_band, excluded_lines, join_frfs, measured_lines
 from jointbayes.measurement.formats.read import iter_records
 from jointbayes.measurement.frf_variance import estimate_variance
-from jointbayes.measurement.measurement_plan import (
-    ChannelMap,
-    FrequencyPlan,
-    MeasurementPlan,
-    map_records,
-)
+from jointbayes.measurement.measurement_plan import ChannelMap, FrequencyPlan, MeasurementPlan, map_records
 from jointbayes.measurement.modal_fit import modes_and_doubtful
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord

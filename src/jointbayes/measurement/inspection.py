@@ -87,18 +87,18 @@ class Inspection:
         Resonances, of which FRFs they are, why there are none, and what looks like one and is left out.
     """
 
-    source: str
-    form: str
-    channels: dict[str, ChannelCount]
-    kinds: dict[str, int]
-    averages: tuple[int, ...]
-    coherence: tuple[float, float] | None
-    notes: dict[str, int]
-    frfs: tuple[FrfRecord, ...]
-    conjugated: bool
-    hits: tuple[HitTrace, ...]
-    listed_modes: tuple[ModeRecord, ...]
-    warnings: tuple[MeasurementWarning, ...]
+    source: str = ""
+    form: str = ""
+    channels: dict[str, ChannelCount] = field(default_factory=dict)
+    kinds: Counter[str] = field(default_factory=Counter)
+    averages: tuple[int, ...] = ()
+    coherence: tuple[float, float] | None = None
+    notes: Counter[str] = field(default_factory=Counter)
+    frfs: tuple[FrfRecord, ...] = ()
+    conjugated: bool = False
+    hits: tuple[HitTrace, ...] = ()
+    listed_modes: tuple[ModeRecord, ...] = ()
+    warnings: tuple[MeasurementWarning, ...] = ()
     modes: tuple[MeasuredMode, ...] = ()
     modes_of: tuple[str, ...] = ()
     modes_note: str = ""
@@ -183,21 +183,17 @@ def contents_of_records(records: Iterable[Record], mass_kg: float | None = None)
     warnings = seen.warnings.warnings()
     conjugated = bool(seen.warnings.conjugated)
     if conjugated:
-        seen.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
-    coherences = seen.coherence
-    return Inspection(
-        "",
-        "",
-        seen.channels,
-        dict(seen.kinds),
-        tuple(sorted(seen.averages)),
-        (min(low for low, _ in coherences), float(np.median([m for _, m in coherences]))) if coherences else None,
-        dict(seen.notes),
-        seen.frf_kept(),
-        conjugated,
-        tuple(seen.hits),
-        tuple(seen.modes),
-        warnings,
+        seen.contents.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
+    lows, medians = zip(*seen.coherence, strict=True) if seen.coherence else ((), ())
+    return replace(
+        seen.contents,
+        averages=tuple(sorted(seen.averages)),
+        coherence=(min(lows), float(np.median(medians))) if lows else None,
+        frfs=seen.frf_kept(),
+        conjugated=conjugated,
+        hits=tuple(seen.hits),
+        listed_modes=tuple(seen.modes),
+        warnings=warnings,
         modes_note=note,
     )
 
@@ -216,44 +212,59 @@ def with_resonances(inspection: Inspection, band_hz: _Band = (None, None)) -> In
     if not inspection.frfs:
         return inspection
     kept = tuple(record.conjugate for record in inspection.frfs) if inspection.conjugated else inspection.frfs
-    modes, doubtful, modes_of, note = _modes(kept, band_hz)
-    return replace(inspection, modes=modes, doubtful=doubtful, modes_of=modes_of, modes_note=note)
+    clean = [usable(r) for r in kept if r.quantity is not None]
+    if not clean:
+        return replace(inspection, modes_note="no FRF of a known quantity")
+    first = clean[0]
+    group: dict[str, FrfRecord] = {}  # on the same lines over the same force
+    for record in clean:
+        same = record.reference == first.reference and record.quantity == first.quantity
+        if same and np.array_equal(record.frequency_hz, first.frequency_hz):
+            group.setdefault(record.response, record)
+    members = list(group.values())[:_KEPT]
+    inspection = replace(inspection, modes_of=tuple(f"{r.response}/{r.reference}" for r in members))
+    coherences = [r.coherence for r in members if r.averages and r.coherence is not None]
+    told = len(coherences) == len(members) and all(((c >= 0) & (c <= 1)).all() for c in coherences)
+    try:
+        frf = join_frfs(members if told else [replace(r, coherence=None) for r in members], "modes")
+        fit = fit_modes(frf, f_min_hz=band_hz[0], f_max_hz=band_hz[1])
+    except MeasurementError as error:
+        return replace(inspection, modes_note=str(error))
+    note = "" if fit.modes else "none stands out of the noise"
+    return replace(inspection, modes=fit.modes, doubtful=fit.doubtful, modes_note=note)
 
 
 @dataclass(slots=True)
 class _Seen:
-    """Running summary of the records that went by."""
+    """What the records that went by hold, and what is kept of them until the last has come."""
 
     warnings: WarningCollector
-    channels: dict[str, ChannelCount] = field(default_factory=dict)
-    kinds: Counter[str] = field(default_factory=Counter)
+    contents: Inspection = field(default_factory=Inspection)
     averages: set[int] = field(default_factory=set)
     coherence: list[tuple[float, float]] = field(default_factory=list)
-    notes: Counter[str] = field(default_factory=Counter)
     drive_points: list[FrfRecord] = field(default_factory=list)
     others: list[FrfRecord] = field(default_factory=list)
     hits: list[HitTrace] = field(default_factory=list)
     histories: list[TimeRecord] = field(default_factory=list)
     modes: list[ModeRecord] = field(default_factory=list)
     samples: int = 0
-    complete: bool = True
 
     def add(self, record: Record) -> None:
         self.warnings.add(record)
-        self.notes.update(record.notes)
+        self.contents.notes.update(record.notes)
         if isinstance(record, TimeRecord):
             self._add_history(record)
             return
         for label in labels_of(record):
             self._use(label)
         if isinstance(record, ModeRecord):
-            self.kinds["mode"] += 1
+            self.contents.kinds["mode"] += 1
             if len(self.modes) < _MODES_KEPT:
                 self.modes.append(record)
             return
         span = _span(record.frequency_hz)
         if isinstance(record, SpectrumRecord):
-            self.kinds[f"spectrum, no FRF: {record.kind}{_unit(record.unit)}; {span}"] += 1
+            self.contents.kinds[f"spectrum, no FRF: {record.kind}{_unit(record.unit)}; {span}"] += 1
             self._use(record.channel).spectra += 1
             return
         if record.averages is not None:
@@ -263,9 +274,9 @@ class _Seen:
             finite = coherence[np.isfinite(coherence)]
             self.coherence.append((float(finite.min()), float(np.median(finite))))
         if isinstance(record, CoherenceRecord):
-            self.kinds[f"coherence, without its FRF; {span}"] += 1
+            self.contents.kinds[f"coherence, without its FRF; {span}"] += 1
             return
-        self.kinds[f"FRF: {record.quantity or 'unknown quantity'}{_unit(record.unit)}; {span}"] += 1
+        self.contents.kinds[f"FRF: {record.quantity or 'unknown quantity'}{_unit(record.unit)}; {span}"] += 1
         self._use(record.response).as_response += 1
         self._use(record.reference).as_force += 1
         self._use(record.response).quantities[record.quantity or "unknown"] += 1
@@ -281,14 +292,14 @@ class _Seen:
         return (*self.drive_points, *self.others)
 
     def _use(self, label: str) -> ChannelCount:
-        return self.channels.setdefault(label, ChannelCount())
+        return self.contents.channels.setdefault(label, ChannelCount())
 
     def _add_history(self, record: TimeRecord) -> None:
         use = self._use(record.channel)
         use.histories += 1
         use.quantities[record.quantity] += 1
         seconds = record.values.size / record.sample_rate_hz
-        self.kinds[
+        self.contents.kinds[
             f"time history: {record.quantity}{_unit(record.unit)}; {record.values.size} samples, {seconds:.6g} s at "
             f"{record.sample_rate_hz:.6g} Hz"
         ] += 1
@@ -297,8 +308,6 @@ class _Seen:
         self.samples += record.values.size
         if self.samples <= _SAMPLES_KEPT:
             self.histories.append(record)
-        else:
-            self.complete = False
 
 
 def _span(frequency_hz: Array) -> str:
@@ -334,7 +343,7 @@ def _frfs_of_hits(seen: _Seen) -> tuple[list[FrfRecord], str]:
 
     if not seen.histories:
         return [], "there is no FRF"
-    if not seen.complete:
+    if seen.samples > _SAMPLES_KEPT:
         return [], f"the records have more than {_SAMPLES_KEPT} samples: of these only `run` makes FRFs"
     forces = [r for r in seen.histories if r.quantity == "force"]
     if not forces or any(len(hits_of(r)) != 1 for r in forces):
@@ -345,29 +354,3 @@ def _frfs_of_hits(seen: _Seen) -> tuple[list[FrfRecord], str]:
     except MeasurementError as error:
         return [], f"no FRFs could be made of the hits: {error}"
     return [result.frf for result in chain.from_iterable(results)], ""
-
-
-_Modes = tuple[tuple[MeasuredMode, ...], tuple[DoubtfulMode, ...], tuple[str, ...], str]
-
-
-def _modes(kept: tuple[FrfRecord, ...], band_hz: _Band) -> _Modes:
-    """Resonances of FRFs on the same lines over the same force; doubtful ones; which FRFs; and why there are none."""
-    clean = [usable(r) for r in kept if r.quantity is not None]
-    if not clean:
-        return (), (), (), "no FRF of a known quantity"
-    first = clean[0]
-    group: dict[str, FrfRecord] = {}
-    for record in clean:
-        same = record.reference == first.reference and record.quantity == first.quantity
-        if same and np.array_equal(record.frequency_hz, first.frequency_hz):
-            group.setdefault(record.response, record)
-    members = list(group.values())[:_KEPT]
-    names = tuple(f"{r.response}/{r.reference}" for r in members)
-    coherences = [r.coherence for r in members if r.averages and r.coherence is not None]
-    told = len(coherences) == len(members) and all(((c >= 0) & (c <= 1)).all() for c in coherences)
-    try:
-        frf = join_frfs(members if told else [replace(r, coherence=None) for r in members], "modes")
-        fit = fit_modes(frf, f_min_hz=band_hz[0], f_max_hz=band_hz[1])
-    except MeasurementError as error:
-        return (), (), names, str(error)
-    return fit.modes, fit.doubtful, names, "" if fit.modes else "none stands out of the noise"

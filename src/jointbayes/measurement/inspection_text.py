@@ -121,17 +121,14 @@ def _dof(label: str) -> str:
 
 
 def _use(use: ChannelCount) -> str:
-    parts = []
-    if use.as_response:
-        parts.append(f"response of {use.as_response} FRFs")
-    if use.as_force:
-        parts.append(f"force of {use.as_force} FRFs")
-    if use.histories:
-        parts.append(f"{use.histories} time histories")
-    if use.spectra:
-        parts.append(f"{use.spectra} spectra")
+    parts = [
+        f"response of {use.as_response} FRFs" if use.as_response else "",
+        f"force of {use.as_force} FRFs" if use.as_force else "",
+        f"{use.histories} time histories" if use.histories else "",
+        f"{use.spectra} spectra" if use.spectra else "",
+    ]
     kinds = ", ".join(use.quantities)
-    return ", ".join(parts) + (f" ({kinds})" if kinds else "")
+    return ", ".join(filter(None, parts)) + (f" ({kinds})" if kinds else "")
 
 
 def _digits(sd: float) -> int:

@@ -5,14 +5,7 @@ from typing import get_args
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.units import (
-    MOTION_OF,
-    frf_unit,
-    parse_unit,
-    scaled,
-    sensor_unit,
-    si_sensor_unit,
-)
+from jointbayes.measurement.formats.units import MOTION_OF, frf_unit, parse_unit, scaled, sensor_unit, si_sensor_unit
 from jointbayes.measurement.records import FrfRecord, SensorQuantity, TimeRecord
 
 _EXAMPLE = 'write for example { dof = "11:y", unit = "g" } in [data.channels]'

@@ -3,7 +3,7 @@
 import itertools
 import re
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +11,9 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.columns import Column, column_of
-from jointbayes.measurement.formats.table import column_records
+from jointbayes.measurement.formats.table import column_records, placed
 from jointbayes.measurement.formats.table_text import Lines, bad_number, float_of, read_rows, text_lines
-from jointbayes.measurement.records import MOST_COLUMNS, Record, TimeRecord, require_short
+from jointbayes.measurement.records import MOST_COLUMNS, Record, require_short
 
 _END = "***End_of_Header***"
 
@@ -66,10 +66,8 @@ def read_lvm(path: Path) -> Generator[Record, None, None]:
                 f"line {segment.line}: found {len(values)} rows of the segment; expected {samples} samples; the file "
                 "is cut off within a number, export it again"
             )
-        for record in _records(segment, names, values, layout):
-            if isinstance(record, TimeRecord) and record.hit is None and (number > 1 or following is not None):
-                record = replace(record, hit=number)
-            yield replace(record, where=f"segment {number}, {record.where}")
+        hit = number if number > 1 or following is not None else None
+        yield from placed(_records(segment, names, values, layout), f"segment {number}", hit)
         block = following
 
 
@@ -229,8 +227,7 @@ def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) 
                 f"line {segment.line}: found X0 {shown[0][:20]!r} and Delta_X {shown[1][:20]!r}; expected numbers; "
                 "export it again"
             )
-        with np.errstate(over="ignore", invalid="ignore"):
-            values[:, 0] = x0 + steps[0] * np.arange(len(values))
+        values[:, 0] = x0 + steps[0] * np.arange(len(values))
         digits = len(re.sub(r"^[0.]+|\.|e.*", "", clocks[0][2].replace(",", ".").lower()).rstrip("0"))
         if digits in (2, 3):
             notes.append(f"sampling rate {1 / steps[0]:g} Hz from a Delta_X of {digits} digits, {clocks[0][2]}")

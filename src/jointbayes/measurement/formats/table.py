@@ -10,16 +10,20 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.columns import (
+    FREQUENCY_STEP,
     FRF_ROLES,
     QUANTITY_WORDS,
     TIME_S,
+    TIME_STEP,
     Column,
     Role,
     column_of,
+    filled_length,
+    groups_of,
+    layout_axis,
     listed,
     spectrum_kind,
 )
-from jointbayes.measurement.formats.table_axes import FREQUENCY_STEP, TIME_STEP, filled_length, groups_of, layout_axis
 from jointbayes.measurement.formats.table_text import TextTable, float_of, read_text_table, text_lines
 from jointbayes.measurement.formats.units import frequency_factor, read_frf_unit, read_sensor_unit, scaled
 from jointbayes.measurement.records import (
@@ -114,6 +118,14 @@ def column_records(
             )
 
 
+def placed(records: Iterator[Record], place: str, hit: int | None = None) -> Iterator[Record]:
+    """Records with the part of the file they stand in before their place, and as the hit that it holds, if it does."""
+    for record in records:
+        if hit is not None and isinstance(record, TimeRecord) and record.hit is None:
+            record = replace(record, hit=hit)
+        yield replace(record, where=f"{place}, {record.where}")
+
+
 def _frequency_records(
     columns: list[Column],
     values: Array,
@@ -177,9 +189,8 @@ def _name_parts(columns: list[Column], values: Array, numbers: list[int]) -> Non
         raise MeasurementError(f"header: found {len(numbers) + 1} columns without a header; {expected}")
     for k, (a, b) in enumerate(zip(numbers[::2], numbers[1::2], strict=True), start=1):
         first, second = values[:, a], values[:, b]
-        with np.errstate(invalid="ignore"):
-            largest, jump = np.abs(second).max(), np.abs(np.diff(second)).max(initial=0.0)
-            one_sign = (first >= 0).all() or (first <= 0).all()
+        largest, jump = np.abs(second).max(), np.abs(np.diff(second)).max(initial=0.0)
+        one_sign = (first >= 0).all() or (first <= 0).all()
         degrees, radians = 3.2 < largest <= 360, 3 < largest <= 3.1416 and jump > 5
         if one_sign and len(values) > 3 and (degrees or radians):
             raise MeasurementError(
@@ -235,6 +246,7 @@ def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:
     return [*map(int, numbers)] * (count if len(numbers) == 1 else 1)
 
 
+@np.errstate(all="ignore")  # a file may hold any number
 def _frf(
     columns: Sequence[Column],
     parts: Mapping[Role, int],
@@ -262,8 +274,7 @@ def _frf(
     else:
         magnitude, unit = _magnitude(values[:, first], unit, f"column {first + 1}", record_notes)
         phase = _phase(values[:, second], columns[second].unit, f"column {second + 1}", record_notes)
-        with np.errstate(over="ignore", invalid="ignore"):
-            complex_ = magnitude * np.exp(1j * phase)
+        complex_ = magnitude * np.exp(1j * phase)
     factor, of_unit, converted = read_frf_unit(unit)
     if not unit and has_units:
         factor, converted = None, [_UNITLESS]
@@ -308,11 +319,9 @@ def _magnitude(values: Array, unit: str, where: str, notes: list[str]) -> tuple[
     if not level or not 1e-30 < level < 1e30:
         raise MeasurementError(f"{where}: found {unit[:40]!r}; expected decibels over a number and unit; correct it")
     notes.append(f"decibels taken as 20 log10 of the magnitude over {level:g} {reference}".rstrip())
-    with np.errstate(over="ignore"):
-        return level * 10 ** (values / 20), reference
+    return level * 10 ** (values / 20), reference
 
 
-@np.errstate(all="ignore")
 def _phase(values: Array, unit: str, where: str, notes: list[str]) -> Array:
     word = unit.strip().lower()
     finite = values[np.isfinite(values)]

@@ -38,14 +38,11 @@ class TextTable:
         ``key: value`` lines above the numbers, keys in lower case.
     values
         The numbers; NaN where a field is empty at the end of a column, or a whole column is.
-    first_line
-        Line of the file of the first row, counted from 1.
     """
 
     header: tuple[str, ...]
     comments: dict[str, str]
     values: Array
-    first_line: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,18 +94,15 @@ def plain_text(raw: bytes) -> str:
 def bad_number(field: str, where: str) -> MeasurementError:
     """Error for a field that is not a number, with its cause where it is a known one."""
     shown = field.strip()[:30]
+    fault = f"{shown!r}; expected a number; correct the file or export it again"
     if re.fullmatch(r"[+-]?[\d.,]+[dDqQ][+-]?\d+", shown):
-        return MeasurementError(
-            f"{where}: found {shown!r}, an exponent of Fortran's; expected E in its place; replace "
-            f"{shown.strip('+-.,0123456789')[:1]} by E in the numbers"
-        )
-    if not shown:
-        return MeasurementError(f"{where}: found an empty field; expected a number; export the file again")
-    if re.fullmatch(r"[+-]?\d{1,3}([ .,'\u00a0\u2019]\d{3})+([.,]\d*)?", shown):
-        return MeasurementError(
-            f"{where}: found {shown!r}; expected a number without separators of thousands; export the file again"
-        )
-    return MeasurementError(f"{where}: found {shown!r}; expected a number; correct the file or export it again")
+        letter = shown.strip("+-.,0123456789")[:1]
+        fault = f"{shown!r}, an exponent of Fortran's; expected E in its place; replace {letter} by E in the numbers"
+    elif not shown:
+        fault = "an empty field; expected a number; export the file again"
+    elif re.fullmatch(r"[+-]?\d{1,3}([ .,'\u00a0\u2019]\d{3})+([.,]\d*)?", shown):
+        fault = f"{shown!r}; expected a number without separators of thousands; export the file again"
+    return MeasurementError(f"{where}: found {fault}")
 
 
 def float_of(text: str) -> float | None:
@@ -146,7 +140,7 @@ def read_text_table(lines: Lines) -> TextTable:
             f"line {first[0][0]}: found {count} columns of whole numbers without names; expected to know whether the "
             "comma parts columns or is the decimal sign; name the columns in a first line, or part them by semicolons"
         )
-    return TextTable(header, comments, values, first[0][0])
+    return TextTable(header, comments, values)
 
 
 def _head(lines: Lines, comments: dict[str, str]) -> tuple[list[_TableHead], list[tuple[int, str]], str]:
@@ -257,10 +251,9 @@ def _header(head: list[_TableHead], delimiter: str, count: int, comments: dict[s
     above = rows[-2][1] if len(rows) > 1 and column_of(names[0]).role in ("frequency", "time") else []
     if above and not above[0] and len(above) <= count:  # the signals, each above the first of its columns
         signal = ""
-        for i, cell in enumerate(above):
+        for i, cell in enumerate([*above, *[""] * count][:count]):
             signal = cell or signal
             names[i] = f"{signal} {names[i]}".strip()
-        names[len(above) :] = [f"{signal} {name}".strip() for name in names[len(above) :]]
     return tuple(map(_with_unit, names, units))
 
 

@@ -55,11 +55,10 @@ def _frf_columns(frfs: Sequence[FrfRecord]) -> tuple[list[str], list[Array], dic
         if r.coherence is not None:
             names.append(f"coherence {pair}")
             columns.append(r.coherence)
-    told = [r.averages for r in frfs]
-    comments = {}
-    if None not in told:
-        comments["averages"] = str(told[0]) if len(set(told)) == 1 else ", ".join(map(str, told))
-    return names, columns, comments
+    told = [str(r.averages) for r in frfs if r.averages is not None]
+    if len(told) < len(frfs):
+        return names, columns, {}
+    return names, columns, {"averages": ", ".join(told if len(set(told)) > 1 else told[:1])}
 
 
 def write_table(records: Sequence[Record], path: Path, delimiter: str) -> None:

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Generator, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.formats.columns import Column, Role, column_of, listed
-from jointbayes.measurement.formats.table import column_records
-from jointbayes.measurement.formats.table_axes import layout_axis
-from jointbayes.measurement.records import MOST_COLUMNS, Record, TimeRecord, require_short
+from jointbayes.measurement.formats.columns import Column, Role, column_of, layout_axis, listed
+from jointbayes.measurement.formats.table import column_records, placed
+from jointbayes.measurement.records import MOST_COLUMNS, Record, require_short
 
 #: Scales of a channel: npTDMS looks at each, however many a damaged file promises.
 _MOST_SCALES = 100
@@ -69,30 +68,22 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Generator[
     alike = len(groups) > 1 and len({tuple(c.name for c in channels) for channels in groups.values()}) == 1
     for number, (name, members) in enumerate(groups.items(), start=1):
         require_short("group", name, *(text for c in members for text in (c.name, c.unit)))
-        for record in _group_records(name, members, layout, notes):
-            if isinstance(record, TimeRecord) and record.hit is None and alike:
-                record = replace(record, hit=number)
-            yield replace(record, where=f"group {name[:60]!r}, {record.where}")
+        records = _group_records(name, members, layout, notes)
+        yield from placed(records, f"group {name[:60]!r}", number if alike else None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Channel:
-    """Values of a channel, and its clock: start and step in s or Hz, the step 0 where the file does not tell one.
+    """Values of a channel, whether the file tells its clock, and that: axis, start and step in s or Hz, and beginning.
 
-    `begun_ns` is when the recording began, in ns of some epoch.
+    The recording began at so many ns of some epoch.
     """
 
     name: str
     unit: str
     values: NDArray[Any]
-    axis: Role
-    start: float
-    step: float
-    begun_ns: int
-
-    @property
-    def clock(self) -> tuple[Role, float, float, int]:
-        return self.axis, self.start, self.step, self.begun_ns
+    has_clock: bool
+    clock: tuple[Role, float, float, int]
 
 
 def _channel(channel: Any) -> _Channel:  # noqa: ANN401 - npTDMS has no types
@@ -105,9 +96,8 @@ def _channel(channel: Any) -> _Channel:  # noqa: ANN401 - npTDMS has no types
     begun_ns = int(begun.astype("datetime64[ns]").astype(np.int64)) if isinstance(begun, np.datetime64) else 0
     # of channels without a clock LabVIEW writes a step of 1 s
     known = np.isfinite([step, start]).all() and step > 0 and (is_frequency or step < 1)
-    return _Channel(
-        channel.name, unit, channel[:], "frequency" if is_frequency else "time", start, step * known, begun_ns
-    )
+    clock: tuple[Role, float, float, int] = ("frequency" if is_frequency else "time", start, step * known, begun_ns)
+    return _Channel(channel.name, unit, channel[:], bool(known), clock)
 
 
 def _group_records(
@@ -116,7 +106,7 @@ def _group_records(
     """Records of a group: channels of one clock make a table behind a column of frequency or time."""
     columns: list[Column] = []
     arrays: list[NDArray[Any]] = []
-    clocks = dict.fromkeys(c.clock for c in channels if c.step)
+    clocks = dict.fromkeys(c.clock for c in channels if c.has_clock)
     first_ns = min((clock[3] for clock in clocks), default=0)
     for clock in clocks or [channels[0].clock]:
         axis, start, step, begun_ns = clock
@@ -138,6 +128,6 @@ def _group_records(
     table = np.full((max(a.size for a in arrays), len(arrays)), np.nan)
     for i, array in enumerate(arrays):
         table[: array.size, i] = array
-    left = [c.name for c in channels if clocks and not c.step]
+    left = [c.name for c in channels if clocks and not c.has_clock]
     notes += (f"without a wf_increment, passed over: {', '.join(left)[:200]}",) if left else ()
     yield from column_records(columns, table, {}, notes, layout_axis(layout))

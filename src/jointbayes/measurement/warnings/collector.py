@@ -1,6 +1,7 @@
 """Warnings about measured records: what in a file contradicts itself or physics, in words."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -11,9 +12,8 @@ from jointbayes.arrays import Array
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, measurable
 from jointbayes.measurement.signals.hits import hits_of, is_cut_off
-from jointbayes.measurement.warnings.clear_frf import ClearFrf, are_conjugates
+from jointbayes.measurement.warnings.clear_frf import ClearFrf, Peaks, are_conjugates, rad_per_s_warning, shift_warning
 from jointbayes.measurement.warnings.frf_warnings import conjugated_warning, warnings_of_frf, warnings_of_notes
-from jointbayes.measurement.warnings.shift_warnings import Peaks, shift_warning
 
 Complex = NDArray[np.complex128]
 
@@ -105,10 +105,8 @@ def _named_constant(level: float, turned: bool) -> MeasurementWarning | None:
     for power in (1, 2):
         if near((2 * np.pi) ** power) or near((2 * np.pi) ** -power):
             factor = "2π" if power == 1 else "(2π)²"
-            return MeasurementWarning(
-                "rad_per_s",
-                f"one is {factor} times the other once both are the same quantity{opposite}: the axis is in rad/s",
-                "divide the frequencies by 2π, or say rad/s in the header of the column",
+            return rad_per_s_warning(
+                f"one is {factor} times the other once both are the same quantity{opposite}: the axis is in rad/s"
             )
     if abs(math.log(level)) > 0.15:
         return MeasurementWarning(
@@ -171,7 +169,7 @@ class WarningCollector:
     def __init__(self, mass_kg: float | None = None) -> None:
         self._mass_kg = mass_kg
         self._raw: dict[tuple[str, str], list[MeasurementWarning]] = {}
-        self._counts: dict[tuple[str, str], int] = {}
+        self._counts = Counter[tuple[str, str]]()
         self._sketches: dict[tuple[str, str], list[Sketch]] = {}
         self._peaks: dict[tuple[str, str], Peaks] = {}
         self._turns = np.zeros(2)
@@ -185,8 +183,7 @@ class WarningCollector:
         if isinstance(record, TimeRecord):
             where = _named(record.channel, record.where)
             self._nyquist_hz = min(self._nyquist_hz, record.sample_rate_hz / 2)
-            for warning in _history_warnings(record):
-                self._keep(where, warning)
+            self._keep(where, *_history_warnings(record))
             return
         if not isinstance(record, FrfRecord):
             return
@@ -220,8 +217,7 @@ class WarningCollector:
         if clear is not None and turned:
             self._keep(where, conjugated_warning(clear))
             clear = clear.conjugate
-        for warning in warnings_of_frf(record, clear, self._mass_kg):
-            self._keep(where, warning)
+        self._keep(where, *warnings_of_frf(record, clear, self._mass_kg))
 
     def warnings(self) -> tuple[MeasurementWarning, ...]:
         """All warnings so far, equal ones put together."""
@@ -231,11 +227,9 @@ class WarningCollector:
         if self._highest_hz > 1.01 * self._nyquist_hz:
             self._keep(
                 self._highest_where,
-                MeasurementWarning(
-                    "rad_per_s",
+                rad_per_s_warning(
                     f"the lines reach {self._highest_hz:.6g} Hz, but the time histories of the file can show "
-                    f"{self._nyquist_hz:.6g} Hz at most: the axis is probably in rad/s",
-                    "divide the frequencies by 2π, or say rad/s in the header of the column",
+                    f"{self._nyquist_hz:.6g} Hz at most: the axis is probably in rad/s"
                 ),
             )
         merged = []
@@ -248,12 +242,13 @@ class WarningCollector:
             merged.append(replace(alike[0], where=where, sentence=sentence))
         return tuple(merged)
 
-    def _keep(self, where: str, warning: MeasurementWarning) -> None:
-        group = (warning.key, warning.remedy)
-        self._counts[group] = self._counts.get(group, 0) + 1
-        kept = self._raw.setdefault(group, [])
-        if len(kept) < _NAMED:
-            kept.append(replace(warning, where=where))
+    def _keep(self, where: str, *warnings: MeasurementWarning) -> None:
+        for warning in warnings:
+            group = (warning.key, warning.remedy)
+            self._counts[group] += 1
+            kept = self._raw.setdefault(group, [])
+            if len(kept) < _NAMED:
+                kept.append(replace(warning, where=where))
 
     def _compare_peaks(self, pair: tuple[str, str], peaks: Peaks) -> None:
         """Compare resonances with those of the same FRF before, or else of the first response to the same force."""

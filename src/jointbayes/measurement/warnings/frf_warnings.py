@@ -12,7 +12,7 @@ from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.units import frf_unit
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable
-from jointbayes.measurement.warnings.clear_frf import ClearFrf, Resonance
+from jointbayes.measurement.warnings.clear_frf import ClearFrf, Resonance, rad_per_s_warning
 from jointbayes.measurement.warnings.excitation_warnings import excitation_warnings
 
 Complex = NDArray[np.complex128]
@@ -118,11 +118,9 @@ def _step_warnings(f: Array) -> Iterator[MeasurementWarning]:
     if tolerance > 1e-6 or _is_round(step, tolerance):
         return
     if _is_round(step / (2 * np.pi), tolerance):
-        yield MeasurementWarning(
-            "rad_per_s",
+        yield rad_per_s_warning(
             f"lines are {step:.6g} Hz apart, which is 2π times the round number {step / (2 * np.pi):.6g}: the axis is "
-            "probably in rad/s",
-            "divide the frequencies by 2π, or say rad/s in the header of the column",
+            "probably in rad/s"
         )
 
 
@@ -151,18 +149,13 @@ def _coherence_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
             f"coherence is 1 on all lines{once}: it says nothing about the noise",
             "export it again, or state the noise, or give repeated measurements",
         )
+    wrong = ""
     if finite.size < coherence.size:
-        yield MeasurementWarning(
-            "coherence_range",
-            f"coherence is NaN or infinite on {coherence.size - finite.size} of {coherence.size} lines, not 0 to 1",
-            "export again",
-        )
+        wrong = f"is NaN or infinite on {coherence.size - finite.size} of {coherence.size} lines"
     elif ((finite < -1e-6) | (finite > 1 + 1e-6)).any():
-        yield MeasurementWarning(
-            "coherence_range",
-            f"coherence runs from {finite.min():.4g} to {finite.max():.4g}, not 0 to 1",
-            "export again",
-        )
+        wrong = f"runs from {finite.min():.4g} to {finite.max():.4g}"
+    if wrong:
+        yield MeasurementWarning("coherence_range", f"coherence {wrong}, not 0 to 1", "export again")
     if record.averages is None:
         yield MeasurementWarning(
             "averages_missing",
