@@ -97,7 +97,8 @@ def spring(k, ends):
 
 
 def read_nastran(text):
-    bulk = pytest.importorskip("pyyeti.nastran.bulk", reason="pyyeti, which reads Nastran cards, is not installed")
+    with np.printoptions():  # which pyyeti changes for the whole process
+        bulk = pytest.importorskip("pyyeti.nastran.bulk", reason="pyyeti, which reads Nastran cards, is not installed")
     entries = []
     if "CBUSH" in text:
         stiffness = {int(row[0]): row for row in bulk.rdcards(StringIO(text), "PBUSH", return_var="list")}

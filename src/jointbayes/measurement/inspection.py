@@ -347,7 +347,7 @@ def _frfs_of_hits(seen: _Seen) -> tuple[list[FrfRecord], str]:
         return [], f"the records have more than {_SAMPLES_KEPT} samples: of these only `run` makes FRFs"
     forces = [r for r in seen.histories if r.quantity == "force"]
     if not forces or any(len(hits_of(r)) != 1 for r in forces):
-        return [], "the records are not one hit each: make FRFs of them first"
+        return [], "the records are not one hit each: a case makes FRFs of them"
     try:
         tests = sort_by_force(seen.histories)
         results = [impact_frfs(force, responses) for force, responses in tests if responses]
