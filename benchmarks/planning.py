@@ -37,7 +37,7 @@ from benchmarks.exact_page import where_measured
 from benchmarks.record import environment, kept_lines
 from jointbayes.frf import FrfSet
 from jointbayes.measurement import FrfData
-from jointbayes.studies.planning.candidates import Candidate
+from jointbayes.posterior.candidate import Candidate
 from jointbayes.studies.planning.plan_report import PlannedMeasurement
 
 Array = NDArray[np.float64]
@@ -265,7 +265,8 @@ def report(cases: list[list[Row]]) -> str:
         f"- First choice among the best two: {_share(n['first_among_best_two'], n['planned'])} of the planned cases.",
         f"- Left out: {n['not_converged']} measurements whose posterior had not converged within "
         f"{SETTINGS.max_steps} steps (–).",
-        "", "Bold: outside the stated range.", "", *lines,
+        "", '<details markdown="1"><summary>All candidates of all cases; bold: outside the stated range</summary>', "",
+        *lines, "", "</details>",
     ])  # fmt: skip
 
 

@@ -350,7 +350,7 @@ def test_a_calibration_near_the_data_has_a_directory_and_a_report_of_its_own(tmp
     directory = tmp_path / "reports" / "case-calibration-near"
     assert json.loads((directory / "summary.json").read_text(encoding="utf-8"))["truths_from"] == "posterior"
     page = (directory / "report.html").read_text(encoding="utf-8")
-    assert "arXiv:2502.03279" in page
+    assert "2502.03279" in page
     assert "from the priors of" not in page
 
 

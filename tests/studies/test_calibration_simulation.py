@@ -5,7 +5,8 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.errors import MeasurementError, ModelError
-from jointbayes.studies.data_sets import replace_values, require_simulable, simulated_values
+from jointbayes.posterior.prediction import replace_values, simulated_values
+from jointbayes.studies.data_sets import require_simulable
 from tests.conftest import pair_matrix
 from tests.studies.calibration_cases import FREQUENCIES, TEXT, noisier_case, small_case
 

@@ -147,14 +147,16 @@ def test_the_same_seed_gives_the_same_evidence_whatever_else_is_compared(cases, 
 
 
 def test_the_verdict_names_the_winner_the_next_and_a_prior_that_decides():
-    text = Comparison((made_up(-20.0), made_up(-10.0)), 1, "").verdict
-    assert text.startswith("The data favour rotation in case: ln Z = −10.00 ± 0.01.")
-    assert "against the next, rotation in case, is very strong (2 ln B = 20.0)" in text
-    assert "prior" not in text
+    said = "The data favour rotation in case over rotation in case: the evidence is "
+    assert Comparison((made_up(-20.0), made_up(-10.0)), 1, "").verdict == f"{said}very strong, odds 2.2e4 to 1."
+    assert Comparison((made_up(-12.0), made_up(-10.0)), 1, "").verdict == f"{said}positive, odds 7.4 to 1."
+    close = Comparison((made_up(-10.5), made_up(-10.0)), 1, "").verdict
+    assert repr(Comparison((made_up(-10.5), made_up(-10.0)), 1, "")) == f"Comparison of 2 joints: {close}"
+    assert close == "The data cannot tell rotation in case from rotation in case (odds 1.6 to 1)."
     edge = PriorEdge("k22", "high", 0.4)
     alone = Comparison((made_up(-10.0, at_edge=(edge,)),), 1, "").verdict
-    assert "nothing was compared" in alone
-    assert "accumulates at an edge of the prior of k22" in alone
+    assert alone.startswith("Nothing was compared: ")
+    assert "Draws pile up at an edge of the prior of k22: " in alone
 
 
 @pytest.mark.parametrize(
@@ -253,7 +255,7 @@ def test_leave_one_out_of_a_joint_without_coordinates_is_its_likelihood(cheap_ca
 
 def test_cross_validation_is_left_out_where_it_makes_no_sense_and_the_table_says_why(comparison):
     assert all(c.loo is None for c in comparison.candidates)
-    assert "3 natural frequencies, too few" in comparison.candidates[0].loo_note
+    assert "30 values of FRFs; there are 3 natural frequencies" in comparison.candidates[0].loo_note
     text = cheap_text() + '\n[noise]\nscale = "integrated"\n[compare]\nhypotheses = ["rigid"]\n'
     (found,) = compare([case_from_text("integrated", text)], seed=1).candidates
     assert found.loo is None
@@ -353,7 +355,7 @@ def test_bad_input_is_refused_in_one_line_before_anything_is_computed(tmp_path, 
         result = cli("compare", *arguments)
         assert result.exit_code == 2
         assert said in result.stderr
-        assert len(result.stderr.splitlines()) == 1
+        assert result.stderr.count("jointbayes: ") == 1
         assert result.stdout == ""
 
 

@@ -8,13 +8,13 @@ import pytest
 import jointbayes as jb
 from jointbayes.errors import CaseError
 from jointbayes.joint import Joints
+from jointbayes.posterior.first_look import measurement_information
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.first_look import measurement_information
 from jointbayes.studies.planning.simulator import WithFurther
 from tests.case.test_free_setup import MATERIAL, TWO
 from tests.case.test_setups import BASE
-from tests.conftest import edited
+from tests.conftest import CONFIGS, edited
 
 FREQUENCIES = (
     BASE.partition("[data]")[0]
@@ -163,3 +163,8 @@ def test_a_plan_of_modes_ranks_them():
     names = [tuple(candidate.name for candidate in data.candidates) for data in plan.measurements]
     assert sorted(names) == [("2:y",), ("6:y",), ("free",)]
     assert "Measure next: an accelerometer" in plan.sentence
+
+
+def test_of_masses_whose_place_nobody_knows_ratios_are_to_the_last():
+    storeys = {candidate.name: candidate for candidate in candidates_of(jb.load_case(CONFIGS / "two_storeys.toml"))}
+    assert storeys["1:x"].reference == "2:x"

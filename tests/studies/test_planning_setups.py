@@ -11,11 +11,11 @@ from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
 from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.measurement import FrfData, RelativeNoise
+from jointbayes.posterior.candidate import FrfCandidate
+from jointbayes.posterior.first_look import FirstLook, WithOwn, own_of
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
-from jointbayes.studies.planning.candidates import FrfCandidate
 from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.first_look import FirstLook, WithOwn, own_of
 from jointbayes.studies.planning.plan_report import plan_lines
 from jointbayes.studies.planning.simulator import WithFurther
 from tests.conftest import CLAMP, CONFIGS, PAIR, TABLE_3, cheap_text, pair_matrix

@@ -11,14 +11,15 @@ import jointbayes as jb
 from jointbayes.case.simulated_test import Truth, simulate
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
+from jointbayes.posterior.prediction import simulated_values
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
 from jointbayes.studies.campaign.case_table import read_cases
 from jointbayes.studies.campaign.index import DONE, read_index, write_index
 from jointbayes.studies.campaign.joint_draws import read_draws
 from jointbayes.studies.compare import hypothesis_problem, require_same_data
-from jointbayes.studies.data_sets import require_simulable, simulated_problem, simulated_values
+from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
-from tests.conftest import TABLE_3
+from tests.conftest import TABLE_3, without_stages
 from tests.report.test_setups import HEARD, OWN, TORQUES, posterior_of
 
 
@@ -182,7 +183,7 @@ def test_a_campaign_of_cases_with_set_ups_samples_each_as_by_itself_and_has_a_po
 def test_a_fault_in_a_set_up_of_a_campaign_names_row_and_column(tmp_path):
     ended = campaign(tmp_path, "key,setups.short.structure.length_mm\na,200\nb,-3\n")
     assert ended.exit_code == 2
-    (line,) = ended.stderr.strip().splitlines()
+    (line,) = without_stages(ended.stderr)
     assert line.startswith(f"jointbayes: {tmp_path}/joints.csv:3: setups.short.structure.length_mm: found -3; expected")
 
 

@@ -9,15 +9,14 @@ import pickle
 import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.inference import Problem
-from jointbayes.posterior.prediction import simulate_at
+from jointbayes.posterior.prediction import replace_values, simulated_values
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.ranks import rank_statistic
 from jointbayes.workflow import sample
@@ -224,51 +223,3 @@ def simulated_problem(analysis: Problem, source: Problem, theta: Array, rng: np.
         replace_values(part, simulated_values(its, theta, rng, shared.get(i))).test for i, (part, its) in pairs
     ]
     return replace(analysis, tests=tuple(simulated))
-
-
-def simulated_values(
-    problem: Problem, theta: Array, rng: np.random.Generator, noise: NDArray[Any] | None = None
-) -> NDArray[Any]:
-    """What one set-up would measure at a truth: the model's prediction and noise of the problem's own noise model.
-
-    Parameters
-    ----------
-    problem
-        Of one set-up. Gives model, noise model and stated variance; its measured values are not used but for log
-        magnitudes, whose stated spread depends on them.
-    theta
-        The truth, shape (d,).
-    rng
-        Draws the noise.
-    noise
-        What was drawn of it already, standardised, of as many values: errors that other set-ups share.
-
-    Returns
-    -------
-    ndarray
-        FRFs, shape (lines, outputs, inputs), or natural frequencies or values of modes, shape (n,).
-
-    Raises
-    ------
-    MeasurementError
-        If the model has no finite FRF there.
-    """
-    values = simulate_at(problem, theta[None], rng, noise)[0]
-    if not np.isfinite(values).all():
-        raise MeasurementError(
-            "calibrate: found a truth at which the model has no finite value, an undamped resonance on a line; "
-            "expected a structure with damping; state some"
-        )
-    return np.asarray(values)
-
-
-def replace_values(problem: Problem, values: NDArray[Any]) -> Problem:
-    """The problem of one set-up with other measured values, and what it states of the noise as it is.
-
-    Raises
-    ------
-    MeasurementError
-        If the values are no possible measurement: natural frequencies out of order.
-    """
-    relative = problem.test.residual_kind == "log_magnitude"  # what is stated of ln|H| is variance/|H|²
-    return problem.with_test(data=problem.test.data.with_values(values, relative=relative))

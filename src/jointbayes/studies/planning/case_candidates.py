@@ -20,15 +20,9 @@ from jointbayes.frf import AnyStructure, Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import Joints
 from jointbayes.measurement import ModalData
+from jointbayes.posterior.candidate import Candidate, FrfCandidate, VarianceLaw, estimated_law, repeated
+from jointbayes.posterior.modal_candidate import RELATIVE_CALIBRATION, ModalCandidate, scatter
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
-from jointbayes.studies.planning.candidates import (
-    Candidate,
-    FrfCandidate,
-    VarianceLaw,
-    estimated_law,
-    repeated,
-)
-from jointbayes.studies.planning.modal_candidates import RELATIVE_CALIBRATION, ModalCandidate, scatter
 from jointbayes.studies.planning.proposed_setups import proposed_setups
 
 _G = 1e-3
@@ -151,8 +145,10 @@ class _ModalMaker(_Maker):
                 )  # fmt: skip
 
     def _farthest(self, dofs: Sequence[str]) -> str:
-        """The DOF that is farthest from the first joint."""
+        """The DOF that is farthest from the first joint; of masses whose place nobody knows the last."""
         places = self._recipe.positions
+        if not places:
+            return dofs[-1]
         here = np.array(places[next(iter(self._spec.all_joints.values())).dofs[0].rpartition(":")[0]])
         return max(dofs, key=lambda dof: float(np.linalg.norm(np.array(places[dof.rpartition(":")[0]]) - here)))
 

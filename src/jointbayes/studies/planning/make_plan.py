@@ -14,14 +14,15 @@ from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError
 from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.coordinates import coordinate_systems
+from jointbayes.posterior.first_look import FirstLook, Linearised, Names, sets_of, worth_simulating
 from jointbayes.posterior.stored_problem import run_fingerprint
-from jointbayes.progress import Progress, ProgressCallback, tell_nobody
+from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.studies.planning.candidates import Candidate, SimulatedPosterior, Simulation
 from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.first_look import FirstLook, Linearised, Names, sets_of, worth_simulating
 from jointbayes.studies.planning.plan_report import A_PLAN, Plan, PlannedMeasurement
+from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulation
 from jointbayes.studies.planning.simulator import Simulator, assumed_truth, stated_joint
 from jointbayes.studies.study_directory import append_line, kept_lines
 from jointbayes.workflow import sample
@@ -45,7 +46,7 @@ def plan(
     assume: Mapping[str, float] | None = None,
     simulations: int = ALL,
     directory: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback | bool | None = None,
 ) -> Plan:
     """Rank the further measurements that a case could be given.
 
@@ -87,7 +88,7 @@ def plan(
         If the directory holds something else, or another process is at work in it.
     """
     case = require_case(case)
-    tell = progress or tell_nobody
+    tell = callback_of(progress)
     bodies = [(part.test.name, body.name) for part in case.problem.parts for body in part.test.measured_bodies]
     if bodies:
         setup, name = bodies[0]

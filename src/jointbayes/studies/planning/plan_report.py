@@ -10,14 +10,17 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
+from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.directions import spread_in_words
+from jointbayes.posterior.first_look import Linearised, Names
 from jointbayes.posterior.rounding import json_ready, number
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
+from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
+from jointbayes.report.methods import report_text
+from jointbayes.report.model import Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
-from jointbayes.studies.planning.candidates import Candidate, SimulatedPosterior, Simulation
-from jointbayes.studies.planning.first_look import Linearised, Names
+from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulation
 from jointbayes.studies.study_directory import write_study
 
 Entry = Mapping[str, Any]
@@ -139,6 +142,9 @@ class Plan:
     left_out: int = 0
     case_text: str = ""
 
+    def __repr__(self) -> str:
+        return f"Plan for {self.case_name}, {len(self.measurements)} measurements: {self.sentence}"
+
     @property
     def ranked(self) -> tuple[PlannedMeasurement, ...]:
         """Measurements with simulations behind them, the best first."""
@@ -166,9 +172,18 @@ class Plan:
 
     @property
     def sentence(self) -> str:
-        """The recommendation in plain words."""
+        """The recommendation in plain words, with what would do about as well."""
+        return " ".join(self.sentences)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The same, sentence by sentence."""
+        return (self._advice, *(f"About as good: {data.words}." for data in self.as_good))
+
+    @property
+    def _advice(self) -> str:
         if not self.converged:
-            return f"No recommendation: the draws of the present posterior have not converged ({self.reason})."
+            return "No recommendation: the calculation for the data in hand has not settled."
         if not self.ranked:
             return "No recommendation: every simulation failed."
         best = self.recommended
@@ -181,13 +196,11 @@ class Plan:
             )
         assert best.simulation is not None
         low, high = best.simulation.range80
-        advice = (
-            f"Measure next: {best.words}. It is expected to make {self.parameter} known to "
-            f"{spread_in_words(best.sd_after)} ({best.simulation.verdict}); now it is known to {now}. In 80 % of "
-            f"simulated measurements: {spread_in_words(low)} to {spread_in_words(high)}."
+        return (
+            f"Measure next: {best.words}. Forecast: {self.parameter} known to {spread_in_words(best.sd_after)} "
+            f"({best.simulation.verdict}; in 80 % of simulations {spread_in_words(low)} to {spread_in_words(high)}); "
+            f"now {now}."
         )
-        others = ", ".join(data.words for data in self.as_good)
-        return f"{advice} About as good: {others}." if others else advice
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -279,7 +292,7 @@ def candidate_table(summary: Mapping[str, Any]) -> Table:
 def plan_lines(plan: Plan) -> list[str]:
     """A plan as lines for the terminal: the table, the recommendation and notes."""
     table = candidate_table(plan.summary())
-    return [*table.lines(), table.note, "", plan.sentence, *plan.notes]
+    return [*table.lines(), table.note, "", *plan.sentences, *plan.notes]
 
 
 def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:
@@ -303,13 +316,7 @@ def build_plan_report(summary: Mapping[str, Any]) -> Report:
     parameter = summary["parameter"]
     entries: Sequence[Entry] = summary["measurements"]
     source = "the stated joint" if summary["assumed"] else "joints drawn from the present posterior"
-    how = (
-        f"Each measurement was simulated, with noise, for {source}, the same ones for all candidates; the posterior "
-        "of the data in hand together with each simulated measurement was computed by reweighting draws of the present "
-        "posterior, or by importance sampling where too few of them stayed effective. The ranges hold 80 % of the "
-        "simulated measurements, so that the value found later should lie within its range in four of five cases. "
-        "Candidates that could come first by their range were simulated more often."
-    )
+    how = report_text("plan", source=source)
     sections = (
         ReportSection(
             "candidates", "Candidates", (candidate_table(summary), _figure(entries, parameter, summary["now"]))
@@ -333,12 +340,7 @@ def _figure(entries: Sequence[Entry], parameter: str, now: Entry) -> Figure:
     alt = f"Standard deviation of ln {parameter} after each simulated measurement: " + ", ".join(
         f"{foreign(' + '.join(e['names']))} {number(e['simulated']['sd_median'])}" for e in simulated
     )
-    caption = (
-        f"Standard deviation of ln {parameter} after each measurement: every simulated one (small points), their "
-        "median (large points) and the range of 80 % (lines). Crosses: linearised, of those that were not simulated. "
-        "Dashed: now."
-    )
-    return Figure("plan", caption, alt, _ranges(entries, parameter, now))
+    return Figure("plan", report_text("plan_figure", parameter=parameter), alt, _ranges(entries, parameter, now))
 
 
 def _ranges(entries: Sequence[Entry], parameter: str, now: Entry) -> str:

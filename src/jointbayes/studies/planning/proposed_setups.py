@@ -18,8 +18,8 @@ from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.frf import Ports, Quantity
 from jointbayes.inference import Problem
 from jointbayes.joint import joints_of
-from jointbayes.studies.planning.candidates import Candidate, FrfCandidate, VarianceLaw, estimated_law
-from jointbayes.studies.planning.modal_candidates import ModalCandidate, scatter
+from jointbayes.posterior.candidate import Candidate, FrfCandidate, VarianceLaw, estimated_law
+from jointbayes.posterior.modal_candidate import ModalCandidate, scatter
 
 #: So many of a set-up's changes are named in a sentence.
 _NAMED = 3

@@ -23,13 +23,14 @@ from scipy import optimize
 from jointbayes.arrays import Array
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import Problem
+from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import PARETO_LIMIT
+from jointbayes.posterior.first_look import WithOwn, measurement_information, own_of
 from jointbayes.posterior.identifiability import assess
 from jointbayes.sampling import Coordinates, Start, WeightedDraws, fit_proposal
 from jointbayes.sampling.diagnostics import pareto_k
-from jointbayes.studies.planning.candidates import Candidate, Method, SimulatedPosterior
-from jointbayes.studies.planning.first_look import WithOwn, measurement_information, own_of
+from jointbayes.studies.planning.simulation import Method, SimulatedPosterior
 
 #: Fewer effective draws than this say too little about a standard deviation: 5 % of it at this number.
 LEAST_EFFECTIVE = 200.0

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Nuisance, Problem
+from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
-from jointbayes.studies.planning.candidates import Candidate
 
 #: The present set-up beside others, if it has no name: one that no set-up of a case can have.
 _PRESENT = "(present)"

@@ -7,8 +7,8 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.inference import Problem
 from jointbayes.measurement import ModalData, ModeData, ModeShapes, Observed
-from jointbayes.studies.data_sets import replace_values, simulated_values
-from jointbayes.studies.planning.candidates import Candidate
+from jointbayes.posterior.candidate import Candidate
+from jointbayes.posterior.prediction import replace_values, simulated_values
 
 #: How well a sensor that roves, or one calibrated beside another, knows a ratio of components, as a fraction of it.
 RELATIVE_CALIBRATION = 0.01

@@ -1,0 +1,164 @@
+"""What to measure next: the further measurement that would tell most of the stiffness that is known least.
+
+A first look, linearised about a few draws, among what needs nothing new but a sensor or time: `jointbayes plan`
+simulates the measurements and knows of more kinds.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointbayes.arrays import Array
+from jointbayes.errors import JointBayesError
+from jointbayes.frf import FrfSet, Ports
+from jointbayes.inference import Problem
+from jointbayes.posterior.candidate import Candidate, FrfCandidate, estimated_law, repeated
+from jointbayes.posterior.draws import PosteriorDraws
+from jointbayes.posterior.first_look import FirstLook
+from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
+from jointbayes.posterior.modal_candidate import ModalCandidate, scatter
+from jointbayes.posterior.rounding import factor, number
+
+#: Places of one further sensor that are looked at in each test.
+_MOST_PLACES = 8
+_AVERAGES = 4.0
+_DRAWS = 5
+#: Of a 95 % interval's half width in standard deviations; and up to which standard deviation of ln k it is told in %.
+_HALF_WIDTH, _SMALL = 1.96, 0.2
+#: A measurement that makes the standard deviation less than so many times smaller is not worth its price.
+_LEAST_GAIN = 1.15
+#: Standard deviation of ln k beyond which nothing is known of a stiffness.
+_LARGEST = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class NextStep:
+    """A forecast: which measurement, and the standard deviation of ln of a stiffness before and after it.
+
+    Both are linearised; `words` name the measurement in a sentence, `names` is empty where the run's other quantities
+    are as it takes them, else the quantities that are uncertain in the forecast though the run takes them as exact.
+    """
+
+    quantity: str
+    words: str
+    sd_before: float
+    sd_after: float
+    names: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """The step with its price and what it would bring, said to be a forecast."""
+        rest = ", all else as in a workshop" if self.names else ""
+        return (
+            f"Add {self.words}: {self.quantity} would go from {spread_in_words(self.sd_before)} to "
+            f"{spread_in_words(self.sd_after)} (95 %{rest}). This is a forecast; `jointbayes plan` simulates it."
+        )
+
+
+def spread_in_words(sd: float) -> str:
+    """How well a stiffness is known by the standard deviation of its logarithm.
+
+    Examples
+    --------
+    >>> spread_in_words(0.045), spread_in_words(0.5), spread_in_words(9.0)
+    ('±8.8 %', 'a factor of 2.66 either way', 'unknown')
+    """
+    if sd <= _SMALL:
+        return f"±{number(100 * _HALF_WIDTH * sd, 2)} %"
+    return f"a factor of {factor(math.exp(_HALF_WIDTH * sd))} either way" if sd <= _LARGEST else "unknown"
+
+
+def next_step(
+    posterior: PosteriorDraws, freed: Problem | None, judged: Mapping[str, Identifiability]
+) -> NextStep | None:
+    """The further measurement that would tell most of the stiffness that is known least.
+
+    Parameters
+    ----------
+    posterior
+        The draws, about which it is linearised.
+    freed
+        The same problem with more quantities uncertain, in which the forecast is then made.
+    judged
+        What is known of each stiffness by the answer to believe.
+
+    Returns
+    -------
+    NextStep
+        None where nothing among what is looked at would help, or it cannot be computed.
+    """
+    problem = freed or posterior.problem
+    candidates = {candidate.name: candidate for part in problem.parts for candidate in _candidates(part)}
+    if not candidates:
+        return None
+    draws = _draws_of(posterior, problem)
+    least_known_first = sorted(judged, key=lambda name: (CERTAINTY.get(judged[name].verdict, 0), -judged[name].ratio))
+    for wanted in least_known_first:
+        try:
+            look = FirstLook(problem, candidates, wanted, draws)
+            before = look.linearised(()).median
+            best = min((look.linearised((name,)) for name in candidates), key=lambda look: look.median)
+        except (JointBayesError, np.linalg.LinAlgError):
+            continue
+        if best.median <= _LARGEST and before > _LEAST_GAIN * best.median:
+            names = tuple(name for name in problem.names if name not in posterior.problem.names)
+            return NextStep(wanted, candidates[best.names[0]].words, before, best.median, names)
+    return None
+
+
+def _draws_of(posterior: PosteriorDraws, problem: Problem) -> Array:
+    """Mode and a few draws, shape (n, d), by the coordinates of a problem with more, which are in the middle there."""
+    theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS - 1)])
+    points = np.zeros((len(theta), len(problem.names)))
+    for i, name in enumerate(posterior.problem.names):
+        points[:, problem.names.index(name)] = theta[:, i]
+    return points
+
+
+def _candidates(part: Problem) -> Iterator[Candidate]:
+    """Of one test: one sensor more, more averages, or two modes more."""
+    test, setup = part.test, part.test.name
+    measured, modes = test.data.frfs, test.data.modes
+    of_test = f" in test {setup}" if setup else ""
+    if measured is not None:
+        frf, law = measured.frf, estimated_law(measured)
+        for label, place in _free_places(part, frf):
+            yield FrfCandidate(
+                name=f"{setup} {label}", words=f"an accelerometer at {place}{of_test}", setup=setup, law=law,
+                structure=test.structure, ports=Ports(frf.frequency_hz, (label,), frf.inputs), quantity=frf.quantity,
+            )  # fmt: skip
+        more = repeated(part, _AVERAGES)
+        yield replace(
+            more, name=f"{setup} {more.name}", words=f"{_AVERAGES:g} times the averages{of_test}", setup=setup
+        )
+    elif modes is not None and test.most_modes >= max(modes.numbers) + 2:
+        last = max(modes.numbers)
+        yield ModalCandidate(
+            name=f"{setup} modes", words=f"modes {last + 1} and {last + 2}{of_test}", setup=setup,
+            structure=test.structure, numbers=(last + 1, last + 2), relative=scatter(modes),
+        )  # fmt: skip
+
+
+def _free_places(part: Problem, frf: FrfSet) -> list[tuple[str, str]]:
+    """Translations at which nothing is measured, in the directions of what is, and where each is, away from joints."""
+    test = part.test
+    recipe = getattr(test.structures, "recipe", None)
+    positions = getattr(recipe, "positions", None) or {}
+    points = tuple(positions) or tuple(dict.fromkeys(dof.partition(":")[0] for dof in test.structures.labels))
+    taken = {dof.rpartition(":")[0] for dof in test.joints.labels}
+    directions = dict.fromkeys(dof.rpartition(":")[2] for dof in frf.outputs if ":r" not in dof)
+    every = [
+        f"{point}:{direction}" for point in points for direction in directions
+        if point not in taken and f"{point}:{direction}" not in (*frf.outputs, *frf.inputs)
+    ]  # fmt: skip
+    chosen = [every[i] for i in np.unique(np.linspace(0, len(every) - 1, _MOST_PLACES).astype(int))] if every else []
+    return [(dof, _place(dof, positions.get(dof.rpartition(":")[0]))) for dof in chosen]
+
+
+def _place(dof: str, position: tuple[float, float, float] | None) -> str:
+    """Where a DOF is: at so many mm along the axis of a straight structure, else at its point."""
+    if position is None or any(position[1:]):
+        return dof
+    return f"{1e3 * position[0]:.4g} mm ({dof})"

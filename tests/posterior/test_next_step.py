@@ -1,0 +1,84 @@
+"""The forecast of what to measure next, against differences of the model's own FRFs and against a run with the data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointbayes.frf import Ports
+from jointbayes.posterior.identifiability import ratio_of
+from jointbayes.posterior.next_step import next_step, spread_in_words
+from jointbayes.posterior.prediction import frfs_as_measured
+from tests.conftest import of_case
+
+
+@pytest.fixture(scope="module")
+def judged(cheap_posterior):
+    return {name: cheap_posterior.identifiability(name) for name in cheap_posterior.stiffness_names}
+
+
+def test_the_best_gain_is_that_of_finite_differences_of_the_frfs(cheap_posterior, judged):
+    """σ² = E|δH|² puts 2|∂H/∂θ|²/σ² into the information, for noise with the law that the data state."""
+    problem, frf = cheap_posterior.problem, cheap_posterior.problem.test.data.frfs.frf
+    theta = np.vstack([cheap_posterior.estimate.theta, cheap_posterior.thinned(4)])
+    sds = {output: [] for output in ("2:y", "3:y", "4:y", "4 times the averages")}
+    for point in theta:
+        informations = {
+            output: _information(problem, point, Ports(frf.frequency_hz, (output,), frf.inputs))
+            for output in ("2:y", "3:y", "4:y", "5:y")
+        }
+        informations["4 times the averages"] = 3 * informations["5:y"]
+        for output, sd in sds.items():
+            total = informations["5:y"] + informations[output] + np.diag(problem.prior.precision)
+            sd.append(np.sqrt(np.linalg.inv(total)[0, 0]))
+    median = {output: np.median(sd) for output, sd in sds.items()}
+    step = next_step(cheap_posterior, None, judged)
+    assert step.quantity == "k11"
+    assert min(median, key=median.get) in step.words
+    assert step.sd_after == pytest.approx(min(median.values()), rel=0.02)
+
+
+def _information(problem, theta, ports):
+    steps = 1e-5 * np.eye(theta.size)
+    frfs = frfs_as_measured(
+        problem, ports, problem.test.data.frfs.frf.quantity, problem.prior.values(np.vstack([theta, theta + steps])),
+        problem.prior.factors(np.vstack([theta, theta + steps])),
+    )[..., 0, 0]  # fmt: skip
+    exact = np.abs(frfs[0])
+    sd = np.sqrt(2) * (0.008 * exact + 0.0016 * np.median(exact))  # the case's noise, each part
+    slopes = (frfs[1:] - frfs[0]) / 1e-5 / sd
+    return 2 * np.real(slopes.conj() @ slopes.T)
+
+
+def test_the_forecast_is_for_the_stiffness_that_is_known_least(cheap_posterior, judged):
+    widest = max(judged, key=lambda name: ratio_of(judged[name].interval95))
+    assert next_step(cheap_posterior, None, judged).quantity == widest
+    for name in ("k11", "k22"):  # of two with one verdict
+        wide = {other: replace(judged["k12"], ratio=50.0 if other == name else 2.0) for other in judged}
+        assert next_step(cheap_posterior, None, wide).quantity == name
+    known = judged | {"k11": judged["k22"]}
+    assert next_step(cheap_posterior, None, known).quantity == "k12"
+
+
+def test_with_more_uncertain_the_forecast_names_it_and_promises_less(cheap_posterior, cheap_case, judged):
+    exact = next_step(cheap_posterior, None, judged)
+    freed = next_step(of_case(cheap_posterior), cheap_case.workshop_problem, judged)
+    assert freed.names == ("youngs_modulus", "density", "length", "damping_ratio")
+    assert freed.sd_before > exact.sd_before
+    assert freed.sd_after > exact.sd_after
+
+
+def test_of_natural_frequencies_further_modes_are_proposed(frequency_posterior):
+    judged = {name: frequency_posterior.identifiability(name) for name in frequency_posterior.stiffness_names}
+    step = next_step(frequency_posterior, None, judged)
+    assert step.words == "modes 4 and 5"
+    assert step.sd_after < step.sd_before
+
+
+def test_the_sentence_has_its_figures_and_says_that_it_is_a_forecast(cheap_posterior, judged):
+    step = next_step(cheap_posterior, None, judged)
+    assert spread_in_words(step.sd_after) in step.sentence
+    assert "forecast" in step.sentence
+    changed = replace(step, sd_after=0.01).sentence
+    assert "±2 %" in changed
+    assert changed != step.sentence
