@@ -49,6 +49,17 @@ from jointbayes.posterior.summary import Summary as Summary
 from jointbayes.progress import Progress as Progress
 from jointbayes.progress import ProgressCallback as ProgressCallback
 from jointbayes.report.export import export as export
+from jointbayes.report.plots import plot_autocorrelation as plot_autocorrelation
+from jointbayes.report.plots import plot_corner as plot_corner
+from jointbayes.report.plots import plot_frequencies as plot_frequencies
+from jointbayes.report.plots import plot_frf as plot_frf
+from jointbayes.report.plots import plot_intervals as plot_intervals
+from jointbayes.report.plots import plot_iteration as plot_iteration
+from jointbayes.report.plots import plot_levels as plot_levels
+from jointbayes.report.plots import plot_mode_shape as plot_mode_shape
+from jointbayes.report.plots import plot_profiles as plot_profiles
+from jointbayes.report.plots import plot_residuals as plot_residuals
+from jointbayes.report.plots import plot_traces as plot_traces
 from jointbayes.report.run_directory import write_report as write_report
 from jointbayes.sampling import SamplerSettings as SamplerSettings
 from jointbayes.structure import BeamFamily as BeamFamily

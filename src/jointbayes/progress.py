@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Progress:
     @property
     def left_seconds(self) -> float | None:
         """How long the rest of the stage will take at the pace so far; None where that is not known."""
-        if self.total is None or self.done <= self.earlier:
+        if self.total is None or self.done <= self.earlier or not self.elapsed_seconds:
             return None
         return self.elapsed_seconds / (self.done - self.earlier) * (self.total - self.done)
 
@@ -72,6 +72,30 @@ class ProgressCallback(Protocol):
 
     def __call__(self, progress: Progress, /) -> object:
         """Tell of it."""
+
+
+def callback_of(progress: ProgressCallback | bool | None) -> ProgressCallback:
+    """The callback that a command is given as ``progress=``: True stands for a bar, None and False for none."""
+    return _show_bar() if progress is True else progress or tell_nobody
+
+
+def _show_bar() -> ProgressCallback:
+    """A callback that shows each stage as a bar of tqdm, in Jupyter or on a terminal; as lines where it is missing."""
+    try:
+        from tqdm.auto import tqdm
+    except ImportError:
+        return print
+    bars: list[Any] = []
+
+    def report(progress: Progress) -> None:
+        if not bars or bars[-1].desc.removesuffix(": ") != progress.stage:
+            for bar in bars:
+                bar.close()
+            bars[:] = [tqdm(desc=progress.stage, unit=f" {progress.unit}")]
+        bars[-1].total, bars[-1].n = progress.total or 1, progress.done if progress.total else 1
+        bars[-1].set_postfix_str(progress.text)
+
+    return report
 
 
 def tell_nobody(progress: Progress) -> None:

@@ -32,7 +32,7 @@ from jointbayes.posterior.modes_answer import ModesAnswer, modes_answer, modes_p
 from jointbayes.posterior.run_record import sampler_figures
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.posterior.stored_problem import run_fingerprint
-from jointbayes.progress import Progress, ProgressCallback, tell_nobody
+from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
     Chains,
@@ -118,7 +118,7 @@ def find_map(
     initial: ArrayLike | None = None,
     *,
     seed: int | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback | bool | None = None,
 ) -> MapEstimate:
     """Find the posterior mode from several starts and its Laplace covariance.
 
@@ -147,7 +147,7 @@ def find_map(
     ModelError
         If no start lies inside the prior's support.
     """
-    tell = progress or tell_nobody
+    tell = callback_of(progress)
     tell(Progress("searching for the mode"))
     problem, whole = _problem_and_case(case)
     seed = _seed(whole, seed)
@@ -170,7 +170,7 @@ def find_map(
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
     count = len(problem.prior.marginals)
     starts |= problem.parametrisation.limiting_joints(problem.prior.mean[:count], problem.prior.sd[:count])
-    search = ModeSearch(problem.log_posterior)
+    search = ModeSearch(problem.log_posterior, tell)
     further = first_starts(problem, seed, rng)
     search.climb_stiffnesses(starts)
     search.climb(further)
@@ -190,7 +190,7 @@ def sample(
     *,
     settings: SamplerSettings | None = None,
     seed: int | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback | bool | None = None,
     checkpoint: str | os.PathLike[str] | UnfinishedRun | None = None,
     resume: bool = False,
 ) -> Posterior:
@@ -207,7 +207,7 @@ def sample(
         bit.
     progress
         Called as each stage begins, before each further round of the search for the mode, and after each block of
-        steps.
+        steps; True for a bar of tqdm, or lines where that is not installed.
     checkpoint
         Directory in which the run is kept while it is made, so that what a killed process has drawn is not lost; by
         default none. It stays when the run is finished: remove it once the posterior is saved.
@@ -229,14 +229,14 @@ def sample(
         If another process is at work in the directory; if a run is there and `resume` is false; if it is a run of
         another problem, seed or settings, or of other versions: which.
     """
+    tell = callback_of(progress)
     if checkpoint is not None and not isinstance(checkpoint, UnfinishedRun):
-        with UnfinishedRun(checkpoint, resume=resume, progress=progress or tell_nobody) as unfinished:
-            return sample(case, settings=settings, seed=seed, progress=progress, checkpoint=unfinished)
+        with UnfinishedRun(checkpoint, resume=resume, progress=tell) as unfinished:
+            return sample(case, settings=settings, seed=seed, progress=tell, checkpoint=unfinished)
     problem, whole = _problem_and_case(case)
     for test in problem.tests:
         test.data.require_enough()
     seed = _seed(whole, seed)
-    tell = progress or tell_nobody
     dimension = len(problem.prior.names)
     settings = settings or (SamplerSettings().for_dimension(dimension) if whole is None else whole.sampler)
     settings.require_dimension(dimension)
@@ -258,7 +258,7 @@ def sample(
         start,
         _generator(seed, _STEPS),
         settings,
-        progress,
+        tell,
         systems=systems,
         proposal=proposal,
         quantities=judged_quantities(problem.prior),
@@ -315,7 +315,7 @@ def _posterior(
     return Posterior(problem, tree, estimate, *mode, record, case)
 
 
-def sample_quickly(problem: Problem, *, seed: int, progress: ProgressCallback | None = None) -> Posterior:
+def sample_quickly(problem: Problem, *, seed: int, progress: ProgressCallback | bool | None = None) -> Posterior:
     """Draw from a posterior by importance where that settles, as of few data with an error of the model; else `sample`.
 
     It is a thin curved sheet, with places that a fitted proposal hardly reaches: a walker waits long there.
@@ -335,7 +335,7 @@ def sample_quickly(problem: Problem, *, seed: int, progress: ProgressCallback | 
 
 
 def ask_modes(
-    posterior: Posterior, sizes: ErrorSizes | None = None, *, progress: ProgressCallback | None = None
+    posterior: Posterior, sizes: ErrorSizes | None = None, *, progress: ProgressCallback | bool | None = None
 ) -> ModesAnswer | None:
     """What the modes say that measured FRFs show, the model being a little wrong in each, and nobody's data exact.
 

@@ -16,7 +16,7 @@ from jointbayes.posterior.excluded import (
     LEVEL,
     SimplerJoint,
     _greatest,
-    exclusion_sentence,
+    exclusion_sentences,
     known_by_bounds,
     simpler_joints,
 )
@@ -25,7 +25,7 @@ from jointbayes.posterior.rounding import rounded, rounded_interval
 from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
 from jointbayes.report import ReportInputs
 from jointbayes.report.model import Paragraph
-from jointbayes.report.sections.lead import lead
+from jointbayes.report.sections.identifiable import knowledge_section
 from tests.conftest import TABLE_3, plain_reports, shipped_text
 
 RIGID = np.array([1e30, 0.0, 1e30])
@@ -130,8 +130,8 @@ def test_the_flexibility_at_a_lever_arm_is_named_where_each_stiffness_is_bounded
 def test_terminal_page_one_and_summary_say_what_is_excluded(bounded, of_bounded, capsys):
     inputs = of_bounded
     said, summary = inputs.knowledge.bounds_sentence, inputs.summary.to_json()["identifiability"]
-    assert said.startswith("The data exclude that the joint is rigid (")
-    assert "and do not exclude that the joint is uncoupled" in said
+    assert said.startswith("The data rule out that the joint is rigid (more than 1e6 times less likely)")
+    assert "The data do not rule out that the joint is uncoupled (" in said
     best = inputs.knowledge.directions[0]
     assert f"Best known: {best.sentence} (median {rounded(best.median)}, 95 % credible interval " in said
     assert best.interval95[0] < best.median < best.interval95[1]
@@ -139,9 +139,10 @@ def test_terminal_page_one_and_summary_say_what_is_excluded(bounded, of_bounded,
     assert summary["directions"][0]["median"] == best.median
     assert summary["bounds_sentence"] == said
     assert [one["excluded"] for one in summary["simpler_joints"]] == [True, True, False]
-    assert f"**{said}**" in [block.text for block in lead(inputs) if isinstance(block, Paragraph)]
+    assert f"**{said}**" in [block.text for block in knowledge_section(inputs).blocks if isinstance(block, Paragraph)]
     print_summary(bounded, inputs.knowledge)
-    assert said in capsys.readouterr().out.splitlines()
+    assert " ".join(inputs.knowledge.bounds_sentences) == said
+    assert set(inputs.knowledge.bounds_sentences) <= set(capsys.readouterr().out.splitlines())
 
 
 def test_what_is_excluded_is_in_a_file_and_found_anew_for_one_that_lacks_it(bounded, of_bounded, tmp_path, monkeypatch):
@@ -166,11 +167,11 @@ def test_combinations_rest_on_exact_inputs_unless_freeing_them_was_seen_to_chang
     )
     assert knowledge.exact == {}
     said = knowledge.bounds_sentence
-    assert said.startswith("With length and density exactly known: the data exclude that the joint is") == condition
+    assert said.startswith("With length and density exactly known: the data rule out that the joint is") == condition
     assert ("Best known, on the same condition: " in said) == condition
     assert knowledge.directions_sentence.startswith("With length and density exactly known: ") == condition
     said = replace(knowledge, freed=(run,)).bounds_sentence
-    assert said.startswith("The data exclude")
+    assert said.startswith("The data rule out")
     assert "Best known: " in said
 
 
@@ -206,8 +207,8 @@ def test_of_joints_that_are_known_nothing_is_said(cheap_posterior):
 
 def test_the_sentence_names_each_joint():
     joints = (SimplerJoint("a", "rigid", 30.0, 16.3), SimplerJoint("b", "rigid", 3.0, 16.3))
-    assert exclusion_sentence(joints) == (
-        "The data exclude that joint a is rigid (30). The data do not exclude that joint b is rigid (3). "
-        "In brackets 2 ln of the likelihood ratio."
+    assert exclusion_sentences(joints) == (
+        "The data rule out that joint a is rigid (more than 1e6 times less likely).",
+        "The data do not rule out that joint b is rigid (4.5 times less likely).",
     )
-    assert exclusion_sentence(()) == ""
+    assert exclusion_sentences(()) == ()

@@ -107,8 +107,8 @@ def test_a_wrong_model_is_seen_to_fail_in_report_summary_and_terminal(tmp_path, 
     said = summary["left_out"]
     assert (said["inside"], said["count"]) == (0, 2)
     assert [value["inside"] for value in said["values"]] == [False, False]
-    assert "outside: frequency 2 measured 62.76" in said["sentence"]
-    assert said["sentence"] in result.output
+    assert "Outside: frequency 2, measured 62.76" in said["sentence"]
+    assert said["sentence"] in " ".join(result.output.splitlines())
     html = (out / "report.html").read_text(encoding="utf-8")
     assert "Left out and predicted: 0 of 2 inside 95 % intervals" in html
     assert "neither its own error nor that of a measurement" in html

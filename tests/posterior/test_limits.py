@@ -20,8 +20,9 @@ from jointbayes.posterior.likelihood_region import LikelihoodRegion
 from jointbayes.posterior.profile import profile_likelihood
 from jointbayes.posterior.rounding import factor as ratio_in_words
 from jointbayes.posterior.rounding import rounded, rounded_interval
-from jointbayes.posterior.verdicts import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LEAST_EXCLUDED, verdict_line
-from jointbayes.report.sections.lead import coupling_sentence, verdict_sentences
+from jointbayes.posterior.verdicts import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LEAST_EXCLUDED, verdict_lines
+from jointbayes.report.sections.intervals import verdict_sentences
+from jointbayes.report.sections.lead import _accuracy
 from tests.conftest import CONFIGS, PAIR, TO_CONVERGE
 from tests.posterior.test_verdicts import widened_by, with_cached
 
@@ -254,8 +255,7 @@ def test_the_reason_states_the_ratio_of_the_printed_ends(cheap_posterior, wider)
     assert printed == pytest.approx(wider * high / low)
     limit = f"at most {WEAK_RATIO:g}" if printed <= WEAK_RATIO else f"by the draws alone at most {WEAK_RATIO:g}"
     assert known.verdict_reason == f"the upper end is {ratio_in_words(printed)} times the lower end, {limit}"
-    said = coupling_sentence(changed.summary(), *PAIR.quantities[1:])
-    assert f"its 95 % interval spans a factor of {ratio_in_words(printed)} ({known.interval()} N)" in said
+    assert _accuracy(known) == f"within a factor of {ratio_in_words(printed)}"
 
 
 def test_of_many_unknowns_and_without_verdict_no_limits_are_sought(cheap_posterior, monkeypatch):
@@ -277,11 +277,12 @@ def test_each_end_says_where_it_comes_from(cheap_posterior):
         ((low / 2, high * 2), "both ends by likelihood ratio"),
     ):
         changed = with_limits(cheap_posterior, (low, high), printed)
-        known, line = changed.identifiability("k12"), verdict_line(changed, "k12")
+        known, line = changed.identifiability("k12"), " ".join(verdict_lines(changed, "k12"))
         assert known.prior_volume == ""
         drawn = rounded_interval(known.interval95, known.interval95_error, " to ")
         if words:
-            assert f"95 % interval {known.interval(' to ')} ({words}; 95 % credible interval {drawn}): " in line
+            assert f"95 % interval {known.interval(' to ')}: " in line
+            assert f"{words}; 95 % credible interval {drawn}" in line
         else:
             assert f", 95 % credible interval {drawn}: " in line
         ends = known.interval(" to ").split(" to ")
@@ -298,12 +299,11 @@ def test_the_volume_speaks_beyond_a_tenth_of_the_interval(cheap_posterior, share
         said = changed.identifiability("k12").prior_volume
         lower = changed.identifiability("k12").interval().split(" … ")[0]
         assert bool(said) == speaks
-        assert said in verdict_line(changed, "k12")
+        assert said in " ".join(verdict_lines(changed, "k12"))
         if speaks:
-            assert said == (
-                f"the prior's volume speaks: lower end {lower} by the draws, {rounded(moved)} by the likelihood alone"
-            )
-            assert f"The {said.removeprefix('the ')}." in verdict_sentences(changed.summary())
+            ends = f"lower end {lower} by the draws, {rounded(moved)} by the likelihood alone"
+            assert said == f"part of this rests on the prior: {ends}"
+            assert f"{said.capitalize()}." in verdict_sentences(changed.summary())
     none = with_limits(cheap_posterior, (low, math.nan), (low, 2 * high)).identifiability("k12")
     drawn = rounded(high, none.interval95_error[1])
     assert none.prior_volume.endswith(f"upper end {drawn} by the draws, none by the likelihood alone")
@@ -317,7 +317,9 @@ def test_the_volume_speaks_beyond_a_tenth_of_the_interval(cheap_posterior, share
 def test_a_sign_that_the_likelihood_leaves_open_is_compared_on_the_plain_scale():
     known = replace(assess(np.linspace(0.1, 2.1, 1000), np.linspace(0.1, 9.0, 1000)), printed95=(-0.5, 2.1))
     low, high = known.interval95
-    assert replace(known, likelihood95=(-0.5, high)).prior_volume.startswith("the prior's volume speaks: lower end ")
+    assert replace(known, likelihood95=(-0.5, high)).prior_volume.startswith(
+        "part of this rests on the prior: lower end "
+    )
     assert low - 0.09 * (high - low) < 0
     assert not replace(known, likelihood95=(low - 0.09 * (high - low), high)).prior_volume
 
@@ -349,7 +351,7 @@ def test_a_one_sided_limit_is_the_more_cautious_one(cheap_posterior):
             words = f"{limit} N·m/rad by likelihood ratio ({drawn_text} by the draws)"
             words = words if moved else f"{drawn_text} N·m/rad with 95 % probability"
             beyond = "above" if side == "below" else "below"
-            assert verdict_line(found, "k22").startswith(f"k22: {beyond} {words}: bounded {side} (")
+            assert " ".join(verdict_lines(found, "k22")).startswith(f"k22: {beyond} {words}: bounded {side}")
             assert known.prior_volume.count("end") == 1
 
 

@@ -18,6 +18,7 @@ from jointbayes.posterior import Posterior, summarise
 from jointbayes.posterior.identifiability import (
     IDENTIFIED_RATIO,
     LEAST_CONTRACTION,
+    NOTHING,
     RULE,
     WEAK_RATIO,
     Verdict,
@@ -27,15 +28,17 @@ from jointbayes.posterior.rounding import factor, number, rounded, rounded_inter
 from jointbayes.posterior.verdicts import (
     BEYOND,
     LEAST_EXCLUDED,
+    NO_VALID_VALUE,
     mode_sentence,
     reasons_for_no_verdict,
-    verdict_line,
+    verdict_lines,
     verdict_text,
 )
 from jointbayes.posterior.widened import DECADE, REACH, WidenedPosterior, bounds_within_reach, widened_prior
 from jointbayes.report import ReportInputs, render_html, render_pdf
 from jointbayes.report.markup import badge
-from jointbayes.report.model import Callout, Paragraph, Report, Table
+from jointbayes.report.model import Callout, Report, Table
+from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.report.sections.lead import lead
 from jointbayes.workflow import sample
 from tests.conftest import PAIR, TO_CONVERGE
@@ -111,8 +114,8 @@ def test_a_run_that_did_not_converge_has_no_verdict(cheap_posterior):
     failed = dataclasses.replace(cheap_posterior, record=record)
     for name in PAIR.stiffness_names:
         known = failed.identifiability(name)
-        assert (known.verdict, known.verdict_reason) == ("no verdict", "the sampler has not converged")
-        assert verdict_line(failed, name).endswith(": no verdict (the sampler has not converged)")
+        assert (known.verdict, known.verdict_reason) == ("no verdict", "the calculation has not settled")
+        assert " ".join(verdict_lines(failed, name)).endswith(": no verdict (the calculation has not settled)")
 
 
 def test_a_run_without_a_verdict_names_the_bound_that_its_draws_reach(cheap_posterior):
@@ -125,13 +128,13 @@ def test_a_run_without_a_verdict_names_the_bound_that_its_draws_reach(cheap_post
     record = dataclasses.replace(cheap_posterior.record, converged=False)
     failed = dataclasses.replace(cheap_posterior, problem=problem, record=record)
     bound = f"its draws reach the prior's upper bound {number(math.exp(high))} N·m/rad"
-    assert failed.identifiability("k22").verdict_reason == f"the sampler has not converged; {bound}"
-    assert failed.identifiability("k11").verdict_reason == "the sampler has not converged"
+    assert failed.identifiability("k22").verdict_reason == f"the calculation has not settled; {bound}"
+    assert failed.identifiability("k11").verdict_reason == "the calculation has not settled"
 
 
 @pytest.mark.parametrize(
     ("gain", "words"),
-    [(7.25, "missed the mode: the best draw leads 7.25 higher"), (-3.0, "2.5 Laplace standard deviat")],
+    [(7.25, "missed the best fit: a draw leads to one 7.25 higher"), (-3.0, "2.5 standard deviations apart")],
 )
 def test_a_run_whose_mode_is_elsewhere_has_no_verdict(cheap_posterior, gain, words):
     sd = np.sqrt(np.diag(cheap_posterior.estimate.covariance))
@@ -157,8 +160,10 @@ def test_verdicts_of_a_model_that_does_not_explain_the_data_are_conditional(chea
         assert known.verdict == before.verdict == verdict
         assert not before.if_model_right
         assert known.if_model_right == (verdict != "not identified")
-    assert known.verdict_reason == f"if the model were right: {before.verdict_reason}"
-    assert ": identified, if the model were right (the upper end is " in verdict_line(wrong, "k22")
+    assert known.verdict_reason == f"if the model fitted the data: {before.verdict_reason}"
+    assert ": no valid value, as the model does not fit the data (the upper end is " in " ".join(
+        verdict_lines(wrong, "k22")
+    )
 
 
 @pytest.mark.parametrize("verdict", ["identified", "weakly identified", "bounded below", "bounded above"])
@@ -167,7 +172,9 @@ def test_a_conditional_verdict_is_never_green(verdict):
     conditional = badge(verdict_text(verdict, if_model_right=True))
     assert plain is not None
     assert conditional is not None
-    assert (conditional.kind, conditional.symbol) == ("caution", "~")
+    assert (conditional.kind, conditional.symbol) == ("bad", "✗")
+    under = badge(verdict_text(verdict, if_model_right=False, condition=" only if length is exact"))
+    assert (under.kind, under.symbol) == ("caution", "~")
     assert plain.kind == ("good" if verdict == "identified" else "caution")
     assert badge("no verdict").kind == "bad"
 
@@ -177,7 +184,7 @@ def test_a_conditional_verdict_is_never_green(verdict):
 
 def lead_of(posterior):
     inputs = ReportInputs(posterior)
-    inputs.__dict__["summary"] = posterior.summary()  # page one needs nothing that takes time to find
+    inputs.__dict__["summary"] = posterior.summary()
     return lead(inputs)
 
 
@@ -192,9 +199,10 @@ def test_a_failed_run_has_no_verdict_on_paper(cheap_posterior):
     assert {row[-1] for row in table.rows} == {"no verdict"}
     assert set(table.row_kinds) == {"bad"}
     callouts = [block for block in lead_of(failed) if isinstance(block, Callout)]
-    assert Callout("bad", "**No verdict on any stiffness**: the sampler has not converged.") in callouts
+    assert [callout.kind for callout in callouts] == ["bad"]
+    assert "Do not use these numbers" in callouts[0].text
     summary = summarise(failed, (1e8, 0.0, 0.0)).to_json()
-    assert summary["no_verdict"] == ["the sampler has not converged"]
+    assert summary["no_verdict"] == ["the calculation has not settled"]
     assert {p["verdict"] for p in summary["parameters"].values()} == {"no verdict"}
 
 
@@ -207,12 +215,11 @@ def test_nothing_is_green_where_the_model_does_not_explain_the_data(cheap_poster
     table = table_of(wrong)
     assert [row[-1] for row in table.rows] == [
         "not identified",
-        "weakly identified, if the model were right",
-        "identified, if the model were right",
+        NO_VALID_VALUE,
+        NO_VALID_VALUE,
     ]
-    assert table.row_kinds == ("bad", "caution", "caution")
-    reasons = next(block.text for block in lead_of(wrong) if isinstance(block, Paragraph))
-    assert "**k22**: identified, if the model were right (the upper end is 1.0" in reasons
+    assert table.row_kinds == ("bad", "bad", "bad")
+    assert f"**k22**: {NO_VALID_VALUE} (the upper end is 1.0" in verdict_sentences(wrong.summary())
 
 
 def test_every_verdict_is_a_badge_in_html_and_pdf():
@@ -282,7 +289,7 @@ def test_mass_beyond_a_bound_makes_a_one_sided_limit(cheap_posterior):
     values = cheap_posterior.values("k22")
     assert known.limit95 == np.quantile(values, 0.05)
     assert known.verdict_reason.startswith("the prior's upper bound 1e8 N·m/rad limits it")
-    line = verdict_line(widened_by(cheap_posterior, theta), "k22")
+    line = " ".join(verdict_lines(widened_by(cheap_posterior, theta), "k22"))
     drawn, limit = rounded(known.limit95, known.limit95_error), rounded(known.printed95[0])
     words = f"k22: above {limit} N·m/rad by likelihood ratio ({drawn} by the draws): bounded below"
     assert line.startswith(f"{words} (the prior's upper bound 1e8")
@@ -342,7 +349,7 @@ def test_wider_priors_that_could_not_be_drawn_leave_nothing_identified(cheap_pos
     lost = widened_by(cheap_posterior, cheap_posterior.theta[:4000], reliable=False)
     known = lost.identifiability("k22")
     assert known.verdict == "not identified"
-    assert known.verdict_reason.startswith("rests on the prior: the posterior with every prior")
+    assert known.verdict_reason.startswith("rests on the prior: what priors a decade wider")
     same = widened_by(cheap_posterior, cheap_posterior.theta[:4000])
     assert repr(same.identifiability("k22")) == repr(cheap_posterior.identifiability("k22"))  # NaN is not itself
 
@@ -356,7 +363,7 @@ def test_a_stiffness_beyond_its_prior_is_never_identified(wanted):
     posterior = sample(case_from_text("beyond", one.text), seed=3, settings=TO_CONVERGE)  # one that converges
     known = posterior.identifiability(one.stiffness)
     assert known.verdict in ("bounded below", "bounded above", "not identified")
-    assert "bound" in verdict_line(posterior, one.stiffness)
+    assert "bound" in " ".join(verdict_lines(posterior, one.stiffness))
 
 
 @pytest.mark.docs
@@ -380,7 +387,8 @@ def test_the_rule_in_words_has_the_constants_of_the_rule():
         assert f"{limit:g}" in RULE
     assert f"at most {IDENTIFIED_RATIO:g}" in verdict_by_rule(1.2, 1.0)[1]
     assert f"more than {WEAK_RATIO:g}" in verdict_by_rule(4.0, 1.0)[1]
-    assert f"{100 * LEAST_CONTRACTION:g} % is needed" in verdict_by_rule(1.0, -0.3)[1]
+    assert f"by only 30 %; {100 * LEAST_CONTRACTION:g} % is needed" in verdict_by_rule(1.0, 0.3)[1]
+    assert "add next to nothing" in verdict_by_rule(1.0, 0.99 * NOTHING)[1]
 
 
 @pytest.mark.docs
@@ -402,9 +410,7 @@ def test_the_rule_on_the_pages_has_the_constants_of_the_rule():
     assert f": identified up to {IDENTIFIED_RATIO:g}, weakly identified up to {WEAK_RATIO:g}." in page
 
 
-def test_the_joint_mode_is_named_with_its_coordinates_and_explained_outside_its_interval(cheap_posterior):
-    text = mode_sentence(cheap_posterior)
-    assert "over ln k11, ln k12, ln k22;" in text
-    assert "outside" not in text
+def test_a_joint_mode_outside_an_interval_is_explained(cheap_posterior):
+    assert mode_sentence(cheap_posterior) == ""
     outside = dataclasses.replace(cheap_posterior, mode_theta=cheap_posterior.mode_theta + np.array([0.0, 0.0, 1.0]))
-    assert "lies outside the 95 % credible interval of k22: the posterior is skewed" in mode_sentence(outside)
+    assert "lies outside the 95 % interval of k22: the distribution is skewed" in mode_sentence(outside)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, array_of
+from jointbayes.notebook_view import frf_svg, table_html
 
 Quantity = Literal["receptance", "mobility", "accelerance"]
 #: Some of the lines of an FRF: a mask or indices over them, or a slice.
@@ -76,6 +77,11 @@ class FrfSet:
             f"FrfSet({self.quantity}, outputs {_listed(self.outputs)}, inputs {_listed(self.inputs)}, "
             f"{f.size} lines from {f[0]:g} to {f[-1]:g} Hz)"
         )
+
+    def _repr_html_(self) -> str:
+        rows = [(label, ", ".join(labels)) for label, labels in (("Outputs", self.outputs), ("Inputs", self.inputs))]
+        drawing = frf_svg(self.frequency_hz, {f"{self.outputs[0]}/{self.inputs[0]}": self.values[:, 0, 0]})
+        return table_html(f"{self.quantity.capitalize()}, {self.n_lines} lines", ("", "DOFs"), rows, drawing)
 
     def _check_values(self) -> None:
         shape = (self.frequency_hz.size, len(self.outputs), len(self.inputs))

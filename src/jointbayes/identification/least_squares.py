@@ -45,7 +45,9 @@ class Squares(Protocol):
         ...
 
 
-def climb_all(squares: Squares, starts: Array, steps: int) -> tuple[Array, Array]:
+def climb_all(
+    squares: Squares, starts: Array, steps: int, tell: Callable[[int, int], object] = lambda _done, _all: None
+) -> tuple[Array, Array]:
     """Climb from each start until its next step promises no more than a thousandth in log density.
 
     A start that at its present pace would not come up with the best within the steps left is given up.
@@ -58,6 +60,8 @@ def climb_all(squares: Squares, starts: Array, steps: int) -> tuple[Array, Array
         Points inside the prior's support, shape (n, d).
     steps
         No more steps than these.
+    tell
+        Called before each step with the number of starts that have arrived, and of all.
 
     Returns
     -------
@@ -76,6 +80,7 @@ def climb_all(squares: Squares, starts: Array, steps: int) -> tuple[Array, Array
         chosen = np.flatnonzero(climbing)
         if not chosen.size:
             break
+        tell(len(theta) - chosen.size, len(theta))
         moves, promised = _moves(squares, theta[chosen], damping[chosen])
         low, high = squares.prior.support
         trials = np.clip(theta[chosen, None] + moves, low, high)

@@ -1,15 +1,22 @@
 """The posterior mode (MAP) as a search leaves it: where it is, what led there, and what other modes there are."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.identification.paper_iteration import IterationHistory
+from jointbayes.identification.paper_iteration import IterationHistory, listed_values
+from jointbayes.inference import JointPrior
+from jointbayes.notebook_view import table_html
 
 #: A further round of search that gains less than this in log density found no better mode.
 GAIN = 0.5
 #: A mode that fewer starts than this ended at may hide a better one.
 LEAST_AGREEING = 3
 _NAMED = 8  # starts in a sentence
+_HALF_OF_95 = 1.959964  # standard deviations of a normal distribution, either way
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,21 +99,14 @@ class SearchEffort:
         """What to think of a MAP that does not explain the data; empty where it does."""
         if self.explains:
             return ""
-        words = (
-            f"The MAP does not explain the data: squared residuals are {self.squares:.3g} times the expected noise "
-            f"(noise alone: up to {self.limit:.3g}). {self.agreeing} of {self.starts} starts end at it"
-        )
-        if self.rounds:
-            rounds = f"{self.rounds} further round" + ("s" if self.rounds > 1 else "")
-            words += f", after {rounds} of search that " + (
-                f"gained {self.gain:.3g} in log density" if self.gain >= GAIN else "found no better mode"
-            )
-        if self.mode_missed:
-            return words + (
-                ". It is likelier that the search missed the mode than that the model is wrong: narrow the priors, or "
-                "give a better first guess."
-            )
-        return words + ". It is likelier that the model is wrong than that the search missed the mode."
+        size, most = math.sqrt(self.squares), math.sqrt(self.limit)
+        words = f"The best fit misses the data by {size:.3g} times their noise (noise alone: up to {most:.3g})."
+        if not self.mode_missed:
+            return f"{words} No better fit was found from {self.starts} starts: most likely the model is wrong."
+        why = f"Only {self.agreeing} of {self.starts} starts lead to it"
+        if self.agreeing >= min(LEAST_AGREEING, self.starts):
+            why = f"Round {self.rounds} of the search still improved it"
+        return f"{words} {why}: a better one may exist. Narrow the priors or give a better first guess."
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +132,8 @@ class MapEstimate:
         How far the search went and whether its result explains the data; None where that was not looked at.
     iteration
         The paper's iteration, whose end was one of the starts; None where it was not made.
+    units
+        Name and unit of each quantity; empty of a file that an older version wrote.
     """
 
     theta: Array
@@ -142,15 +144,41 @@ class MapEstimate:
     modes: tuple[LocalMode, ...] = ()
     effort: SearchEffort | None = None
     iteration: IterationHistory | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{k:.4g}" for k in self.values)
+        values = listed_values(self.units, self.values)
         reached = len(self.starts) - len(self.failed_starts)
         count = len(self.modes)
         return (
-            f"MapEstimate(values [{values}], log posterior {self.log_posterior:.6g}, {reached} of "
+            f"MapEstimate({values}; log posterior {self.log_posterior:.6g}, {reached} of "
             f"{len(self.starts)} starts reach it, {count} mode{'s' * (count != 1)})"
         )
+
+    def laplace_ends(self, prior: JointPrior) -> Array | None:
+        """Ends of the 95 % interval of each quantity of the joint by the curvature at the mode, shape (2, q).
+
+        Of one that cannot be negative on the logarithmic scale. None where the mode lies on an edge of the prior.
+
+        Parameters
+        ----------
+        prior
+            Of the problem.
+        """
+        if prior.coordinates_at_edge(self.theta):
+            return None
+        steps = 1e-4 * np.diag(self.covariance.diagonal() ** 0.5)
+        above, below = prior.values(self.theta + steps), prior.values(self.theta - steps)
+        slope = (above - below) / (2 * steps.diagonal()[:, None])
+        half = _HALF_OF_95 * np.sqrt(np.einsum("dq,de,eq->q", slope, self.covariance, slope))
+        factor = np.exp(half / np.abs(self.values))
+        signed = np.array([quantity.may_be_negative for quantity in prior.parametrisation.quantities])
+        return np.where(signed, [self.values - half, self.values + half], [self.values / factor, self.values * factor])
+
+    def _repr_html_(self) -> str:
+        named = zip(self.units.items() or [("", "")] * self.values.size, self.values, strict=True)
+        rows = [(name, f"{value:.4g}", unit) for (name, unit), value in named]
+        return table_html(f"MAP: {repr(self).partition('; ')[2][:-1]}", ("Quantity", "Value", "Unit"), rows)
 
     @property
     def starts_for_draws(self) -> tuple[tuple[Array, Array], ...]:

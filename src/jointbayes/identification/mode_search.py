@@ -15,7 +15,10 @@ from jointbayes.identification.refine import inside_the_edges, laplace_covarianc
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import Joints
 from jointbayes.joint.quantities import is_rotation
+from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 
+#: What is being done, for whoever looks.
+SEARCHING = "searching for the mode"
 #: Two modes are the same when they lie this close, in prior standard deviations and in log density.
 _SAME_POINT = 1e-3
 _SAME_DENSITY = 1e-3
@@ -46,10 +49,12 @@ class ModeSearch:
     ----------
     log_posterior
         Density to climb.
+    progress
+        Called with the number of starts that have arrived.
     """
 
-    def __init__(self, log_posterior: LogPosterior) -> None:
-        self._posterior = log_posterior
+    def __init__(self, log_posterior: LogPosterior, progress: ProgressCallback = tell_nobody) -> None:
+        self._posterior, self._progress = log_posterior, progress
         self._begun: dict[str, Array] = {}  # quantities of the joint by the start's name
         self._ends: dict[str, tuple[Array, float]] = {}
         self._refined: list[_Refined] = []
@@ -146,9 +151,12 @@ class ModeSearch:
                 self._refine_distinct([(rough[i], float(density[i])) for i in np.flatnonzero(np.isfinite(density))])
 
     def _climbed(self, theta: Array, weights: Sequence[Array]) -> Array:
+        def tell(done: int, count: int) -> None:
+            self._progress(Progress(SEARCHING, done=done, total=count, unit="starts"))
+
         for weight in weights:
-            theta, _ = climb_all(PosteriorSquares(self._posterior, weight), theta, _ROUGH_STEPS)
-        return climb_all(PosteriorSquares(self._posterior), theta, _ROUGH_STEPS)[0]
+            theta, _ = climb_all(PosteriorSquares(self._posterior, weight), theta, _ROUGH_STEPS, tell)
+        return climb_all(PosteriorSquares(self._posterior), theta, _ROUGH_STEPS, tell)[0]
 
     def _refine_distinct(self, ends: Sequence[tuple[Array, float]]) -> list[tuple[Array, float]]:
         """Refine those rough ends that are new and may matter; each gets the end of its mode, or stays as it is."""
@@ -197,6 +205,7 @@ class ModeSearch:
             best,
             tuple(outcomes),
             local_modes(self._posterior, [(end.theta, end.log_density) for end in self._refined]),
+            units={quantity.name: quantity.unit for quantity in prior.parametrisation.quantities},
         )
 
 

@@ -6,7 +6,8 @@ Cao, H., Li, B., He, Z. A joint stiffness identification method based on finite 
 frequency response functions.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -21,7 +22,15 @@ from jointbayes.structure import Body
 ComplexArray = NDArray[np.complex128]
 SensitivityKind = Literal["measured", "analytical"]
 
+_MOST_LISTED = 12  # quantities in a line of text
 _RUNAWAY = 1e18  # a stiffness beyond any joint, in N/m: the iteration has left for good
+
+
+def listed_values(units: Mapping[str, str], values: Array) -> str:
+    """Quantities, shape (q,), with names and units: those that come first, and how many more there are."""
+    each = zip(units.items() or [("", "")] * values.size, values, strict=True)
+    named = [f"{name} = {value:.4g} {unit}".strip(" =") for (name, unit), value in each]
+    return ", ".join(named[:_MOST_LISTED]) + f" and {values.size - _MOST_LISTED} more" * (values.size > _MOST_LISTED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +53,8 @@ class IterationHistory:
         Which of the quantities act in the data, by their places: of several set-ups those of `setup`.
     setup
         The set-up whose data they are; empty where there is one test.
+    units
+        Name and unit of each quantity.
     """
 
     stiffness_history: Array
@@ -53,6 +64,10 @@ class IterationHistory:
     reason: str
     iterated: tuple[int, ...]
     setup: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"IterationHistory({listed_values(self.units, self.stiffness)}{self.on_setup}; {self.reason})"
 
     @property
     def on_setup(self) -> str:
@@ -204,7 +219,8 @@ def _history(stiffness: Array, norms: Array, threshold: float, kind: Parametrisa
             f"; K^J was not positive semidefinite at {outside.size} of {steps + 1} steps, first at step {outside[0]}"
         )
     iterated = tuple(i for i, quantity in enumerate(kind.quantities) if quantity.places)
-    return IterationHistory(stiffness, norms, converged, tuple(int(i) for i in outside), reason, iterated)
+    units = {quantity.name: quantity.unit for quantity in kind.quantities}
+    return IterationHistory(stiffness, norms, converged, tuple(outside.tolist()), reason, iterated, units=units)
 
 
 def part_to_iterate(problem: Problem) -> Problem | None:

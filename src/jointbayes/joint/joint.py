@@ -211,7 +211,7 @@ class Joint:
                 apart = ", ".join(f"{1e3 * component:g}" for component in gap)
                 raise ModelError(
                     f"{self._where}: found {near} and {far} at different places, ({apart}) mm apart; expected both "
-                    "sides of a joint at one place; state the way between them as its offset"
+                    "sides of a joint at one place; add the way between them to its offset"
                 )
 
 

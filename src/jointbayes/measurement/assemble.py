@@ -136,9 +136,9 @@ def _warnings(records: Sequence[FrfRecord], plan: MeasurementPlan) -> tuple[Meas
 
 def _fingerprint(path: Path, name: str) -> MeasuredFile:
     if not path.is_file():
-        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")], 1, 0.6)
+        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*") if p.is_file()], 1, 0.6)
         actual = "a directory" if path.is_dir() else "no such file"
-        remedy = f'did you mean "{near[0]}"?' if near else "names count from the directory of the case file"
+        remedy = f'did you mean "{near[0]}"?' if near else "names of files count from the directory of the case file"
         raise MeasurementError(f"data.file: {name}: found {actual}; expected a measurement file; {remedy}")
     with path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()

@@ -50,7 +50,8 @@ def contents_text(inspection: Inspection) -> Iterator[str]:
         return
     yield f"Warnings ({len(inspection.warnings)})"
     for number, warning in enumerate(inspection.warnings, 1):
-        yield f"  {number}. {warning.where}: {warning.sentence}. What to do: {warning.remedy}. [{warning.key}]"
+        yield f"  {number}. [{warning.key}] {warning.where}: {warning.sentence}."
+        yield f"     What to do: {warning.remedy}."
 
 
 def resonances_text(inspection: Inspection) -> Iterator[str]:

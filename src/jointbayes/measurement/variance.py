@@ -132,7 +132,8 @@ def coherence_variance(frf: FrfSet) -> Array:
     if frf.coherence is None or frf.averages is None:
         missing = "no coherence" if frf.coherence is None else "no number of averages"
         raise MeasurementError(
-            f"{where}: found {missing}; expected both coherence and averages; add them or state the noise as relative"
+            f"{where}: found {missing}; expected both coherence and averages; add them, or write in [data.variance] "
+            'source = "relative", relative = 0.02, floor = 0.01'
         )
     if frf.averages < 2:
         raise MeasurementError(

@@ -18,6 +18,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import NoiseModel
 from jointbayes.inference.noise.base import Absorbed, residuals_of_values, squares_of, values_of_residuals
+from jointbayes.posterior.rounding import number, p_value_in_words, told_apart
 from jointbayes.posterior.whiteness import LAGS, Whiteness, lag_sd, portmanteau, replicated_portmanteau
 
 Finding = Literal["explained", "misfit", "misfit below the noise", "noise overstated"]
@@ -54,11 +55,8 @@ class FitCell:
 #: Opening and consequence of each finding.
 _WORDS: dict[Finding, tuple[str, str]] = {
     "explained": ("The model explains the data", ""),
-    "misfit": ("The model does NOT explain the data", "Intervals based on it are too narrow."),
-    "misfit below the noise": (
-        "The model does NOT explain the data, though its error is smaller than the stated noise",
-        "The stated noise is too large, which widens intervals, and the model's error may shift them.",
-    ),
+    "misfit": ("The model does NOT explain the data", "Its intervals are too narrow."),
+    "misfit below the noise": ("The model does NOT explain the data", "Intervals are too wide, and may be shifted."),
     "noise overstated": ("The stated noise is overstated", "The model explains the data; intervals are too wide."),
 }
 
@@ -222,25 +220,40 @@ class PredictiveCheck:
 
     @property
     def sentence(self) -> str:
-        """The finding in plain words, with its figures."""
-        return f"Set-up {self.setup}: {self._said}" if self.setup else self._said
+        """The finding in plain words, with the size or the rarity of the misfit."""
+        set_up = f"Set-up {self.setup}: " if self.setup else ""
+        return f"{set_up}{self.cell.head}: {self._misfit}. {self.cell.consequence}".rstrip()
 
     @property
-    def _said(self) -> str:
-        ratio, low, high = _told_apart(self.chi2_per_line, *self.chi2_band)
+    def _misfit(self) -> str:
+        size, low, high = told_apart(*map(math.sqrt, (self.chi2_per_line, *self.chi2_band)))
+        text = f"the misfit is {size} times the noise (noise alone: {low} to {high})"
+        if self.finding in ("explained", "noise overstated") or self.whiteness is None or self.pattern == "white":
+            return text
+        pattern = "follows a pattern along frequency"
+        if self.level != "as expected":
+            return f"{text} {'and' if self.level == 'above' else 'but'} {pattern}"
+        p = self.whiteness.p_value
+        rarity = "less than once in 1000 tests" if p < 0.001 else f"once in {number(1 / p, 2)} tests"
+        return f"the misfit {pattern} that noise alone makes {rarity}"
+
+    @property
+    def details(self) -> str:
+        """The figures of the finding, what had to be inferred, what helps, and a value that stands out."""
+        ratio, low, high = told_apart(self.chi2_per_line, *self.chi2_band)
         figures = (
-            f"squared residuals are {ratio} times the expected noise "
-            f"({100 * (1 - self.test_level):.6g} % of replicated data: {low} to {high}; p {_p(self.chi2_p_value)})"
+            f"Squared residuals are {ratio} times the expected noise "
+            f"({100 * (1 - self.test_level):.6g} % of replicated data: {low} to {high}; "
+            f"p {p_value_in_words(self.chi2_p_value)})"
         )
         if self.whiteness is not None and self.finding != "noise overstated":
             figures += f" and residuals of nearby lines {self._correlation(self.whiteness)}"
         remedy = self.cell.remedy if self.explains else ""  # of a misfit the diagnosis says what helps
-        words = (f"{self.cell.head}: {figures}.", self.cell.consequence, *self.inferred, remedy, self._outlier)
-        return " ".join(word for word in words if word)
+        return " ".join(word for word in (f"{figures}.", *self.inferred, remedy, self._outlier) if word)
 
     def _correlation(self, white: Whiteness) -> str:
-        statistic, limit = _told_apart(white.statistic, white.limit(self.test_level))
-        test = f"Ljung-Box statistic {statistic}, white noise: up to {limit}; p {_p(white.p_value)}"
+        statistic, limit = told_apart(white.statistic, white.limit(self.test_level))
+        test = f"Ljung-Box statistic {statistic}, white noise: up to {limit}; p {p_value_in_words(white.p_value)}"
         if self.pattern == "white":
             return f"do not correlate ({test})"
         lag = white.worst_lag
@@ -384,17 +397,3 @@ def _checked(
         absorbs=absorbs,
         inferred=inferred,
     )
-
-
-def _told_apart(value: float, *limits: float) -> tuple[str, ...]:
-    """A number and its limits with three digits, or as many as tell it from them."""
-    for digits in range(3, 8):
-        texts = tuple(f"{number:#.{digits}g}".rstrip(".") for number in (value, *limits))
-        if texts[0] not in texts[1:]:
-            break
-    return texts
-
-
-def _p(value: float) -> str:
-    """A p-value in words."""
-    return "< 0.001" if value < 0.001 else "> 0.999" if value > 0.999 else f"= {value:.2g}"

@@ -43,6 +43,19 @@ _LET_COUNT = (
 )
 
 
+_ADVICE: dict[Cause, str] = {
+    "frequencies, all the same way": "All resonances of the model are too {side}: check length, Young's modulus and "
+    "density, or state them as uncertain.",
+    "frequencies, unevenly": "No joint makes all resonances fit. Check length, Young's modulus and density, or state "
+    "them as uncertain; otherwise the model lacks something (a mass, a second joint).",
+    "damping": "The peaks are at the right frequency but their width is wrong: measured damping is {damping:.2g} times "
+    "that of the model; correct it or state it as uncertain.",
+    "level": "The level is off: measured FRFs are {level:.3g} times the predicted ones at every resonance; check the "
+    "calibration, or state the gain as uncertain.",
+    "one sensor": "One FRF alone is off: {sensor} {how}; check its sensor's calibration, direction and position.",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class ModeError:
     """One resonance, measured and at the MAP.
@@ -134,49 +147,31 @@ class Diagnosis:
         return f"{text[0].upper()}{text[1:]}." if text else ""
 
     @property
-    def advice(self) -> str:
-        """What the residuals point to, in words."""
-        first = [_LET_COUNT] if self.ignores_noise else []
-        return " ".join([*first, *(self._advice_on(cause) for cause in self.causes)])
+    def sentences(self) -> tuple[str, ...]:
+        """Measure, and what the residuals point to; the remedy where they point to nothing."""
+        return tuple(filter(None, (self.measure, *self.advice)))
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """What the residuals point to, sentence by sentence; the remedy where they point to nothing."""
+        return (*(_LET_COUNT,) * self.ignores_noise, *map(self._advice_on, self.causes)) or (self.remedy,)
 
     @property
     def sentence(self) -> str:
-        """Measure and advice, or remedy without any."""
-        return f"{self.measure} {self.advice or self.remedy}".strip()
+        """All of it in one text."""
+        return " ".join(self.sentences)
 
     def _advice_on(self, cause: Cause) -> str:
-        match cause:
-            case "frequencies, all the same way":
-                low = self.modes[0].error_percent < 0
-                return (
-                    f"All resonances of the model are too {'low' if low else 'high'}: check length, Young's modulus "
-                    "and density, or state them as uncertain."
-                )
-            case "frequencies, unevenly":
-                return (
-                    "No joint makes all resonances fit. Check length, Young's modulus and density, or state them as "
-                    "uncertain: the joint compensates part of their error. Otherwise something is missing in the "
-                    "model (a mass, a second joint)."
-                )
-            case "damping":
-                ratios = [mode.damping_ratio for mode in self.modes if math.isfinite(mode.damping_ratio)]
-                return (
-                    f"The peaks are at the right frequency but their width is wrong: measured damping is "
-                    f"{np.median(ratios):.2g} times that of the model; correct it or state it as uncertain."
-                )
-            case "level":
-                level = float(np.median([pair.level for pair in self.pairs]))
-                return (
-                    f"The level is off: measured FRFs are {level:.3g} times the predicted ones at every resonance; "
-                    "check the calibration, or state the gain as uncertain."
-                )
-            case "one sensor":
-                pair = next(p for p in self.pairs if f"{p.output}/{p.input}" == self.sensor)
-                how = "has the opposite sign" if pair.turned else f"is {pair.level:.3g} times the predicted one"
-                return (
-                    f"One FRF alone is off: {self.sensor} {how}; check its sensor's calibration, direction and "
-                    "position."
-                )
+        ratios = [mode.damping_ratio for mode in self.modes if math.isfinite(mode.damping_ratio)]
+        pair = next((p for p in self.pairs if f"{p.output}/{p.input}" == self.sensor), None)
+        how = "" if pair is None else f"is {pair.level:.3g} times the predicted one"
+        return _ADVICE[cause].format(
+            side="low" if self.modes and self.modes[0].error_percent < 0 else "high",
+            damping=np.median(ratios) if ratios else math.nan,
+            level=np.median([pair.level for pair in self.pairs]) if self.pairs else math.nan,
+            sensor=self.sensor,
+            how="has the opposite sign" if pair is not None and pair.turned else how,
+        )
 
 
 @singledispatch

@@ -39,6 +39,7 @@ from jointbayes.posterior.rounding import LARGEST_FACTOR, factor_in_words, round
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 
 _NORMAL_95 = 1.959963984540054
+_MOST_TOLD = 4  # in a sentence
 #: A quantity says something else than those named before if so much of its gradient is left beside theirs.
 _NEW = 0.5
 #: Products of powers of whatever exponents are the last resort: they must be known so many times better.
@@ -158,7 +159,7 @@ def name_directions(
 
 
 def summary_sentence(named: Sequence[NamedDirection]) -> str:
-    """All combinations in one sentence, best known first.
+    """The combinations that are known best in one sentence.
 
     Examples
     --------
@@ -167,7 +168,8 @@ def summary_sentence(named: Sequence[NamedDirection]) -> str:
     """
     if not named:
         return "The joint has no unknown stiffness."
-    return "; ".join(n.sentence for n in named) + "."
+    more = [f"and {len(named) - _MOST_TOLD} more, see the table"] if len(named) > _MOST_TOLD else []
+    return "; ".join([*(n.sentence for n in named[:_MOST_TOLD]), *more]) + "."
 
 
 class _Search:

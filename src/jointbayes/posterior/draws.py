@@ -14,6 +14,8 @@ from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
 from jointbayes.inference.noise.base import Absorbed
+from jointbayes.notebook_view import frf_svg, table_html
+from jointbayes.posterior.arviz_groups import arviz_tree
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
@@ -21,8 +23,10 @@ from jointbayes.posterior.prediction import FrfPrediction, LeftOut, predict_frf,
 from jointbayes.posterior.rounding import join_unit
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import to_arviz
+from jointbayes.posterior.summary_tables import value_rows
 
 _KERNEL_DRAWS = 4000
+_MOST_SHOWN = 9  # quantities, where a posterior is printed
 #: Draws whose residuals are checked; fewer where these are millions, among which draws make no difference.
 _CHECK_DRAWS, _FEWEST_CHECKED, _CHECKED_VALUES = 200, 12, 25_000_000
 
@@ -60,12 +64,29 @@ class PosteriorDraws:
     _kept_knowledge: Any = field(default=None, repr=False)
 
     def __repr__(self) -> str:
-        lines = [f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"]
-        for name in map(str, self.draws.data_vars):
-            low, middle, high = np.quantile(self.values(name), [0.025, 0.5, 0.975])
-            interval = f"95 % credible interval {join_unit(f'{low:.4g} to {high:.4g}', self.unit(name))}"
-            lines.append(f"  {name}: median {middle:.4g}, {interval}".rstrip())
-        return "\n".join(lines)
+        rows = [f"{name}: median {median}, 95 % interval {join_unit(*ends)}" for name, median, *ends in self._rows]
+        more = [f"and {len(rows) - _MOST_SHOWN} more"] if len(rows) > _MOST_SHOWN else []
+        return "\n  ".join([self._title, *rows[:_MOST_SHOWN], *more])
+
+    def _repr_html_(self) -> str:
+        part = next((part for part in self.problem.parts if part.test.data.frfs), None)
+        drawing = ""
+        if part is not None and part.test.data.frfs is not None:
+            frf, best = part.test.data.frfs.frf, part.log_posterior.predicted(self.estimate.theta)[0]
+            drawing = frf_svg(frf.frequency_hz, {"measured": frf.values[:, 0, 0], "MAP": best[:, 0, 0]})
+        return table_html(self._title, ("Quantity", "Median", "95 % interval", "Unit"), self._rows, drawing)
+
+    @property
+    def _title(self) -> str:
+        return f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"
+
+    @property
+    def _rows(self) -> list[tuple[str, str, str, str]]:
+        return value_rows({name: (self.by_ensemble(name), self.unit(name)) for name in map(str, self.draws.data_vars)})
+
+    def to_dataframe(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
+        """The draws as a pandas.DataFrame: a row for each chain and draw, a column for each quantity, in its unit."""
+        return self.draws.to_dataframe()
 
     @property
     def draws(self) -> xr.Dataset:
@@ -336,9 +357,26 @@ class PosteriorDraws:
         rows = np.linspace(0, len(self.theta) - 1, min(most, len(self.theta))).round().astype(int)
         return self.theta[rows]
 
-    def to_arviz(self) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)
-        """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on."""
-        return to_arviz(self.tree)
+    def to_arviz(self, megabytes: float = 200.0) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)
+        """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on.
+
+        A chain is an ensemble, for its walkers are proposed from each other: the first half of every walker's draws,
+        walker after walker, then the second half. R̂ and effective sizes are then as here, within 5 % where a walker
+        is as long as the stop rule asks, 50 autocorrelation times.
+
+        Groups are ``posterior``, ``sample_stats``, ``prior``, ``observed_data``, ``posterior_predictive``,
+        ``log_likelihood`` value by value, and ``log_prior``: of it ``coordinates`` is the density over θ, as priors are
+        stated, and with ``to_quantities`` it is that over the quantities in ``posterior``. Where values depend on each
+        other there is no ``log_likelihood``, and an attribute of ``posterior`` says why.
+
+        Parameters
+        ----------
+        megabytes
+            Size of ``log_likelihood`` and ``posterior_predictive`` together. Draws are left out evenly, of all groups
+            alike, until they fit; 20 of each chain stay. 0 leaves out these two groups and no draw.
+        """
+        theta = self.theta.reshape(*self.log_density.shape, -1)
+        return to_arviz(arviz_tree(self.problem, self.tree, theta, self.record.seed, megabytes))
 
     @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:

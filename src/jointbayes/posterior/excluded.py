@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri
 
 from jointbayes.arrays import Array
 from jointbayes.joint.parametrisation import RIGID
 from jointbayes.posterior.identifiability import CERTAINTY
-from jointbayes.posterior.rounding import number
+from jointbayes.posterior.rounding import likelihood_ratio
 from jointbayes.posterior.verdicts import JudgedPosterior
 
 #: Probability that the likelihood ratio of a joint that is so exceeds the limit.
@@ -96,27 +96,22 @@ def simpler_joints(posterior: JudgedPosterior) -> tuple[SimplerJoint, ...]:
         values += [("uncoupled", dict.fromkeys(couplings, 0.0))] if couplings else []
         for kind, put in values:
             worse = 2 * (best - _greatest(posterior, put, theta))
-            limit = float(stats.chi2.isf(LEVEL, len(put)))
+            limit = float(chdtri(len(put), LEVEL))
             simpler.append(SimplerJoint(joint, kind, float(np.clip(worse, 0.0, _LARGEST)), limit))
     return tuple(simpler)
 
 
-def exclusion_sentence(joints: tuple[SimplerJoint, ...]) -> str:
+def exclusion_sentences(joints: tuple[SimplerJoint, ...]) -> tuple[str, ...]:
     """What is excluded and what is not, joint by joint; empty without any."""
     sentences = []
     for name in dict.fromkeys(simpler.joint for simpler in joints):
         what = f"joint {name}" if name else "the joint"
-        parts = []
-        for excluded, words in ((True, "exclude"), (False, "do not exclude")):
-            kinds = [f"{j.kind} ({_ratio(j.ratio)})" for j in joints if (j.joint, j.excluded) == (name, excluded)]
+        for excluded, words in ((True, "rule out"), (False, "do not rule out")):
+            of_it = [joint for joint in joints if (joint.joint, joint.excluded) == (name, excluded)]
+            kinds = [f"{joint.kind} ({likelihood_ratio(joint.ratio)} times less likely)" for joint in of_it]
             if kinds:
-                parts.append(f"{words} that {what} is {' or '.join(kinds)}")
-        sentences.append(f"The data {', and '.join(parts)}")
-    return f"{'. '.join(sentences)}. In brackets 2 ln of the likelihood ratio." if sentences else ""
-
-
-def _ratio(value: float) -> str:
-    return number(value, 3) if value < 1e6 else "more than 1e6"
+                sentences.append(f"The data {words} that {what} is {' or '.join(kinds)}.")
+    return tuple(sentences)
 
 
 def _log_likelihood(posterior: JudgedPosterior, theta: Array, put: dict[int, float]) -> Array:

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, gammaincc, gammainccinv
 
 from jointbayes.inference import Problem, Test
 from jointbayes.inference.problem import is_one_structure
@@ -21,7 +21,7 @@ from jointbayes.posterior.rounding import number
 
 #: Probability with which two equal set-ups are called different: by their lines, and by their modes.
 FALSE_ALARM = 0.01
-_MOST_LINES, _MOST_MODES = 3, 4  # that are named
+_MOST_LINES = 3  # that are named
 _APART = 0.02  # of a frequency: lines closer than this are of one place
 
 
@@ -60,18 +60,6 @@ class ModeShift:
             return (of_frequency,)
         return of_frequency, 100 * math.log(self.damping_factor) / self.damping_percent_sd
 
-    @property
-    def words(self) -> str:
-        """Where the mode is, and how it moves."""
-        text = (
-            f"{number(self.frequency_hz, 4)} Hz by {float(number(self.frequency_percent, 2)):+g} % "
-            f"(sd {number(self.frequency_percent_sd, 2)} %)"
-        )
-        if self.damping_factor is None:
-            return text
-        factor = f"{number(self.damping_factor)} (sd {number(self.damping_percent_sd, 2)} %)"
-        return f"{text}, its damping ratio by a factor of {factor}"
-
 
 @dataclass(frozen=True, slots=True)
 class Homogeneity:
@@ -106,26 +94,16 @@ class Homogeneity:
         return all(p is None or p >= FALSE_ALARM for p in (self.lines_p_value, self.modes_p_value))
 
     @property
-    def sentence_of_lines(self) -> str:
+    def sentence(self) -> str:
         """Whether they are equal within their noise, and the lines that differ most."""
         what = "are equal within" if self.equal else "differ by more than"
         text = f"Set-ups {self.first} and {self.second} {what} their noise."
         if self.chi2_per_value is not None:
             where = ", ".join(number(hz, 4) for hz in self.largest_hz)
             text += (
-                f" {self.values} FRF values: squared difference {number(self.chi2_per_value, 3)} times its noise (1 is "
-                f"expected){f', most at {where} Hz' if where else ''}."
+                f" {self.values} FRF values differ by {number(math.sqrt(self.chi2_per_value), 3)} times their noise"
+                f"{f', most at {where} Hz' if where else ''}."
             )
-        return text
-
-    @property
-    def sentence(self) -> str:
-        """The same with the modes that move most."""
-        text = self.sentence_of_lines
-        if self.modes:
-            most = sorted(self.modes, key=lambda mode: -max(map(abs, mode.scores)))[:_MOST_MODES]
-            moved = "; ".join(mode.words for mode in sorted(most, key=lambda mode: mode.frequency_hz))
-            text += f" {'Modes' if len(most) == len(self.modes) else 'Modes that move most'}: {moved}."
         return text
 
     def as_json(self) -> dict[str, Any]:
@@ -159,7 +137,7 @@ def compare_tests(first: Test, second: Test) -> Homogeneity | None:
     if lines is None and not shifts:
         return None
     scores = [score for shift in shifts for score in shift.scores]
-    modes_p = float(stats.chi2.sf(np.square(scores).sum(), len(scores))) if scores else None
+    modes_p = float(chdtrc(len(scores), np.square(scores).sum())) if scores else None
     return Homogeneity(first.name, second.name, values, chi2, lines_p, largest, shifts, modes_p)
 
 
@@ -181,10 +159,10 @@ def _compare_lines(first: FrfData, second: FrfData) -> tuple[int, float, float, 
     if first.variance_dof is not None and second.variance_dof is not None:
         dof = float(first.variance_dof + second.variance_dof)
     mean, variance = (1.0, 1.0) if dof > 1e6 else (dof / (dof - 2), dof**3 / ((dof - 2) ** 2 * (dof - 4)))
-    p_value = float(stats.gamma.sf(squares.sum(), squares.size * mean**2 / variance, scale=variance / mean))
+    p_value = float(gammaincc(squares.size * mean**2 / variance, squares.sum() * mean / variance))
     by_line = squares.mean(axis=(1, 2))
     per_line = squares.size / by_line.size
-    limit = stats.gamma.isf(FALSE_ALARM / by_line.size, per_line * mean**2 / variance, scale=variance / mean) / per_line
+    limit = gammainccinv(per_line * mean**2 / variance, FALSE_ALARM / by_line.size) * variance / mean / per_line
     largest: list[float] = []
     for place in np.argsort(by_line)[::-1]:
         if by_line[place] < limit or len(largest) == _MOST_LINES:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.posterior.rounding import factor, join_unit, rounded, rounded_interval
+from jointbayes.posterior.rounding import factor, factor_in_words, join_unit, rounded, rounded_interval, rounded_row
 
 Verdict = Literal["identified", "weakly identified", "not identified", "bounded below", "bounded above", "no verdict"]
 
@@ -17,6 +17,8 @@ IDENTIFIED_RATIO = 1.25
 WEAK_RATIO = 3.0
 #: Least contraction 1 − var(posterior)/var(prior) of ln k: below it the prior speaks, not the data.
 LEAST_CONTRACTION = 0.5
+#: Contraction below which the data are said to add next to nothing.
+NOTHING = 0.05
 #: Share of the credible interval by which likelihood-ratio limits differ from its ends where the prior's volume speaks.
 VOLUME_SHARE = 0.1
 _NO_ENDS = (math.nan, math.nan)
@@ -100,10 +102,17 @@ class Identifiability:
         low, high = (math.isfinite(printed) and printed != drawn for printed, drawn in pairs)
         return low, high
 
+    @property
+    def row(self) -> tuple[str, ...]:
+        """Median and ends of the 95 % interval as they are printed: in one notation, each with the digits it has."""
+        moved = self.printed_by_likelihood
+        ends = [p if m else d for m, p, d in zip(moved, self.printed95, self.interval95, strict=True)]
+        errors = [math.nan if m else error for m, error in zip(moved, self.interval95_error, strict=True)]
+        return rounded_row((self.median, *ends), (self.median_error, *errors))
+
     def interval(self, between: str = " … ") -> str:
-        """The 95 % interval as it is printed, each end with the digits that it has."""
-        rows = zip(self.printed_by_likelihood, self.printed95, self.interval95, self.interval95_error, strict=True)
-        return between.join(rounded(end) if moved else rounded(drawn, error) for moved, end, drawn, error in rows)
+        """The 95 % interval as it is printed."""
+        return between.join(self.row[1:])
 
     @property
     def limit(self) -> str:
@@ -120,6 +129,14 @@ class Identifiability:
     def limit_in_words(self) -> str:
         """The one-sided limit with what it rests on; empty where it has none."""
         return f"{self.limit} {self.source or 'with 95 % probability'}" if self.limit else ""
+
+    @property
+    def spread(self) -> str:
+        """How wide the 95 % interval is, in words; of a stiffness that is bounded its limit."""
+        if self.limit:
+            return self.limit_in_words
+        low, high = self.interval95
+        return "its sign is unknown" if low <= 0 <= high else factor_in_words(max(high / low, low / high))
 
     @property
     def source(self) -> str:
@@ -151,7 +168,7 @@ class Identifiability:
             if math.isfinite(printed) and not abs(measure(limit) - measure(drawn)) <= VOLUME_SHARE * (high - low):
                 alone = "none" if math.isnan(limit) else rounded(limit)
                 sentences.append(f"{side} end {rounded(drawn, error)} by the draws, {alone} by the likelihood alone")
-        return f"the prior's volume speaks: {', '.join(sentences)}" if sentences else ""
+        return f"part of this rests on the prior: {', '.join(sentences)}" if sentences else ""
 
 
 def ratio_of(ends: tuple[float, float]) -> float:
@@ -171,7 +188,9 @@ def verdict_by_rule(ratio: float, contraction: float, printed: float | None = No
     ('identified', 'not identified')
     """
     if not contraction >= LEAST_CONTRACTION:
-        shrunk = f"the data reduce the prior's variance by only {100 * max(contraction, 0.0):.0f} %"
+        if not contraction >= NOTHING:
+            return "not identified", "these data add next to nothing to what was assumed of it beforehand"
+        shrunk = f"these data reduce the variance of what was assumed of it by only {100 * contraction:.0f} %"
         return "not identified", f"{shrunk}; {100 * LEAST_CONTRACTION:g} % is needed"
     if math.isinf(ratio):
         return "not identified", "its 95 % credible interval contains zero"

@@ -12,23 +12,21 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Nuisance, Problem
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
-from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentence, simpler_joints
+from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences, simpler_joints
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict
 from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.profile import ProfileLikelihood, profile_likelihood
-from jointbayes.posterior.rounding import factor_in_words, join_unit, rounded_interval
+from jointbayes.posterior.rounding import join_unit, rounded_interval
 from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, effect_of_uncertain_inputs, uncertain_quantities
 from jointbayes.posterior.verdicts import FALL_PRINTED, FALL_TWO_SIDED, IF_MODEL_RIGHT, MOST_UNKNOWNS, JudgedPosterior
 
-_RANK: dict[Verdict, int] = {
-    "identified": 0,
-    "weakly identified": 1,
-    "bounded below": 2,
-    "bounded above": 2,
-    "not identified": 3,
-}
+#: Verdicts that say something, best first.
+RANK: dict[Verdict, int] = {
+    "identified": 0, "weakly identified": 1, "bounded below": 2, "bounded above": 2, "not identified": 3,
+}  # fmt: skip
 #: An interval that is wider, or whose ends lie further out, by more than this share of its width is another one.
 LARGEST_CHANGE = 0.5
+_MOST_TOLD = 4  # stiffnesses in a sentence
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +94,7 @@ def inputs_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> dict[str, Exact
 
 def _is_weaker(freed: Identifiability, run: Identifiability) -> bool:
     """Whether less is known than the run says, beyond the Monte Carlo error of either."""
-    if _RANK[freed.verdict] > _RANK[run.verdict] or (freed.limit and run.limit and freed.verdict != run.verdict):
+    if RANK[freed.verdict] > RANK[run.verdict] or (freed.limit and run.limit and freed.verdict != run.verdict):
         return True
     if freed.limit and run.limit:
         weaker = math.log(run.limit95 / freed.limit95) * (1 if run.verdict == "bounded below" else -1)
@@ -118,14 +116,14 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
     settled = [row for row in rows if row.known]
     least, most = (pick(settled, key=lambda row: len(row.uncertain)) for pick in (min, max))
     if not most.uncertain or least.uncertain or len(settled) < 2:
-        return "Whether other uncertain quantities matter is open: the draws that would show it did not converge."
+        return "Whether other uncertain quantities matter is open: the calculation that would show it did not settle."
     parts, wider = [], dict.fromkeys(inputs_taken_as_exact((least, most)))
     for name, verdict in least.verdict.items():
-        if _RANK[most.verdict[name]] <= _RANK[verdict]:
+        if RANK[most.verdict[name]] <= RANK[verdict]:
             continue
         parts.append(
-            f"{name} goes from {verdict} ({_spread(least.known[name])}) to {most.verdict[name]} "
-            f"({_spread(most.known[name])})"
+            f"{name} goes from {verdict} ({least.known[name].spread}) to {most.verdict[name]} "
+            f"({most.known[name].spread})"
         )
         wider.pop(name, None)
     for name in wider:
@@ -133,25 +131,17 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
             f"{name} stays {most.verdict[name]}, but its interval goes from {_interval(least.known[name])} to "
             f"{_interval(most.known[name])}"
         )
-    names = listed(most.uncertain)
     if not parts:
         return (
-            f"With {names} uncertain no verdict is worse than with all exactly known, and no interval of a "
-            f'stiffness whose verdict is not "not identified" moves or widens by more than '
-            f"{100 * LARGEST_CHANGE:g} % of its width."
+            f"With {listed(most.uncertain)} uncertain every verdict holds, and no interval of a stiffness that is "
+            f"known moves or widens by more than {100 * LARGEST_CHANGE:g} % of its width."
         )
-    return f"With {names} uncertain: {'; '.join(parts)}."
+    more = [f"{len(parts) - _MOST_TOLD} more change, see the table"] if len(parts) > _MOST_TOLD else []
+    return f"With {listed(most.uncertain)} uncertain: {'; '.join([*parts[:_MOST_TOLD], *more])}."
 
 
 def _interval(assessment: Identifiability) -> str:
     return assessment.limit or rounded_interval(assessment.interval95, assessment.interval95_error, " … ")
-
-
-def _spread(assessment: Identifiability) -> str:
-    low, high = assessment.interval95
-    if assessment.limit:
-        return assessment.limit_in_words
-    return "its sign is unknown" if low <= 0 <= high else factor_in_words(max(high / low, low / high))
 
 
 def listed(names: Sequence[str]) -> str:
@@ -221,14 +211,21 @@ class Knowledge:
     @property
     def bounds_sentence(self) -> str:
         """What is known of joints of which each stiffness is known by bounds at most; empty where there are none."""
+        return " ".join(self.bounds_sentences)
+
+    @property
+    def bounds_sentences(self) -> tuple[str, ...]:
+        """The same, sentence by sentence."""
         if not self.simpler:
-            return ""
-        best = next((f"{d.sentence} ({d.value})" for d in self.directions if d.verdict in CERTAINTY), "")
-        best_known = f"Best known{self._condition and ', on the same condition'}: {best}."
-        text = f"{exclusion_sentence(self.simpler)}{f' {best_known}' if best else ''}"
+            return ()
+        text, *rest = exclusion_sentences(self.simpler)
         if self._condition:
             text = f"With {self._condition}: {text[0].lower()}{text[1:]}"
-        return text if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {text[0].lower()}{text[1:]}"
+        if not self.check.explains:
+            text = f"{IF_MODEL_RIGHT.capitalize()}: {text[0].lower()}{text[1:]}"
+        best = next((f"{d.sentence} ({d.value})" for d in self.directions if d.verdict in CERTAINTY), "")
+        known = f"Best known{self._condition and ', on the same condition'}: {best}."
+        return (text, *rest, *([known] if best else []))
 
     @property
     def _condition(self) -> str:

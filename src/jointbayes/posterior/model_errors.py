@@ -70,6 +70,11 @@ class MeshCheck:
     @property
     def sentence(self) -> str:
         """The finding in plain words, with its figures."""
+        return " ".join(self.sentences)
+
+    @property
+    def sentences(self) -> list[str]:
+        """The same, sentence by sentence."""
         what = "of the paper's two-node elements" if self.kind == "paper" else f"elements of order {self.order} or less"
         error = (
             f"{self.error_of_peak:.1g} of the peak of the FRF"
@@ -77,14 +82,14 @@ class MeshCheck:
             else f"{self.error_sd:.1g} standard deviations of the data"
         )
         moved = ", ".join(f"{name} by {shift:+.1g}" for name, shift in self.shift_sd.items())
-        sentence = f"Mesh: {self.elements} {what}; no predicted value is off by more than {error}."
+        words = [f"Mesh: {self.elements} {what}; no predicted value is off by more than {error}."]
         if moved:
-            sentence += f" It moves {moved} posterior standard deviations."
+            words.append(f"It moves {moved} posterior standard deviations.")
         if not self.within:
             limit = f"{LARGEST_ERROR_OF_PEAK:.0e} of the peak" if self.exact_data else f"{LARGEST_ERROR_SD:g}"
-            sentence += f" More than {limit} shows in the data."
-            sentence += " Remove structure.element from the case." if self.kind == "paper" else ""
-        return sentence
+            remedy = " Remove structure.element from the case." if self.kind == "paper" else ""
+            words.append(f"More than {limit} shows in the data.{remedy}")
+        return words
 
     def as_json(self) -> dict[str, Any]:
         """What ``mesh`` of ``summary.json`` holds."""
@@ -237,6 +242,11 @@ class NoiseOfBodies:
     @property
     def sentence(self) -> str:
         """The finding in plain words, with its figures."""
+        return " ".join(self.sentences)
+
+    @property
+    def sentences(self) -> list[str]:
+        """The same, sentence by sentence."""
         whose, share = f"T{self._noise[1:]}", f"{100 * self.share:.2g} % of the variance of the residuals"
         if self.ignored:
             words = [f"{whose} is ignored: it would be {share}, or more, at half of the values."]
@@ -245,9 +255,9 @@ class NoiseOfBodies:
             words = [f"{whose} is propagated to first order: it is {share}, or more, at half of the values."]
         if self.doubtful_lines:
             words.append(
-                f"At {self.doubtful_lines} of {self.lines} lines, most at {self.largest_at_hz:.5g} Hz, it changes "
-                f"det(1 + A K) by {DOUBTFUL:g} of itself or more (up to {self.largest_sd:.2g}), and the first order is "
-                "doubtful; leave these lines out, or measure the body with more averages."
+                f"At {self.doubtful_lines} of {self.lines} lines, most at {self.largest_at_hz:.5g} Hz, it is too large "
+                f"for that ({self.largest_sd:.2g} of det(1 + A K); up to {DOUBTFUL:g} will do): leave these lines out, "
+                "or measure the body with more averages."
             )
         for name in self.not_reciprocal:
             discrepancy = self.discrepancy[self.bodies.index(name)]
@@ -255,7 +265,7 @@ class NoiseOfBodies:
                 f"FRFs of {name} differ by {discrepancy:.3g} times what their noise allows (mean square) when force "
                 "and response change places: its noise is understated, or it is not linear."
             )
-        return " ".join(words)
+        return words
 
     def as_json(self) -> dict[str, Any]:
         """What ``measured_bodies`` of ``summary.json`` holds."""

@@ -24,7 +24,7 @@ from jointbayes.measurement.modal_fit import identify_modes, identify_zeros
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.rounding import number
-from jointbayes.posterior.verdicts import JudgedPosterior, line_of
+from jointbayes.posterior.verdicts import JudgedPosterior, lines_of
 
 #: A resonance that no predicted mode comes closer to than this, as a fraction, is compared with none.
 FARTHEST = 0.1
@@ -89,7 +89,7 @@ class ModesAnswer:
     @property
     def sentence(self) -> str:
         """Which answer is to be believed, and why."""
-        return f"The answer to believe is that of the {'modes' if self.believed else 'FRFs'}: {self.reason}."
+        return f"Use the answer of the {'modes' if self.believed else 'FRFs'}: {self.reason}."
 
     @property
     def basis(self) -> str:
@@ -98,16 +98,16 @@ class ModesAnswer:
         where = {mode.held: _frequencies(self.modes, mode.held) for mode in self.modes}
         zeros = "".join(f", and the antiresonances of {held} at {text} Hz" for held, text in where.items() if held)
         text = (
-            f"The modes are those at {where['']} Hz in the FRFs{zeros}; the model may miss each, by {middle} % as "
-            f"inferred ({low} to {high} %)."
+            f"That of the modes uses those that the FRFs show at {where['']} Hz{zeros}. The model misses each by about "
+            f"{middle} % ({low} to {high} %), as inferred."
         )
         if self.assumed:
-            text += f" Nobody stated how well the rest is known; assumed is {', '.join(self.assumed)}."
+            text += f" The case does not say how well the rest is known; assumed: {', '.join(self.assumed)}."
         return " ".join((text, *self.left_out))
 
     def lines(self) -> list[str]:
         """Median, interval and verdict of each stiffness, for the terminal."""
-        return [line_of(name, known, known.unit) for name, known in self.known.items()]
+        return [line for name, known in self.known.items() for line in lines_of(name, known, known.unit)]
 
     def as_json(self) -> dict[str, Any]:
         """What ``answers`` of ``summary.json`` holds besides the answer of the FRFs."""
@@ -303,12 +303,12 @@ def which_to_believe(posterior: JudgedPosterior, asked: ModesProblem) -> tuple[b
         return True, "the model does not explain the FRFs within their noise"
     if stated > smallest:
         return True, (
-            f"an error of the model of {number(100 * stated, 2)} % in a natural frequency is more than the "
+            f"the model itself may be wrong by {number(100 * stated, 2)} % of a natural frequency, more than the "
             f"{number(100 * smallest, 2)} % that the noise of the FRFs leaves open"
         )
     return False, (
-        f"the model explains them, and its errors are stated to be smaller ({number(100 * stated, 2)} % of a natural "
-        f"frequency) than what their noise leaves open ({number(100 * smallest, 2)} %)"
+        f"the model explains them, and is stated to be wrong by {number(100 * stated, 2)} % of a natural frequency at "
+        f"most, less than the {number(100 * smallest, 2)} % that their noise leaves open"
     )
 
 

@@ -90,6 +90,9 @@ class Curve:
     equal_data: bool = False
     of_usual: bool = False
 
+    def __repr__(self) -> str:
+        return self.sentence
+
     @property
     def changes(self) -> bool:
         """Whether a change is shown: the interval leaves none out, and the data differ by more than their noise."""

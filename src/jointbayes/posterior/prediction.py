@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports, Quantity, quantity_factor
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet, LowRankCoupling, NoisePropagation, Ports, Quantity, quantity_factor
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
 from jointbayes.posterior.rounding import number
@@ -55,6 +56,10 @@ class FrfPrediction:
     phase_deg_low: Array
     phase_deg_high: Array
 
+    def __repr__(self) -> str:
+        frf = FrfSet(self.frequency_hz, np.asarray(self.magnitude, complex), self.outputs, self.inputs, self.quantity)
+        return f"FrfPrediction(median and {100 * self.probability:g} % band of {frf!r})"
+
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
@@ -80,6 +85,9 @@ class LeftOut:
     high: Array
     probability: float
 
+    def __repr__(self) -> str:
+        return sentence_of_left_out([self])
+
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
         """Whether each measured value lies inside its interval, shape (m,)."""
@@ -94,20 +102,23 @@ class LeftOut:
 
 def sentence_of_left_out(predicted: Sequence[LeftOut]) -> str:
     """How many of the values lie inside their intervals, and which do not; empty where nothing was left out."""
+    return " ".join(sentences_of_left_out(predicted))
+
+
+def sentences_of_left_out(predicted: Sequence[LeftOut]) -> list[str]:
+    """The same, sentence by sentence."""
     if not predicted:
-        return ""
+        return []
     inside = np.concatenate([each.inside for each in predicted])
-    text = (
-        f"Left out and predicted: {inside.sum()} of {inside.size} inside {100 * predicted[0].probability:g} % intervals"
-    )
+    share = f"{inside.sum()} of {inside.size} inside {100 * predicted[0].probability:g} % intervals"
     outside = [
-        f"{prefixed(each.setup, each.names[i])} measured {number(each.measured[i], 4)}, "
-        f"predicted {number(each.low[i], 4)} to {number(each.high[i], 4)}"
+        f"Outside: {prefixed(each.setup, each.names[i])}, measured {number(each.measured[i], 4)}, "
+        f"predicted {number(each.low[i], 4)} to {number(each.high[i], 4)}."
         for each in predicted
         for i in np.flatnonzero(~each.inside)
     ]
-    more = f", and {len(outside) - _MOST_NAMED} more" if len(outside) > _MOST_NAMED else ""
-    return f"{text}{'; outside: ' if outside else ''}{'; '.join(outside[:_MOST_NAMED])}{more}."
+    more = [f"And {len(outside) - _MOST_NAMED} more."] if len(outside) > _MOST_NAMED else []
+    return [f"Left out and predicted: {share}.", *outside[:_MOST_NAMED], *more]
 
 
 def left_out_json(predicted: Sequence[LeftOut]) -> dict[str, Any] | None:
@@ -155,6 +166,21 @@ def _errors_of_size_shown(
     likelihood, law = problem.log_posterior.likelihood, noise.shares
     size = None if law is None else likelihood.draw_error_size(law, prior.matrix(theta), prior.factors(theta), rng)
     return None if size is None else noise.draw(rng, size[:, None], part.log_posterior.likelihood.n_data, 1)
+
+
+def replicate(problem: Problem, part: Problem, theta: Array, rng: np.random.Generator) -> NDArray[Any]:
+    """Data like those of one part of a problem, replicated at draws θ, (n, d): shape (n, …) with their shape.
+
+    What the noise model integrates out, such as its scale, is drawn given the data.
+    """
+    noise, likelihood = _errors_of_size_shown(problem, part, theta, rng), part.log_posterior.likelihood
+    if noise is None:
+        z = part.log_posterior.standardised(theta)
+        z = z.reshape(*z.shape[:2], -1)
+        squares, hyper = (np.abs(z) ** 2).sum(axis=(1, 2)), likelihood.hyper(problem.prior.factors(theta))
+        law, hyper = likelihood.noise.with_scale(squares, z[0].size, hyper, rng)
+        noise = law.draw(rng, hyper, *z.shape[1:])
+    return simulate_at(part, theta, rng, noise)
 
 
 def predict_left_out(problem: Problem, theta: Array, probability: float, seed: int) -> tuple[LeftOut, ...]:
@@ -269,3 +295,51 @@ def _errors_of_bodies(problem: Problem, ports: Ports, quantity: Quantity, theta:
         drawn = (roots @ white[..., None]).reshape(*roots.shape[:2], len(ports.outputs), len(ports.inputs))
         errors.append(drawn * problem.gain(factors)[:, None, None, None])
     return np.concatenate(errors) * quantity_factor(ports.frequency_hz, quantity)[:, None, None]
+
+
+def simulated_values(
+    problem: Problem, theta: Array, rng: np.random.Generator, noise: NDArray[Any] | None = None
+) -> NDArray[Any]:
+    """What one set-up would measure at a truth: the model's prediction and noise of the problem's own noise model.
+
+    Parameters
+    ----------
+    problem
+        Of one set-up. Gives model, noise model and stated variance; its measured values are not used but for log
+        magnitudes, whose stated spread depends on them.
+    theta
+        The truth, shape (d,).
+    rng
+        Draws the noise.
+    noise
+        What was drawn of it already, standardised, of as many values: errors that other set-ups share.
+
+    Returns
+    -------
+    ndarray
+        FRFs, shape (lines, outputs, inputs), or natural frequencies or values of modes, shape (n,).
+
+    Raises
+    ------
+    MeasurementError
+        If the model has no finite FRF there.
+    """
+    values = simulate_at(problem, theta[None], rng, noise)[0]
+    if not np.isfinite(values).all():
+        raise MeasurementError(
+            "calibrate: found a truth at which the model has no finite value, an undamped resonance on a line; "
+            "expected a structure with damping; state some"
+        )
+    return np.asarray(values)
+
+
+def replace_values(problem: Problem, values: NDArray[Any]) -> Problem:
+    """The problem of one set-up with other measured values, and what it states of the noise as it is.
+
+    Raises
+    ------
+    MeasurementError
+        If the values are no possible measurement: natural frequencies out of order.
+    """
+    relative = problem.test.residual_kind == "log_magnitude"  # what is stated of ln|H| is variance/|H|²
+    return problem.with_test(data=problem.test.data.with_values(values, relative=relative))

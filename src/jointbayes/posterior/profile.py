@@ -72,6 +72,11 @@ class ProfileLikelihood:
         return self.coordinate.name
 
     @property
+    def on_axis(self) -> tuple[str, Array, Array]:
+        """For a figure: label of the axis, values on it, and the log ratio."""
+        return self.coordinate.axis_label, self.value * self.coordinate.axis_scale, self.log_ratio
+
+    @property
     def sentence(self) -> str:
         """What the interval says, for instance "no upper limit within the prior"."""
         missing = [word for word, is_open in (("lower", self.open_below), ("upper", self.open_above)) if is_open]

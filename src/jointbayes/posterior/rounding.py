@@ -10,6 +10,8 @@ _MOST_DIGITS = 5
 _DIGITS_WITHOUT_ERROR = 3
 #: The largest ratio of the ends of an interval that is told as a number.
 LARGEST_FACTOR = 1e3
+_LARGEST_TWICE_LOG = 2 * math.log(1e6)
+_PREFIXES = (("G", 1e9), ("M", 1e6), ("k", 1e3))
 
 
 def rounded(value: float, error: float = math.nan) -> str:
@@ -23,21 +25,96 @@ def rounded(value: float, error: float = math.nan) -> str:
     >>> rounded(1.4552e10, 2.1e8), rounded(3.532e9, 5.1e6), rounded(0.9302, 0.0012), rounded(8.7e7)
     ('1.46e10', '3.532e9', '0.930', '8.70e7')
     """
-    if not math.isfinite(value):
-        return "–"
+    return rounded_row((value,), (error,))[0]
+
+
+def rounded_row(values: Sequence[float], errors: Sequence[float] = (), *, fill: bool = False) -> tuple[str, ...]:
+    """Format numbers that stand side by side as `rounded` does, in one notation: powers of ten for all or for none.
+
+    Parameters
+    ----------
+    values
+        Numbers of one unit; "–" where one is not finite.
+    errors
+        Monte Carlo standard error of each; by default not known.
+    fill
+        Write zeros for places that an error does not support ("120", its error 15) rather than powers of ten.
+
+    Examples
+    --------
+    >>> rounded_row((99936.0, 99210.0, 100673.0), (12.0, 40.0, 40.0))
+    ('9.994e4', '9.921e4', '1.0067e5')
+    """
+    split = [_split(value, error) for value, error in zip(values, errors or [math.nan] * len(values), strict=True)]
+    given = [(digits, power) for digits, power in split if digits]
+    plain = all(-4 <= power < 5 and (fill or digits > power) for digits, power in given)
+    texts = []
+    for value, (digits, power) in zip(values, split, strict=True):
+        text = _in_powers(value, digits)
+        texts.append(f"{float(text):.{max(digits - 1 - power, 0)}f}" if digits and plain else text)
+    return tuple(texts)
+
+
+def _in_powers(value: float, digits: int) -> str:
+    """A number as a power of ten with so many digits; 0 and what is not finite as they are told elsewhere."""
+    if value == 0 or not math.isfinite(value):
+        return "0" if value == 0 else "–"
+    mantissa, power = f"{value:.{digits - 1}e}".split("e")
+    return f"{mantissa}e{int(power)}"
+
+
+def _split(value: float, error: float) -> tuple[int, int]:
+    """Significant digits of a number that its error supports, and the power of ten of the first; no digits of a 0."""
+    if value == 0 or not math.isfinite(value):
+        return 0, 0
     digits = _DIGITS_WITHOUT_ERROR
-    if value == 0:
-        return "0"
     if error > 0 and math.isfinite(error):
         digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 1
     elif error == 0:
         digits = _MOST_DIGITS
     digits = min(max(digits, 1), _MOST_DIGITS)
-    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-    power = int(exponent)
-    if -4 <= power < 5 and digits > power:
-        return f"{float(f'{mantissa}e{power}'):.{digits - 1 - power}f}"
-    return f"{mantissa}e{power}"
+    return digits, int(f"{value:.{digits - 1}e}".split("e")[1])
+
+
+def engineering(values: Sequence[float], unit: str, errors: Sequence[float] = ()) -> tuple[tuple[str, ...], str]:
+    """Format the numbers of a row, such as a median and its interval, with one prefix: GN/m, MN·m/rad, kN·s/m.
+
+    The prefix is that of the first number, so state the median first; only units of a force have one. Each number shows
+    the digits that its error supports, with zeros for the places that it does not. Where a number would be below 0.0001
+    or above 99999 with that prefix, all of the row are powers of ten in the unit without a prefix.
+
+    Parameters
+    ----------
+    values
+        Numbers in the unit; "–" where one is not finite.
+    unit
+        Unit without a prefix, such as ``"N·m/rad"``.
+    errors
+        Monte Carlo standard error of each; by default not known, and three digits are shown.
+
+    Returns
+    -------
+    texts
+        One string per number, without the unit.
+    unit
+        The unit with its prefix.
+
+    Examples
+    --------
+    >>> engineering((5.046e9, 3.532e9, 1.4552e10), "N/m", (2.1e7, 5.1e6, 2.1e8))
+    (('5.05', '3.532', '14.6'), 'GN/m')
+    >>> engineering((99936.0, 99210.0, 100673.0), "N·m/rad", (12.0, 40.0, 40.0))
+    (('99.94', '99.21', '100.67'), 'kN·m/rad')
+    >>> engineering((3.44e7, 1.2, 9e12), "N"), engineering((0.0801, 0.02), "1")
+    ((('3.44e7', '1.20e0', '9.00e12'), 'N'), (('0.0801', '0.0200'), '1'))
+    """
+    first = next((abs(value) for value in values if value and math.isfinite(value)), 0.0) if unit[:1] == "N" else 0.0
+    prefix, scale = next(((p, s) for p, s in _PREFIXES if first >= s), ("", 1.0))
+    errors = errors or [math.nan] * len(values)
+    texts = rounded_row([v / scale for v in values], [e / scale for e in errors], fill=True)
+    if any("e" in text for text in texts):
+        return rounded_row(values, errors), unit
+    return texts, prefix + unit
 
 
 def join_unit(text: str, unit: str) -> str:
@@ -59,7 +136,7 @@ def rounded_interval(ends: tuple[float, float], errors: tuple[float, float], bet
     >>> rounded_interval((3.532e9, 1.4552e10), (5.1e6, 2.1e8))
     '3.532e9 … 1.46e10'
     """
-    return between.join(rounded(end, error) for end, error in zip(ends, errors, strict=True))
+    return between.join(rounded_row(ends, errors))
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -75,8 +152,8 @@ def number(value: float | None, digits: int = 3) -> str:
     text = f"{value:.{digits}g}"
     if "e" not in text:
         return text
-    mantissa, exponent = text.split("e")
-    return f"{mantissa}e{int(exponent)}"
+    mantissa, power = text.split("e")
+    return f"{mantissa}e{int(power)}"
 
 
 def factor(ratio: float) -> str:
@@ -103,6 +180,43 @@ def factor_in_words(ratio: float) -> str:
     if ratio > LARGEST_FACTOR:
         return f"more than a factor of {LARGEST_FACTOR:.0f}"
     return f"a factor of {factor(ratio)}"
+
+
+def likelihood_ratio(twice_log: float) -> str:
+    """How many times likelier, from 2 ln of the ratio.
+
+    Examples
+    --------
+    >>> likelihood_ratio(1.0), likelihood_ratio(400.0)
+    ('1.6', 'more than 1e6')
+    """
+    return number(math.exp(twice_log / 2), 2) if twice_log < _LARGEST_TWICE_LOG else "more than 1e6"
+
+
+def told_apart(value: float, *limits: float) -> tuple[str, ...]:
+    """A number and its limits with three digits, or as many as tell it from them.
+
+    Examples
+    --------
+    >>> told_apart(1.0201, 0.98, 1.02)
+    ('1.0201', '0.98000', '1.0200')
+    """
+    for digits in range(3, 8):
+        texts = tuple(f"{each:#.{digits}g}".rstrip(".") for each in (value, *limits))
+        if texts[0] not in texts[1:]:
+            break
+    return texts
+
+
+def p_value_in_words(value: float) -> str:
+    """A p-value after "p": as a number, or beyond which one.
+
+    Examples
+    --------
+    >>> p_value_in_words(0.1234), p_value_in_words(1e-9)
+    ('= 0.12', '< 0.001')
+    """
+    return "< 0.001" if value < 0.001 else "> 0.999" if value > 0.999 else f"= {value:.2g}"
 
 
 def signed(value: float, decimals: int = 2) -> str:
@@ -156,8 +270,17 @@ def fixed(value: float | None, decimals: int) -> str:
 
 
 def interval(ends: Sequence[float], digits: int = 3) -> str:
-    """Format the ends of an interval."""
-    return f"{number(ends[0], digits)} … {number(ends[1], digits)}"
+    """Format the ends of an interval with so many digits, both in one notation.
+
+    Examples
+    --------
+    >>> interval((99.2, 12345.0)), interval((0.12, 4.5))
+    ('9.92e1 … 1.23e4', '0.12 … 4.5')
+    """
+    texts = [number(end, digits) for end in ends]
+    if len({"e" in text for text in texts}) > 1:
+        texts = [_in_powers(end, digits) for end in ends]
+    return " … ".join(texts)
 
 
 def json_ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)

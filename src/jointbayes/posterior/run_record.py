@@ -70,6 +70,14 @@ class RunRecord:
     r_hat: Mapping[str, float]
     versions: Mapping[str, str]
 
+    @property
+    def headline(self) -> str:
+        """Whether the calculation has settled, and how well the ends of intervals are known; figures in `reason`."""
+        how = self.reason.partition(";")[0].partition(": ")
+        if self.converged:
+            return f"The calculation has settled: {how[2] or how[0]}."
+        return f"The calculation has NOT settled {how[0].removeprefix('not converged ')}: do not use these numbers."
+
 
 class SampledCase(Protocol):
     """What a report says of the case that was sampled, besides the posterior."""

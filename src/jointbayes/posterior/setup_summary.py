@@ -147,6 +147,7 @@ def check_json(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
         "explains": check.explains,
         "finding": check.finding,
         "sentence": check.sentence,
+        "details": check.details,
         "causes": [] if check.explains else list(diagnosis.causes),
         "diagnosis": None if check.explains else diagnosis.sentence,
         "chi2_per_line": check.chi2_per_line,

@@ -102,9 +102,27 @@ class Solutions:
             groups.setdefault(tuple(place[mode] for place in places), []).append(mode)
         return sorted(groups.values(), key=lambda modes: -self.shares[modes].sum())
 
-    @cached_property
+    @property
     def sentence(self) -> str:
         """What the solutions are and what measurement would tell them apart; empty where there is one."""
+        return " ".join(self.sentences)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The same, sentence by sentence."""
+        return tuple(filter(None, (self.description, self.advice)))
+
+    @cached_property
+    def advice(self) -> str:
+        """What measurement would tell the solutions apart; empty where there is one, or nobody knows."""
+        if not self.split:
+            return ""
+        theta = np.array([self._posterior.estimate.starts_for_draws[modes[0]][0] for modes in self._distinct])
+        return further_measurement(self._posterior.problem, theta)
+
+    @property
+    def description(self) -> str:
+        """How many solutions there are, and in what they differ; empty where there is one."""
         if not self.split:
             return ""
         shares = f"probability {', '.join(f'{self.shares[modes].sum():.2f}' for modes in self._distinct)}"
@@ -112,12 +130,10 @@ class Solutions:
             shares = "their probabilities are not settled, as the sampler has not converged"
         # of a model that does not explain the data the solutions only fit best
         fit = "explain the data" if self._posterior.check.explains else "fit the data best"
-        text = (
+        return (
             f"{_count(len(self._distinct)).capitalize()} solutions {fit} ({shares}): "
             f"{', '.join(self.split)} differ between them."
         )
-        theta = np.array([self._posterior.estimate.starts_for_draws[modes[0]][0] for modes in self._distinct])
-        return f"{text} {further_measurement(self._posterior.problem, theta)}".rstrip()
 
     def summaries(self) -> tuple[ModeSummary, ...]:
         """Every mode that has draws, where there are several."""

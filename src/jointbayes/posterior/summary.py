@@ -1,5 +1,6 @@
 """The numbers of a run: typed, as a table for people, and as `summary.json`, described in docs/summary-json.md."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -29,6 +30,7 @@ from jointbayes.posterior.setup_summary import (
     setup_summaries,
 )
 from jointbayes.posterior.solutions import ModeSummary
+from jointbayes.posterior.summary_tables import stiffness_frame, summary_html
 from jointbayes.posterior.verdicts import JudgedPosterior, mode_sentence, reasons_for_no_verdict, verdict_text
 from jointbayes.sampling.diagnostics import effective_sizes
 
@@ -183,8 +185,7 @@ class Summary:
             *(["[[Other quantities: median (95 % credible interval)]]"] if others else []),
             *(f"    {line}" for line in align_columns(others)),
             "[[Fit at the MAP]]",
-            f"    {fit.n_data} values{synthetic}; squared residual over the stated noise {number(fit.chi2_per_line)} "
-            "per value (1 is expected)",
+            f"    {fit.n_data} values{synthetic}; misfit {number(math.sqrt(fit.chi2_per_line))} times the stated noise",
             *(f"    {setup.check.sentence}" for setup in self.setups.values()),
             *([f"    {sentence_of_left_out(self.left_out)}"] if self.left_out else []),
             *([] if self.measured_bodies is None else [f"    {self.measured_bodies.sentence}"]),
@@ -193,6 +194,15 @@ class Summary:
             *(f"    Warning: {warning}" for warning in self.warnings),
         ]
         return "\n".join(lines)
+
+    __repr__ = __str__  # what a notebook shows of the last line of a cell
+
+    def _repr_html_(self) -> str:
+        return summary_html(str(self), self.parameters)
+
+    def to_dataframe(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
+        """The stiffnesses as a pandas.DataFrame, one row for each, in its unit."""
+        return stiffness_frame(self.to_json()["parameters"])
 
     def _bodies_json(self, noise: NoiseOfBodies) -> dict[str, Any]:
         files = {name: [asdict(file) for file in each] for name, each in self.files_of_bodies.items()}

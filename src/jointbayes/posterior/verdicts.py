@@ -12,6 +12,7 @@ limit have chosen the verdict as well, so that among joints with one verdict mor
 """
 
 import math
+import textwrap
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
@@ -33,12 +34,15 @@ from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
 BEYOND = 0.025
 #: Least share of the prior that a one-sided 95 % limit must exclude to be a statement about the data.
 LEAST_EXCLUDED = 0.1
-#: What is added to a verdict where the model does not explain the data.
-IF_MODEL_RIGHT = "if the model were right"
+#: What is said in place of a verdict where the model does not explain the data, and what sentences open with there.
+NO_VALID_VALUE = "no valid value, as the model does not fit the data"
+IF_MODEL_RIGHT = "if the model fitted the data"
 
 #: Fall of ln L, half a quantile of χ² with one degree of freedom, to limits at 95 % of two sides and of one side, and
 #: to those that are printed.
 FALL_TWO_SIDED, FALL_ONE_SIDED, FALL_PRINTED = (float(chdtri(1, p)) / 2 for p in (0.05, 0.10, 0.025))
+#: Longest line of a verdict on a terminal.
+MOST_CHARACTERS = 200
 #: Of more unknowns no likelihood-ratio limits are sought: each would take seconds.
 MOST_UNKNOWNS = 10
 
@@ -47,7 +51,7 @@ Error = Callable[[float], float]
 _REGION_DRAWS = 4000
 _LIMIT: dict[Side, float] = {"upper": 0.05, "lower": 0.95}  # probability of the limit, by the bound opposite
 _SAME_DENSITY = 1e-3  # difference in log density of two points that are equally the mode, as `mode_agrees` has it
-_WIDER = "every prior of the joint a decade wider on each side"
+_WIDER = "priors a decade wider on each side"
 
 
 class JudgedPosterior(PosteriorDraws):
@@ -94,19 +98,20 @@ def reasons_for_no_verdict(posterior: PosteriorDraws) -> tuple[str, ...]:
     """Why a run gives no verdict on any stiffness, one phrase for each reason; empty where it does."""
     reasons = []
     if not posterior.converged:
-        reasons.append("the sampler has not converged")
+        reasons.append("the calculation has not settled")
     if not posterior.mode_agrees:
         gain = posterior.mode_log_density - posterior.estimate.log_posterior
         if gain > _SAME_DENSITY:
-            reasons.append(f"the MAP search missed the mode: the best draw leads {gain:.3g} higher in log density")
+            reasons.append(f"the search missed the best fit: a draw leads to one {gain:.3g} higher in log density")
         else:
             reasons.append(
-                f"joint mode and MAP are {posterior.mode_distance:.2g} Laplace standard deviations apart, the joint "
-                f"mode {-gain:.3g} lower in log density"
+                f"the best fits that draws and search lead to are {posterior.mode_distance:.2g} standard deviations "
+                f"apart, that of the draws {-gain:.3g} lower in log density"
             )
     if not posterior.check.explains and not any(test.data.synthetic for test in posterior.problem.tests):
         size, level = math.sqrt(posterior.check.chi2_per_line), posterior.check.level
-        misfit = f"residuals are {number(size, 2)} times their noise" if level == "above" else "residuals correlate"
+        misfit = f"it misses them by {number(size, 2)} times their noise"
+        misfit = misfit if level == "above" else "the misfit follows a pattern along frequency"
         reasons.append(f"the model does not explain the measured data: {misfit}")
     return tuple(reasons)
 
@@ -170,52 +175,43 @@ def verdict_text(verdict: Verdict, *, if_model_right: bool, condition: str = "")
     Examples
     --------
     >>> verdict_text("identified", if_model_right=True)
-    'identified, if the model were right'
+    'no valid value, as the model does not fit the data'
     """
-    return (
-        f"{verdict}, {IF_MODEL_RIGHT}{' and' if condition else ''}{condition}"
-        if if_model_right
-        else verdict + condition
-    )
+    return NO_VALID_VALUE if if_model_right else verdict + condition
 
 
-def verdict_line(posterior: JudgedPosterior, name: str, condition: str = "", beside: str = "") -> str:
+def verdict_lines(posterior: JudgedPosterior, name: str, condition: str = "", beside: str = "") -> list[str]:
     """Median, 95 % credible interval and verdict of one stiffness with its reason, for the terminal.
 
     `condition` follows the verdict, and `beside` the reason, see `ExactInputs`.
     """
     assessment = posterior.identifiability(name)
     words = verdict_text(assessment.verdict, if_model_right=assessment.if_model_right, condition=condition)
-    return line_of(name, assessment, posterior.unit(name), words, beside)
+    return lines_of(name, assessment, posterior.unit(name), words, beside)
 
 
-def line_of(name: str, assessment: Identifiability, unit: str, words: str = "", beside: str = "") -> str:
-    """The same of an assessment, with the verdict in other words if there are any."""
+def lines_of(name: str, assessment: Identifiability, unit: str, words: str = "", beside: str = "") -> list[str]:
+    """The same of an assessment, with the verdict in other words if there are any; reasons of a long line below it."""
     words = words or assessment.verdict
-    reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-    reason = "; ".join(filter(None, [reason, assessment.prior_volume, beside]))
-    if assessment.limit:
-        return f"{name}: {assessment.limit_in_words}: {words} ({reason})"
-    median = join_unit(rounded(assessment.median, assessment.median_error), unit)
-    interval = f"95 % interval {assessment.interval(' to ')} {assessment.source}"
-    if not assessment.source:
-        interval = f"95 % credible interval {assessment.interval(' to ')}"
-    return f"{name}: median {median}, {interval}: {words} ({reason})"
+    reasons = ["" if assessment.limit else assessment.source.strip("()")]
+    reasons += [assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: "), assessment.prior_volume, beside]
+    median = join_unit(assessment.row[0], unit)
+    interval = f"95 % {'' if assessment.source else 'credible '}interval {assessment.interval(' to ')}"
+    text = f"{name}: {assessment.limit_in_words or f'median {median}, {interval}'}: {words}"
+    given = [reason for reason in reasons if reason]
+    line = f"{text} ({'; '.join(given)})"
+    if len(line) <= MOST_CHARACTERS:
+        return [line]
+    return [text, *(f"    {part}" for reason in given for part in textwrap.wrap(reason, MOST_CHARACTERS - 4))]
 
 
 def mode_sentence(posterior: JudgedPosterior) -> str:
-    """In which coordinates the joint mode is one, and why it lies outside a 95 % interval if it does."""
-    coordinates = ", ".join(axis.label for axis in posterior.problem.parametrisation.axes)
-    others = ", and the logarithms of what else is uncertain" if posterior.problem.prior.nuisances else ""
-    text = f"The joint mode is the point of highest posterior density over {coordinates}{others}; in other "
-    text += "coordinates it is another point."
+    """Why the joint mode lies outside a 95 % interval; empty where it does not."""
     outside = [name for name in posterior.stiffness_names if not _holds(posterior.interval(name), posterior.mode[name])]
-    if outside:
-        text += (
-            f" It lies outside the 95 % credible interval of {' and '.join(outside)}: the posterior is skewed, and the "
-            "highest point of a joint density is not the middle of any one quantity's distribution. Quote the median."
-        )
-    return text
+    if not outside:
+        return ""
+    names = " and ".join(outside)
+    return f"The joint mode lies outside the 95 % interval of {names}: the distribution is skewed. Quote the median."
 
 
 def _holds(interval: tuple[float, float], value: float) -> bool:
@@ -252,7 +248,7 @@ def judge_with_wider_priors(
     wider = assess(beyond, wide.prior.values(wide.prior_theta)[:, place])
     if not wide.reliable:
         return _less_certain(
-            assessment, "not identified", f"rests on the prior: the posterior with {_WIDER} could not be computed"
+            assessment, "not identified", f"rests on the prior: what {_WIDER} make of it could not be computed"
         )
     low, high = posterior.problem.prior.bounds_of(name) or (-math.inf, math.inf)
     below, above = float((beyond < low).mean()), float((beyond > high).mean())

@@ -170,8 +170,8 @@ def independent_chains(log_density: LogDensity, theta: Array, effective: float, 
         move_acceptance={},
         thin=1,
         converged=True,
-        reason=f"{_CHAINS * steps} independent draws by importance sampling, each end of a 95 % interval known to "
-        f"{100 * END_TOLERANCE:g} % of the interval's width",
+        reason=f"{_CHAINS * steps} independent draws by importance sampling: the ends of each 95 % interval are "
+        f"good to {100 * END_TOLERANCE:g} % of the interval's width",
         evaluations=len(kept),
         singular=0,
         seconds=seconds,

@@ -316,8 +316,8 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
     factor, tolerance = f"{settings.tau_factor:g}", f"{100 * settings.tau_tolerance:.1f} %"
     met = f"autocorrelation time τ = {last.tau_max:.1f} steps, below 1/{factor} of the {last.kept} after burn-in"
     agree = f"R̂ ≤ {last.r_hat_max:.4f} over {settings.ensembles} ensembles"
-    ends = f"Monte Carlo error of each 95 % interval end at most {100 * error.share:.1f} % of the interval's width"
-    return Verdict(True, f"converged {where}: {met}, stable within {tolerance}; {agree}; {ends}")
+    ends = f"the ends of each 95 % interval are good to {100 * error.share:.1f} % of the interval's width"
+    return Verdict(True, f"converged {where}: {ends}; {met}, stable within {tolerance}; {agree}")
 
 
 def expected_steps(settings: SamplerSettings, last: Check) -> int:

@@ -1,0 +1,48 @@
+"""Numbers side by side have one notation, and the digits that their errors support."""
+
+import math
+
+import pytest
+
+from jointbayes.posterior.identifiability import Identifiability
+from jointbayes.posterior.rounding import engineering, interval, rounded, rounded_interval
+from jointbayes.posterior.verdicts import lines_of
+
+NAN = math.nan
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "errors", "texts", "with_prefix"),
+    [
+        ((5.046e9, 3.532e9, 1.4552e10), "N/m", (2.1e7, 5.1e6, 2.1e8), ("5.05", "3.532", "14.6"), "GN/m"),
+        ((1.52e6, 1.40e6, 1.61e6), "N·m/rad", (), ("1.52", "1.40", "1.61"), "MN·m/rad"),
+        ((8.2e5, 9e4), "N·m/rad", (), ("820", "90.0"), "kN·m/rad"),
+        ((820.0, 90.0), "N·m/rad", (), ("820", "90.0"), "N·m/rad"),
+        ((1.2e8, 1.1e8), "N/m", (1.5e7, 1.5e7), ("120", "110"), "MN/m"),
+        ((9.6e8, 9.4e8, 1.02e9), "N/m", (1e6, 1e6, 1e6), ("960", "940", "1020"), "MN/m"),
+        ((-3e5, 0.0, 2e6), "N", (), ("-300", "0", "2000"), "kN"),
+        ((3.44e7, 1.2, 9e12), "N", (), ("3.44e7", "1.20e0", "9.00e12"), "N"),
+        ((NAN, 3e3, math.inf), "N·s/m", (NAN, NAN, NAN), ("–", "3.00", "–"), "kN·s/m"),
+        ((0.08, 0.02), "1", (0.001, 0.001), ("0.080", "0.020"), "1"),
+    ],
+)
+def test_a_median_and_its_interval_share_one_prefix(values, unit, errors, texts, with_prefix):
+    assert engineering(values, unit, errors) == (texts, with_prefix)
+
+
+@pytest.mark.parametrize("low", [99210.0, 9.921e-5])
+def test_both_ends_of_an_interval_have_one_notation(low):
+    for text in (interval((low, 1.1 * low)), rounded_interval((low, 1.1 * low), (0.0, 0.0))):
+        assert len({"e" in end for end in text.split(" … ")}) == 1
+
+
+def test_a_number_alone_is_told_as_in_a_row_of_one():
+    assert rounded(99936.0, 12.0) == "9.994e4"
+    assert rounded_interval((99936.0, 1.0067e5), (12.0, 40.0)) == "9.994e4 … 1.0067e5"
+
+
+def test_a_median_and_the_ends_of_its_interval_are_told_alike():
+    known = Identifiability((99210.0, 100673.0), 1.01, 0.01, 0.99, "identified", "", 99936.0, 12.0, (40.0, 40.0))
+    assert known.row == ("9.994e4", "9.921e4", "1.0067e5")
+    (line,) = lines_of("krz", known, "N·m/rad")
+    assert line.startswith("krz: median 9.994e4 N·m/rad, 95 % credible interval 9.921e4 to 1.0067e5: identified")

@@ -1,0 +1,78 @@
+"""Every number in a sentence is that of its data: other data, other words; and no line is too long for a terminal."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from jointbayes.identification.map_estimate import SearchEffort
+from jointbayes.posterior.diagnosis import Diagnosis, ModeError, PairFit
+from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences
+from jointbayes.posterior.homogeneity import Homogeneity
+from jointbayes.posterior.identifiability import verdict_by_rule
+from jointbayes.posterior.model_errors import MeshCheck
+from jointbayes.posterior.modes_answer import ModesAnswer, UsedMode
+from jointbayes.posterior.run_record import RunRecord
+from jointbayes.posterior.verdicts import MOST_CHARACTERS
+
+RECORD = RunRecord("case", "", 1, True, "", {}, {}, {})  # type: ignore[typeddict-item]
+SETTLED = (
+    "converged after 400 steps (limit 20000): the ends of each 95 % interval are good to {} % of the interval's width"
+)
+DIAGNOSIS = Diagnosis((ModeError(100.0, 98.0, 1.2),), (PairFit("1:y", "1:y", 0.9, 1.0, False),), ())
+EFFORT = SearchEffort(squares=20.0, limit=1.2, starts=40, agreeing=17, rounds=1)
+MESH = MeshCheck("paper", 10, 1, 0.5, 0.1, {"k11": 0.2}, False, False)
+SAME = Homogeneity("loose", "tight", 50, 1.0, 0.5, (), (), None)
+MODES = ModesAnswer({}, (UsedMode("", 1, 120.0, 0.1),), (), (0.01, 0.005, 0.02), True, "why")
+
+
+def told(reason: str, *, converged: bool = True) -> str:
+    return replace(RECORD, reason=reason, converged=converged).headline
+
+
+@pytest.mark.parametrize(
+    ("one", "another", "words"),
+    [
+        (told(f"{SETTLED.format(1.8)}; τ"), told(SETTLED.format(0.6)), ("to 1.8 %", "to 0.6 %")),
+        (
+            told("not converged after 200 steps (limit 200): τ = 8 is too long; more", converged=False),
+            told("not converged after 400 steps (limit 400): τ", converged=False),
+            ("has NOT settled after 200 steps (limit 200): do not use", "NOT settled after 400 steps"),
+        ),
+        (verdict_by_rule(1.0, 0.31)[1], verdict_by_rule(1.0, 0.01)[1], ("by only 31 %", "next to nothing")),
+        (
+            EFFORT.sentence,
+            replace(EFFORT, squares=9.0, starts=50).sentence,
+            ("4.47 times", "misses the data by 3 times"),
+        ),
+        (EFFORT.sentence, replace(EFFORT, agreeing=1).sentence, ("from 40 starts", "Only 1 of 40 starts")),
+        (
+            DIAGNOSIS.sentence,
+            replace(DIAGNOSIS, modes=(ModeError(100.0, 97.0),), causes=("frequencies, unevenly",)).sentence,
+            ("off by up to 2 %", "off by up to 3 %"),
+        ),
+        (DIAGNOSIS.sentence, replace(DIAGNOSIS, remedy="Look.").sentence, ("correlation is 0.9.", "is 0.9. Look.")),
+        (MESH.sentence, replace(MESH, error_sd=0.7, shift_sd={"k11": 0.3}).sentence, ("than 0.5 sta", "than 0.7 sta")),
+        (SAME.sentence, replace(SAME, chi2_per_value=4.0, lines_p_value=0.0).sentence, ("are equal", "by 2 times")),
+        (MODES.basis, replace(MODES, model_error=(0.02, 0.01, 0.03)).basis, ("about 1 % (0.5 to 2 %)", "about 2 %")),
+        (MODES.sentence, replace(MODES, believed=False).sentence, ("of the modes: why", "of the FRFs: why")),
+        (
+            " ".join(exclusion_sentences((SimplerJoint("", "rigid", 2 * math.log(30.0), 5.0),))),
+            " ".join(exclusion_sentences((SimplerJoint("", "rigid", 2 * math.log(3.0), 5.0),))),
+            ("rule out that the joint is rigid (30 times", "do not rule out that the joint is rigid (3 times"),
+        ),
+    ],
+)
+def test_other_data_have_other_words(one: str, another: str, words: tuple[str, str]) -> None:
+    assert words[0] in one
+    assert words[1] in another
+    assert one != another
+    assert max(map(len, (one, another))) <= MOST_CHARACTERS + 100  # of several sentences, each a line
+
+
+def test_every_advice_is_a_line_of_its_own() -> None:
+    causes = ("frequencies, unevenly", "frequencies, all the same way", "damping", "level", "one sensor")
+    off = replace(DIAGNOSIS, causes=causes, sensor="1:y/1:y", ignores_noise=True)
+    assert len(off.sentences) == 2 + len(causes)
+    assert " ".join(off.sentences) == off.sentence
+    assert max(map(len, off.sentences)) <= MOST_CHARACTERS
