@@ -12,8 +12,9 @@ from jointbayes.posterior import Posterior, RunRecord, summarise
 from jointbayes.posterior.diagnosis import Diagnosis, PairFit
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.report import ReportInputs
+from jointbayes.report.frf_curves import frf_unit
 from jointbayes.report.model import Figure
-from jointbayes.report.sections.fit_to_data import MOST_FIGURES, MOST_ROWS, _measure, _shown, fit_section, frf_unit
+from jointbayes.report.sections.fit_to_data import MOST_FIGURES, MOST_ROWS, _correlations, _shown, fit_section
 from jointbayes.sampling import Draws
 from jointbayes.workflow import sample
 from tests.conftest import FEW_STEPS, TABLE_3, cheap_text, edited
@@ -53,30 +54,31 @@ def fitted(request):
 
 
 def drawn(posterior, initial=INITIAL):
-    """The interactive curves of the magnitude by name."""
+    """Magnitudes of the interactive curves by name, and of both ends of the band."""
     inputs = ReportInputs(replace(posterior, problem=replace(posterior.problem, initial=initial)))
     inputs.__dict__["summary"] = inputs.posterior.summary()  # without profiles, which this section does not need
     section = fit_section(inputs.setups[0])
     (figure,) = (b for b in section.blocks if isinstance(b, Figure) and b.identifier == "frf-0-0")
-    return {series.name: series for series in figure.plot.series}
+    low, high = map(np.abs, figure.plot.band)
+    return {curve.name: np.abs(curve.values) for curve in figure.plot.curves} | {"low": low, "high": high}
 
 
 def test_the_measured_curve_lies_on_that_of_the_map_and_in_its_band(fitted):
     curves = drawn(fitted)
-    measured, best = np.array(curves["synthetic"].y), np.array(curves["MAP"].y)
+    measured, best = curves["synthetic"], curves["MAP"]
     frf = fitted.problem.test.data.frf.values[:, 0, 0]
     sd = np.sqrt(fitted.problem.test.data.variance[:, 0, 0]) / np.abs(frf)
     apart = np.log(measured / best)
     assert abs(np.median(apart)) < 0.005
     assert np.abs(apart / sd).max() < 5
-    low, high = np.array(curves["95 % band"].y_low), np.array(curves["95 % band"].y_high)
+    low, high = curves["low"], curves["high"]
     assert ((low <= best * 1.001) & (best <= high * 1.001)).mean() > 0.9
     assert np.median(high / low) < 1.1
 
 
 def test_the_first_guess_differs_from_the_map_by_the_joint_alone(fitted):
     curves = drawn(fitted, tuple(fitted.estimate.values))
-    np.testing.assert_allclose(curves["first guess"].y, curves["MAP"].y, rtol=1e-9)
+    np.testing.assert_allclose(curves["first guess"], curves["MAP"], rtol=1e-9)
 
 
 def test_natural_frequencies_of_the_first_guess_are_those_of_the_structure_that_was_fitted(fitted):
@@ -110,7 +112,7 @@ def test_of_many_frfs_the_highest_and_those_that_fit_worst_have_figures():
 
 def test_the_table_of_many_frfs_says_that_it_shows_the_worst():
     pairs = tuple(PairFit(f"{n}:y", "1:y", 1 - 0.01 * n, 1.0, turned=False) for n in range(30))
-    (table,) = _measure(Diagnosis((), pairs, ()))
+    (table,) = _correlations(Diagnosis((), pairs, ()))
     assert len(table.rows) == MOST_ROWS
     assert table.rows[0][0] == "29:y/1:y"
     assert table.note.startswith(f"The {MOST_ROWS} of 30")

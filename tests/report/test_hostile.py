@@ -13,6 +13,7 @@ from jointbayes.frf import MeasuredFile
 from jointbayes.measurement.provenance import ChannelUse, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.posterior.evidence import Evidence
+from jointbayes.posterior.first_look import Linearised
 from jointbayes.report import render_html, render_pdf
 from jointbayes.report.inspect_figure import inspect_figure
 from jointbayes.studies.calibration import Calibration, build_calibration_report
@@ -20,10 +21,9 @@ from jointbayes.studies.campaign.campaign_report import write_campaign_report
 from jointbayes.studies.comparison import WeighedModel
 from jointbayes.studies.comparison_report import Comparison, build_comparison_report
 from jointbayes.studies.data_sets import DataSet
-from jointbayes.studies.planning.candidates import SimulatedPosterior, Simulation
 from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.first_look import Linearised
 from jointbayes.studies.planning.plan_report import Plan, PlannedMeasurement, build_plan_report
+from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulation
 from tests.conftest import of_case
 from tests.hostile import beacons, browser, in_page, opened
 from tests.studies.campaign_directory import campaign_directory, write_index
@@ -70,7 +70,7 @@ def test_a_hostile_report_runs_nothing_and_asks_for_nothing(written, tmp_path):
     assert 'id="pwned"' not in page
     assert asked == []
     assert said == ""  # the policy had nothing to refuse: all was text
-    assert 'data-drawn="true"' in page  # our own script ran
+    assert 'class="tools"' in page  # our own script ran
     assert "{{7*7}}" in page
     assert "**bold** `code`" in page
     assert "\u202e" not in page

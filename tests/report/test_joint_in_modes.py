@@ -63,7 +63,7 @@ def test_the_sentence_propagates_the_error_of_a_natural_frequency(cheap_posterio
 def test_what_is_said_is_conditional_where_the_model_does_not_explain_the_data(cheap_posterior):
     wrong = replace(cheap_posterior)
     wrong.__dict__["checks"] = (replace(wrong.check, chi2_per_line=9.0),)
-    assert section_of(wrong).blocks[0].text.startswith("If the model were right: one natural")
+    assert section_of(wrong).blocks[0].text.startswith("If the model fitted the data: a natural")
 
 
 def test_only_modes_of_the_measured_band_are_listed(cheap_posterior, frequency_posterior):

@@ -110,7 +110,7 @@ def test_an_interrupted_report_says_that_the_draws_are_kept(config, monkeypatch)
 
 @pytest.mark.parametrize(("command", "written"), [("run", "out"), ("sample", "out")])
 def test_an_interrupt_after_the_writing_says_what_was_written(config, monkeypatch, command, written):
-    monkeypatch.setattr("jointbayes.cli.run.print_summary", failing(KeyboardInterrupt()))
+    monkeypatch.setattr("jointbayes.cli.common.print_summary", failing(KeyboardInterrupt()))
     result = cli(command, config, "--out", "out")
     assert result.exit_code == 130
     assert result.stderr.endswith(f"jointbayes: interrupted; {written} is whole\n")

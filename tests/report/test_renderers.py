@@ -18,18 +18,9 @@ import typst
 from matplotlib.figure import Figure as MplFigure
 
 from jointbayes.report.html import render_html
+from jointbayes.report.line_plot import LinePlot, Series
 from jointbayes.report.markup import Run, badge, format_numbers, parse, plain
-from jointbayes.report.model import (
-    Callout,
-    Code,
-    Figure,
-    LinePlot,
-    Paragraph,
-    Report,
-    ReportSection,
-    Series,
-    Table,
-)
+from jointbayes.report.model import Callout, Code, Figure, Guide, Light, Lights, Paragraph, Report, ReportSection, Table
 from jointbayes.report.pdf import render_pdf
 
 HOSTILE = (
@@ -72,15 +63,18 @@ def report(text="Nothing to see.", rows=3, interactive=True):
     svg = drawing()
     figures = (
         Figure("frf", text, f"Receptance over frequency. {text}", svg, plot() if interactive else None),
-        Figure("static", text, "No interactive twin", svg),
+        Figure("static", text, "No interactive twin", svg, guide=Guide(text, text, text, text)),
     )
     return Report(
         f"Clamp {text}",
         text,
-        tuple(Callout(kind, f"**Verdict:** {text}") for kind in ("good", "caution", "bad")),
+        (
+            *(Callout(kind, f"**Verdict:** {text}") for kind in ("good", "caution", "bad")),
+            Lights((Light("Model", "good", text), Light("Data", "bad", text))),
+        ),
         (
             ReportSection("fit", text, (Paragraph(text), *figures)),
-            ReportSection("rest", "Rest", (table, listing, Paragraph("k is 5.05e9 N/m"))),
+            ReportSection("rest", "Rest", (table, listing, Paragraph("k is 5.05e9 N/m")), appendix=True),
         ),
         datetime.date(2026, 1, 5),
         "0.1.0",
@@ -129,9 +123,9 @@ def squeezed(text):
 def test_hostile_text_is_literal_in_html():
     page = Page(render_html(report(HOSTILE)))
     words = squeezed("".join(page.text))
-    # title, h1, subtitle, contents, heading, 3 callouts, paragraph, 2 figure captions, table caption, head,
-    # note and code
-    assert words.count(squeezed(HOSTILE)) == 15
+    # title, h1, subtitle, contents, heading, 3 callouts, 2 lights, 4 of a guide, paragraph, 2 captions, table caption,
+    # head, note and code
+    assert words.count(squeezed(HOSTILE)) == 21
     assert not any("alert(1)" in script for script in page.scripts)
     assert page.all("img")[0]["alt"] == f"Receptance over frequency. {HOSTILE}"
 
@@ -210,6 +204,14 @@ def test_badges_have_a_symbol_besides_colour(tmp_path):
         assert shown in source
         assert squeezed(f"{symbol}{verdict}") in squeezed(words)
     assert badge("an identified joint") is None
+
+
+def test_appendix_is_lettered_behind_the_numbered_report(tmp_path):
+    in_html = squeezed(" ".join(Page(render_html(report())).text))
+    in_pdf = squeezed(pdf_text(render_pdf(report()), tmp_path))
+    for text in (in_html, in_pdf):
+        assert squeezed("1 Nothing to see.") in text
+        assert squeezed("A Rest") in text
 
 
 def test_numbers_look_the_same_in_both(tmp_path):

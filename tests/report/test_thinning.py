@@ -10,7 +10,8 @@ import pytest
 
 from jointbayes.report.canvas import extremes, points_of_polyline
 from jointbayes.report.html import render_html
-from jointbayes.report.model import Figure, LinePlot, Report, ReportSection, Series
+from jointbayes.report.line_plot import LinePlot, Series
+from jointbayes.report.model import Figure, Report, ReportSection
 
 LINES = 0.25 * np.arange(1, 9922)
 RESONANT = 1 / np.abs(900.0**2 - LINES**2 + 1j * 0.004 * 900.0 * LINES)

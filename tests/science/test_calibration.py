@@ -13,8 +13,9 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
+from jointbayes.posterior.prediction import simulated_values
 from jointbayes.studies import data_sets
-from jointbayes.studies.data_sets import DENSITY, simulated_values
+from jointbayes.studies.data_sets import DENSITY
 from tests.conftest import pair_matrix
 from tests.studies.calibration_cases import FREQUENCIES, Here, noisier_case, small_case, write_case
 

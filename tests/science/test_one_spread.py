@@ -138,17 +138,18 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run_as_page_one_
         assert first["verdict"][name] == summary["parameters"][name]["verdict"]
         assert first["interval95"][name] == pytest.approx(posterior.interval(name))
     captions = {b.caption: b for b in report.blocks() if isinstance(b, Table)}
-    rows = captions["Stiffness of the joint"].rows  # the second row of a stiffness is that of a workshop
-    on_page_one = {row[0]: row for row in rows if "as in a workshop" not in row}
+    table = captions["Stiffness of the joint"]
+    run = next(i for i, title in enumerate(table.head) if title.startswith("All else"))
+    on_page_one = dict(zip(NAMES, (row[run : run + 2] for row in table.rows), strict=True))
     cells = captions["Effect of uncertain inputs"].rows[0]
     for name, cell in zip(NAMES, cells[1:4], strict=True):
         assert [float(end) for end in cell.split(" … ")] == pytest.approx(posterior.interval(name), rel=0.02)
-        if cell not in on_page_one[name]:  # an end by likelihood ratio, or a limit alone: the sentence names the draws'
-            ends = summary["parameters"][name]["printed_by_likelihood"]
-            bounded = summary["parameters"][name]["verdict"].startswith("bounded")
-            assert bounded or (any(ends) and any(cell.replace(" … ", " to ") in text for text in texts(report)))
-    # page one adds what the verdicts take as exact, which is what the other rows of the table free
-    verdicts = {name: on_page_one[name][-1].partition(" only if ")[0] for name in NAMES}
+        printed = [float(text) for text in on_page_one[name][0].strip(")").partition("(")[2].split(" to ") if text]
+        ends = summary["parameters"][name]["printed_by_likelihood"]
+        if not any(ends) and len(printed) == 2:
+            scale = printed[0] / float(cell.split(" … ")[0])
+            assert printed[1] == pytest.approx(scale * float(cell.split(" … ")[1]), rel=0.02)
+    verdicts = {name: on_page_one[name][1] for name in NAMES}
     assert cells[4] == "; ".join(f"{name} {verdict}" for name, verdict in verdicts.items())
 
 

@@ -27,6 +27,8 @@ _FIRST_STRIDE = 64
 
 _POWER = re.compile(r"\^\{([-\d]+)\}")
 _BEYOND_HUNDREDTHS = re.compile(r"(?<=\.\d\d)\d+(?=[ \"\n])")
+_BEFORE_POINT = re.compile(r"\s*([MLQC]) (?=-?\d)")
+_NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _LONGEST = 40  # characters of a label on the vertical axis
 _RIGHT = 0.2  # inches: half a tick label may stand beyond the axes
 _STYLE: Any = {
@@ -105,9 +107,9 @@ def svg(draw: Callable[[Canvas], None], width: float, height: float) -> str:
         buffer = io.StringIO()
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Glyph .* missing", UserWarning)  # a box stands for it
-            canvas.savefig(buffer, format="svg", metadata={"Date": None})
-    # a hundredth of a point is finer than any page shows
-    return _BEYOND_HUNDREDTHS.sub("", clean(buffer.getvalue()))
+            canvas.savefig(buffer, format="svg", metadata=_NO_METADATA)
+    # a hundredth of a point is finer than any page shows, and a path needs no blanks around its letters
+    return _BEFORE_POINT.sub(r"\1", _BEYOND_HUNDREDTHS.sub("", clean(buffer.getvalue())))
 
 
 def _character_formatter(formatter: Any) -> Formatter:  # noqa: ANN401 (matplotlib is untyped here)
@@ -133,9 +135,12 @@ def panels(
     bottom: float = 0.45,
     top: float = 0.12,
     apart: tuple[float, float] = (0.1, 0.1),
+    heights: Sequence[float] | None = None,
     **options: Any,  # noqa: ANN401 (those of Figure.subplots)
 ) -> Any:  # noqa: ANN401 (array of Axes, shape (rows, columns))
     """Axes on a canvas, shape (rows, columns), with margins and room between rows and columns in inches.
+
+    Rows are equally high, or have these heights relative to each other.
 
     Laid out by hand: a layout that looks for itself draws every figure a second time.
     """
@@ -143,7 +148,7 @@ def panels(
     each = (height - bottom - top - (rows - 1) * apart[0]) / rows
     wide = (width - left - _RIGHT - (columns - 1) * apart[1]) / columns
     place = {"left": left / width, "right": 1 - _RIGHT / width, "bottom": bottom / height, "top": 1 - top / height}
-    room = {"hspace": apart[0] / each, "wspace": apart[1] / wide}
+    room = {"hspace": apart[0] / each, "wspace": apart[1] / wide, "height_ratios": heights}
     return canvas.subplots(rows, columns, squeeze=False, gridspec_kw=place | room, **options)
 
 
@@ -159,10 +164,12 @@ def add_strokes(axes: Axes, place: Array, low: Array, high: Array, **style: floa
 
     What limits the axes is set by the caller: following each stroke to find it would take long.
     """
-    corners = np.stack([np.repeat(place, 2), np.ravel([low, high], "F")], axis=1)
+    # a screen shows nothing of a stroke whose ends are one point
+    ends = [low, np.where(high > low, high, low + 1e-9 * np.abs(low))]
+    corners = np.stack([np.repeat(place, 2), np.ravel(ends, "F")], axis=1)
     path = Path(corners, np.tile([Path.MOVETO, Path.LINETO], len(place)))
     path.should_simplify = False  # or strokes of no length, the dots, are left out
-    axes.add_artist(PathPatch(path, fc="none", capstyle="round", **style))
+    axes.add_artist(PathPatch(path, fc="none", capstyle="round", snap=False, **style))
 
 
 def margin_labels(labels: Sequence[str]) -> tuple[list[str], float]:

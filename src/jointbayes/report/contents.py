@@ -1,18 +1,28 @@
-"""The report of a run: from a posterior to formatted text, tables and figures."""
+"""The report of a run: page one, five pages that bear it out, and behind them everything else."""
 
 import datetime
-from collections.abc import Callable, Iterable
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from itertools import chain
+from typing import TypeAlias, TypeVar
 
-from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.model import Report, ReportSection
+from jointbayes.report.guides import with_guides
+from jointbayes.report.inputs import ReportInputs, SetupInputs
+from jointbayes.report.model import Block, Paragraph, Report, ReportSection
+from jointbayes.report.page_budget import share_pages
 from jointbayes.report.sections.fit_to_data import fit_section
 from jointbayes.report.sections.identifiable import knowledge_section, likelihood_section
 from jointbayes.report.sections.intervals import nuisance_section, posterior_section
 from jointbayes.report.sections.joint_in_modes import joint_in_modes_section
-from jointbayes.report.sections.lead import lead
+from jointbayes.report.sections.lead import answer_section, lead
 from jointbayes.report.sections.left_out import left_out_section
-from jointbayes.report.sections.measured_data import measured_bodies_section, measurement_section
+from jointbayes.report.sections.measured_data import (
+    case_warnings_section,
+    measured_bodies_section,
+    measured_modes_section,
+    measurement_section,
+)
+from jointbayes.report.sections.methods import methods_section, terms_section
 from jointbayes.report.sections.natural_frequencies import frequency_section, own_section
 from jointbayes.report.sections.run_details import sampling_section, settings_section, starts_section
 from jointbayes.report.sections.several_setups import (
@@ -21,55 +31,75 @@ from jointbayes.report.sections.several_setups import (
     overview_section,
     setup_section,
 )
+from jointbayes.report.sections.trust import worst_setup
 
 Inputs = TypeVar("Inputs")
+Section: TypeAlias = Callable[[ReportInputs], ReportSection | None]
+SectionOfData: TypeAlias = Callable[[SetupInputs], ReportSection | None]
 
-#: On the data of one set-up, in the order of the report. Each takes `SetupInputs`, returns None with nothing to say.
-SECTIONS_OF_DATA = (
-    measurement_section,
-    fit_section,
-    frequency_section,
-    own_section,
-    joint_in_modes_section,
+_OF_MODES = (measured_modes_section, frequency_section, own_section, joint_in_modes_section)
+#: The pages in their order: identifier, title, sections on all tests together, then sections on the data of one. Each
+#: section takes its inputs and returns None with nothing to say.
+PAGES: tuple[tuple[str, str, tuple[Section, ...], tuple[SectionOfData, ...]], ...] = (
+    ("fit", "Measured and predicted", (overview_section,), (fit_section,)),
+    ("modes", "Natural frequencies and modes", (), _OF_MODES),
+    ("posterior", "Stiffness", (answer_section, posterior_section, curve_section, assembly_section), ()),
+    ("known", "What the answer rests on", (knowledge_section, nuisance_section, left_out_section), ()),
+    ("data", "Data", (case_warnings_section, measured_bodies_section), (measurement_section,)),
 )
-#: On all set-ups together. Each takes `ReportInputs`.
-SECTIONS = (
-    measured_bodies_section,
-    curve_section,
-    assembly_section,
-    left_out_section,
-    posterior_section,
-    nuisance_section,
-    knowledge_section,
+#: Behind the pages.
+APPENDIX: tuple[Section, ...] = (
     sampling_section,
     starts_section,
     likelihood_section,
     settings_section,
+    methods_section,
+    terms_section,
 )
 
 
 def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
-    """Build the report, verdict first."""
+    """Build the report: the answer first, then what bears it out, then the appendix."""
     synthetic = " — synthetic data" if inputs.summary.fit.synthetic_data else ""
-    return Report(
+    pages, more = [], []
+    shown = _shown_setup(inputs)
+    shared = share_pages([_blocks(sections, inputs, of_data, shown) for _, _, sections, of_data in PAGES])
+    for (identifier, title, *_), (page, rest) in zip(PAGES, shared, strict=True):
+        pages += [ReportSection(identifier, title, page)] if page else []
+        more += [ReportSection(f"{identifier}-more", f"{title}, the rest", rest, appendix=True)] if rest else []
+    others = [setup for setup in enumerate(inputs.setups, 1) if setup[1].problem.test.name != shown.problem.test.name]
+    of_data = tuple(chain.from_iterable(page[3] for page in PAGES))
+    more += [replace(setup_section(n, setup, _written(of_data, setup)), appendix=True) for n, setup in others]
+    appendix = (replace(section, appendix=True) for section in _written(APPENDIX, inputs))
+    report = Report(
         title=inputs.title,
         subtitle=f"Joint stiffness with uncertainty{synthetic}",
         lead=lead(inputs),
-        sections=(*_data_sections(inputs), *_written(SECTIONS, inputs)),
+        sections=(*pages, *more, *appendix),
         date=date,
         version=inputs.posterior.record.versions["jointbayes"],
     )
+    return with_guides(report)
 
 
-def _data_sections(inputs: ReportInputs) -> list[ReportSection]:
-    """The sections on the data; of several set-ups a table of all, and one section for each."""
-    if len(inputs.setups) == 1:
-        return _written(SECTIONS_OF_DATA, inputs.setups[0])
-    each = enumerate(inputs.setups, 1)
-    return [
-        overview_section(inputs),
-        *(setup_section(n, setup, _written(SECTIONS_OF_DATA, setup)) for n, setup in each),
-    ]
+def _shown_setup(inputs: ReportInputs) -> SetupInputs:
+    """The test whose data the pages show: of several the one that the model explains worst."""
+    worst = worst_setup(inputs.summary)
+    return next(setup for setup in inputs.setups if setup.summary is worst)
+
+
+def _blocks(
+    sections: Sequence[Section], inputs: ReportInputs, of_data: Sequence[SectionOfData], shown: SetupInputs
+) -> list[Block]:
+    """What the sections of a page say, one after the other."""
+    blocks = list(chain.from_iterable(section.blocks for section in _written(sections, inputs)))
+    of_test = list(chain.from_iterable(section.blocks for section in _written(of_data, shown)))
+    if of_test and len(inputs.setups) > 1:
+        name = shown.problem.test.name
+        blocks.append(
+            Paragraph(f"**Test {name}**, the one that the model explains worst; the others are in the appendix.")
+        )
+    return [*blocks, *of_test]
 
 
 def _written(sections: Iterable[Callable[[Inputs], ReportSection | None]], inputs: Inputs) -> list[ReportSection]:

@@ -21,7 +21,7 @@ from jointbayes.measurement.formats.write import arrays_of
 from jointbayes.measurement.records import FrfRecord, ModeRecord, dof_label, parse_dof
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
-from jointbayes.posterior.verdicts import line_of, verdict_text
+from jointbayes.posterior.verdicts import lines_of, verdict_text
 from jointbayes.report.fe_cards import PROGRAMS, JointElement, Units, ascii_lines, fe_cards, joint_element
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.whole_file import whole_file, write_whole_file
@@ -208,7 +208,7 @@ def _joint_lines(posterior: Posterior, part: Problem, theta: Array, units: Units
         verdict = verdict_text(known.verdict, if_model_right=known.if_model_right)
         verdict = verdict if known.verdict in CERTAINTY else verdict.upper()
         said.append(f"{quantity.name} = {value * factor:.10g} {unit}, 95 % interval {low} to {high}: {verdict}.")
-        said.append(f"In SI units: {line_of(quantity.name, known, si_unit)}.")
+        said.append(f"In SI units: {'; '.join(map(str.strip, lines_of(quantity.name, known, si_unit)))}.")
         if quantity.role != "stiffness":
             said.append(f"{quantity.name} IS DAMPING AND ON NO CARD.")
     return said

@@ -1,330 +1,110 @@
-"""Figures of a report as SVG text, drawn with matplotlib; no file, no screen, the same bytes in every run."""
+"""Figures of a report as SVG text, drawn with matplotlib; no file, no screen, the same bytes in every run.
 
-import importlib
-import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
-from types import ModuleType
+Each lays out the axes on a page. What they show is drawn by :mod:`jointbayes.report.drawing`, which describes the
+arguments, for pages and notebooks alike.
+"""
+
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.report.canvas import add_strokes, extremes, legend_above, logarithmic, panels, svg
-from jointbayes.report.model import SERIES_COLOURS
+from jointbayes.report import drawing
+from jointbayes.report.canvas import panels, svg
+from jointbayes.report.drawing import AxesArray
+from jointbayes.report.line_plot import SERIES_COLOURS, FrfPlot, Wireframe
 
-_BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
-#: Of a figure over frequency: pairs of points to a curve, two or three for each point of the page's width.
-_STRETCHES = 700
-_TRACE_POINTS, _BINS = 120, 40
-_MOST_TICKS = 16  # of DOFs along an axis
-#: Lines that a figure shows as one point each.
-_POINTS = 3000
 #: Curves that one figure can tell apart by colour.
 MOST_CURVES = len(SERIES_COLOURS)
 
 
-@dataclass(frozen=True, slots=True)
-class Overlay:
-    """One quantity over frequency, each array of shape (lines,): measured, first guess, MAP and its band."""
-
-    frequency_hz: Array
-    measured: Array
-    guess: Array
-    best: Array
-    low: Array
-    high: Array
+def _page(draw: Callable[[AxesArray], None], size: tuple[float, float], **layout: Any) -> str:  # noqa: ANN401
+    """SVG text of what is drawn onto axes, shape (rows, columns), on a canvas of so many inches."""
+    return svg(lambda canvas: draw(panels(canvas, **layout)), *size)
 
 
-def frf_overlay(data: Overlay, measured_label: str, y_label: str, *, log: bool) -> str:
-    """Measured, first guess, and MAP with its 95 % band; colours in the order of the interactive twin."""
+def frf_overlay(plot: FrfPlot) -> str:
+    """Magnitude of an FRF, its phase below, and coherence where there is one."""
+    heights = [2.5, 1.4, *([] if plot.coherence is None else [0.9])]
 
-    def draw(canvas: Canvas) -> None:
-        axes = panels(canvas, top=0.3)[0, 0]
-        band, measured, guess, best = SERIES_COLOURS[:4]
-        f = data.frequency_hz
-        low, high = extremes(data.low, _STRETCHES // 2), extremes(data.high, _STRETCHES // 2)
-        edge = np.union1d(low, high)
-        axes.fill_between(f[edge], data.low[edge], data.high[edge], color=band, alpha=0.35, lw=0, label="95 % band")
-        for curve, colour, style, label in (
-            (data.measured, measured, {"lw": 0.8}, measured_label),
-            (data.guess, guess, {"lw": 0.9, "ls": "--"}, "first guess"),
-            (data.best, best, {"lw": 0.9}, "MAP"),
-        ):
-            shown = extremes(curve, _STRETCHES)
-            axes.plot(f[shown], curve[shown], color=colour, label=label, **style)
-        if log:
-            logarithmic(axes)
-        axes.set_xlabel("Frequency (Hz)")
-        axes.set_ylabel(y_label)
-        legend_above(axes)
+    def draw(column: AxesArray) -> None:
+        drawing.draw_frf(column[0], plot)
+        drawing.draw_frf(column[1], plot, phase=True)
+        column[1].get_legend().remove()
+        if plot.coherence is not None:
+            drawing.draw_curve(column[2], plot.frequency_hz, plot.coherence, "Coherence", log=False)
+        for axes in column[:-1]:
+            axes.set_xlabel("")
+        column[0].figure.align_ylabels()
 
-    return svg(draw, 7.2, 3.4 if log else 2.4)
+    layout: Any = {"rows": len(heights), "heights": heights, "top": 0.3, "sharex": True}
+    return _page(lambda axes: draw(axes[:, 0]), (7.2, 0.8 + sum(heights)), **layout)
+
+
+def wireframes(frame: Wireframe) -> str:
+    """Each mode at both of its largest swings, over the structure at rest."""
+    columns = min(len(frame.names), 3)
+    rows = -(-len(frame.names) // columns)
+    size = np.ptp(frame.points + frame.shapes, axis=(0, 1, 2))
+    height = float(np.clip(size[1] / size[0] * 7.2 / columns, 0.7, 2.2)) + 0.4
+    layout: Any = {"rows": rows, "columns": columns, "left": 0.2, "bottom": 0.05, "top": 0.35, "apart": (0.4, 0.15)}
+    return _page(lambda axes: drawing.draw_wireframes(axes.ravel(), frame), (7.4, rows * height), **layout)
 
 
 def squares_by_line(frequency_hz: Array, square: Array) -> str:
-    """Squared residuals over their expectation by frequency, of shape (lines,), with a running mean.
-
-    A point for each line, or where there are too many a stroke from the lowest to the highest of each stretch.
-    """
-
-    def draw(canvas: Canvas) -> None:
-        axes = panels(canvas, top=0.3)[0, 0]
-        stretches = square.size if square.size <= _POINTS else _STRETCHES
-        ends = np.array([[s[0], s[-1]] for s in np.array_split(np.arange(square.size), stretches)])
-        shown = np.maximum(square, 1e-4)
-        low, high = (f.reduceat(shown, ends[:, 0]) for f in (np.minimum, np.maximum))
-        add_strokes(axes, frequency_hz[ends].mean(axis=1), low, high, ec=_BLUE, alpha=0.5, lw=1.2)
-        logarithmic(axes)
-        axes.set_xlim(frequency_hz[0], frequency_hz[-1])
-        axes.set_ylim(shown.min() / 1.5, shown.max() * 1.5)
-        width = max(5, square.size // 100)
-        if square.size > 3 * width:
-            mean = np.convolve(square, np.full(width, 1 / width), "valid")
-            middle = np.convolve(frequency_hz, np.full(width, 1 / width), "valid")
-            kept = extremes(mean, _STRETCHES)
-            axes.plot(middle[kept], mean[kept], lw=1.2, color=_ORANGE, label=f"mean of {width} lines")
-            legend_above(axes)
-        axes.axhline(1.0, color=_GREEN, ls="--", lw=1)
-        axes.set_xlabel("Frequency (Hz)")
-        axes.set_ylabel("Squared residual")
-
-    return svg(draw, 7.2, 2.4)
+    """Squared residuals over their expectation by frequency."""
+    return _page(lambda a: drawing.draw_squares_by_line(a[0, 0], frequency_hz, square), (7.2, 2.4), top=0.3)
 
 
 def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
-    """Profile likelihoods side by side: label of the axis, values on it and ln ratio, each of shape (points,)."""
-
-    def draw(canvas: Canvas) -> None:
-        row = panels(canvas, columns=len(curves), sharey=True)[0]
-        for axes, (label, value, log_ratio) in zip(row, curves, strict=True):
-            axes.plot(value, log_ratio, "o-", ms=2.5, lw=1, color=_BLUE)
-            axes.axhline(-1.92, color=_ORANGE, ls="--", lw=1)  # half the 95 % point of χ² with one degree of freedom
-            axes.set_ylim(-5, 0.3)
-            axes.xaxis.set_major_locator(MaxNLocator(4))
-            axes.set_xlabel(label)
-        row[0].set_ylabel("ln likelihood ratio")
-
-    return svg(draw, 7.4, 2.4)
+    """Profile likelihoods side by side."""
+    return _page(lambda a: drawing.draw_profiles(a[0], curves), (7.4, 2.4), columns=len(curves), sharey=True)
 
 
 def residual_norm(norm: Array) -> str:
-    """The paper's Fig. 7: norm of the residual FRF over iteration steps."""
-
-    def draw(canvas: Canvas) -> None:
-        axes = panels(canvas)[0, 0]
-        logarithmic(axes)
-        axes.plot(np.arange(norm.size), norm, "o-", ms=3, lw=1, color=_BLUE)
-        axes.set_xlabel("Iteration step")
-        axes.set_ylabel("‖ε‖ / ‖Hˣ‖")
-
-    return svg(draw, 6.2, 2.6)
+    """The paper's Fig. 7."""
+    return _page(lambda a: drawing.draw_residual_norm(a[0, 0], norm), (6.2, 2.6))
 
 
 def histories(titles: Sequence[str], history: Array, published: Array | None) -> str:
-    """The paper's Fig. 8: each stiffness over iteration steps; `history` of shape (steps + 1, parameters)."""
-
-    def draw(canvas: Canvas) -> None:
-        row = panels(canvas, columns=len(titles), left=0.45, top=0.3, apart=(0.1, 0.45))[0]
-        for i, axes in enumerate(row):
-            axes.plot(np.arange(len(history)), history[:, i], "o-", ms=2.5, lw=1, color=_BLUE)
-            if published is not None:
-                axes.axhline(published[i], color=_ORANGE, ls="--", lw=1, label="published")
-            axes.set_title(titles[i], fontsize=9)
-            axes.set_xlabel("Iteration step")
-        if published is not None:
-            row[-1].legend(loc="lower right")
-
-    return svg(draw, 7.4, 2.5)
+    """The paper's Fig. 8."""
+    layout: Any = {"columns": len(titles), "left": 0.45, "top": 0.3, "apart": (0.1, 0.45)}
+    return _page(lambda a: drawing.draw_histories(a[0], titles, history, published), (7.4, 2.5), **layout)
 
 
 def corner_plot(labels: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array) -> str:
-    """Marginals and pairs of draws, shape (n, parameters), with prior, mode and published values in the same terms.
-
-    References
-    ----------
-    Foreman-Mackey, D. (2016). corner.py: Scatterplot matrices in Python. DOI 10.21105/joss.00024
-    """
-
-    def draw(canvas: Canvas) -> None:
-        count = len(labels)
-        ranges = [_range(posterior[:, i], None if published is None else published[i]) for i in range(count)]
-        grid = panels(canvas, count, count, left=0.7, bottom=0.75, apart=(0.08, 0.08))
-        corner = _corner_package()
-        corner.corner(
-            posterior,
-            bins=_BINS,
-            range=ranges,
-            levels=(0.393, 0.68, 0.95),
-            smooth=1.0,  # bins
-            color=_BLUE,
-            hist_kwargs={"density": True},
-            contour_kwargs={"linewidths": 1.0},
-            labels=labels,
-            labelpad=-0.04,
-            max_n_ticks=4,
-            plot_datapoints=False,
-            plot_density=False,
-            no_fill_contours=True,
-            fig=canvas,
-        )
-        for i, j in np.ndindex(count, count):
-            axes = grid[i, j]
-            if j > i:
-                axes.remove()
-                continue
-            if i == j:
-                _prior_line(axes, prior[:, i])
-            _mark(axes, j, i, mode, _ORANGE, "-", "o")
-            if published is not None:
-                _mark(axes, j, i, published, _GREEN, "--", "s")
-            axes.grid(visible=False)
-
-    return svg(draw, 6.2, 6.2)
+    """Marginals and pairs of draws."""
+    layout: Any = {"rows": len(labels), "columns": len(labels), "left": 0.7, "bottom": 0.75, "apart": (0.08, 0.08)}
+    side = min(6.2, 4.1 + 0.5 * len(labels))  # inches
+    return _page(lambda a: drawing.draw_corner(a, labels, posterior, prior, published, mode), (side, side), **layout)
 
 
-def _corner_package() -> ModuleType:
-    """The package corner, without ArviZ, which it loads for inputs that it is not given here: a second of each run."""
-    if "corner" not in sys.modules and "arviz" not in sys.modules:
-        sys.modules["corner.arviz_corner"] = None  # type: ignore[assignment]  # as if ArviZ were not installed
-        try:
-            return importlib.import_module("corner")
-        finally:  # whoever imports corner next has it whole
-            for name in [name for name in sys.modules if name.partition(".")[0] == "corner"]:
-                del sys.modules[name]
-    return importlib.import_module("corner")
-
-
-def _range(values: Array, reference: float | None) -> tuple[float, float]:
-    low, high = np.quantile(values, [0.004, 0.996])
-    if reference is not None:
-        low, high = min(low, reference), max(high, reference)
-    margin = 0.08 * (high - low)
-    return float(low - margin), float(high + margin)
-
-
-def _prior_line(axes: Axes, prior: Array) -> None:
-    # bins as wide as the prior needs, not as narrow as the posterior: its density is smooth on that scale
-    density, edges = np.histogram(prior, bins=60, density=True)
-    axes.stairs(density, edges, color="0.35", lw=1, ls=":")
-
-
-def _mark(axes: Axes, column: int, row: int, point: Array, colour: str, style: str, marker: str) -> None:
-    axes.axvline(point[column], color=colour, ls=style, lw=0.9)
-    if row != column:
-        axes.axhline(point[row], color=colour, ls=style, lw=0.9)
-        axes.plot(point[column], point[row], marker, color=colour, ms=4)
-
-
-def traces(names: Sequence[str], theta: Array, ensemble: NDArray[np.intp]) -> str:
-    """Draws over steps, shape (chains, draws, parameters): the median and 95 % range of each ensemble's walkers."""
-
-    def draw(canvas: Canvas) -> None:
-        column = panels(canvas, len(names), bottom=0.42, sharex=True)[:, 0]
-        groups = np.array_split(np.arange(theta.shape[1]), min(theta.shape[1], _TRACE_POINTS))
-        steps = [group.mean() for group in groups]
-        for e in np.unique(ensemble):
-            parts = (theta[ensemble == e][:, group] for group in groups)
-            ranges = np.transpose([np.quantile(draws, [0.025, 0.5, 0.975], axis=(0, 1)) for draws in parts])
-            colour = SERIES_COLOURS[int(e) % len(SERIES_COLOURS)]
-            for axes, name, (low, middle, high) in zip(column, names, ranges, strict=True):
-                axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0)
-                axes.plot(steps, middle, color=colour, lw=0.8, label=f"ensemble {int(e) + 1}")
-                axes.set_ylabel(name)
-        column[-1].set_xlabel("Kept draw")
-        column[0].legend(ncols=4, loc="upper right")
-
-    return svg(draw, 7.2, max(4.6, 0.9 + 0.8 * len(names)))
+def traces(names: Sequence[str], theta: Array, ensemble: NDArray[Any]) -> str:
+    """Draws over steps."""
+    layout: Any = {"rows": len(names), "bottom": 0.42, "sharex": True}
+    size = (7.2, max(4.6, 0.9 + 0.8 * len(names)))
+    return _page(lambda a: drawing.draw_traces(a[:, 0], names, theta, ensemble), size, **layout)
 
 
 def autocorrelation(names: Sequence[str], theta: Array, thin: int) -> str:
-    """Autocorrelation over lags in steps, averaged over walkers, from draws of shape (chains, draws, parameters).
-
-    At most `MOST_CURVES` parameters.
-    """
-
-    def draw(canvas: Canvas) -> None:
-        axes = panels(canvas)[0, 0]
-        lags = min(theta.shape[1] - 1, 60)
-        for i, name in enumerate(names):
-            steps, values = thin * np.arange(lags + 1), _autocorrelation(theta[..., i], lags)
-            axes.plot(steps, values, "o-", ms=2.5, lw=1, label=name, color=SERIES_COLOURS[i])
-        axes.axhline(0, color="0.4", lw=0.6)
-        axes.set_xlabel("Lag (steps)")
-        axes.set_ylabel("Autocorrelation")
-        axes.legend()
-
-    return svg(draw, 6.2, 2.6)
-
-
-def _autocorrelation(chains: Array, lags: int) -> Array:
-    centred = chains - chains.mean()
-    covariance = np.array([(centred[:, : centred.shape[1] - k] * centred[:, k:]).mean() for k in range(lags + 1)])
-    return covariance / covariance[0]
+    """Autocorrelation over lags of at most `MOST_CURVES` parameters."""
+    return _page(lambda a: drawing.draw_autocorrelation(a[0, 0], names, theta, thin), (6.2, 2.6))
 
 
 def mode_shape(labels: Sequence[str], measured: Array, sd: Array, best: Array, low: Array, high: Array) -> str:
-    """Components of one mode at DOFs with these labels, each array of shape (DOFs,): measured, MAP and its interval."""
-
-    def draw(canvas: Canvas) -> None:
-        axes = panels(canvas, top=0.3)[0, 0]
-        place = np.arange(len(labels))
-        axes.errorbar(place, measured, yerr=1.96 * sd, fmt="o", ms=4, color="0.4", elinewidth=1, label="measured, 95 %")
-        axes.plot(place + 0.12, best, "D", ms=3, color=_BLUE, label="MAP")
-        axes.vlines(place + 0.2, low, high, color=_ORANGE, lw=2, label="95 % interval")
-        axes.axhline(0, color="0.4", lw=0.6)
-        shown = place[:: max(1, -(-len(labels) // _MOST_TICKS))]
-        axes.set_xticks(shown, [labels[i] for i in shown])
-        axes.set_xlim(-0.5, len(labels) - 0.3)
-        axes.set_ylabel("Component over the reference's")
-        legend_above(axes)
-
-    return svg(draw, 6.2, 2.6)
+    """Components of one mode at DOFs."""
+    values = (measured, sd, best, low, high)
+    return _page(lambda a: drawing.draw_mode_shape(a[0, 0], labels, *values), (6.2, 2.6), top=0.3)
 
 
 def level_curve(level: Array, median: Array, low: Array, high: Array, x_label: str, y_label: str) -> str:
-    """A quantity over levels, each array of shape (levels,): median and band."""
-
-    def draw(canvas: Canvas) -> None:
-        axes = panels(canvas)[0, 0]
-        axes.fill_between(level, low, high, color=_BLUE, alpha=0.15, lw=0)
-        axes.vlines(level, low, high, color=_BLUE, lw=1.5)
-        axes.plot(level, median, "o-", ms=4, lw=1, color=_BLUE)
-        if low.min() > 0 and high.max() > 30 * low.min():
-            logarithmic(axes)
-        axes.set_xlabel(x_label)
-        axes.set_ylabel(y_label)
-
-    return svg(draw, 6.2, 3.0)
+    """A quantity over levels."""
+    values = (level, median, low, high)
+    return _page(lambda a: drawing.draw_level_curve(a[0, 0], *values, x_label, y_label), (6.2, 3.0))
 
 
 def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) -> str:
-    """Deviation of predicted from measured natural frequencies in per cent, by mode.
-
-    `rows` maps a legend entry to frequencies (modes,) or to their (lower, upper) interval.
-    """
-
-    def draw(canvas: Canvas) -> None:
-        axes = panels(canvas, top=0.3)[0, 0]
-        mode = np.arange(1, measured.size + 1)
-        if sd is not None:
-            axes.errorbar(mode, 0 * mode, yerr=196 * sd / measured, fmt="none", ecolor="0.6", elinewidth=8, alpha=0.5,
-                          label="measured, 95 %")  # fmt: skip
-        for i, (label, value) in enumerate(rows.items()):
-            colour, x = SERIES_COLOURS[i], mode + 0.08 * i
-            if isinstance(value, tuple):
-                low, high = (100 * (v / measured - 1) for v in value)
-                axes.vlines(x, low, high, color=colour, lw=2, label=label)
-            else:
-                axes.plot(x, 100 * (value / measured - 1), "o", ms=4, color=colour, label=label)
-        axes.axhline(0, color="0.4", lw=0.6)
-        axes.set_xticks(mode)
-        axes.set_xlabel("Mode")
-        axes.set_ylabel("Deviation from measured (%)")
-        legend_above(axes)
-
-    return svg(draw, 6.2, 3.0)
+    """Deviation of predicted from measured natural frequencies."""
+    return _page(lambda a: drawing.draw_frequency_errors(a[0, 0], measured, sd, rows), (6.2, 3.0), top=0.3)

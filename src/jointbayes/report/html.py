@@ -7,8 +7,9 @@ data would not run even if the escaping failed.
 import base64
 import hashlib
 import json
+import re
 from importlib.resources import files
-from itertools import count
+from itertools import count, cycle
 from typing import Any
 from urllib.parse import quote
 
@@ -19,8 +20,9 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.report.canvas import extremes, points_of_polyline
+from jointbayes.report.line_plot import SERIES_COLOURS, FrfCurve, FrfPlot, LinePlot, Wireframe
 from jointbayes.report.markup import ISOLATED, SYMBOLS, badge, clean, parse, plain
-from jointbayes.report.model import SERIES_COLOURS, Figure, LinePlot, Report, Series
+from jointbayes.report.model import Figure, Report
 
 #: Of the vertical range of an interactive plot: by this a curve may miss points that are left out.
 _TOLERANCE = 2e-4
@@ -28,6 +30,7 @@ _TOLERANCE = 2e-4
 _MOST_POINTS = 20_000
 #: Numbers from which they are packed into bytes.
 _LONG = 100
+_COMMENT, _BLANKS = re.compile("<!--.*?-->", re.DOTALL), re.compile(r"\s+")
 _SPOKEN = {"good": "Good:", "caution": "Caution:", "bad": "Problem:"}
 
 
@@ -108,47 +111,82 @@ def _rich(text: str) -> Markup:
 
 def _data_uri(svg: str) -> str:
     """Address of an SVG as an image: isolated, so that ids and styles of two drawings cannot mix."""
-    return "data:image/svg+xml," + quote(clean(svg).replace("\n", " "), safe=" /:;=,.()!-_'")
+    drawn = _COMMENT.sub("", clean(svg))
+    if "'" not in drawn:  # it takes a character where the other quote takes three
+        drawn = drawn.replace('"', "'")
+    return "data:image/svg+xml," + quote(_BLANKS.sub(" ", drawn), safe=" /:;=,.()!-_'")
 
 
-def _payload(plot: LinePlot) -> Markup:
+def _payload(plot: LinePlot | FrfPlot | Wireframe) -> Markup:
     """JSON of an interactive plot, safe inside a script element."""
-    ordinates = np.concatenate([column for series in plot.series for column in series.columns[1:]])
-    reach = np.log10(ordinates) if plot.log_y else ordinates
-    tolerance = _TOLERANCE * float(np.ptp(reach))
-    data = {
-        "x_label": plain(plot.x_label),
-        "y_label": plain(plot.y_label),
-        "log_y": plot.log_y,
-        "series": [
-            {
-                "name": plain(series.name),
-                "kind": series.kind,
-                "dashed": series.dashed,
-                "colour": SERIES_COLOURS[index % len(SERIES_COLOURS)],
-                **_points(series, tolerance, log=plot.log_y),
-            }
-            for index, series in enumerate(plot.series)
-        ],
-    }
-    text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    match plot:
+        case FrfPlot():
+            numbers = _frf_numbers(plot)
+        case Wireframe():
+            numbers = _mode_numbers(plot)
+        case LinePlot():
+            numbers = _line_numbers(plot)
+    text = json.dumps(numbers, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     # "</script>" and "<!--" are the only ways out of a script element, and both begin with "<".
     return Markup(text.replace("<", "\\u003c"))
 
 
-def _points(series: Series, tolerance: float, *, log: bool) -> dict[str, Any]:
-    """Coordinates of a series as the page's script reads them, without the points that a straight line passes.
+def _line_numbers(plot: LinePlot) -> dict[str, Any]:
+    ordinates = np.concatenate([column for series in plot.series for column in series.columns[1:]])
+    span = float(np.ptp(np.log10(ordinates) if plot.log_y else ordinates)) or 1.0
+    series = []
+    for each, colour in zip(plot.series, cycle(SERIES_COLOURS), strict=False):
+        x, *values = each.columns
+        columns = {name: (y, plot.log_y, span) for name, y in zip(("y", "y_low", "y_high"), values, strict=True)}
+        packed = _packed_columns(x, columns, all_points=each.kind == "points")
+        series.append({"name": plain(each.name), "kind": each.kind, "dashed": each.dashed, "colour": colour} | packed)
+    return {"x_label": plain(plot.x_label), "y_label": plain(plot.y_label), "log_y": plot.log_y, "series": series}
 
-    Zoomed in by ten, a curve is off by less than a pixel; peaks are always there.
+
+def _frf_numbers(plot: FrfPlot) -> dict[str, Any]:
+    x, band = plot.frequency_hz, [FrfCurve("95 % band", end, SERIES_COLOURS[0]) for end in plot.band]
+    sizes = [np.abs(curve.values) for curve in (*band, *plot.curves)]
+    sizes = [np.maximum(size, 1e-15 * np.max(sizes)) for size in sizes]  # none is 0 on a logarithmic axis
+    span = float(np.ptp(np.log10(sizes))) or 1.0
+    packed = [
+        {"name": plain(curve.name), "colour": curve.colour, "dashed": curve.dashed, "hidden": curve.hidden}
+        | _packed_columns(x, {"size": (size, True, span), "angle": (plot.phase_deg(curve.values), False, 360.0)})
+        for curve, size in zip((*band, *plot.curves), sizes, strict=True)
+    ]
+    strips = {"Misfit (sd)": plot.misfit} | ({} if plot.coherence is None else {"Coherence": plot.coherence})
+    return {
+        "kind": "frf",
+        "unit": plot.unit,
+        "band": packed[:2],
+        "curves": packed[2:],
+        "strips": [
+            {"name": name} | _packed_columns(x, {"y": (values, False, 1.0)}, all_points=True)
+            for name, values in strips.items()
+        ],
+    }
+
+
+def _mode_numbers(plot: Wireframe) -> dict[str, Any]:
+    size = float(np.ptp(plot.points, axis=(0, 1)).max())
+    points, shapes = (np.rint(10_000 * places / size).astype(int) for places in (plot.points, plot.shapes))
+    modes = [{"name": name, "shape": shape.ravel().tolist()} for name, shape in zip(plot.names, shapes, strict=True)]
+    return {"kind": "modes", "size": size, "points": points.ravel().tolist(), "run": points.shape[1], "modes": modes}
+
+
+def _packed_columns(
+    x: Array, columns: dict[str, tuple[Array, bool, float]], *, all_points: bool = False
+) -> dict[str, Any]:
+    """Curves over x as the page's script reads them, without the points that a straight line passes.
+
+    Each column has its values, whether they are drawn as logarithms, and the range that is drawn. Zoomed in by ten, a
+    curve is off by less than a pixel; peaks are always there.
     """
-    x, *ordinates = series.columns
-    drawn = [np.log10(column) if log else column for column in ordinates if column.size]
-    kept = points_of_polyline(x, np.stack(drawn, axis=1), tolerance) if series.kind != "points" else np.arange(x.size)
+    drawn = [(np.log10(values) if log else values) / span for values, log, span in columns.values() if values.size]
+    kept = np.arange(x.size) if all_points else points_of_polyline(x, np.stack(drawn, axis=1), _TOLERANCE)
     if kept.size > _MOST_POINTS:
         kept = np.unique(np.concatenate([extremes(column, _MOST_POINTS // (2 * len(drawn))) for column in drawn]))
     packed = {
-        name: _packed(column[kept] if column.size else column, log=log)
-        for name, column in zip(("y", "y_low", "y_high"), ordinates, strict=True)
+        name: _packed(values[kept] if values.size else values, log=log) for name, (values, log, _) in columns.items()
     }
     return {"x": _packed_x(x, kept), **packed}
 

@@ -12,7 +12,7 @@ from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable
 from jointbayes.report.canvas import extremes, legend_above, svg
-from jointbayes.report.model import SERIES_COLOURS
+from jointbayes.report.line_plot import SERIES_COLOURS
 
 #: Name of a hit, why it is left out (empty where it is kept), time from the trigger, s, and force, N.
 HitCurve = tuple[str, str, Array, Array]

@@ -13,7 +13,7 @@ from typing import Literal
 
 from jointbayes.inference import Problem
 from jointbayes.posterior.identifiability import Verdict
-from jointbayes.posterior.verdicts import verdict_text
+from jointbayes.posterior.verdicts import NO_VALID_VALUE
 from jointbayes.report.model import Kind
 
 _READABLE = {
@@ -129,11 +129,7 @@ _BADGES: dict[Verdict, Badge] = {
     "bounded above": Badge("caution", "≤"),
     "no verdict": Badge("bad", "✗"),
 }
-_BY_TEXT = {verdict_text(verdict, if_model_right=False): mark for verdict, mark in _BADGES.items()} | {
-    # never a green tick for what a model says that does not explain the data
-    verdict_text(verdict, if_model_right=True): Badge("bad" if mark.kind == "bad" else "caution", "~")
-    for verdict, mark in _BADGES.items()
-}
+_BY_TEXT: dict[str, Badge] = dict([*_BADGES.items(), (NO_VALID_VALUE, Badge("bad", "✗"))])
 
 
 def badge(cell: str) -> Badge | None:
@@ -147,7 +143,10 @@ def badge(cell: str) -> Badge | None:
     True
     """
     verdict, only_if, _ = cell.strip().partition(" only if ")
-    return _BY_TEXT.get(verdict_text(verdict.split(",")[0], if_model_right=True) if only_if else verdict)  # type: ignore[arg-type]
+    mark = _BY_TEXT.get(verdict)
+    if mark is None or not only_if:
+        return mark
+    return Badge("bad" if mark.kind == "bad" else "caution", "~")  # never a green tick under a condition
 
 
 def kind_of(verdict: str) -> Kind | Literal[""]:
@@ -155,8 +154,8 @@ def kind_of(verdict: str) -> Kind | Literal[""]:
 
     Examples
     --------
-    >>> kind_of("weakly identified"), kind_of("identified, if the model were right"), kind_of("12.5")
-    ('caution', 'caution', '')
+    >>> kind_of("weakly identified"), kind_of("identified"), kind_of("12.5")
+    ('caution', 'good', '')
     """
     mark = badge(verdict)
     return mark.kind if mark else ""

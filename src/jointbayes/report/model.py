@@ -9,20 +9,13 @@ import datetime
 import re
 from dataclasses import dataclass, field
 from importlib.metadata import version
-from itertools import chain
+from itertools import chain, count
 from typing import ClassVar, Literal, TypeAlias, get_args
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from jointbayes.arrays import Array
 from jointbayes.posterior.rounding import align_columns
+from jointbayes.report.line_plot import FrfPlot, LinePlot, Wireframe
 
 Kind: TypeAlias = Literal["good", "caution", "bad"]
-SeriesKind: TypeAlias = Literal["line", "points", "band"]
-
-SERIES_COLOURS = ("#1f5a94", "#c1511b", "#2b7a55", "#8b4a8f", "#8a6d00", "#3d8fb0", "#5b6672", "#b03a5b")
-"""Colours of the interactive series in order; a static figure that uses the same order matches its twin."""
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_.:-]*")
 _NUMERIC_CELL = re.compile(r"[-+−±<>≤≥≈~]?\s*\.?\d.*")
@@ -67,6 +60,43 @@ class Callout:
     tag: ClassVar[str] = "callout"
     kind: Kind
     text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """One signal of `Lights`.
+
+    Parameters
+    ----------
+    name : str
+        What it is about: calculation, model, data.
+    kind : {"good", "caution", "bad"}
+        Colour and symbol.
+    text : str
+        One sentence.
+    """
+
+    name: str
+    kind: Kind
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Lights:
+    """Signals side by side: whether calculation, model and data can be trusted."""
+
+    tag: ClassVar[str] = "lights"
+    lights: tuple[Light, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Guide:
+    """How to read a figure: what it shows, what better and worse look like, and what to do then."""
+
+    shows: str
+    better: str
+    worse: str
+    action: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,101 +164,6 @@ class Table:
         return "r" if filled and all(map(_NUMERIC_CELL.fullmatch, filled)) else "l"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Series:
-    """One curve, set of points or band of an interactive plot.
-
-    Parameters
-    ----------
-    name : str
-        Legend entry.
-    x : array_like, shape (n,)
-        Strictly increasing abscissae; series of one plot need not share them.
-    y : array_like, shape (n,), optional
-        Ordinates. A band may leave it empty, or give the centre line.
-    kind : {"line", "points", "band"}
-        How to draw it.
-    y_low, y_high : array_like, shape (n,), optional
-        Edges of a band, and only of a band.
-    dashed : bool
-        Draw the line dashed.
-
-    Raises
-    ------
-    ValueError
-        If lengths disagree, `x` does not increase, or a value is NaN or infinite (JSON has neither).
-    """
-
-    name: str
-    x: ArrayLike
-    y: ArrayLike = ()
-    kind: SeriesKind = "line"
-    y_low: ArrayLike = ()
-    y_high: ArrayLike = ()
-    dashed: bool = False
-
-    def __post_init__(self) -> None:
-        where = f"series {self.name!r}"
-        for name in ("x", "y", "y_low", "y_high"):
-            values = np.array(getattr(self, name), dtype=float)
-            values.setflags(write=False)
-            if not np.isfinite(values).all():
-                raise ValueError(f"{where}: {name} has NaN or infinite values; leave those points out")
-            object.__setattr__(self, name, values)
-        self._check_shapes(where)
-
-    @property
-    def columns(self) -> tuple[Array, ...]:
-        """x, y, y_low and y_high as read-only arrays, shape (n,) each, or (0,) where there are none."""
-        x, y, low, high = (np.asarray(values) for values in (self.x, self.y, self.y_low, self.y_high))
-        return x, y, low, high
-
-    def _check_shapes(self, where: str) -> None:
-        x, y, low, high = self.columns
-        if x.size == 0:
-            raise ValueError(f"{where}: no points")
-        if (np.diff(x) <= 0).any():
-            raise ValueError(f"{where}: x must increase strictly")
-        edges = x.size if self.kind == "band" else 0
-        if low.size != edges or high.size != edges:
-            raise ValueError(f"{where}: expected {edges} values in y_low and in y_high")
-        if y.size != x.size and (self.kind != "band" or y.size):
-            raise ValueError(f"{where}: {y.size} values in y, expected {x.size}")
-
-
-@dataclass(frozen=True, slots=True)
-class LinePlot:
-    """The interactive twin of a figure: the same numbers, to zoom and read off.
-
-    Parameters
-    ----------
-    x_label, y_label : str
-        Axis titles with units, plain text.
-    series : tuple of Series
-        Drawn bands first, then lines, then points; colours follow :data:`SERIES_COLOURS` in this order.
-    log_y : bool
-        Whether the vertical axis is logarithmic.
-
-    Raises
-    ------
-    ValueError
-        If there is no series, or a logarithmic axis would have to show a value that is not positive.
-    """
-
-    x_label: str
-    y_label: str
-    series: tuple[Series, ...]
-    log_y: bool = False
-
-    def __post_init__(self) -> None:
-        if not self.series:
-            raise ValueError(f"plot of {self.y_label!r}: no series")
-        for series in self.series:
-            _, *ordinates = series.columns
-            if self.log_y and np.concatenate(ordinates).min() <= 0:
-                raise ValueError(f"series {series.name!r}: y must be positive on a logarithmic axis")
-
-
 @dataclass(frozen=True, slots=True)
 class Figure:
     """A figure: static everywhere, interactive where a browser runs scripts.
@@ -243,8 +178,10 @@ class Figure:
         What the figure shows, for those who cannot see it; plain text, never empty.
     svg : str
         The drawing, text as paths (matplotlib: ``svg.fonttype = "path"``).
-    plot : LinePlot, optional
+    plot : LinePlot, FrfPlot or Wireframe, optional
         The same data as an interactive plot.
+    guide : Guide, optional
+        How to read it.
 
     Raises
     ------
@@ -257,7 +194,8 @@ class Figure:
     caption: str
     alt: str
     svg: str
-    plot: LinePlot | None = None
+    plot: LinePlot | FrfPlot | Wireframe | None = None
+    guide: Guide | None = None
 
     def __post_init__(self) -> None:
         _check_identifier(self.identifier)
@@ -284,7 +222,7 @@ class Code:
     language: str
 
 
-Block: TypeAlias = Paragraph | Callout | Table | Figure | Code
+Block: TypeAlias = Paragraph | Callout | Lights | Table | Figure | Code
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,6 +237,8 @@ class ReportSection:
         Heading.
     blocks : tuple of Block
         Content in reading order.
+    appendix : bool
+        Whether it stands behind the report proper, lettered instead of numbered.
 
     Raises
     ------
@@ -309,6 +249,7 @@ class ReportSection:
     identifier: str
     title: str
     blocks: tuple[Block, ...]
+    appendix: bool = False
 
     def __post_init__(self) -> None:
         _check_identifier(self.identifier)
@@ -353,6 +294,11 @@ class Report:
             if identifier in seen:
                 raise ValueError(f"identifier {identifier!r} is used twice in the report")
             seen.add(identifier)
+
+    def numbered(self) -> list[tuple[str, ReportSection]]:
+        """Sections with their numbers: 1, 2, 3 ... and then A, B, C ... of the appendix."""
+        letters, numbers = map(chr, count(ord("A"))), map(str, count(1))
+        return [(next(letters if section.appendix else numbers), section) for section in self.sections]
 
     def blocks(self) -> tuple[Block, ...]:
         """All blocks in reading order, the lead first."""

@@ -11,7 +11,7 @@ from typing import Any
 import typst
 
 from jointbayes.report.markup import SYMBOLS, badge, clean, parse, plain, plain_characters
-from jointbayes.report.model import Block, Callout, Code, Figure, Paragraph, Report, Table
+from jointbayes.report.model import Block, Callout, Code, Figure, Lights, Paragraph, Report, Table
 
 _LONG_WORD = re.compile(r"\S{20,}")
 _WORD_PIECE = re.compile(r"(.{12}|[/\\_.,;:=&?-]+)(?=.)")
@@ -85,8 +85,13 @@ def _data(report: Report) -> dict[str, Any]:
         "date": report.date.isoformat(),
         "lead": [_block(block) for block in report.lead],
         "sections": [
-            {"title": _runs(section.title), "blocks": [_block(block) for block in section.blocks]}
-            for section in report.sections
+            {
+                "number": number,
+                "appendix": section.appendix,
+                "title": _runs(section.title),
+                "blocks": [_block(block) for block in section.blocks],
+            }
+            for number, section in report.numbered()
         ],
     }
 
@@ -97,6 +102,18 @@ def _block(block: Block) -> dict[str, Any]:
             content: dict[str, Any] = {"runs": _runs(text)}
         case Callout(kind, text):
             content = {"kind": kind, "symbol": SYMBOLS[kind], "runs": _runs(text)}
+        case Lights(lights):
+            content = {
+                "lights": [
+                    {
+                        "kind": light.kind,
+                        "symbol": SYMBOLS[light.kind],
+                        "name": _runs(light.name),
+                        "runs": _runs(light.text),
+                    }
+                    for light in lights
+                ]
+            }
         case Table():
             content = {
                 "caption": _runs(block.caption),

@@ -12,8 +12,9 @@ from jointbayes.errors import CaseError, WriteError
 from jointbayes.inference import Problem
 from jointbayes.own_directory import real_directory
 from jointbayes.posterior import Posterior
-from jointbayes.progress import Progress, ProgressCallback, tell_nobody
+from jointbayes.progress import Progress, ProgressCallback, callback_of, tell_nobody
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
+from jointbayes.report.guides import with_guides
 from jointbayes.report.kept_draws import draws_kept
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
@@ -31,7 +32,7 @@ _STEPS = 1000  # of each ensemble; the shipped cases take 100 to 950
 
 @one_blas_thread()
 def write_report(
-    posterior: Posterior, directory: str | os.PathLike[str], *, progress: ProgressCallback | None = None
+    posterior: Posterior, directory: str | os.PathLike[str], *, progress: ProgressCallback | bool | None = None
 ) -> Path:
     """Write a run directory.
 
@@ -66,7 +67,7 @@ def write_report(
     target = Path(directory)
     require_writable(target)
     with draws_kept(posterior, target):
-        return write_run(posterior, target, progress or tell_nobody)
+        return write_run(posterior, target, callback_of(progress))
 
 
 def write_run(
@@ -130,7 +131,7 @@ def write_whole(target: Path, report: Report, files: Mapping[str, str], save_dra
 
 def write_into(target: Path, report: Report, files: Mapping[str, str]) -> None:
     """Write report, figures and other files, in this order, into a directory of a study; each is whole or absent."""
-    for name, content in _contents(report, files).items():
+    for name, content in _contents(with_guides(report), files).items():
         if "/" in name:
             real_directory((target / name).parent)
         write_whole_file(target / name, content)

@@ -19,7 +19,7 @@ from jointbayes.errors import ModelError, SamplingError
 from jointbayes.inference import Problem
 from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.stored_problem import run_fingerprint
-from jointbayes.progress import Progress, ProgressCallback, tell_nobody
+from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration import A_CALIBRATION, Calibration
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, Job, analyse_packed, require_simulable
@@ -47,7 +47,7 @@ def calibrate(
     workers: int | None = None,
     scheduler: "str | Client | None" = None,
     executor: Executor | Callable[[], Executor] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback | bool | None = None,
 ) -> Calibration:
     """Judge the whole analysis of a case by simulated data whose truths are known.
 
@@ -114,7 +114,7 @@ def calibrate(
     source = case if data_from is None else data_from
     job = _job(case, data_from, settings, seed)
     engine = {"workers": workers, "scheduler": scheduler, "executor": executor}
-    tell = progress or tell_nobody
+    tell = callback_of(progress)
     if directory is None:
         done = _done(job, n, None, {}, tell, engine, source if near else None)
     else:

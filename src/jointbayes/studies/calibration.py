@@ -16,7 +16,9 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import panels, svg
-from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
+from jointbayes.report.line_plot import SERIES_COLOURS
+from jointbayes.report.methods import references, report_text
+from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.studies.data_sets import DRAWS, DataSet
 from jointbayes.studies.ranks import QuantityCalibration, judge
@@ -142,10 +144,9 @@ class Calibration:
             )
             return (
                 f"Calibrated{where}: over {count} data sets{of} the ranks of all {len(self.names)} quantities stay "
-                f"inside their bands (p = {self.p_value:.2g}; a right analysis falls below {FALSE_ALARM:g} in at most "
-                f"1 of {1 / FALSE_ALARM:.0f} calibrations).{near}"
+                f"inside their bands (p = {self.p_value:.2g}).{near}"
             )
-        findings = "; ".join(f"{quantity.name}: {quantity.finding}" for quantity in self.outside)
+        findings = "; ".join(f"{quantity.name}: {quantity.finding}" for quantity in self.outside[:_SHOWN])
         return (
             f"NOT CALIBRATED{where}: over {count} data sets{of} the ranks of {len(self.outside)} of {len(self.names)} "
             f"quantities leave their bands (p = {self.p_value:.2g}). {findings}."
@@ -156,11 +157,11 @@ class Calibration:
         """What else has to be known of it, in sentences."""
         notes = []
         if self.failed:
-            shown = "; ".join(self.errors[:_SHOWN])
             notes.append(
                 f"{self.failed} of {len(self.data_sets)} analyses failed, and count as intervals that missed, with "
-                f"ranks at the end that looks worse: {shown}."
+                "ranks at the end that looks worse."
             )
+            notes += [f"{error}." for error in self.errors[:_SHOWN]]
         if self.not_converged:
             notes.append(
                 f"{self.not_converged} of {len(self.data_sets)} samplers did not converge. Their ranks count as the "
@@ -266,7 +267,7 @@ def build_calibration_report(calibration: Calibration) -> Report:
     sections = (
         ReportSection("quantities", "Ranks and coverage", (calibration_table(calibration), _figure(calibration))),
         ReportSection("data-sets", "Data sets", (_data_sets(calibration),)),
-        ReportSection("method", "How this was computed", tuple(Paragraph(text) for text in _method(calibration))),
+        ReportSection("method", "How this was computed", _method(calibration)),
     )
     source = f", by data of {calibration.source}" if calibration.source else ""
     near = " near its data" if calibration.near else ""
@@ -278,32 +279,22 @@ def build_calibration_report(calibration: Calibration) -> Report:
     )
 
 
-def _method(calibration: Calibration) -> tuple[str, ...]:
+def _method(calibration: Calibration) -> tuple[Block, ...]:
     source = calibration.source or "the case"
     prior = f"the priors of {source}, of the joint and of all else that is uncertain"
-    posterior = f"the posterior that the data of {source} leave"
-    near = (
-        "Each data set was analysed together with the data of the case, whose posterior it narrows: ranks are uniform "
-        "there too, so that errors show that cancel over the whole prior, or that are rare in it (Säilynoja et al. "
-        "2025, arXiv:2502.03279). Errors of the model are new in each data set, of the size that is stated."
+    truths = f"the posterior that the data of {source} leave" if calibration.near else prior
+    texts = (
+        report_text("calibration", truths=truths),
+        *((report_text("calibration_near"),) if calibration.near else ()),
+        report_text(
+            "calibration_ranks",
+            draws=DRAWS,
+            level=f"{FALSE_ALARM:g}/{len(calibration.names)}",
+            held=100 * (1 - FALSE_ALARM),
+            seed=calibration.seed,
+        ),
     )
-    return (
-        f"Truths were drawn from {posterior if calibration.near else prior}, and data from "
-        "its likelihood at its own lines. Each data set was analysed like the case itself, from the search for the "
-        "mode to the draws; the sampler ended with fewer draws than a run's, enough for ranks. If prior, likelihood "
-        "and sampler are right, the rank of the truth among draws is uniform, for each quantity and for the log "
-        "density, and a 95 % interval holds the truth in 95 % of the cases (Talts et al. 2018, arXiv:1804.06788).",
-        *((near,) if calibration.near else ()),
-        f"The rank is that among {DRAWS} draws picked at random. Bands for the empirical distribution of uniform ranks "
-        "are exact and simultaneous over all positions (Säilynoja et al. 2022, DOI 10.1007/s11222-022-10090-6). Each "
-        f"has the level 1 − {FALSE_ALARM:g}/{len(calibration.names)}, so that in at least "
-        f"{100 * (1 - FALSE_ALARM):.0f} % of right analyses the ranks of all quantities stay inside, however they "
-        "depend on each other (Bonferroni). "
-        "Coverage has no part in the verdict: it follows from the ranks.",
-        "Data sets whose sampler did not converge are ranked like the others; those whose analysis failed count as "
-        "intervals that missed, with ranks at the end that looks worse.",
-        f"Seed {calibration.seed}. Data set i depends on the seed and i alone, not on how many there are.",
-    )
+    return (*map(Paragraph, texts), references(*texts))
 
 
 def _data_sets(calibration: Calibration) -> Table:

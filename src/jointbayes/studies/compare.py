@@ -14,7 +14,7 @@ from jointbayes.joint import HYPOTHESES, Parametrisation, joint_under_hypothesis
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import evidence
-from jointbayes.progress import Progress, ProgressCallback, tell_nobody
+from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Start
 from jointbayes.studies.comparison import LeaveOneOut, PriorEdge, WeighedModel, leave_one_out
@@ -84,7 +84,7 @@ def _places(parametrisation: Parametrisation) -> dict[str, str]:
 
 @one_blas_thread()
 def compare(
-    cases: Sequence[AnyCase], *, seed: int | None = None, progress: ProgressCallback | None = None
+    cases: Sequence[AnyCase], *, seed: int | None = None, progress: ProgressCallback | bool | None = None
 ) -> Comparison:
     """Weigh the hypotheses of cases that hold the same data against each other.
 
@@ -115,7 +115,7 @@ def compare(
     given = [require_case(case) for case in cases]
     require_same_data(given)
     seed = given[0].spec.sampling.seed if seed is None else seed
-    tell, began = progress or tell_nobody, time.monotonic()
+    tell, began = callback_of(progress), time.monotonic()
     pairs = [(case, hypothesis) for case in given for hypothesis in case.spec.compare.hypotheses]
     candidates: list[WeighedModel] = []
     for done, (case, hypothesis) in enumerate(pairs):
@@ -192,7 +192,7 @@ def _cross_validated(problem: Problem, draws: Array, efficiency: float) -> tuple
     try:
         return leave_one_out(problem, draws, efficiency), ""
     except ModelError as error:
-        return None, f"left out: {error}"
+        return None, str(error)
 
 
 def _piled_up(prior: JointPrior, draws: Array) -> tuple[PriorEdge, ...]:

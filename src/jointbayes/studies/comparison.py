@@ -79,9 +79,7 @@ def leave_one_out(problem: Problem, theta: Array, efficiency: float) -> LeaveOne
     if others or likelihood.n_data < _FEWEST:
         mixed = [f"values, {words} among them" if len(problem.tests) > 1 else words for words in others]
         kind = mixed[0] if others else "values of FRFs"
-        raise ModelError(
-            f"found {likelihood.n_data} {kind}, too few for cross-validation; expected {_FEWEST} or more values of FRFs"
-        )
+        raise ModelError(f"it needs {_FEWEST} values of FRFs; there are {likelihood.n_data} {kind}")
     most = max(_FEWEST_DRAWS, _MOST_NUMBERS // likelihood.n_data)
     rows = np.linspace(0, len(theta) - 1, min(most, len(theta))).round().astype(int)
     chosen = theta[rows]

@@ -14,24 +14,18 @@ from jointbayes.joint import RIGID
 from jointbayes.joint.quantities import split_hypothesis
 from jointbayes.posterior import package_versions
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
-from jointbayes.posterior.rounding import json_ready, number
+from jointbayes.posterior.rounding import json_ready, likelihood_ratio, number
 from jointbayes.report.canvas import margin_labels, panels, svg
+from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, ReportSection, Table
+from jointbayes.report.methods import references, report_text
+from jointbayes.report.model import Block, Callout, Figure, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.studies.comparison import GRADES, WeighedModel, bayes_factor_words, model_probabilities
 from jointbayes.studies.study_directory import write_study
 
 Row = dict[str, Any]
 
-_MEANING = {
-    "rigid": "a rigid joint",
-    "translation": "springs in translation, rigid in rotation",
-    "rotation": "springs in rotation, rigid in translation",
-    "springs": "springs in every motion, without coupling",
-    "full": "the case's own joint, with coupling",
-    "coupled": "a translation and a rotation with their coupling",
-}
 _METHOD_HEAD = ("Method", "Pareto k")
 _REACH = 12.0  # of ln Z below the best that the figure shows
 
@@ -48,12 +42,7 @@ def evidence_table(summary: dict[str, Any], *, method: bool = False) -> Table:
         "good" if row["words"] == "best" else "bad" if not row["trusted"] else "caution" if row["at_prior_edge"] else ""
         for row in _ranked(summary)
     )
-    note = (
-        "ln Z with its standard error; 2 ln B of the best against each, in the words of Kass and Raftery (1995); "
-        "probability if all were equally probable before the data. An edge in the last column is one of the prior "
-        "at which the posterior accumulates: there ln Z depends on where the prior ends."
-    )
-    return Table("Evidence", tuple(head), tuple(map(tuple, rows)), note=note, row_kinds=kinds)
+    return Table("Evidence", tuple(head), tuple(map(tuple, rows)), note=report_text("evidence"), row_kinds=kinds)
 
 
 def build_comparison_report(summary: dict[str, Any]) -> Report:
@@ -162,11 +151,7 @@ def _method_table(summary: dict[str, Any]) -> Table:
         (row["hypothesis"], foreign(row["case"]), *_method_cells(row), f"{row['ess']:.0f}", str(row["evaluations"]))
         for row in _ranked(summary)
     )
-    note = (
-        f"Pareto k is the shape of the largest importance weights: up to {PARETO_LIMIT:g} the error of ln Z is "
-        "reliable; above it quadrature takes over, of more than three unknowns nested sampling, which have none."
-    )
-    return Table("How ln Z was computed", head, rows, note=note)
+    return Table("How ln Z was computed", head, rows, note=report_text("pareto", limit=PARETO_LIMIT))
 
 
 def _joint_table(summary: dict[str, Any]) -> Table:
@@ -192,7 +177,7 @@ def _stiffness_cell(row: Row, name: str) -> str:
 def _loo_blocks(summary: dict[str, Any]) -> tuple[Block, ...]:
     rows = [row for row in summary["candidates"] if row["loo"]]
     notes = dict.fromkeys(row["loo_note"] for row in summary["candidates"] if row["loo_note"])
-    blocks: list[Block] = [Paragraph(f"Cross-validation is {foreign(note)}.") for note in notes]
+    blocks: list[Block] = [Paragraph(f"No cross-validation: {foreign(note)}.") for note in notes]
     if rows:
         rows.sort(key=lambda row: -float(row["loo"]["elpd"]))
         head = ("Joint", "Case", "elpd", "Less than the best", "Largest Pareto k", f"Pareto k above {PARETO_LIMIT:g}")
@@ -207,31 +192,21 @@ def _loo_blocks(summary: dict[str, Any]) -> tuple[Block, ...]:
             )
             for row in rows
         )
-        note = (
-            "Expected log density of each measured value given all the others (leave-one-out), each with its standard "
-            "error. A difference of less than about twice its error says nothing."
-        )
-        blocks.append(Table("Cross-validation", head, cells, note=note))
+        blocks.append(Table("Cross-validation", head, cells, note=report_text("elpd")))
     return tuple(blocks)
 
 
 def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
     present = dict.fromkeys(row["hypothesis"] for row in summary["candidates"])
-    meaning = "; ".join(f"**{name}**: {_meaning(name)}" for name in present)
-    return (
-        Paragraph(f"{meaning}."),
-        Paragraph(
-            "ln Z is the logarithm of the probability of the data under a hypothesis, averaged over its prior. It "
-            "falls with every parameter that the data do not need, and with the width of that parameter's prior: "
-            "twice as many decades of a stiffness that the data determine cost ln 2 = 0.7. It says which of these "
-            "candidates is the most probable, not whether any of them is true."
-        ),
-    )
+    texts = ["; ".join(f"**{name}**: {_meaning(name)}" for name in present) + ".", report_text("comparison")]
+    texts += [report_text("nested")] if any(row["method"] == "nested sampling" for row in summary["candidates"]) else []
+    texts += [report_text("loo")] if any(row["loo"] for row in summary["candidates"]) else []
+    return (*map(Paragraph, texts), references(*texts))
 
 
 def _meaning(hypothesis: str) -> str:
     undamped, joint = split_hypothesis(hypothesis)
-    return f"{_MEANING[joint]}{', without damping' if undamped else ''}"
+    return f"{report_text(joint)}{', without damping' if undamped else ''}"
 
 
 def _settings(summary: dict[str, Any]) -> Table:
@@ -265,6 +240,9 @@ class Comparison:
     data_sha256: str
     case_texts: Mapping[str, str] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"Comparison of {len(self.candidates)} joints: {self.verdict}"
+
     @property
     def best(self) -> WeighedModel:
         """The candidate of the largest evidence."""
@@ -297,17 +275,17 @@ class Comparison:
     def verdict(self) -> str:
         """One plain sentence, or two, that name the winner."""
         best, *others = self.ranking
-        z = best.evidence
-        text = f"The data favour {best.label}: ln Z = {_log_z_text(z)}."
-        if others:
-            two_log_b = self.two_log_b(others[0])
-            text += f" The evidence against the next, {others[0].label}, is {bayes_factor_words(two_log_b)}"
-            text += f" (2 ln B = {two_log_b:.1f})."
+        if not others:
+            text = f"Nothing was compared: {best.label} is the only joint."
         else:
-            text += " It is the only one: nothing was compared."
+            two_log_b = self.two_log_b(others[0])
+            odds, words = f"odds {likelihood_ratio(two_log_b)} to 1", bayes_factor_words(two_log_b)
+            text = f"The data favour {best.label} over {others[0].label}: the evidence is {words}, {odds}."
+            if words == GRADES[0][1]:
+                text = f"The data cannot tell {best.label} from {others[0].label} ({odds})."
         if best.at_edge:
             edges = ", ".join(dict.fromkeys(edge.name for edge in best.at_edge))
-            text += f" Its posterior accumulates at an edge of the prior of {edges}: there ln Z depends on the prior."
+            text += f" Draws pile up at an edge of the prior of {edges}: the prior has a say in this."
         return text
 
     def summary(self) -> dict[str, Any]:

@@ -81,7 +81,7 @@ def check_posterior(case: AnyCase, posterior: Posterior) -> CheckResult:
     case = require_case(case)
     reference = require_reference(case)
     lines = [
-        CheckLine("sampler", posterior.reason, "converged", posterior.converged),
+        CheckLine("sampler", posterior.record.headline, "converged", posterior.converged),
         CheckLine(
             "mode against MAP",
             f"{posterior.mode_distance:.1e} sd apart",

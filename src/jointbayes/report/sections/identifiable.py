@@ -19,7 +19,10 @@ from jointbayes.sampling import END_TOLERANCE
 def knowledge_section(inputs: ReportInputs) -> ReportSection:
     """Which combinations are known, correlations, and what the verdicts rest on: all of it from draws."""
     knowledge = inputs.knowledge
-    blocks: list[Block] = [] if knowledge.modes is None else _both_answers(inputs, knowledge.modes)
+    blocks: list[Block] = freed_blocks(knowledge) if knowledge.freed else []
+    blocks += [] if knowledge.modes is None else _both_answers(inputs, knowledge.modes)
+    if knowledge.bounds_sentence:
+        blocks.append(Paragraph(f"**{knowledge.bounds_sentence}**"))
     blocks.append(Paragraph(f"**{knowledge.directions_sentence}**"))
     verdicts = [_verdict(d.verdict, explained=knowledge.check.explains) for d in knowledge.directions]
     rows = tuple((d.quantity, *_figures(d), v) for d, v in zip(knowledge.directions, verdicts, strict=True))
@@ -35,8 +38,6 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
         )
     )
     blocks.append(_correlations(inputs.posterior))
-    if knowledge.freed:
-        blocks += freed_blocks(knowledge)
     return ReportSection("known", "What is known, and what it assumes", tuple(blocks))
 
 
@@ -144,9 +145,7 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
             "Profile likelihood: the best fit for each value of a parameter, as ln of its ratio to the best of all; "
             "dashed, the limit at 95 %.",
             f"Profile likelihood of {', '.join(p.name for p in knowledge.profiles)}.",
-            figures.profiles(
-                [(p.coordinate.axis_label, p.value * p.coordinate.axis_scale, p.log_ratio) for p in knowledge.profiles]
-            ),
+            figures.profiles([profile.on_axis for profile in knowledge.profiles]),
         ),
     )
     return ReportSection("likelihood", "Likelihood-ratio limits", blocks)

@@ -2,7 +2,12 @@
 
 import numpy as np
 
+from jointbayes.arrays import Array
+from jointbayes.posterior import Posterior
+from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.rounding import contraction, fixed, interval, number
+from jointbayes.posterior.summary import Summary
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, readable
@@ -12,18 +17,11 @@ from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Tab
 def posterior_section(inputs: ReportInputs) -> ReportSection:
     """Marginals, pairs, prior and the full table."""
     posterior, reference = inputs.posterior, inputs.reference
-    blocks: list[Block] = [_table(inputs), Paragraph(inputs.summary.map.mode_sentence)]
-    parametrisation = posterior.problem.parametrisation
-    scale = np.array([axis.axis_scale for axis in parametrisation.axes])
-    draws, prior = (parametrisation.coordinates(k) * scale for k in (posterior.stiffness, posterior.prior_stiffness))
-    point = None
-    if reference is not None and parametrisation.describes(reference):
-        point = parametrisation.coordinates(reference) * scale
-    mode = posterior.problem.prior.joint(posterior.mode_theta) * scale
-    labels = [axis.axis_label for axis in parametrisation.axes]
-    svg = figures.corner_plot(labels, draws, prior, point, mode)
+    blocks: list[Block] = []
+    values = corner_values(posterior)
+    svg = figures.corner_plot(*values)
     marks = "mode (orange, solid)"
-    if point is not None:
+    if values[3] is not None:
         marks += f", published values (green, dashed; {inputs.reference_source})"
     blocks.append(
         Figure(
@@ -34,12 +32,28 @@ def posterior_section(inputs: ReportInputs) -> ReportSection:
             svg,
         )
     )
+    blocks.append(_table(inputs))
+    modes = inputs.knowledge.believed_modes
+    blocks.append(Paragraph(verdict_sentences(inputs.summary) if modes is None else _reasons_of_modes(modes)))
     if reference is not None:
         level = posterior.region_level(reference)
+        agree = "agree" if level <= 0.95 else "do NOT agree"
         blocks.append(
-            Paragraph(f"The published point lies on the edge of the {100 * level:.1f} % highest-density region.")
+            Paragraph(f"The published values {agree} with the data: {100 * level:.1f} % of the draws are likelier.")
         )
     return ReportSection("posterior", "Posterior", tuple(blocks))
+
+
+def corner_values(posterior: Posterior) -> tuple[list[str], Array, Array, Array | None, Array]:
+    """Labels of the joint's coordinates, and draws, prior draws, published values and mode in their terms."""
+    parametrisation = posterior.problem.parametrisation
+    scale = np.array([axis.axis_scale for axis in parametrisation.axes])
+    draws, prior = (parametrisation.coordinates(k) * scale for k in (posterior.stiffness, posterior.prior_stiffness))
+    point, reference = None, None if posterior.case is None else posterior.case.reference
+    if reference is not None and parametrisation.describes(reference):
+        point = parametrisation.coordinates(reference) * scale
+    mode = posterior.problem.prior.joint(posterior.mode_theta) * scale
+    return [axis.axis_label for axis in parametrisation.axes], draws, prior, point, mode
 
 
 def _table(inputs: ReportInputs) -> Table:
@@ -107,3 +121,23 @@ def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
         "What else was uncertain",
         (Table("Other uncertain quantities", head, rows, note=note),),
     )
+
+
+def _reasons_of_modes(modes: ModesAnswer) -> str:
+    """The verdicts of the modes that measured FRFs show, with the reason of each."""
+    each = (f"**{name}**: {known.verdict} ({known.verdict_reason})." for name, known in modes.known.items())
+    return f"{modes.basis} {' '.join(each)}"
+
+
+def verdict_sentences(summary: Summary) -> str:
+    """Each stiffness's verdict with its reason, a sentence each."""
+    sentences = []
+    for name, p in summary.parameters.items():
+        assessment = p.known
+        reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
+        reason += f"; {p.exact.words_if_uncertain}" if p.exact else ""
+        limit = f" {assessment.limit_in_words}," if assessment.limit else ""
+        ends = f" {assessment.source}" if assessment.source and not assessment.limit else ""
+        volume = f" {assessment.prior_volume.capitalize()}." if assessment.prior_volume else ""
+        sentences.append(f"**{name}**{ends}:{limit} {p.verdict} ({reason}).{volume}")
+    return " ".join(sentences)

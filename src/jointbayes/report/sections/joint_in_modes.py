@@ -64,8 +64,8 @@ def _sentence(modes: NDArray[np.intp], names: tuple[str, ...], change: Array) ->
         to = f"to {number(reached, 2)} %" if reached < 100 else "not even by its order"
         accuracies.append(f"**{foreign(name)}** {to} (mode {modes[most]})")
     return (
-        f"One natural frequency that is known to {_KNOWN_PERCENT:g} %, with all else known exactly, tells "
-        f"{', '.join(accuracies)}; in brackets the mode that shows this stiffness most."
+        f"A natural frequency known to {_KNOWN_PERCENT:g} %, with all else known exactly, would tell "
+        f"{', '.join(accuracies)}; in brackets the mode that shows it best."
     )
 
 

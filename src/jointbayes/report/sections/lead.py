@@ -1,233 +1,245 @@
-"""Page one: banners, verdicts with their reasons, and what is said of the coupling stiffness."""
+"""Page one: what was tested, the answer, whether it can be trusted, what limits it and what to do next."""
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-from jointbayes.joint import Quantity
-from jointbayes.posterior.identifiability import RULE, Identifiability, ratio_of
-from jointbayes.posterior.knowledge import quantities_taken_as_exact
-from jointbayes.posterior.modes_answer import ModesAnswer
+from jointbayes.posterior.identifiability import Identifiability, Verdict, ratio_of
+from jointbayes.posterior.knowledge import RANK, listed, quantities_taken_as_exact
 from jointbayes.posterior.prediction import sentence_of_left_out
-from jointbayes.posterior.rounding import factor, number, rounded, rounded_interval
-from jointbayes.posterior.summary import Summary
-from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, MOST_UNKNOWNS, verdict_text
+from jointbayes.posterior.rounding import engineering, factor, join_unit, number
+from jointbayes.posterior.uncertain_inputs import uncertain_quantities
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, verdict_text
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.markup import foreign, kind_of
-from jointbayes.report.model import Block, Callout, Paragraph, Table
-from jointbayes.report.sections.measured_data import mode_table
+from jointbayes.report.markup import foreign, kind_of, readable
+from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
+from jointbayes.report.sections.tested import blocks_on_tests
+from jointbayes.report.sections.trust import lights_of, worst_setup
 
-_MOST_COUPLINGS = 6  # that page one says something of
+#: Stiffnesses that are named in one sentence, of more their number is told; and reasons that page one has room for.
+_MOST_NAMED, _MOST_REASONS = 6, 3
+#: Ratio of an interval's ends up to which it is told as ± so many per cent.
+_PERCENT_RATIO = 1.5
+_WORKSHOP = "As in a workshop"
+#: Verdicts as the headline has them, best first.
+_SAID: dict[Verdict, str] = {
+    "identified": "known", "weakly identified": "roughly known", "bounded below": "known from below",
+    "bounded above": "known from above", "not identified": "not identified", "no verdict": "no value for",
+}  # fmt: skip
+#: What a stiffness resists, by its unit.
+_MEANING = {"N/m": "deflection", "N·m/rad": "rotation", "N": "coupling", "N·s/m": "damping", "N·m·s/rad": "damping"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    """What is known of each stiffness under one assumption on everything else."""
+
+    title: str
+    known: Mapping[str, Identifiability]
 
 
 def lead(inputs: ReportInputs) -> tuple[Block, ...]:
-    """Banners, verdict table with the reason of each verdict, and the sentence on the coupling stiffness."""
-    summary, modes = inputs.summary, inputs.knowledge.believed_modes
+    """Page one, in the order in which it is asked."""
+    answers = _answers(inputs)
     return (
-        *(Callout("caution", f"**Check the case file.** {foreign(str(warning))}.") for warning in summary.warnings),
-        *(mode_table(inputs.setups[0]) if len(inputs.setups) == 1 else ()),
-        *_banners(inputs),
-        *(_answer_of_frfs(inputs) if modes is None else _answer_of_modes(inputs, modes)),
-        *_explained(summary),
-        *([Paragraph(f"**{foreign(sentence_of_left_out(summary.left_out))}**")] if summary.left_out else []),
+        *_stops(inputs),
+        *blocks_on_tests(inputs),
+        Paragraph(f"**{_headline(answers)}**"),
+        _answer_table(inputs, answers, _MOST_NAMED),
+        lights_of(inputs),
+        Paragraph(f"**What limits the answer.** {_limits(inputs, answers)}"),
+        Paragraph(f"**Next.** {_next(inputs)}"),
     )
 
 
-def _answer_of_frfs(inputs: ReportInputs) -> tuple[Block, ...]:
-    """The verdicts of the draws with the reason of each, and what is said of couplings."""
-    summary = inputs.summary
-    verdicts = {name: (p.known, p.verdict) for name, p in summary.parameters.items()}
-    return (
-        _verdict_table(inputs, verdicts, _workshop_row(inputs.knowledge.freed)),
-        Paragraph(verdict_sentences(summary)),
-        *([Paragraph(f"**{sentence}**")] if (sentence := inputs.knowledge.bounds_sentence) else []),
-        *([] if summary.no_verdict else map(Paragraph, _coupling_sentences(inputs))),
-    )
+def answer_section(inputs: ReportInputs) -> ReportSection | None:
+    """The answer on every stiffness; None where page one has them all."""
+    names = inputs.posterior.stiffness_names
+    if len(names) <= _MOST_NAMED:
+        return None
+    return ReportSection("answer", "Answer", (_answer_table(inputs, _answers(inputs), len(names)),))
 
 
-def _answer_of_modes(inputs: ReportInputs, modes: ModesAnswer) -> tuple[Block, ...]:
-    """The verdicts of the modes that measured FRFs show, with the reason of each."""
-    each = (f"**{name}**: {known.verdict} ({known.verdict_reason})." for name, known in modes.known.items())
-    return (
-        _verdict_table(inputs, {name: (known, known.verdict) for name, known in modes.known.items()}),
-        Paragraph(f"**{modes.sentence}** {modes.basis}"),
-        Paragraph(" ".join(each)),
-    )
-
-
-def _banners(inputs: ReportInputs) -> list[Block]:
+def _stops(inputs: ReportInputs) -> list[Block]:
+    """What forbids the use of the numbers: it stands above everything."""
     posterior, summary = inputs.posterior, inputs.summary
-    banners = _check_banners(summary)
-    if posterior.converged:
-        banners.append(Callout("good", f"**The sampler** {posterior.reason}"))
-    else:
+    if not posterior.converged:
         reason = posterior.reason.removeprefix("not converged ")
-        banners.append(Callout("bad", f"**The sampler has NOT converged, do not use these numbers**: {reason}"))
-    if not posterior.mode_agrees:
-        banners.append(
-            Callout(
-                "bad",
-                f"**The best draw leads to another mode than the MAP**, {number(posterior.mode_distance)} Laplace "
-                "standard deviations away: the MAP search missed it.",
-            )
-        )
-    if summary.solutions:
-        head, bracket, rest = summary.solutions.partition(" (")
-        banners.append(Callout("bad", f"**{head}**{bracket}{foreign(rest)}"))
+        return [Callout("bad", f"**Do not use these numbers: the calculation has not settled.** {reason}.")]
     if summary.no_verdict and inputs.knowledge.believed_modes is None:
-        banners.append(Callout("bad", f"**No verdict on any stiffness**: {'; '.join(summary.no_verdict)}."))
-    if summary.mesh is not None and not summary.mesh.within:
-        banners.append(Callout("caution", f"**The mesh shows.** {summary.mesh.sentence}"))
-    if summary.measured_bodies is not None and not summary.measured_bodies.within:
-        text = f"**A measured body.** {foreign(summary.measured_bodies.sentence)}"
-        banners.append(Callout("bad" if summary.measured_bodies.ignored else "caution", text))
-    if posterior.at_prior_edge:
-        names = ", ".join(posterior.at_prior_edge)
-        text = f"**The mode lies on an edge of the prior: {names}.** There the prior limits it, not the data; widen it."
-        banners.append(Callout("caution", text))
-    if summary.fit.synthetic_data:
-        banners.append(
-            Callout(
-                "caution",
-                "**The FRF data are synthetic**: computed from the joint and the noise that the case states.",
-            )
-        )
-    return banners
+        return [Callout("bad", f"**No stiffness can be stated**: {'; '.join(summary.no_verdict)}.")]
+    return []
 
 
-def _explained(summary: Summary) -> list[Block]:
-    """That the model explains all data, where it does; of several set-ups with the one that it explains worst."""
-    if summary.check.finding != "explained":
-        return []
-    if len(summary.setups) == 1:
-        return [Paragraph(_bold_head(summary.check.sentence))]
-    if not all(setup.check.explains for setup in summary.setups.values()):
-        return []
-    all_of = f"**The model explains the data of all {len(summary.setups)} set-ups.**"
-    return [Paragraph(f"{all_of} {summary.check.sentence}")]
+def _answers(inputs: ReportInputs) -> list[_Answer]:
+    """The answer as the run has it and, where it takes anything as exact, with all else as in a workshop."""
+    modes = inputs.knowledge.believed_modes
+    if modes is not None:
+        return [_Answer(_WORKSHOP if modes.assumed else "All else as stated", modes.known)]
+    run = _Answer("All else exact", {name: p.known for name, p in inputs.summary.parameters.items()})
+    if uncertain_quantities(inputs.posterior.problem):
+        run = _Answer("All else as stated", run.known)
+    workshop = inputs.workshop
+    if workshop is None:
+        return [run]
+    freed = _Answer(_WORKSHOP, workshop)
+    # of what was measured nobody knows all else exactly, so that the workshop's is the answer and comes first
+    return [run, freed] if inputs.summary.fit.synthetic_data else [freed, run]
 
 
-def _check_banners(summary: Summary) -> list[Block]:
-    """A banner for each set-up whose data the model does not explain, with what helps, or whose noise is overstated."""
-    banners: list[Block] = []
-    for setup in summary.setups.values():
-        if not setup.check.explains:
-            banners.append(Callout("bad", f"{_bold_head(setup.check.sentence)} {setup.diagnosis.sentence}"))
-        elif setup.check.finding == "noise overstated":
-            banners.append(Callout("caution", _bold_head(setup.check.sentence)))
-    return banners
+def _headline(answers: Sequence[_Answer]) -> str:
+    """Which stiffnesses are known, in one sentence for each assumption."""
+    return " ".join(f"{answer.title}: {_which(answer.known)}." for answer in answers)
 
 
-def _bold_head(sentence: str) -> str:
-    """The sentence with what stands before its first colon in bold."""
-    head, colon, rest = sentence.partition(":")
-    return f"**{head}**{colon}{rest}"
+def _which(known: Mapping[str, Identifiability]) -> str:
+    groups: dict[Verdict, list[str]] = {verdict: [] for verdict in _SAID}
+    for name, each in known.items():
+        certain = each.verdict in ("identified", "weakly identified") and not each.if_model_right
+        verdict: Verdict = "no verdict" if each.if_model_right else each.verdict
+        groups[verdict].append(f"{foreign(name)} ({_accuracy(each)})" if certain else foreign(name))
+    said = [(_SAID[verdict], names) for verdict, names in groups.items() if names]
+    if len(known) > _MOST_NAMED:
+        return ", ".join(f"{len(names)} of {len(known)} {words}" for words, names in said)
+    return "; ".join(f"{words} {listed_names(names)}" for words, names in said)
 
 
-def _verdict_table(
-    inputs: ReportInputs,
-    verdicts: Mapping[str, tuple[Identifiability, str]],
-    workshop: UncertainInputsRow | None = None,
-) -> Table:
-    """What is known of each stiffness, with the verdict as it is printed; and with all else as in a workshop."""
-    reference = inputs.reference
+def listed_names(names: Sequence[str]) -> str:
+    """Names in a sentence."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def _accuracy(known: Identifiability) -> str:
+    """Half the width of the interval in per cent, or the factor that it spans."""
+    ratio = ratio_of(_ends(known)[0])
+    if ratio <= _PERCENT_RATIO:
+        return f"±{number(100 * (math.sqrt(ratio) - 1), 2)} %"
+    return f"within a factor of {factor(ratio)}"
+
+
+def _ends(known: Identifiability) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ends of the 95 % interval as they are printed, and the Monte Carlo error of each."""
+    moved = known.printed_by_likelihood
+    low, high = (p if m else d for p, d, m in zip(known.printed95, known.interval95, moved, strict=True))
+    first, second = (math.nan if m else e for e, m in zip(known.interval95_error, moved, strict=True))
+    return (low, high), (first, second)
+
+
+def answer_text(known: Identifiability, unit: str) -> str:
+    """Median and 95 % interval, or the limit, in engineering units."""
+    if known.limit:
+        above = known.verdict == "bounded below"
+        end = known.printed95[0 if above else 1]
+        value, error = (end, math.nan) if any(known.printed_by_likelihood) else (known.limit95, known.limit95_error)
+        (text,), of = engineering((value,), unit, (error,))
+        return f"{'above' if above else 'below'} {join_unit(text, of)}"
+    ends, errors = _ends(known)
+    (median, low, high), of = engineering((known.median, *ends), unit, (known.median_error, *errors))
+    return f"{join_unit(median, of)} ({low} to {high})"
+
+
+def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -> Table:
+    """A row for each stiffness, of more than so many of those that are known least; the assumptions side by side."""
+    unit_of, names = inputs.posterior.unit, inputs.posterior.stiffness_names
+    if len(names) > most:
+        first = answers[0].known
+        by_need = sorted(names, key=lambda n: (-RANK.get(first[n].verdict, 9), -ratio_of(_ends(first[n])[0])))
+        names = tuple(name for name in names if name in by_need[:most])
+    rows, kinds = [], []
+    for name in names:
+        row = [f"**{foreign(name)}**, {_MEANING[unit]}" if (unit := unit_of(name)) in _MEANING else f"**{name}**"]
+        for answer in answers:
+            known = answer.known[name]
+            row += [answer_text(known, unit), verdict_text(known.verdict, if_model_right=known.if_model_right)]
+        rows.append(tuple(row))
+        kinds.append(kind_of(row[2]))
+    every = len(inputs.posterior.stiffness_names)
+    more = f" The {most} known least of {every}; the section on stiffness has all." if every > most else ""
     damped = inputs.posterior.problem.parametrisation.damped
-    head = ["Quantity" if damped else "Stiffness", "Median", "95 % interval", "Unit", "Verdict"]
-    rows: list[tuple[str, ...]] = []
-    kinds = []
-    for i, (name, (assessment, verdict)) in enumerate(verdicts.items()):
-        both = [_answer(name, assessment, inputs.posterior.unit(name), verdict)]
-        if workshop:
-            both[0].insert(1, "as the case states" if inputs.knowledge.freed[0].uncertain else "exact")
-        if workshop and name in workshop.known:
-            known = workshop.known[name]
-            row = _answer(name, known, known.unit, verdict_text(known.verdict, if_model_right=known.if_model_right))
-            row.insert(1, "as in a workshop")
-            # of what was measured nobody knows all else exactly, so that this is the answer
-            both.insert(int(inputs.summary.fit.synthetic_data), row)
-        if reference is not None:
-            for cells, value in zip(both, (number(reference[i]), "–"), strict=False):
-                cells.insert(2 if workshop else 1, value)
-        rows += map(tuple, both)
-        kinds += [kind_of(cells[-1]) for cells in both]
-    if workshop:
-        head.insert(1, "All else")
-    if reference is not None:
-        head.insert(2 if workshop else 1, "Published")
-    note = (
-        'Beside every verdict but "identified" each end of the 95 % interval is the more cautious of the draws\' and, '
-        f"with up to {MOST_UNKNOWNS} unknowns, the likelihood's; beside \"identified\" it is the draws' equal-tailed "
-        f"credible interval, with the digits that the Monte Carlo errors support. {RULE}."
-    )
-    if workshop:
-        note += f" As in a workshop: {', '.join(inputs.knowledge.assumed)}, assumed as nobody stated them."
-    if reference is not None:
-        note += f" Published: {inputs.reference_source}."
+    head = ["Quantity" if damped else "Stiffness"]
+    for answer in answers:
+        head += [answer.title, "Verdict"]
     return Table(
         "Stiffness and damping of the joint" if damped else "Stiffness of the joint",
         tuple(head),
         tuple(rows),
-        note=note,
+        note=_note(inputs, answers) + more,
         row_kinds=tuple(kinds),
+        align="l" * len(head),
     )
 
 
-def _workshop_row(rows: Sequence[UncertainInputsRow]) -> UncertainInputsRow | None:
-    """What is known with all else as in a workshop; None where the run takes nothing as exact, or nothing settled."""
-    return rows[-1] if quantities_taken_as_exact(rows) and rows[-1].known else None
+def _note(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
+    problem, knowledge = inputs.posterior.problem, inputs.knowledge
+    modes = knowledge.believed_modes
+    words = ["Median, in brackets the 95 % interval."]
+    assumed = modes.assumed if modes is not None else knowledge.assumed if inputs.workshop else ()
+    if assumed:
+        words.append(f"As in a workshop: {', '.join(assumed)}, assumed as nobody stated them.")
+    if stated := uncertain_quantities(problem):
+        words.append(f"Uncertain as the case states: {listed([readable(name) for name in stated])}.")
+    elif len(answers) == 1 and modes is None:
+        words.append("All else, such as material, dimensions and masses, is taken as exact.")
+    return " ".join(words)
 
 
-def _answer(name: str, known: Identifiability, unit: str, verdict: str) -> list[str]:
-    """Row of a stiffness: median, interval or limit, unit, and verdict as it is printed."""
-    ends = known.limit.removesuffix(f" {known.unit}") or known.interval()
-    return [name, rounded(known.median, known.median_error), ends, "–" if unit == "1" else unit, verdict]
+def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
+    """What keeps the answer from being better, the most important first."""
+    summary, modes = inputs.summary, inputs.knowledge.believed_modes
+    if not inputs.posterior.converged:
+        return "The calculation: nothing can be said before it has settled."
+    parts = []
+    if modes is not None:
+        parts.append(f"The model. {modes.sentence}")
+    elif summary.no_verdict:
+        parts.append("The model: intervals of a model that misses the data are too narrow.")
+    if len(answers) == 2 and (taken := quantities_taken_as_exact(inputs.knowledge.freed)):
+        run, workshop = sorted(answers, key=lambda answer: answer.title == _WORKSHOP)
+        worse = [n for n, k in run.known.items() if RANK[workshop.known[n].verdict] > RANK[k.verdict]]
+        if worse:
+            parts.append(
+                f"What else is uncertain: only with {listed(taken)} exactly known is {_more(worse)} that good."
+            )
+        else:
+            parts.append(f"Not what else is uncertain: with {listed(taken)} as in a workshop no verdict is worse.")
+    if solutions := inputs.posterior.solutions.description:
+        parts.append(foreign(solutions))
+    parts += _reasons(answers[0].known)
+    if summary.left_out:
+        parts.append(foreign(sentence_of_left_out(summary.left_out)))
+    return " ".join(parts) or "The noise of the measurement: more averages would narrow every interval."
 
 
-def verdict_sentences(summary: Summary) -> str:
-    """Each stiffness's verdict with its reason, a sentence each."""
+def _more(names: Sequence[str]) -> str:
+    return listed_names([foreign(name) for name in names[:_MOST_NAMED]]) + (" …" if len(names) > _MOST_NAMED else "")
+
+
+def _reasons(known: Mapping[str, Identifiability]) -> list[str]:
+    """Why a stiffness is not identified, of the first few."""
+    lacking = [(name, each) for name, each in known.items() if each.verdict not in ("identified", "no verdict")]
     sentences = []
-    for name, p in summary.parameters.items():
-        assessment = p.known
-        reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-        reason += f"; {p.exact.words_if_uncertain}" if p.exact else ""
-        limit = f" {assessment.limit_in_words}," if assessment.limit else ""
-        ends = f" {assessment.source}" if assessment.source and not assessment.limit else ""
-        volume = f" {assessment.prior_volume.capitalize()}." if assessment.prior_volume else ""
-        sentences.append(f"**{name}**{ends}:{limit} {p.verdict} ({reason}).{volume}")
-    return " ".join(sentences)
+    for name, each in lacking[:_MOST_REASONS]:
+        reason = each.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
+        sentences.append(f"{foreign(name)}: {reason}.")
+    if len(lacking) > _MOST_REASONS:
+        sentences.append(f"And {len(lacking) - _MOST_REASONS} more.")
+    return sentences
 
 
-def _coupling_sentences(inputs: ReportInputs) -> list[str]:
-    """One sentence on each coupling against the stiffness of the second motion that it couples."""
-    quantities = [
-        quantity for quantity in inputs.posterior.problem.quantities if quantity.role == "stiffness" and quantity.places
-    ]
-    diagonal = {quantity.places[0]: quantity for quantity in quantities if not quantity.may_be_negative}
-    couplings = [quantity for quantity in quantities if quantity.may_be_negative][:_MOST_COUPLINGS]
-    return [coupling_sentence(inputs.summary, coupling, diagonal[coupling.places[0][1:] * 2]) for coupling in couplings]
-
-
-def coupling_sentence(summary: Summary, coupling: Quantity, rotation: Quantity) -> str:
-    """What the data say of a coupling against the stiffness of the rotation, in words with its numbers."""
-    k12, k22 = (summary.parameters[quantity.name].known for quantity in (coupling, rotation))
-    verdict = summary.parameters[coupling.name].verdict
-    ends = k12.interval95 if any(map(math.isnan, k12.printed95)) else k12.printed95
-    interval = "95 % interval" if any(k12.printed_by_likelihood) and not k12.limit else "95 % credible interval"
-    shown = f"{rounded_interval(k12.interval95, k12.interval95_error) if k12.limit else k12.interval()} {coupling.unit}"
-    if ends[0] <= 0 <= ends[1]:
+def _next(inputs: ReportInputs) -> str:
+    """The one step that helps most."""
+    worst = worst_setup(inputs.summary)
+    if not inputs.posterior.converged:
+        return "Raise `max_steps` in `[sampling]` and run again."
+    if not worst.check.explains:
+        return foreign(" ".join(worst.diagnosis.advice))
+    if inputs.posterior.solutions.advice:
+        return foreign(inputs.posterior.solutions.advice)
+    step = inputs.next_step
+    if step is None:
         return (
-            f"**The coupling stiffness {coupling.name} is {verdict}**: its {interval}, "
-            f"{shown}, contains zero, so that not even its sign is known."
+            "None of what was looked at, one more sensor, more averages or further modes, would tell much more. "
+            "`jointbayes plan` looks at more kinds of measurement."
         )
-    text = (
-        f"**The coupling stiffness {coupling.name} is {verdict}**: its {interval} spans a factor of "
-        f"{factor(ratio_of(ends))} ({shown})"
-    )
-    if k12.sd_log > 0 and k22.sd_log > 0:
-        ratio = k12.sd_log / k22.sd_log
-        compared = f"{number(ratio, 2)} times" if ratio >= 1 else f"only {number(ratio, 2)} times"
-        text += (
-            f"; the relative standard deviation is {number(100 * k12.sd_log, 2)} %, {compared} that of {rotation.name} "
-            f"({number(100 * k22.sd_log, 2)} %)"
-        )
-    return text + "."
+    return step.sentence

@@ -15,11 +15,11 @@ from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Ta
 _MOST_CHANNELS = 40  # in the table
 
 
-def mode_table(inputs: SetupInputs) -> tuple[Block, ...]:
-    """Natural frequencies and damping ratios that the FRFs show; empty where none were found."""
+def measured_modes_section(inputs: SetupInputs) -> ReportSection | None:
+    """Natural frequencies and damping ratios that the FRFs show; None where none were found."""
     provenance = inputs.problem.test.data.provenance
     if provenance is None or not provenance.modes:
-        return ()
+        return None
     predicted = _predicted(inputs, provenance.modes)
     rows = tuple(
         (
@@ -38,7 +38,8 @@ def mode_table(inputs: SetupInputs) -> tuple[Block, ...]:
         "From a modal fit of the measured FRFs, without the model of the structure. Frequency: undamped. Damping: "
         "ratio to the critical one. The model's natural frequency is the nearest one."
     )
-    return (Table("Measured natural frequencies and damping", head, rows, note=note),)
+    table = Table("Measured natural frequencies and damping", head, rows, note=note)
+    return ReportSection("measured-modes", "Measured modes", (table,))
 
 
 def _predicted(inputs: SetupInputs, modes: Sequence[MeasuredMode]) -> list[float]:
@@ -50,6 +51,13 @@ def _predicted(inputs: SetupInputs, modes: Sequence[MeasuredMode]) -> list[float
     count = min(problem.test.most_modes, 2 * len(measured) + 4)
     predicted = problem.natural_frequencies_hz(problem.prior.values(theta), count, problem.prior.factors(theta))[0]
     return [float(predicted[np.argmin(np.abs(predicted - f))]) for f in measured]
+
+
+def case_warnings_section(inputs: ReportInputs) -> ReportSection | None:
+    """What in the case file is probably a slip; None where nothing is."""
+    warnings = inputs.summary.warnings
+    callouts = tuple(Callout("caution", f"**Check the case file.** {foreign(str(warning))}.") for warning in warnings)
+    return ReportSection("warnings", "Warnings", callouts) if callouts else None
 
 
 def measurement_section(inputs: SetupInputs) -> ReportSection | None:

@@ -1,7 +1,9 @@
 """Natural frequencies of the model, and modes as data: all that was measured of them, against what is predicted."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import singledispatch
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,59 +13,85 @@ from jointbayes.inference import ModePrediction, Problem, mac
 from jointbayes.measurement import Data, ModeData, Observed
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import interval, number, signed
+from jointbayes.posterior.setup_summary import FrequencySummary
 from jointbayes.report import figures
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, ReportSection, Table
+from jointbayes.report.wireframe import wireframe
 
 _DRAWS = 1000
 _MOST_ROWS, _MOST_FIGURES = 60, 8
+_SAME = 0.05  # of a frequency: a peak farther from it is that of another mode
+_PEAKS = (
+    "The MAP's frequencies are undamped ones. Error and damping compare peaks, read in the same way in data and MAP."
+)
 
 
 def frequency_section(inputs: SetupInputs) -> ReportSection | None:
-    """Natural frequencies: measured, first guess, MAP, interval; None where the model has none."""
-    frequencies = inputs.summary.natural_frequencies_hz
-    if not frequencies.map:
+    """Natural frequencies of the model beside those of the data; None where there are neither."""
+    frequencies, peaks = inputs.summary.natural_frequencies_hz, inputs.summary.diagnosis.modes
+    measured, modes = frequencies.measured, inputs.problem.test.data.modes
+    best = np.array(frequencies.map or [peak.predicted_hz for peak in peaks])
+    if not best.size:
         return None
-    measured = frequencies.measured
-    rows = []
-    for i, (guess, best, ends) in enumerate(
-        zip(frequencies.initial, frequencies.map, frequencies.interval95, strict=True)
-    ):
-        row = [str(i + 1), f"{guess:.2f}", f"{best:.2f}", f"{ends[0]:.2f} … {ends[1]:.2f}"]
-        if measured:
-            row.insert(1, f"{measured[i]:.1f}")
-        rows.append(tuple(row))
-    head = ["Mode", "First guess (Hz)", "MAP (Hz)", "95 % interval (Hz)"]
-    if measured:
-        head.insert(1, "Measured (Hz)")
-    blocks: list[Block] = [
-        Table("Natural frequencies, undamped", tuple(head), tuple(rows), note=_whose(inputs.problem))
+    kind = "published" if modes is None else "measured"
+    of_data = "Peak of the data (Hz)" if modes is None else "Measured (Hz)"
+    seen = [min(peaks, key=lambda peak: abs(peak.predicted_hz - hz), default=None) for hz in best]
+    seen = [
+        peak if peak and abs(peak.predicted_hz / hz - 1) < _SAME else None for peak, hz in zip(seen, best, strict=True)
     ]
+    beyond = [peak for peak in peaks if peak not in seen]  # modes that are not among those of the table
+    seen, more = [*seen, *beyond], ["–"] * len(beyond)
+    columns = {
+        "Mode": [*(str(i + 1) for i in range(best.size)), *more],
+        of_data: ["–" if peak is None else f"{peak.measured_hz:.2f}" for peak in seen],
+        "Published (Hz)": [*(f"{hz:.1f}" for hz in (measured or ()) if modes is None), *more],
+        "First guess (Hz)": [*(f"{hz:.2f}" for hz in frequencies.initial), *more],
+        "MAP (Hz)": [*(f"{hz:.2f}" for hz in best), *more],
+        "95 % interval (Hz)": [*(f"{low:.2f} … {high:.2f}" for low, high in frequencies.interval95), *more],
+        "Error (%)": ["–" if peak is None else signed(peak.error_percent) for peak in seen],
+        "Damping, data over MAP": ["–" if peak is None else number(peak.damping_ratio, 2) for peak in seen],
+    }
+    shown = {head: cells for head, cells in columns.items() if set(cells) - {"–"}}
+    rows = tuple(zip(*shown.values(), strict=True))
+    note = _PEAKS if modes is None and peaks else ""
+    blocks: list[Block] = [
+        Table("Natural frequencies", tuple(shown), rows, note=f"{note} {_whose(inputs.problem)}".strip())
+    ]
+    ranges = zip(columns["MAP (Hz)"][: best.size], columns["95 % interval (Hz)"], strict=False)
+    names = tuple(f"Mode {i}: {hz} Hz ({ends})" for i, (hz, ends) in enumerate(ranges, 1))
+    frame = wireframe(inputs.problem, inputs.posterior.estimate, names)
+    if frame is not None:
+        caption = "Shapes of the modes at the MAP, over the structure at rest; the frequency with its 95 % interval."
+        alt = f"{len(names)} mode shapes drawn on the structure. {'; '.join(names)}."
+        blocks.append(Figure("mode-shapes", caption, alt, figures.wireframes(frame), frame))
     if measured:
-        modes = inputs.problem.test.data.modes
-        sd = None if modes is None else modes.sd_hz
-        low, high = np.array(frequencies.interval95).T
-        series = {"MAP": np.array(frequencies.map), "95 % interval": (low, high)}
-        svg = figures.frequency_errors(np.array(measured), sd, series)
-        caption = "Predicted natural frequencies against the measured ones."
-        if inputs.summary.fit.synthetic_data:
-            caption += " The FRF data are synthetic, so that these measured frequencies were not fitted."
+        svg = figures.frequency_errors(*frequency_values(frequencies, inputs.problem.test.data))
+        caption = f"Predicted natural frequencies against the {kind} ones."
+        caption += " These were not fitted: the FRFs were." if modes is None else ""
         worst = max(abs(100 * (b / m - 1)) for b, m in zip(frequencies.map, measured, strict=True))
         alt = f"Deviation of predicted natural frequencies by mode; the largest at the MAP is {worst:.2f} per cent."
         blocks.append(Figure("frequencies-plot", caption, alt, svg))
     return ReportSection("frequencies", "Natural frequencies", tuple(blocks))
 
 
+def frequency_values(frequencies: FrequencySummary, data: Data) -> tuple[Array, Array | None, dict[str, Any]]:
+    """Measured frequencies, their standard deviations if they are the data, and what is predicted of them."""
+    low, high = np.array(frequencies.interval95).T
+    series = {"MAP": np.array(frequencies.map), "95 % interval": (low, high)}
+    return np.array(frequencies.measured), None if data.modes is None else data.modes.sd_hz, series
+
+
 def _whose(problem: Problem) -> str:
     """Whose intervals they are, where the model is not taken for exact: the model's; empty where it is."""
     if problem.test.noise is None or problem.test.noise.shares is None:
         return ""
-    return "The 95 % intervals are the model's: neither its own error nor that of a measurement is in them."
+    return "The 95 % intervals are the model's; neither its own error nor that of a measurement is in them."
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Compared:
+class Compared:
     """One kind of quantity, measured against the MAP and the ends of its 95 % interval; arrays of one shape."""
 
     measured: Array
@@ -98,8 +126,7 @@ def compared_section(data: Data, inputs: SetupInputs) -> ReportSection | None:
 @compared_section.register
 def _modes_section(measured: ModeData, inputs: SetupInputs) -> ReportSection:
     posterior, problem = inputs.posterior, inputs.problem
-    prediction = ModePrediction(measured, problem.test.structures, problem.test.joints)
-    parts, likeness, places = _compared(posterior, problem, measured, prediction)
+    parts, likeness, places = compared_modes(posterior, problem, measured)
     head = ("Measured", "sd", "MAP", "MAP − measured (sd)", "95 % interval")
     rows = []
     for name, compared in parts.items():
@@ -140,10 +167,11 @@ def _modes_section(measured: ModeData, inputs: SetupInputs) -> ReportSection:
     return ReportSection("modes", "Modes", tuple(blocks))
 
 
-def _compared(
-    posterior: Posterior, problem: Problem, measured: ModeData, prediction: ModePrediction
-) -> tuple[dict[str, _Compared], Array, NDArray[np.intp]]:
+def compared_modes(
+    posterior: Posterior, problem: Problem, measured: ModeData
+) -> tuple[dict[str, Compared], Array, NDArray[np.intp]]:
     """Each kind of quantity by name; and of each mode its MAC and its partner's place (from 0) at the MAP."""
+    prediction = ModePrediction(measured, problem.test.structures, problem.test.joints)
     prior = problem.prior
     theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS)])
     matrices, factors = prior.matrix(theta), problem.structural(prior.factors(theta))
@@ -167,11 +195,17 @@ def _compared(
     for name, observed in given.items():
         if observed is not None:
             low, high = np.quantile(predicted[name][1:], [0.025, 0.975], axis=0)
-            parts[name] = _Compared(*observed.mean(), predicted[name][0], low, high)
+            parts[name] = Compared(*observed.mean(), predicted[name][0], low, high)
     return parts, likeness, places[0]
 
 
-def _figures(measured: ModeData, shape: _Compared) -> list[Block]:
+def shape_values(dofs: Sequence[str], shape: Compared, place: int) -> tuple[Any, ...]:
+    """Labels of the DOFs, and what is compared of the mode at this place: measured, sd, MAP and interval."""
+    arrays = (shape.measured, shape.sd, shape.best, shape.low, shape.high)
+    return [foreign(dof) for dof in dofs], *(array[place] for array in arrays)
+
+
+def _figures(measured: ModeData, shape: Compared) -> list[Block]:
     """Components, measured and predicted, of each mode of which some were measured."""
     assert measured.shapes is not None
     blocks: list[Block] = []
@@ -179,11 +213,9 @@ def _figures(measured: ModeData, shape: _Compared) -> list[Block]:
     for i in with_some[:_MOST_FIGURES]:
         n = measured.numbers[i]
         name = f"mode-shape-{n}"
-        values = (shape.measured[i], shape.sd[i], shape.best[i], shape.low[i], shape.high[i])
-        labels = [foreign(dof) for dof in measured.shapes.dofs]
         caption = f"Shape of mode {n} over its component at {foreign(measured.references[i])}: measured with 95 %, "
         caption += "MAP, and the 95 % interval of the posterior."
         away = np.abs((shape.best[i] - shape.measured[i]) / shape.sd[i])
         alt = f"Components of mode {n}; the largest deviation of the MAP is {number(np.nanmax(away), 2)} sd."
-        blocks.append(Figure(name, caption, alt, figures.mode_shape(labels, *values)))
+        blocks.append(Figure(name, caption, alt, figures.mode_shape(*shape_values(measured.shapes.dofs, shape, i))))
     return blocks

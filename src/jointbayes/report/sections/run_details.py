@@ -1,5 +1,8 @@
 """How the run went, and what it takes to repeat it: starts, sampler, chains, settings and versions."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from jointbayes.arrays import Array
 from jointbayes.identification import IterationHistory, missing_for_iteration
 from jointbayes.joint import Quantity
@@ -24,16 +27,14 @@ def starts_section(inputs: ReportInputs) -> ReportSection:
         )
         for start in estimate.starts
     )
-    head = ("Start", f"{foreign(', '.join(posterior.stiffness_names))} from", "to", "ln p", "Mode reached")
+    head = ("Start", f"{foreign(', '.join(posterior.stiffness_names))} from", "to", "ln p", "Best fit reached")
     reached = len(rows) - len(estimate.failed_starts)
-    text = f"{reached} of {len(rows)} starts reach the mode"
+    text = f"{reached} of {len(rows)} starting points lead to the best fit"
     text += f"; these do not: {foreign(estimate.failed_text)}." if estimate.failed_starts else "."
-    text += (
-        f" The joint mode refined from the best draw lies {number(posterior.mode_distance, 2)} Laplace sd from the MAP."
-    )
+    text += f" The best draw leads to a point {number(posterior.mode_distance, 2)} standard deviations from it."
     if estimate.sentence:
         text += f" {estimate.sentence}"
-    blocks: list[Block] = [Paragraph(text), Table("Starts of the MAP search, and where each led", head, rows)]
+    blocks: list[Block] = [Paragraph(text), Table("Starting points, and where each led", head, rows)]
     if estimate.iteration is not None:
         blocks += _iteration_blocks(estimate.iteration, posterior.problem.quantities, inputs.reference)
     elif missing := missing_for_iteration(posterior.problem):
@@ -50,7 +51,7 @@ def _iteration_blocks(
         for i, q in zip(history.iterated, iterated, strict=True)
         if history.stiffness[i] != 0
     )
-    text = f"**The paper's iteration (Eqs. 3–9)**{foreign(history.on_setup)} {history.reason}. "
+    text = f"**The paper's iteration (Eqs. 3–9)** {foreign(history.on_setup)} {history.reason}. ".replace("  ", " ")
     text += f"Step 5 differs from the last step by: {foreign(settled)}."
     if len(iterated) < len(quantities):
         text += " Quantities that do not act in that set-up stay at the first guess."
@@ -108,11 +109,15 @@ def sampling_section(inputs: ReportInputs) -> ReportSection:
     )
 
 
+def chain_values(posterior: Posterior) -> tuple[list[str], Array, NDArray[np.intp]]:
+    """Labels of all coordinates, draws, shape (chains, draws, coordinates), and the ensemble of each chain."""
+    theta = posterior.theta.reshape(*posterior.log_density.shape, -1)
+    return coordinate_labels(posterior.problem), theta, posterior.draws["ensemble"].values
+
+
 def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
     """Traces and autocorrelation of all coordinates, in as many figures as there are colours for."""
-    theta = posterior.theta.reshape(*posterior.log_density.shape, -1)
-    ensemble = posterior.draws["ensemble"].values
-    names = coordinate_labels(posterior.problem)
+    names, theta, ensemble = chain_values(posterior)
     pages = [slice(i, i + figures.MOST_CURVES) for i in range(0, len(names), figures.MOST_CURVES)]
     traces, correlations = [], []
     for count, page in enumerate(pages, 1):

@@ -1,8 +1,10 @@
 """Several set-ups: a table of all, what is said of the data of each, and quantities over their levels."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from jointbayes.arrays import Array
 from jointbayes.posterior.posterior import Curve, curves_of
 from jointbayes.posterior.rounding import interval, number
 from jointbayes.posterior.verdicts import verdict_text
@@ -10,33 +12,33 @@ from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
-from jointbayes.report.sections.measured_data import mode_table
 
 _OF_NOISE = "Standard deviations are those of the noise, of the fit of the modes or as stated for them."
 
 
-def overview_section(inputs: ReportInputs) -> ReportSection:
-    """A row for each set-up: its data, and whether the model explains them."""
+def overview_section(inputs: ReportInputs) -> ReportSection | None:
+    """A row for each set-up: its data, and whether the model explains them; None of a lone test."""
+    if len(inputs.setups) == 1:
+        return None
     levels = [setup.summary.level for setup in inputs.setups if setup.summary.level is not None]
     rows = []
     for setup in inputs.setups:
         fit, check = setup.summary.fit, setup.summary.check
         data = setup.problem.test.data.in_short(foreign)
         data += "" if setup.problem.test.joints.size else "; nothing joined"
-        row = [foreign(setup.problem.test.name), data, str(fit.n_data), number(fit.chi2_per_line, 4)]
+        row = [foreign(setup.problem.test.name), data, str(fit.n_data), number(math.sqrt(fit.chi2_per_line))]
         row.append("yes" if check.explains else "no")
         if levels:
             level = setup.summary.level
             row.insert(1, "–" if level is None else number(level.value))
         rows.append(tuple(row))
-    head = ["Set-up", "Data", "Values", "Squared residual", "Explained"]
+    head = ["Set-up", "Data", "Values", "Misfit over noise", "Explained"]
     if levels:
         unit = f" ({levels[0].unit})" if levels[0].unit else ""
         head.insert(1, foreign(f"{levels[0].name.capitalize()}{unit}"))
     note = (
-        "Squared residual: at the MAP, over what the stated noise predicts, 1 expected. Explained: whether the "
-        "posterior predictive check of its data is passed. A quantity whose name begins with that of a set-up is its "
-        "own; all others are one for all."
+        "Misfit over noise: of the best fit to all set-ups, about 1 expected. Explained: whether the model explains "
+        "its data. A quantity whose name begins with that of a set-up is its own; all others are one for all."
     )
     kinds = tuple("" if setup.summary.check.explains else "bad" for setup in inputs.setups)
     table = Table("Set-ups", tuple(head), tuple(rows), note=note, row_kinds=kinds)
@@ -47,7 +49,7 @@ def _equality(inputs: ReportInputs) -> list[Block]:
     """Whether set-ups of one structure measured the same, and how far each mode moves."""
     blocks: list[Block] = []
     for each in inputs.summary.homogeneity:
-        blocks.append(Paragraph(foreign(each.sentence_of_lines)))
+        blocks.append(Paragraph(foreign(each.sentence)))
         rows = tuple(
             (
                 number(mode.frequency_hz, 5),
@@ -68,7 +70,7 @@ def _equality(inputs: ReportInputs) -> list[Block]:
 
 def setup_section(place: int, inputs: SetupInputs, sections: Sequence[ReportSection]) -> ReportSection:
     """What the sections on the data say of one set-up, one after the other."""
-    blocks: list[Block] = list(mode_table(inputs))
+    blocks: list[Block] = []
     for section in sections:
         blocks.append(Paragraph(f"**{section.title}.**"))
         blocks += (_name_setup(place, block) for block in section.blocks)
@@ -142,6 +144,10 @@ def _figure(place: int, curve: Curve) -> Figure:
     caption = f"{curve.name} over the {curve.of.name}: median and 95 % credible interval at each level."
     ends = [number(curve.median[0]), number(curve.median[-1])]
     alt = f"{curve.name} from {ends[0]} at the lowest level to {ends[1]} at the highest."
+    return Figure(f"curve-{place}", foreign(caption), foreign(alt), figures.level_curve(*curve_values(curve)))
+
+
+def curve_values(curve: Curve) -> tuple[Array, Array, Array, Array, str, str]:
+    """Levels, median and interval at each, and the labels of both axes."""
     unit = "" if curve.unit == "1" else f" ({curve.unit})"
-    drawn = figures.level_curve(curve.level, curve.median, curve.low, curve.high, _axis(curve), f"{curve.name}{unit}")
-    return Figure(f"curve-{place}", foreign(caption), foreign(alt), drawn)
+    return curve.level, curve.median, curve.low, curve.high, _axis(curve), f"{curve.name}{unit}"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from jointbayes.errors import ModelError
 from jointbayes.own_directory import real_directory
 from jointbayes.posterior.posterior import Cell
-from jointbayes.progress import Progress, ProgressCallback, tell_nobody
+from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import code_version
 from jointbayes.studies.campaign.case_table import CampaignCase, read_cases
 from jointbayes.studies.campaign.index import (
@@ -116,7 +116,7 @@ def campaign(
     seconds: float | None = None,
     again: bool = False,
     allow_outside: bool = False,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback | bool | None = None,
 ) -> Campaign:
     """Sample many cases side by side: one posterior file a case, and an index of all.
 
@@ -168,7 +168,7 @@ def campaign(
     with campaign_directory(directory) as locked:
         run_cases(
             table, locked.path, seed=seed, draws=draws, full=full, again=again, allow_outside=allow_outside,
-            progress=progress or tell_nobody, workers=workers, executor=executor, scheduler=scheduler, seconds=seconds,
+            progress=callback_of(progress), workers=workers, executor=executor, scheduler=scheduler, seconds=seconds,
         )  # fmt: skip
     return Campaign(locked.path)
 

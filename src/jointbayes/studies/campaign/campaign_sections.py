@@ -9,6 +9,7 @@ from jointbayes.arrays import Array
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.rounding import interval, number
 from jointbayes.report.markup import foreign
+from jointbayes.report.methods import references, report_text
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
 from jointbayes.studies.campaign.campaign_findings import (
     FEWEST_JOINTS,
@@ -53,7 +54,7 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
             Callout(
                 "caution" if few else "bad",
                 f"**In {counts['do not explain their data']} of {counts[DONE]} cases the model does not explain the "
-                "data.** They are part of the population; their intervals hold only if the model were right.",
+                "data.** They are part of the population; their own intervals have no valid value.",
             )
         )
     if joints is None:
@@ -63,7 +64,7 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
         return (*blocks, Callout("caution", text))
     if not joints.population.converged:
         worth = f"worth {joints.population.effective_populations:.0f} independent draws"
-        text = f"by {joints.population.how}, {worth}. What is said of the single joints is not touched by it"
+        text = f"by {joints.population.how}, {worth}. What is said of the single joints holds"
         head = "**The population has NOT converged, do not use its numbers**, nor those of joints given all the others:"
         blocks.append(Callout("bad", f"{head} {text}."))
     blocks.append(_population_table(joints))
@@ -76,8 +77,8 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
         blocks.append(
             Callout(
                 "caution",
-                f"**The population is known less well than its intervals say:** so few draws of each joint make it "
-                f"uncertain by {number(noisy, 2)} of its posterior standard deviation. More draws of each case help.",
+                "**The population is known less well than its intervals say:** with so few draws of each joint its "
+                f"numbers scatter by {number(noisy, 2)} of their standard deviation. Keep more draws of each case.",
             )
         )
     return tuple(blocks)
@@ -120,7 +121,7 @@ def _look_section(findings: CampaignFindings) -> ReportSection:
     more = len(looks) - len(rows)
     note = "The gravest first. What holds for most cases is no reason here."
     if more > 0:
-        note += f" {more} more, down to a joint just beyond a control limit, stand in `joints.csv`."
+        note += f" {more} more are in `joints.csv`."
     table = Table("Cases that need a look", ("Joint", "Case", "Why"), rows, align="lll", note=note, row_kinds=kinds)
     return ReportSection("look", "Cases that need a look", (table,))
 
@@ -143,11 +144,11 @@ def _population_table(joints: PopulationFindings) -> Table:
         for k in joints.stiffness
     )
     note = (
-        f"Of {len(joints.draws.rows)} joints, freed of what their own errors add. In brackets: 95 % credible intervals."
+        f"From {len(joints.draws.rows)} joints, with the scatter of measurement taken out. In brackets: 95 % intervals."
         " Scatter is the standard deviation from joint to joint, in percent that of ln k."
     )
     if unresolved:
-        note += " A scatter that the joints' own errors hide has only an upper end, with 97.5 % probability."
+        note += " Where joints differ by less than the measurement error only an upper limit can be given (97.5 %)."
     return Table("The population of joints", head, rows, align="lllll", note=note)
 
 
@@ -182,12 +183,8 @@ def _population_section(joints: PopulationFindings) -> ReportSection:
     )
     head = ("Coordinate", "Mean", "Scatter", "Prior of the mean", "Prior of the scatter", "Monte Carlo error")
     rows = tuple(_coordinate_row(joints, i, axis) for i, axis in enumerate(joints.draws.parametrisation.axes))
-    note = (
-        "Posterior median and 95 % credible interval. The prior of the mean is normal, that of the scatter "
-        "half-normal; both are as wide as the priors that the joints were sampled under. Monte Carlo error of mean and "
-        "scatter, from the limited number of draws of each joint, in posterior standard deviations."
-    )
-    return ReportSection("population-section", "The population", (figure, Table("Coordinates", head, rows, note=note)))
+    table = Table("Coordinates", head, rows, note=report_text("coordinates"))
+    return ReportSection("population-section", "The population", (figure, table))
 
 
 def _coordinate_row(joints: PopulationFindings, i: int, axis: Coordinate) -> tuple[str, ...]:
@@ -221,13 +218,8 @@ def _control_section(joints: PopulationFindings) -> ReportSection:
     rows, count = joints.draws.rows, len(joints.draws.rows)
     dated = joints.order == "date" and count > _MOST_JOINTS
     labels = [row.date.date().isoformat() if dated and row.date else row.label for row in rows]
-    text = (
-        f"Individuals charts by {joints.order}. The centre line is the median of all joints. The limits of a joint lie "
-        f"{SIGMAS:g} standard deviations to either side, made up of the scatter from one joint to the next (median "
-        "moving range, freed of the estimates' errors) and of the joint's own error. So a single odd joint or a slow "
-        "drift does not widen them, and a joint that is hardly known raises no alarm. Of joints that are all alike "
-        f"{100 * _BEYOND:.2g} % lie beyond them by chance: about {number(_BEYOND * count, 2)} of {count} in each chart."
-    )
+    chance = {"share": 100 * _BEYOND, "by_chance": number(_BEYOND * count, 2), "count": count}
+    text = report_text("charts", order=joints.order, sigmas=SIGMAS, **chance)
     blocks: list[Block] = [Paragraph(text), _chart_table(joints)]
     for q in joints.quantities:
         beyond = int((q.chart.exceeds_limits | q.outlier).sum())
@@ -260,11 +252,7 @@ def _chart_table(joints: PopulationFindings) -> Table:
     limit = joints.quantities[0].outlier_limit
     note = "Scatter by medians, in percent that of ln k; a scatter of all above that from joint to joint is a drift. "
     if np.isfinite(limit):
-        note += (
-            f"An outlier lies more than {limit:.1f} standard deviations, of scatter of all and own error together, "
-            f"from the centre line. Of campaigns of {len(joints.draws.rows)} joints all of one normal population, "
-            f"{100 * FALSE_ALARM:g} % have one or more, all stiffnesses together."
-        )
+        note += report_text("outliers", limit=limit, count=len(joints.draws.rows), share=100 * FALSE_ALARM)
     else:
         note += "There are too few joints to call one of them an outlier."
     return Table("Control charts", head, tuple(rows), note=note)
@@ -321,10 +309,7 @@ def _joint_section(joints: PopulationFindings) -> ReportSection:
     head.append("Effective draws")
     cells.append([f"{joints.population.effective[i]:.0f}" for i in chosen])
     shown = "" if whole else f" that the others move the most, {_MOVED} of {count}"
-    note = (
-        "Median and 95 % credible interval of a joint by its own measurement, and given all the others. Effective "
-        f"draws: below {LEAST_EFFECTIVE:g} the figures given all joints are not to be trusted. "
-    )
+    note = report_text("joints", least=LEAST_EFFECTIVE)
     note += "" if whole else "Every joint stands in `joints.csv`."
     kinds = tuple("" if joints.population.trusted[i] else "caution" for i in chosen)
     table = Table(f"Joints{shown}", tuple(head), tuple(zip(*cells, strict=True)), note=note, row_kinds=kinds)
@@ -347,13 +332,6 @@ def _moved(q: ChartedQuantity) -> Array:
 
 def _method_section(joints: PopulationFindings) -> ReportSection:
     axes = ", ".join(axis.label for axis in joints.draws.parametrisation.axes)
-    text = (
-        f"The population is normal in {axes}, each by itself, and cut off where a joint is not positive definite. Its "
-        "mean μ and scatter σ have the posterior p(μ, σ) ∏ ⟨p(θ | μ, σ)/π(θ)⟩, where the mean is over the draws θ of a "
-        "joint and π is the prior they were drawn under (Hogg, Myers and Bovy 2010, DOI 10.1088/0004-637X/725/2/2166; "
-        "Lunn et al. 2013, DOI 10.1111/rssc.12007). A joint given all the others has the same draws with these "
-        f"weights, averaged over the posterior of μ and σ. Drawn by {joints.population.how}, worth "
-        f"{joints.population.effective_populations:.0f} independent draws. Cases that failed or did not converge "
-        "have no part in it."
-    )
-    return ReportSection("method", "How this was computed", (Paragraph(text),))
+    worth = joints.population.effective_populations
+    text = report_text("campaign", axes=axes, how=joints.population.how, worth=worth)
+    return ReportSection("method", "How this was computed", (Paragraph(text), references(text)))

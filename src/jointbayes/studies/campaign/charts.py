@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import add_strokes, legend_above, margin_labels, panels, svg
+from jointbayes.report.line_plot import SERIES_COLOURS, LinePlot, Series
 from jointbayes.report.markup import format_numbers
-from jointbayes.report.model import SERIES_COLOURS, LinePlot, Series
 from jointbayes.studies.campaign.control import ChartedQuantity
 
 Flags = NDArray[np.bool_]

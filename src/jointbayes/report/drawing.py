@@ -1,0 +1,302 @@
+"""What each figure shows, drawn onto axes that somebody else has laid out: a page of a report or a notebook's cell."""
+
+import importlib
+import sys
+from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import Any, TypeAlias
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from jointbayes.arrays import Array
+from jointbayes.report.canvas import add_strokes, extremes, legend_above, logarithmic
+from jointbayes.report.line_plot import SERIES_COLOURS, FrfPlot, Wireframe
+
+#: Axes of a figure with several panels, an array of any shape.
+AxesArray: TypeAlias = Any
+
+_BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
+#: Of a figure over frequency: pairs of points to a curve, two or three for each point of the page's width.
+_STRETCHES = 700
+_TRACE_POINTS, _BINS = 120, 40
+_MOST_TICKS = 16  # of DOFs along an axis
+#: Lines that a figure shows as one point each.
+_POINTS = 3000
+
+
+def draw_frf(axes: Axes, plot: FrfPlot, *, phase: bool = False) -> None:
+    """Magnitude or phase of an FRF, measured and predicted, with its 95 % band; colours of the interactive twin."""
+    view: Callable[[NDArray[np.complex128]], Array] = plot.phase_deg if phase else np.abs
+    f, (low, high) = plot.frequency_hz, map(view, plot.band)
+    edge = np.union1d(extremes(low, _STRETCHES // 2), extremes(high, _STRETCHES // 2))
+    axes.fill_between(f[edge], low[edge], high[edge], color=SERIES_COLOURS[0], alpha=0.35, lw=0, label="95 % band")
+    for curve in plot.curves:
+        if not curve.hidden:
+            shown = extremes(view(curve.values), _STRETCHES)
+            style = "--" if curve.dashed else "-"
+            axes.plot(f[shown], view(curve.values)[shown], style, color=curve.colour, lw=0.9, label=curve.name)
+    if not phase:
+        logarithmic(axes)
+    axes.set_xlabel("Frequency (Hz)")
+    axes.set_ylabel("Phase (°)" if phase else f"|H| ({plot.unit})")
+    legend_above(axes)
+
+
+def draw_wireframes(row: AxesArray, frame: Wireframe) -> None:
+    """Each mode at both of its largest swings, over the structure at rest; as many axes as there are modes, or more."""
+    swings: Any = ((0, {"color": "0.6"}), (-1, {"color": _BLUE, "alpha": 0.3}), (1, {"color": _BLUE, "lw": 1.6}))
+    for axes in row:
+        axes.set_axis_off()
+    for axes, name, shape in zip(row, frame.names, frame.shapes, strict=False):
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_title(name.replace(" (", "\n("), fontsize=8)
+        for share, style in swings:
+            axes.plot(*(frame.points + share * shape).T, **({"lw": 0.8} | style))
+
+
+def draw_squares_by_line(axes: Axes, frequency_hz: Array, square: Array) -> None:
+    """Squared residuals over their expectation by frequency, of shape (lines,), with a running mean.
+
+    A point for each line, or where there are too many a stroke from the lowest to the highest of each stretch.
+    """
+    stretches = square.size if square.size <= _POINTS else _STRETCHES
+    ends = np.array([[s[0], s[-1]] for s in np.array_split(np.arange(square.size), stretches)])
+    shown = np.maximum(square, 1e-4)
+    low, high = (f.reduceat(shown, ends[:, 0]) for f in (np.minimum, np.maximum))
+    add_strokes(axes, frequency_hz[ends].mean(axis=1), low, high, ec=_BLUE, alpha=0.5, lw=1.2)
+    logarithmic(axes)
+    axes.set_xlim(frequency_hz[0], frequency_hz[-1])
+    axes.set_ylim(shown.min() / 1.5, shown.max() * 1.5)
+    width = max(5, square.size // 100)
+    if square.size > 3 * width:
+        mean = np.convolve(square, np.full(width, 1 / width), "valid")
+        middle = np.convolve(frequency_hz, np.full(width, 1 / width), "valid")
+        kept = extremes(mean, _STRETCHES)
+        axes.plot(middle[kept], mean[kept], lw=1.2, color=_ORANGE, label=f"mean of {width} lines")
+        legend_above(axes)
+    axes.axhline(1.0, color=_GREEN, ls="--", lw=1)
+    axes.set_xlabel("Frequency (Hz)")
+    axes.set_ylabel("Squared residual")
+
+
+def draw_curve(axes: Axes, frequency_hz: Array, values: Array, y_label: str, *, log: bool) -> None:
+    """One measured curve over frequency, shape (lines,)."""
+    shown = extremes(values, _STRETCHES)
+    axes.plot(frequency_hz[shown], values[shown], color=SERIES_COLOURS[1], lw=0.8)
+    if log:
+        logarithmic(axes)
+    axes.set_xlabel("Frequency (Hz)")
+    axes.set_ylabel(y_label)
+
+
+def draw_intervals(axes: Axes, labels: Sequence[str], ends: Array) -> None:
+    """Ends of the prior's 95 % interval, then lower end, median and upper end of the posterior's, shape (n, 5)."""
+    relative, place = (ends / np.abs(ends[:, 3:4])).T, np.arange(len(labels))
+    axes.hlines(place, *relative[:2], color="0.75", lw=7, label="prior, 95 %")
+    axes.hlines(place, relative[2], relative[4], color=_BLUE, lw=3, label="posterior, 95 %")
+    axes.plot(relative[3], place, "o", color=_ORANGE, ms=5, label="median")
+    if (relative > 0).all():
+        axes.set_xscale("log")
+    axes.set_yticks(place, labels)
+    axes.set_ylim(len(labels) - 0.5, -0.5)
+    axes.set_xlabel("Value over its median")
+    legend_above(axes)
+
+
+def draw_profiles(row: AxesArray, curves: Sequence[tuple[str, Array, Array]]) -> None:
+    """Profile likelihoods side by side: label of the axis, values on it and ln ratio, each of shape (points,)."""
+    for axes, (label, value, log_ratio) in zip(row, curves, strict=True):
+        axes.plot(value, log_ratio, "o-", ms=2.5, lw=1, color=_BLUE)
+        axes.axhline(-1.92, color=_ORANGE, ls="--", lw=1)  # half the 95 % point of χ² with one degree of freedom
+        axes.set_ylim(-5, 0.3)
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+        axes.set_xlabel(label)
+    row[0].set_ylabel("ln likelihood ratio")
+
+
+def draw_residual_norm(axes: Axes, norm: Array) -> None:
+    """The paper's Fig. 7: norm of the residual FRF over iteration steps."""
+    logarithmic(axes)
+    axes.plot(np.arange(norm.size), norm, "o-", ms=3, lw=1, color=_BLUE)
+    axes.set_xlabel("Iteration step")
+    axes.set_ylabel("‖ε‖ / ‖Hˣ‖")
+
+
+def draw_histories(row: AxesArray, titles: Sequence[str], history: Array, published: Array | None) -> None:
+    """The paper's Fig. 8: each stiffness over iteration steps; `history` of shape (steps + 1, parameters)."""
+    for i, axes in enumerate(row):
+        axes.plot(np.arange(len(history)), history[:, i], "o-", ms=2.5, lw=1, color=_BLUE)
+        if published is not None:
+            axes.axhline(published[i], color=_ORANGE, ls="--", lw=1, label="published")
+        axes.set_title(titles[i], fontsize=9)
+        axes.set_xlabel("Iteration step")
+    if published is not None:
+        row[-1].legend(loc="lower right")
+
+
+def draw_corner(
+    grid: AxesArray, labels: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array
+) -> None:
+    """Marginals and pairs of draws, shape (n, parameters), with prior, mode and published values in the same terms.
+
+    The axes, shape (parameters, parameters), are all that their figure has; those above the diagonal are removed.
+
+    References
+    ----------
+    Foreman-Mackey, D. (2016). corner.py: Scatterplot matrices in Python. DOI 10.21105/joss.00024
+    """
+    count = len(labels)
+    ranges = [_range(posterior[:, i], None if published is None else published[i]) for i in range(count)]
+    corner_package().corner(
+        posterior,
+        bins=_BINS,
+        range=ranges,
+        levels=(0.393, 0.68, 0.95),
+        smooth=1.0,  # bins
+        color=_BLUE,
+        hist_kwargs={"density": True},
+        contour_kwargs={"linewidths": 1.0},
+        labels=labels,
+        labelpad=-0.04,
+        max_n_ticks=4,
+        plot_datapoints=False,
+        plot_density=False,
+        no_fill_contours=True,
+        fig=grid[0, 0].figure,
+    )
+    for i, j in np.ndindex(count, count):
+        axes = grid[i, j]
+        if j > i:
+            axes.remove()
+            continue
+        if i == j:
+            _prior_line(axes, prior[:, i])
+        _mark(axes, j, i, mode, _ORANGE, "-", "o")
+        if published is not None:
+            _mark(axes, j, i, published, _GREEN, "--", "s")
+        axes.grid(visible=False)
+
+
+def corner_package() -> ModuleType:
+    """The package corner, without ArviZ, which it loads for inputs that it is not given here: a second of each run."""
+    if "corner" not in sys.modules and "arviz" not in sys.modules:
+        sys.modules["corner.arviz_corner"] = None  # type: ignore[assignment]  # as if ArviZ were not installed
+        try:
+            return importlib.import_module("corner")
+        finally:  # whoever imports corner next has it whole
+            for name in [name for name in sys.modules if name.partition(".")[0] == "corner"]:
+                del sys.modules[name]
+    return importlib.import_module("corner")
+
+
+def _range(values: Array, reference: float | None) -> tuple[float, float]:
+    low, high = np.quantile(values, [0.004, 0.996])
+    if reference is not None:
+        low, high = min(low, reference), max(high, reference)
+    margin = 0.08 * (high - low)
+    return float(low - margin), float(high + margin)
+
+
+def _prior_line(axes: Axes, prior: Array) -> None:
+    # bins as wide as the prior needs, not as narrow as the posterior: its density is smooth on that scale
+    density, edges = np.histogram(prior, bins=60, density=True)
+    axes.stairs(density, edges, color="0.35", lw=1, ls=":")
+
+
+def _mark(axes: Axes, column: int, row: int, point: Array, colour: str, style: str, marker: str) -> None:
+    axes.axvline(point[column], color=colour, ls=style, lw=0.9)
+    if row != column:
+        axes.axhline(point[row], color=colour, ls=style, lw=0.9)
+        axes.plot(point[column], point[row], marker, color=colour, ms=4)
+
+
+def draw_traces(column: AxesArray, names: Sequence[str], theta: Array, ensemble: NDArray[np.intp]) -> None:
+    """Draws over steps, shape (chains, draws, parameters): the median and 95 % range of each ensemble's walkers."""
+    groups = np.array_split(np.arange(theta.shape[1]), min(theta.shape[1], _TRACE_POINTS))
+    steps = [group.mean() for group in groups]
+    for e in np.unique(ensemble):
+        parts = (theta[ensemble == e][:, group] for group in groups)
+        ranges = np.transpose([np.quantile(draws, [0.025, 0.5, 0.975], axis=(0, 1)) for draws in parts])
+        colour = SERIES_COLOURS[int(e) % len(SERIES_COLOURS)]
+        for axes, name, (low, middle, high) in zip(column, names, ranges, strict=True):
+            axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0)
+            axes.plot(steps, middle, color=colour, lw=0.8, label=f"ensemble {int(e) + 1}")
+            axes.set_ylabel(name)
+    column[-1].set_xlabel("Kept draw")
+    column[0].legend(ncols=4, loc="upper right")
+
+
+def draw_autocorrelation(axes: Axes, names: Sequence[str], theta: Array, thin: int) -> None:
+    """Autocorrelation over lags in steps, averaged over walkers, from draws of shape (chains, draws, parameters).
+
+    More than `len(SERIES_COLOURS)` parameters share colours.
+    """
+    lags = min(theta.shape[1] - 1, 60)
+    for i, name in enumerate(names):
+        steps, values = thin * np.arange(lags + 1), _autocorrelation(theta[..., i], lags)
+        axes.plot(steps, values, "o-", ms=2.5, lw=1, label=name, color=SERIES_COLOURS[i % len(SERIES_COLOURS)])
+    axes.axhline(0, color="0.4", lw=0.6)
+    axes.set_xlabel("Lag (steps)")
+    axes.set_ylabel("Autocorrelation")
+    axes.legend()
+
+
+def _autocorrelation(chains: Array, lags: int) -> Array:
+    centred = chains - chains.mean()
+    covariance = np.array([(centred[:, : centred.shape[1] - k] * centred[:, k:]).mean() for k in range(lags + 1)])
+    return covariance / covariance[0]
+
+
+def draw_mode_shape(
+    axes: Axes, labels: Sequence[str], measured: Array, sd: Array, best: Array, low: Array, high: Array
+) -> None:
+    """Components of one mode at DOFs with these labels, each array of shape (DOFs,): measured, MAP and its interval."""
+    place = np.arange(len(labels))
+    axes.errorbar(place, measured, yerr=1.96 * sd, fmt="o", ms=4, color="0.4", elinewidth=1, label="measured, 95 %")
+    axes.plot(place + 0.12, best, "D", ms=3, color=_BLUE, label="MAP")
+    axes.vlines(place + 0.2, low, high, color=_ORANGE, lw=2, label="95 % interval")
+    axes.axhline(0, color="0.4", lw=0.6)
+    shown = place[:: max(1, -(-len(labels) // _MOST_TICKS))]
+    axes.set_xticks(shown, [labels[i] for i in shown])
+    axes.set_xlim(-0.5, len(labels) - 0.3)
+    axes.set_ylabel("Component over the reference's")
+    legend_above(axes)
+
+
+def draw_level_curve(
+    axes: Axes, level: Array, median: Array, low: Array, high: Array, x_label: str, y_label: str
+) -> None:
+    """A quantity over levels, each array of shape (levels,): median and band."""
+    axes.fill_between(level, low, high, color=_BLUE, alpha=0.15, lw=0)
+    axes.vlines(level, low, high, color=_BLUE, lw=1.5)
+    axes.plot(level, median, "o-", ms=4, lw=1, color=_BLUE)
+    if low.min() > 0 and high.max() > 30 * low.min():
+        logarithmic(axes)
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+
+
+def draw_frequency_errors(axes: Axes, measured: Array, sd: Array | None, rows: dict[str, Any]) -> None:
+    """Deviation of predicted from measured natural frequencies in per cent, by mode.
+
+    `rows` maps a legend entry to frequencies (modes,) or to their (lower, upper) interval.
+    """
+    mode = np.arange(1, measured.size + 1)
+    if sd is not None:
+        axes.errorbar(mode, 0 * mode, yerr=196 * sd / measured, fmt="none", ecolor="0.6", elinewidth=8, alpha=0.5,
+                      label="measured, 95 %")  # fmt: skip
+    for i, (label, value) in enumerate(rows.items()):
+        colour, x = SERIES_COLOURS[i], mode + 0.08 * i
+        if isinstance(value, tuple):
+            low, high = (100 * (v / measured - 1) for v in value)
+            axes.vlines(x, low, high, color=colour, lw=2, label=label)
+        else:
+            axes.plot(x, 100 * (value / measured - 1), "o", ms=4, color=colour, label=label)
+    axes.axhline(0, color="0.4", lw=0.6)
+    axes.set_xticks(mode)
+    axes.set_xlabel("Mode")
+    axes.set_ylabel("Deviation from measured (%)")
+    legend_above(axes)

@@ -1,0 +1,41 @@
+"""How to read the figures of a report, and the terms in it: ``texts/guides.toml`` and ``texts/terms.toml``."""
+
+import re
+import tomllib
+from dataclasses import replace
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, WEAK_RATIO
+from jointbayes.report.model import Block, Figure, Guide, Report
+from jointbayes.sampling import SamplerSettings
+
+
+@cache
+def packaged(name: str) -> dict[str, Any]:
+    """A TOML file of the package's texts."""
+    return tomllib.loads(files("jointbayes.report").joinpath("texts", name).read_text(encoding="utf-8"))
+
+
+def guide_of(identifier: str) -> Guide | None:
+    """How to read the figure with this identifier, by the longest beginning that has a guide; None without any."""
+    own = re.sub(r"^setup-\d+-", "", identifier)
+    named = max((name for name in packaged("guides.toml") if own.startswith(name)), key=len, default=None)
+    return None if named is None else Guide(**packaged("guides.toml")[named])
+
+
+def with_guides(report: Report) -> Report:
+    """The report, each figure with how to read it."""
+    sections = tuple(replace(section, blocks=_guided(section.blocks)) for section in report.sections)
+    return replace(report, lead=_guided(report.lead), sections=sections)
+
+
+def _guided(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
+    return tuple(replace(b, guide=b.guide or guide_of(b.identifier)) if isinstance(b, Figure) else b for b in blocks)
+
+
+def terms() -> dict[str, str]:
+    """Meaning of each term, in the order in which they are printed."""
+    limits = {"identified": IDENTIFIED_RATIO, "weak": WEAK_RATIO, "r_hat": SamplerSettings().r_hat_max}
+    return {term: meaning.format(**limits) for term, meaning in packaged("terms.toml").items()}

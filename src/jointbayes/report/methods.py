@@ -1,0 +1,87 @@
+"""How the numbers of a report came about, in the words of ``texts/methods.toml``, and what to cite for it.
+
+A text cites what ran by names in square brackets; exactly those are printed as BibTeX.
+"""
+
+import re
+from collections.abc import Iterable
+from importlib.resources import files
+
+from jointbayes.posterior.identifiability import RULE
+from jointbayes.posterior.model_errors import MeshCheck
+from jointbayes.posterior.rounding import interval, join_unit
+from jointbayes.report.guides import packaged
+from jointbayes.report.inputs import ReportInputs, SetupInputs
+from jointbayes.report.markup import foreign, readable
+from jointbayes.report.model import Code
+from jointbayes.reproducibility import code_version
+
+
+def report_text(key: str, **values: object) -> str:
+    """A text of a report with its values."""
+    return str(packaged("methods.toml")["text"][key].format(**values))
+
+
+def references(*texts: str) -> Code:
+    """BibTeX of all that texts cite, in their order."""
+    source = files("jointbayes.report").joinpath("texts", "references.bib").read_text(encoding="utf-8")
+    entries = {entry.split("{", 1)[1].split(",", 1)[0]: entry for entry in source.strip().split("\n\n")}
+    cited = re.findall(r"\w+", " ".join(re.findall(r"\[([\w, ]+)\]", " ".join(texts))))
+    text = "\n\n".join(entries[key] for key in dict.fromkeys(cited) if key in entries)
+    return Code(text.replace("VERSION", code_version()), "bibtex")
+
+
+def methods_text(inputs: ReportInputs) -> str:
+    """One paragraph on what ran, from model and data to the seed, with what to cite in square brackets."""
+    posterior, summary, knowledge = inputs.posterior, inputs.summary, inputs.knowledge
+    say, record, estimate = packaged("methods.toml")["run"], posterior.record, posterior.estimate
+    told = [text for setup in inputs.setups for text in _model_and_data(setup, summary.mesh)]
+    axes = zip(posterior.problem.parametrisation.axes, posterior.problem.prior.marginals, strict=True)
+    priors = ", ".join(f"{_words(law)} in {axis.label}" for axis, law in axes)
+    of_joint = [(name, p.prior_interval95, p.unit) for name, p in summary.parameters.items()]
+    told.append(say["priors"].format(priors, _ranges(of_joint, 2)))
+    others = [(readable(name), n.prior_interval95, n.unit) for name, n in summary.nuisances.items()]
+    told.append(say["uncertain"].format(_ranges(others, 4)) if others else say["exact"])
+    iteration = say["iteration"] if estimate.iteration is not None else ""
+    reached = len(estimate.starts) - len(estimate.failed_starts)
+    told.append(say["search"].format(len(estimate.starts), iteration, reached))
+    moves = dict.fromkeys(name.partition(",")[0] for name in record.sampler["move_acceptance"])
+    figures = record.sampler | {"ess": min(record.sampler["ess"].values()), "draws": posterior.theta.shape[0]}
+    told.append(say["sampler"].format(**figures | {"moves": ", ".join(say.get(move, move) for move in moves)}))
+    told.append(say["stop"].format(record.reason))
+    told += [say["check"].format(check.sentence) for check in posterior.checks]
+    ran = {
+        "whiteness": any(check.whiteness is not None for check in posterior.checks),
+        "likelihood": any(any(p.known.printed_by_likelihood) for p in summary.parameters.values()),
+        "profiles": knowledge.profiles,
+        "simpler": knowledge.simpler,
+    }
+    told += [say[name] for name, happened in ran.items() if happened]
+    told += [f"{RULE}.", say["software"].format(**record.versions, seed=record.seed, data=summary.data_sha256)]
+    return foreign(" ".join(told))
+
+
+def _model_and_data(setup: SetupInputs, mesh: MeshCheck | None) -> Iterable[str]:
+    """What was modelled, measured and assumed of the noise in one test."""
+    test, say = setup.problem.test, packaged("methods.toml")["run"]
+    body, name = test.structures, f"{test.name}: " if test.name else ""
+    cut = say["elements"].format(**{key: getattr(mesh, key) for key in mesh.__slots__}) if mesh else say["matrices"]
+    yield say["structure"].format(name, _words(body), _words(body.damping), cut, test.joints)
+    if test.measured_bodies:
+        counts = say["ignored" if test.ignores_noise_of_bodies else "counts"]
+        yield say["measured"].format(", ".join(measured.name for measured in test.measured_bodies), counts)
+    synthetic = say["synthetic"] if test.data.synthetic else ""
+    compared = say["magnitudes"] if test.residual_kind == "log_magnitude" else ""
+    yield say["data"].format(
+        name, test.data.in_short(), synthetic, setup.summary.fit.n_data, _words(test.noise), compared
+    )
+
+
+def _words(part: object) -> str:
+    """What a part of the problem is, by its class; of a class of one's own its name."""
+    name = type(part).__name__
+    return str(packaged("methods.toml")["words"].get(name, name))
+
+
+def _ranges(quantities: Iterable[tuple[str, tuple[float, float], str]], digits: int) -> str:
+    return ", ".join(f"{name} ({join_unit(interval(ends, digits), unit)})" for name, ends, unit in quantities)

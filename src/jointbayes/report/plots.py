@@ -1,0 +1,217 @@
+"""Figures of a report in a notebook, each drawn onto the axes that are given, or onto new ones of pyplot.
+
+What they show is drawn by :mod:`jointbayes.report.drawing`, as in a report; fonts and grid are the user's. Where
+there are several set-ups, `setup` is the name of one, by default of the first.
+"""
+
+from typing import Any, cast
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import FrfSet
+from jointbayes.identification import IterationHistory
+from jointbayes.inference import Problem
+from jointbayes.measurement import ModeData
+from jointbayes.posterior import Posterior
+from jointbayes.posterior.profile import profile_likelihood
+from jointbayes.posterior.rounding import engineering, join_unit
+from jointbayes.report import drawing
+from jointbayes.report.drawing import AxesArray
+from jointbayes.report.frf_curves import frf_curves, frf_unit
+from jointbayes.report.sections.intervals import corner_values
+from jointbayes.report.sections.natural_frequencies import compared_modes, frequency_values, shape_values
+from jointbayes.report.sections.run_details import chain_values
+from jointbayes.report.sections.several_setups import curve_values
+
+
+def _axes(given: Any, height: float, rows: int = 1, columns: int = 1, **options: Any) -> Any:  # noqa: ANN401
+    """The axes that are given, or new ones: an array, shape (rows, columns), where `squeeze` is false."""
+    if given is not None:
+        return given
+    return pyplot.subplots(rows, columns, figsize=(7.2, height), layout="constrained", **options)[1]
+
+
+def _measured_frfs(problem: Problem) -> FrfSet:
+    data = problem.test.data
+    if data.frfs is None:
+        raise ModelError(f"figure: found {data.words}; expected FRFs; draw plot_frequencies or plot_intervals instead")
+    return data.frfs.frf
+
+
+def plot_frf(
+    source: Posterior | Problem | FrfSet,
+    output: str | None = None,
+    input_: str | None = None,
+    *,
+    phase: bool = False,
+    setup: str | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw one FRF: of a posterior measured, first guess, and MAP with its 95 % band; else as measured.
+
+    Parameters
+    ----------
+    source
+        Posterior, problem, or FRFs.
+    output, input_
+        DOF labels; by default the first of each.
+    phase
+        The phase in degrees instead of the magnitude.
+    setup
+        Name of the set-up, where there are several; by default the first.
+    ax
+        Axes to draw on; by default new ones.
+
+    Raises
+    ------
+    ModelError
+        If the data are no FRFs, or there is no such set-up.
+    MeasurementError
+        If there is no such DOF.
+    """
+    problem = source.problem if isinstance(source, Posterior) else source
+    frf = problem if isinstance(problem, FrfSet) else _measured_frfs(problem.part(setup))
+    frf = frf.select([output or frf.outputs[0]], [input_ or frf.inputs[0]])
+    ax = _axes(ax, 3.4)
+    if not isinstance(source, Posterior):
+        label = "Phase (°)" if phase else f"|H| ({frf_unit(frf.quantity, *frf.outputs, *frf.inputs)})"
+        shown = np.angle(frf.values, deg=True) if phase else np.abs(frf.values)
+        drawing.draw_curve(ax, frf.frequency_hz, shown[:, 0, 0], label, log=not phase)
+        return ax
+    (plot,) = frf_curves(source, source.problem.part(setup), frf)
+    drawing.draw_frf(ax, plot, phase=phase)
+    return ax
+
+
+def plot_residuals(posterior: Posterior, *, setup: str | None = None, ax: Axes | None = None) -> Axes:
+    """Draw the squared residual of each line over what the noise makes of it.
+
+    Raises
+    ------
+    ModelError
+        If the data are no FRFs, or there is no such set-up.
+    """
+    part = posterior.problem.part(setup)
+    lines, ax = _measured_frfs(part).frequency_hz, _axes(ax, 2.4)
+    drawing.draw_squares_by_line(ax, lines, posterior.checks[posterior.problem.parts.index(part)].chi2_by_line)
+    return ax
+
+
+def plot_intervals(posterior: Posterior, *, ax: Axes | None = None) -> Axes:
+    """Draw median and 95 % interval of each quantity of the joint over its median, and the interval of the prior."""
+    labels, ends = [], []
+    for name in posterior.stiffness_names:
+        low, middle, high = np.quantile(posterior.values(name), [0.025, 0.5, 0.975])
+        (text,), unit = engineering((middle,), posterior.unit(name))
+        labels.append(f"{name} = {join_unit(text, unit)}")
+        ends.append([*np.quantile(posterior.prior_values(name), [0.025, 0.975]), low, middle, high])
+    ax = _axes(ax, 0.9 + 0.4 * len(labels))
+    drawing.draw_intervals(ax, labels, np.array(ends))
+    return ax
+
+
+def plot_corner(posterior: Posterior, *, fig: Figure | None = None) -> AxesArray:
+    """Draw marginals and pairs of the joint's coordinates, with prior, mode and published values.
+
+    Parameters
+    ----------
+    posterior
+        The posterior.
+    fig
+        Figure without axes; by default a new one.
+
+    Returns
+    -------
+    ndarray of Axes, shape (coordinates, coordinates)
+    """
+    values = corner_values(posterior)
+    fig, count = fig or pyplot.figure(figsize=(7.2, 7.2)), len(values[0])
+    grid = fig.subplots(count, count, squeeze=False)
+    drawing.draw_corner(grid, *values)
+    return grid
+
+
+def plot_traces(posterior: Posterior, *, axes: AxesArray | None = None) -> AxesArray:
+    """Draw each coordinate over the kept draws, on as many axes: median and 95 % range of each ensemble's walkers."""
+    names, theta, ensemble = chain_values(posterior)
+    axes = np.ravel(_axes(axes, 0.9 + 0.8 * len(names), len(names), sharex=True, squeeze=False))
+    drawing.draw_traces(axes, names, theta, ensemble)
+    return axes
+
+
+def plot_autocorrelation(posterior: Posterior, *, ax: Axes | None = None) -> Axes:
+    """Draw the autocorrelation of each coordinate over lags in steps."""
+    names, theta, _ = chain_values(posterior)
+    ax = _axes(ax, 2.6)
+    drawing.draw_autocorrelation(ax, names, theta, posterior.record.sampler["thin"])
+    return ax
+
+
+def plot_profiles(posterior: Posterior, *names: str, axes: AxesArray | None = None) -> AxesArray:
+    """Draw the profile likelihood of coordinates of the joint, by default of all, on as many axes.
+
+    Raises
+    ------
+    ModelError
+        If there is no such coordinate, or no data depend on one.
+    """
+    names = names or posterior.problem.parametrisation.names
+    profiles = [profile_likelihood(posterior.problem, posterior.estimate.theta, name) for name in names]
+    axes = np.ravel(_axes(axes, 2.4, 1, len(names), sharey=True, squeeze=False))
+    drawing.draw_profiles(axes, [profile.on_axis for profile in profiles])
+    return axes
+
+
+def plot_frequencies(posterior: Posterior, *, setup: str | None = None, ax: Axes | None = None) -> Axes:
+    """Draw how far predicted natural frequencies are from the measured ones.
+
+    Raises
+    ------
+    ModelError
+        If no natural frequencies were measured, or there is no such set-up.
+    """
+    test = posterior.problem.part(setup).test
+    frequencies = posterior.summary().setups[test.name].natural_frequencies_hz
+    if not frequencies.measured:
+        raise ModelError("plot_frequencies: found no measured frequencies; expected some; draw plot_frf instead")
+    ax = _axes(ax, 3.0)
+    drawing.draw_frequency_errors(ax, *frequency_values(frequencies, test.data))
+    return ax
+
+
+def plot_mode_shape(posterior: Posterior, mode: int = 1, *, setup: str | None = None, ax: Axes | None = None) -> Axes:
+    """Draw the components of one mode, by its number among the data.
+
+    Raises
+    ------
+    ModelError
+        If no shape of that mode was measured, or there is no such set-up.
+    """
+    problem = posterior.problem.part(setup)
+    data = problem.test.data.modes
+    shapes = getattr(data, "shapes", None)
+    if data is None or shapes is None or mode not in data.numbers:
+        raise ModelError(f"plot_mode_shape: found no shape of mode {mode}; expected a mode whose shape was measured")
+    shape, ax = compared_modes(posterior, problem, cast(ModeData, data))[0]["shape"], _axes(ax, 2.6)
+    drawing.draw_mode_shape(ax, *shape_values(shapes.dofs, shape, data.numbers.index(mode)))
+    return ax
+
+
+def plot_levels(posterior: Posterior, name: str, *, ax: Axes | None = None) -> Axes:
+    """Draw a quantity over the levels of the set-ups that have it for themselves, see `Posterior.curve`."""
+    values, ax = curve_values(posterior.curve(name)), _axes(ax, 3.0)
+    drawing.draw_level_curve(ax, *values)
+    return ax
+
+
+def plot_iteration(history: IterationHistory, *, axes: AxesArray | None = None) -> AxesArray:
+    """Draw the paper's iteration: the norm of the residual FRF, then each quantity, on as many axes and one more."""
+    titles = [f"{name} ({unit})" for i, (name, unit) in enumerate(history.units.items()) if i in history.iterated]
+    axes = np.ravel(_axes(axes, 2.6, 1, 1 + len(titles), squeeze=False))
+    drawing.draw_residual_norm(axes[0], history.residual_norm)
+    drawing.draw_histories(axes[1:], titles, history.stiffness_history[:, history.iterated], None)
+    return axes

@@ -1,0 +1,85 @@
+"""What was tested and how: the structure drawn to scale, and a sentence on the data of each test."""
+
+import numpy as np
+
+from jointbayes.inference import Problem
+from jointbayes.measurement import FrfData
+from jointbayes.posterior.rounding import number
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.markup import foreign
+from jointbayes.report.model import Block, Figure, Paragraph
+from jointbayes.report.structure_sketch import sketch
+from jointbayes.structure.beam_recipe import BeamRecipe
+from jointbayes.structure.frame_recipe import FrameRecipe
+
+_MOST_TESTS = 4  # of which each has its sentence
+_MOST_DOFS = 3  # that are named on one side
+
+
+def blocks_on_tests(inputs: ReportInputs) -> tuple[Block, ...]:
+    """The sketch, where anybody knows what the structure looks like, and what was measured."""
+    problem = inputs.posterior.problem
+    parts = problem.parts
+    drawing = sketch(parts[0])
+    which = f" of test {foreign(parts[0].test.name)}" if len(parts) > 1 else ""
+    structures = [_structure(part) for part in parts]
+    differ = len(set(structures)) > 1
+    told = zip(parts[:_MOST_TESTS], structures, strict=False)
+    text = " ".join(_sentence(part, structure if differ else "") for part, structure in told)
+    if len(parts) > _MOST_TESTS:
+        text += f" In all {len(parts)} tests, see below."
+    whole = f"{structures[0]}{which}. Joint: {foreign(str(parts[0].test.joints))}."
+    if not drawing:
+        return (Paragraph(f"**Tested.** {whole} {text}"),)
+    alt = f"Structure{which} with its joints, forces and responses."
+    return Figure("structure", whole, alt, drawing), Paragraph(f"**Tested.** {text}")
+
+
+def _structure(part: Problem) -> str:
+    """The structure in words."""
+    recipe = getattr(part.test.structures, "recipe", None)
+    if isinstance(recipe, BeamRecipe):
+        size = " × ".join(f"{1e3 * dimension:g}" for dimension in recipe.section.dimensions if dimension)
+        shape = "circle" if recipe.section.shape == "tube" and "×" not in size else recipe.section.shape
+        return f"Beam, {1e3 * recipe.length:g} mm long, section {shape} {size} mm"
+    if isinstance(recipe, FrameRecipe):
+        names = [foreign(name) for name, _ in recipe.bodies if name]
+        return f"Frame of {', '.join(names)}" if names else "Frame"
+    return "Structure"
+
+
+def _sentence(part: Problem, structure: str) -> str:
+    """One test: its structure, data, lines and band, averages, noise and level."""
+    test = part.test
+    name = f"{foreign(test.name)} ({structure}): " if structure else f"{foreign(test.name)}: " if test.name else ""
+    level = (
+        "" if test.level is None else f", {foreign(test.level.name)} {test.level.value:g} {foreign(test.level.unit)}"
+    )
+    frfs, modes = test.data.frfs, test.data.modes
+    if frfs is not None:
+        return f"{name}{_frfs(frfs)}{level}."
+    if modes is not None:
+        spread = 100 * float(np.median(modes.sd_hz / modes.frequency_hz))
+        low, high = modes.band_hz
+        band = f"{low:.5g} to {high:.5g} Hz" if high > low else f"{low:.5g} Hz"
+        what = foreign(test.data.in_short())
+        return f"{name}{what}, {band}, each known to {number(spread, 2)} % (standard deviation){level}."
+    return f"{name}{foreign(test.data.in_short())}{level}."
+
+
+def _frfs(data: FrfData) -> str:
+    frf, provenance = data.frf, data.provenance
+    count = len(frf.outputs) * len(frf.inputs)
+    averages = f", {provenance.averages} averages" if provenance is not None and provenance.averages else ""
+    size = np.abs(frf.values)
+    noise = 100 * float(np.median(np.sqrt(data.variance[size > 0]) / size[size > 0]))
+    return (
+        f"{count} {'computed ' if data.synthetic else ''}{frf.quantity} FRF{'s' if count > 1 else ''} "
+        f"(response at {_listed(frf.outputs)}, force at {_listed(frf.inputs)}), {frf.n_lines} lines from "
+        f"{frf.frequency_hz[0]:g} to {frf.frequency_hz[-1]:g} Hz{averages}, noise {number(noise, 2)} % of |H| (median)"
+    )
+
+
+def _listed(dofs: tuple[str, ...]) -> str:
+    more = f" and {len(dofs) - _MOST_DOFS} more" if len(dofs) > _MOST_DOFS else ""
+    return foreign(", ".join(dofs[:_MOST_DOFS])) + more

@@ -1,0 +1,93 @@
+"""Three signals of page one: whether the calculation, the model and the data can be trusted, a sentence each."""
+
+import math
+
+from jointbayes.posterior.modes_answer import ModesAnswer
+from jointbayes.posterior.rounding import number
+from jointbayes.posterior.setup_summary import SetupSummary
+from jointbayes.posterior.summary import Summary
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.markup import foreign
+from jointbayes.report.model import Light, Lights
+
+
+def lights_of(inputs: ReportInputs) -> Lights:
+    """Calculation, model and data."""
+    return Lights((_calculation(inputs), _model(inputs), _data(inputs)))
+
+
+def _calculation(inputs: ReportInputs) -> Light:
+    posterior, summary = inputs.posterior, inputs.summary
+    name = "Calculation"
+    if not posterior.converged:
+        return Light(name, "bad", "Not settled: do not use these numbers. Run it longer ([sampling] max_steps).")
+    if not posterior.mode_agrees:
+        text = f"The search missed the best fit: it lies {number(posterior.mode_distance, 2)} standard deviations away."
+        return Light(name, "bad", text)
+    if posterior.at_prior_edge:
+        text = f"The best fit lies on the edge of the prior of {foreign(', '.join(posterior.at_prior_edge))}: widen it."
+        return Light(name, "caution", text)
+    if summary.mesh is not None and not summary.mesh.within:
+        return Light(name, "caution", foreign(summary.mesh.sentence))
+    errors = [
+        100 * error / (p.known.interval95[1] - p.known.interval95[0])
+        for p in summary.parameters.values()
+        for error in p.known.interval95_error
+        if math.isfinite(error) and p.known.interval95[1] > p.known.interval95[0]
+    ]
+    good_to = f": interval ends are good to {number(max(errors), 2)} % of the interval's width" if errors else ""
+    return Light(name, "good", f"Settled{good_to}.")
+
+
+def _model(inputs: ReportInputs) -> Light:
+    summary, modes = inputs.summary, inputs.knowledge.believed_modes
+    name, worst = "Model", worst_setup(summary)
+    of_test = f" of test {foreign(worst.check.setup)}" if worst.check.setup else ""
+    bodies = summary.measured_bodies
+    if bodies is not None and not bodies.within:
+        return Light(name, "bad" if bodies.ignored else "caution", foreign(bodies.sentence))
+    if not worst.check.explains:
+        misfit = f"{_misfit(worst)} {worst.diagnosis.measure}".strip()
+        if modes is not None:
+            return Light(name, "caution", f"Misses the FRFs{of_test}; the answer allows for that. {_error_of(modes)}")
+        return Light(name, "bad", f"Does not explain the data{of_test}. {misfit}")
+    if worst.check.finding == "noise overstated":
+        return Light(name, "caution", f"Explains the data{of_test}, with noise stated too large. {_misfit(worst)}")
+    of_all = f" of all {len(summary.setups)} tests" if len(summary.setups) > 1 else ""
+    return Light(name, "good", f"Explains the data{of_all}. {_misfit(worst)}")
+
+
+def worst_setup(summary: Summary) -> SetupSummary:
+    """The test that the model explains worst."""
+    return min(summary.setups.values(), key=lambda setup: setup.check.smallest_p_value)
+
+
+def _misfit(setup: SetupSummary) -> str:
+    """The misfit in units of the noise, beside what noise alone gives."""
+    check = setup.check
+    misfit, low, high = (f"{math.sqrt(square):#.3g}" for square in (check.chi2_per_line, *check.chi2_band))
+    return f"Misfit {misfit} times the noise; noise alone gives {low} to {high}."
+
+
+def _error_of(modes: ModesAnswer) -> str:
+    middle, _, high = modes.model_error
+    return f"Its natural frequencies are off by about {number(100 * middle, 2)} % (up to {number(100 * high, 2)} %)."
+
+
+def _data(inputs: ReportInputs) -> Light:
+    summary = inputs.summary
+    doubts = [
+        foreign(f"{warning.where}: {warning.sentence}") for setup in inputs.setups
+        for warning in getattr(setup.problem.test.data.provenance, "warnings", ())
+    ]  # fmt: skip
+    doubts += [foreign(str(warning)) for warning in summary.warnings]
+    if doubts:
+        more = f" And {len(doubts) - 1} more, see Data." if len(doubts) > 1 else ""
+        return Light("Data", "caution", f"Check {_short(doubts[0])}.{more}")
+    if summary.fit.synthetic_data:
+        return Light("Data", "caution", "Computed from the joint and the noise that the case states, not measured.")
+    return Light("Data", "good", f"{summary.fit.n_data} measured values; nothing in them looks doubtful.")
+
+
+def _short(text: str, most: int = 120) -> str:
+    return text if len(text) <= most else f"{text[: most - 1].rstrip()}…"

@@ -1,0 +1,199 @@
+"""The structure of a test drawn to scale: bodies, joints, sensors and forces where the problem has them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+
+from jointbayes.arrays import Array
+from jointbayes.inference import Problem
+from jointbayes.joint import Joint, Joints
+from jointbayes.report.canvas import svg
+from jointbayes.report.line_plot import SERIES_COLOURS
+from jointbayes.structure import FrameBody, Member, Section
+from jointbayes.structure.beam_recipe import BeamRecipe
+from jointbayes.structure.frame_recipe import FrameRecipe
+
+Kind = Literal["joint", "force", "sensor"]
+_COLOURS: dict[Kind, str] = {"force": SERIES_COLOURS[0], "joint": SERIES_COLOURS[1], "sensor": SERIES_COLOURS[2]}
+_GREY = "#5b6672"
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+#: A place (x, y, z) on paper: how much of the third axis goes to the right and up.
+OBLIQUE = np.array([[1.0, 0.0], [0.0, 1.0], [0.45, 0.3]])
+_WIDTH, _LEAST, _MOST = 7.2, 1.3, 2.2  # inches
+_LABEL = 0.25  # inches above the highest arrow, for its name
+_MOST_MASSES = 20  # in a row
+_MOST_NAMED = 8  # joints, sensors or forces: of more none is named
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mark:
+    """A joint, a force or a sensor on paper: its place (2,), and its direction (2,), of a spring its two ends."""
+
+    kind: Kind
+    place: Array
+    text: str
+    way: tuple[Array, ...] = ()
+
+
+def sketch(problem: Problem) -> str:
+    """SVG of the structure of one test with what acts on it; empty where nobody knows what it looks like."""
+    places = _Places(problem)
+    outlines = list(_outlines(problem, places))
+    marks = [*places.joints(), *places.sensors()]
+    if not outlines:
+        return ""
+    every = np.concatenate([*(outline for outline, _ in outlines), *([m.place[None] for m in marks])])
+    low, high = every.min(axis=0), every.max(axis=0)
+    size = float((high - low).max())
+    low, high = low - np.array([0.11, 0.16]) * size, high + 0.11 * size
+    height = float(np.clip(_WIDTH * (high - low)[1] / (high - low)[0], _LEAST, _MOST))
+    high[1] += (high - low)[1] * _LABEL / height
+
+    def draw(canvas: Canvas) -> None:
+        axes = canvas.add_axes((0, 0, 1, 1))
+        axes.set_axis_off()
+        axes.set_aspect("equal")
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
+        for outline, name in outlines:
+            axes.fill(*outline.T, fc="#c9d3dd", ec=_GREY, lw=0.8, alpha=0.8)
+            if name:
+                axes.annotate(name, outline.mean(axis=0), ha="center", va="center", fontsize=8, color=_GREY)
+        for mark in marks:
+            _draw_mark(axes, mark, 0.06 * size)
+        if places.to_scale:
+            _draw_scale(axes, low, size)
+        for i, kind in enumerate(dict.fromkeys(mark.kind for mark in marks)):
+            key = {"joint": "□ joint", "force": "→ force", "sensor": "→ response"}[kind]
+            canvas.text(0.99 - 0.11 * i, 0.02, key, ha="right", va="bottom", fontsize=8, color=_COLOURS[kind])
+
+    return svg(draw, _WIDTH, height)
+
+
+def _draw_mark(axes: Axes, mark: Mark, size: float) -> None:
+    style, (x, y) = _style(_COLOURS[mark.kind]), mark.place.tolist()
+    if mark.kind == "joint":
+        if mark.way:
+            axes.plot(*np.transpose(mark.way), color=_COLOURS["joint"], lw=1.2, zorder=0)
+        axes.plot(x, y, "s", ms=7, mfc="none", mec=_COLOURS["joint"], mew=1.8)
+        axes.annotate(mark.text, (x, y), xytext=(0, -14), **style)
+        return
+    along = -mark.way[0] if mark.kind == "force" else mark.way[0]  # from the point outwards
+    outer = (x + 1.25 * size * along[0], y + 1.25 * size * along[1])
+    start, end = (outer, (x, y)) if mark.kind == "force" else ((x, y), outer)
+    axes.annotate("", end, xytext=start, arrowprops={"arrowstyle": "-|>", "color": _COLOURS[mark.kind], "lw": 1.4})
+    if abs(along[0]) > abs(along[1]):
+        style["ha"] = "left" if along[0] > 0 else "right"
+    axes.annotate(mark.text, outer, xytext=(5 * along[0], 10 * along[1]), **style)
+
+
+def _draw_scale(axes: Axes, low: Array, size: float) -> None:
+    """A bar of a round length, about a fifth of the structure's."""
+    power = 10.0 ** np.floor(np.log10(size / 5))
+    length = power * max(step for step in (1, 2, 5) if step * power <= size / 5)
+    start = low + 0.02 * size
+    axes.plot([start[0], start[0] + length], [start[1]] * 2, color=_GREY, lw=2, solid_capstyle="butt")
+    axes.annotate(f"{1e3 * length:g} mm", (start[0] + length / 2, start[1]), xytext=(0, 9), **_style(_GREY))
+
+
+def _style(colour: str) -> dict[str, Any]:
+    return {"textcoords": "offset points", "ha": "center", "va": "center", "fontsize": 8, "color": colour}
+
+
+class _Places:
+    """Where DOFs are on paper: by their positions, or one beside the other where these are not known."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._test, self._body = problem.test, problem.test.structures
+        self.order = {dof.partition(":")[0]: i for i, dof in enumerate(self._body.labels)}
+        self.to_scale = any(self._body.position(dof) is not None for dof in self._body.labels[:1])
+
+    def joints(self) -> Iterator[Mark]:
+        """Each joint, at its own point, or between the masses that it connects."""
+        joints = self._test.joints
+        every = joints.joints if isinstance(joints, Joints) else (joints,)
+        for joint in every:
+            ends = [place for place in self._ends(joint) if place is not None]
+            if not ends:
+                continue
+            if not self.to_scale:  # masses in a row: a spring between the two, or before the first
+                ends = ends if len(ends) > 1 else [ends[0], ends[0] - [1.0, 0.0]]
+            way = () if self.to_scale else tuple(ends)
+            name = (joint.name or "joint") if len(every) <= _MOST_NAMED else ""
+            yield Mark("joint", ends[0] if self.to_scale else np.mean(ends, axis=0), name, way)
+
+    def sensors(self) -> Iterator[Mark]:
+        """Forces and measured motions of FRFs."""
+        measured = self._test.data.frfs
+        if measured is None:
+            return
+        inputs, outputs = measured.frf.inputs, measured.frf.outputs
+        sides: tuple[tuple[Kind, tuple[str, ...]], ...] = (("force", inputs), ("sensor", outputs))
+        for kind, labels in sides:
+            for label in labels:
+                place, direction = self.at(label), label.rpartition(":")[2]
+                if place is not None and direction in _AXES:
+                    yield Mark(
+                        kind,
+                        place,
+                        label if len(labels) <= _MOST_NAMED else "",
+                        (np.array(_AXES[direction]) @ OBLIQUE,),
+                    )
+
+    def at(self, label: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Array | None:
+        """A DOF's place on paper, shape (2,); None of a body without a model."""
+        point = label.partition(":")[0]
+        if point not in self.order:
+            return None
+        if not self.to_scale:
+            return np.array([float(self.order[point]), 0.0])
+        place = self._body.position(label)
+        return None if place is None else (np.array(place) + offset) @ OBLIQUE
+
+    def _ends(self, joint: Joint) -> list[Array | None]:
+        nowhere = (0.0, 0.0, 0.0)
+        ends = [self.at(joint.dofs[0], joint.offset_m or nowhere)]
+        return [*ends, self.at(joint.against[0], joint.offset_against_m or nowhere)] if joint.against else ends
+
+
+def _outlines(problem: Problem, places: _Places) -> Iterator[tuple[Array, str]]:
+    """Outlines on paper, each with what is written in it."""
+    recipe = getattr(problem.test.structures, "recipe", None)
+    if isinstance(recipe, FrameRecipe):
+        for name, body in recipe.bodies:
+            for i, member in enumerate(body.members):
+                stretches = list(_stretches(body, member))
+                named = len(stretches) // 2 if i == 0 else -1
+                yield from ((outline, name if n == named else "") for n, outline in enumerate(stretches))
+    elif isinstance(recipe, BeamRecipe):
+        half = _height(recipe.section) / 2
+        yield np.array([[0, -half], [recipe.length, -half], [recipe.length, half], [0, half]]), ""
+    elif not places.to_scale and len(places.order) <= _MOST_MASSES:
+        box = np.array([[-0.2, -0.15], [0.2, -0.15], [0.2, 0.15], [-0.2, 0.15]])
+        for name, place in places.order.items():
+            yield box + np.array([float(place), 0.0]), name
+        yield box * [0.1, 2.0] - [1.0, 0.0], ""
+
+
+def _stretches(body: FrameBody, member: Member) -> Iterator[Array]:
+    """Each stretch of a member with its section's height, as it is seen."""
+    for start, end in pairwise(body.stations(member)):
+        up = member.axes(np.subtract(end.place, start.place))[1]
+        first, last = (_height_at(member, station.share) / 2 * up for station in (start, end))
+        at_start, at_end = np.array(start.place), np.array(end.place)
+        yield np.array([at_start - first, at_end - last, at_end + last, at_start + first]) @ OBLIQUE
+
+
+def _height_at(member: Member, share: float) -> float:
+    first = _height(member.section)
+    return first if member.end_section is None else (1 - share) * first + share * _height(member.end_section)
+
+
+def _height(section: Section) -> float:
+    """Height of a section as its constructor was given it, m; of a tube the outer diameter."""
+    return section.dimensions[1] if section.shape in ("rectangle", "box") else section.dimensions[0]

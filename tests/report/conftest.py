@@ -1,0 +1,117 @@
+"""Reports of nine different kinds, for claims about all of them: page, PDF and what page one says."""
+
+import datetime
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.posterior import RunRecord, package_versions
+from jointbayes.posterior.evidence import Evidence
+from jointbayes.posterior.first_look import Linearised
+from jointbayes.posterior.storage import draws_tree
+from jointbayes.report import ReportInputs, build_report
+from jointbayes.sampling import Draws
+from jointbayes.studies.calibration import Calibration, build_calibration_report
+from jointbayes.studies.campaign.campaign_findings import examine_campaign
+from jointbayes.studies.campaign.campaign_report import build_campaign_report
+from jointbayes.studies.comparison import WeighedModel
+from jointbayes.studies.comparison_report import Comparison, build_comparison_report
+from jointbayes.studies.data_sets import DataSet
+from jointbayes.studies.planning.case_candidates import candidates_of
+from jointbayes.studies.planning.plan_report import Plan, PlannedMeasurement, build_plan_report
+from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulation
+from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
+from tests.conftest import TABLE_3, cheap_text, edited, of_case, shipped_text
+from tests.studies.campaign_directory import campaign_directory
+
+DATE = datetime.date(2026, 1, 5)
+UNCERTAIN = "\n[uncertain.youngs_modulus]\nsd_percent = 2.0\n\n[uncertain.length]\nsd_percent = 0.5\n"
+SAMPLER = {
+    "ensembles": 4, "walkers": 4, "steps": 50, "max_steps": 50, "burn_in": 0, "thin": 1, "acceptance": 0.5,
+    "move_acceptance": {}, "proposal_efficiency": 0.5, "evaluations": 1, "singular": 0,
+    "seconds": 1.0, "ess_per_second": 1.0,
+}  # fmt: skip
+
+
+def made_up(name, text, joint):
+    """A posterior of draws about a joint: only its pages matter here."""
+    case, rng = jb.case_from_text(name, text), np.random.default_rng(1)
+    problem = case.problem
+    middle = np.concatenate([problem.parametrisation.coordinates(joint), np.zeros(len(problem.prior.nuisances))])
+    widths = np.concatenate([np.full(len(joint), 0.02), 0.3 * problem.prior.sd[len(joint) :]])
+    theta = middle + widths * rng.normal(size=(4, 25, middle.size))
+    density = problem.log_posterior(theta.reshape(100, -1)).reshape(4, 25)
+    tree = draws_tree(problem, Draws(theta, density, np.arange(4)), problem.prior.sample(rng, 100))
+    at = float(problem.log_posterior(middle)[0])
+    estimate = jb.MapEstimate(middle, np.array(joint), np.diag(widths**2), at, ())
+    ones = dict.fromkeys(problem.names, 1.0)
+    record = RunRecord(
+        case.name, case.text, 1, True, "made up", SAMPLER | {"tau": ones, "ess": ones}, ones, package_versions()
+    )
+    return of_case(jb.Posterior(problem, tree, estimate, middle, at, record), title=case.title)
+
+
+def report_of(posterior):
+    """Its report, without profiles and the effect of uncertain inputs."""
+    inputs = ReportInputs(posterior)
+    inputs.__dict__["summary"] = posterior.summary()
+    return build_report(inputs, DATE)
+
+
+def with_coherence(posterior):
+    """The same of FRFs that were measured with a coherence."""
+    data = posterior.problem.test.data
+    gain = np.abs(data.frf.values) ** 2
+    frf = replace(data.frf, coherence=gain / (gain + data.variance))
+    return replace(posterior, problem=posterior.problem.with_test(data=replace(data, frf=frf)))
+
+
+def comparison():
+    evidence, joint = Evidence(-3.0, 0.01, 0.2, "made up", 100, 50.0), np.array([5e9, 3e7, 1.5e6])
+    names = ("clamped_beam_frequencies_360mm", "springs_without_coupling_at_the_clamp")
+    models = (WeighedModel(name, name, "rotation", ("k22",), joint, evidence, (), None, "") for name in names)
+    return build_comparison_report(Comparison(tuple(models), 1, "frequencies").summary())
+
+
+def plan(case):
+    now = SimulatedPosterior(1.0, "not identified", 1e4, "reweighting")
+    measured = tuple(
+        PlannedMeasurement((candidate,), Linearised((), np.array([0.5])), Simulation((now,)))
+        for candidate in candidates_of(case)[:3]
+    )
+    return build_plan_report(Plan("cheap", "Clamp", 1, "k12", now, measured, False, "").summary())
+
+
+def calibration():
+    sets = tuple(DataSet(i, 0.1, (1.0,), (3,), (0.5,), (1.5,), True, True, 900.0) for i in range(20))
+    return build_calibration_report(Calibration("cheap", "Clamp", 1, ("k11",), sets, ""))
+
+
+def campaign(directory):
+    campaign_directory(directory, 12)
+    return build_campaign_report("campaign", examine_campaign(directory))
+
+
+@pytest.fixture(scope="session")
+def reports(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory):
+    """Reports of nine kinds by name; nobody may change them."""
+    frame = edited(
+        shipped_text("portal_frame"),
+        ('"lowA:x", "lowC:x", ', ""),
+        ('"headA:x", ', ""),
+        ("_step_hz = 2", "_step_hz = 8"),
+    )
+    truth = jb.case_from_text("frame", frame).setups[0].spec.data.truth.stiffness_by_name
+    return {
+        "main": build_report(cheap_inputs, DATE),
+        "uncertain": report_of(with_coherence(made_up("uncertain", cheap_text() + UNCERTAIN, TABLE_3))),
+        "set-ups": report_of(made_up("set-ups", BASE + CLAMP_EDGE + TWO, TABLE_3)),
+        "frequencies": report_of(frequency_posterior),
+        "frame": report_of(made_up("frame", frame, tuple(truth.values()))),
+        "comparison": comparison(),
+        "plan": plan(cheap_case),
+        "calibration": calibration(),
+        "campaign": campaign(tmp_path_factory.mktemp("campaign")),
+    }

@@ -1,0 +1,92 @@
+"""Questions that a customer asks, each answered by the text of page one, whatever was tested."""
+
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import pytest
+
+from jointbayes.report import ReportInputs, render_html, render_pdf
+from jointbayes.report.contents import build_report
+from tests.conftest import TABLE_3, cheap_text, of_case
+from tests.report.conftest import DATE, made_up, report_of
+
+pytestmark = pytest.mark.science
+
+#: What answers each question, as a reader finds it on the page.
+ANSWERS = {
+    "What was tested?": r"(Beam, \d+ mm long, section \w+|Frame|Structure)\b.*Joint: \S+.*Tested\.",
+    "How was it measured?": r"(\d+ (computed )?(receptance|mobility|accelerance) FRFs?|\d+ natural frequenc(y|ies))",
+    "In which band?": r"(lines )?(from )?[\d.]+ to [\d.]+ Hz|[\d.]+ Hz",
+    "How noisy was it?": r"noise [\d.]+ % of \|H\||each known to [\d.]+ % \(standard deviation\)",
+    "What if E is 2 % off?": r"As in a workshop: .*to 2 %|Uncertain as the case states: |is taken as exact",
+    "Can I trust the calculation?": r"Calculation.{0,20}(Settled|Not settled|The )",
+    "Can I trust the model?": r"Model.{0,20}(Explains the data|Does not explain the data|Misses the FRFs)",
+    "How large is the misfit?": r"Misfit [\d.]+ times the noise; noise alone gives [\d.]+ to [\d.]+",
+    "Can I trust the data?": r"Data.{0,20}(Computed|\d+ measured values|Check )",
+    "What limits the answer?": r"What limits the answer\. .{20,}",
+    "What next?": r"Next\. .{20,}",
+}
+NUMBER = r"[−\d.]+(?: × 10[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+)?"
+HOW_WELL = rf"{NUMBER} [GMk]?\S+ \({NUMBER} to {NUMBER}\)|(above|below) {NUMBER} [GMk]?\S+"
+VERDICT = r"(weakly identified|not identified|identified|bounded below|bounded above|no verdict|no valid value)"
+
+
+@pytest.fixture(scope="module")
+def runs(reports, cheap_posterior):
+    """Reports of eight runs by name."""
+    stopped = replace(cheap_posterior, record=replace(cheap_posterior.record, converged=False))
+    off = replace(cheap_posterior.checks[0], chi2_per_line=9.0)
+    wrong = of_case(cheap_posterior)
+    wrong.__dict__["checks"] = (off,)
+    own = report_of(of_case(stopped)), build_report(ReportInputs(wrong), DATE)
+    small = report_of(made_up("small", cheap_text().replace("length_mm = 383.0", "length_mm = 200.0"), TABLE_3))
+    names = ("main", "uncertain", "set-ups", "frequencies", "frame")
+    return {name: reports[name] for name in names} | {"stopped": own[0], "wrong": own[1], "short beam": small}
+
+
+def page_one(report):
+    """Its text as a reader has it."""
+    page = render_html(report).split('class="lead"', 1)[1].split('class="contents"', 1)[0]
+    page = re.sub(r"<script.*?</script>|<img[^>]*>|<details.*?</details>", " ", page, flags=re.DOTALL)
+    text = re.sub(r"<[^>]+>", " ", page).replace("\u00a0", " ").replace("&#39;", "'")
+    return re.sub(r"\s+", " ", text).replace(" .", ".").replace(" ,", ",").replace(" :", ":")
+
+
+@pytest.mark.parametrize("question", ANSWERS)
+def test_page_one_answers(runs, question):
+    assert len(runs) == 8
+    for name, report in runs.items():
+        assert re.search(ANSWERS[question], page_one(report)), (name, page_one(report)[-900:])
+
+
+def test_page_one_says_of_each_stiffness_whether_it_is_known_and_how_well(runs):
+    for name, report in runs.items():
+        text = page_one(report)
+        stiffnesses = {name for name in ("k11", "k12", "k22", "A.krz", "D.krz") if name in text}
+        assert len(stiffnesses) >= 2, name
+        for stiffness in stiffnesses:
+            answer = rf"{re.escape(stiffness)}\b ?(,? (deflection|coupling|rotation))? ({HOW_WELL}) \S* ?{VERDICT}"
+            assert re.search(answer, text), (name, stiffness, text)
+
+
+def test_page_one_is_one_page_long(runs, tmp_path):
+    """In print too, with at most five pages behind it before the appendix begins with its contents."""
+    for name, report in runs.items():
+        pages = pdf_pages(report, tmp_path)
+        (appendix,) = [n for n, text in enumerate(pages) if re.search(r"^ *Contents *$", text, re.MULTILINE)]
+        assert appendix <= 6, name
+        assert "Next." in pages[0], name
+        blank = [n for n, text in enumerate(pages[1 : appendix - 1], 2) if len(text.split()) < 40]
+        assert not blank, name
+
+
+def pdf_pages(report, directory):
+    """Text of each page."""
+    if shutil.which("pdftotext") is None:
+        pytest.skip("NOT CHECKED: pdftotext (poppler-utils) is not installed to count the pages of reports")
+    path = directory / "report.pdf"
+    path.write_bytes(render_pdf(report))
+    text = subprocess.run(["pdftotext", "-layout", path, "-"], capture_output=True, check=True, text=True).stdout
+    return text.split("\f")
