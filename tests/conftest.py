@@ -1,5 +1,6 @@
 """The paper's beam and joint, and the cases of the repository."""
 
+import re
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -102,6 +103,11 @@ def first_in_ci(items: Sequence[object], count: int) -> list[object]:
     """Parameters of a science test, of which CI takes the first; `make science` takes all."""
     rest = (item if isinstance(item, tuple) else (item,) for item in items[count:])
     return [*items[:count], *(pytest.param(*item, marks=pytest.mark.long) for item in rest)]
+
+
+def without_stages(told: str) -> list[str]:
+    """Lines of standard error but for those that say what a command is at, which begin with the seconds."""
+    return [line for line in told.splitlines() if not re.match(r" *\d+\.\d s  ", line)]
 
 
 @contextmanager

@@ -39,10 +39,10 @@ from jointbayes.measurement.measurement_plan import MeasurementPlan
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.measurement.rotations import Rotation
 from jointbayes.measurement.simulated import Rig
+from jointbayes.posterior.candidate import Candidate, FrfCandidate, StatedVariance
 from jointbayes.structure import Section
 from jointbayes.structure.family import UncertainBody
 from jointbayes.studies.planning import make_plan
-from jointbayes.studies.planning.candidates import Candidate, FrfCandidate, StatedVariance
 from tests.case.key_cases import CASES, KeyCase
 from tests.case.key_lines import KEYS, Value, expression
 

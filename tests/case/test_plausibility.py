@@ -18,7 +18,7 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError
 from jointbayes.posterior import summarise
 from jointbayes.report import ReportInputs, build_report
-from jointbayes.report.model import Callout
+from jointbayes.report.model import Callout, Lights
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited, of_case, shipped_text
 
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
@@ -137,8 +137,10 @@ def test_report_and_summary_keep_the_warnings(frequency_posterior):
     notes = ("structure.length_mm: found 0.383; expected more; write 383",)
     inputs = ReportInputs(of_case(frequency_posterior, warnings=notes))
     assert inputs.summary.warnings == notes
-    first = build_report(inputs, datetime.date(2026, 1, 5)).lead[0]
-    assert first == Callout("caution", f"**Check the case file.** {notes[0]}.")
+    report = build_report(inputs, datetime.date(2026, 1, 5))
+    assert Callout("caution", f"**Check the case file.** {notes[0]}.") in report.blocks()
+    (lights,) = (block for block in report.lead if isinstance(block, Lights))
+    assert (lights.lights[2].kind, lights.lights[2].text) == ("caution", f"Check {notes[0]}.")
     assert summarise(frequency_posterior, (1e8, 0.0, 0.0)).warnings == ()
 
 

@@ -146,7 +146,7 @@ f_min_hz = 20.0\nf_max_hz = 2500.0\nf_step_hz = 1.0=> && [data]=>@[data] ;; data
 f_min_hz=>frequencies_hz = [1.0, 2.0]\nf_min_hz ;; data.frequencies_hz ;; not both
 f_min_hz = 20.0\nf_max_hz = 2500.0\nf_step_hz = 1.0=>frequencies_hz = [1] ;; data.frequencies_hz ;; at least two
 f_min_hz = 20.0\nf_max_hz = 2500.0\nf_step_hz = 1.0=>frequencies_hz = [3,\n@2] ;; data.frequencies_hz ;; after 3.0
-k12 = 3.44e7=>k12 = 1.0e8 ;; data.truth.k12 ;; lower |k12| below 8.76128e+07 N
+k12 = 3.44e7=>k12 = 1.0e8 ;; data.truth.k12 ;; lower |k12| to 8.76128e+07 N or less, or raise k11 or k22
 k12 = 3.44e7=>k12 = 1.0e300 ;; data.truth.k12 ;; of a magnitude from 1e-12 to 1e15
 floor = 0.01=>floor = 0 && relative = 0.03=>@relative = 0.0 ;; data.noise.relative ;; both 0
 added = true=>added = "yes" ;; data.noise.added ;; true

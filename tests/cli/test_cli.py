@@ -21,7 +21,7 @@ from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import rounded
 from jointbayes.studies.reference_check import check_posterior
 from jointbayes.workflow import load_posterior
-from tests.conftest import CONFIGS, PAIR, cheap_frequencies_text, cheap_text, edited, plain_reports
+from tests.conftest import CONFIGS, PAIR, cheap_frequencies_text, cheap_text, edited, plain_reports, without_stages
 
 HEAVY = ("numpy", "scipy", "pydantic", "matplotlib", "xarray", "arviz", "emcee", "jinja2")
 SHORT = ("max_steps = 20000", "max_steps = 200")  # the least: ends unconverged, in half a second
@@ -146,8 +146,12 @@ def test_a_run_states_the_numbers_of_its_summary(finished):
     summary = json.loads((place / "out" / "summary.json").read_text(encoding="utf-8"))
     assert (summary["case"], summary["converged"], summary["seed"]) == ("clamp", True, 1)
     lines = result.stdout.splitlines()
-    assert lines[0] == summary["reason"]
-    for line, (name, p) in zip(lines[1:4], summary["parameters"].items(), strict=True):
+    settled = summary["reason"].partition(";")[0].partition(": ")[2]
+    assert lines[0] == f"The calculation has settled: {settled}."
+    assert max(map(len, lines[:-1])) <= 200
+    said_of = re.split(r"\n(?=k\d\d: )", "\n".join(lines[1:-2]))
+    for text, (name, p) in zip(said_of, summary["parameters"].items(), strict=True):
+        line = " ".join(text.split())
         median, ends = rounded(p["median"], p["median_error"]), zip(p["interval95"], p["interval95_error"], strict=True)
         low, high = (rounded(end, error) for end, error in ends)
         ends = f"95 % credible interval {low} to {high}"
@@ -155,18 +159,20 @@ def test_a_run_states_the_numbers_of_its_summary(finished):
         if any(p["printed_by_likelihood"]):
             sources = zip(p["printed95"], p["printed_by_likelihood"], (low, high), strict=True)
             printed = " to ".join(rounded(end) if moved else drawn for end, moved, drawn in sources)
-            assert line.startswith(f"{name}: median {median} {p['unit']}, 95 % interval {printed} (")
-            ends = f" by likelihood ratio; {ends})"
+            assert line.startswith(f"{name}: median {median} {p['unit']}, 95 % interval {printed}: ")
+            assert f" by likelihood ratio; {ends}" in line
         else:
             assert line.startswith(f"{name}: median {median} {p['unit']}, {ends}: ")
-        assert f"{ends}: {p['verdict']}{exact} ({p['verdict_reason']}" in line
+        assert f": {p['verdict']}{exact} " in line
+        assert p["verdict_reason"] in line
         assert p["prior_volume"] in line
         assert ("with them uncertain" in line) == bool(exact)
-    assert lines[4] == summary["check"]["sentence"]
-    assert str(place / "out" / "report.html") in lines[5]
-    said = result.stderr.splitlines()
+    assert lines[-2] == summary["check"]["sentence"]
+    assert str(place / "out" / "report.html") in lines[-1]
+    said = [line for line in result.stderr.splitlines() if "compiling" not in line]
     phases = [line for line in said if not line.startswith("sampling: ")]
     assert [re.sub(r"^ *\d+\.\d s  ", "", line) for line in phases] == [
+        "loading the data of the case and building its model",
         "searching for the mode",
         "fitting a proposal to the posterior",
         "sampling",
@@ -200,7 +206,7 @@ def test_a_rerun_replaces_the_run_directory_and_says_if_it_has_not_converged(fin
     result = cli("run", config, "--out", out, "--seed", "5")
     assert result.exit_code == 3
     assert result.stdout.startswith(
-        "NOT CONVERGED: do not use these numbers.\nnot converged after 200 steps (limit 200)"
+        "The calculation has NOT settled after 200 steps (limit 200): do not use these numbers."
     )
     assert {p.name for p in tmp_path.iterdir()} == {"short.toml", "out"}
     assert not (out / "figures" / "frf-0-0.svg").exists()  # of the run before
@@ -212,7 +218,7 @@ def test_a_rerun_replaces_the_run_directory_and_says_if_it_has_not_converged(fin
 def test_a_report_without_convergence_says_so_before_anything_else(unconverged, tmp_path):
     page = (unconverged / "report.html").read_text(encoding="utf-8")
     body = page[page.index("<body") :]
-    assert 0 < body.index("has NOT converged, do not use these numbers") < body.index("<table")
+    assert 0 < body.index("Do not use these numbers: the calculation has not settled") < body.index("<table")
     assert "The sampler</strong> converged" not in page
     (tmp_path / "empty").mkdir()  # a fair place
     assert cli("report", unconverged / "posterior.nc", "--out", tmp_path / "empty").exit_code == 3
@@ -277,7 +283,7 @@ def test_an_output_that_would_destroy_something_is_refused_before_any_work(tmp_p
     ):
         result = cli(command, config, "--out", tmp_path / out)
         assert result.exit_code == 2
-        (line,) = result.stderr.splitlines()
+        (line,) = without_stages(result.stderr)
         assert line.startswith(f"jointbayes: {tmp_path / out}: ")
         assert words in line
         assert result.stdout == ""
@@ -312,24 +318,37 @@ def test_an_interrupted_run_leaves_nothing_and_says_so(tmp_path, monkeypatch):
     before = listing(tmp_path)
     result = cli("run", config, "--out", tmp_path / "out")
     assert (result.exit_code, result.stdout) == (130, "")
-    assert result.stderr == "jointbayes: interrupted; nothing was written\n"
+    assert without_stages(result.stderr) == ["jointbayes: interrupted; nothing was written"]
     assert listing(tmp_path) == before
 
 
 # ---- other commands
 
 
-def test_identify_prints_the_iteration_and_the_map(tmp_path):
+def test_identify_prints_the_best_fit_and_the_iteration_where_it_is_asked_for(tmp_path):
     config = tmp_path / "clamp.toml"
     config.write_text(cheap_text(), encoding="utf-8")
     before = listing(tmp_path)
-    result = cli("identify", config)
-    assert result.exit_code == 0
+    plain, result = cli("identify", config), cli("identify", config, "--paper")
+    assert plain.exit_code == result.exit_code == 0
+    assert result.stdout.startswith(plain.stdout)  # the best fit first
     steps = [line.split() for line in result.stdout.splitlines() if line.strip()[:1].isdigit()]
     assert [int(step[0]) for step in steps] == list(range(len(steps)))
     assert [float(k) for k in steps[0][2:]] == [1e8, 0.0, 0.0]
     assert "The paper's iteration did not converge" in result.stdout
-    assert "MAP: k11 = " in result.stdout
+    assert "paper" not in plain.stdout
+    estimate, case = jb.find_map(config), jb.load_case(config)
+    heading, *rows = plain.stdout.splitlines()
+    assert heading == "Best fit (MAP), with 95 % intervals from its curvature (Laplace):"
+    ends = estimate.laplace_ends(case.problem.prior).T
+    for row, value, between, quantity in zip(rows[:3], estimate.values, ends, PAIR.quantities, strict=True):
+        name, *shown, unit = re.fullmatch(r"  (\S+) = (\S+) \((\S+) to (\S+)\) (\S+)", row).groups()
+        assert (name, unit) == (quantity.name, quantity.unit)
+        np.testing.assert_allclose([float(number) for number in shown], [value, *between], rtol=6e-3)
+        assert len(set(shown)) == 3  # digits enough for the interval
+    sd_log = np.sqrt(np.diag(estimate.covariance))
+    assert case.problem.prior.labels[0] == "ln k11"
+    np.testing.assert_allclose(ends[0], estimate.values[0] * np.exp([-1.96 * sd_log[0], 1.96 * sd_log[0]]), rtol=1e-3)
     assert listing(tmp_path) == before
 
 
@@ -431,7 +450,7 @@ def test_check_without_a_reference_is_refused_before_any_work(tmp_path):
     config.write_text(text[: text.index("[reference]")], encoding="utf-8")
     result = cli("check", config)
     assert result.exit_code == 2
-    (line,) = result.stderr.splitlines()
+    (line,) = without_stages(result.stderr)
     assert "found no [reference] table" in line
 
 
@@ -450,7 +469,7 @@ FAULTS = {
 def only_line(result, name):
     """The one line on standard error, which names the file; nothing on standard output, exit status 2."""
     assert (result.exit_code, result.stdout) == (2, "")
-    (line,) = result.stderr.splitlines()
+    (line,) = without_stages(result.stderr)
     start = f"jointbayes: {name}:"
     assert line.startswith(start)
     return line[len(start) :]
@@ -488,7 +507,7 @@ def test_a_real_process_prints_one_line_and_no_traceback(tmp_path):
     for arguments, words in ((["run", "bad.toml"], "structure.length_mm"), (["report", "cut.nc"], "no posterior")):
         done = python(f"from jointbayes.cli.commands import main; main({arguments})", tmp_path)
         assert (done.returncode, done.stdout) == (2, "")
-        (line,) = done.stderr.splitlines()
+        (line,) = without_stages(done.stderr)
         assert words in line
     assert {p.name for p in tmp_path.iterdir()} == {"bad.toml", "cut.nc"}
 

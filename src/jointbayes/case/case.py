@@ -31,6 +31,7 @@ from jointbayes.case.combined import (
     problem_of,
     require_lowest,
 )
+from jointbayes.case.keys import DATA_FILE
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
 from jointbayes.case.spec.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.spec.whole import CaseSpec
@@ -332,7 +333,8 @@ def _require_one_place(spec: CaseSpec, joint: AnyJoint, recipe: StructureRecipe,
             side.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
         except ModelError as error:
             message = str(error).partition(": ")[2]  # without the name of the joint, which the key has
-            raise CaseError(source.fault(path, f"{message}, offset_mm")) from error
+            way = message.partition("(")[2].partition(")")[0]
+            raise CaseError(source.fault(path, f"{message}: offset_mm = [{way}]")) from error
 
 
 def _require_dofs_of_offsets(spec: CaseSpec, source: CaseText) -> None:
@@ -374,12 +376,14 @@ def _told_of(source: CaseText, spec: CaseSpec) -> Iterator[Callable[[str], None]
     except CaseError:
         raise
     except (JointBayesError, ArithmeticError, np.linalg.LinAlgError, MemoryError) as error:
-        place, path = source.place((table,)), source.written((table,))
-        key = ".".join(map(str, path)) if (table,) in source.places else ".".join(map(str, path[:-1])) or "file"
+        of_file = table == DATA_FILE[0] and isinstance(error, MeasurementError) and DATA_FILE in source.places
+        at = DATA_FILE if of_file else (table,)
+        place, path = source.place(at), source.written(at)
+        key = ".".join(map(str, path)) if at in source.places else ".".join(map(str, path[:-1])) or "file"
         slips = () if isinstance(error, MeasurementError) else input_warnings(spec, source, spec.data.band_hz)
         if slips:
             place, key = (slips[0].file, slips[0].line), slips[0].key
-        message = str(error)
+        message = str(error).removeprefix(f"{'.'.join(DATA_FILE)}: ")
         if isinstance(error, MemoryError):
             message = "found too little memory; expected room for the matrices; use fewer lines, DOFs or elements"
         elif not isinstance(error, JointBayesError):

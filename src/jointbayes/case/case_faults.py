@@ -33,6 +33,8 @@ _SYMBOLS = {
     "zeta": "damping_ratio",
     "eta": "loss_factor",
     "kappa": "shear_coefficient",
+    "chains": "ensembles",
+    "iterations": "max_steps",
 }
 #: Law and key of [structure.damping] for a symbol that stands in [structure].
 _OF_DAMPING = {"zeta": ("modal", "ratio"), "eta": ("loss_factor", "loss_factor")}
@@ -126,6 +128,7 @@ class _Fault:
     place: _Place
     finding: Finding = field(default_factory=lambda: Finding(()))
     meant: str | None = None
+    home: KeyPath = ()  # where a key or table belongs that is missing there
 
 
 def _faults(error: ErrorDetails, root: _Place) -> Iterator[_Fault]:
@@ -182,8 +185,9 @@ def _pair_renamed(faults: list[_Fault]) -> list[_Fault]:
             or similar(key, [k for k in offered if k not in fault.place.siblings])
             or similar(key, offered)
         )
+        fault.home = next((path for path in missing if path[-1] == key), ())
         meant = (*table, fault.meant)
-        missing = [p for p in missing if p != meant and not (p[:-1] == meant and p[-1] in inside)]
+        missing = [p for p in missing if p not in (meant, fault.home) and not (p[:-1] == meant and p[-1] in inside)]
     return [f for f in faults if f.kind != "missing" or f.place.path in missing]
 
 
@@ -201,13 +205,18 @@ def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, st
     place, meant = fault.place, fault.meant
     fields_by_key = {k: f for m in place.owner for k, f in m.model_fields.items()}
     key = str(place.path[-1])
-    surely = meant is not None and (meant.startswith(key) or stem_of(meant) == stem_of(key))
-    homes = [] if surely else list(dict.fromkeys(_homes(root, key)))[:3]
+    stem = _SYMBOLS.get(key, stem_of(key))
+    surely = meant is not None and (meant.startswith(key) or stem in (meant, stem_of(meant)))
+    homes = [] if surely else list(dict.fromkeys(_homes(root, key)))
+    homes = [home for home in homes if home.startswith(f"[{show_key(place.path[:-1])}] with ")][:1] or homes[:3]
     hints = [f"it belongs in {' or '.join(homes)}"] if homes else []
+    if not meant and place.path[0] in ("data", "reference") and set(homes) <= {"[prior]", "[joints.prior]"}:
+        hints = ["name the stiffnesses of this joint"]
     expected = f"one of {', '.join(fields_by_key)}"
-    if not meant and (elsewhere := _elsewhere(place.path, root)):
-        hints = [elsewhere]
-    if meant:
+    elsewhere = f"write [{show_key(fault.home)}]" if fault.home else _elsewhere(place, root)
+    if elsewhere or (" with " in "".join(homes[:1]) and len(homes) == 1):
+        hints, meant = [elsewhere or hints[0]], None
+    elif meant:
         expected = f"{meant} ({fields_by_key[meant].description})"
         twin, clash = place.siblings.get(meant), meant in place.siblings
         if isinstance(twin, Mapping) and isinstance(place.value, Mapping):
@@ -216,12 +225,16 @@ def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, st
         rename = f'"{meant}" is given already, drop one of the two' if clash else _converted(place, meant)
         hints.insert(0, f'did you mean "{meant}"? {rename}')
     mistake = f"unknown {'table' if isinstance(place.value, Mapping) else 'key'}"
-    return mistake, expected, ", or ".join(hints) or "remove it"
+    return mistake, expected, ", or ".join(hints) or "correct or remove it"
 
 
-def _elsewhere(path: KeyPath, root: type[BaseModel]) -> str:
+def _elsewhere(place: _Place, root: type[BaseModel]) -> str:
     """What to write instead of a key whose meaning is stated in another table under another name; or empty."""
-    key = str(path[-1])
+    path, key = place.path, str(place.path[-1])
+    if path == ("data", "noise"):
+        return "the noise of measured data is that of [data.variance]"
+    if path[:-1] == ("joint",) and isinstance(place.value, Mapping):
+        return f"one of several joints is a table [joints.{key}]"
     if path in _REMOVED:
         return "it was removed: use [noise.model_error], an error of the model in each mode"
     if path[:-1] == ("structure",) and key in _OF_DAMPING:
@@ -238,6 +251,9 @@ def _converted(place: _Place, meant: str) -> str:
     key, value = str(place.path[-1]), place.value
     ours, theirs = unit_of(meant), unit_of(key)
     twice = "radius" in key.lower() and "diameter" in meant
+    in_si = UNITS[theirs][1] if theirs else 1.0  # of stiffnesses, which have no unit in their names
+    if not ours and in_si != 1 and isinstance(value, int | float):
+        return f"write {meant} = {in_si * value:.6g}, the value in SI units"
     if not ours or (ours == theirs and not twice):
         return "rename it"
     kind, size, words = UNITS[ours]
@@ -282,8 +298,9 @@ def _value_remedy(place: _Place) -> str:
         choice = similar(value, choices) or (synonym if synonym in choices else None)
         if choice:
             return f'did you mean "{choice}"?'
-        if re.fullmatch(r"[-+]?[\d.]+([eE][-+]?\d+)?", value) and example[0] not in '"[':
-            return f"write the number without quotes: {key} = {value}"
+        number = re.fullmatch(r"([-+]?[\d.]+([eE][-+]?\d+)?) *[^\d.,;]*", value)
+        if number and example[0] not in '"[':
+            return f"write the number without quotes: {key} = {number[1]}"
     if isinstance(value, float) and example.isdigit() and value.is_integer() and 0 < value < 1e6:
         return f"write it without a decimal point: {key} = {int(value)}"
     return f"write for example {key} = {example}"

@@ -56,8 +56,8 @@ def unit_of(key: str) -> str:
 
 
 def stem_of(key: str) -> str:
-    """A key without its unit."""
-    return key[: len(key) - len(unit_of(key))].rstrip("_") or key
+    """A key without its unit: nothing of one that is a unit, as ``relative`` and ``percent``."""
+    return key[: len(key) - len(unit_of(key))].rstrip("_")
 
 
 def same_stem(key: str, keys: Iterable[str]) -> str | None:

@@ -119,6 +119,8 @@ def _material(loc: tuple[str | int, ...], modulus: float, density: float) -> Ite
         f"E from {YOUNGS_MODULUS[0]:g} to {YOUNGS_MODULUS[1]:g} GPa, ρ from {DENSITY[0]:g} to {DENSITY[1]:g} kg/m³ and "
         f"√(E/ρ) from {WAVE_SPEED[0]:g} to {WAVE_SPEED[1]:g} m/s, as in solids"
     )
+    if not _within(modulus, YOUNGS_MODULUS) and _usual(density, modulus):
+        in_modulus, in_density = [("exchanged with density_kg_m3", density)], []
     asked = [("youngs_modulus_gpa", modulus, in_modulus), ("density_kg_m3", density, in_density)]
     named = [row for row in asked if row[2]]
     alone = asked[1:] if _within(modulus, YOUNGS_MODULUS) and not _within(density, DENSITY) else asked[:1]
@@ -137,6 +139,8 @@ def _shape(structure: BeamSpec) -> Iterator[Finding]:
     longer = [(label, length * factor) for label, factor in _LENGTH_SLIPS]
     thicker = [(label, thickness * factor) for label, factor in _LENGTH_SLIPS]
     lengths = [(label, value) for label, value in longer if _likely(value, thickness)]
+    if _likely(thickness, length):
+        lengths = [(f"exchanged with {key}", thickness)]
     sizes = [(label, value) for label, value in thicker if _likely(length, value)]
     remedy = _remedy("length_mm", lengths) or _remedy(key, sizes) or "check the units of length and section"
     if ratio < low:

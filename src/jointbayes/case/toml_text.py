@@ -26,7 +26,7 @@ _SYNTAX = {  # what tomllib says: what was found, what to do
     "Cannot declare": ("this table is given twice", "put all its keys under one header"),
     "Expected newline or end": (
         "something follows the value",
-        "write one key on each line, decimals with a point, comments after #",
+        "write one key on each line, texts in quotes, decimals with a point, no unit, comments after #",
     ),
     "Expected '='": ("a key without an equals sign", "write key = value, or [table] for a table"),
     "Invalid value": ("no value that TOML knows", 'write a number, true, false, "a text" or [a, list]'),
@@ -227,6 +227,8 @@ def _syntax_fault(message: str, text: str, name: str) -> str:
     if re.search(r'"[^"]*\\[^"]*"', rows[line - 1] if line <= len(rows) else "") and plain is None:
         fault = "a backslash in a text in double quotes"
         remedy = "write a Windows path with / or in single quotes: file = 'C:\\data\\tip.uff'"
+    if re.search("[“”„‘’]", rows[line - 1] if line <= len(rows) else ""):
+        fault, remedy = "quotes of a word processor", 'write straight quotes: "text"'
     return fault_line(name, line, key[1] if key else "syntax", fault, "expected TOML: key = value", remedy)
 
 

@@ -14,11 +14,9 @@ from typing import Any
 
 import click
 
-from jointbayes.cli.common import BAD_INPUT, INTERRUPTED, OUTPUT_CLOSED, TERMINATED, UNFINISHED, WRITTEN
-from jointbayes.cli.files import init, inspect_command, simulate
-from jointbayes.cli.output import is_closed, let_go, say
-from jointbayes.cli.run import check, export, identify, report, run, sample
-from jointbayes.cli.studies import calibrate, campaign, compare, plan
+from jointbayes.cli import files, run, studies
+from jointbayes.cli.common import BAD_INPUT, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
+from jointbayes.cli.output import EVERYWHERE, fail, is_closed, let_go, manner, print_json
 from jointbayes.errors import JointBayesError, ReportInterruptedError, TerminatedError, printable
 
 
@@ -65,34 +63,42 @@ class _Commands(click.Group):
         with _well_behaved():
             return super().make_context(*args, **kwargs)
 
-    def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401 (click's own signature)
+    def invoke(self, ctx: click.Context) -> None:
+        code = 0
         with _well_behaved(), _answering_sigterm():
-            return self._invoke(ctx)
+            try:
+                self._invoke(ctx)
+            except SystemExit as ended:
+                code = int(ended.code or 0)
+            if manner().json:
+                print_json({"command": ctx.invoked_subcommand, "exit_code": code, **manner().result, **manner().told})
+        if code:
+            sys.exit(code)
 
-    def _invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401
+    def _invoke(self, ctx: click.Context) -> None:
         try:
-            return super().invoke(ctx)
+            super().invoke(ctx)
         except JointBayesError as error:
             if os.environ.get("JOINTBAYES_DEBUG"):
                 traceback.print_exc()
-            for line in f"jointbayes: {error}".split("\n"):
-                say(line, err=True)
+            fail(f"jointbayes: {error}")
         except ReportInterruptedError as error:
-            say(f"jointbayes: {error}", err=True)
+            fail(f"jointbayes: {error}")
             sys.exit(TERMINATED if isinstance(error.__cause__, TerminatedError) else INTERRUPTED)
         except KeyboardInterrupt as error:
-            written = ctx.meta.get(WRITTEN)
-            what = f"{written} is whole" if written else ctx.meta.get(UNFINISHED, "nothing was written")
-            say(f"jointbayes: interrupted; {what}", err=True)
+            how = manner()
+            fail(f"jointbayes: interrupted; {f'{how.written} is whole' if how.written else how.unfinished}")
             sys.exit(TERMINATED if isinstance(error, TerminatedError) else INTERRUPTED)
         except MemoryError:
             remedy = "lower sampling.walkers or sampling.ensembles, or use fewer lines"
-            say(f"jointbayes: found too little memory; expected room for all walkers; {remedy}", err=True)
+            fail(f"jointbayes: found too little memory; expected room for all walkers; {remedy}")
         except OSError as error:
             if isinstance(error, BrokenPipeError) and is_closed(sys.stdout):
                 raise
             place = f"{error.filename}: " if error.filename else ""
-            say(f"jointbayes: {place}{error.strerror or error}", err=True)
+            fail(f"jointbayes: {place}{error.strerror or error}")
+        else:
+            return
         sys.exit(BAD_INPUT)
 
 
@@ -112,19 +118,7 @@ def main() -> None:
     atexit.register(gc.freeze)
 
 
-for command in (
-    init,
-    run,
-    identify,
-    sample,
-    report,
-    export,
-    check,
-    compare,
-    plan,
-    campaign,
-    calibrate,
-    simulate,
-    inspect_command,
-):
+for command in [c for module in (files, run, studies) for c in vars(module).values() if isinstance(c, click.Command)]:
+    for option in EVERYWHERE:
+        option(command)
     main.add_command(command)

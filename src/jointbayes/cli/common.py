@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jointbayes.cli.output import say
+from jointbayes.cli.output import manner, manner_option, say, warn
+from jointbayes.cli.progress_display import show_progress, show_stage
+from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -25,26 +27,13 @@ NOT_CONVERGED = 3
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 TERMINATED = 143  # the same with SIGTERM or SIGHUP
 OUTPUT_CLOSED = 141  # the same with SIGPIPE
-_OUTSIDE = "jointbayes.allow_outside"  # in a command's context: whether cases may name files elsewhere
-WRITTEN = "jointbayes.written"  # in a command's context: what it has written
-UNFINISHED = "jointbayes.unfinished"  # what is kept of a run that was stopped, and how to go on
 
 seed_option = click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the run; by default the case's.")
 resume_option = click.option("--resume", is_flag=True, help="Go on with a run that was interrupted or killed.")
 config_argument = click.argument("config", type=click.Path(path_type=Path))
 
 
-def _keep(context: click.Context, _option: click.Parameter, value: bool) -> None:
-    context.meta[_OUTSIDE] = value
-
-
-outside_option = click.option(
-    "--allow-outside",
-    is_flag=True,
-    expose_value=False,
-    callback=_keep,
-    help="Let a case name measurement files outside its own directory.",
-)
+outside_option = manner_option("--allow-outside", "Let a case name measurement files outside its own directory.")
 
 
 def _as_layout(_context: click.Context, _option: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
@@ -63,43 +52,36 @@ layout_option = click.option(
 )
 
 
-def outside_allowed() -> bool:
-    """Whether the command that runs was given --allow-outside."""
-    return bool(click.get_current_context().meta.get(_OUTSIDE, False))
-
-
 def load(config: Path) -> "Case":
     """Read a case file; what in it is probably a slip is said on standard error, before any work where possible."""
     from jointbayes.case.case_text import read_case_text, setup_texts
     from jointbayes.case.plausibility import input_warnings
     from jointbayes.case.spec.parse import parse_setups
     from jointbayes.case.toml_text import fault_line
-    from jointbayes.cli.progress_display import show_stage
-    from jointbayes.progress import Progress
 
     # what is wrong with the file itself is said before anything heavy is loaded
-    text = read_case_text(config, outside_allowed())
+    show_stage(Progress("reading the case", str(config)), on_terminal_only=True)
+    text = read_case_text(config, manner().allow_outside)
     specs, texts = parse_setups(text), setup_texts(text)
+    show_stage(Progress("loading the data of the case and building its model"))
     each = (input_warnings(spec, texts[name], spec.data.band_hz) for name, spec in specs.items())
     early = tuple(dict.fromkeys(warning for warnings in each for warning in warnings))
 
     def tell(warnings: "Iterable[InputWarning]") -> None:
         for warning in warnings:
             place = fault_line(warning.file, warning.line, warning.key, warning.text)
-            say(f"jointbayes: warning: {place}", err=True)
+            warn(place)
 
     tell(early)
-    show_stage(Progress("reading the case"), on_terminal_only=True)
     from jointbayes.case.case import load_case
 
-    case = load_case(config, allow_outside=outside_allowed())
+    case = load_case(config, allow_outside=manner().allow_outside)
     tell(warning for warning in case.warnings if warning not in early)
     return case
 
 
 def draw(case: "Case", seed: int | None, checkpoint: "UnfinishedRun | None" = None) -> "Posterior":
     """Sample a case with progress on standard error."""
-    from jointbayes.cli.progress_display import show_progress
     from jointbayes.posterior.homogeneity import compare_setups
     from jointbayes.workflow import sample as draw
 
@@ -134,13 +116,8 @@ def unfinished(
         except KeyboardInterrupt:
             if kept.holds_a_run:
                 what = f"the run is kept in {place} as it is after {kept.steps} steps; go on with: {again}"
-                click.get_current_context().meta[UNFINISHED] = what
+                manner().unfinished = what
             raise
-
-
-def note_written(path: Path) -> None:
-    """Keep in mind what an interrupted command has written already."""
-    click.get_current_context().meta[WRITTEN] = path
 
 
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
@@ -149,21 +126,20 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
     from jointbayes.posterior.knowledge import listed
     from jointbayes.posterior.modes_answer import is_of_measured_frfs
     from jointbayes.posterior.uncertain_inputs import uncertain_quantities
-    from jointbayes.posterior.verdicts import verdict_line
+    from jointbayes.posterior.verdicts import verdict_lines
 
-    if not posterior.converged:
-        say("NOT CONVERGED: do not use these numbers.")
-    say(posterior.reason)
+    say(posterior.record.headline)
     modes = knowledge.believed_modes if knowledge else None
-    for line in (*modes.lines(), modes.sentence, modes.basis) if modes else ():
+    for line in (*modes.lines(), modes.sentence) if modes else ():
         say(line)
     for name in () if modes else posterior.stiffness_names:
         exact = knowledge.exact.get(name) if knowledge else None
-        say(verdict_line(posterior, name, *((exact.condition, exact.words_if_uncertain) if exact else ())))
-    if knowledge and knowledge.bounds_sentence and not modes:
-        say(knowledge.bounds_sentence)
-    if posterior.solutions.sentence:
-        say(posterior.solutions.sentence)
+        beside = (exact.condition, exact.words_if_uncertain) if exact else ()
+        for line in verdict_lines(posterior, name, *beside):
+            say(line)
+    bounds = knowledge.bounds_sentences if knowledge and not modes else ()
+    for line in (*bounds, *posterior.solutions.sentences):
+        say(line)
     for scatter in assembly_scatters(posterior) if posterior.converged else ():
         say(scatter.sentence)
     if knowledge is None and is_of_measured_frfs(posterior.problem):
@@ -175,10 +151,9 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
         say(f"These verdicts take {exact_names} as exact: the report shows what is known with them uncertain.")
     if posterior.estimate.sentence:
         say(posterior.estimate.sentence)
-    if posterior.mesh is not None and not posterior.mesh.within:
-        say(posterior.mesh.sentence)
-    if posterior.noise_of_bodies is not None and not posterior.noise_of_bodies.within:
-        say(posterior.noise_of_bodies.sentence)
+    for errors_of in (posterior.mesh, posterior.noise_of_bodies):
+        for line in () if errors_of is None or errors_of.within else errors_of.sentences:
+            say(line)
 
 
 def exit_by_convergence(posterior: "Posterior") -> None:

@@ -1,11 +1,20 @@
-"""Commands on files before there is a posterior: init, simulate, inspect."""
+"""Commands on files before there is a posterior: init, validate, schema, simulate, inspect."""
 
+import re
+import sys
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from jointbayes.cli.common import config_argument, layout_option, outside_allowed, outside_option
-from jointbayes.cli.output import say
+from jointbayes.cli import common
+from jointbayes.cli.output import fail, manner, print_json, say, warn
+from jointbayes.cli.progress_display import show_stage
+from jointbayes.progress import Progress
+
+if TYPE_CHECKING:
+    from jointbayes.case.case import Case
 
 #: Formats of `simulate`, each with the endings that choose it.
 FORMATS: dict[str, tuple[str, ...]] = {
@@ -25,12 +34,17 @@ FORMATS: dict[str, tuple[str, ...]] = {
 @click.option(
     "--from", "measured", multiple=True, type=click.Path(path_type=Path), help="Measurement file, or several."
 )
-@layout_option
+@common.layout_option
 def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, str]) -> None:
     """Write a case to start from, by default my_case.toml; FILE may be a directory.
 
     It is a small one that runs as it stands; or with --from one for your measurement files, with what they tell and a
     "?" where only you know. FILEs after --from that do not end in .toml are measurement files as well.
+
+    \b
+    Examples:
+      jointbayes init
+      jointbayes init --from tip.csv
     """
     from importlib.resources import files
 
@@ -46,12 +60,14 @@ def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, s
     if target.exists():
         raise CaseError(f"{target}: found a file of this name; expected a new one; choose another name")
     if not measured:
+        manner().result |= {"case": str(target), "questions": []}
         write_whole_file(target, files("jointbayes.cli").joinpath("minimal.toml").read_bytes())
         say(f"Case: {target}; next: jointbayes run {target}")
         return
     text = propose_case([*measured, *(path for path in file if path not in cases)], target.parent, layout)
     write_whole_file(target, text.encode())
     lines = [str(i) for i, line in enumerate(text.splitlines(), 1) if '"?' in line and not line.startswith("#")]
+    manner().result |= {"case": str(target), "questions": [int(line) for line in lines]}
     say(f'Case: {target}; answer each "?" (lines {", ".join(lines)}), then: jointbayes run {target}')
 
 
@@ -82,13 +98,18 @@ def format_of_ending(path: Path, formats: dict[str, tuple[str, ...]]) -> str:
 
 
 @click.command()
-@config_argument
-@outside_option
+@common.config_argument
+@common.outside_option
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Measurement file to write.")
 @click.option("--format", "form", type=click.Choice(list(FORMATS)), help="By default that of the file's ending.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the test; by default that of [virtual_test].")
 def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> None:
-    """Measure the truth of a case in a virtual test and write a measurement file, or one for each set-up."""
+    """Measure the truth of a case in a virtual test and write a measurement file, or one for each set-up.
+
+    \b
+    Examples:
+      jointbayes simulate configs/virtual_test.toml --out test.uff
+    """
     from jointbayes.case.case import load_case
     from jointbayes.case.simulated_test import describe
     from jointbayes.case.simulated_test import simulate as measure
@@ -96,7 +117,7 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
 
     chosen = form or format_of_ending(out, FORMATS)
     require_other_file(out, config, "--out")
-    case = load_case(config, allow_outside=outside_allowed())
+    case = load_case(config, allow_outside=manner().allow_outside)
     targets = {setup.name: out.with_stem(f"{out.stem}-{setup.name}") if setup.name else out for setup in case.setups}
     measured = {}
     for setup in case.setups:  # all of them before any is written
@@ -106,6 +127,7 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
         write_records(records, targets[name], chosen)
         for line in describe(records):
             say(line)
+        manner().result.setdefault("files", []).append(str(targets[name]))
         say(f"Measurement: {targets[name]} ({chosen})")
 
 
@@ -116,7 +138,7 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
 @click.option("--band", nargs=2, type=click.FloatRange(min=0), help="Seek resonances from LOW to HIGH only, Hz.",
               metavar="LOW HIGH")  # fmt: skip
 @click.option("--conjugate", is_flag=True, help="Take the complex conjugates of the FRFs, as [data] of a case may.")
-@layout_option
+@common.layout_option
 def inspect_command(
     file: Path,
     figure: Path | None,
@@ -125,12 +147,18 @@ def inspect_command(
     conjugate: bool,
     layout: dict[str, str],
 ) -> None:
-    """List what a measurement file holds, and warn of what looks wrong in it; then look for resonances."""
-    from jointbayes.cli.progress_display import show_stage
+    """List what a measurement file holds, and warn of what looks wrong in it; then look for resonances.
+
+    \b
+    Examples:
+      jointbayes inspect tip.csv
+      jointbayes inspect hits.uff --band 20 2500 --figure hits.svg
+    """
     from jointbayes.errors import CaseError
+
+    show_stage(Progress("reading the file", str(file)), on_terminal_only=not file.is_file())
     from jointbayes.measurement.inspection import contents_of, with_resonances
     from jointbayes.measurement.inspection_text import contents_text, resonances_text
-    from jointbayes.progress import Progress
     from jointbayes.whole_file import write_whole_file
 
     if figure is not None:
@@ -145,9 +173,69 @@ def inspect_command(
     inspection = with_resonances(inspection, band or (None, None))
     for line in resonances_text(inspection):
         say(line)
+    manner().result |= {"file": inspection.source, "format": inspection.form, "records": dict(inspection.kinds)}
+    manner().result |= {"channels": list(inspection.channels), "averages": list(inspection.averages)}
+    manner().result["doubts"] = [asdict(warning) for warning in inspection.warnings]
+    manner().result["resonances"] = [asdict(mode) for mode in inspection.modes]
     if figure is not None:
         from jointbayes.report.inspect_figure import inspect_figure
 
         traces = [(f"{t.channel} hit {t.hit.number}", t.hit.reason, t.time_s, t.force_n) for t in inspection.hits]
         write_whole_file(figure, inspect_figure(inspection.frfs, inspection.modes, traces).encode())
         say(f"Figure: {figure}")
+
+
+@click.command()
+@click.argument("cases", nargs=-1, required=True, type=click.Path(path_type=Path))
+@common.outside_option
+def validate(cases: tuple[Path, ...]) -> None:
+    """Check case files and their data without any analysis: print what was understood, or every fault.
+
+    Exit status: 0 if all of them are valid, 2 if not. Warnings are values that are probably slips.
+
+    \b
+    Examples:
+      jointbayes validate my_case.toml
+      jointbayes validate configs/*.toml --json
+    """
+    from jointbayes.errors import CaseError
+
+    told, entries = manner().told, manner().result.setdefault("cases", [])
+    for path in cases:
+        at = len(told["warnings"])
+        try:
+            case = common.load(path)
+        except CaseError as error:
+            fail(f"jointbayes: {error}", show_source=True)
+            entries.append({"file": str(path), "valid": False})
+            continue
+        for doubt in (d for test in case.problem.tests for d in getattr(test.data.provenance, "warnings", ())):
+            warn(f"{doubt.where}: {doubt.sentence}; {doubt.remedy}")
+        warnings = told["warnings"][at:]
+        entries.append({"file": str(path), "valid": True, "warnings": warnings, "understood": _understood(case)})
+        say(f"{path}: valid, {f'warnings: {len(warnings)}' if warnings else 'no warnings'}; {case.title}")
+        for line in _understood(case):
+            say(f"  {line}")
+    if told["errors"]:
+        sys.exit(common.BAD_INPUT)
+
+
+def _understood(case: "Case") -> list[str]:
+    """What a case says, line by line: structure, joints, data and noise of each test; unknowns."""
+    told = [line for test in case.problem.tests for line in str(test).split("\n")]
+    rows = [re.sub(r"\b[A-Z]\w+\(|\)", "", line) for line in told]  # without the names of classes
+    return [*rows, f"unknown: {', '.join(case.problem.names)}"]
+
+
+@click.command()
+def schema() -> None:
+    """Print the JSON Schema of case files, by which editors complete keys and check them.
+
+    \b
+    Examples:
+      jointbayes schema > case.schema.json
+    """
+    from jointbayes.case.json_schema import case_schema
+
+    print_json(case_schema())
+    manner().json = False  # it is that one object

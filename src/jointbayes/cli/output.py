@@ -1,31 +1,179 @@
-"""What commands print: one way out, on which nothing in a foreign name steers the terminal."""
+"""What commands print: one way out, on which nothing in a foreign name steers the terminal and no line is endless."""
 
+import json
 import os
+import re
+import shutil
 import sys
-from typing import TextIO
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
 
 import click
 
 from jointbayes.errors import printable
 
+#: Characters of a message; what it says beyond is printed with --verbose, and stands in --json and in reports.
+LONGEST = 200
+_SHOWN_BYTES = 1e7  # no line of a larger file is shown
+_FAULT = re.compile(r"(?:jointbayes: )?(?P<file>.+?):(?P<line>\d+): (?P<key>\S.*?): (?P<message>.*)")
+
+
+@dataclass
+class Manner:
+    """How the command that runs was asked to speak and to end, and what it has to say where that is one JSON object."""
+
+    quiet: bool = False
+    verbose: bool = False
+    json: bool = False
+    open: bool = False
+    allow_outside: bool = False
+    written: Path | None = None
+    unfinished: str = "nothing was written"
+    told: dict[str, Any] = field(default_factory=lambda: {"messages": [], "warnings": [], "errors": []})
+    result: dict[str, Any] = field(default_factory=dict)
+
+
+def manner() -> Manner:
+    """How the command that runs speaks."""
+    context = click.get_current_context(silent=True)
+    return Manner() if context is None else context.meta.setdefault("jointbayes.manner", Manner())
+
+
+def manner_option(flag: str, words: str) -> Callable[[Any], Any]:
+    """An option without a value that is kept in `Manner`."""
+
+    def keep(_context: click.Context, option: click.Parameter, value: bool) -> None:
+        setattr(manner(), str(option.name), value)
+
+    return click.option(flag, is_flag=True, expose_value=False, callback=keep, help=words)
+
+
+#: Options of every command.
+EVERYWHERE = (
+    manner_option("--quiet", "No progress: only results, warnings and errors."),
+    manner_option("--verbose", f"Whole messages, also those of more than {LONGEST} characters."),
+    manner_option("--json", "Print one JSON object on standard output; progress stays on standard error."),
+)
+open_option = manner_option("--open", "Open the report in the browser.")
+
+
+def shortened(text: str, most: int = LONGEST) -> str:
+    """A message of no more than so many characters, those of directories not counted: what is cut ends where words do.
+
+    Of a fault what was expected is cut, so that where it is, what was found and what to do stay. A message on how to go
+    on, which says where hours of work are kept, is never cut.
+
+    Examples
+    --------
+    >>> shortened("a.toml:3: key: found 1; expected one of twelve; remove it", 50)
+    'a.toml:3: key: found 1; expected one …; remove it'
+    """
+    most += sum(map(len, re.findall(r"(?<!\S)/\S*/", text)))
+    if len(text) <= most or "go on with: " in text:
+        return text
+    fault = re.fullmatch(r"(.*?; expected )(.*)(; .*)", text)
+    begin, middle, end = fault.groups() if fault else ("", text, "")
+    cut = middle[: max(most - len(begin) - len(end) - 1, 0)].rpartition(" ")[0]
+    return f"{(begin + cut).rstrip()} …{end}"
+
 
 def say(line: str, *, err: bool = False) -> None:
     """Print a line on standard output, or on standard error.
 
-    Characters that do not print are escaped. A closed standard error, as in ``2>&1 | head -1``, is no reason to lose a
-    run: what follows for it is dropped.
+    Characters that do not print are escaped, and what is too long is shortened. A closed standard error, as in
+    ``2>&1 | head -1``, is no reason to lose a run: what follows for it is dropped. Where the command prints JSON, what
+    is for standard output becomes a part of that.
 
     Raises
     ------
     BrokenPipeError
         If nobody reads standard output any more; `commands` ends quietly then.
     """
+    how = manner()
+    if how.json and not err:
+        how.told["messages"].append(line)
+        return
+    show_status("")
+    _write(printable(line) if how.verbose else shortened(printable(line)), err=err)
+
+
+def _write(text: str, *, err: bool, nl: bool = True) -> None:
     try:
-        click.echo(printable(line), err=err)
+        click.echo(text, err=err, nl=nl)
     except BrokenPipeError:
         if not err:
             raise
         let_go(sys.stderr)
+
+
+_shown = 0  # characters of the line that is updated on the terminal
+
+
+def show_status(text: str) -> None:
+    """Put a text in the place of the line that is updated on a terminal; an empty one removes it."""
+    global _shown
+    text = printable(text)[: shutil.get_terminal_size().columns - 1]
+    if text or _shown:
+        _write(f"\r{text.ljust(_shown)}\r{text}", err=True, nl=False)
+        _shown = len(text)
+
+
+def warn(text: str) -> None:
+    """Print a warning on standard error, in two lines where it is long, and keep it for JSON."""
+    manner().told["warnings"].append(located(text))
+    whole = f"jointbayes: warning: {text}"
+    head, _, rest = (whole, "", "") if shortened(whole) == whole else whole.partition("; ")
+    say(head, err=True)
+    if rest:
+        say(f"    {rest}", err=True)
+
+
+def fail(faults: str, *, show_source: bool = False) -> None:
+    """Print what ended a command, a line for each fault; on a terminal, or if told so, with the line of the file."""
+    for fault in faults.split("\n"):
+        manner().told["errors"].append(located(fault))
+        say(fault, err=True)
+        for line in source_lines(fault) if show_source or sys.stderr.isatty() else ():
+            say(line, err=True)
+
+
+def located(message: str) -> dict[str, Any]:
+    """File, line, key and text of a fault or a warning; its text alone where it names no line."""
+    place = _FAULT.fullmatch(message)
+    return {**place.groupdict(), "line": int(place["line"])} if place else {"message": message}
+
+
+def source_lines(fault: str) -> list[str]:
+    """The line of a file that a fault names, and one that underlines its key with the value; none without a line."""
+    place = located(fault)
+    try:
+        file = Path(place["file"])
+        text = file.read_text(encoding="utf-8-sig") if file.is_file() and file.stat().st_size < _SHOWN_BYTES else ""
+        row = printable(text.split("\n")[place["line"] - 1].rstrip().expandtabs(4))[: LONGEST - 10]
+    except (KeyError, OSError, ValueError, IndexError):
+        return []
+    key = re.escape(place["key"].rpartition(".")[2])
+    spot = re.search(rf"\b{key}\b(\s*=\s*(\[[^\]]*\]?|\"[^\"]*\"?|[^,}}#\s]*))?", row) or re.search(r"\S.*|$", row)
+    begin, end = spot.span() if spot else (0, 0)
+    return [f"{place['line']:>6} | {row}", f"{'':>6} | {' ' * begin}{'^' * (end - begin)}"]
+
+
+def print_json(whole: Any) -> None:  # noqa: ANN401 (what JSON knows)
+    """Print one JSON object."""
+    from jointbayes.posterior.rounding import json_ready
+
+    click.echo(json.dumps(json_ready(whole), indent=2, allow_nan=False))  # in ASCII, which steers no terminal
+
+
+def report_written(directory: Path) -> None:
+    """Say where the report is, and open it where that was asked for."""
+    page = directory / "report.html"
+    manner().result["report"] = str(page)
+    say(f"Report: {page} and {directory / 'report.pdf'}")
+    if manner().open:
+        click.launch(str(page))
 
 
 def is_closed(stream: TextIO) -> bool:

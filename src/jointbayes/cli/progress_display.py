@@ -1,13 +1,12 @@
-"""What commands print of their progress: stages with the time so far, and a bar, or lines now and then, of counts."""
+"""What commands print of their progress: on a terminal one line that is updated, elsewhere lines now and then."""
 
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from jointbayes.cli.output import say
-from jointbayes.errors import printable
-from jointbayes.progress import Progress, ProgressCallback
+from jointbayes.cli.output import manner, say, show_status
+from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 
 _BEGIN = time.monotonic()
 
@@ -16,45 +15,24 @@ _LINES_OF_A_STAGE = 60  # about so many in the second half of a long one
 
 
 def show_stage(progress: Progress, *, on_terminal_only: bool = False) -> None:
-    """Print a stage that begins, with the seconds since the program did, on standard error.
+    """Show a stage that begins, with the seconds since the program did, on standard error.
 
     Until the input is read only on a terminal: elsewhere what is wrong with it is the one line that is printed.
     """
-    if on_terminal_only and not sys.stderr.isatty():
+    text = f"{time.monotonic() - _BEGIN:6.1f} s  {progress}"
+    if manner().quiet:
         return
-    say(f"{time.monotonic() - _BEGIN:6.1f} s  {progress}", err=True)
+    if sys.stderr.isatty():
+        show_status(text)
+    elif not on_terminal_only:
+        say(text, err=True)
 
 
 @contextmanager
 def show_progress() -> Iterator[ProgressCallback]:
     """Yield the callback that a command reports to; all of it goes to standard error."""
-    if not sys.stderr.isatty():
-        yield _print_lines()
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as Bar
-
-    columns = (TextColumn("{task.fields[stage]}", markup=False), BarColumn(), TimeElapsedColumn(),
-               TextColumn("{task.description}", markup=False))  # fmt: skip
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-
-        def report(progress: Progress) -> None:
-            if progress.total is None:
-                show_stage(progress)
-                return
-            if not bar.tasks or bar.tasks[-1].fields["stage"] != progress.stage:
-                for task in bar.tasks:
-                    bar.remove_task(task.id)
-                bar.add_task("", total=None, stage=progress.stage)
-            bar.update(
-                bar.tasks[-1].id,
-                completed=progress.done,
-                total=progress.total,
-                description=printable(progress.details),
-            )
-
-        yield report
+    yield tell_nobody if manner().quiet else show_stage if sys.stderr.isatty() else _print_lines()
+    show_status("")
 
 
 def _print_lines() -> ProgressCallback:
@@ -65,6 +43,7 @@ def _print_lines() -> ProgressCallback:
         nonlocal last, stage
         now = time.monotonic()
         if progress.total is None:
+            last, stage = now, progress.stage
             show_stage(progress)
         elif (
             progress.stage != stage

@@ -6,115 +6,129 @@ from typing import Literal
 
 import click
 
-from jointbayes.cli.common import (
-    NOT_MATCHED,
-    config_argument,
-    directory_name,
-    draw,
-    exit_by_convergence,
-    load,
-    note_written,
-    outside_option,
-    print_summary,
-    resume_option,
-    seed_option,
-    unfinished,
-)
+from jointbayes.cli import common
 from jointbayes.cli.files import FORMATS, format_of_ending, require_other_file
-from jointbayes.cli.output import say
+from jointbayes.cli.output import manner, open_option, report_written, say
+from jointbayes.cli.progress_display import show_progress, show_stage
+from jointbayes.progress import Progress
 
 
+@open_option
 @click.command()
-@config_argument
-@outside_option
+@common.config_argument
+@common.outside_option
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
-@seed_option
-@resume_option
+@common.seed_option
+@common.resume_option
 def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> None:
-    """Identify, sample and write the report of a case file."""
-    case = load(config)
-    from jointbayes.cli.progress_display import show_stage
+    """Identify, sample and write the report of a case file.
+
+    \b
+    Examples:
+      jointbayes run my_case.toml --open
+      jointbayes run my_case.toml --out reports/first --seed 2
+    """
+    case = common.load(config)
     from jointbayes.errors import ReportError, ReportInterruptedError
-    from jointbayes.posterior.prediction import sentence_of_left_out
+    from jointbayes.posterior.prediction import sentences_of_left_out
     from jointbayes.report.inputs import ReportInputs
     from jointbayes.report.kept_draws import draws_kept
     from jointbayes.report.run_directory import require_writable, room_of_run, write_run
 
     target = out or Path("reports") / case.name
     require_writable(target, room=room_of_run(case.problem, case.sampler, report=True))
-    with unfinished("run", config, out, target, seed, resume=resume) as kept:
-        posterior = draw(case, seed, kept)
+    with common.unfinished("run", config, out, target, seed, resume=resume) as kept:
+        posterior = common.draw(case, seed, kept)
         inputs = ReportInputs(posterior)
         try:
             with draws_kept(posterior, target, kept.path) as draws:
-                note_written(write_run(posterior, target, show_stage, inputs))
+                manner().written = write_run(posterior, target, show_stage, inputs)
         except (ReportError, ReportInterruptedError):
             if not draws.exists():  # they are whole beside the run directory
                 kept.discard()
             raise
         kept.discard()
-    print_summary(posterior, inputs.knowledge)
+    common.print_summary(posterior, inputs.knowledge)
     for check, diagnosis in zip(posterior.checks, posterior.diagnoses, strict=True):
         if check.finding != "explained" or check is posterior.check:
             say(check.sentence)
-        if not check.explains:
-            say(diagnosis.sentence)
-    if inputs.summary.left_out:
-        say(sentence_of_left_out(inputs.summary.left_out))
-    say(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
-    exit_by_convergence(posterior)
+        for line in () if check.explains else diagnosis.sentences:
+            say(line)
+    for line in sentences_of_left_out(inputs.summary.left_out):
+        say(line)
+    manner().result |= inputs.summary.to_json()
+    report_written(target)
+    common.exit_by_convergence(posterior)
 
 
 @click.command()
-@config_argument
-@outside_option
-def identify(config: Path) -> None:
-    """Run the paper's sensitivity iteration and the MAP search; print both."""
-    case = load(config)
-    from jointbayes.cli.progress_display import show_stage
-    from jointbayes.identification import missing_for_iteration, part_to_iterate
-    from jointbayes.posterior.rounding import join_unit
-    from jointbayes.workflow import find_map
-    from jointbayes.workflow import identify as iterate
+@common.config_argument
+@common.outside_option
+@click.option("--paper", is_flag=True, help="Print the steps of the paper's sensitivity iteration as well.")
+def identify(config: Path, *, paper: bool) -> None:
+    """Find the best-fitting joint (MAP) of a case, with intervals from the curvature there; no sampling.
 
-    if case.problem.parametrisation.damped:
-        say("The paper's iteration is left out: it knows no damping of a joint.")
-    elif part_to_iterate(case.problem) is not None:
-        history = iterate(case)
-        heads = [f"{f'{q.name} ({q.unit})':>12}" for q in (case.problem.quantities[i] for i in history.iterated)]
-        say(f"{'step':>4} {'residual':>10} {' '.join(heads)}")
-        rows = history.stiffness_history[:, history.iterated]
-        for step, (norm, k) in enumerate(zip(history.residual_norm, rows, strict=True)):
-            values = " ".join(f"{value:>{len(head)}.4e}" for value, head in zip(k, heads, strict=True))
-            say(f"{step:>4} {norm:>10.3e} {values}")
-        say(f"The paper's iteration{history.on_setup} {history.reason}.")
-    elif missing := missing_for_iteration(case.problem):
-        say(f"The paper's iteration is left out. {missing}.")
-    estimate = find_map(case, progress=show_stage)
-    stiffnesses = zip(case.problem.quantities, estimate.values, strict=True)
-    say("MAP: " + ", ".join(join_unit(f"{q.name} = {value:.4e}", q.unit) for q, value in stiffnesses))
-    edges = case.problem.prior.coordinates_at_edge(estimate.theta)
-    if edges:
-        say(f"No standard deviations: the MAP lies on an edge of the prior ({', '.join(edges)}); run the case.")
-    else:
-        sd = estimate.covariance.diagonal() ** 0.5
-        words = ", ".join(f"{n} {s:.3g}" for n, s in zip(case.problem.prior.labels, sd, strict=True))
-        say(f"Linearised sd, without draws: {words}")
-    if estimate.failed_starts:
-        say(f"Starts that ended elsewhere: {estimate.failed_text}")
+    \b
+    Examples:
+      jointbayes identify my_case.toml
+      jointbayes identify my_case.toml --paper
+    """
+    case = common.load(config)
+    from jointbayes.identification import missing_for_iteration
+    from jointbayes.posterior.rounding import join_unit, rounded_row
+    from jointbayes.workflow import find_map
+
+    with show_progress() as progress:
+        estimate = find_map(case, progress=progress)
+    ends, found = estimate.laplace_ends(case.problem.prior), manner().result.setdefault("map", {})
+    say("Best fit (MAP)" + (":" if ends is None else ", with 95 % intervals from its curvature (Laplace):"))
+    for i, (quantity, value) in enumerate(zip(case.problem.quantities, estimate.values.tolist(), strict=True)):
+        interval = None if ends is None else ends[:, i].tolist()
+        found[quantity.name] = {"unit": quantity.unit, "value": value, "interval95": interval}
+        errors = [(interval[1] - interval[0]) / 400] * 3 if interval else []  # digits that the interval supports
+        shown, *between = rounded_row([value, *(interval or ())], errors)
+        shown += f" ({' to '.join(between)})" if between else ""
+        say("  " + join_unit(f"{quantity.name} = {shown}", quantity.unit))
+    if ends is None:
+        edges = ", ".join(case.problem.prior.coordinates_at_edge(estimate.theta))
+        say(f"No intervals: the best fit lies on an edge of the prior ({edges}); run the case.")
+    if len(estimate.modes) > 1:
+        say(f"{len(estimate.modes)} joints fit about as well: run the case.")
     if estimate.sentence:
         say(estimate.sentence)
+    if not paper:
+        return
+    history = estimate.iteration
+    if history is None:
+        damped = "The iteration knows no damping of a joint" if case.problem.parametrisation.damped else ""
+        say(f"The paper's iteration is left out. {damped or missing_for_iteration(case.problem)}.")
+        return
+    found = {"converged": history.converged, "stiffness_history": history.stiffness_history.tolist()}
+    manner().result["paper"] = found
+    heads = [f"{f'{q.name} ({q.unit})':>12}" for q in (case.problem.quantities[i] for i in history.iterated)]
+    say(f"{'step':>4} {'residual':>10} {' '.join(heads)}")
+    rows = history.stiffness_history[:, history.iterated]
+    for step, (norm, k) in enumerate(zip(history.residual_norm, rows, strict=True)):
+        values = " ".join(f"{value:>{len(head)}.4e}" for value, head in zip(k, heads, strict=True))
+        say(f"{step:>4} {norm:>10.3e} {values}")
+    say(f"The paper's iteration{history.on_setup} {history.reason}.")
 
 
 @click.command()
-@config_argument
-@outside_option
+@common.config_argument
+@common.outside_option
 @click.option("--out", type=click.Path(path_type=Path), help="Posterior file; by default <case name>.nc.")
-@seed_option
-@resume_option
+@common.seed_option
+@common.resume_option
 def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> None:
-    """Sample a case and write the draws, without a report."""
-    case = load(config)
+    """Sample a case and write the draws, without a report.
+
+    \b
+    Examples:
+      jointbayes sample my_case.toml --out draws.nc
+      jointbayes sample my_case.toml --quiet --json
+    """
+    case = common.load(config)
     from jointbayes.errors import CaseError
     from jointbayes.report.kept_draws import save_draws
     from jointbayes.report.run_directory import require_room, room_of_run
@@ -126,36 +140,46 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
         kind = "a directory" if target.is_dir() else "no regular file"
         raise CaseError(f"{target}: found {kind}; expected a file; choose another --out")
     require_room(target, room_of_run(case.problem, case.sampler, report=False))
-    with unfinished("sample", config, out, target, seed, resume=resume) as kept:
-        posterior = draw(case, seed, kept)
+    with common.unfinished("sample", config, out, target, seed, resume=resume) as kept:
+        posterior = common.draw(case, seed, kept)
         save_draws(posterior, target)
-        note_written(target)
+        manner().written = target
         kept.discard()
-    print_summary(posterior)
+    common.print_summary(posterior)
+    if manner().json:
+        manner().result |= {**posterior.summary().to_json(), "draws": str(target)}
     say(f"Draws: {target}")
-    exit_by_convergence(posterior)
+    common.exit_by_convergence(posterior)
 
 
+@open_option
 @click.command()
 @click.argument("posterior", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
 def report(posterior: Path, out: Path | None) -> None:
-    """Write the report of a posterior file."""
-    from jointbayes.cli.progress_display import show_stage
-    from jointbayes.progress import Progress
+    """Write the report of a posterior file.
 
-    show_stage(Progress("reading the draws"), on_terminal_only=True)  # before the seconds that the rest takes to load
+    \b
+    Examples:
+      jointbayes report reports/my_case/posterior.nc --out reports/again
+    """
+    # before the seconds that the rest takes to load
+    show_stage(Progress("reading the draws", str(posterior)), on_terminal_only=not posterior.is_file())
     from jointbayes.report.kept_draws import draws_explained
     from jointbayes.report.run_directory import require_writable, write_run
     from jointbayes.workflow import load_posterior
 
     loaded = load_posterior(posterior)
-    target = out or Path("reports") / directory_name(loaded.record.case_name, posterior)
+    target = out or Path("reports") / common.directory_name(loaded.record.case_name, posterior)
     require_writable(target)
+    from jointbayes.report.inputs import ReportInputs
+
+    inputs = ReportInputs(loaded)
     with draws_explained(posterior, target):
-        note_written(write_run(loaded, target, show_stage))
-    say(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
-    exit_by_convergence(loaded)
+        manner().written = write_run(loaded, target, show_stage, inputs)
+    manner().result |= inputs.summary.to_json()
+    report_written(target)
+    common.exit_by_convergence(loaded)
 
 
 #: Formats of `export`, each with the endings that choose it.
@@ -185,6 +209,11 @@ def export(
     """Write predicted FRFs and modes (uff, mat, csv), or the joint as cards for FE programs, of a posterior file.
 
     POSTERIOR may be a run directory.
+
+    \b
+    Examples:
+      jointbayes export reports/my_case --to joint.bdf --units mm-N-t
+      jointbayes export posterior.nc --to frf.uff
     """
     from jointbayes.errors import CaseError
     from jointbayes.report.export import export as write
@@ -200,27 +229,38 @@ def export(
     numbers = {name: int(number) for name, _, number in pairs}
     for line in write(loaded, target, chosen, setup=setup, units=units, nodes=numbers, first_id=first_id):
         say(line)
+    manner().result |= {"written": str(target), "format": chosen}
     say(f"Written: {target} ({chosen})")
-    exit_by_convergence(loaded)
+    common.exit_by_convergence(loaded)
 
 
 @click.command()
-@config_argument
-@outside_option
-@seed_option
+@common.config_argument
+@common.outside_option
+@common.seed_option
 def check(config: Path, seed: int | None) -> None:
-    """Compare the posterior mode of a case with its [reference]: exit 0 where it matches, 1 where not."""
-    case = load(config)
+    """Compare the posterior mode of a case with its [reference]: exit 0 where it matches, 1 where not.
+
+    \b
+    Examples:
+      jointbayes check configs/clamped_beam.toml
+    """
+    case = common.load(config)
     from jointbayes.studies.reference_check import check_posterior, require_reference
 
     require_reference(case)
-    result = check_posterior(case, draw(case, seed))
+    result = check_posterior(case, common.draw(case, seed))
     say(f"{case.title}; seed {case.spec.sampling.seed if seed is None else seed}")
     for line in result.lines:
         mark, word = {True: ("ok  ", "expected"), False: ("FAIL", "expected"), None: ("info", "published")}[
             line.matches
         ]
         say(f"{mark} {line.subject}: {line.found}; {word}: {line.expected}")
+    lines = [
+        {"subject": row.subject, "found": row.found, "expected": row.expected, "matches": row.matches}
+        for row in result.lines
+    ]
+    manner().result |= {"matches": result.matches, "lines": lines}
     say("The posterior mode matches." if result.matches else "The posterior mode does NOT match.")
     if not result.matches:
-        sys.exit(NOT_MATCHED)
+        sys.exit(common.NOT_MATCHED)

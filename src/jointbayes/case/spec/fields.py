@@ -183,8 +183,8 @@ POINT_LABEL = r"(?:[A-Za-z][A-Za-z0-9_-]{0,59}\.)?(?:[1-9][0-9]{0,6}|[A-Za-z][A-
 
 def _label(text: str) -> str:
     if not re.fullmatch(POINT_LABEL + ":(x|y|z|rx|ry|rz)", text):
-        guess = re.fullmatch(r"\s*0*([1-9][0-9]{0,6})\W*([xyz]|r[xyz])\s*", text.lower())
-        remedy = f'did you mean "{guess[1]}:{guess[2]}"?' if guess else 'write for example "1:y"'
+        guess = re.fullmatch(r"\s*0*([1-9][0-9]{0,6})\W*(r|rot|theta|phi)?_?([xyz])\s*", text.lower())
+        remedy = f'did you mean "{guess[1]}:{"r" * bool(guess[2])}{guess[3]}"?' if guess else 'write for example "1:y"'
         expected = "a DOF label node:direction, nodes counted from 1, direction x, y, z, rx, ry or rz"
         raise_findings([Finding((), "", expected, remedy)])
     return text
@@ -362,4 +362,6 @@ def not_above(low: float, high: float, low_key: str, high_key: str, unit: str) -
     """Yield that the upper of two bounds does not lie above the lower one."""
     if high <= low:
         fault = f"found {high!r}, which is not above {low_key} = {low!r}"
-        yield Finding((high_key,), fault, f"a number greater than {low_key} {unit}".rstrip(), "correct one of the two")
+        yield Finding(
+            (high_key,), fault, f"a number greater than {low_key} {unit}".rstrip(), "exchange or correct them"
+        )

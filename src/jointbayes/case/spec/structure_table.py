@@ -22,6 +22,7 @@ from jointbayes.case.spec.fields import (
     not_negative,
     positive,
 )
+from jointbayes.case.toml_text import similar
 
 if TYPE_CHECKING:
     from jointbayes.structure import DampingLaw, Section, StructureRecipe
@@ -187,8 +188,14 @@ _SUPPORTS = key_field("a list of the DOFs held fixed", ["1:y"])
 _MASS = not_negative("the mass in g added at each measured translation", 2.0)
 #: Names of points: numbers from 1, or words.
 POINT = re.compile(r"[1-9][0-9]{0,6}|[A-Za-z][A-Za-z0-9_-]{0,59}")
+
+
+def _point_name(name: object) -> object:
+    return str(name) if type(name) is int else name
+
+
 #: The name of a point; a number stands for its digits.
-PointName = Annotated[str, BeforeValidator(lambda name: str(name) if type(name) is int else name)]
+PointName = Annotated[str, BeforeValidator(_point_name)]
 
 Absence = tuple[str, str, str]
 """What was found where a DOF does not exist, what is expected, and what to do."""
@@ -233,7 +240,8 @@ class StructureBase(Spec):
         point, _, direction = label.rpartition(":")
         names, ways = self.points_in_order, self.directions
         if point not in names:
-            remedy = f'write for example "{names[0]}:{direction}"' if names else "state the points"
+            near = similar(point, names) or next((name for name in names if name.endswith(f".{point}")), "")
+            remedy = f'did you mean "{near}:{direction}"?' if near else "correct the point"
             return f'"{label}": there is no point {point}', f"one of {listed(names)}", remedy
         if direction not in ways:
             return f'"{label}": no direction {direction}', f"one of {', '.join(ways)}", "choose one of these"

@@ -1,0 +1,315 @@
+"""How commands speak: one JSON object, quietly, in lines that are not endless; what their help shows can be typed."""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+
+import click
+import pytest
+from click.testing import CliRunner
+
+import jointbayes as jb
+from jointbayes.case.json_schema import case_schema
+from jointbayes.cli import progress_display
+from jointbayes.cli.commands import main
+from jointbayes.cli.output import LONGEST, shortened, source_lines
+from tests.conftest import CONFIGS, cheap_text, edited, plain_reports, without_stages
+
+MINIMAL = CONFIGS.parent / "src" / "jointbayes" / "cli" / "minimal.toml"
+SHIPPED = [*sorted(CONFIGS.glob("*.toml")), MINIMAL]
+COMMANDS = sorted(main.commands)
+
+
+def typed(*arguments):
+    result = CliRunner().invoke(main, [str(a) for a in arguments])
+    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
+    return result
+
+
+@pytest.fixture
+def case(tmp_path, monkeypatch, cheap_posterior):
+    """The cheap case as a file, in a directory of its own, with draws that are there already."""
+    monkeypatch.setattr("jointbayes.workflow.sample", lambda *_, **__: cheap_posterior)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "clamp.toml").write_text(cheap_text(), encoding="utf-8")
+    return "clamp.toml"
+
+
+# ---- JSON, quiet, open
+
+
+def test_every_command_prints_one_json_object_if_asked_and_only_open_opens(
+    case, tmp_path, monkeypatch, cheap_posterior
+):
+    opened = []
+    monkeypatch.setattr(click, "launch", opened.append)
+    cheap_posterior.save(tmp_path / "draws.nc")
+    (tmp_path / "tip.csv").write_text(
+        "frequency [Hz],real tip / hammer [m/N],imaginary\n" + "".join(f"{20 + i},1e-6,-1e-8\n" for i in range(60)),
+        encoding="utf-8",
+    )
+    keys = {
+        "init my_case.toml": {"case", "questions"},
+        f"validate {case}": {"cases"},
+        f"identify {case} --paper": {"map", "paper"},
+        f"sample {case} --out new.nc": {"parameters", "converged", "draws"},
+        f"check {case}": {"matches", "lines"},
+        f"run {case} --out out": {"parameters", "converged", "report"},
+        "report draws.nc --out again --open": {"parameters", "converged", "report"},
+        "export draws.nc --to joint.bdf": {"written", "format"},
+        f"simulate {CONFIGS / 'virtual_test.toml'} --out test.uff": {"files"},
+        "inspect tip.csv": {"channels", "resonances", "doubts"},
+    }
+    with plain_reports():
+        for line, expected in keys.items():
+            result = typed(*shlex.split(line), "--json")
+            told = json.loads(result.stdout)
+            assert told["command"] == line.split()[0]
+            assert (told["exit_code"], result.exit_code) == (0, 0), line
+            assert expected | {"messages", "warnings", "errors"} <= told.keys(), line
+            assert all(len(message) <= LONGEST for message in told["messages"]), line
+    assert opened == ["again/report.html"]
+    assert set(COMMANDS) - {line.split()[0] for line in keys} == {"calibrate", "campaign", "compare", "plan", "schema"}
+    assert json.loads(typed("schema", "--json").stdout) == json.loads(typed("schema").stdout) == case_schema()
+
+
+def test_json_of_a_command_that_fails_says_where_and_why(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.toml").write_text(edited(cheap_text(), ("length_mm = 383.0", "length_mm = -1")), encoding="utf-8")
+    result = typed("run", "bad.toml", "--json")
+    told = json.loads(result.stdout)
+    (error,) = told["errors"]
+    line = 1 + cheap_text()[: cheap_text().index("length_mm")].count("\n")
+    assert (told["exit_code"], error["file"], error["line"]) == (2, "bad.toml", line)
+    assert error["key"] == "structure.length_mm"
+    assert error["message"].startswith("found -1; expected")
+
+
+def test_quiet_says_no_progress_and_all_the_rest(case):
+    loud, quiet = typed("identify", case), typed("identify", case, "--quiet")
+    assert loud.stdout == quiet.stdout
+    assert len(loud.stderr.splitlines()) >= 2
+    assert quiet.stderr == ""
+    (slip,) = typed("identify", "none.toml", "--quiet").stderr.splitlines()
+    assert "no such file" in slip
+
+
+def test_every_command_that_writes_a_report_can_open_it():
+    writes_reports = {"run", "report", "compare", "plan", "campaign", "calibrate"}
+    assert writes_reports == {name for name in COMMANDS if "--open" in typed(name, "--help").output}
+
+
+# ---- progress
+
+#: Ends a process as it begins to load NumPy, with a code of its own.
+BEFORE_NUMPY = """
+import os, sys
+class Stop:
+    def find_spec(name, path=None, target=None):
+        if name == "numpy":
+            sys.stderr.flush()
+            os._exit(7)
+sys.meta_path.insert(0, Stop)
+from jointbayes.cli.commands import main
+main(sys.argv[1:])
+"""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *(
+            f"{command} clamp.toml"
+            for command in ("run", "identify", "sample", "plan", "compare", "calibrate", "check")
+        ),
+        "campaign clamp.toml",
+        "validate clamp.toml",
+        "report draws.nc",
+        "inspect tip.csv",
+    ],
+)
+def test_what_is_done_is_named_before_anything_heavy_is_loaded(tmp_path, line):
+    (tmp_path / "clamp.toml").write_text(cheap_text(), encoding="utf-8")
+    for name in ("draws.nc", "tip.csv"):
+        (tmp_path / name).write_text("here", encoding="utf-8")
+    command = [sys.executable, "-c", BEFORE_NUMPY, *line.split()]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 7
+    assert re.fullmatch(r" *\d+\.\d s  (reading|loading) [^\n]+\n", done.stderr)
+
+
+def test_a_terminal_shows_progress_in_one_line_that_is_gone_at_the_end(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with progress_display.show_progress() as report:
+        report(jb.Progress("searching for the mode", done=3, total=9, unit="starts"))
+        report(jb.Progress("sampling"))
+    shown = capsys.readouterr().err
+    assert "\n" not in shown
+    parts = shown.split("\r")
+    seen = list(dict.fromkeys(part.partition(" s  ")[2].rstrip() for part in parts if part.strip()))
+    assert seen == ["searching for the mode: 3 of 9 starts", "sampling"]
+    assert parts[-1] == ""
+    assert "\x1b" not in shown  # no colours and no other codes, whatever NO_COLOR says
+
+
+# ---- help
+
+
+def examples():
+    for name in COMMANDS:
+        _, _, rest = typed(name, "--help").output.partition("Examples:\n")
+        yield from ((name, line.strip()) for line in rest.split("\n\n")[0].splitlines())
+
+
+def test_every_command_has_examples_in_its_help_that_can_be_typed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shown = list(examples())
+    assert {name for name, _ in shown} == set(COMMANDS)
+    for name, line in shown:
+        program, command, *arguments = shlex.split(line.partition(" > ")[0])
+        assert (program, command) == ("jointbayes", name)
+        parsed = main.commands[name].make_context(name, arguments)  # options that are unknown or wrong are refused here
+        assert parsed.info_name == name
+
+
+# ---- lengths
+
+
+def test_what_is_too_long_loses_what_was_expected_and_keeps_where_and_the_remedy():
+    names = ", ".join(f"name_{i}" for i in range(60))
+    text = f"a.toml:3: key: found 'x'; expected one of {names}; did you mean \"name_1\"? rename it"
+    short = shortened(text)
+    assert len(short) <= LONGEST < len(text)
+    assert short.startswith("a.toml:3: key: found 'x'; expected one of name_0, ")
+    assert short.endswith(' …; did you mean "name_1"? rename it')
+    assert shortened(short) == short
+    assert shortened(f"/{'deep/' * 60}a.toml:3: key: found 1; expected 2; do").endswith("found 1; expected 2; do")
+
+
+# ---- validate
+
+
+@pytest.mark.docs
+def test_validate_says_what_was_understood_of_every_shipped_case():
+    result = typed("validate", *SHIPPED)
+    assert result.exit_code == 0
+    doubt, remedy = without_stages(result.stderr)
+    assert remedy.startswith("    export the coherence as well")
+    assert "there is no" in doubt  # coherence in the file of the measured spindle
+    heads = [line for line in result.stdout.splitlines() if not line.startswith(" ")]
+    assert [head.partition(": valid, ")[0] for head in heads] == [str(path) for path in SHIPPED]
+    assert max(map(len, result.stdout.replace(f"{CONFIGS}/", "").splitlines())) <= LONGEST
+    for part in ("structure: ", "joint: ", "data: ", "unknown: "):
+        assert result.stdout.count(f"\n  {part}") >= 5, part
+
+
+def test_validate_shows_all_faults_of_all_files_with_their_lines_underlined(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    slips = (("length_mm = 383.0", "lenght_mm = 383.0"), ("diameter_mm = 25.0", 'diameter_mm = "25"'))
+    (tmp_path / "bad.toml").write_text(edited(cheap_text(), *slips), encoding="utf-8")
+    (tmp_path / "good.toml").write_text(cheap_text(), encoding="utf-8")
+    result = typed("validate", "bad.toml", "good.toml", "missing.toml")
+    assert result.exit_code == 2
+    assert result.stdout.startswith("good.toml: valid, no warnings; ")
+    told = without_stages(result.stderr)
+    assert [line.split(": ")[1 if line.startswith("jointbayes") else 0] for line in told if ".toml:" in line] == [
+        *(f"bad.toml:{1 + cheap_text()[: cheap_text().index(old)].count(chr(10))}" for old, _ in slips),
+        "missing.toml:1",
+    ]
+    at = next(i for i, line in enumerate(told) if "lenght_mm" in line)
+    number, _, row = told[at + 1].partition(" | ")
+    assert row.startswith("lenght_mm = 383.0")
+    assert told[at + 2] == f"{'':>{len(number)}} | " + "^" * len("lenght_mm = 383.0")
+    files = json.loads(typed("validate", "bad.toml", "good.toml", "--json").stdout)
+    assert [entry["valid"] for entry in files["cases"]] == [False, True]
+    assert len(files["errors"]) == 2
+
+
+def test_validate_tells_of_values_that_are_probably_slips(tmp_path):
+    path = tmp_path / "slip.toml"
+    path.write_text(edited(cheap_text(), ("length_mm = 383.0", "length_mm = 0.383")), encoding="utf-8")
+    result = typed("validate", path)
+    assert (result.exit_code, f"{path}: valid, warnings: 1; " in result.stdout) == (0, True)
+    (warning,) = json.loads(typed("validate", path, "--json").stdout)["warnings"]
+    assert (warning["key"], warning["line"] > 1) == ("structure.length_mm", True)
+    assert "structure.length_mm: found 0.383: shorter than its section is thick" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("row", "key", "message", "marked"),
+    [
+        ("[structure]", "structure.length_mm", "missing", "[structure]"),
+        ("noise = { relative = 300, floor = 0.01 }", "data.noise.relative", "found 300", "relative = 300"),
+        ('  inputs = ["11:y", "12:y"] # tip', "data.inputs", "found 2", 'inputs = ["11:y", "12:y"]'),
+        ('\t"12:y",', "data.inputs", 'found "12:y" as entry 2', '"12:y",'),
+        ("title = 'a\x1b[31m'", "title", "found", "title = 'a\\x1b[31m'"),
+        ("", "title", "found", ""),
+    ],
+)
+def test_the_line_of_a_fault_is_shown_with_its_key_and_value_underlined(
+    tmp_path, monkeypatch, row, key, message, marked
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.toml").write_text(f"first = 1\n{row}\n", encoding="utf-8")
+    shown, carets = source_lines(f"jointbayes: a.toml:2: {key}: {message}; expected more; do it")
+    assert shown.startswith("     2 | ")
+    assert shown.isprintable()
+    begin, count = carets.find("^"), carets.count("^")
+    assert (shown[begin : begin + count] if count else "") == marked
+    assert source_lines("jointbayes: a.toml:9: key: found") == source_lines("no place") == []
+
+
+# ---- schema
+
+
+@pytest.fixture(scope="module")
+def schema():
+    package = pytest.importorskip("jsonschema", reason="the package jsonschema checks the schema of case files")
+    package.Draft202012Validator.check_schema(case_schema())
+    return package.Draft202012Validator(case_schema())
+
+
+@pytest.mark.docs
+def test_the_schema_takes_every_shipped_case(schema):
+    for path in SHIPPED:
+        faults = list(schema.iter_errors(tomllib.loads(path.read_text(encoding="utf-8"))))
+        assert not faults, (path.name, [fault.message[:200] for fault in faults])
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("length_mm", "lenght_mm"),
+        ("length_mm = 383.0", 'length_mm = "383"'),
+        ("length_mm = 383.0", "length_mm = -383.0"),
+        ("length_mm = 383.0", ""),
+        ("elements = 10", "elements = 10.5"),
+        ('law = "modal"', 'law = "hysteretic"'),
+        ("ratio = 0.01", 'ratio = "mesured"'),
+        ('kind = "synthetic_frf"', 'kind = "frf"'),
+        ('dofs = ["1:y", "1:rz"]', 'dofs = "1:y"'),
+        ("walkers = 48", "walkers = 48\nwalker = 3"),
+    ],
+)
+def test_the_schema_refuses_what_the_program_refuses(schema, old, new):
+    text = edited((CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8"), (old, new))
+    with pytest.raises(jb.CaseError):
+        jb.case_from_text("case", text)
+    assert not schema.is_valid(tomllib.loads(text))
+
+
+def test_every_key_of_the_schema_is_described_and_its_unit_is_in_the_description():
+    units = {"mm": "mm", "hz": "Hz", "gpa": "GPa", "g": " g", "kg": "kg", "s": " s", "percent": "percent"}
+    whole = case_schema()
+    described = 0
+    for name, table in {"the file": whole, **whole["$defs"]}.items():
+        for key, words in table.get("properties", {}).items():
+            assert words.get("description"), (name, key)
+            unit = units.get(re.sub(r".*_", "", key)) if "_" in key and "_per_" not in key else None
+            if unit and "null" not in json.dumps(words):
+                assert unit in words["description"], (name, key, words["description"])
+                described += 1
+    assert described > 50
