@@ -17,14 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
-from benchmarks import example_data, example_sketch
+from benchmarks import example_data
 from jointbayes.frf import Ports
 from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.report.canvas import extremes, logarithmic, panels, svg
-from jointbayes.report.model import SERIES_COLOURS
-from jointbayes.report.sections.fit_to_data import frf_unit
+from jointbayes.report.frf_curves import frf_unit
+from jointbayes.report.line_plot import SERIES_COLOURS
+from jointbayes.report.structure_sketch import sketch
 
 Kept = dict[str, Any]
 
@@ -100,7 +101,7 @@ def _short(values: NDArray[np.float64]) -> list[float]:
 
 def structure(name: str) -> str:
     """What is where: bodies, joints, sensors and forces."""
-    return example_sketch.sketch(jb.load_case(ROOT / "configs" / f"{name}.toml"))
+    return sketch(jb.load_case(ROOT / "configs" / f"{name}.toml").problem.parts[0])
 
 
 def fit(name: str) -> str:

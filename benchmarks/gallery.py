@@ -12,7 +12,7 @@ import numpy as np
 import jointbayes as jb
 from benchmarks.quoted import OBJECTIVES, ROOT, stiffnesses
 from jointbayes.report.canvas import panels, svg
-from jointbayes.report.model import SERIES_COLOURS
+from jointbayes.report.line_plot import SERIES_COLOURS
 
 #: Cases of the page, in its order.
 CASES = (

@@ -184,7 +184,7 @@ def run_compare() -> dict[str, Any]:
 
 
 def run_iteration(name: str, changes: tuple[tuple[str, str], ...]) -> dict[str, Any]:
-    """What `identify` prints, and how far the paper's iteration ends from the truth, %."""
+    """What `identify --paper` prints, and how far the paper's iteration ends from the truth, %."""
     text = read_case_text(CONFIGS / f"{name}.toml").text  # with that of the case it builds on
     truth = tomllib.loads(text)["data"]["truth"]
     for old, new in changes:
@@ -194,7 +194,7 @@ def run_iteration(name: str, changes: tuple[tuple[str, str], ...]) -> dict[str, 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.toml"
         path.write_text(text, encoding="utf-8")
-        _, printed = command(Path(folder), "identify", path.name)
+        _, printed = command(Path(folder), "identify", path.name, "--paper")
     last = [line for line in printed if re.match(r" *\d+ ", line)][-1].split()
     off = {k: _short(100 * (float(value) / truth[k] - 1)) for k, value in zip(STIFFNESSES, last[2:], strict=True)}
     return {"printed": printed, "steps": int(last[0]), "off_percent": off}

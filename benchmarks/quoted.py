@@ -7,6 +7,7 @@ of blocks are the keys of `BLOCKS`.
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ OBJECTIVES: dict[str, dict[str, tuple[float, ...]]] = {
 INLINE = re.compile(r"<!--n ([\w.]+)(?: ([\w.%+]+))?-->(.*?)<!--/n-->")
 BLOCK = re.compile(r"^<!--numbers ([^\n]*?)-->\n.*?^<!--/numbers-->$", re.MULTILINE | re.DOTALL)
 MINUS = "\N{MINUS SIGN}"
+_MOST_LISTED = 4  # stiffnesses of a case in the table of all cases
 
 
 def pages() -> list[Path]:
@@ -104,7 +106,7 @@ def _identify(record: Record, name: str, part: str = "all") -> list[str]:
     """All lines or those of the iteration, but of many steps only the first nine and the last."""
     lines = record["identify"][name]["printed"]
     if part == "iteration":
-        lines = lines[: next(i for i, line in enumerate(lines) if line.startswith("The paper's iteration")) + 1]
+        lines = lines[next(i for i, line in enumerate(lines) if line.startswith("step")) :]
     steps = [i for i, line in enumerate(lines) if re.match(r" *\d+ ", line)]
     if len(steps) > 12:
         lines = [*lines[: steps[9]], "   …", *lines[steps[-1] :]]
@@ -191,10 +193,11 @@ def _cases(record: Record) -> list[str]:
     """Every case that can be run: what it is, and what came out."""
     lines = ["| File | What it is | Median and 95 % credible interval | Model explains the data |", "|---|---|---|---|"]
     for name, case in record["cases"].items():
-        found = "; ".join(
-            f"{k} {_median(case[k])} {case[k]['unit']} ({_ends(case[k])}): {case[k]['words']}"
-            for k in stiffnesses(case)
-        )
+        names = stiffnesses(case)
+        each = (f"{k} {_median(case[k])} {case[k]['unit']} ({_ends(case[k])}): {case[k]['words']}" for k in names)
+        counts = Counter(case[k]["verdict"] for k in names)
+        many = ", ".join(f"{count} of {len(names)} stiffnesses {verdict}" for verdict, count in counts.items())
+        found = many if len(names) > _MOST_LISTED else "; ".join(each)
         lines.append(f"| `{name}.toml` | {case['title']} | {found} | {'yes' if case['explains'] else 'no'} |")
     return lines
 

@@ -61,7 +61,7 @@ def _rows(name: str, top: float, record: Record, prior: dict[str, Any]) -> list[
             _bar(y + 5, ROW - 10, (entry["low"] / truth, entry["high"] / truth), colour),
             f'<circle cx="{_x(entry["median"] / truth):.1f}" cy="{y + ROW / 2}" r="3" fill="white" stroke="{colour}" '
             'stroke-width="2"/>',
-            _text(RIGHT + 12, y + 14, f"{interval}: {entry['words']}", f'fill="{colour}"'),
+            _text(RIGHT + 12, y + 14, f"{interval}: {entry['verdict']}", f'fill="{colour}"'),
         ]
     return lines
 

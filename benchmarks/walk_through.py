@@ -1,9 +1,10 @@
 """The walk-throughs of the documentation, each command run and its output written: `python -m benchmarks.walk_through`.
 
 A page is read from its top: the commands of a ``console`` block are run in an empty directory that holds the files of
-`FILES`, and what they print takes the place of what stands there; the lines of a ``toml`` block marked with
-``<!--answers-->`` take the place of the lines of my_case.toml that begin alike. The beam behind the files is exact,
-without a mesh. `--files DIRECTORY` writes the files, for a reader who wants to follow.
+`FILES`, and what they print takes the place of what stands there. The lines of a ``toml`` block with a comment
+``answers`` before it take the place of the lines of my_case.toml that begin alike, those of one with ``added`` go to
+its end. The beam behind the files is exact, without a mesh. `--files DIRECTORY` writes the files, for a reader who
+wants to follow; pages that are named are written alone.
 """
 
 import argparse
@@ -21,7 +22,7 @@ from benchmarks.numbers import ROOT, command
 from jointbayes.measurement.formats import write_records
 from jointbayes.measurement.records import FrfRecord
 
-PAGES = (ROOT / "docs" / "first-file.md", ROOT / "docs" / "first-hits.md")
+PAGES = tuple(ROOT / "docs" / f"{name}.md" for name in ("tutorial", "my-csv", "first-file", "first-hits"))
 TRUTH = ExactBeam(
     0.383, circle(0.025, 0.3), 2.1e11, 0.3, 7800.0, {1: 0.0, 6: 0.1915, 11: 0.383}, (5.05e9, 3.44e7, 1.52e6)
 )
@@ -30,13 +31,18 @@ G, LBF = 9.80665, 4.4482216152605
 #: Cards of a file that is shown begin with a dollar as well.
 _PROMPT = r"^(?=\$ (?:jointbayes|cat) )"
 #: Commands that take minutes: their output is compared by nobody but the next build.
-_LONG = ("run", "export")
+_LONG = ("identify", "run", "export")
+
+
+def exact_accelerance(lines: np.ndarray, output: str = "11:y", loss_factor: float = 0.02) -> np.ndarray:
+    """Accelerance over a force at the tip without noise, shape (lines,)."""
+    return -((2 * np.pi * lines) ** 2) * TRUTH.receptance(lines, (output,), ("11:y",), loss_factor=loss_factor)[:, 0, 0]
 
 
 def accelerance(lines: np.ndarray, output: str = "11:y", seed: int = 1) -> np.ndarray:
-    """Accelerance over a force at the tip, with the noise that the averages of a coherence leave, shape (lines,)."""
+    """The same with the noise that the averages of a coherence leave, shape (lines,)."""
     rng = np.random.default_rng(seed)
-    exact = -((2 * np.pi * lines) ** 2) * TRUTH.receptance(lines, (output,), ("11:y",), loss_factor=0.02)[:, 0, 0]
+    exact = exact_accelerance(lines, output)
     sd = np.abs(exact) * np.sqrt((1 - COHERENCE) / COHERENCE / (AVERAGES - 1) / 2)
     return exact + sd * (rng.standard_normal(lines.size) + 1j * rng.standard_normal(lines.size))
 
@@ -97,7 +103,21 @@ def write_lvm(path: Path) -> None:
     path.write_text("\n".join(text), encoding="utf-8")
 
 
+def write_csv(path: Path) -> None:
+    """The FRF at the tip as a table, without coherence: each mode below 20 kHz damped by 1 %, noise of 2 % of |H|."""
+    rng, lines, modes = np.random.default_rng(2), np.arange(20.0, 2400.0, 4.0), TRUTH.modes(2e4)
+    omega, shape = modes.omega[:, None], modes.shapes[:, TRUTH.index(["11:y"])[0], None]
+    stiff = omega**2 - (2 * np.pi * lines) ** 2
+    damped = shape**2 * (1 / (stiff + 0.02j * omega * 2 * np.pi * lines) - 1 / stiff)
+    exact = exact_accelerance(lines, loss_factor=0.0) - (2 * np.pi * lines) ** 2 * damped.sum(axis=0)
+    noise = rng.standard_normal(lines.size) + 1j * rng.standard_normal(lines.size)
+    values = exact + 0.02 * np.abs(exact) / np.sqrt(2) * noise
+    rows = (f"{f:g},{h.real:.6g},{h.imag:.6g}" for f, h in zip(lines, values, strict=True))
+    path.write_text("\n".join(["Frequency (Hz),Real (m/s^2/N),Imaginary (m/s^2/N)", *rows]) + "\n", encoding="utf-8")
+
+
 FILES: dict[str, Callable[[Path], None]] = {
+    "tip.csv": write_csv,
     "tip.uff": lambda path: write_frfs(
         path, np.arange(20.0, 2400.0, 4.0), "uff58b", (("Point:3:Z+", "11:y"), ("Point:2:Z+", "6:y"))
     ),
@@ -114,14 +134,14 @@ def made(page: str, *, long: bool) -> str:
                 write(folder / name)
 
         def replaced(block: re.Match[str]) -> str:
-            if block["answers"]:
-                _answer(folder / "my_case.toml", block["body"])
+            if block["mark"]:
+                (_answer if block["mark"] == "answers" else _add)(folder / "my_case.toml", block["body"])
                 return block[0]
             return f"```console\n{_console(block['body'], folder, long)}```"
 
         return re.sub(
-            r"(?P<answers><!--answers-->\n)?```(?:console|toml)\n(?P<body>.*?)```",
-            lambda b: replaced(b) if b["answers"] or b[0].startswith("```console") else b[0],
+            r"(?:<!--(?P<mark>answers|added)-->\n)?```(?:console|toml)\n(?P<body>.*?)```",
+            lambda b: replaced(b) if b["mark"] or b[0].startswith("```console") else b[0],
             page,
             flags=re.DOTALL,
         )
@@ -135,6 +155,10 @@ def _answer(case: Path, lines: str) -> None:
         if count != 1:
             raise SystemExit(f"{case.name}: found {count} lines {start!r}; expected one")
     case.write_text(text, encoding="utf-8")
+
+
+def _add(case: Path, lines: str) -> None:
+    case.write_text(f"{case.read_text(encoding='utf-8')}\n{lines}", encoding="utf-8")
 
 
 def _console(body: str, folder: Path, long: bool) -> str:
@@ -160,14 +184,16 @@ def main() -> None:
     """Write the pages, or the files that they begin with."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--files", type=Path, help="directory to write the files of the walk-throughs into")
+    parser.add_argument("--short", action="store_true", help="leave what commands that take long have printed")
+    parser.add_argument("page", nargs="*", type=Path, default=PAGES, help="by default all walk-throughs")
     options = parser.parse_args()
     if options.files:
         for name, write in FILES.items():
             write(options.files / name)
         return
-    for page in PAGES:
-        page.write_text(made(page.read_text(encoding="utf-8"), long=True), encoding="utf-8")
-        print(f"written: {page.relative_to(ROOT)}")
+    for page in options.page:
+        page.write_text(made(page.read_text(encoding="utf-8"), long=not options.short), encoding="utf-8")
+        print(f"written: {page.name}")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 import ast
 import importlib
-import json
 import re
 import subprocess
 import sys
@@ -10,14 +9,10 @@ import tomllib
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
-from benchmarks import example_figures, gallery
-from pydantic import BaseModel
-from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
+from benchmarks import example_figures, gallery, reference_pages, report_gallery
 
 import jointbayes as jb
 from jointbayes.case.spec.whole import CaseSpec
@@ -25,6 +20,7 @@ from jointbayes.cli.commands import main
 from jointbayes.joint import COORDINATES
 from jointbayes.posterior import Posterior, RunRecord, package_versions, summarise
 from jointbayes.posterior.storage import draws_tree
+from jointbayes.report import contents
 from jointbayes.sampling import Draws
 from tests.conftest import CONFIGS, TABLE_3, edited, shipped_text
 
@@ -42,31 +38,6 @@ def _sections(page: Path) -> Iterator[tuple[str, str]]:
     """Give heading and text of each section of the second level."""
     parts = HEADING.split(page.read_text(encoding="utf-8"))
     yield from zip(parts[1::2], parts[2::2], strict=True)
-
-
-def _models(annotation: object) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for part in get_args(annotation) for model in _models(part)]
-
-
-def _schema_keys(model: type[BaseModel], table: str = "") -> Iterator[tuple[str, str, FieldInfo]]:
-    """Give table, key and field of every plain key of the schema."""
-    for key, field in model.model_fields.items():
-        inner = _models(field.annotation)
-        if not inner:
-            yield table, key, field
-        for one in inner:
-            yield from _schema_keys(one, f"{table}.{key}".lstrip("."))
-
-
-def _default(field: FieldInfo) -> str:
-    if field.default is PydanticUndefined:
-        return "required"
-    if field.default is None:
-        return "none"
-    # JSON writes 1e-8 as 1e-08
-    return re.sub(r"e-0(\d)$", r"e-\1", json.dumps(field.default))
 
 
 def _documented_keys() -> dict[tuple[str, str], str]:
@@ -92,10 +63,10 @@ def _said_elsewhere(table: str, key: str) -> bool:
 
 def test_every_key_of_the_case_file_is_documented_in_its_table_with_its_default():
     expected: dict[tuple[str, str], set[str]] = {}
-    for table, key, field in _schema_keys(CaseSpec):
+    for table, key, field in reference_pages.keys_of(CaseSpec):
         if _said_elsewhere(table, key):
             continue
-        expected.setdefault((table, key), set()).add(_default(field))
+        expected.setdefault((table, key), set()).add(reference_pages.default_of(field))
     stated = _documented_keys()
     assert stated.keys() == expected.keys()
     assert {k: d for k, d in stated.items() if d not in expected[k]} == {}
@@ -151,8 +122,6 @@ def test_every_command_and_option_shown_exists(page):
         assert command in main.commands, f"jointbayes {command}"
         known = {name for option in main.commands[command].params for name in option.opts}
         assert set(re.findall(r"(?<!\S)--[a-z-]+", rest)) <= known, f"jointbayes {command}{rest}"
-    if page == README:
-        assert {command for command, _ in shown} == set(main.commands)
 
 
 def _code(page: Path) -> str:
@@ -167,7 +136,6 @@ def _code(page: Path) -> str:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_python_block_compiles_and_uses_public_names_that_exist(page):
     blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    assert blocks or page != README
     for block in blocks:
         for node in ast.walk(ast.parse(block)):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
@@ -206,8 +174,17 @@ def test_every_case_file_and_page_named_exists(page):
         assert (ROOT / name).is_file(), name
     drawn = example_figures.named()
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
-        made = drawn if page.parent == DOCS / "examples" else {gallery.FIGURE}
+        made = drawn if page.parent == DOCS / "examples" else {gallery.FIGURE, *reference_pages.PAGES}
         assert (page.parent / target).exists() or target in made, target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_heading_that_a_link_names_is_there(page):
+    for target, anchor in re.findall(r"\]\(([^)#:]*)#([^)]+)\)", page.read_text(encoding="utf-8")):
+        there = page.parent / target if target else page
+        if there.is_file():
+            headings = re.findall(r"^#+ +(.*)$", there.read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in map(reference_pages.anchor_of, headings), f"{target}#{anchor}"
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.name)
@@ -222,13 +199,16 @@ def test_every_module_and_python_file_named_exists(page):
             place = getattr(place, part, None) or importlib.import_module(f"{place.__name__}.{part}")
 
 
-def test_the_readme_states_the_exit_codes_of_the_command_line():
+def test_the_page_on_exit_codes_has_those_of_the_command_line():
     from jointbayes.cli import common as cli
 
-    text = README.read_text(encoding="utf-8")
-    assert f"**{cli.NOT_MATCHED}** the check does not match" in text
-    assert f"**{cli.BAD_INPUT}** bad input" in text
-    assert f"**{cli.NOT_CONVERGED}** the sampler has not converged" in text
+    page = (DOCS / "exit-codes-and-errors.md").read_text(encoding="utf-8")
+    stated = {int(code) for code in re.findall(r"^\| (\d+) \|", page, re.MULTILINE)}
+    stopped = {cli.INTERRUPTED, cli.OUTPUT_CLOSED, cli.TERMINATED}
+    assert stated == {0, cli.NOT_MATCHED, cli.CASES_FAILED, cli.BAD_INPUT, cli.NOT_CONVERGED} | stopped
+    assert f"| {cli.NOT_MATCHED} | the check does not match" in page
+    assert f"| {cli.BAD_INPUT} | bad input" in page
+    assert f"| {cli.NOT_CONVERGED} | the sampler has not converged" in page
 
 
 def test_the_versions_of_a_run_name_every_dependency_that_computes_or_draws():
@@ -238,26 +218,74 @@ def test_the_versions_of_a_run_name_every_dependency_that_computes_or_draws():
     assert package_versions().keys() == needed - without_numbers | {"python", "jointbayes"}
 
 
-def test_readme_and_first_page_say_the_same_about_what_is_missing():
-    first, readme = ((DOCS / "index.md"), README)
-    heading = "What it does not do yet"
-    here, there = (dict(_sections(page))[heading].strip() for page in (first, readme))
-    assert here == there.replace("](docs/", "](")
+def test_the_readme_is_one_screen_with_a_picture_and_leads_on():
+    text = README.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 60
+    assert text.count("![") == 1
+    assert len(re.findall(r"\]\(docs/[\w/-]+\.md", text)) >= 12
 
 
-def test_the_readme_shows_the_case_that_init_writes():
+def test_the_page_made_from_the_command_line_has_every_command_and_option():
+    page = reference_pages.command_line()
+    sections = dict(re.findall(r"^## jointbayes (\w+)\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL))
+    assert set(sections) == set(main.commands)
+    for name, command in main.commands.items():
+        options = {option for parameter in command.params for option in parameter.opts if option.startswith("--")}
+        assert [option for option in options if option not in sections[name]] == [], name
+
+
+def test_the_page_of_all_keys_has_every_key_that_is_described():
+    rows = re.findall(r"^\| \[`(\w+)`\]\S+ \| (.*?) \|", reference_pages.case_keys(), re.MULTILINE)
+    listed = {(table, key) for key, tables in rows for table in re.findall(r"`\[([\w.]+)\]`", tables) or [""]}
+    assert listed == set(_documented_keys())
+
+
+def test_the_gallery_shows_a_small_picture_of_each_report_that_it_names():
+    shown, text = report_gallery.shown(), (DOCS / "gallery.md").read_text(encoding="utf-8")
+    pictures = {path.stem: path for path in report_gallery.FOLDER.iterdir()}
+    assert len(shown) == text.count("![") == 8
+    assert set(pictures) == set(shown)
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in pictures.values())
+    assert sum(path.stat().st_size for path in pictures.values()) < 1_000_000
+
+
+def test_the_page_on_the_report_has_its_pages_in_their_order():
+    headings = [heading for heading, _ in _sections(DOCS / "reading-the-report.md")]
+    assert headings == ["Page one", *(title for _, title, *_ in contents.PAGES), "Appendix"]
+
+
+def test_the_first_case_that_is_shown_says_what_has_no_default_and_no_more():
     written = (ROOT / "src" / "jointbayes" / "cli" / "minimal.toml").read_text(encoding="utf-8")
-    assert f"```toml\n{written}```\n" in README.read_text(encoding="utf-8")
     lines = [line for line in written.splitlines() if line and not line.startswith("#")]
     assert 10 <= len(lines) <= 15
 
 
-def test_the_quick_start_lists_every_case_of_the_repository():
-    listed = dict(_sections(DOCS / "quickstart.md"))["The cases in `configs/`"]
+def test_the_list_of_cases_has_every_case_of_the_repository():
+    listed = (DOCS / "cases.md").read_text(encoding="utf-8")
     named = re.findall(r"`(\w+\.toml)`", listed)
     assert sorted(set(named)) == sorted(path.name for path in CONFIGS.glob("*.toml"))
     rows = re.findall(r"^\| `(\w+\.toml)` \|", listed, re.MULTILINE)
     assert sorted([*rows, "virtual_test.toml"]) == sorted(path.name for path in CONFIGS.glob("*.toml"))
+
+
+def test_every_page_is_in_the_navigation_once_and_behind_its_links():
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:\n")[1]
+    listed = re.findall(r": ([\w/-]+\.md)$", navigation, re.MULTILINE)
+    pages = [page.relative_to(DOCS).as_posix() for page in PAGES if page != README]
+    assert sorted(listed) == sorted([*pages, *reference_pages.PAGES])
+    top = re.findall(r"^  - (.*?):", navigation, re.MULTILINE)
+    assert top == ["Start", "Tutorial", "How to", "Explanation", "Reference"]
+
+
+def test_the_reasons_that_the_how_to_explains_are_those_of_the_verdicts():
+    sources = (ROOT / "src" / "jointbayes" / "posterior").glob("*.py")
+    written = " ".join(path.read_text(encoding="utf-8") for path in sources)
+    section = dict(_sections(DOCS / "not-identified.md"))["2. Read the reason"]
+    reasons = [row.split("|")[1] for row in section.splitlines() if row.startswith("| ")][1:]
+    assert len(reasons) >= 6
+    for reason in reasons:
+        for words in filter(None, map(str.strip, re.split("…|, more than 3", reason))):
+            assert words.strip("% ") in written, words
 
 
 def test_the_errors_shown_are_those_of_the_slips_described(tmp_path, monkeypatch):

@@ -1,0 +1,209 @@
+"""Blocks that a reader may copy: TOML is a case or a part of one, and the lines of a shell are commands that there are.
+
+Python is run by tests/test_documented_calls.py, the walk-throughs by tests/test_walk_through.py.
+"""
+
+import importlib.util
+import itertools
+import json
+import re
+import shlex
+import tomllib
+from contextlib import nullcontext
+from pathlib import Path
+
+import click
+import pytest
+from benchmarks import quoted, reference_pages
+from click.testing import CliRunner
+
+from jointbayes.case.case_text import read_case_text
+from jointbayes.case.spec.parse import parse_planned, parse_setups
+from jointbayes.cli.commands import main
+
+pytestmark = pytest.mark.docs
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = quoted.pages()
+#: A block; those with a mark before them belong to a walk-through, which runs them.
+BLOCK = re.compile(r"^(<!--\w+-->\n)?( *)```(\w*)[^\n]*\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
+KINDS = {"bash", "console", "diff", "python", "text", "toml"}
+
+
+def blocks(*kinds):
+    """Text of every block of these kinds, named after its page; what pages include, and walk-throughs answer, aside."""
+    found = []
+    for page in PAGES:
+        every = BLOCK.findall(page.read_text(encoding="utf-8"))
+        texts = [text for mark, _, kind, text in every if kind in kinds and not mark and not text.startswith("--8<--")]
+        found += [pytest.param(text, id=f"{page.stem}-{i}") for i, text in enumerate(texts, 1)]
+    return found
+
+
+def part_of(name):
+    """The block of TOML of a page that another one goes on with."""
+    return next(block.values[0] for block in blocks("toml") if block.id == name)
+
+
+FRF, MODES = part_of("measured-1"), part_of("modes-1")
+SPRINGS = 'joint = { dofs = ["1:y", "1:rz"], kind = "springs" }\ndata.truth.stiffness = { ky = 1e8, krz = 1e5 }\n'
+STEEL = 'kind = "frame", youngs_modulus_gpa = 210.0, density_kg_m3 = 7800.0, damping = { law = "modal", ratio = 0.01 }'
+MODE = 'data = { kind = "natural_frequencies", frequencies_hz = [90.0], sd_relative = 0.01 }\n'
+FRAME = (
+    f"structure = {{ {STEEL} }}\n"
+    'joint = { kind = "springs", dofs = ["holder.mouth:y"], against = ["tool.shank:y"] }\n' + MODE
+)
+BRACKET = (
+    f'structure = {{ {STEEL}, directions = ["x", "y", "rz"], section = {{ shape = "circle", diameter_mm = 20.0 }}, '
+    f"points = {{ tip = [0, 0, 0], end = [400, 0, 0] }} }}\n{MODE}"
+)
+#: What stands around a block that is a part of a case; of others the case that `init` writes.
+AROUND = {
+    "lapped-beams-1": 'extends = "lapped_beams.toml"\n',
+    "spindle-tool-1": 'extends = "spindle_tool.toml"\n',
+    "case-file-2": 'joint = { dofs = ["foot:x"], kind = "springs" }\n' + MODE,
+    "case-file-3": FRAME,
+    "case-file-4": BRACKET,
+    "joint-damping-1": SPRINGS.replace("krz = 1e5", "krz = 1e5, crz = 10.0, eta = 0.01"),
+    "measured-2": FRF,
+    "measured-3": FRF,
+    "modes-2": MODES,
+    "noise-1": MODES,
+    "not-explained-1": FRF,
+    "not-explained-4": FRF,
+    "not-identified-3": SPRINGS,
+    "setups-4": FRF,
+}
+
+
+def written(folder, name, base, text):
+    """A case file that lays a text over another file; a table with a kind takes nothing of that."""
+    tables = [key for key, value in tomllib.loads(text).items() if isinstance(value, dict) and "kind" in value]
+    more = ["data.truth.k11", "data.truth.k12", "data.truth.k22"] if "data.truth" in text else []
+    head = "" if text.startswith("extends") else f'extends = "{base}"\nremove = {tables + more}\n'.replace("'", '"')
+    (folder / name).write_text(head + text, encoding="utf-8")
+
+
+@pytest.mark.parametrize("text", blocks("toml"))
+def test_every_block_of_toml_is_a_case_or_a_part_of_one(text, tmp_path, request):
+    for shipped in [*(ROOT / "configs").glob("*.toml"), ROOT / "src" / "jointbayes" / "cli" / "minimal.toml"]:
+        (tmp_path / shipped.name).write_bytes(shipped.read_bytes())
+    written(tmp_path, "around.toml", "minimal.toml", AROUND.get(request.node.callspec.id, ""))
+    written(tmp_path, "block.toml", "around.toml", text)
+    source = read_case_text(tmp_path / "block.toml")
+    assert parse_setups(source)
+    parse_planned(source)
+
+
+def shell_lines(text, prompts_only=False):
+    """Commands of a block of a shell: whole lines, or those behind a prompt; comments aside."""
+    lines = text.replace("\\\n", " ").splitlines()
+    prompted = [line[2:] for line in lines if re.match(r"\$ (?:jointbayes|cat) ", line)]
+    return [part for line in (prompted if prompted or prompts_only else lines) for part in split(line)]
+
+
+def split(line):
+    """The commands of one line as words, without what takes their output and the directory of the environment."""
+    words = [word.removeprefix(".venv/bin/") for word in shlex.split(line, comments=True)]
+    commands = [part.split("\0") for part in "\0".join(words).split("\0&&\0") if part]
+    return [list(itertools.takewhile(lambda word: word not in ("|", ">"), command)) for command in commands]
+
+
+def fault_of(words):
+    """What is wrong with a command; empty if it can be run as it stands."""
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    match words:
+        case ["jointbayes", name, *arguments] if name in main.commands:
+            try:
+                main.commands[name].make_context(name, list(arguments))
+            except click.ClickException as error:
+                return error.format_message()
+            except click.exceptions.Exit:
+                return ""
+            return ""
+        case ["jointbayes", "--help"] | ["cat", _] | ["python", "-c", _] | [".", "activate"]:
+            return ""
+        case ["make", target, *_]:
+            return "" if target in targets else f"no target {target}"
+        case ["python" | "python3", "-m", module, *_]:
+            return "" if module == "venv" or importlib.util.find_spec(module) else f"no module {module}"
+        case ["eval", completion] | [completion, "jointbayes"] if "_JOINTBAYES_COMPLETE=" in completion:
+            return ""
+        case ["pip", "install", *_] | ["dask", "scheduler" | "worker", *_]:
+            return ""
+    return "an unknown command"
+
+
+@pytest.mark.parametrize("text", blocks("bash", "console"))
+def test_every_line_of_a_shell_is_a_command_that_there_is(text):
+    lines = shell_lines(text)
+    assert lines
+    assert [(words, fault) for words in lines if (fault := fault_of(words))] == []
+
+
+def test_every_prompt_in_a_block_of_text_is_a_command_that_there_is():
+    shown = [words for block in blocks("text") for words in shell_lines(block.values[0], prompts_only=True)]
+    assert len(shown) > 8
+    assert [(words, fault) for words in shown if (fault := fault_of(words))] == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "jointbayes rum a.toml",
+        "jointbayes run --sed 1 a.toml",
+        "jointbayes run",
+        "make reports",
+        "python -m benchmarks.no",
+        "rm -rf .",
+    ],
+)
+def test_a_command_that_there_is_not_is_noticed(line):
+    assert fault_of(line.split())
+
+
+def test_every_example_of_the_help_is_a_command_that_there_is():
+    shown = re.findall(r"^  (jointbayes .*)$", reference_pages.command_line(), re.MULTILINE)
+    assert {line.split()[1] for line in shown} == set(main.commands)
+    assert [(words, fault) for line in shown for words in split(line) if (fault := fault_of(words))] == []
+
+
+def test_every_block_says_what_it_is():
+    found = {(page.name, kind) for page in PAGES for _, _, kind, _ in BLOCK.findall(page.read_text(encoding="utf-8"))}
+    assert {(name, kind) for name, kind in found if kind not in KINDS} == set()
+
+
+def test_what_the_pages_show_of_a_first_file_can_be_done_in_their_order(tmp_path, monkeypatch):
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    monkeypatch.chdir(tmp_path)
+    for line, left in (
+        ("simulate configs/virtual_test.toml --out tip.uff", "tip.uff"),
+        ("inspect tip.uff --figure tip.svg", "tip.svg"),
+        ("init --from tip.uff", "my_case.toml"),
+    ):
+        ended = CliRunner().invoke(main, line.split())
+        assert ended.exit_code == 0, ended.output
+        assert Path(left).is_file()
+
+
+def test_the_rule_of_the_page_on_ci_reads_a_summary(tmp_path, monkeypatch):
+    words = [
+        words for block in blocks("bash") for words in shell_lines(block.values[0]) if words[:2] == ["python", "-c"]
+    ]
+    ((_, _, rule),) = words
+    monkeypatch.chdir(tmp_path)
+    Path("build/clamp").mkdir(parents=True)
+    for explains in (True, False):
+        summary = {"converged": True, "check": {"explains": explains}}
+        Path("build/clamp/summary.json").write_text(json.dumps(summary), encoding="utf-8")
+        with nullcontext() if explains else pytest.raises(AssertionError):
+            exec(rule, {})
+
+
+def test_what_takes_the_output_of_a_command_is_no_part_of_it():
+    assert split("jointbayes run a.toml --seed 1 | jq . && cat a > b  # so") == [
+        ["jointbayes", "run", "a.toml", "--seed", "1"],
+        ["cat", "a"],
+    ]
+    assert fault_of(shlex.split('eval "$(_JOINTBAYES_COMPLETE=zsh_source jointbayes)"')) == ""
+    assert fault_of(["eval", "rm -rf ."])

@@ -1,0 +1,90 @@
+"""The notebooks of the documentation run from their first cell to the last, on the ArviZ that is installed.
+
+`.ci/run` asks both of its Pythons, which have ArviZ 0.23 and 1.x.
+"""
+
+import re
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+
+NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "docs" / "notebooks").glob("*.ipynb"))
+#: Of each version of ArviZ, what a notebook asks of it.
+ASKED = {
+    False: ["az.loo(", "az.plot_ppc(", "az.plot_trace(", "az.plot_rank(", "az.psens("],
+    True: ["az.loo(", "az.plot_ppc_dist(", "az.plot_trace_dist(", "az.plot_rank(", "az.psense_summary("],
+}
+
+
+@pytest.mark.docs
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::RuntimeWarning")
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs(path, monkeypatch):
+    nbformat = pytest.importorskip("nbformat", reason="nbformat is not installed: no notebook is run")
+    nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed: no notebook is run")
+    pytest.importorskip("ipykernel", reason="ipykernel is not installed: no notebook is run")
+    monkeypatch.setenv("PYTHONWARNINGS", "ignore")
+    monkeypatch.delenv("MPLBACKEND", raising=False)
+    notebook = nbformat.read(path, as_version=4)
+    nbclient.NotebookClient(
+        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(path.parent)}}
+    ).execute()
+    kinds = {}
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            assert cell.execution_count
+            kinds[cell.source] = {kind for output in cell.outputs for kind in output.get("data", {})}
+    for source, shown in kinds.items():
+        if re.search(r"plot_", source):
+            assert "image/png" in shown, source
+    assert "text/html" in kinds["posterior.summary()"]
+    for name in ("plot_frf", "plot_residuals", "plot_intervals", "plot_corner", "plot_profiles", "plot_traces"):
+        assert any(f"jb.{name}(" in source for source in kinds), name
+    for calls in ASKED.values():
+        assert [call for call in calls if not any(call in source for source in kinds)] == []
+
+
+def test_notebooks_are_kept_without_what_they_print():
+    assert NOTEBOOKS
+    for path in NOTEBOOKS:
+        text = path.read_text(encoding="utf-8")
+        assert '"outputs": []' in text
+        assert not re.search(r'"outputs": \[\n|"execution_count": \d', text), path.name
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: jb.sample("no_such_file.toml"), "no_such_file.toml:1: file: no such file; expected a case file"),
+        (lambda: jb.sample(3), "found int; expected a case, a problem or the path of a case file"),
+        (
+            lambda: jb.Structure(np.eye(2), np.eye(2), 0.01, ("1:y", "1:rz")),
+            r"found 0.01 as damping; expected a damping law, such as LossFactor\(0.01\)",
+        ),
+        (lambda: jb.Problem(1, 2, 3, 4), "found int as a test; expected tests, or structure, joint, data and prior"),
+        (lambda: jb.Joint("1:y", "1:rz"), r'found the text "1:y"; expected DOF labels in a tuple; write \("1:y",\)'),
+    ],
+)
+def test_a_slip_in_a_cell_is_told_in_one_line_with_its_remedy(call, message):
+    with pytest.raises(jb.JointBayesError, match=message) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+def test_arviz_draws_traces_in_a_second_or_two(cheap_posterior):
+    import arviz as az
+    from matplotlib import pyplot
+
+    pyplot.switch_backend("Agg")
+    data = cheap_posterior.to_arviz(megabytes=5)
+    began = time.process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        az.plot_trace(data, var_names=["k11", "k12", "k22"])
+    pyplot.close("all")
+    assert time.process_time() - began < 5
