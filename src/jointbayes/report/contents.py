@@ -37,7 +37,8 @@ Inputs = TypeVar("Inputs")
 Section: TypeAlias = Callable[[ReportInputs], ReportSection | None]
 SectionOfData: TypeAlias = Callable[[SetupInputs], ReportSection | None]
 
-_OF_MODES = (measured_modes_section, frequency_section, own_section, joint_in_modes_section)
+_OF_MODES = (frequency_section, own_section, joint_in_modes_section)
+_OF_DATA = (measurement_section, measured_modes_section)
 #: The pages in their order: identifier, title, sections on all tests together, then sections on the data of one. Each
 #: section takes its inputs and returns None with nothing to say.
 PAGES: tuple[tuple[str, str, tuple[Section, ...], tuple[SectionOfData, ...]], ...] = (
@@ -45,7 +46,7 @@ PAGES: tuple[tuple[str, str, tuple[Section, ...], tuple[SectionOfData, ...]], ..
     ("modes", "Natural frequencies and modes", (), _OF_MODES),
     ("posterior", "Stiffness", (answer_section, posterior_section, curve_section, assembly_section), ()),
     ("known", "What the answer rests on", (knowledge_section, nuisance_section, left_out_section), ()),
-    ("data", "Data", (case_warnings_section, measured_bodies_section), (measurement_section,)),
+    ("data", "Data", (case_warnings_section, measured_bodies_section), _OF_DATA),
 )
 #: Behind the pages.
 APPENDIX: tuple[Section, ...] = (

@@ -1,13 +1,10 @@
 """What was measured, files and channels, and bodies of the structure that were measured instead of modelled."""
 
-import math
-from collections.abc import Sequence
-
 import numpy as np
 
 from jointbayes.frf import MeasuredBody
-from jointbayes.measurement.provenance import ChannelUse, MeasuredMode, MeasurementWarning
-from jointbayes.posterior.rounding import number, signed
+from jointbayes.measurement.provenance import ChannelUse, MeasurementWarning
+from jointbayes.posterior.rounding import number
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
@@ -20,7 +17,6 @@ def measured_modes_section(inputs: SetupInputs) -> ReportSection | None:
     provenance = inputs.problem.test.data.provenance
     if provenance is None or not provenance.modes:
         return None
-    predicted = _predicted(inputs, provenance.modes)
     rows = tuple(
         (
             str(i),
@@ -28,29 +24,16 @@ def measured_modes_section(inputs: SetupInputs) -> ReportSection | None:
             number(mode.frequency_sd_hz, 2),
             f"{100 * mode.damping_ratio:.3f}",
             number(100 * mode.damping_sd, 2),
-            "–" if math.isnan(near) else f"{near:.2f}",
-            "–" if math.isnan(near) else signed(100 * (near / mode.frequency_hz - 1)),
         )
-        for i, (mode, near) in enumerate(zip(provenance.modes, predicted, strict=True), 1)
+        for i, mode in enumerate(provenance.modes, 1)
     )
-    head = ("Mode", "Frequency (Hz)", "sd (Hz)", "Damping (%)", "sd (%)", "Model at the MAP (Hz)", "Model, error (%)")
+    head = ("Mode", "Frequency (Hz)", "sd (Hz)", "Damping (%)", "sd (%)")
     note = (
         "From a modal fit of the measured FRFs, without the model of the structure. Frequency: undamped. Damping: "
-        "ratio to the critical one. The model's natural frequency is the nearest one."
+        "ratio to the critical one."
     )
     table = Table("Measured natural frequencies and damping", head, rows, note=note)
     return ReportSection("measured-modes", "Measured modes", (table,))
-
-
-def _predicted(inputs: SetupInputs, modes: Sequence[MeasuredMode]) -> list[float]:
-    """The model's natural frequency nearest to each measured one; NaN where the model has none."""
-    problem, theta = inputs.problem, inputs.posterior.estimate.theta
-    measured = np.array([mode.frequency_hz for mode in modes])
-    if not problem.test.most_modes:
-        return [float("nan")] * len(measured)
-    count = min(problem.test.most_modes, 2 * len(measured) + 4)
-    predicted = problem.natural_frequencies_hz(problem.prior.values(theta), count, problem.prior.factors(theta))[0]
-    return [float(predicted[np.argmin(np.abs(predicted - f))]) for f in measured]
 
 
 def case_warnings_section(inputs: ReportInputs) -> ReportSection | None:

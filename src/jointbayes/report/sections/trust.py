@@ -10,6 +10,8 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Light, Lights
 
+_LEAST_ERROR = 1e-4  # of a frequency
+
 
 def lights_of(inputs: ReportInputs) -> Lights:
     """Calculation, model and data."""
@@ -49,7 +51,8 @@ def _model(inputs: ReportInputs) -> Light:
     if not worst.check.explains:
         misfit = f"{_misfit(worst)} {worst.diagnosis.measure}".strip()
         if modes is not None:
-            return Light(name, "caution", f"Misses the FRFs{of_test}; the answer allows for that. {_error_of(modes)}")
+            text = f"Misses the FRFs{of_test}; the answer allows for that. {_error_of(modes)}"
+            return Light(name, "caution", text.strip())
         return Light(name, "bad", f"Does not explain the data{of_test}. {misfit}")
     if worst.check.finding == "noise overstated":
         return Light(name, "caution", f"Explains the data{of_test}, with noise stated too large. {_misfit(worst)}")
@@ -70,7 +73,10 @@ def _misfit(setup: SetupSummary) -> str:
 
 
 def _error_of(modes: ModesAnswer) -> str:
+    """The model's error in natural frequencies; empty below `_LEAST_ERROR`, which no test could tell from none."""
     middle, _, high = modes.model_error
+    if high < _LEAST_ERROR:
+        return ""
     return f"Its natural frequencies are off by about {number(100 * middle, 2)} % (up to {number(100 * high, 2)} %)."
 
 
