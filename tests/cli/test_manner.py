@@ -202,7 +202,7 @@ def test_validate_says_what_was_understood_of_every_shipped_case():
     heads = [line for line in result.stdout.splitlines() if not line.startswith(" ")]
     assert [head.partition(": valid, ")[0] for head in heads] == [str(path) for path in SHIPPED]
     assert max(map(len, result.stdout.replace(f"{CONFIGS}/", "").splitlines())) <= LONGEST
-    for part in ("structure: ", "joint: ", "data: ", "unknown: "):
+    for part in ("structure: ", "joint: ", "data: ", "noise: ", "unknown k22: 95 % of the prior from "):
         assert result.stdout.count(f"\n  {part}") >= 5, part
 
 

@@ -15,6 +15,8 @@ from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
     from jointbayes.case.case import Case
+    from jointbayes.inference.prior import Nuisance
+    from jointbayes.joint.quantities import Coordinate
 
 #: Formats of `simulate`, each with the endings that choose it.
 FORMATS: dict[str, tuple[str, ...]] = {
@@ -222,9 +224,20 @@ def validate(cases: tuple[Path, ...]) -> None:
 
 def _understood(case: "Case") -> list[str]:
     """What a case says, line by line: structure, joints, data and noise of each test; unknowns."""
+    import numpy as np
+
+    from jointbayes.posterior.rounding import number
+
     told = [line for test in case.problem.tests for line in str(test).split("\n")]
     rows = [re.sub(r"\b[A-Z]\w+\(|\)", "", line) for line in told]  # without the names of classes
-    return [*rows, f"unknown: {', '.join(case.problem.names)}"]
+    rows = [re.sub(r"(?<=[a-z])[A-Z](?=[a-z])", lambda found: f" {found[0].lower()}", line) for line in rows]
+    prior = case.problem.prior
+    unknowns: tuple[Coordinate | Nuisance, ...] = (*prior.parametrisation.axes, *prior.nuisances)
+    for unknown, marginal in zip(unknowns, prior.all_marginals, strict=True):
+        low, high = (number(float(unknown.value(x)), 3) for x in marginal.ppf(np.array([0.025, 0.975])))
+        unit = "" if unknown.unit == "1" else f" {unknown.unit}"
+        rows.append(f"unknown {unknown.name}: 95 % of the prior from {low} to {high}{unit}")
+    return rows
 
 
 @click.command()
