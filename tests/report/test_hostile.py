@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import re
 import shutil
 import subprocess
 
@@ -96,7 +97,9 @@ def test_hostile_figures_open_by_themselves_and_run_nothing(written, tmp_path):
 
 def test_a_hostile_pdf_shows_text_and_has_no_action(written):
     directory, _ = written
-    content = (directory / "report.pdf").read_bytes()
+    # streams are compressed: what stands in their bytes by chance is no name of the PDF's language
+    content = re.sub(rb"stream\r?\n.*?endstream", b"", (directory / "report.pdf").read_bytes(), flags=re.DOTALL)
+    assert content.count(b"/Page") > 1
     for action in (b"/URI", b"/JavaScript", b"/JS", b"/Launch", b"/OpenAction", b"/EmbeddedFile", b"/SubmitForm"):
         assert action not in content
     if shutil.which("pdftotext") is None:
