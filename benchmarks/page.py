@@ -64,6 +64,8 @@ def _likelihood(data: Data) -> list[str]:
     ]
     for law in LAW:
         rows = [r for r in data["rows"] if r["law"] == law]
+        if not rows:
+            continue
         ours = next(r["us"] for r in rows if r["what"] == "jointbayes")
         # of another joint there is no ratio
         body = ((r["what"], number(r["us"]), number(r["ratio"] and r["us"] / ours), str(r["rounds"])) for r in rows)

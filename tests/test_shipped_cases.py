@@ -59,7 +59,7 @@ def drawn_once(monkeypatch):
             kept[case.source.text] = draw(case, seed, checkpoint)
         return kept[case.source.text]
 
-    monkeypatch.setattr("jointbayes.cli.run.draw", remembered)
+    monkeypatch.setattr("jointbayes.cli.common.draw", remembered)
 
 
 @pytest.mark.science
