@@ -108,7 +108,7 @@ def analyse(
     made = problem.with_test(data=data)
     case = replace(case, problem=made, stated=made, setups=(replace(setup, data=data),))
     posterior = jb.sample(case, seed=index, settings=settings or case.sampler)
-    exact = gather_knowledge(posterior, case.workshop_problem).exact
+    exact = gather_knowledge(posterior).exact
     known = {name: posterior.identifiability(name) for name in truth}
     missed = []
     for name, value in truth.items():

@@ -27,11 +27,11 @@ from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
-from jointbayes.posterior.knowledge import assumed_beyond
-from jointbayes.posterior.modes_answer import ModesAnswer, modes_answer, modes_problem
+from jointbayes.posterior.modes_answer import ModesAnswer, is_of_measured_frfs, modes_answer, modes_problem
 from jointbayes.posterior.run_record import sampler_figures
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.posterior.stored_problem import run_fingerprint
+from jointbayes.posterior.uncertain_inputs import assumed_beyond
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
@@ -357,6 +357,8 @@ def ask_modes(
     ModesAnswer
         None where FRFs were computed, show no mode, or are of a structure that has none: one with a measured body.
     """
+    if not is_of_measured_frfs(posterior.problem):
+        return None
     case = posterior.case
     sizes = sizes or (case.model_error if case is not None else None) or ErrorSizes()
     freed = None if case is None else case.workshop_problem

@@ -151,9 +151,9 @@ def test_what_is_excluded_is_in_a_file_and_found_anew_for_one_that_lacks_it(boun
     kept = jb.load_posterior(tmp_path / "draws.nc")
     older = replace(bounded, _kept_knowledge=replace(knowledge.kept, simpler=None))
     vars(older).update({name: found for name, found in vars(bounded).items() if name not in vars(older)})
-    assert gather_knowledge(older, older.case.workshop_problem).simpler == knowledge.simpler
+    assert gather_knowledge(older).simpler == knowledge.simpler
     monkeypatch.setattr("jointbayes.posterior.knowledge.simpler_joints", lambda _: pytest.fail("kept"))
-    assert gather_knowledge(kept, kept.case and kept.case.workshop_problem).simpler == knowledge.simpler
+    assert gather_knowledge(kept).simpler == knowledge.simpler
 
 
 @pytest.mark.parametrize(("verdict", "condition"), [("not identified", True), ("weakly identified", False)])

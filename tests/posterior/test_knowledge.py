@@ -15,10 +15,10 @@ from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
 from jointbayes.posterior import gather_knowledge
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.knowledge import KeptKnowledge, assumed_words, effect_sentence, inputs_taken_as_exact
+from jointbayes.posterior.knowledge import KeptKnowledge, effect_sentence, inputs_taken_as_exact
 from jointbayes.posterior.rounding import rounded_interval
 from jointbayes.posterior.storage import typed_value
-from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, effect_of_uncertain_inputs
+from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, assumed_words, effect_of_uncertain_inputs
 from jointbayes.posterior.verdicts import NO_VALID_VALUE
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.markup import badge, nuisance_label
@@ -52,7 +52,7 @@ def uncertain():
 @pytest.fixture(scope="module")
 def gathered(uncertain):
     """What is known with what the case takes as exact freed as well."""
-    return gather_knowledge(uncertain, uncertain.case.workshop_problem)
+    return gather_knowledge(uncertain)
 
 
 @pytest.fixture(scope="module")
@@ -312,7 +312,7 @@ def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs,
     assert (row[2], row[4]) == ("identified", freed.verdict)
     assert row[3] == lead.answer_text(freed, "N·m/rad")
     limits = next(b.text for b in built.lead if isinstance(b, Paragraph) and b.text.startswith("**What limits"))
-    assert "only with Young's modulus, density, length and damping ratio exactly known" in limits
+    assert "only with Young's modulus, density, length and damping ratio exact." in limits
     assert badge(only_if).kind == "caution"
     beside = f"with them uncertain {rounded_interval(freed.interval95, freed.interval95_error, ' to ')} N·m/rad"
     said = next(b.text for b in built.blocks() if isinstance(b, Paragraph) and only_if in b.text and beside in b.text)
@@ -411,11 +411,12 @@ def test_uncertain_quantities_have_short_labels(name, label):
 def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
     text = json.dumps(asdict(gathered.kept), default=lambda array: array.tolist())
     kept = typed_value(KeptKnowledge, json.loads(text), "")
-    for name in ("_profiles", "effect_of_uncertain_inputs"):
+    for name in ("_profiles", "effect_of_uncertain_inputs", "next_step"):
         monkeypatch.setattr(f"jointbayes.posterior.knowledge.{name}", lambda *_: pytest.fail("found anew"))
-    again = gather_knowledge(replace(uncertain, _kept_knowledge=kept), uncertain.case.workshop_problem)
+    again = gather_knowledge(replace(uncertain, _kept_knowledge=kept))
     assert repr(again.freed) == repr(gathered.freed)
     assert again.assumed == gathered.assumed
+    assert again.next_step == gathered.next_step is not None
     for one, other in zip(again.profiles, gathered.profiles, strict=True):
         assert one.coordinate == other.coordinate
         assert (one.interval, one.open_below, one.open_above) == (other.interval, other.open_below, other.open_above)

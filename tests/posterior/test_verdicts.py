@@ -360,7 +360,9 @@ def test_wider_priors_that_could_not_be_drawn_leave_nothing_identified(cheap_pos
 )
 def test_a_stiffness_beyond_its_prior_is_never_identified(wanted):
     one = next(case for case in outside_cases("tip") if case.name == f"tip, {wanted}")
-    posterior = sample(case_from_text("beyond", one.text), seed=3, settings=TO_CONVERGE)  # one that converges
+    # on one machine or another the same seed takes other draws, of which some need many steps
+    settings = dataclasses.replace(TO_CONVERGE, max_steps=20_000)
+    posterior = sample(case_from_text("beyond", one.text), seed=1, settings=settings)
     known = posterior.identifiability(one.stiffness)
     assert known.verdict in ("bounded below", "bounded above", "not identified")
     assert "bound" in " ".join(verdict_lines(posterior, one.stiffness))

@@ -123,9 +123,8 @@ def unfinished(
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
     """Print convergence, verdicts, and what may be wrong with them."""
     from jointbayes.posterior.assemblies import assembly_scatters
-    from jointbayes.posterior.knowledge import listed
     from jointbayes.posterior.modes_answer import is_of_measured_frfs
-    from jointbayes.posterior.uncertain_inputs import uncertain_quantities
+    from jointbayes.posterior.uncertain_inputs import listed, uncertain_quantities
     from jointbayes.posterior.verdicts import verdict_lines
 
     say(posterior.record.headline)

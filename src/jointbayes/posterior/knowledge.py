@@ -1,7 +1,7 @@
 """What the data say beyond the draws: does the model explain them, what is known of the joint, and resting on what."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -9,15 +9,21 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.inference import Normal, Nuisance, Problem
+from jointbayes.inference import Problem
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
 from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences, simpler_joints
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict
 from jointbayes.posterior.modes_answer import ModesAnswer
+from jointbayes.posterior.next_step import NextStep, next_step
 from jointbayes.posterior.profile import ProfileLikelihood, profile_likelihood
 from jointbayes.posterior.rounding import join_unit, rounded_interval
-from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, effect_of_uncertain_inputs, uncertain_quantities
+from jointbayes.posterior.uncertain_inputs import (
+    UncertainInputsRow,
+    assumed_beyond,
+    effect_of_uncertain_inputs,
+    listed,
+)
 from jointbayes.posterior.verdicts import FALL_PRINTED, FALL_TWO_SIDED, IF_MODEL_RIGHT, MOST_UNKNOWNS, JudgedPosterior
 
 #: Verdicts that say something, best first.
@@ -73,6 +79,11 @@ def quantities_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> tuple[str, 
     """Names of what the run, the first row, takes as exact and another row does not."""
     most = max((row.uncertain for row in rows), key=len, default=())
     return tuple(name for name in most if name not in rows[0].uncertain)
+
+
+def known_in_workshop(rows: Sequence[UncertainInputsRow]) -> Mapping[str, Identifiability] | None:
+    """What is known with all uncertain that the run takes as exact; None where it takes nothing so, or nobody knows."""
+    return rows[-1].known or None if quantities_taken_as_exact(rows) else None
 
 
 def inputs_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> dict[str, ExactInputs]:
@@ -144,21 +155,16 @@ def _interval(assessment: Identifiability) -> str:
     return assessment.limit or rounded_interval(assessment.interval95, assessment.interval95_error, " … ")
 
 
-def listed(names: Sequence[str]) -> str:
-    """Names in a sentence: ``"density, length and gain"``."""
-    readable = [name.replace("youngs", "Young's").replace("_", " ") for name in names]
-    return readable[0] if len(readable) == 1 else f"{', '.join(readable[:-1])} and {readable[-1]}"
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptKnowledge:
-    """What took time to find, kept with the draws; `simpler` and `modes` are unknown to older files."""
+    """What took time to find, kept with the draws; the last three are unknown to older files."""
 
     profiles: tuple[ProfileLikelihood, ...]
     freed: tuple[UncertainInputsRow, ...]
     assumed: tuple[str, ...]
     simpler: tuple[SimplerJoint, ...] | None = None
     modes: ModesAnswer | None = None
+    next_steps: tuple[NextStep, ...] | None = None  # one or none
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +189,9 @@ class Knowledge:
         Whether a rigid, absent or uncoupled joint is excluded, of each that is known by bounds at most.
     modes
         What the modes say that measured FRFs show; None where the data are no such FRFs.
+    next_step
+        A forecast of what to measure next, with all else as in a workshop where `workshop` is not None; None where
+        nothing that was looked at would help, or the draws have not converged.
     """
 
     check: PredictiveCheck
@@ -192,11 +201,18 @@ class Knowledge:
     assumed: tuple[str, ...]
     simpler: tuple[SimplerJoint, ...] = ()
     modes: ModesAnswer | None = None
+    next_step: NextStep | None = None
 
     @property
     def kept(self) -> KeptKnowledge:
         """What took time to find, as `Posterior.save` keeps it."""
-        return KeptKnowledge(self.profiles, self.freed, self.assumed, self.simpler, self.modes)
+        steps = () if self.next_step is None else (self.next_step,)
+        return KeptKnowledge(self.profiles, self.freed, self.assumed, self.simpler, self.modes, steps)
+
+    @property
+    def workshop(self) -> Mapping[str, Identifiability] | None:
+        """What is known of each stiffness with all else as in a workshop; None where the run takes nothing as exact."""
+        return known_in_workshop(self.freed)
 
     @property
     def believed_modes(self) -> ModesAnswer | None:
@@ -308,15 +324,24 @@ def gather_knowledge(
         The posterior; the seed of its run also replicates the data of the check.
     freed
         The same problem with more quantities uncertain, for the table of what freeing them does where the posterior's
-        own problem takes all as exactly known.
+        own problem takes all as exactly known; by default that of its case, if it has one, with what was kept with the
+        draws.
     ask_modes
         Samples what the modes of measured FRFs say, where that is not kept with the draws: `workflow.ask_modes`.
     """
     problem = posterior.problem
-    of_case = freed is (posterior.case and posterior.case.workshop_problem)
-    kept: KeptKnowledge | None = posterior._kept_knowledge if of_case else None
+    kept: KeptKnowledge | None = posterior._kept_knowledge if freed is None else None
+    steps = kept.next_steps if kept else None
+    if freed is None and steps is None and posterior.case is not None:
+        freed = posterior.case.workshop_problem
     assessments = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
     simpler = None if kept is None else kept.simpler
+    rows = kept.freed if kept else effect_of_uncertain_inputs(posterior, freed)
+    if steps is None:
+        workshop = known_in_workshop(rows)
+        step = next_step(posterior, freed if workshop else None, workshop or assessments)
+    else:
+        step = next(iter(steps), None)
     return Knowledge(
         posterior.check,
         name_directions(
@@ -327,20 +352,12 @@ def gather_knowledge(
             problem.parametrisation,
         ),
         kept.profiles if kept else _profiles(problem, posterior),
-        kept.freed if kept else effect_of_uncertain_inputs(posterior, freed),
+        rows,
         kept.assumed if kept else assumed_beyond(problem, freed),
         simpler_joints(posterior) if simpler is None else simpler,
         kept.modes if kept and kept.modes else ask_modes() if ask_modes else None,
+        step,
     )
-
-
-def assumed_beyond(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
-    """The words of `assumed_words` for what is uncertain in `freed` alone."""
-    if freed is None:
-        return ()
-    already_uncertain = uncertain_quantities(problem)
-    words = zip(uncertain_quantities(freed), assumed_words(freed), strict=True)
-    return tuple(word for name, word in words if name not in already_uncertain)
 
 
 def _wider_prior_draws(posterior: JudgedPosterior) -> tuple[Array, Array] | None:
@@ -353,25 +370,6 @@ def _wider_prior_draws(posterior: JudgedPosterior) -> tuple[Array, Array] | None
         return None
     drawn = wide.prior.values(wide.prior_theta)
     return (wide.prior.values(wide.theta) if wide.reliable else drawn), drawn
-
-
-def assumed_words(freed: Problem) -> tuple[str, ...]:
-    """How well each quantity is taken to be known, in words, from the very priors that were used."""
-    names = uncertain_quantities(freed)
-    return tuple(_prior_words(n) for n in freed.prior.nuisances if n.name in names)
-
-
-def _prior_words(nuisance: Nuisance) -> str:
-    name = listed((nuisance.name,))
-    if nuisance.additive:
-        ends = nuisance.value(nuisance.range)
-        sd = float(nuisance.value(nuisance.prior.sd))
-        spread = f"±{sd:g}" if isinstance(nuisance.prior, Normal) else f"between {ends[0]:.3g} and {ends[1]:.3g}"
-        return f"{name} to {spread} {nuisance.unit}"
-    if isinstance(nuisance.prior, Normal):
-        return f"{name} to {100 * nuisance.prior.sd:g} %"
-    low, high = (math.exp(end) for end in nuisance.prior.support)
-    return f"{name} to between {low:.3g} and {high:.3g} times the stated"
 
 
 def _profiles(problem: Problem, posterior: JudgedPosterior) -> tuple[ProfileLikelihood, ...]:

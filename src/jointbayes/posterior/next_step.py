@@ -87,9 +87,11 @@ def next_step(
     Returns
     -------
     NextStep
-        None where nothing among what is looked at would help, or it cannot be computed.
+        None where nothing among what is looked at would help, it cannot be computed, or the draws have not converged.
     """
     problem = freed or posterior.problem
+    if not posterior.record.converged:
+        return None
     candidates = {candidate.name: candidate for part in problem.parts for candidate in _candidates(part)}
     if not candidates:
         return None

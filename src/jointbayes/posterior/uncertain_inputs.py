@@ -6,7 +6,8 @@ out held at their stated values. It is sampled by importance until the ends of i
 them go step by step, else from a proposal fitted about its modes. Where this does not settle nothing is said.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
-from jointbayes.inference import JointPrior, Problem
+from jointbayes.inference import JointPrior, Normal, Nuisance, Problem
 from jointbayes.posterior.coordinates import compliance_and_scores, judged_quantities
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
@@ -248,3 +249,37 @@ class _Part:
         np.fill_diagonal(finite, variance)
         shrink = np.minimum(1.0, sd / np.sqrt(variance))
         return finite * np.outer(shrink, shrink)
+
+
+def assumed_beyond(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
+    """The words of `assumed_words` for what is uncertain in `freed` alone."""
+    if freed is None:
+        return ()
+    already_uncertain = uncertain_quantities(problem)
+    words = zip(uncertain_quantities(freed), assumed_words(freed), strict=True)
+    return tuple(word for name, word in words if name not in already_uncertain)
+
+
+def assumed_words(freed: Problem) -> tuple[str, ...]:
+    """How well each quantity is taken to be known, in words, from the very priors that were used."""
+    names = uncertain_quantities(freed)
+    return tuple(_prior_words(n) for n in freed.prior.nuisances if n.name in names)
+
+
+def _prior_words(nuisance: Nuisance) -> str:
+    name = listed((nuisance.name,))
+    if nuisance.additive:
+        ends = nuisance.value(nuisance.range)
+        sd = float(nuisance.value(nuisance.prior.sd))
+        spread = f"±{sd:g}" if isinstance(nuisance.prior, Normal) else f"between {ends[0]:.3g} and {ends[1]:.3g}"
+        return f"{name} to {spread} {nuisance.unit}"
+    if isinstance(nuisance.prior, Normal):
+        return f"{name} to {100 * nuisance.prior.sd:g} %"
+    low, high = (math.exp(end) for end in nuisance.prior.support)
+    return f"{name} to between {low:.3g} and {high:.3g} times the stated"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence: ``"density, length and gain"``."""
+    readable = [name.replace("youngs", "Young's").replace("_", " ") for name in names]
+    return readable[0] if len(readable) == 1 else f"{', '.join(readable[:-1])} and {readable[-1]}"

@@ -1,15 +1,11 @@
 """What every section of a report is written from."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 
 from jointbayes.arrays import Array
 from jointbayes.inference import Problem
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
-from jointbayes.posterior.identifiability import Identifiability
-from jointbayes.posterior.knowledge import quantities_taken_as_exact
-from jointbayes.posterior.next_step import NextStep, next_step
 from jointbayes.posterior.setup_summary import SetupSummary
 from jointbayes.posterior.summary import Summary
 from jointbayes.report.markup import foreign
@@ -55,29 +51,13 @@ class ReportInputs:
 
     @cached_property
     def knowledge(self) -> Knowledge:
-        """Check of the model, directions, profiles, the effect of uncertain inputs, and what modes of FRFs say."""
-        case = self.posterior.case
-        freed = None if case is None else case.workshop_problem
-        return gather_knowledge(self.posterior, freed, partial(ask_modes, self.posterior))
+        """Check of the model, directions, profiles, effect of uncertain inputs, what modes of FRFs say, next step."""
+        return gather_knowledge(self.posterior, ask_modes=partial(ask_modes, self.posterior))
 
     @cached_property
     def summary(self) -> Summary:
         """The numbers of the run, as in ``summary.json``."""
         return self.posterior.summary(self.knowledge)
-
-    @property
-    def workshop(self) -> Mapping[str, Identifiability] | None:
-        """What is known of each stiffness with all else as in a workshop; None where the run takes nothing as exact."""
-        rows = self.knowledge.freed
-        return rows[-1].known if quantities_taken_as_exact(rows) and rows[-1].known else None
-
-    @cached_property
-    def next_step(self) -> NextStep | None:
-        """A forecast of what to measure next, with all else as in a workshop where the answer is shown so."""
-        case, workshop = self.posterior.case, self.workshop
-        freed = None if case is None or workshop is None else case.workshop_problem
-        run = {name: p.known for name, p in self.summary.parameters.items()}
-        return next_step(self.posterior, freed, workshop or run)
 
     @property
     def title(self) -> str:

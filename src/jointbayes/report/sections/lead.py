@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from jointbayes.posterior.identifiability import Identifiability, Verdict, ratio_of
-from jointbayes.posterior.knowledge import RANK, listed, quantities_taken_as_exact
+from jointbayes.posterior.knowledge import RANK, quantities_taken_as_exact
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.posterior.rounding import engineering, factor, join_unit, number
-from jointbayes.posterior.uncertain_inputs import uncertain_quantities
+from jointbayes.posterior.uncertain_inputs import listed, uncertain_quantities
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, verdict_text
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of, readable
@@ -79,7 +79,7 @@ def _answers(inputs: ReportInputs) -> list[_Answer]:
     run = _Answer("All else exact", {name: p.known for name, p in inputs.summary.parameters.items()})
     if uncertain_quantities(inputs.posterior.problem):
         run = _Answer("All else as stated", run.known)
-    workshop = inputs.workshop
+    workshop = inputs.knowledge.workshop
     if workshop is None:
         return [run]
     freed = _Answer(_WORKSHOP, workshop)
@@ -174,7 +174,7 @@ def _note(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     problem, knowledge = inputs.posterior.problem, inputs.knowledge
     modes = knowledge.believed_modes
     words = ["Median, in brackets the 95 % interval."]
-    assumed = modes.assumed if modes is not None else knowledge.assumed if inputs.workshop else ()
+    assumed = modes.assumed if modes is not None else knowledge.assumed if inputs.knowledge.workshop else ()
     if assumed:
         words.append(f"As in a workshop: {', '.join(assumed)}, assumed as nobody stated them.")
     if stated := uncertain_quantities(problem):
@@ -198,9 +198,8 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
         run, workshop = sorted(answers, key=lambda answer: answer.title == _WORKSHOP)
         worse = [n for n, k in run.known.items() if RANK[workshop.known[n].verdict] > RANK[k.verdict]]
         if worse:
-            parts.append(
-                f"What else is uncertain: only with {listed(taken)} exactly known is {_more(worse)} that good."
-            )
+            verb = "is" if len(worse) == 1 else "are"
+            parts.append(f"What else is uncertain: {_more(worse)} {verb} that good only with {listed(taken)} exact.")
         else:
             parts.append(f"Not what else is uncertain: with {listed(taken)} as in a workshop no verdict is worse.")
     if solutions := inputs.posterior.solutions.description:
@@ -236,7 +235,7 @@ def _next(inputs: ReportInputs) -> str:
         return foreign(" ".join(worst.diagnosis.advice))
     if inputs.posterior.solutions.advice:
         return foreign(inputs.posterior.solutions.advice)
-    step = inputs.next_step
+    step = inputs.knowledge.next_step
     if step is None:
         return (
             "None of what was looked at, one more sensor, more averages or further modes, would tell much more. "
