@@ -360,9 +360,8 @@ def ask_modes(
     if not is_of_measured_frfs(posterior.problem):
         return None
     case = posterior.case
-    sizes = sizes or (case.model_error if case is not None else None) or ErrorSizes()
-    freed = None if case is None else case.workshop_problem
-    asked = modes_problem(posterior, sizes, freed)
+    stated, freed = (None, None) if case is None else (case.model_error, case.workshop_problem)
+    asked = modes_problem(posterior, sizes or stated or ErrorSizes(), freed)
     if asked is None:
         return None
     of_modes = sample_quickly(asked.problem, seed=posterior.record.seed, progress=progress)

@@ -98,6 +98,7 @@ def test_a_newcomer_has_a_report_after_three_commands(tmp_path):
     assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
 
 
+@pytest.mark.science
 @pytest.mark.long
 @pytest.mark.parametrize("name", list(FILES)[1:])
 def test_a_newcomer_has_a_report_of_each_kind_of_file(tmp_path, name):

@@ -6,7 +6,13 @@ from tests.fuzz.harness import Attacker
 from tests.fuzz.targets import places
 
 
-@pytest.mark.parametrize("name", places())
+#: Whose kept files take ten seconds.
+_LARGE = ("case", "posterior")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.science] * (name in _LARGE)) for name in places()]
+)
 def test_every_kept_file_is_taken_or_refused_in_one_line(name):
     with Attacker(places()[name]) as attacker:
         for path in attacker.target.corpus():

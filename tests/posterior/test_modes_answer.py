@@ -158,6 +158,7 @@ def test_a_wrong_model_that_explains_the_frfs_is_sure_of_a_wrong_joint_and_the_m
     assert low < TABLE_3[2] < high
 
 
+@pytest.mark.science
 def test_a_wrong_model_that_does_not_explain_the_frfs_has_the_verdicts_of_the_modes_on_page_one(heavier, inputs):
     assert not heavier.check.explains
     assert {heavier.identifiability(name).verdict for name in heavier.stiffness_names} == {"no verdict"}

@@ -37,6 +37,7 @@ def test_no_stiffness_that_differs_between_the_feet_is_identified(portal):
         assert known.verdict_reason.count("with probability 0.") == 2
 
 
+@pytest.mark.science
 def test_the_terminal_page_one_and_the_summary_say_it(portal, capsys):
     from jointbayes.cli.common import print_summary
 

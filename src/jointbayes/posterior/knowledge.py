@@ -191,7 +191,7 @@ class Knowledge:
         What the modes say that measured FRFs show; None where the data are no such FRFs.
     next_step
         A forecast of what to measure next, with all else as in a workshop where `workshop` is not None; None where
-        nothing that was looked at would help, or the draws have not converged.
+        nothing that was looked at would help, the draws have not converged, or the model does not explain the data.
     """
 
     check: PredictiveCheck
@@ -337,11 +337,11 @@ def gather_knowledge(
     assessments = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
     simpler = None if kept is None else kept.simpler
     rows = kept.freed if kept else effect_of_uncertain_inputs(posterior, freed)
-    if steps is None:
+    if steps is None and all(check.explains for check in posterior.checks):
         workshop = known_in_workshop(rows)
         step = next_step(posterior, freed if workshop else None, workshop or assessments)
     else:
-        step = next(iter(steps), None)
+        step = next(iter(steps or ()), None)
     return Knowledge(
         posterior.check,
         name_directions(
