@@ -5,7 +5,6 @@ import pytest
 from tests.fuzz.harness import Attacker
 from tests.fuzz.targets import places
 
-
 #: Whose kept files take ten seconds.
 _LARGE = ("case", "posterior")
 
