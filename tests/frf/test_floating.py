@@ -26,6 +26,7 @@ from jointbayes.structure import (
     chain,
     family_of_recipe,
 )
+from tests.conftest import CONFIGS
 
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
 ONE_RATIO = ModalDamping((0.01,))
@@ -154,3 +155,11 @@ def test_two_beams_in_free_suspension_come_back_from_their_natural_frequencies()
     found = jb.find_map(problem)
     assert_allclose(problem.natural_frequencies_hz(found.values, 5)[0], exact, rtol=1e-4)
     assert problem.test.most_modes == problem.test.structures_of_data.nominal.n_dofs - 2 - 2
+
+
+def test_two_lapped_beams_float_in_three_directions_however_many_modes_are_asked_for():
+    """The finer the mesh, the more rounding there is in the rigid-body motions of its eigenvectors."""
+    problem = jb.load_case(CONFIGS / "lapped_beams.toml").problem
+    joint = problem.first_guess
+    lowest = [problem.natural_frequencies_hz(joint, count)[0, 0] for count in range(1, 31)]
+    assert_allclose(lowest, lowest[0], rtol=1e-6)
