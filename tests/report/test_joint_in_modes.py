@@ -80,3 +80,14 @@ def test_only_modes_of_the_measured_band_are_listed(cheap_posterior, frequency_p
     assert in_band(300.0, 600.0) is None
     measured = frequency_posterior.problem.test.data.frequency_hz
     assert len(table_of(frequency_posterior).rows) == measured.size
+
+
+def test_near_the_edge_of_what_is_positive_semidefinite_the_strain_energy_is_still_a_share(frequency_posterior):
+    stiff, soft = 3.577e10, 1e8
+    coupled = np.array([np.log(stiff), np.log(soft), 0.9975])  # half a per cent less of k11 and the joint gives energy
+    estimate = replace(frequency_posterior.estimate, theta=coupled)
+    rows = table_of(replace(frequency_posterior, estimate=estimate)).rows
+    shares = [float(row[4]) for row in rows]
+    assert all(0 < share < 100 for share in shares)
+    # against the eigenvalue's own share: what is lost of the rigid joint's frequency is about twice that in the joint
+    assert shares[0] == pytest.approx(-2 * float(rows[0][3]), rel=0.1)
