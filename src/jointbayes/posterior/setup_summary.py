@@ -15,7 +15,7 @@ from jointbayes.posterior.run_record import data_sha256
 from jointbayes.posterior.verdicts import JudgedPosterior
 
 Interval = tuple[float, float]
-_USUAL_COUNT = 3  # natural frequencies that are told where none was measured, or as many as there are
+_LEAST_MODES, _MOST_MODES = 3, 12  # whose frequencies are told where none was measured, or as many as there are
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,20 +82,21 @@ def _setup(
         fit_of(part, posterior.estimate.theta),
         posterior.checks[number],
         posterior.diagnoses[number],
-        _frequencies(posterior, part, initial, measured_hz),
+        _frequencies(posterior, part, initial, measured_hz, len(posterior.diagnoses[number].modes)),
         data_sha256(part),
         measured.provenance.as_json() if measured.provenance else None,
     )
 
 
 def _frequencies(
-    posterior: JudgedPosterior, problem: Problem, initial: Sequence[float], measured: Sequence[float] | None
+    posterior: JudgedPosterior, problem: Problem, initial: Sequence[float], measured: Sequence[float] | None, seen: int
 ) -> FrequencySummary:
+    """Of as many modes as were measured, or as the FRFs show resonances."""
     theta, test = posterior.estimate.theta, problem.test
-    count = len(measured) if measured else _USUAL_COUNT
+    count = len(measured) if measured else min(max(seen, _LEAST_MODES), _MOST_MODES)
     if not (measured or test.measured_bodies):  # of a body that is given by its FRFs nobody knows any
         body = test.structures_of_data
-        count = min(_USUAL_COUNT, body.n_dofs - rigid_body_modes(body, test.joints))
+        count = min(count, body.n_dofs - rigid_body_modes(body, test.joints))
     fitted = problem.prior.factors(theta)  # the first guess is one of the joint, not of these
 
     def frequencies_of(stiffness: Sequence[float] | Array) -> tuple[float, ...]:

@@ -21,7 +21,7 @@ from jointbayes.report.model import Block, Figure, ReportSection, Table
 from jointbayes.report.wireframe import wireframe
 
 _DRAWS = 1000
-_MOST_ROWS, _MOST_FIGURES = 60, 8
+_MOST_ROWS, _MOST_FIGURES, _MOST_SHAPES = 60, 8, 6
 _SAME = 0.05  # of a frequency: a peak farther from it is that of another mode
 _PEAKS = (
     "The MAP's frequencies are undamped ones. Error and damping compare peaks, read in the same way in data and MAP."
@@ -60,7 +60,7 @@ def frequency_section(inputs: SetupInputs) -> ReportSection | None:
         Table("Natural frequencies", tuple(shown), rows, note=f"{note} {_whose(inputs.problem)}".strip())
     ]
     ranges = zip(columns["MAP (Hz)"][: best.size], columns["95 % interval (Hz)"], strict=False)
-    names = tuple(f"Mode {i}: {hz} Hz ({ends})" for i, (hz, ends) in enumerate(ranges, 1))
+    names = tuple(f"Mode {i}: {hz} Hz ({ends})" for i, (hz, ends) in enumerate(ranges, 1))[:_MOST_SHAPES]
     frame = wireframe(inputs.problem, inputs.posterior.estimate, names)
     if frame is not None:
         caption = "Shapes of the modes at the MAP, over the structure at rest; the frequency with its 95 % interval."
