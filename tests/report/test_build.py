@@ -16,6 +16,7 @@ import xarray as xr
 import jointbayes.report.sections
 from jointbayes.case.case import case_from_text
 from jointbayes.posterior import summarise
+from jointbayes.posterior.modes_answer import ModesAnswer, UsedMode
 from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.contents import APPENDIX, PAGES
 from jointbayes.report.line_plot import FrfPlot
@@ -111,6 +112,24 @@ def _page_one(report):
     )  # fmt: skip
 
 
+def test_where_the_modes_answer_no_page_takes_the_frfs_answer_for_it(cheap_inputs, monkeypatch):
+    """Draws that are not to be used are marked as that, judge no published value, and add no verdict."""
+    monkeypatch.setattr(type(cheap_inputs.posterior), "at_prior_edge", ("k11",))
+    reports = []
+    for believed in (False, True):
+        posterior = cheap_inputs.posterior
+        known = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
+        modes = ModesAnswer(known, (UsedMode("", 1, 121.5, 0.01),), (), (0.003, 0.001, 0.01), believed, "so it is")
+        inputs = ReportInputs(dataclasses.replace(posterior))
+        inputs.__dict__["knowledge"] = dataclasses.replace(cheap_inputs.knowledge, modes=modes)
+        reports.append(build_report(inputs, DATE))
+    for said in ("published values agree", "best fit lies on the edge of the prior of k11", "Combinations of the"):
+        texts = [" ".join(str(block) for block in report.blocks()) for report in reports]
+        assert [said in text for text in texts] == [True, False], said
+    (caption,) = (b.caption for b in reports[1].blocks() if getattr(b, "identifier", "") == "corner")
+    assert "by the FRFs alone, whose answer is not to be used" in caption
+
+
 def test_synthetic_data_are_called_synthetic_and_measured_ones_are_not(whole, of_frequencies):
     assert light(whole, "Data").kind == "caution"
     assert "not measured" in light(whole, "Data").text
@@ -201,6 +220,15 @@ def test_each_line_has_its_point_among_the_residuals(whole, cheap_posterior):
     strokes = max(re.findall(r'<path d="([^"]*)"', drawn), key=lambda path: path.count("M"))
     lines = cheap_posterior.problem.test.data.frf.frequency_hz.size
     assert (strokes.count("M"), strokes.count("L")) == (lines, lines)  # a stroke of no length is a point
+
+
+def test_the_mean_of_the_residuals_is_on_the_page_as_in_print(whole, cheap_posterior):
+    (plot,) = (b.plot for b in whole.blocks() if getattr(b, "identifier", "") == "residuals")
+    mean, squares = plot.series[1], cheap_posterior.check.chi2_by_line
+    width = int(re.fullmatch(r"mean of (\d+) lines", mean.name)[1])
+    assert mean.y[7] == pytest.approx(np.mean(squares[7 : 7 + width]))
+    lines = cheap_posterior.problem.test.data.frf.frequency_hz
+    assert mean.x[7] == pytest.approx(np.mean(lines[7 : 7 + width]))
 
 
 def test_the_interactive_twin_shows_the_data_and_the_band(whole, cheap_posterior):

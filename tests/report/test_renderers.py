@@ -240,6 +240,10 @@ def test_number_rule(written, shown):
     assert format_numbers(written).replace("\u00a0", " ") == shown
 
 
+def test_a_number_keeps_its_per_cent_sign_on_its_line():
+    assert format_numbers("95 % of 2.5 % and a % b") == "95\u00a0% of 2.5\u00a0% and a % b"
+
+
 def test_markup_knows_bold_and_code_and_nothing_else():
     assert parse("a **b `c`** `1e9 **d**` *e* **f") == (
         Run("a "),

@@ -78,7 +78,7 @@ def test_page_one_is_one_page_long(runs, tmp_path):
         (appendix,) = [n for n, text in enumerate(pages) if re.search(r"^ *Contents *$", text, re.MULTILINE)]
         assert appendix <= 6, name
         assert "Next." in pages[0], name
-        blank = [n for n, text in enumerate(pages[1 : appendix - 1], 2) if len(text.split()) < 40]
+        blank = [n for n, text in enumerate(pages[1 : appendix + 1], 2) if len(text.split()) < 40]
         assert not blank, name
 
 

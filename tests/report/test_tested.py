@@ -17,7 +17,7 @@ def problem_of(name):
     return jb.load_case(CONFIGS / f"{name}.toml").problem.parts[0]
 
 
-@pytest.mark.parametrize("name", ["clamped_beam", "portal_frame", "spindle_tool"])
+@pytest.mark.parametrize("name", ["clamped_beam", "measured_rotation", "portal_frame", "spindle_tool"])
 def test_each_dof_of_the_data_and_each_joint_is_where_the_model_has_it(name):
     problem = problem_of(name)
     places, frf = _Places(problem), problem.test.data.frfs.frf

@@ -16,8 +16,8 @@ from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix
 from jointbayes.structure import Body
 from jointbayes.structure.body import MOST_HELD
 
-#: Motions of a joint that are smaller beside the largest of their kind are rounding: a rigid-body motion has the error of
-#: eigenvectors, up to 1e-6 where a fine mesh has eigenvalues of 10¹⁵.
+#: Motions of a joint that are smaller beside the largest of their kind are rounding: a rigid-body motion has the error
+#: of eigenvectors, up to 1e-6 where a fine mesh has eigenvalues of 10¹⁵.
 _AT_REST = 1e-5
 
 

@@ -45,7 +45,8 @@ def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, whe
         return mean_of_repeats(sets, law), words
     if law and (choice.source == "relative" or (frf.averages == 1 and choice.law_for_one_average)):
         alone = "" if choice.source == "relative" else " (of one average coherence says nothing)"
-        words = f"as stated: {100 * law.relative:g} % of |H| and {100 * law.floor:g} % of the median accelerance{alone}"
+        floor = f" and {100 * law.floor:g} % of the median accelerance" if law.floor else ""
+        words = f"as stated: {100 * law.relative:g} % of |H|{floor}{alone}"
         smooth = _smoothed(frf, law)
         if smooth is None:
             return FrfData(frf, law.variance_of_accelerance(frf)), words

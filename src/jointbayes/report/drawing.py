@@ -22,6 +22,7 @@ _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
 #: Of a figure over frequency: pairs of points to a curve, two or three for each point of the page's width.
 _STRETCHES = 700
 _TRACE_POINTS, _BINS = 120, 40
+_TICK_INCHES, _DIGIT_INCHES = 0.2, 0.08  # a tick, and a character of the labels
 _MOST_TICKS = 16  # of DOFs along an axis
 #: Lines that a figure shows as one point each.
 _POINTS = 3000
@@ -70,16 +71,24 @@ def draw_squares_by_line(axes: Axes, frequency_hz: Array, square: Array) -> None
     logarithmic(axes)
     axes.set_xlim(frequency_hz[0], frequency_hz[-1])
     axes.set_ylim(shown.min() / 1.5, shown.max() * 1.5)
-    width = max(5, square.size // 100)
-    if square.size > 3 * width:
-        mean = np.convolve(square, np.full(width, 1 / width), "valid")
-        middle = np.convolve(frequency_hz, np.full(width, 1 / width), "valid")
+    middle, mean, name = running_mean(frequency_hz, square)
+    if mean.size:
         kept = extremes(mean, _STRETCHES)
-        axes.plot(middle[kept], mean[kept], lw=1.2, color=_ORANGE, label=f"mean of {width} lines")
+        axes.plot(middle[kept], mean[kept], lw=1.2, color=_ORANGE, label=name)
         legend_above(axes)
     axes.axhline(1.0, color=_GREEN, ls="--", lw=1)
     axes.set_xlabel("Frequency (Hz)")
     axes.set_ylabel("Squared residual")
+
+
+def running_mean(frequency_hz: Array, values: Array) -> tuple[Array, Array, str]:
+    """Mean over 1 % of the lines and its middle, shape (n,), with its name; of too few lines n is 0."""
+    width = max(5, values.size // 100)
+    share = np.full(width if values.size > 3 * width else 0, 1 / width)
+    if not share.size:
+        return share, share, ""
+    middle, mean = (np.convolve(column, share, "valid") for column in (frequency_hz, values))
+    return middle, mean, f"mean of {width} lines"
 
 
 def draw_curve(axes: Axes, frequency_hz: Array, values: Array, y_label: str, *, log: bool) -> None:
@@ -160,8 +169,7 @@ def draw_corner(
         hist_kwargs={"density": True},
         contour_kwargs={"linewidths": 1.0},
         labels=labels,
-        labelpad=-0.04,
-        max_n_ticks=4,
+        max_n_ticks=4 if count < 4 else 3,
         plot_datapoints=False,
         plot_density=False,
         no_fill_contours=True,
@@ -178,6 +186,20 @@ def draw_corner(
         if published is not None:
             _mark(axes, j, i, published, _GREEN, "--", "s")
         axes.grid(visible=False)
+    _label_beyond_ticks([axes.xaxis for axes in grid[-1]], [axes.yaxis for axes in grid[1:, 0]])
+
+
+def _label_beyond_ticks(below: Sequence[Any], beside: Sequence[Any]) -> None:
+    """Put the labels of axes in line beyond the longest of their slanted tick labels."""
+    axes = below[0].axes
+    width = axes.get_window_extent().width / axes.figure.dpi  # inches
+    for line in (below, beside):
+        ticks = [text for axis in line for text in axis.get_major_formatter().format_ticks(axis.get_major_locator()())]
+        beyond = -(_TICK_INCHES + 0.707 * _DIGIT_INCHES * max(map(len, ticks), default=0)) / width
+        for axis in line:
+            text = axis.get_label_text()
+            axis.set_label_text(text.replace(" ", "\n", 1) if len(text) * _DIGIT_INCHES > width else text)
+            axis.set_label_coords(*((0.5, beyond) if line is below else (beyond, 0.5)))
 
 
 def corner_package() -> ModuleType:
@@ -225,6 +247,8 @@ def draw_traces(column: AxesArray, names: Sequence[str], theta: Array, ensemble:
             axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0)
             axes.plot(steps, middle, color=colour, lw=0.8, label=f"ensemble {int(e) + 1}")
             axes.set_ylabel(name)
+            axes.yaxis.set_major_locator(MaxNLocator(3))
+            axes.ticklabel_format(axis="y", useOffset=False)
     column[-1].set_xlabel("Kept draw")
     column[0].legend(ncols=4, loc="upper right")
 

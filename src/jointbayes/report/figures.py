@@ -25,9 +25,9 @@ def _page(draw: Callable[[AxesArray], None], size: tuple[float, float], **layout
     return svg(lambda canvas: draw(panels(canvas, **layout)), *size)
 
 
-def frf_overlay(plot: FrfPlot) -> str:
-    """Magnitude of an FRF, its phase below, and coherence where there is one."""
-    heights = [2.5, 1.4, *([] if plot.coherence is None else [0.9])]
+def frf_overlay(plot: FrfPlot, share: float = 1.0) -> str:
+    """Magnitude of an FRF, its phase below, and coherence where there is one; a share of the full height."""
+    heights = [2.5 * share, 1.4 * share, *([] if plot.coherence is None else [0.9 * share])]
 
     def draw(column: AxesArray) -> None:
         drawing.draw_frf(column[0], plot)
@@ -76,14 +76,14 @@ def histories(titles: Sequence[str], history: Array, published: Array | None) ->
 
 def corner_plot(labels: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array) -> str:
     """Marginals and pairs of draws."""
-    layout: Any = {"rows": len(labels), "columns": len(labels), "left": 0.7, "bottom": 0.75, "apart": (0.08, 0.08)}
+    layout: Any = {"rows": len(labels), "columns": len(labels), "left": 0.85, "bottom": 0.9, "apart": (0.08, 0.08)}
     side = min(6.2, 4.1 + 0.5 * len(labels))  # inches
     return _page(lambda a: drawing.draw_corner(a, labels, posterior, prior, published, mode), (side, side), **layout)
 
 
 def traces(names: Sequence[str], theta: Array, ensemble: NDArray[Any]) -> str:
     """Draws over steps."""
-    layout: Any = {"rows": len(names), "bottom": 0.42, "sharex": True}
+    layout: Any = {"rows": len(names), "left": 0.9, "bottom": 0.42, "sharex": True}
     size = (7.2, max(4.6, 0.9 + 0.8 * len(names)))
     return _page(lambda a: drawing.draw_traces(a[:, 0], names, theta, ensemble), size, **layout)
 

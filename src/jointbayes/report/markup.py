@@ -48,6 +48,7 @@ _CODE = re.compile(r"`([^`]+)`")
 # A digit, dot or letter on either side means the "number" is a piece of something longer (hash, version).
 _SCIENTIFIC = re.compile(r"(?<![\w.])([-+−]?)(\d+(?:\.\d+)?)[eE]([-+−]?)(\d{1,3})(?!\w|\.\d)")
 _NEGATIVE = re.compile(r"(?<![\w.)\]-])-(?=\.?\d)")
+_PERCENT = re.compile(r"(?<=\d) (?=%)")
 _BLANKS = re.compile(r"[ \t\n]+")  # not \s: a no-break space is there on purpose
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufff9-\ufffb\ufffe\uffff]")
 #: What turns the direction of all that follows; they are shown as `repr` shows them.
@@ -204,7 +205,7 @@ def _typeset(match: re.Match[str]) -> str:
 
 
 def format_numbers(text: str) -> str:
-    r"""Text with its numbers typeset: powers of ten and true minus signs.
+    r"""Text with its numbers typeset: powers of ten, true minus signs, and per cent signs on the line of their number.
 
     Superscripts are characters, not styling, so that a number copied from a report stays the same number.
 
@@ -227,7 +228,7 @@ def format_numbers(text: str) -> str:
     >>> format_numbers("a1e5 2026-01-05 1.2e3.4")
     'a1e5 2026-01-05 1.2e3.4'
     """
-    return _NEGATIVE.sub("−", _SCIENTIFIC.sub(_typeset, text))
+    return _PERCENT.sub("\u00a0", _NEGATIVE.sub("−", _SCIENTIFIC.sub(_typeset, text)))
 
 
 def _code_runs(text: str, *, bold: bool) -> list[Run]:

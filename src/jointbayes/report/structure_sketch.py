@@ -32,7 +32,10 @@ _MOST_NAMED = 8  # joints, sensors or forces: of more none is named
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
-    """A joint, a force or a sensor on paper: its place (2,), and its direction (2,), of a spring its two ends."""
+    """A joint, a force or a sensor on paper: its place (2,), and its direction (2,).
+
+    Of a spring the two ends stand for a direction; a rotation has none.
+    """
 
     kind: Kind
     place: Array
@@ -82,6 +85,10 @@ def _draw_mark(axes: Axes, mark: Mark, size: float) -> None:
             axes.plot(*np.transpose(mark.way), color=_COLOURS["joint"], lw=1.2, zorder=0)
         axes.plot(x, y, "s", ms=7, mfc="none", mec=_COLOURS["joint"], mew=1.8)
         axes.annotate(mark.text, (x, y), xytext=(0, -14), **style)
+        return
+    if not mark.way:  # a rotation or a moment
+        axes.plot(x, y, "o", ms=13, mfc="none", mec=_COLOURS[mark.kind], mew=1.4)
+        axes.annotate(mark.text, (x, y), xytext=(0, 14), **style)
         return
     along = -mark.way[0] if mark.kind == "force" else mark.way[0]  # from the point outwards
     outer = (x + 1.25 * size * along[0], y + 1.25 * size * along[1])
@@ -137,13 +144,9 @@ class _Places:
         for kind, labels in sides:
             for label in labels:
                 place, direction = self.at(label), label.rpartition(":")[2]
-                if place is not None and direction in _AXES:
-                    yield Mark(
-                        kind,
-                        place,
-                        label if len(labels) <= _MOST_NAMED else "",
-                        (np.array(_AXES[direction]) @ OBLIQUE,),
-                    )
+                if place is not None:
+                    way = (np.array(_AXES[direction]) @ OBLIQUE,) if direction in _AXES else ()
+                    yield Mark(kind, place, label if len(labels) <= _MOST_NAMED else "", way)
 
     def at(self, label: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Array | None:
         """A DOF's place on paper, shape (2,); None of a body without a model."""

@@ -11,6 +11,7 @@ from jointbayes.posterior import Posterior, PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.rounding import number
 from jointbayes.report import figures
+from jointbayes.report.drawing import running_mean
 from jointbayes.report.frf_curves import frf_curves
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.line_plot import FrfPlot, LinePlot, Series
@@ -19,6 +20,7 @@ from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Tab
 
 #: FRFs that have figures, and rows of a table of FRFs; those that fit worst come first.
 MOST_FIGURES, MOST_ROWS = 8, 20
+_SHARE_OF_SEVERAL = 0.65  # of the height of a lone FRF, so that a page takes two
 _FIRST = 2  # blocks on FRFs before the residuals and the tables
 
 
@@ -26,8 +28,9 @@ def fit_section(inputs: SetupInputs) -> ReportSection:
     """Measured against predicted."""
     summary, fit = inputs.summary, inputs.summary.fit
     size = number(math.sqrt(fit.chi2_per_line))
-    text = f"The best fit misses the {fit.n_data} values of the data by {size} times their stated noise."
-    said = (summary.check.sentence, f"{text} {summary.check.details}")
+    text = f"The best fit misses the {fit.n_data} values of the data by {size} times their stated noise"
+    taken_up = ", without what the noise model takes up" if summary.check.absorbs in ("outliers", "size") else ""
+    said = (summary.check.sentence, f"{text}{taken_up}. {summary.check.details}")
     blocks: list[Block] = [Paragraph(foreign(words)) for words in said]
     data = inputs.problem.test.data.frfs
     if data is None:
@@ -42,13 +45,17 @@ def fit_section(inputs: SetupInputs) -> ReportSection:
 def _residuals(data: FrfData, check: PredictiveCheck) -> Figure:
     """Where the model does not explain the data."""
     lines, each = data.frf.frequency_hz, np.maximum(check.chi2_by_line, 1e-4)  # none is 0 on a logarithmic axis
+    series = [Series("each line", lines, each, "points")]
+    middle, mean, name = running_mean(lines, check.chi2_by_line)
+    if mean.size:
+        series.append(Series(name, middle, np.maximum(mean, 1e-4)))
     return Figure(
         "residuals",
         "Squared misfit of each line over that of the noise, mean over the draws; the line is a running mean over 1 % "
         "of the lines. Where it stays above 1 the model is wrong.",
         f"Squared residual by frequency; the largest is at {lines[int(np.argmax(check.chi2_by_line))]:.0f} Hz.",
         figures.squares_by_line(lines, check.chi2_by_line),
-        LinePlot("Frequency (Hz)", "Squared residual", (Series("each line", lines, each, "points"),), log_y=True),
+        LinePlot("Frequency (Hz)", "Squared residual", tuple(series), log_y=True),
     )
 
 
@@ -83,7 +90,8 @@ def _frf_figures(posterior: Posterior, problem: Problem, data: FrfData, diagnosi
             "least with the MAP."
         )
         blocks.append(Paragraph(text))
-    blocks += (_figure(plot) for plot in frf_curves(posterior, problem, frf, shown))
+    share = 1.0 if len(shown) == 1 else _SHARE_OF_SEVERAL
+    blocks += (_figure(plot, share) for plot in frf_curves(posterior, problem, frf, shown))
     return blocks
 
 
@@ -97,7 +105,7 @@ def _shown(frf: FrfSet, diagnosis: Diagnosis) -> set[tuple[str, str]]:
     return {highest, *[pair for pair in worst if pair != highest][: MOST_FIGURES - 1]}
 
 
-def _figure(plot: FrfPlot) -> Figure:
+def _figure(plot: FrfPlot, share: float) -> Figure:
     title = f"{plot.quantity} {foreign('/'.join(plot.pair))}"
     first, last = plot.frequency_hz[[0, -1]]
     misfit = number(float(np.sqrt(np.mean(plot.misfit**2))), 3)
@@ -107,6 +115,6 @@ def _figure(plot: FrfPlot) -> Figure:
         f"The {title}: {measured}, first guess of the joint, and MAP with the 95 % band of the posterior. The MAP "
         f"misses this FRF by {misfit} times the stated noise (1 is expected).",
         f"Magnitude and phase of the {title}, {first:g} to {last:g} Hz: {measured}, first guess, MAP and 95 % band.",
-        figures.frf_overlay(plot),
+        figures.frf_overlay(plot, share),
         plot,
     )

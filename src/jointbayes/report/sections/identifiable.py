@@ -21,6 +21,8 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     knowledge = inputs.knowledge
     blocks: list[Block] = freed_blocks(knowledge) if knowledge.freed else []
     blocks += [] if knowledge.modes is None else _both_answers(inputs, knowledge.modes)
+    if knowledge.believed_modes is not None:  # what the draws say of combinations is not to be used either
+        return ReportSection("known", "What is known, and what it assumes", tuple(blocks))
     if knowledge.bounds_sentence:
         blocks.append(Paragraph(f"**{knowledge.bounds_sentence}**"))
     blocks.append(Paragraph(f"**{knowledge.directions_sentence}**"))

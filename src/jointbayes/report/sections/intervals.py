@@ -17,25 +17,25 @@ from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Tab
 def posterior_section(inputs: ReportInputs) -> ReportSection:
     """Marginals, pairs, prior and the full table."""
     posterior, reference = inputs.posterior, inputs.reference
-    blocks: list[Block] = []
+    modes, blocks = inputs.knowledge.believed_modes, list[Block]()
     values = corner_values(posterior)
     svg = figures.corner_plot(*values)
     marks = "mode (orange, solid)"
+    of_frfs = "" if modes is None else ", by the FRFs alone, whose answer is not to be used"
     if values[3] is not None:
         marks += f", published values (green, dashed; {inputs.reference_source})"
     blocks.append(
         Figure(
             "corner",
-            f"Posterior of the logarithms: marginals and pairs with contours of 39, 68 and 95 % of the draws; "
+            f"Posterior of the logarithms{of_frfs}: marginals and pairs with contours of 39, 68 and 95 % of the draws; "
             f"prior (grey, dotted), {marks}.",
             "Corner plot of the posterior of the joint stiffnesses with prior density, mode and published values.",
             svg,
         )
     )
     blocks.append(_table(inputs))
-    modes = inputs.knowledge.believed_modes
     blocks.append(Paragraph(verdict_sentences(inputs.summary) if modes is None else _reasons_of_modes(modes)))
-    if reference is not None:
+    if reference is not None and modes is None:
         level = posterior.region_level(reference)
         agree = "agree" if level <= 0.95 else "do NOT agree"
         blocks.append(

@@ -1,9 +1,11 @@
 """Page one: what was tested, the answer, whether it can be trusted, what limits it and what to do next."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import Identifiability, Verdict, ratio_of
 from jointbayes.posterior.knowledge import RANK, quantities_taken_as_exact
 from jointbayes.posterior.prediction import sentence_of_left_out
@@ -153,7 +155,8 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
             known = answer.known[name]
             row += [answer_text(known, unit), verdict_text(known.verdict, if_model_right=known.if_model_right)]
         rows.append(tuple(row))
-        kinds.append(kind_of(row[2]))
+        of_row = {kind_of(verdict) for verdict in row[2::2]}
+        kinds.append(of_row.pop() if len(of_row) == 1 else "")  # no colour for two verdicts that differ
     every = len(inputs.posterior.stiffness_names)
     more = f" The {most} known least of {every}; the section on stiffness has all." if every > most else ""
     damped = inputs.posterior.problem.parametrisation.damped
@@ -189,7 +192,7 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     summary, modes = inputs.summary, inputs.knowledge.believed_modes
     if not inputs.posterior.converged:
         return "The calculation: nothing can be said before it has settled."
-    parts = []
+    parts, exonerated = [], ""
     if modes is not None:
         parts.append(f"The model. {modes.sentence}")
     elif summary.no_verdict:
@@ -201,29 +204,37 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
             verb = "is" if len(worse) == 1 else "are"
             parts.append(f"What else is uncertain: {_more(worse)} {verb} that good only with {listed(taken)} exact.")
         else:
-            parts.append(f"Not what else is uncertain: with {listed(taken)} as in a workshop no verdict is worse.")
+            exonerated = f" Not what else is uncertain: with {listed(taken)} as in a workshop no verdict is worse."
     if solutions := inputs.posterior.solutions.description:
         parts.append(foreign(solutions))
-    parts += _reasons(answers[0].known)
+    parts += _reasons(answers[0].known, inputs.posterior)
     if summary.left_out:
         parts.append(foreign(sentence_of_left_out(summary.left_out)))
-    return " ".join(parts) or "The noise of the measurement: more averages would narrow every interval."
+    limits = " ".join(parts) or "The noise of the measurement: more averages would narrow every interval."
+    return f"{limits}{exonerated}"
 
 
 def _more(names: Sequence[str]) -> str:
     return listed_names([foreign(name) for name in names[:_MOST_NAMED]]) + (" …" if len(names) > _MOST_NAMED else "")
 
 
-def _reasons(known: Mapping[str, Identifiability]) -> list[str]:
-    """Why a stiffness is not identified, of the first few."""
+def _reasons(known: Mapping[str, Identifiability], posterior: Posterior) -> list[str]:
+    """Why a stiffness is not identified, of the first few, in engineering units."""
     lacking = [(name, each) for name, each in known.items() if each.verdict not in ("identified", "no verdict")]
     sentences = []
     for name, each in lacking[:_MOST_REASONS]:
         reason = each.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
+        value = re.compile(rf"([\d.]+(?:e\d+)?) {re.escape(unit := posterior.unit(name))}(?![\w·])")
+        reason = value.sub(lambda found, unit=unit: _engineering(float(found[1]), unit), reason)
         sentences.append(f"{foreign(name)}: {reason}.")
     if len(lacking) > _MOST_REASONS:
         sentences.append(f"And {len(lacking) - _MOST_REASONS} more.")
     return sentences
+
+
+def _engineering(value: float, unit: str) -> str:
+    (text,), of = engineering((value,), unit)
+    return join_unit(text, of)
 
 
 def _next(inputs: ReportInputs) -> str:

@@ -38,7 +38,8 @@ def starts_section(inputs: ReportInputs) -> ReportSection:
     if estimate.iteration is not None:
         blocks += _iteration_blocks(estimate.iteration, posterior.problem.quantities, inputs.reference)
     elif missing := missing_for_iteration(posterior.problem):
-        blocks.append(Paragraph(f"**The paper's iteration was left out.** {foreign(missing)}."))
+        reason = foreign(missing.removeprefix("paper's iteration: "))
+        blocks.append(Paragraph(f"**The paper's iteration was left out**: {reason}."))
     return ReportSection("starts", "Starting points and the paper's iteration", tuple(blocks))
 
 

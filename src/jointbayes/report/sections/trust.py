@@ -26,7 +26,7 @@ def _calculation(inputs: ReportInputs) -> Light:
     if not posterior.mode_agrees:
         text = f"The search missed the best fit: it lies {number(posterior.mode_distance, 2)} standard deviations away."
         return Light(name, "bad", text)
-    if posterior.at_prior_edge:
+    if posterior.at_prior_edge and inputs.knowledge.believed_modes is None:
         text = f"The best fit lies on the edge of the prior of {foreign(', '.join(posterior.at_prior_edge))}: widen it."
         return Light(name, "caution", text)
     if summary.mesh is not None and not summary.mesh.within:
