@@ -292,6 +292,10 @@ def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(compari
     report = build_comparison_report(comparison.summary())
     assert comparison.verdict in report.lead[0].text
     assert report.lead[0].kind == "good"
+    log_z = comparison.best.evidence.log_z
+    near = dataclasses.replace(comparison.candidates[0], evidence=Evidence(log_z - 0.5, 0.1, 0.2, "exact", 1, 1.0))
+    undecided = build_comparison_report(Comparison((comparison.best, near), 1, "").summary()).lead[0]
+    assert (undecided.kind, "cannot tell" in undecided.text) == ("caution", True)
     doubtful = dataclasses.replace(comparison.best, evidence=Evidence(-14.0, 0.1, 0.9, "importance sampling", 1, 1.0))
     doubt = Comparison((doubtful, comparison.candidates[0]), 1, "").summary()
     report = build_comparison_report(doubt)

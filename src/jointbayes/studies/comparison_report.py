@@ -19,7 +19,7 @@ from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.markup import foreign
 from jointbayes.report.methods import references, report_text
-from jointbayes.report.model import Block, Callout, Figure, Paragraph, Report, ReportSection, Table
+from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.studies.comparison import GRADES, WeighedModel, bayes_factor_words, model_probabilities
 from jointbayes.studies.study_directory import write_study
@@ -92,7 +92,9 @@ def _method_cells(row: Row) -> tuple[str, str]:
 
 
 def _lead(summary: dict[str, Any]) -> tuple[Block, ...]:
-    blocks: list[Block] = [Callout("good" if summary["trusted"] else "caution", f"**{foreign(summary['verdict'])}**")]
+    told_apart = not any(row["words"] == GRADES[0][1] for row in summary["candidates"])
+    kind: Kind = "good" if summary["trusted"] and told_apart else "caution"
+    blocks: list[Block] = [Callout(kind, f"**{foreign(summary['verdict'])}**")]
     if not summary["trusted"]:
         names = ", ".join(
             f"{r['hypothesis']} in {foreign(r['case'])}" for r in summary["candidates"] if not r["trusted"]

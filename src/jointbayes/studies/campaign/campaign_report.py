@@ -155,7 +155,7 @@ _OURS = ("population", "control-", "ranking-")  # figures of an earlier report h
 def build_campaign_report(name: str, findings: CampaignFindings) -> Report:
     """Build the report of a campaign of this name, verdict first, from what `examine_campaign` found."""
     return Report(
-        title=f"Campaign {foreign(name)}",
+        title=foreign(name) if name.casefold().startswith("campaign") else f"Campaign {foreign(name)}",
         subtitle="Stiffness of many joints, and of the population they come from",
         lead=campaign_lead(findings),
         sections=campaign_sections(findings),

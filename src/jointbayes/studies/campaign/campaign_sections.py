@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.joint import Coordinate
-from jointbayes.posterior.rounding import interval, number
+from jointbayes.posterior.rounding import engineering, interval, number
 from jointbayes.report.markup import foreign
 from jointbayes.report.methods import references, report_text
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
@@ -133,23 +133,18 @@ def _kind(look: Look) -> str:
 def _population_table(joints: PopulationFindings) -> Table:
     unresolved = _unresolved(joints)
     head = ("Stiffness", "Unit", "Median of the population", "95 % of joints lie within", "Scatter")
-    rows = tuple(
-        (
-            k.name,
-            k.unit,
-            f"{number(k.median[0])} ({interval(k.median[1:].tolist())})",
-            f"{number(k.low95[0])} … {number(k.high95[0])}",
-            _scatter_text(k, resolved=k.name not in unresolved),
-        )
-        for k in joints.stiffness
-    )
+    rows = []
+    for k in joints.stiffness:
+        (median, low, high, *between), unit = engineering((*k.median, k.low95[0], k.high95[0]), k.unit)
+        scatter = _scatter_text(k, resolved=k.name not in unresolved)
+        rows.append((k.name, unit, f"{median} ({low} to {high})", " to ".join(between), scatter))
     note = (
         f"From {len(joints.draws.rows)} joints, with the scatter of measurement taken out. In brackets: 95 % intervals."
         " Scatter is the standard deviation from joint to joint, in percent that of ln k."
     )
     if unresolved:
         note += " Where joints differ by less than the measurement error only an upper limit can be given (97.5 %)."
-    return Table("The population of joints", head, rows, align="lllll", note=note)
+    return Table("The population of joints", head, tuple(rows), align="lllll", note=note)
 
 
 def _unresolved(joints: PopulationFindings) -> set[str]:
