@@ -193,11 +193,11 @@ class ModeSearch:
         """
         theta, best = self.best
         prior = self._posterior.prior
-        nowhere, reached = np.full_like(theta, np.nan), self.reached()
-        outcomes = []
+        reached, outcomes = self.reached(), []
         for name, stiffness in self._begun.items():
-            end, density = self._ends.get(name, (nowhere, -np.inf))
-            outcomes.append(StartOutcome(name, stiffness, prior.values(end), density, reached.get(name, False)))
+            end, density = self._ends.get(name, (None, -np.inf))
+            last = stiffness if end is None else prior.values(end)  # a start that leads nowhere is its own end
+            outcomes.append(StartOutcome(name, stiffness, last, density, reached.get(name, False)))
         return MapEstimate(
             theta,
             prior.values(theta),
