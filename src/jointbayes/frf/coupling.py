@@ -11,9 +11,9 @@ to first order cov(H) = J Σ_A Jᴴ.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import ModelError
 from jointbayes.frf.damped_joints import add_joint, chi2_of, compliance_by_line
 from jointbayes.frf.kernels.by_line import error_roots
@@ -26,7 +26,6 @@ from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, TakingPart, fac
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.structure import Body, FreeModes
 
-ComplexArray = NDArray[np.complex128]
 _Coupling = PairCoupling | MultiDofCoupling
 
 #: Receptances of so many structures are held in memory together.
@@ -57,7 +56,7 @@ def _sum_modes(lam: Array, rate: Array, rows: Array, loss: float, omega: Array, 
 
 def free_receptance(
     body: Body, modes: FreeModes, factors: Array, omega: Array, *, hysteretic: bool = False
-) -> NDArray[np.complex128]:
+) -> ComplexArray:
     """Receptance without the joint, shape (n, lines, k, k), between k motions.
 
     Summed over the free modes, in which a loss factor and Rayleigh's damping are diagonal:

@@ -8,18 +8,15 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Flags
 from jointbayes.frf.kernels.by_line import add_joints
 from jointbayes.joint import JointMatrix
 
-ComplexArray = NDArray[np.complex128]
 #: Largest diagonal of the inverse of K, scaled to a unit diagonal, for which digits enough are left.
 _STIFFEST = 1e4
 
 
-def compliance_by_line(
-    matrices: JointMatrix, omega: Array
-) -> tuple[ComplexArray, NDArray[np.int64], NDArray[np.bool_]]:
+def compliance_by_line(matrices: JointMatrix, omega: Array) -> tuple[ComplexArray, NDArray[np.int64], Flags]:
     """Inverse of K + jωC + jH at each line, joint by joint of those that stand side by side.
 
     Parameters

@@ -1,8 +1,8 @@
 """Receptances by solving the assembled dynamic stiffness at each line: slow, and the reference."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import ComplexArray
 from jointbayes.errors import ModelError
 from jointbayes.frf.modal import rigid_body_modes
 from jointbayes.frf.ports import Ports
@@ -35,12 +35,12 @@ class DirectSolve:
         # of a joint that happens to be absent, the motions that it would hold are modes all the same
         self._rigid = rigid_body_modes(structure, joint) if structure.damping.of_assembled_modes else None
 
-    def receptance(self, matrices: AnyJointMatrix) -> NDArray[np.complex128]:
+    def receptance(self, matrices: AnyJointMatrix) -> ComplexArray:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
         batch = joint_matrix_of(matrices).batch
         return np.stack([self._solve_joint(batch[i]) for i in range(len(batch))])
 
-    def _solve_joint(self, matrix: JointMatrix) -> NDArray[np.complex128]:
+    def _solve_joint(self, matrix: JointMatrix) -> ComplexArray:
         if not matrix.damped:
             added = self._joined @ matrix.stiffness @ self._joined.T
             return self._structure.solve_lines(self._omega, self._outputs, self._inputs, added, rigid=self._rigid)

@@ -8,18 +8,18 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Flags, Indices
 from jointbayes.errors import MeasurementError, array_of
 from jointbayes.notebook_view import frf_svg, table_html
 
 Quantity = Literal["receptance", "mobility", "accelerance"]
 #: Some of the lines of an FRF: a mask or indices over them, or a slice.
-Lines = NDArray[np.bool_] | NDArray[np.intp] | slice
+Lines = Flags | Indices | slice
 #: Power of jω by which a quantity follows from the receptance.
 POWER_OF_JW: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
 
 
-def quantity_factor(frequency_hz: Array, to: Quantity, source: Quantity = "receptance") -> NDArray[np.complex128]:
+def quantity_factor(frequency_hz: Array, to: Quantity, source: Quantity = "receptance") -> ComplexArray:
     """Factor (jω)ⁿ per line that turns `source` into `to`, shape (lines,); ω = 2πf."""
     power = POWER_OF_JW[to] - POWER_OF_JW[source]
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
@@ -54,7 +54,7 @@ class FrfSet:
     """
 
     frequency_hz: Array
-    values: NDArray[np.complex128]
+    values: ComplexArray
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
     quantity: Quantity = "receptance"
@@ -116,7 +116,7 @@ class FrfSet:
         """Number of frequency lines."""
         return self.frequency_hz.size
 
-    def frf(self, output: str, input_: str) -> NDArray[np.complex128]:
+    def frf(self, output: str, input_: str) -> ComplexArray:
         """One FRF, shape (lines,).
 
         Raises

@@ -18,12 +18,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Indices
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf.frf_set import FrfSet, quantity_factor, read_only
 from jointbayes.structure import Body
-
-ComplexArray = NDArray[np.complex128]
 
 #: Lines whose frequencies differ by less than this, relative, are the same.
 SAME_LINE = 1e-9
@@ -333,7 +331,7 @@ class Substructures:
         """DOFs of all bodies; those of the modelled ones come first."""
         return self.modelled.n_dofs + sum(len(body.dofs) for body in self.measured)
 
-    def index(self, labels: Sequence[str]) -> NDArray[np.intp]:
+    def index(self, labels: Sequence[str]) -> Indices:
         """Row numbers of DOF labels among those of all bodies, shape (len(labels),).
 
         Raises

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Flags
 from jointbayes.errors import ModelError
 from jointbayes.frf.damped_joints import add_joint, chi2_of
 from jointbayes.frf.kernels.modal_sum import ModalSum
@@ -81,7 +81,7 @@ class JoinedModes:
         At which of these forces act, shape (q,), beside those of the joint; by default at all.
     """
 
-    def __init__(self, body: Body, taking_part: TakingPart, forced: NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, body: Body, taking_part: TakingPart, forced: Flags | None = None) -> None:
         self._shift, self._r = body.shift, taking_part.joined.shape[1]
         forces = None if forced is None else np.concatenate([np.ones(self._r, dtype=bool), forced])
         motions = np.hstack([taking_part.joined, taking_part.rest])
@@ -212,7 +212,7 @@ class AssembledModes:
         self._n_out, self._omega = len(ports.outputs), ports.omega
         self._sum = ModalSum(self._omega, self._n_out)
 
-    def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
+    def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """Receptances, shape (batch, lines, outputs, inputs).
 
         For joint matrices of shape (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
@@ -222,7 +222,7 @@ class AssembledModes:
             return self._damped(batch, factors)
         return self._sum.receptance(*self._assembled(batch.stiffness, factors))
 
-    def _damped(self, matrices: JointMatrix, factors: ArrayLike | None) -> NDArray[np.complex128]:
+    def _damped(self, matrices: JointMatrix, factors: ArrayLike | None) -> ComplexArray:
         """Receptances of a batch of joints with damping."""
         factor_rows, (r, q) = factors_batch(factors, len(matrices)), self._along.shape
         eigenvalues, rows, springs = self._modes.solve(np.ascontiguousarray(matrices.stiffness), factor_rows)
@@ -245,12 +245,12 @@ class AssembledModes:
 
     def _damped_tangent(
         self, matrix: JointMatrix, directions: JointMatrix, factors: ArrayLike | None
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    ) -> tuple[ComplexArray, ComplexArray]:
         """By differences: with the stiffness the modes change, and with them the damping of the structure."""
         up, down = (self._damped(matrix.moved(directions, step), factors) for step in (_STEP, -_STEP))
         return self._damped(matrix.batch, factors)[0], (up - down) / (2 * _STEP)
 
-    def misfit(self, measured: NDArray[np.complex128], weight: Array) -> "AssembledMisfit":
+    def misfit(self, measured: ComplexArray, weight: Array) -> "AssembledMisfit":
         """Weighted distance from measured receptances, see `ReceptanceModel`."""
         return AssembledMisfit(self, measured, weight)
 
@@ -272,7 +272,7 @@ class AssembledModes:
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    ) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its exact derivative along p changes of one joint matrix.
 
         Parameters
@@ -316,7 +316,7 @@ class AssembledModes:
         return spread[0], spread[1:]
 
 
-def turned_modes(eigenvalues: Array, at_joint: Array, directions: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+def turned_modes(eigenvalues: Array, at_joint: Array, directions: Array) -> tuple[Array, Flags, Array]:
     """How modes turn into each other along changes of the joint.
 
     Parameters
@@ -344,7 +344,7 @@ def turned_modes(eigenvalues: Array, at_joint: Array, directions: Array) -> tupl
 class AssembledMisfit:
     """χ² = Σ |H − H^x|² w² as a function of the joint; the work on the lines is that of `ModalSum`."""
 
-    def __init__(self, model: AssembledModes, measured: NDArray[np.complex128], weight: Array) -> None:
+    def __init__(self, model: AssembledModes, measured: ComplexArray, weight: Array) -> None:
         self._model, self._measured, self._weight = model, measured, weight
         self._lines = model._sum.lines(measured, weight)
 

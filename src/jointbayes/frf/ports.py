@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Indices
 from jointbayes.joint import AnyJoint, AnyJointMatrix
 from jointbayes.joint.joint import LabelledDofs
 
@@ -51,7 +51,7 @@ class TakingPart:
         The q other motions as a sum joined @ along + rest, shapes (r, q) and (p, q).
     """
 
-    dofs: NDArray[np.intp]
+    dofs: Indices
     joined: Array
     along: Array
     rest: Array
@@ -62,7 +62,7 @@ class TakingPart:
         body: LabelledDofs,
         joint: AnyJoint,
         labels: Sequence[str] = (),
-        forms: tuple[NDArray[np.intp], Array] | None = None,
+        forms: tuple[Indices, Array] | None = None,
     ) -> "TakingPart":
         """Of a joint, motions of labelled DOFs, and further ones as forms (p, d) on DOFs (p,).
 
@@ -114,7 +114,7 @@ class Misfit(Protocol):
 class ReceptanceModel(Protocol):
     """Receptance of a structure with its joint as a function of K^J; see `LowRankCoupling`, `AssembledModes`."""
 
-    def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
+    def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """Receptances, shape (batch, lines, outputs, inputs).
 
         For joint matrices (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
@@ -123,10 +123,10 @@ class ReceptanceModel(Protocol):
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    ) -> tuple[ComplexArray, ComplexArray]:
         """Receptance (lines, outputs, inputs) and derivative (p, lines, outputs, inputs) of one joint matrix."""
         ...
 
-    def misfit(self, measured: NDArray[np.complex128], weight: Array) -> Misfit:
+    def misfit(self, measured: ComplexArray, weight: Array) -> Misfit:
         """χ² against measured receptances (lines, outputs, inputs) with weights 1/σ, as a function of the joint."""
         ...

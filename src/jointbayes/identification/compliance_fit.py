@@ -12,9 +12,8 @@ IEEE Transactions on Automatic Control 8(1), 56-58. DOI 10.1109/TAC.1963.1105517
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.frf import AnyStructure, LowRankCoupling, Ports, quantity_factor
 from jointbayes.frf.coupling import free_receptance
 from jointbayes.frf.measured_body import Substructures, substructures
@@ -60,7 +59,7 @@ def compliance_start(structure: AnyStructure, joint: AnyJoint, data: FrfData) ->
 
 def measured_receptances(
     structure: AnyStructure, joint: AnyJoint, data: FrfData
-) -> "tuple[NDArray[np.complex128], Array, FreeReceptance]":
+) -> "tuple[ComplexArray, Array, FreeReceptance]":
     """Measured receptances and their σ, each (lines, outputs, inputs), and those of the structure without the joint.
 
     Parameters
@@ -115,10 +114,10 @@ def _free_of_model(whole: Substructures, joint: AnyJoint, given: Ports) -> "Free
 class FreeReceptance:
     """Receptance without the joint, cut into the blocks between joint, outputs and inputs, at each line."""
 
-    jj: NDArray[np.complex128]
-    oj: NDArray[np.complex128]
-    ji: NDArray[np.complex128]
-    oi: NDArray[np.complex128]
+    jj: ComplexArray
+    oj: ComplexArray
+    ji: ComplexArray
+    oi: ComplexArray
 
     @property
     def scale(self) -> Array:
@@ -126,13 +125,11 @@ class FreeReceptance:
         c11, c22 = np.median(np.abs(self.jj[:, [0, 1], [0, 1]]), axis=0)
         return np.array([c11, np.sqrt(c11 * c22), c22, c11 * c22])
 
-    def denominator(self, unknown: Array, scale: Array) -> NDArray[np.complex128]:
+    def denominator(self, unknown: Array, scale: Array) -> ComplexArray:
         """D per line, relative to its scale, shape (lines,)."""
         return (self._factors() @ (unknown * scale) + self._determinant()) / scale[3]
 
-    def equations(
-        self, measured: NDArray[np.complex128], scale: Array
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def equations(self, measured: ComplexArray, scale: Array) -> tuple[ComplexArray, ComplexArray]:
         """Matrix (lines, outputs, inputs, 4) and right-hand side (lines, outputs, inputs) of (A − H^x) D = N."""
         difference = self.oi - measured
         a, b = self.oj[:, :, None, :], self.ji.swapaxes(1, 2)[:, None, :, :]
@@ -155,12 +152,12 @@ class FreeReceptance:
         right = constant - difference * self._determinant()[:, None, None]
         return matrix * scale / scale[3], right / scale[3]
 
-    def _factors(self) -> NDArray[np.complex128]:
+    def _factors(self) -> ComplexArray:
         """∂D/∂(c11, c12, c22, det C), shape (lines, 4)."""
         ones = np.ones(len(self.jj), dtype=complex)
         return np.stack([self.jj[:, 1, 1], -2 * self.jj[:, 0, 1], self.jj[:, 0, 0], ones], axis=-1)
 
-    def _determinant(self) -> NDArray[np.complex128]:
+    def _determinant(self) -> ComplexArray:
         return self.jj[:, 0, 0] * self.jj[:, 1, 1] - self.jj[:, 0, 1] ** 2
 
 

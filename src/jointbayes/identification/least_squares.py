@@ -4,9 +4,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.inference import JointPrior, LogPosterior
 
 #: Joints of so many coordinates and more are found in other ways, and climb by exact derivatives.
@@ -25,7 +24,7 @@ class Squares(Protocol):
     """A density that is −½ Σ e² of residuals e, times a prior."""
 
     prior: JointPrior
-    columns: NDArray[np.intp]
+    columns: Indices
     """Coordinates that a climb moves; the others stay."""
 
     @property

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, StartOutcome
@@ -282,7 +282,7 @@ class Images:
         1, or −1 where a coordinate changes its sign, shape (n, d).
     """
 
-    columns: NDArray[np.intp]
+    columns: Indices
     signs: Array
 
     @classmethod

@@ -11,15 +11,14 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Parametrisation, parametrisation_named
 from jointbayes.structure import Body
 
-ComplexArray = NDArray[np.complex128]
 SensitivityKind = Literal["measured", "analytical"]
 
 _MOST_LISTED = 12  # quantities in a line of text

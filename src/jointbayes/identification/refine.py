@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import optimize
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.inference import JointPrior, LogPosterior
 from jointbayes.joint import CondensedCoordinates
@@ -99,13 +99,13 @@ class _Coordinates:
     """
 
     place: Array
-    free: NDArray[np.intp]
+    free: Indices
     ridges: tuple[CondensedCoordinates, ...]
     low: Array
     high: Array
 
     @classmethod
-    def from_point(cls, theta: Array, free: NDArray[np.bool_], prior: JointPrior) -> Self:
+    def from_point(cls, theta: Array, free: Flags, prior: JointPrior) -> Self:
         """About a point θ, shape (d,)."""
         ridges = tuple(ridge for ridge in prior.parametrisation.ridges if free[ridge.column])
         place = _straightened(ridges, theta[None])[0]
@@ -178,7 +178,7 @@ def inside_the_edges(log_posterior: LogPosterior, mode: Array) -> tuple[Array, A
     return None
 
 
-def _gains_inwards(log_posterior: LogPosterior, theta: Array, value: float) -> NDArray[np.bool_]:
+def _gains_inwards(log_posterior: LogPosterior, theta: Array, value: float) -> Flags:
     """Whether the density rises from θ, shape (d,), towards the inside of the support along each coordinate."""
     low, _ = log_posterior.prior.support
     step = np.where(theta <= low, 1.0, -1.0) * 1e-5 * np.minimum(log_posterior.prior.sd, 1.0)

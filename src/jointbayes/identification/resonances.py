@@ -10,12 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 import scipy  # its parts load at first use
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Indices
 from jointbayes.measurement import Data, FrfData
-
-Complex = NDArray[np.complex128]
 
 #: Least prominence of a peak, in ln |H|, and least height, in standard deviations of the noise there. Without the
 #: second condition a ripple of the noise between two resonances counts as one.
@@ -56,7 +53,7 @@ def resonances_hz(data: Data) -> Array:
     return _merged(np.array(roots).reshape(-1, 2), float(np.median(np.diff(frequency))))
 
 
-def _peaks(data: FrfData, values: Complex, output: int, input_: int) -> list[tuple[float, float]]:
+def _peaks(data: FrfData, values: ComplexArray, output: int, input_: int) -> list[tuple[float, float]]:
     """Frequency in Hz and height over the noise of each peak of one FRF, with its receptance (lines,)."""
     frequency = data.frf.frequency_hz
     height = np.abs(data.frf.values[:, output, input_])
@@ -74,7 +71,7 @@ def _peaks(data: FrfData, values: Complex, output: int, input_: int) -> list[tup
     ]
 
 
-def _interpolate_frequency(frequency: Array, values: NDArray[np.complex128], ratio: Array, peak: int) -> float:
+def _interpolate_frequency(frequency: Array, values: ComplexArray, ratio: Array, peak: int) -> float:
     """Frequency of a peak between its lines: the zero of Re 1/H, which near one mode is linear in ω².
 
     Each line counts by the variance of 1/H, which goes with 1/(|H| ratio)². Lines coarser than the peak is wide miss
@@ -122,7 +119,7 @@ class SharedResonances:
         Standard deviation √(E|δH|²) of the measured ones, same shape.
     """
 
-    def __init__(self, frequency_hz: Array, measured: Complex, predicted: Complex, sd: Array) -> None:
+    def __init__(self, frequency_hz: Array, measured: ComplexArray, predicted: ComplexArray, sd: Array) -> None:
         self._f, self._want, self._sd = frequency_hz, predicted, sd
         here, there = (_common_peaks(values, sd) for values in (measured, predicted))
         self._matched = _matched(frequency_hz, here, there)
@@ -135,7 +132,7 @@ class SharedResonances:
         #: ln of its damping ratio, shape (modes,).
         self.log_damping: Array = median_seen(self._predicted[..., 1], axis=1)
 
-    def ratios(self, values: Complex) -> Array:
+    def ratios(self, values: ComplexArray) -> Array:
         """ln of frequency, damping and level over the predicted ones, shape (modes, pairs, 3); NaN where unseen."""
         fits = np.array([self._fits(values, m) for m, _ in self._matched]).reshape(self._predicted.shape)
         return fits - self._predicted
@@ -151,12 +148,12 @@ class SharedResonances:
             spread: Array = np.std(fits, axis=0)
         return spread
 
-    def _fits(self, values: Complex, peak: int) -> Array:
+    def _fits(self, values: ComplexArray, peak: int) -> Array:
         """ln of frequency, damping and level of one resonance in each FRF, shape (pairs, 3)."""
         return np.array([fit_resonance(self._f, np.abs(values[:, i]) ** 2, peak) for i in range(values.shape[1])])
 
 
-def _common_peaks(values: Complex, sd: Array) -> NDArray[np.intp]:
+def _common_peaks(values: ComplexArray, sd: Array) -> Indices:
     """Lines of the resonances, of all FRFs together."""
     scaled = np.abs(values) / np.median(np.abs(values), axis=0)
     power = np.log((scaled**2).mean(axis=1)) / 2
@@ -165,7 +162,7 @@ def _common_peaks(values: Complex, sd: Array) -> NDArray[np.intp]:
     return peaks[clear]
 
 
-def _matched(f: Array, measured: NDArray[np.intp], predicted: NDArray[np.intp]) -> list[tuple[int, int]]:
+def _matched(f: Array, measured: Indices, predicted: Indices) -> list[tuple[int, int]]:
     """Lines of resonances that are each other's nearest, by rising frequency."""
     if not (measured.size and predicted.size):
         return []

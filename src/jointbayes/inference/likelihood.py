@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import ModelError
 from jointbayes.frf import (
     LowRankCoupling,
@@ -44,8 +44,6 @@ from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.test import Test, likelihood_of
 from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.measurement import FrfData
-
-ComplexArray = NDArray[np.complex128]
 
 
 class PropagatedNoise:

@@ -14,12 +14,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.inference.noise.base import NoiseModel, Residuals
 from jointbayes.joint import AnyJointMatrix
 
-ComplexArray = NDArray[np.complex128]
 ResidualKind = Literal["complex", "log_magnitude"]
 
 #: Variance of ln|n| for n complex circular Gaussian: what is left of a value that is nothing but noise.

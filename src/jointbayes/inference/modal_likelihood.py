@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.frf import (
     AssembledShapes,
@@ -138,7 +138,7 @@ class ModePrediction:
             return np.empty((len(joint_matrix_of(matrices).batch), 0))
         return self._zeros.frequency_hz(matrices, factors)
 
-    def matched(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Modal, NDArray[np.intp]]:
+    def matched(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Modal, Indices]:
         """The partners of the measured modes, shapes (batch, n, …), and their places among all, from 0, (batch, n)."""
         modal = self._model.modes(matrices, factors)
         places = self._partners(modal)
@@ -170,7 +170,7 @@ class ModePrediction:
             parts.append(self._zeros.slope(matrix, directions, factors))
         return self._table(here, self.zeros(matrix, factors))[0, self._place], np.hstack(parts)[:, self._place]
 
-    def _partners(self, modal: Modal) -> NDArray[np.intp]:
+    def _partners(self, modal: Modal) -> Indices:
         """Places of the predicted modes that are compared with the measured ones, shape (batch, n)."""
         if not self._by_shape:
             return np.tile(self._numbers, (len(modal.frequency_hz), 1))
@@ -210,7 +210,7 @@ def _flattened(components: Array) -> Array:
     return components.reshape(len(components), components.shape[1] * components.shape[2])
 
 
-def _taken(modal: Modal, places: NDArray[np.intp]) -> Modal:
+def _taken(modal: Modal, places: Indices) -> Modal:
     """The modes of each of a batch at some places, (batch, n)."""
     return Modal(
         np.take_along_axis(modal.frequency_hz, places, axis=1),

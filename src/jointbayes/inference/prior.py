@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.errors import ModelError
 from jointbayes.inference.assemblies import AssemblyScatter
 from jointbayes.inference.marginals import Marginal, Normal, OfStiffness, Uniform, marginal_of
@@ -308,7 +308,7 @@ class JointPrior:
                 values[..., i] = nuisance.value(np.asarray(theta, dtype=float)[..., len(self.marginals) + i])
         return values
 
-    def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
+    def feasible(self, theta: ArrayLike) -> Flags:
         """Whether K^J is positive definite and every nuisance within its range, shape (...)."""
         t = np.asarray(theta, dtype=float)
         inside = self.parametrisation.feasible(self.joint(t))
@@ -343,7 +343,7 @@ class JointPrior:
                 total[inside] += scatter.log_ratio(t[inside], self.names, self.all_marginals)
         return np.where(inside, total - self.log_normalisation, -np.inf)
 
-    def _has_density(self, theta: Array) -> NDArray[np.bool_] | bool:
+    def _has_density(self, theta: Array) -> Flags | bool:
         """Whether assemblies that scatter are inside their marginals, shape (n,)."""
         return not self.scatters or np.isfinite(self.log_density(theta))
 

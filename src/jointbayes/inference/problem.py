@@ -6,9 +6,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.frf import AnyStructure, NaturalFrequencies
 from jointbayes.inference.likelihood_base import ResidualKind
@@ -253,7 +253,7 @@ class Problem:
         return np.asarray(factors, dtype=float)[..., self.structural_columns]
 
     @cached_property
-    def structural_columns(self) -> NDArray[np.intp]:
+    def structural_columns(self) -> Indices:
         """Which nuisances concern the structure of the one test, in the order of its quantities."""
         return columns_of_names(self.test.name, self.test.structures.names, self._nuisances)
 

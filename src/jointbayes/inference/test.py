@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Indices
 from jointbayes.errors import ModelError
 from jointbayes.frf import (
     AnyStructure,
@@ -232,7 +232,7 @@ def own_name(test: str, name: str, names: Iterable[str]) -> str | None:
     return first if first in among else name if name in among else None
 
 
-def columns_of_names(test: str, wanted: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
+def columns_of_names(test: str, wanted: Sequence[str], names: Sequence[str]) -> Indices:
     """Places of the quantities of a test among `names`.
 
     Raises

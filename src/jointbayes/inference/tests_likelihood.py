@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.noise.base import NoiseModel, Residuals, residuals_of_values, values_of_residuals
@@ -30,7 +30,7 @@ class Term:
 
     likelihood: Likelihood
     rows: slice
-    columns: NDArray[np.intp]
+    columns: Indices
 
     def select(self, matrices: AnyJointMatrix, factors: ArrayLike | None) -> tuple[JointMatrix, Any]:
         """Joint matrices (..., r, r) and factors (..., q) of the test from those of all."""

@@ -7,9 +7,9 @@ from itertools import combinations, permutations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.errors import ModelError
 from jointbayes.joint.parametrisation import CondensedCoordinates, Cone, Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity
@@ -104,13 +104,13 @@ class Blocks(Parametrisation):
         return tuple(CondensedCoordinates(r.cone.moved(t.start)) for joint, t, _ in self._parts for r in joint.ridges)
 
     @property
-    def exchanges(self) -> NDArray[np.intp]:
+    def exchanges(self) -> Indices:
         """Columns of θ after exchanges of like joints: all orders of up to four of a kind, and pairs of more.
 
         Of several set-ups with quantities of their own, ``low.foot`` and ``high.foot``, joints change places in all.
         """
         kinds: dict[str, list[tuple[str, Parametrisation]]] = {}
-        columns: dict[str, list[NDArray[np.intp]]] = {}
+        columns: dict[str, list[Indices]] = {}
         for block, (parametrisation, t, _) in zip(self.blocks, self._parts, strict=True):
             setup, _, joint = block.name.rpartition(".")
             kinds.setdefault(joint, []).append((setup, parametrisation))
@@ -140,7 +140,7 @@ class Blocks(Parametrisation):
         """Quantities, shape (..., q), from θ, shape (..., d)."""
         return self._side_by_side(self._each(lambda joint, t: joint.values(t), theta, False), theta)
 
-    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> Flags:
         """Whether all have coordinates."""
         return np.logical_and.reduce(self._each(lambda joint, k: joint.describes(k), values, True))
 
@@ -167,7 +167,7 @@ class Blocks(Parametrisation):
         """The nearest joint of each, shape (q,)."""
         return self._side_by_side(self._each(lambda joint, k: joint.nearest(k), values, True), values)
 
-    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> Flags:
         """Whether every joint is, shape (...)."""
         return np.logical_and.reduce(self._each(lambda joint, k: joint.is_positive_semidefinite(k), values, True))
 
@@ -203,7 +203,7 @@ class Blocks(Parametrisation):
         """φ of each joint, shape (n, d), of θ, shape (n, d)."""
         return self._side_by_side(self._each(lambda joint, t: joint.compliance(t), theta, False), theta)
 
-    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint each, shape (n,)."""
         parts = [joint.coordinates_of_compliance(phi[:, t]) for joint, t, _ in self._parts]
         inside = np.logical_and.reduce([inside for _, inside in parts])

@@ -10,9 +10,9 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import COORDINATES, COUPLED, Coordinate, Quantity
 
@@ -50,7 +50,7 @@ class CoupledPair(Parametrisation):
         """k11, k12 and k22."""
         return COUPLED
 
-    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> Flags:
         """Whether joints (k11, k12, k22), shape (..., 3), are positive semidefinite, shape (...)."""
         k11, k12, k22 = np.moveaxis(np.asarray(values, dtype=float), -1, 0)
         bound = np.sqrt(np.maximum(k11, 0.0)) * np.sqrt(np.maximum(k22, 0.0)) * _ROUNDING
@@ -78,7 +78,7 @@ class CoupledPair(Parametrisation):
         """Compliance φ = (c11, c12, c22), C = (K^J)⁻¹, shape (n, d), of θ, shape (n, d)."""
         return _inverse_2x2(self.values(theta))
 
-    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
         c11, c12, c22 = phi.T
         inside = (c11 > 0) & (c22 > 0) & (c11 * c22 > c12 * c12)

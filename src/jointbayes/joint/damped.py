@@ -6,9 +6,9 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.errors import ModelError
 from jointbayes.joint.parametrisation import CondensedCoordinates, Cone, Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity, damping_quantities
@@ -106,7 +106,7 @@ class Damped(Parametrisation):
         t = np.asarray(theta, dtype=float)
         return np.concatenate([self.of.values(t[..., : self._d]), np.exp(t[..., self._d :])], axis=-1)
 
-    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> Flags:
         """Whether the stiffnesses have coordinates and all damping is above zero."""
         k = np.asarray(values, dtype=float)
         return np.asarray(self.of.describes(k[..., : self._q]) & (k[..., self._q :] > 0).all(axis=-1))
@@ -137,7 +137,7 @@ class Damped(Parametrisation):
         k = np.asarray(values, dtype=float)
         return np.concatenate([self.of.nearest(k[: self._q]), np.maximum(k[self._q :], np.finfo(float).tiny)])
 
-    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> Flags:
         """Whether joints, shape (..., q), store and lose energy but give off none, shape (...)."""
         k = np.asarray(values, dtype=float)
         return np.asarray(self.of.is_positive_semidefinite(k[..., : self._q]) & (k[..., self._q :] >= 0).all(axis=-1))
@@ -166,7 +166,7 @@ class Damped(Parametrisation):
         """
         return np.concatenate([self.of.compliance(theta[..., : self._d]), np.exp(theta[..., self._d :])], axis=-1)
 
-    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
         theta, inside = self.of.coordinates_of_compliance(phi[:, : self._d])
         damping = phi[:, self._d :]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.joint.coupled import CoupledPair
 
 
@@ -29,7 +29,7 @@ class ElasticCentre(CoupledPair):
         k11, arm = np.exp(t[..., 0]), t[..., 1]
         return np.stack([k11, arm * k11, np.exp(t[..., 2]) + arm**2 * k11], axis=-1)
 
-    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> Flags:
         """Whether the joint is positive definite."""
         k = np.asarray(values, dtype=float)
         k11 = np.where(k[..., 0] > 0, k[..., 0], np.nan)  # no number is larger or smaller than NaN

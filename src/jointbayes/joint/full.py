@@ -6,9 +6,9 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.errors import ModelError
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import DIRECTIONS, Coordinate, Quantity, full_coordinates, full_stiffnesses
@@ -75,7 +75,7 @@ class FullStiffness(Parametrisation):
         return [i for i, quantity in enumerate(self.quantities) if not quantity.may_be_negative]
 
     @cached_property
-    def _couplings(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _couplings(self) -> tuple[Indices, Indices]:
         return np.triu_indices(self._motions, 1)
 
     def _correlation_factor(self, rho: Array) -> tuple[Array, Array]:
@@ -107,7 +107,7 @@ class FullStiffness(Parametrisation):
         values[..., self._diagonal] = np.exp(t[..., :r])
         return values
 
-    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> Flags:
         """Whether the joint is positive definite."""
         k = np.asarray(values, dtype=float)
         possible = np.asarray(np.isfinite(k).all(axis=-1) & (k[..., self._diagonal] > 0).all(axis=-1))
@@ -180,7 +180,7 @@ class FullStiffness(Parametrisation):
         theta[self._motions :] = np.clip(theta[self._motions :], -_LARGEST_COUPLING, _LARGEST_COUPLING)
         return self.values(theta)
 
-    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> Flags:
         """Whether joints, shape (..., q), are positive semidefinite, shape (...), to rounding."""
         k = np.asarray(values, dtype=float)
         matrix = self.matrix(k).stiffness
@@ -208,7 +208,7 @@ class FullStiffness(Parametrisation):
         """Entries of C = (K^J)⁻¹ on and above the diagonal, shape (n, d), of θ, shape (n, d)."""
         return self._inverse(self.values(theta))
 
-    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
         inside = self.describes(phi)
         values = self._inverse(np.where(inside[:, None], phi, self._any))

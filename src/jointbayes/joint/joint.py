@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.joint.quantities import DIRECTIONS, direction_of, is_rotation
 
@@ -29,7 +28,7 @@ class LabelledDofs(Protocol):
         """Number of DOFs."""
         ...
 
-    def index(self, labels: Sequence[str]) -> NDArray[np.intp]:
+    def index(self, labels: Sequence[str]) -> Indices:
         """Row numbers of DOF labels, shape (len(labels),)."""
         ...
 

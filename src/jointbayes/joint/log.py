@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.joint.coupled import CoupledPair
 from jointbayes.joint.parametrisation import CondensedCoordinates, Cone
 
@@ -35,7 +35,7 @@ class LogStiffness(CoupledPair):
         """(k11, k12, k22), shape (..., 3), from θ, shape (..., 3)."""
         return np.exp(np.asarray(theta, dtype=float))
 
-    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> Flags:
         """Whether all are above zero."""
         return np.asarray((np.asarray(values, dtype=float) > 0).all(axis=-1))
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Flags
 
 Index = int | slice | tuple[Any, ...] | NDArray[Any] | None
 
@@ -90,12 +90,12 @@ class JointMatrix:
         return JointMatrix(np.zeros_like(self.stiffness), self.viscous, self.hysteretic)
 
     @property
-    def linked(self) -> NDArray[np.bool_]:
+    def linked(self) -> Flags:
         """Entries that are not zero in all of a batch, shape (r, r)."""
         k, c, h = self.batch.sides
         return np.asarray(((k != 0) | (c != 0) | (h != 0)).any(axis=0))
 
-    def dynamic_stiffness(self, omega: Array) -> NDArray[np.complex128]:
+    def dynamic_stiffness(self, omega: Array) -> ComplexArray:
         """K + jωC + jH at each line ω, shape (lines,) in rad/s: shape (..., lines, r, r)."""
         k, c, h = self.sides
         dynamic = np.zeros((*k.shape[:-2], omega.size, *k.shape[-2:]), dtype=np.complex128)

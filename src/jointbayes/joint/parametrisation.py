@@ -12,9 +12,9 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.errors import ModelError, array_of
 from jointbayes.joint.matrix import AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.joint.quantities import Coordinate, Quantity
@@ -73,7 +73,7 @@ class CondensedCoordinates:
         phi[:, self.column] += np.log1p(-share)
         return phi
 
-    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def inverse(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), and True for each, shape (n,): any φ is a joint."""
         theta = np.array(phi, dtype=np.float64)
         first, coupling, last = (phi[:, column] for column in (self.cone.first, self.cone.coupling, self.cone.last))
@@ -159,7 +159,7 @@ class Parametrisation(ABC):
         return next(axis.name for axis in self.axes if axis.quantity == quantity)
 
     @property
-    def exchanges(self) -> NDArray[np.intp]:
+    def exchanges(self) -> Indices:
         """Columns of θ after each exchange of joints with the same quantities, shape (n, d), the first as they are."""
         return np.arange(len(self.axes))[None]
 
@@ -178,7 +178,7 @@ class Parametrisation(ABC):
         """Whether some of the quantities are damping."""
         return any(quantity.role != "stiffness" for quantity in self.quantities)
 
-    def _entries_of(self, role: str) -> NDArray[np.intp]:
+    def _entries_of(self, role: str) -> Indices:
         """Number of the quantity with a role that each entry of a joint matrix is, shape (R, R)."""
         entries = np.full((self.size, self.size), _ABSENT)
         for number, (quantity, places) in enumerate(zip(self.quantities, self.pattern, strict=True)):
@@ -189,7 +189,7 @@ class Parametrisation(ABC):
         return entries
 
     @cached_property
-    def _entries(self) -> tuple[NDArray[np.intp], ...]:
+    def _entries(self) -> tuple[Indices, ...]:
         """Entries of K^J, and where joints are damped those of dashpots and of loss factors."""
         roles = ("stiffness", "viscous", "loss factor") if self.damped else ("stiffness",)
         return tuple(map(self._entries_of, roles))
@@ -253,7 +253,7 @@ class Parametrisation(ABC):
         """Quantities, shape (..., q), from θ, shape (..., d)."""
 
     @abstractmethod
-    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> Flags:
         """Whether quantities, shape (..., q), have coordinates, shape (...)."""
 
     @abstractmethod
@@ -280,7 +280,7 @@ class Parametrisation(ABC):
         """A joint near one of shape (q,) that has coordinates, well inside the positive definite ones."""
 
     @abstractmethod
-    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> Flags:
         """Whether joints, shape (..., q), are positive semidefinite, shape (...)."""
 
     @abstractmethod
@@ -292,7 +292,7 @@ class Parametrisation(ABC):
         """Compliance φ, entries of C = (K^J)⁻¹, shape (n, d), of θ, shape (n, d)."""
 
     @abstractmethod
-    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
 
     @abstractmethod
@@ -314,7 +314,7 @@ class Parametrisation(ABC):
             raise ModelError(f"joint in {self.key} coordinates: found stiffness {k.tolist()}; expected {self.expected}")
         return theta
 
-    def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
+    def feasible(self, theta: ArrayLike) -> Flags:
         """Whether K^J is positive definite, shape (...); θ has shape (..., d)."""
         t = np.asarray(theta, dtype=float)
         inside = np.ones(t.shape[:-1], dtype=np.bool_)
@@ -390,7 +390,7 @@ class ComplianceCoordinates:
         """φ, shape (n, d), of θ, shape (n, d)."""
         return self.parametrisation.compliance(theta)
 
-    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def inverse(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
         return self.parametrisation.coordinates_of_compliance(phi)
 

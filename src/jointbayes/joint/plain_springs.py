@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.errors import ModelError
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import COUPLED, Coordinate, Quantity
@@ -79,7 +79,7 @@ class PlainSprings(Parametrisation):
         values[..., self._places] = np.exp(t)
         return values
 
-    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> Flags:
         """Whether the springs that yield are above zero; the rest does not count."""
         return np.asarray((np.asarray(values, dtype=float)[..., self._places] > 0).all(axis=-1))
 
@@ -108,7 +108,7 @@ class PlainSprings(Parametrisation):
         k[self._places] = np.maximum(k[self._places], _SMALLEST_STIFFNESS)
         return k
 
-    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> Flags:
         """Whether no spring is below zero and nothing is coupled, shape (...)."""
         k = np.asarray(values, dtype=float)
         coupling = np.array([quantity.may_be_negative for quantity in self.of], dtype=bool)
@@ -129,7 +129,7 @@ class PlainSprings(Parametrisation):
         """φ = 1/k of each named spring, shape (..., d), of θ, shape (..., d)."""
         return np.exp(-theta)
 
-    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), of φ = 1/k, shape (n, d), and whether φ is positive, shape (n,)."""
         inside = np.asarray((phi > 0).all(axis=-1))
         return -np.log(np.where(inside[:, None], phi, 1.0)), inside

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.joint.coupled import CoupledPair
 
 
@@ -24,7 +24,7 @@ class SignedCoupling(CoupledPair):
         k11, k22 = np.exp(t[..., 0]), np.exp(t[..., 1])
         return np.stack([k11, t[..., 2] * np.sqrt(k11 * k22), k22], axis=-1)
 
-    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> Flags:
         """Whether k11 and k22 are above zero."""
         return np.asarray((np.asarray(values, dtype=float)[..., [0, 2]] > 0).all(axis=-1))
 

@@ -10,14 +10,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, quantity_factor
 from jointbayes.measurement.data import FrfData
-
-ComplexArray = NDArray[np.complex128]
 
 _STEP = 1e-6  # of the largest receptance of a line, in differences of a function that is smooth
 

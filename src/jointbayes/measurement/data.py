@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.frf_set import read_only
@@ -228,7 +228,7 @@ class FrfData(Data):
             )
         return self._at_lines(~inside), self._at_lines(inside)
 
-    def _at_lines(self, lines: NDArray[np.bool_]) -> "FrfData":
+    def _at_lines(self, lines: Flags) -> "FrfData":
         at_joint = None if self.joint_frf is None else self.joint_frf.at_lines(lines)
         return replace(self, frf=self.frf.at_lines(lines), variance=self.variance[lines], joint_frf=at_joint)
 

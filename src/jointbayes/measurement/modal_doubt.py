@@ -3,12 +3,9 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Flags
 from jointbayes.measurement.modal_problem import ModalProblem
-
-Complex = NDArray[np.complex128]
 
 #: A second pole within a half-power width is a mode of its own only if χ² insists by this many prices of a mode.
 _INSISTED = 3.0
@@ -57,7 +54,7 @@ class PoleReview:
     """
 
     problem: ModalProblem
-    poles: Complex
+    poles: ComplexArray
     incoherence: Array | None
     doubtful: list[DoubtfulMode] = field(default_factory=list)
 
@@ -88,7 +85,7 @@ class PoleReview:
         near = np.abs(self.lines_hz - self.frequency_hz[:, None]) <= reach[:, None]
         return np.maximum(1.0, near @ square / np.maximum(near.sum(axis=1), 1))
 
-    def review(self) -> NDArray[np.bool_]:
+    def review(self) -> Flags:
         """Merge poles of one resonance, name what is doubtful; which of the poles left are modes."""
         if not self.poles.size:
             return np.zeros(0, dtype=bool)
@@ -101,7 +98,7 @@ class PoleReview:
         self.doubtful.sort(key=lambda doubt: doubt.frequency_hz)
         return ~nonlinear & np.array([not reason for reason in reasons])
 
-    def _merge(self) -> NDArray[np.bool_]:
+    def _merge(self) -> Flags:
         """Take out poles that are not modes beside another; which are of nonlinear resonances, and stay in the fit."""
         while True:
             nonlinear, named = np.zeros(self.poles.size, dtype=bool), []
@@ -133,7 +130,7 @@ class PoleReview:
         near = [self._one_resonance(i) for i in range(self.poles.size)]
         return [(weak, s) for i, weak in enumerate(order) for s in order[:i:-1] if near[weak][s]]
 
-    def _one_resonance(self, pole: int) -> NDArray[np.bool_]:
+    def _one_resonance(self, pole: int) -> Flags:
         """Which poles are within a half-power width of this one (the geometric mean of both), or within a line."""
         width = np.sqrt(self.width_hz * self.width_hz[pole])
         reach = np.maximum(width, self.line_step_hz(self.frequency_hz))
@@ -155,7 +152,7 @@ class PoleReview:
         assurance = np.abs(np.vdot(a, b)) ** 2 / (np.vdot(a, a).real * np.vdot(b, b).real)
         return bool(a.size > 1 and assurance < _OTHER_SHAPE)
 
-    def _nonlinear(self, strong: int, cluster: NDArray[np.bool_]) -> DoubtfulMode:
+    def _nonlinear(self, strong: int, cluster: Flags) -> DoubtfulMode:
         """A resonance that takes several poles, with the range of their half-power widths."""
         f, w = self.frequency_hz[cluster], self.width_hz[cluster]
         dip = "fits badly all the same" if self.incoherence is None else "has a coherence dip"

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.ndimage
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Flags, Indices
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, quantity_factor
 from jointbayes.measurement.modal_doubt import DoubtfulMode, PoleReview
@@ -18,7 +17,6 @@ from jointbayes.measurement.polynomial_poles import polynomial_poles, steady_pol
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.measurement.variance import RelativeNoise, coherence_variance
 
-Complex = NDArray[np.complex128]
 _Band = tuple[float | None, float | None]
 
 
@@ -41,7 +39,7 @@ class ModalFit:
     """
 
     modes: tuple[MeasuredMode, ...]
-    values: Complex
+    values: ComplexArray
     misfit: float
     covariance: Array
     doubtful: tuple[DoubtfulMode, ...]
@@ -216,7 +214,7 @@ def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int 
     return _Fitted(problem, review.poles, is_mode, doubtful, all_frfs)
 
 
-def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: _Band) -> NDArray[np.bool_]:
+def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: _Band) -> Flags:
     low, high = band_hz[0] or 0.0, band_hz[1] or np.inf
     inside = np.asarray((frf.frequency_hz >= low) & (frf.frequency_hz <= high))
     n_lines = int(inside.sum())
@@ -249,14 +247,14 @@ _UNKNOWN, _LEAST = RelativeNoise(0.03, 0.01), RelativeNoise(1e-3, 0.0)
 _ROUNDING = 1e-12
 
 
-def _few_of(shape: tuple[int, ...]) -> NDArray[np.intp]:
+def _few_of(shape: tuple[int, ...]) -> Indices:
     """Numbers of the FRFs among (lines, frfs) in which poles are sought."""
     lines, frfs = shape
     few = min(frfs, max(_FEWEST_FRFS, _MOST_VALUES // lines))
     return np.linspace(0, frfs - 1, few).round().astype(np.intp)
 
 
-def _noise_squares(frf: FrfSet, inside: NDArray[np.bool_], few: NDArray[np.intp]) -> tuple[Array, int] | None:
+def _noise_squares(frf: FrfSet, inside: Flags, few: Indices) -> tuple[Array, int] | None:
     """σ² as coherence and averages estimate it line by line, and how many lines hold 40 degrees of freedom.
 
     None where they do not tell. At one line σ² has 2(n − 1) degrees of freedom: weights as uncertain as that would
@@ -271,7 +269,7 @@ def _noise_squares(frf: FrfSet, inside: NDArray[np.bool_], few: NDArray[np.intp]
     return square if few.size == square.shape[1] else square[:, few], 1 + 2 * (20 // (2 * (averages - 1)))
 
 
-def _weight_of_squares(square: Array, model: Complex, width: int) -> Array:
+def _weight_of_squares(square: Array, model: ComplexArray, width: int) -> Array:
     """One over the noise of which each square is a rough estimate of σ².
 
     ln σ² is a parabola in ln|H| plus one in f, as likely as the squares allow; times the mean over `width` lines of
@@ -315,10 +313,10 @@ class _Fitted:
     """Poles of least squares, which of them are modes, and values and weights of all FRFs where some were left out."""
 
     problem: ModalProblem
-    poles: Complex
-    is_mode: NDArray[np.bool_]
+    poles: ComplexArray
+    is_mode: Flags
     doubtful: tuple[DoubtfulMode, ...]
-    all_frfs: tuple[Complex, Array] | None
+    all_frfs: tuple[ComplexArray, Array] | None
 
     def modes(self) -> tuple[tuple[MeasuredMode, ...], Array]:
         """Modes, and the covariance of their frequencies in Hz and then their damping ratios."""

@@ -6,14 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.frf import Quantity, quantity_factor
 from jointbayes.frf.frf_set import Lines
 from jointbayes.measurement.polynomial_poles import polynomial_poles, steady_poles
-
-Complex = NDArray[np.complex128]
 
 #: What modes outside the band leave inside it: powers of jω, and undamped poles at these multiples of its ends.
 _REST_POWERS = (-2, -1, 0, 1)
@@ -47,7 +44,7 @@ class ModalProblem:
     Kaufman, L. (1975). A variable projection method for solving separable nonlinear least squares problems. BIT 15, 49.
     """
 
-    def __init__(self, frequency_hz: Array, values: Complex, weight: Array, quantity: Quantity) -> None:
+    def __init__(self, frequency_hz: Array, values: ComplexArray, weight: Array, quantity: Quantity) -> None:
         self.omega = 2 * np.pi * frequency_hz
         self.values = values
         self.weight = weight
@@ -62,7 +59,7 @@ class ModalProblem:
         self.target = [t - (rest @ t) @ rest for rest, t in zip(self.rest, targets, strict=True)]
         self._last: tuple[bytes, list[_Linear]] = (b"none", [])
 
-    def climb(self, poles: Complex, *, fine: bool = False) -> Complex:
+    def climb(self, poles: ComplexArray, *, fine: bool = False) -> ComplexArray:
         """Poles of least squares, from a start; shape (modes,), rad/s."""
         for _ in range(_CLIMBS if poles.size else 0):
             least_fall = _FINE * self.chi2(poles) if fine else _ROUGH * self.price * self._misfit(poles)
@@ -71,18 +68,18 @@ class ModalProblem:
                 break
         return poles[np.argsort(np.abs(poles))]
 
-    def _climb_within_reach(self, poles: Complex, least_fall: float) -> tuple[Complex, bool]:
+    def _climb_within_reach(self, poles: ComplexArray, least_fall: float) -> tuple[ComplexArray, bool]:
         """Poles of least squares not far from the start, and whether none ended at the limit of that."""
         # steps are measured in half-power bandwidths, and damping stays positive
         centre, width = np.abs(poles), -poles.real
 
-        def poles_at(x: Array) -> Complex:
+        def poles_at(x: Array) -> ComplexArray:
             shift, log_growth = x.reshape(2, -1)
             return _pole(
                 np.maximum(centre + width * shift, centre / 2), np.minimum(width / centre * np.exp(log_growth), 0.9)
             )
 
-        def slopes(now: Complex) -> tuple[Array, Array]:
+        def slopes(now: ComplexArray) -> tuple[Array, Array]:
             """JᵀJ and Jᵀr, of steps in x."""
             scale = np.concatenate([width, -now.real / np.abs(now)])
             square, slope = np.zeros((scale.size, scale.size)), np.zeros(scale.size)
@@ -109,13 +106,15 @@ class ModalProblem:
                 damping *= 10
         return now, bool((np.abs(x) < 0.95 * reach).all())
 
-    def search(self, poles: Complex, order: int) -> Complex:
+    def search(self, poles: ComplexArray, order: int) -> ComplexArray:
         """Poles, roughly climbed piece by piece: further ones join while they pay their price, idle ones must go."""
         poles = self.by_pieces(poles, lambda piece, some: piece._searched(some, order))
         # what two pieces found of one mode is idle
         return self._drop_idle(poles, self.price / self._misfit(poles))
 
-    def by_pieces(self, poles: Complex, improved: Callable[["ModalProblem", Complex], Complex]) -> Complex:
+    def by_pieces(
+        self, poles: ComplexArray, improved: Callable[["ModalProblem", ComplexArray], ComplexArray]
+    ) -> ComplexArray:
         """Poles improved by a few of a piece of the band at a time, the modes elsewhere being as they are.
 
         A mode tells of itself in its neighbourhood: a piece reaches one pole further than those that it answers for.
@@ -136,14 +135,14 @@ class ModalProblem:
             answers.append(answer[(np.abs(answer) >= gaps[first]) & (np.abs(answer) < gaps[last])])
         return np.concatenate(answers)
 
-    def without(self, poles: Complex, pole: int) -> tuple[Complex, float]:
+    def without(self, poles: ComplexArray, pole: int) -> tuple[ComplexArray, float]:
         """Poles, in order, without one of them and those beside it climbed; and by how much χ² rises about them."""
         low, high = max(pole - 3, 0), min(pole + 4, poles.size)
         piece, before = self._piece(poles, low, high, whole=True), poles[low:high]
         after = piece.climb(np.delete(before, pole - low))
         return np.concatenate([poles[:low], after, poles[high:]]), piece.chi2(after) - piece.chi2(before)
 
-    def _piece(self, poles: Complex, low: int, high: int, *, whole: bool = False) -> "ModalProblem":
+    def _piece(self, poles: ComplexArray, low: int, high: int, *, whole: bool = False) -> "ModalProblem":
         """The problem of some of the poles, which are in order, without what is fitted of the others."""
         if high - low == poles.size:
             return self
@@ -156,7 +155,7 @@ class ModalProblem:
         values = self.values[lines] - (amplitudes.real @ in_phase + amplitudes.imag @ quadrature).T
         return ModalProblem(self.omega[lines] / (2 * np.pi), values, self.weight[lines], self.quantity)
 
-    def _searched(self, poles: Complex, order: int) -> Complex:
+    def _searched(self, poles: ComplexArray, order: int) -> ComplexArray:
         """Poles with further ones from what the fit leaves, among them two modes in the place of one.
 
         The price is what the Bayesian information criterion asks for the numbers that a mode adds, two for its pole and
@@ -180,7 +179,7 @@ class ModalProblem:
         """What one mode more must improve χ² by."""
         return float((2 + 2 * self.values.shape[1]) * np.log(2 * self.values.size) + 10.0)
 
-    def _further(self, poles: Complex, order: int, price: float) -> Iterator[Complex]:
+    def _further(self, poles: ComplexArray, order: int, price: float) -> Iterator[ComplexArray]:
         """Starts with one mode more, the most promising first."""
         residual = self.values - self.model(poles)
         square = (np.abs(self.weight * residual) ** 2).mean(axis=1)
@@ -198,7 +197,7 @@ class ModalProblem:
             if near.any() and square[near].mean() > misfit * (1 + 4 / np.sqrt(near.sum() * self.values.shape[1])):
                 yield np.append(np.delete(poles, i), [pole - 0.7j * width, pole + 0.7j * width])
 
-    def _peaks(self, square: Array) -> Complex:
+    def _peaks(self, square: Array) -> ComplexArray:
         """Poles at the lines that the fit explains worst, with dampings from a wide range."""
         smooth = np.convolve(square, np.full(5, 0.2), "same")
         worst: list[int] = []
@@ -209,7 +208,7 @@ class ModalProblem:
                 break
         return np.concatenate([_pole(self.omega[worst], np.full(len(worst), zeta)) for zeta in _TRIED_DAMPING])
 
-    def _drop_idle(self, poles: Complex, price: float) -> Complex:
+    def _drop_idle(self, poles: ComplexArray, price: float) -> ComplexArray:
         while poles.size:
             frequency = np.abs(poles)
             near = (frequency >= self.omega[0] / _EDGE) & (frequency <= self.omega[-1] * _EDGE)
@@ -223,22 +222,22 @@ class ModalProblem:
             poles = self.climb(np.delete(poles, worst))
         return poles
 
-    def chi2(self, poles: Complex) -> float:
+    def chi2(self, poles: ComplexArray) -> float:
         """χ² of the best residues for these poles."""
         return float(sum(fit.residual @ fit.residual for fit in self._linear(poles)))
 
-    def _misfit(self, poles: Complex) -> float:
+    def _misfit(self, poles: ComplexArray) -> float:
         return max(1.0, self.chi2(poles) / self.freedom(poles.size))
 
-    def model(self, poles: Complex) -> Complex:
+    def model(self, poles: ComplexArray) -> ComplexArray:
         """Fitted FRFs, shape (lines, frfs)."""
         return self.values - self.residual(poles) / self.weight
 
-    def residual(self, poles: Complex) -> Complex:
+    def residual(self, poles: ComplexArray) -> ComplexArray:
         """What the best residues for these poles leave, over the noise, shape (lines, frfs)."""
         return np.column_stack([fit.residual.view(complex) for fit in self._linear(poles)]) / np.sqrt(2)
 
-    def losses(self, poles: Complex) -> Array:
+    def losses(self, poles: ComplexArray) -> Array:
         """By how much χ² of each FRF rises without each of the poles, shape (frfs, poles), before any climb."""
         rows = []
         for fit in self._linear(poles):
@@ -247,12 +246,12 @@ class ModalProblem:
             rows.append((amplitudes * np.linalg.solve(blocks, amplitudes)).sum(axis=(1, 2)))
         return np.array(rows)
 
-    def residues(self, poles: Complex) -> Complex:
+    def residues(self, poles: ComplexArray) -> ComplexArray:
         """In-phase and quadrature amplitudes of each pole as complex numbers, shape (frfs, poles)."""
         amplitudes = np.array([fit.amplitudes for fit in self._linear(poles)])
         return np.asarray(amplitudes[:, : poles.size] + 1j * amplitudes[:, poles.size :])
 
-    def gain_by_line(self, poles: Complex, pole: int) -> Array:
+    def gain_by_line(self, poles: ComplexArray, pole: int) -> Array:
         """At which lines one of the poles makes χ² smaller, shape (lines,), before any climb."""
         total = np.zeros(self.omega.size)
         pair = [pole, pole + poles.size]
@@ -263,7 +262,7 @@ class ModalProblem:
             total += ((fit.residual + explained) ** 2 - fit.residual**2).reshape(-1, 2).sum(axis=1)
         return total
 
-    def gain(self, poles: Complex, candidates: Complex) -> Array:
+    def gain(self, poles: ComplexArray, candidates: ComplexArray) -> Array:
         """By how much χ² falls if one of the candidates is added, shape (candidates,), before any climb."""
         further = self._basis(candidates).view(float)
         pairs = np.arange(2 * candidates.size).reshape(2, -1).T
@@ -279,7 +278,7 @@ class ModalProblem:
             total += (slope * np.linalg.solve(blocks, slope)).sum(axis=(1, 2))
         return total
 
-    def _rest(self) -> Complex:
+    def _rest(self) -> ComplexArray:
         omega = self.omega
         outside = np.array([r * omega[0] for r in _REST_BELOW] + [r * omega[-1] for r in _REST_ABOVE])[:, None]
         one_pole = 1 / (outside**2 - omega**2)
@@ -292,7 +291,7 @@ class ModalProblem:
         lines, frfs = (int(n) for n in self.values.shape)
         return max(1, 2 * lines * frfs - 2 * modes - frfs * (2 * modes + _REST_COLUMNS))
 
-    def _basis(self, poles: Complex, lines: Lines = slice(None)) -> Complex:
+    def _basis(self, poles: ComplexArray, lines: Lines = slice(None)) -> ComplexArray:
         """Rows of the linear model: mode r has ω_r²/D and jωω_r/D, shape (2 modes, lines).
 
         D = ω_r² − ω² + 2jζ_r ω_r ω, each times (jω)ⁿ of the quantity: real coefficients of both allow complex modes.
@@ -300,14 +299,14 @@ class ModalProblem:
         omega_r, per_d = np.abs(poles)[:, None], self._per_denominator(poles, lines)
         return np.vstack([omega_r**2 * per_d, 1j * self.omega[lines] * (omega_r * per_d)])
 
-    def _per_denominator(self, poles: Complex, lines: Lines = slice(None)) -> Complex:
+    def _per_denominator(self, poles: ComplexArray, lines: Lines = slice(None)) -> ComplexArray:
         omega_r, omega = np.abs(poles)[:, None], self.omega[lines]
         d = np.empty((poles.size, omega.size), dtype=complex)
         d.real = (omega_r - omega) * (omega_r + omega)
         d.imag = -2 * poles.real[:, None] * omega
         return np.asarray(self.factor[lines] / np.abs(self.factor).max() / d)
 
-    def _linear(self, poles: Complex) -> list["_Linear"]:
+    def _linear(self, poles: ComplexArray) -> list["_Linear"]:
         """Best residues of each FRF for these poles; those of the last poles asked for are kept."""
         if self._last[0] != poles.tobytes():
             basis, fits = self._basis(poles).view(float), []
@@ -323,7 +322,7 @@ class ModalProblem:
             self._last = poles.tobytes(), fits
         return self._last[1]
 
-    def _slopes(self, poles: Complex) -> Iterator[tuple[Array, Array, Array, "_Linear"]]:
+    def _slopes(self, poles: ComplexArray) -> Iterator[tuple[Array, Array, Array, "_Linear"]]:
         """Derivatives of each fitted FRF by each ω_r, then each ζ_r; their products with the rest and with the rows.
 
         What neither explains of them is the Jacobian, but for its sign, after Kaufman. With them comes the linear fit.
@@ -347,7 +346,7 @@ class ModalProblem:
             on_rest = by_pole @ rest.T
             yield by_pole, on_rest, by_pole @ fit.rows.T - on_rest @ fit.on_rest.T, fit
 
-    def covariance(self, poles: Complex) -> Array:
+    def covariance(self, poles: ComplexArray) -> Array:
         """Covariance of (ω₁ … ω_n, ζ₁ … ζ_n) of poles of least squares, shape (2n, 2n).
 
         The inverse of JᵀJ, widened where what is left at the lines that tell of a number is larger than the noise, or
@@ -380,7 +379,7 @@ class _Linear:
     residual: Array
 
 
-def _gaps(poles: Complex) -> tuple[Array, Array]:
+def _gaps(poles: ComplexArray) -> tuple[Array, Array]:
     """Where between neighbours of ordered poles, nearer to the narrower, and how many half-power widths they are apart.
 
     Both have an entry before the first pole and one after the last, shape (poles + 1,).
@@ -392,7 +391,7 @@ def _gaps(poles: Complex) -> tuple[Array, Array]:
     )
 
 
-def _pole(omega_r: Array, zeta: Array) -> Complex:
+def _pole(omega_r: Array, zeta: Array) -> ComplexArray:
     return omega_r * (-zeta + 1j * np.sqrt(1 - zeta**2))
 
 

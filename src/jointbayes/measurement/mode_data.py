@@ -6,9 +6,8 @@ from functools import cached_property, singledispatch
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.errors import MeasurementError, array_of, printable
 from jointbayes.measurement.data import Match, ModalData
 from jointbayes.measurement.mode_values import (
@@ -222,7 +221,7 @@ class ModeData(ModalData):
         dofs = self.dofs, self.references, zeros, self.constants.pairs if self.constants else ()
         return {"data": "modes", "values": self.observed, "mode numbers": self.numbers, "DOFs": dofs}
 
-    def some(self, which: NDArray[np.bool_]) -> "ModeData":
+    def some(self, which: Flags) -> "ModeData":
         """Some of the modes, by a mask over them, shape (n,)."""
 
         def of(observed: Observed | None) -> Observed | None:

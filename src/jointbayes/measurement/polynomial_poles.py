@@ -2,14 +2,8 @@
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
-
-Complex = NDArray[np.complex128]
-
-#: Poles λ of one model order, shape (n,), rad/s.
-Poles = Complex
+from jointbayes.arrays import Array, ComplexArray, Flags
 
 #: The band covers this much of the unit circle; the polynomials wrap round, the FRF does not.
 _ARC = 0.95
@@ -19,7 +13,7 @@ _MOST_DAMPING = 0.3
 _SAME = 0.5
 
 
-def polynomial_poles(frequency_hz: Array, values: Complex, weight: Array, max_order: int) -> list[Poles]:
+def polynomial_poles(frequency_hz: Array, values: ComplexArray, weight: Array, max_order: int) -> list[ComplexArray]:
     """Poles of common-denominator models of rising order, those only that a damped mode in the band can have.
 
     Each FRF is B_k(z)/A(z) with complex polynomials in z = exp(−jτ(ω − ω₁)), which maps the band to the unit circle.
@@ -73,15 +67,15 @@ def polynomial_poles(frequency_hz: Array, values: Complex, weight: Array, max_or
     return poles_by_order
 
 
-def _possible(poles: Poles, omega: Array) -> NDArray[np.bool_]:
+def _possible(poles: ComplexArray, omega: Array) -> Flags:
     frequency = np.abs(poles)
     damping = -poles.real / frequency
-    possible: NDArray[np.bool_] = (damping > 0) & (damping < _MOST_DAMPING)
+    possible: Flags = (damping > 0) & (damping < _MOST_DAMPING)
     possible &= (frequency > omega[0]) & (frequency < omega[-1])
     return possible
 
 
-def steady_poles(by_order: list[Poles], least: int) -> Poles:
+def steady_poles(by_order: list[ComplexArray], least: int) -> ComplexArray:
     """Poles that appear again and again as the order rises: the stabilisation diagram, read without an eye.
 
     From the highest order down each pole is followed through the lower orders; it counts if at least `least` orders

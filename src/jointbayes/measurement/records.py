@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Flags
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.frf.frf_set import Lines, read_only
@@ -65,7 +65,7 @@ class FrfRecord:
     response: str
     reference: str
     frequency_hz: Array
-    values: NDArray[np.complex128]
+    values: ComplexArray
     quantity: Quantity | None = None
     unit: str = ""
     coherence: Array | None = None
@@ -205,7 +205,7 @@ def labels_of(record: Record) -> tuple[str, ...]:
     return tuple(record.shape)
 
 
-def measurable(values: Array | NDArray[np.complex128]) -> NDArray[np.bool_]:
+def measurable(values: Array | ComplexArray) -> Flags:
     """Which values a measurement can have: 0, or a finite number of a size that occurs."""
     with np.errstate(all="ignore"):
         size = np.maximum(np.abs(values.real), np.abs(values.imag))

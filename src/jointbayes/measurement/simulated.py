@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.frf import DirectSolve, FrfSet, Ports, Quantity, ReceptanceModel, quantity_factor, receptance_model
 from jointbayes.joint import AnyJoint, AnyJointMatrix
 from jointbayes.measurement.data import FrfData
@@ -147,7 +146,7 @@ class Rig:
         Time in which all that a hit stirs is gone, s.
     """
 
-    frf: Callable[[Array], NDArray[np.complex128]]
+    frf: Callable[[Array], ComplexArray]
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
     quantity: Quantity
@@ -185,7 +184,7 @@ class Responses:
     """
 
     period: int
-    frf: NDArray[np.complex128]
+    frf: ComplexArray
 
     def response(self, force: Array, input_: int) -> Array:
         """Response of all outputs (period, outputs) to a force (period,) at one input."""

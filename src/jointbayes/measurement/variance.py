@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, quantity_factor
 
@@ -44,7 +43,7 @@ class RelativeNoise:
         """Standard deviation of real and of imaginary part, shape as |H| (lines first)."""
         return self.relative * magnitude + self.floor * np.median(magnitude, axis=0)
 
-    def variance(self, values: NDArray[np.complex128]) -> Array:
+    def variance(self, values: ComplexArray) -> Array:
         """σ² = E|δH|², both parts together, shape as `values` (lines, outputs, inputs)."""
         return 2 * self.sd_of_part(np.abs(values)) ** 2
 
@@ -88,7 +87,7 @@ class CoherenceNoise:
                 "a coherence between 0 and 1, at least 2 averages and a floor of at least 0; correct them"
             )
 
-    def variance(self, values: NDArray[np.complex128]) -> Array:
+    def variance(self, values: ComplexArray) -> Array:
         """σ² = E|δH|², both parts together, shape as `values` (lines, outputs, inputs)."""
         relative = np.sqrt((1 - self.coherence) / (2 * self.averages * self.coherence))
         return RelativeNoise(float(relative), self.floor).variance(values)

@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.progress import Progress
 from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.diagnostics import effective_sample_size
@@ -40,7 +39,7 @@ class Draws:
 
     theta: Array
     log_density: Array
-    ensemble: NDArray[np.intp]
+    ensemble: Indices
 
     def __post_init__(self) -> None:
         for array in (self.theta, self.log_density, self.ensemble):

@@ -6,9 +6,9 @@ from itertools import combinations_with_replacement
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.errors import SamplingError
 
 _EDGE = 1e-12  # of a width: nearer to an end a difference has no digits left
@@ -24,7 +24,7 @@ class Coordinates(Protocol):
         """φ, shape (n, d), of θ, shape (n, d)."""
         ...
 
-    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def inverse(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), and whether φ belongs to the region, shape (n,); θ is meaningless where not."""
         ...
 
@@ -40,7 +40,7 @@ class Identity:
         """θ as it is."""
         return theta
 
-    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def inverse(self, phi: Array) -> tuple[Array, Flags]:
         """φ as it is; all of it belongs to the region."""
         return phi, np.ones(len(phi), dtype=bool)
 
@@ -93,7 +93,7 @@ class NormalScores:
         phi[:, boxed] = np.where(up < down, score, -score)
         return phi
 
-    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def inverse(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), and whether it lies within the ends, shape (n,)."""
         from scipy.special import ndtr
 
@@ -101,7 +101,7 @@ class NormalScores:
         score = theta[:, boxed]
         step = ndtr(-np.abs(score)) * self._width[boxed]
         theta[:, boxed] = np.where(score < 0, self.low[boxed] + step, self.high[boxed] - step)
-        inside: NDArray[np.bool_] = np.all(np.abs(score) < _FARTHEST, axis=1)
+        inside: Flags = np.all(np.abs(score) < _FARTHEST, axis=1)
         return theta, inside
 
     def log_volume(self, theta: Array) -> Array:
@@ -130,7 +130,7 @@ class ComposedCoordinates:
             phi = coordinates.forward(phi)
         return phi
 
-    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def inverse(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), and whether φ belongs to the region of each, shape (n,)."""
         theta, inside = phi, np.ones(len(phi), dtype=bool)
         for coordinates in reversed(self.systems):
@@ -167,7 +167,7 @@ class ProductCoordinates:
         """φ, shape (n, d), of θ, shape (n, d)."""
         return np.hstack([self.first.forward(theta[:, : self.count]), self.rest.forward(theta[:, self.count :])])
 
-    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def inverse(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), and whether φ belongs to the region of both, shape (n,)."""
         (first, inside), (rest, also) = (
             self.first.inverse(phi[:, : self.count]),
@@ -215,7 +215,7 @@ class StraightCoordinates:
                 straight[:, column] -= _terms(z[:, sorted(self._order[:k])]) @ coefficient
         return straight
 
-    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def inverse(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), and whether φ lies in the region of the base, shape (n,)."""
         z = np.array(phi, dtype=np.float64)
         for k, (column, coefficient) in enumerate(zip(self._order, self._coefficients, strict=True)):

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.errors import SamplingError
 
 LogDensity = Callable[[Array], Array]
@@ -194,7 +193,7 @@ class SeveralModes:
                 maps[j, i] = np.linalg.inv(maps[i, j])
         return cls(centres, factors, maps)
 
-    def nearest(self, theta: Array) -> NDArray[np.intp]:
+    def nearest(self, theta: Array) -> Indices:
         """Number of the mode nearest to each point θ, shape (..., d), in its own covariance, shape (...)."""
         away = [np.linalg.inv(f) @ (theta - c)[..., None] for c, f in zip(self.centres, self.factors, strict=True)]
         return np.asarray(np.argmin([(z**2).sum((-2, -1)) for z in away], axis=0))
@@ -203,7 +202,7 @@ class SeveralModes:
         """1 for the mode nearest to each draw, 0 for the others, shape (..., m)."""
         return np.asarray(self.nearest(theta)[..., None] == np.arange(len(self.centres)), dtype=float)
 
-    def carried(self, theta: Array, here: NDArray[np.intp], there: NDArray[np.intp]) -> tuple[Array, Array]:
+    def carried(self, theta: Array, here: Indices, there: Indices) -> tuple[Array, Array]:
         """Points θ, shape (n, d), carried from modes to others, and ln |∂θ'/∂θ|, shape (n,)."""
         moved = self.centres[there] + np.einsum("nij,nj->ni", self.maps[here, there], theta - self.centres[here])
         size = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)

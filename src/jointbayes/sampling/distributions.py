@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import LogDensity
@@ -250,7 +249,7 @@ def tempered(log_weight: Array, enough: float) -> Array:
     return weight
 
 
-def resampled(weight: Array, n: int, rng: np.random.Generator) -> NDArray[np.intp]:
+def resampled(weight: Array, n: int, rng: np.random.Generator) -> Indices:
     """Indices, shape (n,), each drawn as often as its weight asks, to within one: systematic resampling.
 
     Parameters
@@ -294,12 +293,12 @@ def truncated(log_weight: Array, n: int) -> Array:
     return np.minimum(log_weight, limit)
 
 
-def drawn_without_replacement(log_weight: Array, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
+def drawn_without_replacement(log_weight: Array, count: int, rng: np.random.Generator) -> Indices:
     """Indices of at most `count` draws in proportion to their weights, none twice.
 
     The largest of ln w plus Gumbel noise are such a sample.
     """
-    order: NDArray[np.intp] = np.argsort(-(log_weight + rng.gumbel(size=log_weight.size)))
+    order: Indices = np.argsort(-(log_weight + rng.gumbel(size=log_weight.size)))
     return order[:count]
 
 

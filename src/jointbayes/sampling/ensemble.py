@@ -7,9 +7,8 @@ from numbers import Integral
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.errors import SamplingError
 
 if TYPE_CHECKING:
@@ -153,7 +152,7 @@ class SamplerSettings:
 class Move(Protocol):
     """What emcee asks of a move."""
 
-    def propose(self, model: "Model", state: "State") -> "tuple[State, NDArray[np.bool_]]":
+    def propose(self, model: "Model", state: "State") -> "tuple[State, Flags]":
         """Make one step of all walkers; return the state and who accepted, shape (walkers,)."""
         ...
 

@@ -8,14 +8,13 @@ import numpy as np
 from emcee import State
 from emcee.model import Model
 from emcee.moves import Move, RedBlueMove, StretchMove
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.distributions import ProposalDensity, StudentT
 
-Walkers = NDArray[np.intp] | slice
+Walkers = Indices | slice
 
 _JITTER = 1e-5  # of the factor, as in emcee: no step is exactly the way back of another
 
@@ -37,7 +36,7 @@ class Driver(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee is not typed
         self._random.set_state(state)
 
 
-def settle(model: Model, state: State, walkers: Walkers, proposed: Array, log_factor: Array) -> NDArray[np.bool_]:
+def settle(model: Model, state: State, walkers: Walkers, proposed: Array, log_factor: Array) -> Flags:
     """Accept or refuse proposals by the rule of Metropolis and Hastings, in place.
 
     emcee's own moves do this walker by walker in Python, which costs more than a fast log-density.
@@ -65,7 +64,7 @@ def settle(model: Model, state: State, walkers: Walkers, proposed: Array, log_fa
     log_density = np.asarray(model.log_prob_fn(proposed))
     # minus an exponential variate is the log of a uniform one
     gain = log_factor + log_density - state.log_prob[walkers]
-    accepted: NDArray[np.bool_] = gain > -model.random.standard_exponential(len(proposed))
+    accepted: Flags = gain > -model.random.standard_exponential(len(proposed))
     state.coords[walkers] = np.where(accepted[:, None], proposed, state.coords[walkers])
     state.log_prob[walkers] = np.where(accepted, log_density, state.log_prob[walkers])
     return accepted
@@ -81,7 +80,7 @@ class HalvesMove(RedBlueMove):  # type: ignore[misc]  # emcee is not typed
     D. Foreman-Mackey et al., emcee: the MCMC hammer (2013), section 3, DOI 10.1086/670067.
     """
 
-    def propose(self, model: Model, state: State) -> tuple[State, NDArray[np.bool_]]:
+    def propose(self, model: Model, state: State) -> tuple[State, Flags]:
         """Move both halves in turn; return the state and who accepted, shape (walkers,)."""
         walkers = len(state.coords)
         order = model.random.permutation(walkers)
@@ -145,7 +144,7 @@ class DEMove(HalvesMove):
 class EachAlone(Move):  # type: ignore[misc]  # emcee is not typed
     """Move all walkers at once, each by its own place alone; subclasses give `get_proposal`."""
 
-    def propose(self, model: Model, state: State) -> tuple[State, NDArray[np.bool_]]:
+    def propose(self, model: Model, state: State) -> tuple[State, Flags]:
         """Move all walkers; return the state and who accepted, shape (walkers,)."""
         proposed, log_factor = self.get_proposal(state.coords, model.random)
         return state, settle(model, state, slice(None), proposed, log_factor)

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinate_maps import Coordinates, Identity, straightened
 from jointbayes.sampling.density import Checked, LogDensity, SeveralModes, covariance_roots
@@ -318,7 +317,7 @@ class OneOfProposals:
 class Finite(Identity):
     """θ itself, of which numbers that are none belong to no region."""
 
-    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def inverse(self, phi: Array) -> tuple[Array, Flags]:
         """φ as it is, and whether it is finite."""
         return phi, np.asarray(np.isfinite(phi).all(axis=1))
 

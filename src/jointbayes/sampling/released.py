@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.sampling.chains import Chains
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import Checked, LogDensity
@@ -54,7 +53,7 @@ _Draws = tuple[Array, Array]
 class Restraint:
     """A normal factor of mean zero on some columns of θ, shape (n, d), each to a share of its spread `sd`."""
 
-    columns: NDArray[np.intp]
+    columns: Indices
     sd: Array
 
     def log_factor(self, theta: Array, share: float) -> Array:
@@ -269,7 +268,7 @@ def _fitted(
     return Proposal(density, 0.0, 0, Finite())
 
 
-def _chosen(log_weight: Array, proposed: int, rng: np.random.Generator) -> NDArray[np.intp]:
+def _chosen(log_weight: Array, proposed: int, rng: np.random.Generator) -> Indices:
     """Indices of equally weighted draws, of weights that one far out does not rule."""
     cut = truncated(log_weight, proposed)
     return resampled(np.exp(cut - cut.max()), _FITTED, rng)

@@ -15,8 +15,8 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Flags
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.ensemble import EnsembleState, Move, MoveCount, MoveOn, StepBlock, WeightedMove
@@ -225,7 +225,7 @@ class _Counted:
         self.accepted = self.proposed = 0
         self._move = move
 
-    def propose(self, model: "Model", state: "State") -> "tuple[State, NDArray[np.bool_]]":
+    def propose(self, model: "Model", state: "State") -> "tuple[State, Flags]":
         """Pass the move's step on."""
         state, accepted = self._move.propose(model, state)
         self.accepted += int(np.count_nonzero(accepted))

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Indices
 from jointbayes.errors import ModelError
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.modes import Forced
 
-Rows = NDArray[np.intp]
+Rows = Indices
 """DOFs of a body by their indices, shape (p,)."""
 
 #: DOFs that a joint may hold: each may lift every natural frequency to where the next one was.
@@ -168,6 +167,6 @@ class Body(ABC):
         """Dampers, C = Σ ± form formᵀ, where no law states them: signs (d,), DOFs (p,), forms of the strokes (p, d)."""
         return np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, 0))
 
-    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> NDArray[np.complex128] | None:
+    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> ComplexArray | None:
         """Receptance between motions (p, k) without a sum over modes, shape (lines, k, k); None to sum over modes."""
         return None

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError, array_of
 
 NOT_NEGATIVE = 1e-9  # part of the largest eigenvalue of a scaled matrix that rounding may leave below zero
@@ -53,7 +52,7 @@ class DampingLaw:
         """A matrix C of its own, shape (n, n), in the place of αM + βK; None without."""
         return None
 
-    def kept(self, rows: NDArray[np.intp]) -> "DampingLaw":
+    def kept(self, rows: Indices) -> "DampingLaw":
         """The law of a structure of which only some DOFs move."""
         return self
 
@@ -173,6 +172,6 @@ class ViscousMatrix(DampingLaw):
         """C."""
         return self.viscous_matrix
 
-    def kept(self, rows: NDArray[np.intp]) -> DampingLaw:
+    def kept(self, rows: Indices) -> DampingLaw:
         """The law of a structure of which only some DOFs move."""
         return ViscousMatrix(self.viscous_matrix[np.ix_(rows, rows)])

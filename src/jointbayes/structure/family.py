@@ -6,9 +6,8 @@ from functools import cached_property, lru_cache
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import ModelError
 from jointbayes.structure.body import Body, FreeModes, Rows
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping
@@ -143,7 +142,7 @@ class UncertainBody(Body):
         """Dampers that a matrix C amounts to, see `Body`."""
         return self.nominal.dampers()
 
-    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> NDArray[np.complex128] | None:
+    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> ComplexArray | None:
         """That of the structure, see `Structure`, where nothing is uncertain."""
         return None if self.names else self.nominal.solved_receptance(dofs, motions, omega)
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.structure.frame import SPATIAL, FrameBody, Vector
 from jointbayes.structure.frame_element import (
@@ -238,11 +237,11 @@ class _Triplets:
     """Entries of a stiffness and of a mass matrix, added up in the end."""
 
     def __init__(self) -> None:
-        self._rows: list[NDArray[np.intp]] = []
-        self._columns: list[NDArray[np.intp]] = []
+        self._rows: list[Indices] = []
+        self._columns: list[Indices] = []
         self._values: list[tuple[Array, Array]] = []
 
-    def add(self, nodes: Sequence[int] | NDArray[np.intp], stiffness: Array, mass: Array) -> None:
+    def add(self, nodes: Sequence[int] | Indices, stiffness: Array, mass: Array) -> None:
         dofs = (6 * np.asarray(nodes)[:, None] + np.arange(6)).ravel()
         rows, columns = np.meshgrid(dofs, dofs, indexing="ij")
         self._rows.append(rows.ravel())

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import ModelError, array_of
 from jointbayes.structure.body import MOST_HELD, Body, FreeModes, Rows
 from jointbayes.structure.damping import DampingLaw
@@ -232,7 +231,7 @@ class Structure(Body):
         strokes = vectors[:, some] * np.sqrt(np.abs(values[some]))
         return np.sign(values[some]), np.arange(self.n_dofs), strokes
 
-    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> NDArray[np.complex128] | None:
+    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> ComplexArray | None:
         """Solved line by line if it is small, or no modes diagonalise its damping matrix."""
         law = self.damping
         if law.matrix is None and (law.of_assembled_modes or self.n_dofs > _SOLVED_LINE_BY_LINE):
@@ -249,7 +248,7 @@ class Structure(Body):
         joint_viscous: Array | float = 0.0,
         joint_hysteretic: Array | float = 0.0,
         rigid: int | None = None,
-    ) -> NDArray[np.complex128]:
+    ) -> ComplexArray:
         """oᵀZ⁻¹f at each line, shape (lines, motions, loads), for motions o (n, motions) and loads f (n, loads).
 
         A structure that is nearly free loses six of double precision's digits at low frequency, because K x nearly

@@ -15,9 +15,8 @@ DOI 10.2514/3.60497
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +40,7 @@ class Modes:
         return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
 
 
-Forced = NDArray[np.bool_] | None
+Forced = Flags | None
 """At which of some motions forces act; None for all."""
 
 #: Modes up to this many times the highest frequency are kept one by one; where responses have no vectors, up to more.

@@ -11,10 +11,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced, Modes, Reduction
 
@@ -287,8 +286,8 @@ class Parts:
 
     motions: Array
     forced: Forced
-    turned: NDArray[np.bool_]
-    whole: NDArray[np.intp]
+    turned: Flags
+    whole: Indices
 
     def joined(self, rows: Array) -> Array:
         """Rows (n, parts, m) of the parts as those of the motions, shape (n, k, m)."""
@@ -303,7 +302,7 @@ class Parts:
 def parts_of(dofs: Sequence[str], motions: Array, forced: Forced) -> Parts:
     """Take motions (DOFs, k) apart; those that are a translation or a rotation stay as they are."""
     rotation = np.array([":r" in dof for dof in dofs])
-    turned: NDArray[np.bool_] = (motions[rotation] != 0).any(axis=0)
+    turned: Flags = (motions[rotation] != 0).any(axis=0)
     mixed = turned & (motions[~rotation] != 0).any(axis=0)
     if not mixed.any():
         return Parts(motions, forced, turned, np.arange(len(turned)))
@@ -332,7 +331,7 @@ class Similarity:
     density: Array
     size: Array
 
-    def scaled(self, modes: ModesOverShape, turned: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def scaled(self, modes: ModesOverShape, turned: Flags) -> tuple[Array, Array]:
         """Eigenvalues (n, m), rising, and motions (n, k, m), of which some are rotations: `turned`, shape (k,)."""
         eigenvalues, motions = modes(self.numbers)
         size, density = self.size, self.density

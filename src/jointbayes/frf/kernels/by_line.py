@@ -5,10 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.frf.kernels.compiled import compiled, inner
 
-ComplexArray = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 
 

@@ -8,9 +8,8 @@ carry all of them at once.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Flags
 from jointbayes.frf.kernels.compiled import LANES, compiled, inner, lane_blocks
 
 #: A mode with λ above this many times the square of the band's end is interpolated. Its nearest singularity lies at
@@ -248,7 +247,7 @@ class ModalSum:
         self.basis = lane_blocks(polynomials)
         self._line_omega, self._polynomials = omega, polynomials[:, : omega.size]
 
-    def receptance(self, eigenvalues: Array, shapes: Array, ratio: Array) -> NDArray[np.complex128]:
+    def receptance(self, eigenvalues: Array, shapes: Array, ratio: Array) -> ComplexArray:
         """Receptance, shape (batch, lines, outputs, inputs).
 
         Of modes (batch, m) with shapes (batch, ports, m) and damping ratios (batch or 1, m).
@@ -261,17 +260,17 @@ class ModalSum:
         lines = np.empty((len(eigenvalues), 2, self.n_out * n_in, self.omega.size))
         self.run(eigenvalues, shapes, ratio, np.empty((self.n_out * n_in, 0)), np.empty(len(eigenvalues)), lines)
         value = lines[:, 0] - 1j * self.omega * lines[:, 1]
-        pairs: NDArray[np.complex128] = np.moveaxis(value[..., : self._lines], 1, 2)
+        pairs: ComplexArray = np.moveaxis(value[..., : self._lines], 1, 2)
         return pairs.reshape(*pairs.shape[:2], self.n_out, n_in)
 
-    def spread(self, eigenvalues: Array, ratio: Array, constants: Array, slopes: Array) -> NDArray[np.complex128]:
+    def spread(self, eigenvalues: Array, ratio: Array, constants: Array, slopes: Array) -> ComplexArray:
         """Modal sums Σ R_r f_r, shape (k, lines, pairs), for constants R (k, pairs, m), f = 1/(λ − ω² + 2jζ√λω).
 
         To all but the first Σ Q_r ∂f_r/∂λ is added, for slopes Q (k − 1, pairs, m).
         """
         near = eigenvalues < self.limit
 
-        def part(chosen: NDArray[np.bool_], omega: Array) -> NDArray[np.complex128]:
+        def part(chosen: Flags, omega: Array) -> ComplexArray:
             lam, zeta = eigenvalues[chosen, None], ratio[chosen, None]
             root = np.sqrt(np.maximum(lam, 0.0))
             f = 1 / (lam - omega**2 + 2j * zeta * root * omega)
@@ -294,7 +293,7 @@ class ModalSum:
             data, chi2, lines,
         )  # fmt: skip
 
-    def lines(self, measured: NDArray[np.complex128], weight: Array) -> Array:
+    def lines(self, measured: ComplexArray, weight: Array) -> Array:
         """Measured receptances, shape (lines, outputs, inputs), and the squares of their weights, for `chi2`."""
         flat, square = measured.reshape(len(measured), -1).T, weight.reshape(len(weight), -1).T ** 2
         return lane_blocks(np.stack([flat.real, flat.imag, square], axis=1))

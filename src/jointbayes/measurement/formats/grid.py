@@ -4,9 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.records import HIGHEST_HZ, LARGEST, FrfRecord, measurable
@@ -146,7 +145,7 @@ def measured_lines(
     return [record.at_lines(~bad) for record in kept], notes
 
 
-def excluded_lines(lines: Array, bands: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+def excluded_lines(lines: Array, bands: Sequence[tuple[float, float]]) -> Flags:
     """Which lines lie in one of the bands, ends included."""
     inside = np.zeros(lines.shape, dtype=bool)
     for low, high in bands:

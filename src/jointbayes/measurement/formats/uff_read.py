@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.columns import TIME_S
 from jointbayes.measurement.formats.table_text import float_of
@@ -105,7 +104,7 @@ class _UniversalFile:
             line = line_of(self.file, data_set.start) + error.line
             raise MeasurementError(f"data set {data_set.number}, line {line}: {error}") from None
 
-    def function(self, data_set: UffDataSet) -> tuple[FunctionHeader, Array, Array | NDArray[np.complex128]]:
+    def function(self, data_set: UffDataSet) -> tuple[FunctionHeader, Array, Array | ComplexArray]:
         """Header, abscissa and ordinate of a data set 58."""
         header = data_set.header
         assert header is not None

@@ -15,9 +15,8 @@ from itertools import accumulate
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.table_text import bad_number, float_of
 from jointbayes.measurement.formats.uff_data_sets import AXIS_TYPES, FunctionHeader, LineError, body_bytes
@@ -35,7 +34,7 @@ def even_abscissa(header: FunctionHeader) -> Array:
         return np.arange(header.count, dtype=np.float64) * header.increment + header.minimum
 
 
-def decode(header: FunctionHeader, body: Iterable[bytes], size: int) -> tuple[Array, Array | NDArray[np.complex128]]:
+def decode(header: FunctionHeader, body: Iterable[bytes], size: int) -> tuple[Array, Array | ComplexArray]:
     """Abscissa, in the file's unit, and ordinate of a data set 58, each of shape (count,).
 
     Parameters

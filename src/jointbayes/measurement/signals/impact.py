@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity
 from jointbayes.measurement.formats.grid import join_frfs
@@ -271,7 +270,7 @@ def _samples(record: TimeRecord, settings: ImpactSettings) -> int:
 
 def _spectra_of_hit(
     pair: tuple[TimeRecord, TimeRecord], hit: Hit, decay: Array, settings: ImpactSettings
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+) -> tuple[ComplexArray, ComplexArray]:
     """Spectra of force and response of one hit, offset removed and windowed, each (lines,)."""
     trigger = hit.trigger - hit.start
     force, response = (_remove_offset(record.values[hit.start : hit.start + decay.size], trigger) for record in pair)

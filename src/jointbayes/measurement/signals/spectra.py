@@ -6,16 +6,13 @@ from typing import Literal, get_args
 
 import numpy as np
 import scipy  # its parts load at first use
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Indices
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.units import MOTION_OF, si_frf_unit
 from jointbayes.measurement.records import LARGEST, FrfRecord, TimeRecord, measurable
 from jointbayes.measurement.signals.windows import effective_averages, independent_step, line_correlation
-
-ComplexArray = NDArray[np.complex128]
 
 Estimator = Literal["H1", "H2", "Hv"]
 _QUANTITY = {motion: quantity for quantity, motion in MOTION_OF.items()}
@@ -229,7 +226,7 @@ def frfs_of_shaker(records: Sequence[TimeRecord], settings: ShakerSettings) -> M
 
 def kept_lines(
     samples: int, sample_rate_hz: float, f_min_hz: float | None, f_max_hz: float | None
-) -> tuple[Array, NDArray[np.intp]]:
+) -> tuple[Array, Indices]:
     """Frequencies of the lines of a block within a band, without 0 Hz, and their numbers.
 
     Raises
@@ -241,7 +238,7 @@ def kept_lines(
     low = every[1] / 2 if f_min_hz is None else f_min_hz
     high = HIGHEST_LINE * sample_rate_hz if f_max_hz is None else f_max_hz
     close = 1e-6 * every[1]
-    kept: NDArray[np.intp] = np.flatnonzero((every >= low - close) & (every <= high + close) & (every > 0))
+    kept: Indices = np.flatnonzero((every >= low - close) & (every <= high + close) & (every > 0))
     if not kept.size:
         raise MeasurementError(
             f"FRF estimate: found no line between {low:g} and {high:g} Hz; expected a band that holds multiples of "

@@ -4,9 +4,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray, Indices
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.frf.frf_set import POWER_OF_JW
@@ -99,12 +98,12 @@ def remove_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array,
     return replace(frf, values=values)
 
 
-def _poles(frequency_hz: Array, damping_ratio: Array) -> NDArray[np.complex128]:
+def _poles(frequency_hz: Array, damping_ratio: Array) -> ComplexArray:
     omega, ratio = 2 * np.pi * np.asarray(frequency_hz, dtype=float), np.asarray(damping_ratio, dtype=float)
     return -ratio * omega + 1j * omega * np.sqrt(np.maximum(1 - ratio**2, 0.0))
 
 
-def _partial_fractions(s: NDArray[np.complex128], poles: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _partial_fractions(s: ComplexArray, poles: ComplexArray) -> ComplexArray:
     """Columns of real unknowns: real and imaginary part of each residue, 1/s² below and 1 above, (lines, 2m + 2)."""
     direct, conjugate = 1 / (s[:, None] - poles), 1 / (s[:, None] - poles.conj())
     return np.hstack([direct + conjugate, 1j * (direct - conjugate), 1 / s[:, None] ** 2, np.ones((s.size, 1))])
@@ -188,7 +187,7 @@ def independent_step(correlation: Array) -> int:
     return max(math.ceil(weight - 0.05), 1)
 
 
-def lines_apart(frequency_hz: Array, spacing_hz: float) -> NDArray[np.intp]:
+def lines_apart(frequency_hz: Array, spacing_hz: float) -> Indices:
     """Numbers of lines that are at least `spacing_hz` apart, from the first on; for even and uneven lines."""
     kept = [0]
     for i in range(1, frequency_hz.size):

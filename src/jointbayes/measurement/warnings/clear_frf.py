@@ -5,14 +5,11 @@ from functools import cached_property
 
 import numpy as np
 import scipy  # its parts load at first use
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.frf import Quantity, quantity_factor
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
-
-Complex = NDArray[np.complex128]
 
 #: A resonance rises above both sides by this factor, and above the noise by that.
 _RISE, _ABOVE_NOISE = 3.0, 10.0
@@ -69,7 +66,7 @@ class ClearFrf:
     reference: str
     quantity: Quantity
     frequency_hz: Array
-    mobility: Complex
+    mobility: ComplexArray
 
     @classmethod
     def of(cls, record: FrfRecord) -> "ClearFrf | None":

@@ -6,16 +6,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, ComplexArray
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, measurable
 from jointbayes.measurement.signals.hits import hits_of, is_cut_off
 from jointbayes.measurement.warnings.clear_frf import ClearFrf, Peaks, are_conjugates, rad_per_s_warning, shift_warning
 from jointbayes.measurement.warnings.frf_warnings import conjugated_warning, warnings_of_frf, warnings_of_notes
-
-Complex = NDArray[np.complex128]
 
 #: Lines kept of each FRF, so that a file of many thousands can be compared within little memory.
 _KEPT = 128
@@ -33,7 +30,7 @@ class Sketch:
     record: str
     where: str
     frequency_hz: Array
-    mobility: Complex
+    mobility: ComplexArray
     noise: Array
 
 
@@ -70,7 +67,7 @@ def disagreement(first: Sketch, other: Sketch) -> MeasurementWarning | None:
     return None
 
 
-def _named_ratio(f: Array, ratio: Complex) -> MeasurementWarning | None:
+def _named_ratio(f: Array, ratio: ComplexArray) -> MeasurementWarning | None:
     """What a ratio that is constant, or a power of jω, says."""
     omega = 2 * np.pi * f
     for power in (0, 1, -1, 2, -2):

@@ -3,9 +3,8 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.measurement.warnings.clear_frf import ClearFrf, usable
@@ -23,7 +22,6 @@ _STRETCHES, _GOOD, _BAD, _RISE = 40, 0.9, 0.5, 5.0
 _MULTIPLES, _HUMMING, _SHARE, _SHARE_OF_LINES = 20, 3, 0.25, 0.5
 #: Lines further apart show no single tone.
 _COARSE_HZ = 5.0
-Lines = NDArray[np.bool_]
 
 
 def excitation_warnings(record: FrfRecord, clear: ClearFrf) -> Iterator[MeasurementWarning]:
@@ -49,7 +47,7 @@ def excitation_warnings(record: FrfRecord, clear: ClearFrf) -> Iterator[Measurem
     yield from _end_of_excitation(clear, incoherence, averages)
 
 
-def _leakage(clear: ClearFrf, incoherence: Array, averages: int, judged: Lines) -> Iterator[MeasurementWarning]:
+def _leakage(clear: ClearFrf, incoherence: Array, averages: int, judged: Flags) -> Iterator[MeasurementWarning]:
     """Resonances at which the coherence dips: there the response is largest, and noise of the sensor does least."""
     lines, dips, magnitude = np.arange(incoherence.size), [], np.abs(clear.mobility)
     noise = magnitude**2 * incoherence / np.maximum(1 - incoherence, 1e-6)
@@ -110,7 +108,7 @@ def _end_of_excitation(clear: ClearFrf, incoherence: Array | None, averages: int
         )
 
 
-def _mains(clear: ClearFrf, incoherence: Array | None, averages: int) -> tuple[list[MeasurementWarning], Lines]:
+def _mains(clear: ClearFrf, incoherence: Array | None, averages: int) -> tuple[list[MeasurementWarning], Flags]:
     """Lines at multiples of the mains that stand out of both sides, as hardly any elsewhere do; and which these are."""
     f = clear.frequency_hz
     warnings: list[MeasurementWarning] = []
@@ -120,7 +118,7 @@ def _mains(clear: ClearFrf, incoherence: Array | None, averages: int) -> tuple[l
         return warnings, hum
     values, share = (np.abs(clear.mobility), _SHARE_OF_LINES) if incoherence is None else (incoherence, _SHARE)
 
-    def outlying(places: Array) -> NDArray[np.bool_]:
+    def outlying(places: Array) -> Flags:
         """Whether one of the three lines about each place stands out of those three to six lines away."""
         about = np.clip(np.searchsorted(f, places), 7, f.size - 8)[:, None] + np.arange(-1, 2)
         beside = np.median(values[about[:, :, None] + [-6, -5, -4, -3, 3, 4, 5, 6]], axis=2)

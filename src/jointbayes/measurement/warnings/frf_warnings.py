@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import scipy  # its parts load at first use
-from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf import Quantity
@@ -14,8 +13,6 @@ from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable
 from jointbayes.measurement.warnings.clear_frf import ClearFrf, Resonance, rad_per_s_warning
 from jointbayes.measurement.warnings.excitation_warnings import excitation_warnings
-
-Complex = NDArray[np.complex128]
 
 #: Cosine of the phase of mobility at a resonance: beyond this it has a sign, within this it has none.
 _SIGNED, _UNSIGNED = 0.5, 0.35
