@@ -1,34 +1,22 @@
 """Frequency response functions: measured sets, the forward models that predict them."""
 
-from jointbayes.frf.coupling import LowRankCoupling, NoisePropagation, receptance_model
-from jointbayes.frf.direct import DirectSolve
-from jointbayes.frf.frf_set import FrfSet, Quantity, quantity_factor
-from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, MeasuredFile, Substructures
-from jointbayes.frf.modal import AssembledModes, NaturalFrequencies, least_reach_hz, rigid_body_modes
-from jointbayes.frf.mode_shapes import AssembledShapes, HeldFrequencies, Modal
-from jointbayes.frf.ports import Ports, ReceptanceModel
-
-__all__ = [
-    # data
-    "FrfSet",
-    "MeasuredBody",
-    "MeasuredFile",
-    "Quantity",
-    "Substructures",
-    "quantity_factor",
-    # forward models
-    "AnyStructure",
-    "AssembledModes",
-    "AssembledShapes",
-    "DirectSolve",
-    "HeldFrequencies",
-    "LowRankCoupling",
-    "Modal",
-    "NaturalFrequencies",
-    "NoisePropagation",
-    "Ports",
-    "ReceptanceModel",
-    "least_reach_hz",
-    "receptance_model",
-    "rigid_body_modes",
-]
+from jointbayes.frf.coupling import LowRankCoupling as LowRankCoupling
+from jointbayes.frf.coupling import NoisePropagation as NoisePropagation
+from jointbayes.frf.coupling import receptance_model as receptance_model
+from jointbayes.frf.direct import DirectSolve as DirectSolve
+from jointbayes.frf.frf_set import FrfSet as FrfSet
+from jointbayes.frf.frf_set import Quantity as Quantity
+from jointbayes.frf.frf_set import quantity_factor as quantity_factor
+from jointbayes.frf.measured_body import AnyStructure as AnyStructure
+from jointbayes.frf.measured_body import MeasuredBody as MeasuredBody
+from jointbayes.frf.measured_body import MeasuredFile as MeasuredFile
+from jointbayes.frf.measured_body import Substructures as Substructures
+from jointbayes.frf.modal import AssembledModes as AssembledModes
+from jointbayes.frf.modal import NaturalFrequencies as NaturalFrequencies
+from jointbayes.frf.modal import least_reach_hz as least_reach_hz
+from jointbayes.frf.modal import rigid_body_modes as rigid_body_modes
+from jointbayes.frf.mode_shapes import AssembledShapes as AssembledShapes
+from jointbayes.frf.mode_shapes import HeldFrequencies as HeldFrequencies
+from jointbayes.frf.mode_shapes import Modal as Modal
+from jointbayes.frf.ports import Ports as Ports
+from jointbayes.frf.ports import ReceptanceModel as ReceptanceModel

@@ -1,33 +1,17 @@
 """Point estimates of a joint: the paper's iteration, a start without a guess, the posterior mode."""
 
-from jointbayes.identification.compliance_fit import compliance_start
-from jointbayes.identification.effort import first_starts, search_further
-from jointbayes.identification.map_estimate import LocalMode, MapEstimate, SearchEffort, StartOutcome
-from jointbayes.identification.mode_search import Images, ModeSearch
-from jointbayes.identification.paper_iteration import (
-    IterationHistory,
-    missing_for_iteration,
-    part_to_iterate,
-    sensitivity_iteration,
-    why_not_iterated,
-)
-from jointbayes.identification.refine import refine, refine_where_possible
-
-__all__ = [
-    "Images",
-    "IterationHistory",
-    "LocalMode",
-    "MapEstimate",
-    "ModeSearch",
-    "SearchEffort",
-    "StartOutcome",
-    "compliance_start",
-    "first_starts",
-    "missing_for_iteration",
-    "part_to_iterate",
-    "refine",
-    "refine_where_possible",
-    "search_further",
-    "sensitivity_iteration",
-    "why_not_iterated",
-]
+from jointbayes.identification.compliance_fit import compliance_start as compliance_start
+from jointbayes.identification.effort import first_starts as first_starts
+from jointbayes.identification.effort import search_further as search_further
+from jointbayes.identification.map_estimate import LocalMode as LocalMode
+from jointbayes.identification.map_estimate import MapEstimate as MapEstimate
+from jointbayes.identification.map_estimate import SearchEffort as SearchEffort
+from jointbayes.identification.mode_search import Images as Images
+from jointbayes.identification.mode_search import ModeSearch as ModeSearch
+from jointbayes.identification.paper_iteration import IterationHistory as IterationHistory
+from jointbayes.identification.paper_iteration import missing_for_iteration as missing_for_iteration
+from jointbayes.identification.paper_iteration import part_to_iterate as part_to_iterate
+from jointbayes.identification.paper_iteration import sensitivity_iteration as sensitivity_iteration
+from jointbayes.identification.paper_iteration import why_not_iterated as why_not_iterated
+from jointbayes.identification.refine import refine as refine
+from jointbayes.identification.refine import refine_where_possible as refine_where_possible

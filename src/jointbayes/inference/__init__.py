@@ -1,53 +1,28 @@
 """Priors, likelihoods and the posterior density of a joint's coordinates."""
 
-from jointbayes.inference.assemblies import AssemblyScatter
-from jointbayes.inference.likelihood import FrfLikelihood
-from jointbayes.inference.likelihood_base import Likelihood
-from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
-from jointbayes.inference.marginals import Distribution, Marginal, Normal, OfStiffness, OwnMarginal, Uniform
-from jointbayes.inference.modal_likelihood import GaussianLikelihood, ModePrediction, ValueModel, mac, modal_model
-from jointbayes.inference.noise.base import ErrorSizes, NoiseModel
-from jointbayes.inference.noise.gaussian import GaussianNoise, IntegratedScale, ScaledNoise
-from jointbayes.inference.noise.model_error import ModelErrorNoise
-from jointbayes.inference.noise.proportional import ProportionalNoise
-from jointbayes.inference.noise.student_t import StudentNoise
-from jointbayes.inference.prior import JointPrior, Nuisance
-from jointbayes.inference.problem import Problem
-from jointbayes.inference.test import Level, Test, likelihood_of
-
-__all__ = [
-    # prior
-    "AssemblyScatter",
-    "Distribution",
-    "JointPrior",
-    "Marginal",
-    "Normal",
-    "Nuisance",
-    "OfStiffness",
-    "OwnMarginal",
-    "Uniform",
-    # likelihood
-    "FrfLikelihood",
-    "GaussianLikelihood",
-    "Likelihood",
-    "ModePrediction",
-    "ValueModel",
-    "likelihood_of",
-    "mac",
-    "modal_model",
-    # noise
-    "ErrorSizes",
-    "GaussianNoise",
-    "IntegratedScale",
-    "ModelErrorNoise",
-    "NoiseModel",
-    "ProportionalNoise",
-    "ScaledNoise",
-    "StudentNoise",
-    # posterior
-    "ExtraLogLikelihood",
-    "Level",
-    "LogPosterior",
-    "Problem",
-    "Test",
-]
+from jointbayes.inference.assemblies import AssemblyScatter as AssemblyScatter
+from jointbayes.inference.likelihood import FrfLikelihood as FrfLikelihood
+from jointbayes.inference.likelihood_base import Likelihood as Likelihood
+from jointbayes.inference.log_posterior import LogPosterior as LogPosterior
+from jointbayes.inference.marginals import Marginal as Marginal
+from jointbayes.inference.marginals import Normal as Normal
+from jointbayes.inference.marginals import OfStiffness as OfStiffness
+from jointbayes.inference.marginals import Uniform as Uniform
+from jointbayes.inference.modal_likelihood import GaussianLikelihood as GaussianLikelihood
+from jointbayes.inference.modal_likelihood import ModePrediction as ModePrediction
+from jointbayes.inference.modal_likelihood import mac as mac
+from jointbayes.inference.modal_likelihood import modal_model as modal_model
+from jointbayes.inference.noise.base import ErrorSizes as ErrorSizes
+from jointbayes.inference.noise.base import NoiseModel as NoiseModel
+from jointbayes.inference.noise.gaussian import GaussianNoise as GaussianNoise
+from jointbayes.inference.noise.gaussian import IntegratedScale as IntegratedScale
+from jointbayes.inference.noise.gaussian import ScaledNoise as ScaledNoise
+from jointbayes.inference.noise.model_error import ModelErrorNoise as ModelErrorNoise
+from jointbayes.inference.noise.proportional import ProportionalNoise as ProportionalNoise
+from jointbayes.inference.noise.student_t import StudentNoise as StudentNoise
+from jointbayes.inference.prior import JointPrior as JointPrior
+from jointbayes.inference.prior import Nuisance as Nuisance
+from jointbayes.inference.problem import Problem as Problem
+from jointbayes.inference.test import Level as Level
+from jointbayes.inference.test import Test as Test
+from jointbayes.inference.test import likelihood_of as likelihood_of

@@ -1,25 +1,16 @@
 """Measurements and their noise."""
 
-from jointbayes.measurement.data import Data, FrequencyData, FrfData, ModalData
-from jointbayes.measurement.mode_data import ModeData, split_modes
-from jointbayes.measurement.mode_values import Antiresonances, ModalConstants, ModeShapes, ModeValue, Observed
-from jointbayes.measurement.simulated import synthesise_frf
-from jointbayes.measurement.variance import CoherenceNoise, NoiseLaw, RelativeNoise
-
-__all__ = [
-    "Antiresonances",
-    "CoherenceNoise",
-    "Data",
-    "FrequencyData",
-    "FrfData",
-    "ModalConstants",
-    "ModalData",
-    "ModeData",
-    "ModeShapes",
-    "ModeValue",
-    "NoiseLaw",
-    "Observed",
-    "RelativeNoise",
-    "split_modes",
-    "synthesise_frf",
-]
+from jointbayes.measurement.data import Data as Data
+from jointbayes.measurement.data import FrequencyData as FrequencyData
+from jointbayes.measurement.data import FrfData as FrfData
+from jointbayes.measurement.data import ModalData as ModalData
+from jointbayes.measurement.mode_data import ModeData as ModeData
+from jointbayes.measurement.mode_data import split_modes as split_modes
+from jointbayes.measurement.mode_values import Antiresonances as Antiresonances
+from jointbayes.measurement.mode_values import ModalConstants as ModalConstants
+from jointbayes.measurement.mode_values import ModeShapes as ModeShapes
+from jointbayes.measurement.mode_values import Observed as Observed
+from jointbayes.measurement.simulated import synthesise_frf as synthesise_frf
+from jointbayes.measurement.variance import CoherenceNoise as CoherenceNoise
+from jointbayes.measurement.variance import NoiseLaw as NoiseLaw
+from jointbayes.measurement.variance import RelativeNoise as RelativeNoise

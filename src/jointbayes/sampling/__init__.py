@@ -1,58 +1,31 @@
 """Draws from a posterior of which nothing but the log-density is known."""
 
-from jointbayes.sampling.chains import Chains, Draws
-from jointbayes.sampling.checkpoint import UnfinishedRun
-from jointbayes.sampling.coordinate_maps import ComposedCoordinates, Coordinates, NormalScores, ProductCoordinates
-from jointbayes.sampling.density import LogDensity, SeveralModes
-from jointbayes.sampling.diagnostics import quantile_error, quantile_spread
-from jointbayes.sampling.distributions import (
-    StudentT,
-    WeightedDraws,
-    drawn_without_replacement,
-    importance_efficiency,
-    truncated,
-)
-from jointbayes.sampling.ensemble import SamplerSettings
-from jointbayes.sampling.proposal import Proposal, Start, fit_each_mode, fit_proposal
-from jointbayes.sampling.released import END_TOLERANCE, Restraint, independent_chains, released_draws
-from jointbayes.sampling.sampler import run_adapted, run_ensembles
-from jointbayes.sampling.starting import replace_far_walkers, starting_walkers
-from jointbayes.sampling.stopping import INTERVAL, Quantities
-
-__all__ = [
-    # Run
-    "LogDensity",
-    "Quantities",
-    "Restraint",
-    "SamplerSettings",
-    "UnfinishedRun",
-    "independent_chains",
-    "run_adapted",
-    "released_draws",
-    "replace_far_walkers",
-    "run_ensembles",
-    "starting_walkers",
-    # Coordinates and proposal
-    "NormalScores",
-    "Coordinates",
-    "ComposedCoordinates",
-    "ProductCoordinates",
-    "Proposal",
-    "Start",
-    "StudentT",
-    "SeveralModes",
-    "drawn_without_replacement",
-    "fit_each_mode",
-    "fit_proposal",
-    "truncated",
-    # Results
-    "Chains",
-    "Draws",
-    "WeightedDraws",
-    # Diagnostics
-    "END_TOLERANCE",
-    "INTERVAL",
-    "importance_efficiency",
-    "quantile_error",
-    "quantile_spread",
-]
+from jointbayes.sampling.chains import Chains as Chains
+from jointbayes.sampling.chains import Draws as Draws
+from jointbayes.sampling.checkpoint import UnfinishedRun as UnfinishedRun
+from jointbayes.sampling.coordinate_maps import ComposedCoordinates as ComposedCoordinates
+from jointbayes.sampling.coordinate_maps import Coordinates as Coordinates
+from jointbayes.sampling.coordinate_maps import NormalScores as NormalScores
+from jointbayes.sampling.coordinate_maps import ProductCoordinates as ProductCoordinates
+from jointbayes.sampling.density import LogDensity as LogDensity
+from jointbayes.sampling.density import SeveralModes as SeveralModes
+from jointbayes.sampling.diagnostics import quantile_error as quantile_error
+from jointbayes.sampling.diagnostics import quantile_spread as quantile_spread
+from jointbayes.sampling.distributions import StudentT as StudentT
+from jointbayes.sampling.distributions import WeightedDraws as WeightedDraws
+from jointbayes.sampling.distributions import importance_efficiency as importance_efficiency
+from jointbayes.sampling.ensemble import SamplerSettings as SamplerSettings
+from jointbayes.sampling.proposal import Proposal as Proposal
+from jointbayes.sampling.proposal import Start as Start
+from jointbayes.sampling.proposal import fit_each_mode as fit_each_mode
+from jointbayes.sampling.proposal import fit_proposal as fit_proposal
+from jointbayes.sampling.released import END_TOLERANCE as END_TOLERANCE
+from jointbayes.sampling.released import Restraint as Restraint
+from jointbayes.sampling.released import independent_chains as independent_chains
+from jointbayes.sampling.released import released_draws as released_draws
+from jointbayes.sampling.sampler import run_adapted as run_adapted
+from jointbayes.sampling.sampler import run_ensembles as run_ensembles
+from jointbayes.sampling.starting import replace_far_walkers as replace_far_walkers
+from jointbayes.sampling.starting import starting_walkers as starting_walkers
+from jointbayes.sampling.stopping import INTERVAL as INTERVAL
+from jointbayes.sampling.stopping import Quantities as Quantities

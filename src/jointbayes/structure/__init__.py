@@ -1,54 +1,30 @@
 """Structures as matrices: beams, their damping and their DOF labels."""
 
-from jointbayes.structure.beam import BeamMaterial, beam, bending_element
-from jointbayes.structure.beam_recipe import STRUCTURE_QUANTITIES, BeamMesh, BeamRecipe
-from jointbayes.structure.body import Body, Discretisation, FreeModes
-from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh, ViscousMatrix
-from jointbayes.structure.frame import FrameBody, Member, PointMass
-from jointbayes.structure.frame_recipe import FrameRecipe
-from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe, chain
-from jointbayes.structure.matrices import Structure
-from jointbayes.structure.modes import Modes, Reduction
-from jointbayes.structure.recipe import ElementKind, is_additive
-from jointbayes.structure.section import Section
-from jointbayes.structure.uncertain_bodies import BeamFamily, FrameFamily, StructureRecipe, family_of_recipe
-
-__all__ = [
-    # structures
-    "Body",
-    "Modes",
-    "Reduction",
-    "Structure",
-    # beams
-    "BeamMaterial",
-    "BeamMesh",
-    "ElementKind",
-    "Section",
-    "beam",
-    "bending_element",
-    # frames
-    "FrameBody",
-    "FrameRecipe",
-    "Member",
-    "PointMass",
-    # given matrices
-    "MatrixFamily",
-    "MatrixRecipe",
-    "chain",
-    # uncertain structures
-    "STRUCTURE_QUANTITIES",
-    "BeamFamily",
-    "BeamRecipe",
-    "Discretisation",
-    "FrameFamily",
-    "FreeModes",
-    "StructureRecipe",
-    "family_of_recipe",
-    "is_additive",
-    # damping
-    "DampingLaw",
-    "LossFactor",
-    "ModalDamping",
-    "Rayleigh",
-    "ViscousMatrix",
-]
+from jointbayes.structure.beam import BeamMaterial as BeamMaterial
+from jointbayes.structure.beam import beam as beam
+from jointbayes.structure.beam_recipe import STRUCTURE_QUANTITIES as STRUCTURE_QUANTITIES
+from jointbayes.structure.beam_recipe import BeamRecipe as BeamRecipe
+from jointbayes.structure.body import Body as Body
+from jointbayes.structure.body import FreeModes as FreeModes
+from jointbayes.structure.damping import DampingLaw as DampingLaw
+from jointbayes.structure.damping import LossFactor as LossFactor
+from jointbayes.structure.damping import ModalDamping as ModalDamping
+from jointbayes.structure.damping import Rayleigh as Rayleigh
+from jointbayes.structure.damping import ViscousMatrix as ViscousMatrix
+from jointbayes.structure.frame import FrameBody as FrameBody
+from jointbayes.structure.frame import Member as Member
+from jointbayes.structure.frame import PointMass as PointMass
+from jointbayes.structure.frame_recipe import FrameRecipe as FrameRecipe
+from jointbayes.structure.given_matrices import MatrixFamily as MatrixFamily
+from jointbayes.structure.given_matrices import MatrixRecipe as MatrixRecipe
+from jointbayes.structure.given_matrices import chain as chain
+from jointbayes.structure.matrices import Structure as Structure
+from jointbayes.structure.modes import Modes as Modes
+from jointbayes.structure.modes import Reduction as Reduction
+from jointbayes.structure.recipe import ElementKind as ElementKind
+from jointbayes.structure.recipe import is_additive as is_additive
+from jointbayes.structure.section import Section as Section
+from jointbayes.structure.uncertain_bodies import BeamFamily as BeamFamily
+from jointbayes.structure.uncertain_bodies import FrameFamily as FrameFamily
+from jointbayes.structure.uncertain_bodies import StructureRecipe as StructureRecipe
+from jointbayes.structure.uncertain_bodies import family_of_recipe as family_of_recipe
