@@ -104,11 +104,9 @@ class Misfit(Protocol):
 
         Not finite where a line is singular.
         """
-        ...
 
     def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij, of joints without damping."""
-        ...
 
 
 class ReceptanceModel(Protocol):
@@ -119,14 +117,11 @@ class ReceptanceModel(Protocol):
 
         For joint matrices (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
         """
-        ...
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[ComplexArray, ComplexArray]:
         """Receptance (lines, outputs, inputs) and derivative (p, lines, outputs, inputs) of one joint matrix."""
-        ...
 
     def misfit(self, measured: ComplexArray, weight: Array) -> Misfit:
         """χ² against measured receptances (lines, outputs, inputs) with weights 1/σ, as a function of the joint."""
-        ...

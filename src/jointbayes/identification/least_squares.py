@@ -33,15 +33,12 @@ class Squares(Protocol):
 
         None where differences cost no more.
         """
-        ...
 
     def residuals(self, theta: Array) -> Array:
         """Residuals e, shape (n, m), without those of the prior, of points inside the support, shape (n, d)."""
-        ...
 
     def value(self, theta: Array) -> Array:
         """Log density up to a constant, shape (n,), of points, shape (n, d); −inf outside the support."""
-        ...
 
 
 def climb_all(

@@ -138,11 +138,9 @@ class Distribution(Protocol):
 
     def log_density(self, x: Array) -> Array:
         """Log density, normalised, at coordinates of shape (n,); −inf where impossible."""
-        ...
 
     def sample(self, rng: np.random.Generator, n: int, /) -> Array:
         """Independent draws, shape (n,)."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,13 +34,11 @@ class ValueModel(Protocol):
 
     def predicted_values(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Predicted values, shape (batch, m), of joint matrices (batch, r, r) and factors (batch, f)."""
-        ...
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Predicted values (m,) of one joint and their derivative (p, m) along changes dK^J (p, r, r)."""
-        ...
 
 
 @singledispatch

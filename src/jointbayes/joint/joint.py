@@ -26,11 +26,9 @@ class LabelledDofs(Protocol):
     @property
     def n_dofs(self) -> int:
         """Number of DOFs."""
-        ...
 
     def index(self, labels: Sequence[str]) -> Indices:
         """Row numbers of DOF labels, shape (len(labels),)."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,15 +22,12 @@ class Coordinates(Protocol):
 
     def forward(self, theta: Array) -> Array:
         """φ, shape (n, d), of θ, shape (n, d)."""
-        ...
 
     def inverse(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), and whether φ belongs to the region, shape (n,); θ is meaningless where not."""
-        ...
 
     def log_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,)."""
-        ...
 
 
 class Identity:

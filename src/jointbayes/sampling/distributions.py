@@ -307,11 +307,9 @@ class ProposalDensity(Protocol):
 
     def draw(self, random: "np.random.Generator | np.random.RandomState", n: int) -> Array:
         """Independent draws, shape (n, d)."""
-        ...
 
     def log_density(self, x: Array) -> Array:
         """Log of the normalised density, shape (n,), at x, shape (n, d)."""
-        ...
 
 
 def theta_draws(

@@ -154,7 +154,6 @@ class Move(Protocol):
 
     def propose(self, model: "Model", state: "State") -> "tuple[State, Flags]":
         """Make one step of all walkers; return the state and who accepted, shape (walkers,)."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

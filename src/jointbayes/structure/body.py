@@ -36,7 +36,6 @@ class FreeModes(Protocol):
 
     def __call__(self, factors: Array) -> tuple[Array, Array]:
         """Eigenvalues (n or 1, m), rad²/s², rising, and motions (n or 1, k, m) in modes of unit modal mass."""
-        ...
 
 
 class Body(ABC):
