@@ -1,4 +1,7 @@
-"""The names for arrays in annotations, by what they hold: numbers, complex numbers, truths, and places."""
+"""The names for arrays in annotations, and how a frozen dataclass makes its fields what they are."""
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,3 +10,10 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
+
+
+def convert_fields(instance: object, convert: Callable[[Any], object], *names: str) -> None:
+    """Convert fields of a frozen dataclass where they are not None, while it is made."""
+    for name in names:
+        if (value := getattr(instance, name)) is not None:
+            object.__setattr__(instance, name, convert(value))

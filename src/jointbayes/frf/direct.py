@@ -6,7 +6,7 @@ from jointbayes.arrays import ComplexArray
 from jointbayes.errors import ModelError
 from jointbayes.frf.modal import rigid_body_modes
 from jointbayes.frf.ports import Ports
-from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix_of
+from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of
 from jointbayes.structure import Structure
 
 
@@ -38,11 +38,8 @@ class DirectSolve:
     def receptance(self, matrices: AnyJointMatrix) -> ComplexArray:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
         batch = joint_matrix_of(matrices).batch
-        return np.stack([self._solve_joint(batch[i]) for i in range(len(batch))])
-
-    def _solve_joint(self, matrix: JointMatrix) -> ComplexArray:
-        if not matrix.damped:
-            added = self._joined @ matrix.stiffness @ self._joined.T
-            return self._structure.solve_lines(self._omega, self._outputs, self._inputs, added, rigid=self._rigid)
-        k, c, h = (self._joined @ side @ self._joined.T for side in matrix.sides)
-        return self._structure.solve_lines(self._omega, self._outputs, self._inputs, k, c, h, self._rigid)
+        each = []
+        for i in range(len(batch)):
+            k, c, h = (self._joined @ side @ self._joined.T for side in batch[i].sides)
+            each.append(self._structure.solve_lines(self._omega, self._outputs, self._inputs, k, c, h, self._rigid))
+        return np.stack(each)

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array, ComplexArray, Flags, Indices
+from jointbayes.arrays import Array, ComplexArray, Flags, Indices, convert_fields
 from jointbayes.errors import MeasurementError, array_of
 from jointbayes.notebook_view import frf_svg, table_html
 
@@ -62,12 +62,9 @@ class FrfSet:
     averages: int | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
         object.__setattr__(self, "values", read_only(self.values, np.complex128))
-        object.__setattr__(self, "outputs", tuple(self.outputs))
-        object.__setattr__(self, "inputs", tuple(self.inputs))
-        if self.coherence is not None:
-            object.__setattr__(self, "coherence", read_only(self.coherence))
+        convert_fields(self, read_only, "frequency_hz", "coherence")
+        convert_fields(self, tuple, "outputs", "inputs")
         _check_lines(self.frequency_hz)
         self._check_values()
 

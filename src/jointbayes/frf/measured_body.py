@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array, ComplexArray, Indices
+from jointbayes.arrays import Array, ComplexArray, Indices, convert_fields
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf.frf_set import FrfSet, quantity_factor, read_only
 from jointbayes.structure import Body
@@ -86,11 +86,9 @@ class MeasuredBody:
         return self.frequency_hz, self.receptance, self.covariance
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
-        object.__setattr__(self, "dofs", tuple(self.dofs))
-        object.__setattr__(self, "files", tuple(self.files))
         object.__setattr__(self, "receptance", read_only(self.receptance, np.complex128))
-        object.__setattr__(self, "covariance", read_only(self.covariance))
+        convert_fields(self, read_only, "frequency_hz", "covariance")
+        convert_fields(self, tuple, "dofs", "files")
         lines, m = self.frequency_hz.size, len(self.dofs)
         pairs = m * (m + 1) // 2
         if m == 0 or len(set(self.dofs)) != m:

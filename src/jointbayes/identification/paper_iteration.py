@@ -206,13 +206,12 @@ def _history(stiffness: Array, norms: Array, threshold: float, kind: Parametrisa
     outside = np.flatnonzero(~kind.is_positive_semidefinite(stiffness))
     converged = bool(norms[-1] <= threshold)
     steps = len(norms) - 1
-    if converged:
-        reason = f"converged in {steps} steps: residual {norms[-1]:.1e} of the measured FRF, threshold {threshold:.0e}"
-    else:
-        reason = (
-            f"did not converge: after {steps} steps the residual is {norms[-1]:.1e} of the measured FRF, "
-            f"threshold {threshold:.0e}"
-        )
+    end = (
+        f"converged in {steps} steps: residual"
+        if converged
+        else f"did not converge: after {steps} steps the residual is"
+    )
+    reason = f"{end} {norms[-1]:.1e} of the measured FRF, threshold {threshold:.0e}"
     if outside.size:
         reason += (
             f"; K^J was not positive semidefinite at {outside.size} of {steps + 1} steps, first at step {outside[0]}"

@@ -343,10 +343,6 @@ class JointPrior:
                 total[inside] += scatter.log_ratio(t[inside], self.names, self.all_marginals)
         return np.where(inside, total - self.log_normalisation, -np.inf)
 
-    def _has_density(self, theta: Array) -> Flags | bool:
-        """Whether assemblies that scatter are inside their marginals, shape (n,)."""
-        return not self.scatters or np.isfinite(self.log_density(theta))
-
     @property
     def log_normalisation(self) -> float:
         """ln of the probability that the independent marginals leave to positive definite joints, within 1e-3.
@@ -381,7 +377,9 @@ class JointPrior:
             theta = np.stack(columns, axis=-1)[:, :-1]
             for scatter in self.scatters:
                 theta = scatter.scattered(theta, self.names, rng)
-            kept.append(theta[self.feasible(theta) & self._has_density(theta)])
+            # assemblies that scatter may leave their marginals
+            inside = np.isfinite(self.log_density(theta)) if self.scatters else self.feasible(theta)
+            kept.append(theta[inside])
             if sum(map(len, kept)) >= size:
                 return np.concatenate(kept)[:size]
         raise ModelError(f"prior: found almost no positive definite joint among its draws; {NO_JOINT}")

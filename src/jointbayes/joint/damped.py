@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Flags
+from jointbayes.arrays import Array, Flags, convert_fields
 from jointbayes.errors import ModelError
 from jointbayes.joint.parametrisation import CondensedCoordinates, Cone, Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity, damping_quantities
@@ -43,8 +43,7 @@ class Damped(Parametrisation):
     key: ClassVar[str] = "damped"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "viscous", tuple(self.viscous))
-        object.__setattr__(self, "loss_factors", tuple(self.loss_factors))
+        convert_fields(self, tuple, "viscous", "loss_factors")
         springs = [quantity.name for quantity in self.of.quantities if not quantity.may_be_negative]
         for what, names, allowed in (
             ("viscous", self.viscous, springs),

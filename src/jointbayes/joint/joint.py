@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from jointbayes.arrays import Array, Indices
+from jointbayes.arrays import Array, Indices, convert_fields
 from jointbayes.errors import ModelError
 from jointbayes.joint.quantities import DIRECTIONS, direction_of, is_rotation
 
@@ -71,8 +71,7 @@ class Joint:
                 raise ModelError(
                     f'{self._where}: found the text "{labels}"; expected DOF labels in a tuple; write ("{labels}",)'
                 )
-        object.__setattr__(self, "dofs", tuple(self.dofs))
-        object.__setattr__(self, "against", tuple(self.against))
+        convert_fields(self, tuple, "dofs", "against")
         both = self.dofs + self.against
         if not self.dofs or len(set(both)) != len(both):
             raise ModelError(f"{self._where}: found DOFs {both}; expected one or more, each once; correct the labels")

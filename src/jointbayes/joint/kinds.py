@@ -68,7 +68,13 @@ def joint_under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation
     if isinstance(joint, Rigid):
         return joint
     if hypothesis in ("full", "coupled"):
-        return _add_couplings(joint, hypothesis)
+        directions = _directions(joint)
+        if hypothesis == "coupled" and directions and tuple(map(is_rotation, directions)) != _PAIR:
+            raise ModelError(
+                f"comparison: found the hypothesis coupled of a joint in {', '.join(directions)}; expected a joint of "
+                "a translation and a rotation; compare springs and full"
+            )
+        return FullStiffness(directions) if isinstance(joint, PlainSprings) and directions else joint
     springs = [quantity for quantity in joint.quantities if not quantity.may_be_negative]
     yielding = {
         "rigid": [],
@@ -90,16 +96,6 @@ def _keep_damping(joint: Damped, other: Parametrisation) -> Parametrisation:
         names.get(spring, spring) for spring in joint.loss_factors if spring in names or (spring == "all" and moving)
     )
     return Damped(other, viscous, loss) if viscous or loss else other
-
-
-def _add_couplings(joint: Parametrisation, hypothesis: str) -> Parametrisation:
-    directions = _directions(joint)
-    if hypothesis == "coupled" and directions and tuple(map(is_rotation, directions)) != _PAIR:
-        raise ModelError(
-            f"comparison: found the hypothesis coupled of a joint in {', '.join(directions)}; expected a joint of a "
-            "translation and a rotation; compare springs and full"
-        )
-    return FullStiffness(directions) if isinstance(joint, PlainSprings) and directions else joint
 
 
 def _directions(joint: Parametrisation) -> tuple[str, ...]:

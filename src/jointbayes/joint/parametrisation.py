@@ -178,21 +178,15 @@ class Parametrisation(ABC):
         """Whether some of the quantities are damping."""
         return any(quantity.role != "stiffness" for quantity in self.quantities)
 
-    def _entries_of(self, role: str) -> Indices:
-        """Number of the quantity with a role that each entry of a joint matrix is, shape (R, R)."""
-        entries = np.full((self.size, self.size), _ABSENT)
-        for number, (quantity, places) in enumerate(zip(self.quantities, self.pattern, strict=True)):
-            if quantity.role == role:
-                entries[places != 0] = number
-        if role == "stiffness":
-            entries[self.held, self.held] = _HELD
-        return entries
-
     @cached_property
     def _entries(self) -> tuple[Indices, ...]:
-        """Entries of K^J, and where joints are damped those of dashpots and of loss factors."""
+        """Numbers of the quantities that entries are, each (R, R), of K^J, and of dashpots and loss factors if any."""
         roles = ("stiffness", "viscous", "loss factor") if self.damped else ("stiffness",)
-        return tuple(map(self._entries_of, roles))
+        of_role = {role: np.full((self.size, self.size), _ABSENT) for role in roles}
+        for number, (quantity, places) in enumerate(zip(self.quantities, self.pattern, strict=True)):
+            of_role[quantity.role][places != 0] = number
+        of_role["stiffness"][self.held, self.held] = _HELD
+        return tuple(of_role.values())
 
     @property
     def rigid(self) -> Array:

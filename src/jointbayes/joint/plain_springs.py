@@ -4,7 +4,6 @@ They are kinds of joint, and the simpler hypotheses that a joint with coupling i
 yields in translation only, in rotation only, and springs without coupling.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -120,10 +119,6 @@ class PlainSprings(Parametrisation):
     def uncoupled(self, values: ArrayLike) -> Array:
         """The same joints, shape (..., q): nothing is coupled."""
         return np.asarray(values, dtype=float)
-
-    def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
-        """None: springs without coupling have no mode of their own near a limit."""
-        return {}
 
     def compliance(self, theta: Array) -> Array:
         """φ = 1/k of each named spring, shape (..., d), of θ, shape (..., d)."""

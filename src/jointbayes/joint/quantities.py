@@ -6,8 +6,9 @@ computed with them, because what is wrong with a case file is said before NumPy 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
 from typing import Literal
 
 QuantityRole = Literal["stiffness", "viscous", "loss factor"]
@@ -95,10 +96,6 @@ def is_rotation_unit(unit: str) -> bool:
     return unit == _UNITS[2]
 
 
-def _unit(rotations: int) -> str:
-    return _UNITS[rotations]
-
-
 #: Of a joint of one translation and one rotation. The paper prints N/m for all three; such a joint has these.
 COUPLED = (
     Quantity("k11", "N/m", "the translational stiffness", ((0, 0),)),
@@ -119,23 +116,19 @@ def spring_stiffnesses(directions: Sequence[str]) -> tuple[Quantity, ...]:
     for i, direction in enumerate(directions):
         turning = is_rotation(direction)
         words = f"the {'rotational' if turning else 'translational'} stiffness {'about' if turning else 'along'} "
-        springs.append(Quantity(f"k{direction}", _unit(2 * turning), words + direction.removeprefix("r"), ((i, i),)))
+        springs.append(Quantity(f"k{direction}", _UNITS[2 * turning], words + direction.removeprefix("r"), ((i, i),)))
     return tuple(springs)
-
-
-def _pairs(count: int) -> Iterator[tuple[int, int]]:
-    return ((i, j) for i in range(count) for j in range(i, count))
 
 
 def full_stiffnesses(directions: Sequence[str]) -> tuple[Quantity, ...]:
     """Every entry of a symmetric K^J, row by row from the diagonal: k11, k12, … k1r, k22, … krr."""
     turning = [is_rotation(direction) for direction in directions]
     entries = []
-    for i, j in _pairs(len(directions)):
+    for i, j in combinations_with_replacement(range(len(directions)), 2):
         words = f"the stiffness of motion {i + 1} ({directions[i]})"
         if i != j:
             words = f"the coupling stiffness of motions {i + 1} ({directions[i]}) and {j + 1} ({directions[j]})"
-        entries.append(Quantity(f"k{i + 1}{j + 1}", _unit(turning[i] + turning[j]), words, ((i, j),)))
+        entries.append(Quantity(f"k{i + 1}{j + 1}", _UNITS[turning[i] + turning[j]], words, ((i, j),)))
     return tuple(entries)
 
 

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array, Flags
+from jointbayes.arrays import Array, Flags, convert_fields
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.frf_set import read_only
@@ -319,8 +319,7 @@ class FrequencyData(ModalData):
     provenance: Provenance | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
-        object.__setattr__(self, "sd_hz", read_only(self.sd_hz))
+        convert_fields(self, read_only, "frequency_hz", "sd_hz")
         if self.frequency_hz.ndim != 1 or self.frequency_hz.size == 0 or self.frequency_hz.shape != self.sd_hz.shape:
             raise MeasurementError(
                 "natural frequencies: expected a list of at least one, and as many standard deviations as frequencies"

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array, ComplexArray, Flags
+from jointbayes.arrays import Array, ComplexArray, Flags, convert_fields
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.frf.frf_set import Lines, read_only
@@ -75,10 +75,8 @@ class FrfRecord:
     factor: float | None = 1.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
         object.__setattr__(self, "values", read_only(self.values, np.complex128))
-        if self.coherence is not None:
-            object.__setattr__(self, "coherence", read_only(self.coherence))
+        convert_fields(self, read_only, "frequency_hz", "coherence")
 
     def at_lines(self, which: Lines) -> "FrfRecord":
         """Return some of the lines: a mask or indices over lines, or a slice."""
@@ -140,8 +138,7 @@ class CoherenceRecord:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
-        object.__setattr__(self, "values", read_only(self.values))
+        convert_fields(self, read_only, "frequency_hz", "values")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -197,11 +197,8 @@ class UnfinishedRun:
             raise CheckpointError(
                 f"{self.path}: found {state}; expected version {_VERSION}; remove that directory to begin anew"
             )
-        self._fingerprint, self.estimate, self._run_is_written = (
-            record.get("fingerprint", {}),
-            record.get("estimate"),
-            True,
-        )
+        self._fingerprint, self.estimate = record.get("fingerprint", {}), record.get("estimate")
+        self._run_is_written = True
         for number in self._stage_numbers():
             stage = self._read(_STAGE.format(number), _stage_from_record)
             if stage is None:

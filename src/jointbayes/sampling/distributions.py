@@ -289,8 +289,7 @@ def truncated(log_weight: Array, n: int) -> Array:
     ----------
     E. L. Ionides, Truncated importance sampling (2008), DOI 10.1198/106186008X320456.
     """
-    limit = np.logaddexp.reduce(log_weight) - 0.5 * np.log(n)
-    return np.minimum(log_weight, limit)
+    return np.minimum(log_weight, np.logaddexp.reduce(log_weight) - 0.5 * np.log(n))
 
 
 def drawn_without_replacement(log_weight: Array, count: int, rng: np.random.Generator) -> Indices:
@@ -348,7 +347,8 @@ class Pool:
         self._log_density = log_density
         self._sources: list[tuple[ProposalDensity, Coordinates, int]] = []
         self._log_mixture = np.zeros(0)
-        self._value = np.zeros(0)
+        #: ln of the density at each draw, shape (n,).
+        self.value = np.zeros(0)
         self.theta = np.zeros((0, dimension))
         self.evaluations = 0
 
@@ -371,17 +371,12 @@ class Pool:
         before = np.logaddexp(self._log_mixture, old) if len(self._sources) > 1 else old
         self._log_mixture = np.concatenate([before, np.logaddexp.reduce(np.stack(new), axis=0)])
         self.theta = np.concatenate([self.theta, theta])
-        self._value = np.concatenate([self._value, value])
-
-    @property
-    def value(self) -> Array:
-        """ln of the density at each draw, shape (n,)."""
-        return self._value
+        self.value = np.concatenate([self.value, value])
 
     @property
     def log_weight(self) -> Array:
         """ln of the importance weight of each draw, up to a constant, shape (n,)."""
-        return self._value - self._log_mixture
+        return self.value - self._log_mixture
 
 
 def log_density_over_theta(density: ProposalDensity, coordinates: Coordinates, theta: Array) -> Array:

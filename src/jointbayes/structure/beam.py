@@ -161,7 +161,10 @@ def beam(
         )
     if shear_coefficient is not None and not shear_coefficient > 0:
         raise ModelError(f"beam: found shear coefficient {shear_coefficient:g}; expected a number above 0")
-    element_stiffness, element_mass = _element(length / elements, section, material, dofs_per_node, shear_coefficient)
+    kappas = section.shear_coefficient(material.poissons_ratio)
+    along_y, along_z = (shear_coefficient or cowper for cowper in kappas)
+    whole = spatial_element(length / elements, section, material, along_y, along_z)
+    element_stiffness, element_mass = (matrix[np.ix_(_ROWS[dofs_per_node], _ROWS[dofs_per_node])] for matrix in whole)
     n = dofs_per_node * (elements + 1)
     stiffness, mass = np.zeros((n, n)), np.zeros((n, n))
     for e in range(elements):
@@ -174,21 +177,6 @@ def beam(
 
 #: Rows of (x, y, z, rx, ry, rz) at both ends of the two-node element that a beam of so many DOFs per node has.
 _ROWS = {2: (1, 5, 7, 11), 5: (0, 1, 2, 4, 5, 6, 7, 8, 10, 11)}
-
-
-def _element(
-    length: float,
-    section: Section,
-    material: BeamMaterial,
-    dofs_per_node: int,
-    shear_coefficient: float | None,
-) -> tuple[Array, Array]:
-    """Element matrices, shape (2 dofs_per_node, 2 dofs_per_node)."""
-    cowper_y, cowper_z = section.shear_coefficient(material.poissons_ratio)
-    whole = spatial_element(length, section, material, shear_coefficient or cowper_y, shear_coefficient or cowper_z)
-    rows = np.ix_(_ROWS[dofs_per_node], _ROWS[dofs_per_node])
-    stiffness, mass = (matrix[rows] for matrix in whole)
-    return stiffness, mass
 
 
 def spatial_element(

@@ -81,17 +81,13 @@ class UncertainBody(Body):
     @cached_property
     def reach_of_modes_hz(self) -> float | None:
         """Frequency up to which modes are wanted: at the ends of the ranges they may be so much lower."""
-        return None if self.top_hz is None else self.top_hz * self._widest
-
-    @property
-    def _widest(self) -> float:
-        power = {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0}
-        sizes = {name: max(map(abs, ends)) for name, ends in self.factor_ranges.items()}
-        return float(np.exp(sum(p * self._size(sizes, name) for name, p in power.items())))
-
-    def _size(self, sizes: Mapping[str, float], name: str) -> float:
-        """The widest that a quantity may be off, for the structure or any of its bodies."""
-        return sizes.get(name, 0.0) + max((s for other, s in sizes.items() if other.endswith(f".{name}")), default=0.0)
+        if self.top_hz is None:
+            return None
+        sizes, log_widest = {name: max(map(abs, ends)) for name, ends in self.factor_ranges.items()}, 0.0
+        for name, power in {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0}.items():
+            of_bodies = max((size for other, size in sizes.items() if other.endswith(f".{name}")), default=0.0)
+            log_widest += power * (sizes.get(name, 0.0) + of_bodies)
+        return self.top_hz * float(np.exp(log_widest))
 
     @cached_property
     def mesh(self) -> Any:  # noqa: ANN401 (of the recipe's own kind)

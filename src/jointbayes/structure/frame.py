@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, convert_fields
 from jointbayes.errors import ModelError, printable
 from jointbayes.structure.beam import BeamMaterial
 from jointbayes.structure.section import Section
@@ -208,8 +208,7 @@ class FrameBody:
         )
         named = tuple((str(name), _vector(place, f"the place of point {name}")) for name, place in pairs)
         object.__setattr__(self, "points", named)
-        object.__setattr__(self, "members", tuple(self.members))
-        object.__setattr__(self, "masses", tuple(self.masses))
+        convert_fields(self, tuple, "members", "masses")
         self._require_names()
         for member in self.members:
             for start, end in itertools.pairwise(self.stations(member)):

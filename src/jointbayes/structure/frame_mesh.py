@@ -192,7 +192,9 @@ def assembled(
     loads
         Points and the masses in kg that sit there, beside those of the body.
     """
-    nodes = {name: i for i, name in enumerate(_ends(mesh))}
+    nodes = {
+        name: i for i, name in enumerate(dict.fromkeys(point for segment in mesh.segments for point in segment.points))
+    }
     triplets = _Triplets()
     for number, (segment, (count, order)) in enumerate(zip(mesh.segments, mesh.elements, strict=True)):
         per = max(order, 1)
@@ -218,11 +220,6 @@ def assembled(
     for point, load in loads:
         triplets.add([nodes[point]], none, mass_matrix(load, np.zeros((3, 3)), nowhere))
     return *triplets.matrices(6 * len(nodes)), tuple(nodes)
-
-
-def _ends(mesh: BodyMesh) -> dict[str, None]:
-    """Points at which segments end, in the order in which they come."""
-    return dict.fromkeys(point for segment in mesh.segments for point in segment.points)
 
 
 def _turns(segment: Segment, count: int) -> list[Array]:

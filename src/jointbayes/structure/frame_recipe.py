@@ -8,6 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 from scipy import sparse
 
+from jointbayes.arrays import convert_fields
 from jointbayes.errors import ModelError, printable
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.frame import SPATIAL, FrameBody, Vector
@@ -77,8 +78,7 @@ class FrameRecipe(Recipe):
         bodies = {"": self.bodies} if isinstance(self.bodies, FrameBody) else self.bodies
         pairs = bodies.items() if isinstance(bodies, Mapping) else bodies
         object.__setattr__(self, "bodies", tuple((name, body) for name, body in pairs))
-        for name in ("directions", "supports", "accelerometer_dofs"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+        convert_fields(self, tuple, "directions", "supports", "accelerometer_dofs")
         names = [name for name, _ in self.bodies]
         wrong = [name for name in names if names.count(name) > 1 or not _BODY_NAME.fullmatch(name)]
         if wrong != ([""] if names == [""] else []) or not names:

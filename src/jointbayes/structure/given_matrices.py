@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, convert_fields
 from jointbayes.errors import ModelError, array_of, printable
 from jointbayes.structure.body import FreeModes
 from jointbayes.structure.damping import NOT_NEGATIVE, DampingLaw, ViscousMatrix, lowest_eigenvalue
@@ -68,8 +68,7 @@ class MatrixRecipe(Recipe):
     extent: ClassVar[float] = 1.0  # a metre: matrices have no size
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "dofs", tuple(self.dofs))
-        object.__setattr__(self, "supports", tuple(self.supports))
+        convert_fields(self, tuple, "dofs", "supports")
         for name in ("stiffness", "mass"):
             object.__setattr__(self, name, array_of(getattr(self, name), float, f"structure: {name}", ModelError))
         whole = Structure(self.stiffness, self.mass, self.damping, self.dofs, self.positions)

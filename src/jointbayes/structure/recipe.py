@@ -2,8 +2,8 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from dataclasses import replace
+from typing import Any, ClassVar, Literal, Self
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, printable
@@ -30,7 +30,6 @@ def is_damping_ratio(name: str) -> bool:
     return name == "damping_ratio" or name.startswith("damping_ratio_")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Recipe(ABC):
     """Everything that a structure's matrices are made from, each quantity open to a factor.
 
@@ -55,22 +54,12 @@ class Recipe(ABC):
     #: What it is, where a message begins.
     kind: ClassVar[str]
 
-    if TYPE_CHECKING:  # properties would be taken for the default values of the fields
-
-        @property
-        def damping(self) -> DampingLaw: ...  # noqa: D102
-
-        @property
-        def accelerometer_mass(self) -> float: ...  # noqa: D102
-
-        @property
-        def added_mass(self) -> float: ...  # noqa: D102
-
-        @property
-        def accelerometer_dofs(self) -> tuple[str, ...]: ...  # noqa: D102
-
-        @property
-        def element(self) -> ElementKind: ...  # noqa: D102
+    __slots__ = ()
+    damping: DampingLaw
+    accelerometer_mass: float
+    added_mass: float
+    accelerometer_dofs: tuple[str, ...]
+    element: ElementKind
 
     def _require_masses(self) -> None:
         if not all(0 <= mass <= _MOST_MASS for mass in (self.accelerometer_mass, self.added_mass)):
@@ -144,7 +133,7 @@ class Recipe(ABC):
     def lumped(self) -> Self:
         """The same structure, all mass at an accelerometer's place taken for the accelerometer's."""
         masses: dict[str, Any] = {"accelerometer_mass": self.accelerometer_mass + self.added_mass, "added_mass": 0.0}
-        return replace(self, **masses)
+        return replace(self, **masses)  # type: ignore[type-var]  # every recipe is a dataclass
 
     def lumped_factor(self, factor: Array) -> Array:
         """Factors on all mass at an accelerometer's place, from those on the accelerometer alone."""
