@@ -25,7 +25,7 @@ from jointbayes.measurement.formats import (
 from jointbayes.measurement.formats import read as reading
 from jointbayes.measurement.formats.array_walk import records_of_tree
 from jointbayes.measurement.formats.table import Column, column_of, column_records
-from jointbayes.measurement.inspection import inspect_file, inspect_records
+from jointbayes.measurement.inspection import contents_of_records, inspect_file
 from jointbayes.measurement.records import FrfRecord, TimeRecord
 from tests.measurement.broken_files import FRF, npz_bytes
 from tests.measurement.uff_text import function_58
@@ -178,7 +178,7 @@ def same_names(n):
 
 
 def histories(n):
-    inspect_records(TimeRecord("a", 10.0, np.array([1.0, 2.0]), "force", hit=i) for i in range(1, n))
+    contents_of_records(TimeRecord("a", 10.0, np.array([1.0, 2.0]), "force", hit=i) for i in range(1, n))
 
 
 def units_again(n):

@@ -14,14 +14,18 @@ from jointbayes.cli.commands import main
 from jointbayes.frf import FrfSet
 from jointbayes.measurement import inspection
 from jointbayes.measurement.formats import write_frf, write_records
-from jointbayes.measurement.inspection import contents_of_records, inspect_file, inspect_records
-from jointbayes.measurement.inspection_text import text_of
+from jointbayes.measurement.inspection import contents_of_records, inspect_file, with_resonances
+from jointbayes.measurement.inspection_text import contents_text, resonances_text
 from jointbayes.measurement.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord
 from jointbayes.report.inspect_figure import inspect_figure
 from tests.conftest import CONFIGS
 from tests.measurement.test_warnings import DAMPING, FREQUENCY, LINES, hammer, records, times
 
 COARSE = LINES[1::2]  # 1 Hz apart
+
+
+def inspected(records):
+    return with_resonances(contents_of_records(records))
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +107,7 @@ def test_each_hit_is_shown_and_the_frfs_of_the_hits_have_their_resonance(hits):
     found = inspect_file(hits)
     assert [t.hit.number for t in found.hits] == [1, 2, 3, 4, 5]
     assert [t.hit.kept for t in found.hits] == [True, True, False, True, True]
-    text = "\n".join(text_of(found))
+    text = "\n".join([*contents_text(found), *resonances_text(found)])
     assert "Point:1:Z+ hit 3: " in text
     assert "LEFT OUT: double hit, again after 2" in text
     first = next(line for line in text.splitlines() if "Point:1:Z+ hit 1: " in line)
@@ -122,7 +126,7 @@ def test_each_hit_is_shown_and_the_frfs_of_the_hits_have_their_resonance(hits):
 
 
 def test_the_trace_of_a_double_hit_shows_both():
-    third = inspect_records([hammer(np.random.default_rng(3), second=0.4)]).hits[0]
+    third = contents_of_records([hammer(np.random.default_rng(3), second=0.4)]).hits[0]
     late = third.force_n[third.time_s > 0.01]
     assert late.max() > 0.2 * third.force_n.max()
 
@@ -138,13 +142,13 @@ def test_the_mass_is_held_against_the_mass_line(tmp_path):
 
 def test_why_there_are_no_resonances_is_said():
     quiet = [replace(r, quantity=None, unit="") for r in records(np.random.default_rng(3))]
-    assert inspect_records(quiet).modes_note == "no FRF of a known quantity"
+    assert inspected(quiet).modes_note == "no FRF of a known quantity"
     noise = np.random.default_rng(4).standard_normal((2, LINES.size))
     flat = replace(quiet[0], quantity="mobility", values=noise[0] + 1j * noise[1], coherence=None)
-    assert inspect_records([flat]).modes_note == "none stands out of the noise"
-    assert "Resonances: none stands out of the noise" in list(text_of(inspect_records([flat])))
+    assert inspected([flat]).modes_note == "none stands out of the noise"
+    assert "Resonances: none stands out of the noise" in list(resonances_text(inspected([flat])))
     shaken = TimeRecord("1:z", 2048.0, np.random.default_rng(5).standard_normal(4096), "force", "N")
-    assert "not one hit each" in inspect_records([shaken]).modes_note
+    assert "not one hit each" in inspected([shaken]).modes_note
 
 
 @pytest.mark.parametrize(
@@ -213,7 +217,7 @@ def test_all_kinds_of_records_are_listed():
         ModeRecord(1, 12.5, 0.01, 0.004, 2e-4, {"1:z": 1 + 0j, "2:z": -0.5 + 0j}),
         ModeRecord(2, 40.0),
     ]
-    listed = inspect_records(
+    listed = inspected(
         [
             CoherenceRecord("1:z", "2:z", f, np.full(20, 0.9), 8),
             SpectrumRecord("acc", "PSD", f, np.ones(20), "g²/Hz"),
@@ -227,7 +231,7 @@ def test_all_kinds_of_records_are_listed():
     }
     assert (listed.averages, listed.coherence) == ((8,), (0.9, 0.9))
     assert listed.listed_modes == tuple(modes)
-    text = "\n".join(text_of(listed))
+    text = "\n".join([*contents_text(listed), *resonances_text(listed)])
     assert "Modes in the file (2)\n    1        12.5 ± 0.01 Hz   damping 0.4 % ± 0.02 %   shape at 2 DOFs\n" in text
     assert "acc  no direction; 1 spectra" in text
     assert "Resonances: there is no FRF" in text
@@ -242,21 +246,21 @@ def test_a_coherence_that_is_not_finite_is_warned_of():
         coherence = np.full(20, 0.9)
         coherence[where] = bad
         record = FrfRecord("1:Z+", "2:Z+", lines, lines + 1j, "mobility", "m/s/N", coherence, 5)
-        found = [w.sentence for w in inspect_records([record]).warnings if w.key == "coherence_range"]
+        found = [w.sentence for w in contents_of_records([record]).warnings if w.key == "coherence_range"]
         assert found == ["coherence is NaN or infinite on 1 of 20 lines, not 0 to 1"]
 
 
 def test_too_few_lines_to_fit_are_said_without_a_band_that_nobody_gave():
     lines = np.arange(1.0, 14.0)
     record = FrfRecord("1:Z+", "2:Z+", lines, lines + 1j, "mobility")
-    assert inspect_records([record]).modes_note.startswith("modal fit: found 13 lines; expected 16 or more")
+    assert inspected([record]).modes_note.startswith("modal fit: found 13 lines; expected 16 or more")
 
 
 def test_numbers_that_no_measurement_gives_are_warned_of_and_nothing_else_is_judged():
     lines = np.arange(1.0, 41.0)
     for size in (1e300, 1e-300):
         record = FrfRecord("1:Z+", "1:Z+", lines, size * (lines + 1j), "mobility", "m/s/N")
-        keys = {w.key for w in inspect_records([record]).warnings}
+        keys = {w.key for w in contents_of_records([record]).warnings}
         assert keys == {"not_finite", "coherence_missing"}
 
 

@@ -10,8 +10,8 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement import FrfData, RelativeNoise
 from jointbayes.measurement.assemble import _modes as assembled_modes
-from jointbayes.measurement.inspection import inspect_records
-from jointbayes.measurement.inspection_text import text_of
+from jointbayes.measurement.inspection import contents_of_records, with_resonances
+from jointbayes.measurement.inspection_text import resonances_text
 from jointbayes.measurement.measurement_plan import MeasurementPlan
 from jointbayes.measurement.modal_fit import fit_modes, identify_modes, identify_zeros
 from jointbayes.measurement.records import FrfRecord
@@ -219,7 +219,7 @@ def test_inspection_names_what_is_left_out():
         coherence=frf.coherence[:, 0, 0],
         averages=frf.averages,
     )
-    lines = list(text_of(inspect_records([record])))
+    lines = [*resonances_text(with_resonances(contents_of_records([record])))]
     assert "Left out of the resonances" in lines
     assert any("Hz: nonlinear? One resonance" in line for line in lines)
     assert [round(mode.frequency_hz) for mode in identify_modes(frf)] == [210]

@@ -388,5 +388,4 @@ def _root(body: MeasuredBody) -> Array:
     # receptances of translations and rotations differ by orders of magnitude: scaled, the small ones keep their digits
     size = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(body.covariance / (size[:, :, None] * size[:, None, :]))
-    root: Array = size[:, :, None] * vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    return root
+    return size[:, :, None] * vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]

@@ -163,8 +163,7 @@ class NaturalFrequencies(LowestModes):
         stiffness = np.ascontiguousarray(joint_matrix_of(matrices).batch.stiffness)
         factor_rows = factors_batch(factors, len(stiffness))
         eigenvalues, _, _ = self._modes.solve(stiffness, factor_rows)
-        frequency: Array = np.sqrt(np.maximum(eigenvalues[:, self._counted], 0.0)) / (2 * np.pi)
-        return frequency
+        return np.sqrt(np.maximum(eigenvalues[:, self._counted], 0.0)) / (2 * np.pi)
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None

@@ -173,5 +173,4 @@ def _positive_definite(compliance: Array) -> Array:
     values, vectors = np.linalg.eigh(unit)
     # noise may turn an eigenvalue negative: a nearly rigid direction is then the nearest joint that exists
     values = np.maximum(values, 1e-3 * np.abs(values).max())
-    stiffness: Array = (vectors / values) @ vectors.T / np.outer(size, size)
-    return stiffness
+    return (vectors / values) @ vectors.T / np.outer(size, size)

@@ -206,12 +206,8 @@ def _history(stiffness: Array, norms: Array, threshold: float, kind: Parametrisa
     outside = np.flatnonzero(~kind.is_positive_semidefinite(stiffness))
     converged = bool(norms[-1] <= threshold)
     steps = len(norms) - 1
-    end = (
-        f"converged in {steps} steps: residual"
-        if converged
-        else f"did not converge: after {steps} steps the residual is"
-    )
-    reason = f"{end} {norms[-1]:.1e} of the measured FRF, threshold {threshold:.0e}"
+    words = "converged in {} steps: residual" if converged else "did not converge: after {} steps the residual is"
+    reason = f"{words.format(steps)} {norms[-1]:.1e} of the measured FRF, threshold {threshold:.0e}"
     if outside.size:
         reason += (
             f"; K^J was not positive semidefinite at {outside.size} of {steps + 1} steps, first at step {outside[0]}"

@@ -357,8 +357,7 @@ class GaussianLikelihood(Likelihood):
         up, down = np.split(self._model.predicted_values(joint.repeated(len(moved)), moved), 2)
         of_noise = np.zeros((self.hyper_count, value.size))
         slopes = [derivative, (up - down) / (2 * STEP), of_noise]
-        rows: Array = np.concatenate([(value - self._measured)[None], *slopes]) / (scale * self._sd)
-        return rows
+        return np.concatenate([(value - self._measured)[None], *slopes]) / (scale * self._sd)
 
 
 @likelihood_of.register

@@ -48,10 +48,8 @@ def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, whe
         floor = f" and {100 * law.floor:g} % of the median accelerance" if law.floor else ""
         words = f"as stated: {100 * law.relative:g} % of |H|{floor}{alone}"
         smooth = _smoothed(frf, law)
-        if smooth is None:
-            return FrfData(frf, law.variance_of_accelerance(frf)), words
-        variance = law.variance_of_accelerance(smooth)
-        return FrfData(frf, variance), f"{words}; |H| is that of a modal fit, without the noise"
+        how = "; |H| is that of a modal fit, without the noise" if smooth else ""
+        return FrfData(frf, law.variance_of_accelerance(smooth or frf)), words + how
     try:
         variance = coherence_variance(frf)
     except MeasurementError as error:

@@ -165,11 +165,6 @@ def contents_of(
     return replace(contents_of_records(records, mass_kg), source=str(path), form=form)
 
 
-def inspect_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
-    """As `inspect_file`, for records that come one by one."""
-    return with_resonances(contents_of_records(records, mass_kg))
-
-
 @np.errstate(all="ignore")  # a file may hold any number
 def contents_of_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
     """As `contents_of`, for records that come one by one."""

@@ -6,18 +6,12 @@ from typing import TypeVar
 import numpy as np
 
 from jointbayes.measurement.inspection import ChannelCount, HitTrace, Inspection
-from jointbayes.measurement.records import parse_dof
+from jointbayes.measurement.records import dof_label, parse_dof
 
 T = TypeVar("T")
 
 #: Longer lists are cut here.
 _LISTED = 40
-
-
-def text_of(inspection: Inspection) -> Iterator[str]:
-    """All lines to print."""
-    yield from contents_text(inspection)
-    yield from resonances_text(inspection)
 
 
 def contents_text(inspection: Inspection) -> Iterator[str]:
@@ -117,8 +111,7 @@ def _dof(label: str) -> str:
     dof = parse_dof(label)
     if dof is None or dof.direction == 0:
         return "no direction; "
-    axis = ("", "X", "Y", "Z", "RX", "RY", "RZ")[abs(dof.direction)]
-    return f"node {dof.node}, direction {axis}{'-' if dof.direction < 0 else '+'}; "
+    return f"node {dof.node}, direction {dof_label(dof).rpartition(':')[2]}; "
 
 
 def _use(use: ChannelCount) -> str:

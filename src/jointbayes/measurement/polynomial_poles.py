@@ -3,7 +3,7 @@
 import numpy as np
 import scipy.linalg
 
-from jointbayes.arrays import Array, ComplexArray, Flags
+from jointbayes.arrays import Array, ComplexArray
 
 #: The band covers this much of the unit circle; the polynomials wrap round, the FRF does not.
 _ARC = 0.95
@@ -63,16 +63,11 @@ def polynomial_poles(frequency_hz: Array, values: ComplexArray, weight: Array, m
         # ln z = −τ(λ − jω₁); the band is the arc from 0 to −2π·_ARC
         angle = np.mod(-np.angle(roots), 2 * np.pi)
         poles = 1j * omega[0] + (-np.log(np.abs(roots)) + 1j * angle) / tau
-        poles_by_order.append(poles[_possible(poles, omega)])
+        frequency = np.abs(poles)
+        damping = -poles.real / frequency
+        in_band = (frequency > omega[0]) & (frequency < omega[-1])
+        poles_by_order.append(poles[in_band & (damping > 0) & (damping < _MOST_DAMPING)])
     return poles_by_order
-
-
-def _possible(poles: ComplexArray, omega: Array) -> Flags:
-    frequency = np.abs(poles)
-    damping = -poles.real / frequency
-    possible: Flags = (damping > 0) & (damping < _MOST_DAMPING)
-    possible &= (frequency > omega[0]) & (frequency < omega[-1])
-    return possible
 
 
 def steady_poles(by_order: list[ComplexArray], least: int) -> ComplexArray:

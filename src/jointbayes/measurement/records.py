@@ -27,7 +27,7 @@ MOST_COLUMNS = 50_000
 #: Characters of a channel label or a unit.
 LONGEST_LABEL = 300
 
-_AXES = ("", "X", "Y", "Z", "RX", "RY", "RZ")
+_AXES = ("S", "X", "Y", "Z", "RX", "RY", "RZ")
 _LABEL = re.compile(r"(?:(?P<entity>[^:\s]{1,10}):)?(?P<node>\d{1,9}):(?P<axis>S|R?[XYZ])(?P<sign>[+-]?)")
 #: What the sensor of a time history measures.
 SensorQuantity = Literal["force", "displacement", "velocity", "acceleration", "unknown"]
@@ -264,7 +264,7 @@ def dof_label(dof: Dof) -> str:
     >>> dof_label(Dof("Point", 12, 3)), dof_label(Dof("", 4, -5))
     ('Point:12:Z+', '4:RY-')
     """
-    axis = "S" if dof.direction == 0 else _AXES[abs(dof.direction)] + ("+" if dof.direction > 0 else "-")
+    axis = _AXES[abs(dof.direction)] + ("", "+", "-")[(dof.direction > 0) - (dof.direction < 0)]
     return f"{dof.entity}:{dof.node}:{axis}" if dof.entity else f"{dof.node}:{axis}"
 
 
@@ -279,7 +279,6 @@ def parse_dof(label: str) -> Dof | None:
     match = _LABEL.fullmatch(label.replace("x", "X").replace("y", "Y").replace("z", "Z").replace(":r", ":R"))
     if match is None:
         return None
-    axis = match["axis"]
-    direction = 0 if axis == "S" else _AXES.index(axis) * (-1 if match["sign"] == "-" else 1)
+    direction = _AXES.index(match["axis"]) * (-1 if match["sign"] == "-" else 1)
     original = label.split(":")[0] if match["entity"] else ""
     return Dof(original, int(match["node"]), direction)

@@ -130,8 +130,7 @@ def part_matrices(stretch: Stretch, order: int, field: str) -> tuple[Array, Arra
     at, length = stretch.rigidities(points), stretch.length
 
     def form(left: Array, right: Array, factor: Array) -> Array:
-        weighted: Array = (left * (weight * factor)[:, None]).T @ right
-        return weighted
+        return (left * (weight * factor)[:, None]).T @ right
 
     if field == "axial":
         return form(slope, slope, at.axial) / length, form(value, value, at.mass) * length

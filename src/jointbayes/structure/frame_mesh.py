@@ -192,9 +192,8 @@ def assembled(
     loads
         Points and the masses in kg that sit there, beside those of the body.
     """
-    nodes = {
-        name: i for i, name in enumerate(dict.fromkeys(point for segment in mesh.segments for point in segment.points))
-    }
+    ends = dict.fromkeys(point for segment in mesh.segments for point in segment.points)
+    nodes = {name: i for i, name in enumerate(ends)}
     triplets = _Triplets()
     for number, (segment, (count, order)) in enumerate(zip(mesh.segments, mesh.elements, strict=True)):
         per = max(order, 1)

@@ -164,8 +164,7 @@ class Section:
                 "tube without a bore); make it of two members"
             )
         ends = zip(self.dimensions, other.dimensions, strict=True)
-        made: Section = getattr(Section, self.shape)(*((1 - share) * a + share * b for a, b in ends))
-        return made
+        return getattr(Section, self.shape)(*((1 - share) * a + share * b for a, b in ends))
 
     def shear_coefficient(self, poissons_ratio: float) -> tuple[float, float]:
         """Cowper's κ for shear along y and along z.

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy import optimize
@@ -127,14 +128,18 @@ class ModeTable:
 
 def tabulated(modes_at: ModesAt, motions: Array, ends: Ends) -> ModeTable | None:
     """The smallest table that is accurate enough, axis by axis and then as a whole; None if there is none."""
-    modes_at = _remembering(modes_at)
+    each_once = cache(modes_at)  # tables of different size share points, those at which they are checked among them
+
+    def remembered(numbers: Sequence[float]) -> tuple[Modes, Array]:
+        return each_once(tuple(numbers))
+
     counts: list[int] = []
     for i in range(len(ends)):
         alone = [end if j == i else (0.0, 0.0) for j, end in enumerate(ends)]
         tried = [[n if j == i else 1 for j in range(len(ends))] for n in _NODES]
         errors: list[float] = []
         for n in tried:
-            errors.append(ModeTable(modes_at, motions, alone, n).error(modes_at))
+            errors.append(ModeTable(remembered, motions, alone, n).error(remembered))
             if errors[-1] < _ACCURATE:
                 counts.append(n[i])
                 break
@@ -144,23 +149,10 @@ def tabulated(modes_at: ModesAt, motions: Array, ends: Ends) -> ModeTable | None
             return None
     if math.prod(counts) > _MOST_POINTS:
         return None
-    table = ModeTable(modes_at, motions, ends, counts)
+    table = ModeTable(remembered, motions, ends, counts)
     if not ends:  # nothing is interpolated
         return table
-    return table if table.error(modes_at) < 10 * _ACCURATE else None
-
-
-def _remembering(modes_at: ModesAt) -> ModesAt:
-    """The same function, each point solved once: tables of different size share those at which they are checked."""
-    solved: dict[tuple[float, ...], tuple[Modes, Array]] = {}
-
-    def remembered(numbers: Sequence[float]) -> tuple[Modes, Array]:
-        point = tuple(numbers)
-        if point not in solved:
-            solved[point] = modes_at(numbers)
-        return solved[point]
-
-    return remembered
+    return table if table.error(remembered) < 10 * _ACCURATE else None
 
 
 def _hopeless(errors: Sequence[float]) -> bool:
@@ -186,18 +178,13 @@ def _turned_modes(modes: Modes, mass: Array, nominal: Modes) -> Modes:
     overlap = np.abs(modes.shapes.T @ mass @ nominal.shapes)
     _, number = optimize.linear_sum_assignment(-overlap.T)
     eigenvalues, shapes = modes.eigenvalues[number], modes.shapes[:, number]
-    for plane in _planes(nominal.eigenvalues):
+    apart = np.diff(nominal.eigenvalues) > _SAME_PLANE * nominal.eigenvalues[1:]
+    cuts = [0, *(np.flatnonzero(apart) + 1).tolist(), nominal.eigenvalues.size]
+    for plane in itertools.starmap(slice, itertools.pairwise(cuts)):  # runs of modes with equal eigenvalues
         # the rotation within the plane that brings the shapes nearest to the nominal ones; a sign for one mode
         left, _, right = np.linalg.svd(shapes[:, plane].T @ mass @ nominal.shapes[:, plane])
         shapes[:, plane] = shapes[:, plane] @ (left @ right)
     return Modes(eigenvalues, shapes)
-
-
-def _planes(eigenvalues: Array) -> list[slice]:
-    """Runs of modes with equal eigenvalues."""
-    apart = np.diff(eigenvalues) > _SAME_PLANE * eigenvalues[1:]
-    cuts = [0, *(np.flatnonzero(apart) + 1).tolist(), eigenvalues.size]
-    return [slice(a, b) for a, b in itertools.pairwise(cuts)]
 
 
 #: Powers in which quantities change a shape number.
@@ -295,8 +282,7 @@ class Parts:
         if len(self.whole) == count:
             return rows
         sums = (np.arange(count)[:, None] == self.whole).astype(float)
-        joined: Array = sums @ rows
-        return joined
+        return sums @ rows
 
 
 def parts_of(dofs: Sequence[str], motions: Array, forced: Forced) -> Parts:

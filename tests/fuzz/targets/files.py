@@ -36,7 +36,7 @@ class FileTarget(Target):
         from jointbayes.errors import MeasurementError
         from jointbayes.measurement.formats import read_frf
         from jointbayes.measurement.inspection import inspect_file
-        from jointbayes.measurement.inspection_text import text_of
+        from jointbayes.measurement.inspection_text import contents_text, resonances_text
 
         refused: MeasurementError | None = None
         try:
@@ -44,7 +44,8 @@ class FileTarget(Target):
         except MeasurementError as error:
             refused = error
         else:
-            list(text_of(inspection))
+            list(contents_text(inspection))
+            list(resonances_text(inspection))
             _maybe_drawn(inspection, path)
         try:
             read_frf(path)

@@ -280,7 +280,9 @@ def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
     if kind == "char":
         if values.dtype.kind != "u":
             return Unread(f"text stored as {item.dtype}")
-        return np.array(_characters(values), dtype=str)
+        # UTF-16, rows along the last axis
+        rows = np.atleast_2d(values.T).astype("<u2")
+        return np.array([row.tobytes().decode("utf-16-le", errors="replace").rstrip() for row in rows], dtype=str)
     return np.asarray(values).T if matlab else np.asarray(values)
 
 
@@ -318,12 +320,6 @@ def _texts(item: Any, where: str) -> NDArray[np.str_]:  # noqa: ANN401
             f"{_LONGEST_TEXT}; {REMEDY}"
         )
     return np.array(item.asstr(errors="replace")[()], dtype=str)
-
-
-def _characters(codes: NDArray[Any]) -> list[str]:
-    """Rows of a character array, stored as UTF-16 with rows along the last axis."""
-    rows = np.atleast_2d(codes.T).astype("<u2")
-    return [row.tobytes().decode("utf-16-le", errors="replace").rstrip() for row in rows]
 
 
 def write_hdf5(blocks: dict[str, Block], path: Path, *, matlab: bool = False) -> None:

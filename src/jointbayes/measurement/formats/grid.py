@@ -194,21 +194,19 @@ def _checked(record: FrfRecord, where: str) -> FrfRecord:
                 f"{place}: found {name} at {lines[line]:g} Hz, {int(missing.sum())} such lines; expected a measured "
                 "number on at least half of the lines; leave out a channel or a band (exclude_hz), or export again"
             )
-    return record if record.coherence is None else replace(record, coherence=_coherence(record, place))
+    return record if record.coherence is None else replace(record, coherence=_coherence(record.coherence, lines, place))
 
 
-def _coherence(record: FrfRecord, place: str) -> Array:
-    coherence = record.coherence
-    assert coherence is not None
-    if coherence.shape != record.frequency_hz.shape:
+def _coherence(coherence: Array, lines: Array, place: str) -> Array:
+    if coherence.shape != lines.shape:
         raise MeasurementError(
-            f"{place}: found coherence on {coherence.size} lines; expected {record.frequency_hz.size}; export again"
+            f"{place}: found coherence on {coherence.size} lines; expected {lines.size}; export again"
         )
     bad = ~((coherence >= 0) & (coherence <= 1 + _ROUNDING))
     if bad.any():
         line = int(np.argmax(bad))
         raise MeasurementError(
-            f"{place}: found coherence {coherence[line]:g} at {record.frequency_hz[line]:g} Hz; expected 0 to 1; "
+            f"{place}: found coherence {coherence[line]:g} at {lines[line]:g} Hz; expected 0 to 1; "
             "correct it or leave the coherence out"
         )
     return np.minimum(coherence, 1.0)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy  # its parts load at first use
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, Flags
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.records import TimeRecord, measurable
 
@@ -155,7 +155,8 @@ def _judged(
     top = int(np.argmax(np.abs(block[: _pulse_end(block, trigger - max(start, 0))])))
     peak = float(block[top])
     upright = np.sign(peak) * block
-    width = _width(upright, top) / rate
+    rise, fall = stretch_about(upright < 0.5 * upright[top], top)
+    width = (fall - rise) / rate
     reason = ""
     if start < 0:
         reason = f"its block would begin {-start / rate:.3g} s before the record"
@@ -181,12 +182,10 @@ def _pulse_end(block: Array, trigger: int) -> int:
     return trigger + (int(back[0]) if back.size else block.size - trigger)
 
 
-def _width(upright: Array, top: int) -> int:
-    low = upright < 0.5 * upright[top]
+def stretch_about(low: Flags, top: int) -> tuple[int, int]:
+    """Ends of the stretch about a place that is not low: its first place, and the one behind its last."""
     before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
-    first = int(before[-1]) + 1 if before.size else 0
-    last = top + int(after[0]) if after.size else upright.size
-    return last - first
+    return int(before[-1]) + 1 if before.size else 0, top + int(after[0]) if after.size else low.size
 
 
 def is_clipped(values: Array, full_scale: float | None = None) -> bool:

@@ -78,7 +78,8 @@ def remove_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array,
     omega, power = 2 * np.pi * frf.frequency_hz, POWER_OF_JW[frf.quantity]
     wanted_at = np.asarray(1j * omega, dtype=np.complex128)
     measured_at = np.asarray(wanted_at + rate, dtype=np.complex128)
-    true = _poles(frequency_hz, damping_ratio) + rate
+    omega_r, zeta = 2 * np.pi * np.asarray(frequency_hz, dtype=float), np.asarray(damping_ratio, dtype=float)
+    true = -zeta * omega_r + 1j * omega_r * np.sqrt(np.maximum(1 - zeta**2, 0.0)) + rate
     before, after = _partial_fractions(measured_at, true), _partial_fractions(wanted_at, true)
     if 2 * omega.size < before.shape[1]:
         raise MeasurementError(
@@ -96,11 +97,6 @@ def remove_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array,
         corrected[:, i] = column + (after - before) @ (amplitude / scale)
     values = (corrected * wanted_at[:, None] ** power).reshape(frf.values.shape)
     return replace(frf, values=values)
-
-
-def _poles(frequency_hz: Array, damping_ratio: Array) -> ComplexArray:
-    omega, ratio = 2 * np.pi * np.asarray(frequency_hz, dtype=float), np.asarray(damping_ratio, dtype=float)
-    return -ratio * omega + 1j * omega * np.sqrt(np.maximum(1 - ratio**2, 0.0))
 
 
 def _partial_fractions(s: ComplexArray, poles: ComplexArray) -> ComplexArray:

@@ -10,6 +10,7 @@ from jointbayes.arrays import Array, ComplexArray
 from jointbayes.frf import Quantity, quantity_factor
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
+from jointbayes.measurement.signals.hits import stretch_about
 
 #: A resonance rises above both sides by this factor, and above the noise by that.
 _RISE, _ABOVE_NOISE = 3.0, 10.0
@@ -94,10 +95,7 @@ class ClearFrf:
         for top in _prominent_peaks(magnitude):
             if magnitude[top] < _ABOVE_NOISE * self.noise[top]:
                 continue
-            low = magnitude < magnitude[top] / np.sqrt(2)
-            before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
-            first = int(before[-1]) + 1 if before.size else 0
-            last = top + int(after[0]) if after.size else magnitude.size
+            first, last = stretch_about(magnitude < magnitude[top] / np.sqrt(2), top)
             total = self.mobility[first:last].sum()
             cosine = float(total.real / abs(total))
             across = slice(max(first - 1, 0), last + 1)

@@ -258,26 +258,24 @@ class WarningCollector:
                 return
 
     def _compare(self, pair: tuple[str, str], sketch: Sketch) -> None:
+        # the ratio of two quantities of one sensor, g and rad/s have warnings of their own
+        keys = {"g": "g_against_ms2", "rad_per_s": "rad_per_s", "quantity": "quantity_phase"}
         swapped = (pair[1], pair[0])
         before = self._sketches.get(pair, [])
         across = self._sketches.get(swapped, []) if swapped != pair else []
-        for others, reciprocal in ((before, False), (across, True)):
+        for others, key, what in (
+            (before, "repeats_differ", "the same FRF is there twice"),
+            (across, "reciprocity", "with response and force exchanged the FRFs should be equal"),
+        ):
             for other in others:
                 warning = disagreement(other, sketch)
                 if warning is not None:
                     where = f"{_named(other.record, other.where)} and {sketch.where}"
-                    self._keep(where, _pair_warning(warning, reciprocal))
+                    sentence = f"{what}, but {warning.sentence}"
+                    self._keep(where, replace(warning, key=keys.get(warning.key, key), sentence=sentence))
         # two of a kind are enough to compare with
         if len(before) < 2:
             self._sketches.setdefault(pair, []).append(sketch)
-
-
-def _pair_warning(warning: MeasurementWarning, reciprocal: bool) -> MeasurementWarning:
-    # the ratio of two quantities of one sensor, g and rad/s have warnings of their own
-    keys = {"g": "g_against_ms2", "rad_per_s": "rad_per_s", "quantity": "quantity_phase"}
-    key = keys.get(warning.key, "reciprocity" if reciprocal else "repeats_differ")
-    what = "with response and force exchanged the FRFs should be equal" if reciprocal else "the same FRF is there twice"
-    return replace(warning, key=key, sentence=f"{what}, but {warning.sentence}")
 
 
 def _named(channel: str, where: str) -> str:
