@@ -236,8 +236,7 @@ class LowRankCoupling:
         return value, slopes
 
     def _coupling(self, free: ComplexArray) -> _Coupling:
-        form = PairCoupling if len(self.along) <= 2 else MultiDofCoupling
-        return form(free, self.along, self.n_out)
+        return (PairCoupling if len(self.along) <= 2 else MultiDofCoupling)(free, self.along, self.n_out)
 
 
 class _MisfitOfAnyJoint:

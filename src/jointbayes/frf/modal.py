@@ -55,11 +55,6 @@ def _left_free(body: Body, taking_part: TakingPart) -> int:
     return free.shape[1] - int((held > _AT_REST).sum())
 
 
-def padded_for_rigid(values: Array, rigid: int, fill: float) -> Array:
-    """What is stated of elastic modes, (n, c), with `fill` for the rigid-body motions before them, (n, rigid + c)."""
-    return np.hstack([np.full((len(values), rigid), fill), values]) if rigid else values
-
-
 #: Eigenvalues closer than this (relative) share one mode plane: their divided difference is the derivative.
 _DEGENERATE = 1e-9
 _STEP = 1e-5  # of a coordinate, in differences
@@ -84,8 +79,7 @@ class JoinedModes:
     def __init__(self, body: Body, taking_part: TakingPart, forced: Flags | None = None) -> None:
         self._shift, self._r = body.shift, taking_part.joined.shape[1]
         forces = None if forced is None else np.concatenate([np.ones(self._r, dtype=bool), forced])
-        motions = np.hstack([taking_part.joined, taking_part.rest])
-        self._free = body.free_modes(taking_part.dofs, motions, forces)
+        self._free = body.free_modes(taking_part.dofs, np.hstack([taking_part.joined, taking_part.rest]), forces)
         #: Rigid-body motions that the joint leaves: the first so many modes, which nobody counts.
         self.rigid = _left_free(body, taking_part)
 
@@ -161,8 +155,7 @@ class NaturalFrequencies(LowestModes):
         For joint matrices of shape (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
         """
         stiffness = np.ascontiguousarray(joint_matrix_of(matrices).batch.stiffness)
-        factor_rows = factors_batch(factors, len(stiffness))
-        eigenvalues, _, _ = self._modes.solve(stiffness, factor_rows)
+        eigenvalues, _, _ = self._modes.solve(stiffness, factors)
         return np.sqrt(np.maximum(eigenvalues[:, self._counted], 0.0)) / (2 * np.pi)
 
     def tangent(
@@ -261,13 +254,12 @@ class AssembledModes:
         shapes = rows[:, r:]
         if self._along.any():
             shapes = shapes + np.linalg.solve(springs, self._along[None]).swapaxes(1, 2) @ rows[:, :r]
-        ratios = self._ratios(factor_rows, eigenvalues.shape[1])
-        return eigenvalues, np.ascontiguousarray(shapes), ratios
+        return eigenvalues, np.ascontiguousarray(shapes), self._ratios(factor_rows, eigenvalues.shape[1])
 
     def _ratios(self, factor_rows: Array, count: int) -> Array:
         """Damping ratios of the first modes, shape (n, count), 0 of rigid-body motions."""
         elastic = self._body.damping_ratios(factor_rows, count - self._modes.rigid)
-        return np.ascontiguousarray(padded_for_rigid(elastic, self._modes.rigid, 0.0))
+        return np.ascontiguousarray(np.hstack([np.zeros((len(elastic), self._modes.rigid)), elastic]))
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None

@@ -79,8 +79,7 @@ class AssembledShapes(LowestModes):
         """Damping ratios, shape (n, c), of modes with eigenvalues λ and strain energies of the structure alone."""
         law = self._body.damping
         if law.of_assembled_modes:
-            ratios = self._body.damping_ratios(factor_rows, lam.shape[1])
-            return np.broadcast_to(ratios, lam.shape)
+            return np.broadcast_to(self._body.damping_ratios(factor_rows, lam.shape[1]), lam.shape)
         safe = np.maximum(lam, np.finfo(float).tiny)
         alpha, beta = law.viscous
         viscous = (alpha + beta * stored) / (2 * np.sqrt(safe))

@@ -68,8 +68,7 @@ def measured_receptances(
         As for `compliance_start`, but a joint of any number of DOFs, or several.
     """
     frf = data.frf.converted("receptance")
-    factor = quantity_factor(frf.frequency_hz, data.frf.quantity)[:, None, None]
-    sigma = np.sqrt(data.variance) / np.abs(factor)
+    sigma = np.sqrt(data.variance) / np.abs(quantity_factor(frf.frequency_hz, data.frf.quantity)[:, None, None])
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     whole = substructures(structure).at((*joint.labels, *frf.outputs, *frf.inputs), float(frf.frequency_hz[-1]))
     free = _free_of_bodies(whole, joint, ports) if whole.measured else _free_of_model(whole, joint, ports)

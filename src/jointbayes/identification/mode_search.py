@@ -114,8 +114,7 @@ class ModeSearch:
         density = self._posterior(rough)
         possible = {name: i for i, name in enumerate(starts) if np.isfinite(density[i])}
         self._ends |= {name: (rough[i], float(density[i])) for name, i in possible.items()}
-        ends = self._refine_distinct([self._ends[name] for name in possible])
-        self._ends |= dict(zip(possible, ends, strict=True))
+        self._ends |= dict(zip(possible, self._refine_distinct([self._ends[name] for name in possible]), strict=True))
 
     def climb_on(self, weights: Sequence[Array]) -> None:
         """Climb from the modes found so far, first with these factors on the residuals: they are no new starts."""

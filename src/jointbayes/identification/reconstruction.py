@@ -147,8 +147,7 @@ class _TestData:
         size = np.median(np.abs(free.ji), axis=0).mean(axis=1)
         # a port on a joint's own DOF may be nowhere else
         size = np.where(size > 0, size, np.finfo(float).tiny)
-        omega = 2 * np.pi * lines[some]
-        return cls(part.prior, omega, free, measured[some] - free.oi, variance, stiffness, size)
+        return cls(part.prior, 2 * np.pi * lines[some], free, measured[some] - free.oi, variance, stiffness, size)
 
     def value(self, theta: Array, tolerance: float) -> Array:
         """Least squares, shape (n,), at θ, shape (n, d)."""

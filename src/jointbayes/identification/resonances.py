@@ -85,8 +85,7 @@ def _interpolate_frequency(frequency: Array, values: ComplexArray, ratio: Array,
     inverse = (values[peak] / values[near] / (values[peak] / magnitude[peak])).real
     slope, level = np.polyfit(square, inverse, 1, w=weight)
     at = frequency[peak] * np.sqrt(max(1 - level / slope, 0.0)) if slope != 0 else frequency[peak]
-    inside = frequency[near][0] < at < frequency[near][-1]
-    return float(at if inside else frequency[peak])
+    return float(at if frequency[near][0] < at < frequency[near][-1] else frequency[peak])
 
 
 def _merged(peaks: Array, spacing: float) -> Array:
@@ -158,8 +157,7 @@ def _common_peaks(values: ComplexArray, sd: Array) -> Indices:
     scaled = np.abs(values) / np.median(np.abs(values), axis=0)
     power = np.log((scaled**2).mean(axis=1)) / 2
     peaks = scipy.signal.find_peaks(power, prominence=PROMINENCE)[0]
-    clear = (np.abs(values[peaks]) > LEAST_SD * sd[peaks]).any(axis=1)
-    return peaks[clear]
+    return peaks[(np.abs(values[peaks]) > LEAST_SD * sd[peaks]).any(axis=1)]
 
 
 def _matched(f: Array, measured: Indices, predicted: Indices) -> list[tuple[int, int]]:

@@ -269,8 +269,7 @@ class FrfLikelihood(Likelihood):
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
         joint, factor_rows = joint_matrix_of(matrix), factors_batch(factors, 1)
-        structural = factor_rows[:, : self._n_structure]
-        value, derivative = self._model.tangent(joint, directions, structural[0])
+        value, derivative = self._model.tangent(joint, directions, factor_rows[0, : self._n_structure])
         if self._gain:
             gain = float(factor_rows[0, self._n_structure])
             value, derivative = gain * value, gain * derivative

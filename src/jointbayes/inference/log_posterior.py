@@ -160,11 +160,9 @@ class LogPosterior:
         if self.prior.nuisances or not self.gaussian:
             return np.array([self._differences(point) for point in many]).reshape(t.shape)
         _, slope = self.likelihood.gradient(self._parametrisation.matrix(self._parametrisation.values(many)))
-        by_theta = np.einsum(
-            "nk,nkt->nt", self._parametrisation.slope_by_quantity(slope), self._parametrisation.derivative(many)
-        )
-        gradient: Array = by_theta - self.prior.precision * (many - self.prior.mean)
-        return gradient.reshape(t.shape)
+        by_quantity = np.einsum("nij,kij->nk", slope, self._parametrisation.pattern)
+        by_theta = np.einsum("nk,nkt->nt", by_quantity, self._parametrisation.derivative(many))
+        return (by_theta - self.prior.precision * (many - self.prior.mean)).reshape(t.shape)
 
     def _differences(self, theta: Array) -> Array:
         """∇ ln p at one θ, shape (d,), by differences inside the support; 0 along what has no room in it."""

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -133,19 +133,12 @@ class Uniform:
         return rng.uniform(self.low, self.high, size)
 
 
-class Distribution(Protocol):
-    """What a prior of one's own must offer; a frozen distribution of scipy.stats is as good."""
-
-    def log_density(self, x: Array) -> Array:
-        """Log density, normalised, at coordinates of shape (n,); −inf where impossible."""
-
-    def sample(self, rng: np.random.Generator, n: int, /) -> Array:
-        """Independent draws, shape (n,)."""
-
-
 @dataclass(frozen=True, eq=False)
 class OwnMarginal:
-    """A prior of one's own on one coordinate: any `Distribution`, or a frozen distribution of scipy.stats.
+    """A prior of one's own on one coordinate: a frozen distribution of scipy.stats, or an object with two methods.
+
+    These are ``log_density(x)``, the normalised log density at coordinates of shape (n,), −inf where impossible, and
+    ``sample(rng, n)``, independent draws of shape (n,).
 
     A distribution of scipy.stats gives its own quantiles. Of any other they are those of 2¹⁶ draws with a fixed seed,
     good to about half a per cent of probability; its log density is used as it is. An attribute ``support``, the ends

@@ -299,8 +299,7 @@ class GaussianLikelihood(Likelihood):
     def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Natural frequencies in Hz, and what else was measured, shape (batch, n)."""
         joints = joint_matrix_of(matrices)
-        structural = self._structural(factors_batch(factors, len(joints)))
-        return self._model.predicted_values(joints, structural)
+        return self._model.predicted_values(joints, self._structural(factors_batch(factors, len(joints))))
 
     def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, n).
@@ -355,8 +354,7 @@ class GaussianLikelihood(Likelihood):
         value, derivative = self._model.tangent(joint, directions, structural)
         moved = moved_factors(structural)
         up, down = np.split(self._model.predicted_values(joint.repeated(len(moved)), moved), 2)
-        of_noise = np.zeros((self.hyper_count, value.size))
-        slopes = [derivative, (up - down) / (2 * STEP), of_noise]
+        slopes = [derivative, (up - down) / (2 * STEP), np.zeros((self.hyper_count, value.size))]
         return np.concatenate([(value - self._measured)[None], *slopes]) / (scale * self._sd)
 
 

@@ -238,10 +238,6 @@ class Parametrisation(ABC):
         entries[..., loss] /= whole[..., rows[loss], columns[loss]]
         return entries
 
-    def slope_by_quantity(self, slope: Array) -> Array:
-        """Derivative by each quantity, shape (n, q), of what has the derivative S by K^J, shape (n, R, R)."""
-        return np.einsum("nij,kij->nk", slope, self.pattern)
-
     @abstractmethod
     def values(self, theta: ArrayLike) -> Array:
         """Quantities, shape (..., q), from θ, shape (..., d)."""

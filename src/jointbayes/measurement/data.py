@@ -183,8 +183,7 @@ class FrfData(Data):
     def with_values(self, values: NDArray[Any], *, relative: bool = False) -> "FrfData":
         """The same with other values, computed, without FRFs at the joint, which these do not hold."""
         variance = self.variance * np.abs(values / self.frf.values) ** 2 if relative else self.variance
-        frf = replace(self.frf, values=values)
-        return FrfData(frf, variance, synthetic=True, variance_dof=self.variance_dof)
+        return FrfData(replace(self.frf, values=values), variance, synthetic=True, variance_dof=self.variance_dof)
 
     def in_short(self, quote: Callable[[str], str] = str) -> str:
         """Quantity, DOFs and lines."""

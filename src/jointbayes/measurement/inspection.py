@@ -160,8 +160,7 @@ def contents_of(
     from jointbayes.measurement.formats.read import detect_format, iter_records
 
     form = detect_format(path)
-    read = iter_records(path, layout)
-    records = (r.conjugate if conjugate and isinstance(r, FrfRecord) else r for r in read)
+    records = (r.conjugate if conjugate and isinstance(r, FrfRecord) else r for r in iter_records(path, layout))
     return replace(contents_of_records(records, mass_kg), source=str(path), form=form)
 
 
@@ -344,8 +343,7 @@ def _frfs_of_hits(seen: _Seen) -> tuple[list[FrfRecord], str]:
     if not forces or any(len(hits_of(r)) != 1 for r in forces):
         return [], "the records are not one hit each: a case makes FRFs of them"
     try:
-        tests = sort_by_force(seen.histories)
-        results = [impact_frfs(force, responses) for force, responses in tests if responses]
+        results = [impact_frfs(force, responses) for force, responses in sort_by_force(seen.histories) if responses]
     except MeasurementError as error:
         return [], f"no FRFs could be made of the hits: {error}"
     return [result.frf for result in chain.from_iterable(results)], ""

@@ -155,8 +155,7 @@ def identify_zeros(frf: FrfSet, variance: Array | None = None) -> dict[str, Moda
             # 0; fitted as a receptance, since it is a constant, the mass, at high frequencies
             inverse = (2 / smooth - problem.values / smooth**2) / factor
             sd = 1 / (problem.weight * np.abs(smooth**2 * factor))
-        point = FrfSet(lines, inverse[:, :, None], (dof,), (dof,))
-        fits[dof] = fit_modes(point, sd[:, :, None] ** 2)
+        fits[dof] = fit_modes(FrfSet(lines, inverse[:, :, None], (dof,), (dof,)), sd[:, :, None] ** 2)
     return fits
 
 
@@ -192,8 +191,7 @@ def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int 
         all_frfs = values, first
         values, first, stated = values[:, few], first[:, few], None if stated is None else stated[:, few]
     problem = ModalProblem(frequency, values, first, frf.quantity)
-    by_order = polynomial_poles(frequency, values, problem.weight, order)
-    poles = steady_poles(by_order, max(4, order // 5))
+    poles = steady_poles(polynomial_poles(frequency, values, problem.weight, order), max(4, order // 5))
     if stated is not None:
         poles = problem.search(poles, order)
     else:

@@ -280,5 +280,4 @@ def parse_dof(label: str) -> Dof | None:
     if match is None:
         return None
     direction = _AXES.index(match["axis"]) * (-1 if match["sign"] == "-" else 1)
-    original = label.split(":")[0] if match["entity"] else ""
-    return Dof(original, int(match["node"]), direction)
+    return Dof(label.split(":")[0] if match["entity"] else "", int(match["node"]), direction)

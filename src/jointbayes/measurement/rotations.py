@@ -90,8 +90,7 @@ class Rotation:
 
     @property
     def _sign(self) -> int:
-        turn = direction_of(self.dof)
-        signs = {rotation_sign(turn, direction_of(station), self.axis) for station in self.stations}
+        signs = {rotation_sign(direction_of(self.dof), direction_of(station), self.axis) for station in self.stations}
         return signs.pop() if len(signs) == 1 else 0
 
     @property

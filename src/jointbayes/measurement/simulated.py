@@ -245,12 +245,10 @@ def hammer_records(rig: Rig, hammer: Hammer, noise: ChannelNoise, rng: np.random
     TimeRecord
         Force first, then the outputs in order; `hit` says which belong together.
     """
-    tail = round(rig.decay_s * rig.sample_rate_hz)
-    responses = rig.responses(rig.block + tail)
+    responses = rig.responses(rig.block + round(rig.decay_s * rig.sample_rate_hz))
     number = 0
     for j, input_ in enumerate(rig.inputs):
-        nominal = _force(responses.period, rig, hammer, 1.0, 1.0)
-        scale = np.abs(responses.response(nominal, j)).max(axis=0)
+        scale = np.abs(responses.response(_force(responses.period, rig, hammer, 1.0, 1.0), j)).max(axis=0)
         kinds = np.repeat(["good", "double", "overload"], [hammer.hits, hammer.double_hits, hammer.overloads])
         for kind in rng.permutation(kinds):
             number += 1

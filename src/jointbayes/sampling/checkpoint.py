@@ -289,8 +289,7 @@ def _stage_from_record(
 
 def _check(plain: dict[str, Any]) -> Check:
     arrays = {name: np.array(plain[name], dtype=float) for name in ("tau", "r_hat")}
-    end_error = plain["end_error"] and EndError(**plain["end_error"])
-    return Check(**{**plain, **arrays, "end_error": end_error})
+    return Check(**{**plain, **arrays, "end_error": plain["end_error"] and EndError(**plain["end_error"])})
 
 
 def require_same_density(log_density: LogDensity, states: list[EnsembleState]) -> None:

@@ -98,14 +98,12 @@ class NormalScores:
         score = theta[:, boxed]
         step = ndtr(-np.abs(score)) * self._width[boxed]
         theta[:, boxed] = np.where(score < 0, self.low[boxed] + step, self.high[boxed] - step)
-        inside: Flags = np.all(np.abs(score) < _FARTHEST, axis=1)
-        return theta, inside
+        return theta, np.all(np.abs(score) < _FARTHEST, axis=1)
 
     def log_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,): the width times the normal density of each score."""
         score = self.forward(theta)[:, self._boxed]
-        each = np.log(self._width[self._boxed]) - 0.5 * score**2 - _LOG_ROOT_2PI
-        return each.sum(axis=1)
+        return (np.log(self._width[self._boxed]) - 0.5 * score**2 - _LOG_ROOT_2PI).sum(axis=1)
 
 
 class ComposedCoordinates:

@@ -60,8 +60,7 @@ def whitened(log_density: LogDensity, coordinates: Coordinates, theta: ArrayLike
             f"proposal: found θ = {mean.tolist()} with covariance {spread.tolist()}; "
             "expected finite numbers inside the region of the coordinates; correct them"
         )
-    roots = covariance_roots(spread, 1e-10)
-    step = 1e-4 * roots.T
+    step = 1e-4 * covariance_roots(spread, 1e-10).T
     factor = (coordinates.forward(mean + step) - coordinates.forward(mean - step)).T / 2e-4
     size = np.linalg.norm(factor, axis=1, keepdims=True)
     if not (np.isfinite(size).all() and size.all() and np.linalg.cond(factor / size) < 1e7):

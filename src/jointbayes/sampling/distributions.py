@@ -163,8 +163,7 @@ class StudentMixture:
 
     def log_densities(self, x: Array) -> Array:
         """Log of weight times density of each component, shape (n, components), at x, shape (n, d)."""
-        each = np.stack([component.log_density(x) for component in self.components], axis=1)
-        return each + np.log(self.weights)
+        return np.stack([component.log_density(x) for component in self.components], axis=1) + np.log(self.weights)
 
     def log_density(self, x: Array) -> Array:
         """Log of the normalised density, shape (n,), at x, shape (n, d)."""
@@ -297,8 +296,7 @@ def drawn_without_replacement(log_weight: Array, count: int, rng: np.random.Gene
 
     The largest of ln w plus Gumbel noise are such a sample.
     """
-    order: Indices = np.argsort(-(log_weight + rng.gumbel(size=log_weight.size)))
-    return order[:count]
+    return np.argsort(-(log_weight + rng.gumbel(size=log_weight.size)))[:count]
 
 
 class ProposalDensity(Protocol):

@@ -216,8 +216,7 @@ def fit_proposal(
             target.evaluations += local.evaluations
     fits += search(pool, maps, max(_COMPONENTS, 2 * len(starts)), rng, enough)
     if not fits:
-        distribution = StudentT(*laplace(target), DOF)
-        fits.append(Fit(_carried_back(target, distribution), target.coordinates, 0.0))
+        fits.append(Fit(_carried_back(target, StudentT(*laplace(target), DOF)), target.coordinates, 0.0))
     return _proposal(fits, target.evaluations + pool.evaluations)
 
 

@@ -42,13 +42,15 @@ _FAR = 100.0  # ln of an importance weight that is as good as infinite
 def run_ensembles(
     log_density: LogDensity,
     start: Array,
-    rng: np.random.Generator,
+    rng: np.random.Generator | Streams,
     settings: SamplerSettings,
     progress: ProgressCallback | None = None,
     *,
     coordinates: Coordinates | None = None,
     proposal: Proposal | None = None,
     quantities: Quantities | None = None,
+    slow: Slow | None = None,
+    keeper: UnfinishedRun | None = None,
 ) -> Chains:
     """Run the ensembles side by side until the stop rule is met or the step limit is reached.
 
@@ -58,8 +60,9 @@ def run_ensembles(
         Log of the unnormalised density, (n, d) array to (n,) array; −inf where the density is zero.
     start : ndarray, shape (ensembles, walkers, d)
         Where the walkers start: at finite log-density, spanning the space in each ensemble.
-    rng : numpy.random.Generator
-        Source of all randomness: one child is spawned from it, and from that a seed for each ensemble and block.
+    rng : numpy.random.Generator or Streams
+        Source of all randomness: one child is spawned from it, and from that a seed for each ensemble and block; or
+        the seeds themselves, of one stage of several.
     settings : SamplerSettings
         Size, length, stop rule and number of processes. The draws do not depend on the latter.
     progress : callable, optional
@@ -71,6 +74,10 @@ def run_ensembles(
         more of the steps are proposed from it.
     quantities : Quantities, optional
         What the stop rule's bound on the errors of interval ends is applied to; by default each coordinate of θ.
+    slow : Slow, optional
+        When the run ends before its limit because it mixes slowly; by default never.
+    keeper : UnfinishedRun, optional
+        Where the steps are kept while they are made, and from where the run goes on.
 
     Raises
     ------
@@ -91,46 +98,9 @@ def run_ensembles(
     >>> run_ensembles(lambda x: -0.5 * x[:, 0] ** 2, rng.normal(size=(4, 8, 1)), rng, settings).converged
     True
     """
-    return run_stage(
-        log_density,
-        start,
-        Streams.from_generator(rng),
-        settings,
-        progress,
-        coordinates=coordinates,
-        proposal=proposal,
-        quantities=quantities,
-    )
-
-
-def run_stage(
-    log_density: LogDensity,
-    start: Array,
-    streams: Streams,
-    settings: SamplerSettings,
-    progress: ProgressCallback | None,
-    *,
-    coordinates: Coordinates | None,
-    proposal: Proposal | None,
-    quantities: Quantities | None,
-    slow: Slow | None = None,
-    keeper: UnfinishedRun | None = None,
-) -> Chains:
-    """Run the ensembles as :func:`run_ensembles` does, as one stage of several.
-
-    Parameters
-    ----------
-    log_density, start, settings, progress, coordinates, proposal, quantities
-        As for :func:`run_ensembles`.
-    streams : Streams
-        Seeds of this stage.
-    slow : Slow, optional
-        When the stage ends before its limit because it mixes slowly; by default never.
-    keeper : UnfinishedRun, optional
-        Where the steps are kept while they are made, and from where the stage goes on.
-    """
     import jointbayes.sampling.moves  # noqa: F401  (emcee's import is no part of the sampling that is timed)
 
+    streams = rng if isinstance(rng, Streams) else Streams.from_generator(rng)
     number = streams.stage
     kept = None if keeper is None else keeper.stage(number)
     if kept is None:
@@ -224,7 +194,7 @@ def run_adapted(
         # what is left must be enough for a stage of its own
         last = left - max(2 * settings.check_every, (stage or 0) // 2)
         slow = Slow(stage, last, 0.0 if explores else _SLOW_TAU) if stage else None
-        chains = run_stage(
+        chains = run_ensembles(
             log_density,
             start,
             streams,
@@ -247,8 +217,7 @@ def run_adapted(
     reason = chains.reason
     if discarded:
         reason += f"; {discarded} earlier steps served to fit the proposal and were discarded"
-    whole = replace(chains, discarded=discarded, evaluations=evaluations, seconds=seconds, reason=reason)
-    return whole, proposal
+    return replace(chains, discarded=discarded, evaluations=evaluations, seconds=seconds, reason=reason), proposal
 
 
 def proposal_from_draws(

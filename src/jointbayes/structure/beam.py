@@ -161,8 +161,7 @@ def beam(
         )
     if shear_coefficient is not None and not shear_coefficient > 0:
         raise ModelError(f"beam: found shear coefficient {shear_coefficient:g}; expected a number above 0")
-    kappas = section.shear_coefficient(material.poissons_ratio)
-    along_y, along_z = (shear_coefficient or cowper for cowper in kappas)
+    along_y, along_z = (shear_coefficient or cowper for cowper in section.shear_coefficient(material.poissons_ratio))
     whole = spatial_element(length / elements, section, material, along_y, along_z)
     element_stiffness, element_mass = (matrix[np.ix_(_ROWS[dofs_per_node], _ROWS[dofs_per_node])] for matrix in whole)
     n = dofs_per_node * (elements + 1)

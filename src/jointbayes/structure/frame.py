@@ -85,11 +85,6 @@ class Member:
         kappa = self.shear_coefficient
         return (float(kappa), float(kappa)) if isinstance(kappa, int | float) else kappa
 
-    @property
-    def eccentric(self) -> bool:
-        """Whether its axis lies beside its points."""
-        return self.offsets != (_NOWHERE, _NOWHERE)
-
     def axes(self, along: Array) -> Array:
         """Local axes, one a row, of a beam in direction `along`.
 
@@ -292,8 +287,9 @@ class FrameBody:
     @property
     def straight(self) -> bool:
         """Whether all its members lie on one line and nothing sticks out, so that its length is one number."""
-        off = [*(m.eccentric for m in self.members), *(any(m.inertia) or any(m.offset) for m in self.masses)]
-        return not any(off) and line_length([place for _, place in self.points]) is not None
+        beside = (any(map(any, member.offsets)) for member in self.members)
+        out = (any(mass.inertia) or any(mass.offset) for mass in self.masses)
+        return not any((*beside, *out)) and line_length([place for _, place in self.points]) is not None
 
 
 def line_length(points: Iterable[Vector]) -> float | None:

@@ -213,8 +213,7 @@ def assembled(
             triplets.add(row[inside], turn.T @ stiffness @ turn, turn.T @ mass @ turn)
     none, nowhere = np.zeros((6, 6)), np.zeros(3)
     for heavy in body.masses:
-        offset = np.array(heavy.offset)
-        mass = mass_matrix(heavy.mass, heavy.inertia_matrix, offset)
+        mass = mass_matrix(heavy.mass, heavy.inertia_matrix, np.array(heavy.offset))
         triplets.add([nodes[heavy.point]], none, factors.masses * mass)
     for point, load in loads:
         triplets.add([nodes[point]], none, mass_matrix(load, np.zeros((3, 3)), nowhere))
@@ -225,8 +224,7 @@ def _turns(segment: Segment, count: int) -> list[Array]:
     """From the motion of each node along a segment, global, to that of the beam's axis, in local axes."""
     axes = np.array(segment.axes)
     first, last = (end_transformation(axes, np.array(offset)) for offset in segment.offsets)
-    inner = end_transformation(axes, np.zeros(3))
-    return [first, *[inner] * (count - 2), last]
+    return [first, *[end_transformation(axes, np.zeros(3))] * (count - 2), last]
 
 
 class _Triplets:

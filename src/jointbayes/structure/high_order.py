@@ -68,8 +68,7 @@ class Span:
 @cache
 def _reference(order: int) -> tuple[Array, Array, Array, Array]:
     """GLL points on [0, 1], and ∫N N, ∫N' N', ∫N' N of their Lagrange polynomials (row: the derivative)."""
-    last = np.eye(order + 1)[order]
-    inner = legendre.legroots(legendre.legder(last)) if order > 1 else np.empty(0)
+    inner = legendre.legroots(legendre.legder(np.eye(order + 1)[order])) if order > 1 else np.empty(0)
     points = np.concatenate([[-1.0], np.sort(np.real(inner)), [1.0]])
     nodal = np.linalg.inv(legendre.legvander(points, order))
     at, weight = legendre.leggauss(order + 1)  # exact to degree 2p + 1
@@ -163,8 +162,7 @@ def element_error(length: float, order: int, plane: BeamPlane, omega: float, sha
 def _condensed(length: float, order: int, plane: BeamPlane, omega: float) -> Array:
     stiffness, mass = _bending_element(length, order, plane)
     scale = np.tile([1.0, 1 / length], order + 1)
-    dynamic = (stiffness + omega**2 * mass) * np.outer(scale, scale)
-    return condensed_to_ends(dynamic, 2)
+    return condensed_to_ends((stiffness + omega**2 * mass) * np.outer(scale, scale), 2)
 
 
 def condensed_to_ends(dynamic: Array, per_node: int) -> Array:

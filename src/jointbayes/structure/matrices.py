@@ -126,8 +126,7 @@ class Structure(Body):
         """Return the structure with the DOFs in `supports` held fixed (their rows and columns removed)."""
         if not supports:
             return self
-        gone = self.index(tuple(supports))
-        keep = np.setdiff1d(np.arange(self.n_dofs), gone)
+        keep = np.setdiff1d(np.arange(self.n_dofs), self.index(tuple(supports)))
         return replace(
             self,
             stiffness=self.stiffness[np.ix_(keep, keep)].copy(),

@@ -175,8 +175,7 @@ def _chebyshev(low: float, high: float, n: int) -> Array:
 def _turned_modes(modes: Modes, mass: Array, nominal: Modes) -> Modes:
     """Modes in the order of their nominal counterparts, each turned to lie as its own does."""
     # modes of different symmetry cross as the beam becomes thicker: each is known by its shape, not by its number
-    overlap = np.abs(modes.shapes.T @ mass @ nominal.shapes)
-    _, number = optimize.linear_sum_assignment(-overlap.T)
+    _, number = optimize.linear_sum_assignment(-np.abs(modes.shapes.T @ mass @ nominal.shapes).T)
     eigenvalues, shapes = modes.eigenvalues[number], modes.shapes[:, number]
     apart = np.diff(nominal.eigenvalues) > _SAME_PLANE * nominal.eigenvalues[1:]
     cuts = [0, *(np.flatnonzero(apart) + 1).tolist(), nominal.eigenvalues.size]

@@ -41,8 +41,7 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     What is kept is compiled anew when the function's own file changes or this one, so its parts belong into the same
     file. Where it is kept can be chosen by NUMBA_CACHE_DIR.
     """
-    fast = _FAST | {"reassoc"}
-    dispatcher = numba.njit(nogil=True, fastmath=fast, error_model="numpy")(function)
+    dispatcher = numba.njit(nogil=True, fastmath=_FAST | {"reassoc"}, error_model="numpy")(function)
     try:
         dispatcher._cache = _cache(function)
     except (OSError, RuntimeError) as error:

@@ -310,11 +310,6 @@ class MultiDofCoupling:
         flat, square = measured.reshape(self._lines, -1).T, weight.reshape(self._lines, -1).T ** 2
         return MultiDofMisfit(self, _blocks(np.stack([flat.real, flat.imag, square], axis=1)))
 
-    def springs(self, matrices: Array) -> tuple[Array, Array, Array]:
-        """Directions L (batch, r, r), stiffness d (batch, r) of the springs, and the ports' parts along them."""
-        turn, stiffness = springs(matrices)
-        return turn, stiffness, np.asarray(np.linalg.solve(turn, self.along[None]), dtype=float)
-
     def run(
         self,
         matrices: Array,
@@ -324,7 +319,8 @@ class MultiDofCoupling:
         delta: Array = _NO_ROWS,
     ) -> tuple[Array, Array, Array]:
         """Fill what has any row, see `_evaluate_lines`; the springs' directions, χ² (batch,), and the slope."""
-        turn, d, along = self.springs(matrices)
+        turn, d = springs(matrices)  # directions L (batch, r, r) and stiffness (batch, r)
+        along = np.asarray(np.linalg.solve(turn, self.along[None]), dtype=float)
         unit, chi2 = np.ones(len(turn)), np.empty(len(turn))
         if not (len(slope) or len(delta) or along.any()):
             back = np.linalg.inv(turn)
@@ -382,5 +378,4 @@ class MultiDofMisfit:
 def _blocks(rows: Array) -> Array:
     """Vectors over lines, shape (..., k, lines), as rows (blocks, ..., k·width), zero-padded and aligned."""
     *lead, k, lines = rows.shape
-    flat = lane_blocks(rows.reshape(-1, lines), _WIDTH)
-    return flat.reshape(-1, *lead, k * _WIDTH)
+    return lane_blocks(rows.reshape(-1, lines), _WIDTH).reshape(-1, *lead, k * _WIDTH)

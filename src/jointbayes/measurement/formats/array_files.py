@@ -230,8 +230,7 @@ class _Hdf5:
             return Unread("references to other places")
         self.count += item.size
         refuse_deeper(depth, self.count, f"group '{place}'")
-        references = np.asarray(item[()]).T.ravel()
-        values = [self.item(self.file[r], place, depth + 1) if r else None for r in references]
+        values = [self.item(self.file[r], place, depth + 1) if r else None for r in np.asarray(item[()]).T.ravel()]
         values = [np.zeros(0) if value is None else value for value in values]
         return values if _is_struct_field(item) else list_or_texts(values)
 

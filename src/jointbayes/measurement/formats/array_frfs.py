@@ -167,8 +167,7 @@ def _lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Array, list
     for _, other in axes[1:]:
         if role == holder.meanings[other].role and not np.array_equal(holder.numbers(other).ravel(), lines):
             raise two_axes_error(holder, name, (axis, other), "frequency_hz")
-    hints = holder.hints(axis)
-    unit = "rad/s" if role == "omega" else holder.unit_of(axis) or ("kHz" if "khz" in hints else "Hz")
+    unit = "rad/s" if role == "omega" else holder.unit_of(axis) or ("kHz" if "khz" in holder.hints(axis) else "Hz")
     factor = frequency_factor(unit)
     if factor is None:
         raise MeasurementError(f"{holder.where(axis)}: found the unit {unit!r}; expected Hz or rad/s; correct it")

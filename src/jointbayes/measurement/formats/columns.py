@@ -231,8 +231,7 @@ def groups_of(
             f"column {rest[0] + 1}: found {columns[rest[0]].header!r} before the first axis; expected frequency or "
             "time before the channels that belong to it; move the column"
         )
-    bounds = [*(rest.index(i) for i in axes), len(rest)]
-    groups = [rest[first:last] for first, last in itertools.pairwise(bounds)]
+    groups = [rest[first:last] for first, last in itertools.pairwise([*(rest.index(i) for i in axes), len(rest)])]
     return [(group, note) for group in groups if len(group) > 1] or [(groups[0], note)]
 
 

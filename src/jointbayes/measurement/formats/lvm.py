@@ -36,8 +36,7 @@ class _Segment:
 
     def each(self, key: str, count: int) -> list[str]:
         """Values of a field, one for each column, empty where there are fewer."""
-        values = self.fields.get(key, [])
-        return [*values, *[""] * count][:count]
+        return [*self.fields.get(key, []), *[""] * count][:count]
 
 
 def read_lvm(path: Path) -> Generator[Record, None, None]:

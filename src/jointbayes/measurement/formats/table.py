@@ -161,8 +161,7 @@ def _frequency_records(
     if others:
         notes = (*notes, f"passed over: {listed(columns, others)}")
     yield from _spectra(columns, values, spectra, lines, notes)
-    whole = [(name, parts) for name, parts in frfs if set(parts) != {"coherence"}]
-    averages = iter(_averages(comments, len(whole)))
+    averages = iter(_averages(comments, sum(set(parts) != {"coherence"} for _, parts in frfs)))
     has_units = any(columns[i].unit for i in rest if columns[i].role in ("real", "imaginary", "magnitude"))
     for name, parts in frfs:
         if set(parts) == {"coherence"}:

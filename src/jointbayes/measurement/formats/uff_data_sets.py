@@ -308,8 +308,7 @@ def _data_set(file: BinaryIO, number: int) -> UffDataSet:
         return UffDataSet(number, kind, start, _closing(file, number, start - 1), header)
     stop = start + body_bytes(header)
     file.seek(stop)
-    tail = file.read(_OVERLAP)
-    end = re.match(rb"\r?\n?[ \t]*-1[ \t]*(?:\r?\n|$)", tail)
+    end = re.match(rb"\r?\n?[ \t]*-1[ \t]*(?:\r?\n|$)", file.read(_OVERLAP))
     if end is None:
         raise MeasurementError(
             f"data set {number}, line {line_of(file, here)}: found no delimiter -1 after the {body_bytes(header)} "

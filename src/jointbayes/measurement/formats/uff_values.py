@@ -77,8 +77,7 @@ def _text(header: FunctionHeader, body: Iterable[bytes], size: int) -> Array:
         raise LineError(0, _count_message(header, f"at most {size} numbers"))
     numbers, read, line = np.empty(expected), 0, 0
     for part in body:
-        plain = not part.translate(None, _OF_NUMBERS)
-        some = _columns(header, part, expected - read, line) if plain else None
+        some = None if part.translate(None, _OF_NUMBERS) else _columns(header, part, expected - read, line)
         some = _numbers(header, part, expected - read, line) if some is None else some
         numbers[read : read + some.size] = some
         read, line = read + some.size, line + part.count(b"\n")

@@ -40,8 +40,7 @@ def write_uff(records: Iterable[Record], path: Path, *, binary: bool, remarks: S
     """
     with path.open("wb") as file:
         _data_set(file, 151, ["jointbayes", *(["NONE"] * 6)])
-        factors = f"{1.0:25.17E}" * 3
-        _data_set(file, 164, [f"{1:10d}{'SI: metre, newton':<20}{2:10d}", factors, f"{273.15:25.17E}"])
+        _data_set(file, 164, [f"{1:10d}{'SI: metre, newton':<20}{2:10d}", f"{1.0:25.17E}" * 3, f"{273.15:25.17E}"])
         if remarks:
             _data_set(file, CORRECTIONS + 1, remarks)
         for record in records:
@@ -179,8 +178,7 @@ def _text(columns: Array, even: bool) -> tuple[bytes, Array]:
         wide[::per_value] = [f"{_short(value):>13}" for value in columns[:, 0]]
     per_line = 3 if per_value == 3 else 4
     lines = ("".join(wide[i : i + per_line]) + "\n" for i in range(0, len(wide), per_line))
-    read = np.array([float(cell) for cell in wide]).reshape(rows, per_value)
-    return "".join(lines).encode(), read
+    return "".join(lines).encode(), np.array([float(cell) for cell in wide]).reshape(rows, per_value)
 
 
 def _cell(value: float) -> str:

@@ -218,8 +218,7 @@ def read_frf_unit(label: str, reference_label: str = "") -> tuple[float | None, 
     parsed = frf_unit(label, reference_label)
     volts = {-u.powers[2] for u in _readings(label, reference_label) if u.powers[:2] == (1, 0) and u.powers[3] == -1}
     if parsed is None and len(volts) == 1 and (power := volts.pop()) in (0, 1, 2):
-        quantity = get_args(Quantity)[power]
-        return None, quantity, [f"unit {label!r} is over volts, values left as written"]
+        return None, get_args(Quantity)[power], [f"unit {label!r} is over volts, values left as written"]
     return _read(label, parsed, si_frf_unit)
 
 

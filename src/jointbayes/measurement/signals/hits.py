@@ -177,8 +177,7 @@ def _judged(
 
 def _pulse_end(block: Array, trigger: int) -> int:
     """Sample after the first pulse: where the force, once triggered, changes its sign."""
-    sign = np.sign(block[trigger])
-    back = np.flatnonzero(sign * block[trigger:] <= 0)
+    back = np.flatnonzero(np.sign(block[trigger]) * block[trigger:] <= 0)
     return trigger + (int(back[0]) if back.size else block.size - trigger)
 
 
@@ -190,8 +189,7 @@ def stretch_about(low: Flags, top: int) -> tuple[int, int]:
 
 def is_clipped(values: Array, full_scale: float | None = None) -> bool:
     """Whether a signal was cut off: it reaches the full scale, or its top is flat over three samples or more."""
-    magnitude = np.abs(values)
-    largest = float(magnitude.max(initial=0.0))
+    largest = float(np.abs(values).max(initial=0.0))
     if largest == 0:
         return False
     if full_scale is not None:

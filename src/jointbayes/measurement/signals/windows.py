@@ -95,8 +95,7 @@ def remove_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array,
         stacked, target = np.vstack([rows.real, rows.imag]) / scale, weight * column
         amplitude, *_ = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))
         corrected[:, i] = column + (after - before) @ (amplitude / scale)
-    values = (corrected * wanted_at[:, None] ** power).reshape(frf.values.shape)
-    return replace(frf, values=values)
+    return replace(frf, values=(corrected * wanted_at[:, None] ** power).reshape(frf.values.shape))
 
 
 def _partial_fractions(s: ComplexArray, poles: ComplexArray) -> ComplexArray:
