@@ -345,7 +345,7 @@ class NoisePropagation:
     def roots(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """R of which `covariance` is R Rᴴ, shape (batch, lines, pairs, measured receptances of all bodies)."""
         dynamic, model = self._dynamic(matrices), self._model
-        free = self._free(len(dynamic), factors)
+        free = self._model.free(factors_batch(factors, len(dynamic)))
         pairs = model.n_out * (model.along.shape[1] - model.n_out)
         roots = np.empty((len(dynamic), free.shape[1], pairs, self._entries.shape[1]), dtype=complex)
         with np.errstate(all="ignore"):  # a joint at which nothing is finite: its residuals are not either
@@ -358,7 +358,7 @@ class NoisePropagation:
         The first order is not enough where it is no small number: near a resonance of the assembled structure.
         """
         k = self._dynamic(matrices)
-        free, r = self._free(len(k), factors), k.shape[-1]
+        free, r = self._model.free(factors_batch(factors, len(k))), k.shape[-1]
         held = np.linalg.solve(np.eye(r) + k @ free[..., :r, :r], np.broadcast_to(k, (len(k), free.shape[1], r, r)))
         # d ln det(1 + A_jj K) = tr(K (1 + A_jj K)⁻¹ dA_jj)
         a, b = self._entries
@@ -372,10 +372,6 @@ class NoisePropagation:
         if batch.damped:
             return batch.dynamic_stiffness(self._model.omega)
         return np.ascontiguousarray(batch.stiffness[:, None].astype(complex))
-
-    def _free(self, batch: int, factors: ArrayLike | None) -> ComplexArray:
-        """Receptance without the joint, shape (batch, lines, k, k); (1, …) where it is the same for all."""
-        return self._model.free(factors_batch(factors, batch))
 
 
 def _root(body: MeasuredBody) -> Array:

@@ -7,7 +7,7 @@ from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchE
 from jointbayes.identification.mode_search import Images, ModeSearch
 from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.starting_points import frequency_starts, screened_draws
-from jointbayes.inference import LogPosterior, Problem
+from jointbayes.inference import Problem
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 
 #: Squared residuals this many standard deviations above their expectation are far more than the noise allows.
@@ -48,15 +48,6 @@ def first_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[
     return starts | {f"screened draw {i}": theta for i, theta in enumerate(screened, 1)}
 
 
-def squared_residuals(log_posterior: LogPosterior, theta: Array) -> tuple[float, float]:
-    """Mean squared residual at θ, shape (d,), relative to the noise, and what noise alone hardly exceeds.
-
-    The second is 1 and eight standard deviations.
-    """
-    total, count = log_posterior.typical_squares(theta)
-    return total / count, 1 + FAR * float(np.sqrt(2 / count))
-
-
 def search_further(
     search: ModeSearch, problem: Problem, seed: int, progress: ProgressCallback = tell_nobody
 ) -> SearchEffort:
@@ -83,7 +74,9 @@ def search_further(
     while True:
         search.climb_images(images)
         theta, density = search.best
-        squares, limit = squared_residuals(log_posterior, theta)
+        total, count = log_posterior.typical_squares(theta)
+        # relative to the noise, and what noise alone hardly exceeds
+        squares, limit = total / count, 1 + FAR * float(np.sqrt(2 / count))
         reached = list(search.reached().values())
         effort = SearchEffort(squares, limit, len(reached), sum(reached), rounds, density - first, last_gain)
         agreed = effort.agreeing >= max(AGREED * effort.starts, LEAST_AGREEING)

@@ -78,7 +78,9 @@ def _polished(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
     low, high = prior.support
     value = float(log_posterior(theta)[0])
     for _ in range(_EDGES):
-        edge = ((theta <= low) | (theta >= high)) & ~_gains_inwards(log_posterior, theta, value)
+        inwards = np.where(theta <= low, 1.0, -1.0) * 1e-5 * np.minimum(prior.sd, 1.0)
+        gains = np.asarray(log_posterior(theta + np.diag(inwards)) > value)
+        edge = ((theta <= low) | (theta >= high)) & ~gains
         coordinates = _Coordinates.from_point(theta, ~edge, prior)
         covariance = coordinates.covariance(laplace_covariance(log_posterior, theta))
         start = coordinates.place[coordinates.free]
@@ -176,13 +178,6 @@ def inside_the_edges(log_posterior: LogPosterior, mode: Array) -> tuple[Array, A
             theta = coordinates.theta(free[None])[0]
             return theta, laplace_covariance(log_posterior, theta)
     return None
-
-
-def _gains_inwards(log_posterior: LogPosterior, theta: Array, value: float) -> Flags:
-    """Whether the density rises from θ, shape (d,), towards the inside of the support along each coordinate."""
-    low, _ = log_posterior.prior.support
-    step = np.where(theta <= low, 1.0, -1.0) * 1e-5 * np.minimum(log_posterior.prior.sd, 1.0)
-    return np.asarray(log_posterior(theta + np.diag(step)) > value)
 
 
 def _noise_improved(log_posterior: LogPosterior, theta: Array) -> Array:

@@ -124,10 +124,8 @@ class _SetupMatch:
         self._model = natural_frequency_model(problem)
         # a joint raises every natural frequency: there are no more in the band than without it
         structural = problem.structural(np.ones((1, len(problem.prior.nuisances))))
-        free = self._model.frequency_hz(np.zeros((1, problem.test.joints.size, problem.test.joints.size)), structural)[
-            0
-        ]
-        below = int((free < _SPARE * self._band[1]).sum())
+        absent = np.zeros((1, problem.test.joints.size, problem.test.joints.size))
+        below = int((self._model.frequency_hz(absent, structural)[0] < _SPARE * self._band[1]).sum())
         self._count = self.resonances_hz.size if self._complete else max(below, 1)
 
     def predicted_hz(self, theta: Array) -> Array:

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -32,6 +32,8 @@ class Normal:
 
     mean: float
     sd: float
+    #: Where the density is above zero.
+    support: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
 
     def __post_init__(self) -> None:
         if not (abs(self.mean) < _WIDEST and 1 / _WIDEST < self.sd < _WIDEST):
@@ -43,11 +45,6 @@ class Normal:
         if not (0 < guess < math.inf and 0 < decades < math.inf):
             raise ModelError(f"prior: found guess {guess:g}, decades {decades:g}; expected both above 0")
         return cls(math.log(guess), decades * math.log(10) / _NORMAL_95)
-
-    @property
-    def support(self) -> tuple[float, float]:
-        """Where the density is above zero."""
-        return -math.inf, math.inf
 
     @property
     def precision(self) -> float:
@@ -83,6 +80,8 @@ class Uniform:
 
     low: float
     high: float
+    #: −∂² ln p/∂θ²: zero inside.
+    precision: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
         if not -_WIDEST < self.low < self.high < _WIDEST:
@@ -109,11 +108,6 @@ class Uniform:
     def support(self) -> tuple[float, float]:
         """Where the density is above zero."""
         return self.low, self.high
-
-    @property
-    def precision(self) -> float:
-        """−∂² ln p/∂θ²: zero inside."""
-        return 0.0
 
     def log_density(self, theta: Array) -> Array:
         """Log density; θ of any shape."""

@@ -159,8 +159,7 @@ class TestsLikelihood(Likelihood):
     def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
         """Real residuals, shape (batch, m), of all tests; those that share errors last."""
         rows = [term.likelihood.white(*term.select(matrices, factors)) for term in self._alone]
-        for group in self.sharing:
-            rows.append(self._white_of_group(group, matrices, factors))
+        rows += [self._white_of_group(group, matrices, factors) for group in self.sharing]
         return np.concatenate(rows, axis=1)
 
     def draw_shared(self, factors: ArrayLike, rng: np.random.Generator) -> dict[int, Residuals]:

@@ -34,6 +34,8 @@ class CoupledPair(Parametrisation):
     kinds: ClassVar[dict[str, "type[CoupledPair]"]] = {}
 
     expected: ClassVar[str] = "a positive definite joint; lower |k12|, or raise k11 and k22"
+    #: k11, k12 and k22.
+    quantities: ClassVar[tuple[Quantity, ...]] = COUPLED
     #: Least coupling of a start, as a share of the largest.
     least_coupling: ClassVar[float] = -1.0
 
@@ -44,11 +46,6 @@ class CoupledPair(Parametrisation):
     def axes(self) -> tuple[Coordinate, ...]:
         """The coordinates, in order."""
         return COORDINATES[self.key]
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """k11, k12 and k22."""
-        return COUPLED
 
     def is_positive_semidefinite(self, values: ArrayLike) -> Flags:
         """Whether joints (k11, k12, k22), shape (..., 3), are positive semidefinite, shape (...)."""

@@ -10,8 +10,6 @@ from jointbayes.arrays import Array, Flags
 from jointbayes.joint.coupled import CoupledPair
 from jointbayes.joint.parametrisation import CondensedCoordinates, Cone
 
-_CONE = Cone(0, 1, 2)
-
 
 @dataclass(frozen=True)
 class LogStiffness(CoupledPair):
@@ -21,15 +19,10 @@ class LogStiffness(CoupledPair):
     expected: ClassVar[str] = "all above zero; use the signed parametrisation for a coupling of either sign"
     least_coupling: ClassVar[float] = 0.1
 
-    @property
-    def cones(self) -> tuple[Cone, ...]:
-        """Joints are positive definite where 2 ln k12 < ln k11 + ln k22."""
-        return (_CONE,)
-
-    @property
-    def ridges(self) -> tuple[CondensedCoordinates, ...]:
-        """ln(k22 − k12²/k11) in place of ln k22."""
-        return (CondensedCoordinates(_CONE),)
+    #: Joints are positive definite where 2 ln k12 < ln k11 + ln k22.
+    cones: ClassVar[tuple[Cone, ...]] = (Cone(0, 1, 2),)
+    #: ln(k22 − k12²/k11) in place of ln k22.
+    ridges: ClassVar[tuple[CondensedCoordinates, ...]] = (CondensedCoordinates(*cones),)
 
     def values(self, theta: ArrayLike) -> Array:
         """(k11, k12, k22), shape (..., 3), from θ, shape (..., 3)."""

@@ -104,9 +104,7 @@ class JointMatrix:
         return dynamic
 
     def _change_each(self, change: Callable[[Array], Array]) -> "JointMatrix":
-        if self.viscous is None or self.hysteretic is None:
-            return JointMatrix(change(self.stiffness))
-        return JointMatrix(change(self.stiffness), change(self.viscous), change(self.hysteretic))
+        return JointMatrix(*map(change, self.sides if self.damped else (self.stiffness,)))
 
 
 #: Matrices of joints: with damping an object, without it an array K, shape (r, r) or (batch, r, r), is enough.

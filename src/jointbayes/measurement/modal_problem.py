@@ -125,9 +125,8 @@ class ModalProblem:
         if pieces < 2:
             return improved(self, poles)
         gaps, apart = _gaps(poles)
-        ends = [0]
-        for nominal in np.linspace(0, poles.size, pieces + 1).round().astype(int)[1:-1]:
-            ends.append(int(nominal) - 1 + int(np.argmax(apart[nominal - 1 : nominal + 2])))
+        nominal = np.linspace(0, poles.size, pieces + 1).round().astype(int)[1:-1].tolist()
+        ends = [0, *(k - 1 + int(np.argmax(apart[k - 1 : k + 2])) for k in nominal)]
         answers = []
         for first, last in pairwise([*ends, poles.size]):
             low, high = max(first - 2, 0), min(last + 2, poles.size)

@@ -164,10 +164,8 @@ class ProductCoordinates:
 
     def inverse(self, phi: Array) -> tuple[Array, Flags]:
         """θ, shape (n, d), and whether φ belongs to the region of both, shape (n,)."""
-        (first, inside), (rest, also) = (
-            self.first.inverse(phi[:, : self.count]),
-            self.rest.inverse(phi[:, self.count :]),
-        )
+        first, inside = self.first.inverse(phi[:, : self.count])
+        rest, also = self.rest.inverse(phi[:, self.count :])
         return np.hstack([first, rest]), inside & also
 
     def log_volume(self, theta: Array) -> Array:

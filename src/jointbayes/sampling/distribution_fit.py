@@ -131,8 +131,7 @@ def _refitted(candidate: StudentT, draws: Array, log_weight: Array) -> tuple[Arr
     enough = 10 * (d + 1)
     if alive.sum() < enough:
         return candidate.mean, candidate.scale / 4  # the density lies somewhere nearer to the centre
-    draws, log_weight = draws[alive], log_weight[alive]
-    return _most_likely(candidate, draws, tempered(log_weight, enough))
+    return _most_likely(candidate, draws[alive], tempered(log_weight[alive], enough))
 
 
 def _most_likely(candidate: StudentT, draws: Array, weight: Array) -> tuple[Array, Array]:

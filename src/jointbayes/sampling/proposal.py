@@ -12,7 +12,6 @@ from jointbayes.sampling.density import Checked, LogDensity, SeveralModes, covar
 from jointbayes.sampling.distribution_fit import (
     DOF,
     Fit,
-    Round,
     Whitened,
     first_mixture,
     good_efficiency,
@@ -204,8 +203,12 @@ def fit_proposal(
         fits.append(Fit(_carried_back(target, best.distribution), target.coordinates, best.efficiency))
         if best.efficiency > least:
             return _proposal(fits, target.evaluations)
-        for trial in rounds:
-            _remember(pool, target, trial)
+        for trial in rounds:  # their draws in z
+            alive = np.isfinite(trial.values)
+            theta, _ = target.coordinates.inverse(target.origin + trial.draws[alive] @ target.factor.T)
+            value = trial.values[alive] - target.coordinates.log_volume(theta)
+            over_phi = _carried_back(target, trial.distribution)
+            pool.add(over_phi, target.coordinates, theta, value, len(trial.draws))
     for theta, covariance in starts:
         roots = covariance_roots(np.asarray(covariance, dtype=float), _LEAST)
         around = StudentT(np.asarray(theta, dtype=float), _WIDER * roots @ roots.T, DOF)
@@ -218,14 +221,6 @@ def fit_proposal(
     if not fits:
         fits.append(Fit(_carried_back(target, StudentT(*laplace(target), DOF)), target.coordinates, 0.0))
     return _proposal(fits, target.evaluations + pool.evaluations)
-
-
-def _remember(pool: Pool, target: Whitened, trial: Round) -> None:
-    """Put the draws of a round in z into the pool."""
-    alive = np.isfinite(trial.values)
-    theta, _ = target.coordinates.inverse(target.origin + trial.draws[alive] @ target.factor.T)
-    value = trial.values[alive] - target.coordinates.log_volume(theta)
-    pool.add(_carried_back(target, trial.distribution), target.coordinates, theta, value, len(trial.draws))
 
 
 def _carried_back(target: Whitened, over_z: StudentT) -> StudentT:

@@ -31,10 +31,8 @@ _STEP_DRAWS = 2000  # proposed at each step
 _FITTED = 1200  # draws to which a proposal is fitted
 _POOLED = 4000  # proposed in each round without restraint
 _HANDED_OUT = 8000
-_LEAST, _GOOD = (
-    0.05,
-    0.15,
-)  # efficiency below which the next step is no wider, and which it has to have where it is much
+# efficiency below which the next step is no wider, and which it has to have where it is much
+_LEAST, _GOOD = 0.05, 0.15
 _MOST_STEPS, _ROUNDS = 60, 15
 _COMPONENTS = 3  # for each mode, of the mixtures without restraint
 _PARTS = 3  # mixtures in a proposal, each but the first for draws that those before it miss

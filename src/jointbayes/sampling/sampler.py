@@ -273,9 +273,8 @@ def _reaching(
     volume = coordinates.log_volume(theta)
     for _ in range(_ROUNDS):
         log_weight = value - (mixture.log_density(phi) - volume)
-        log_weight += np.logaddexp.reduce(-log_weight) - np.log(
-            log_weight.size
-        )  # the mean of q/p over draws from p is 1/Z
+        # the mean of q/p over draws from p is 1/Z
+        log_weight += np.logaddexp.reduce(-log_weight) - np.log(log_weight.size)
         missed = phi[(log_weight > _MISSED) & np.isfinite(phi).all(axis=1)]
         if len(missed) < _FEWEST * (phi.shape[1] + 1):
             break

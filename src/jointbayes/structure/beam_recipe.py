@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from numbers import Integral
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -228,6 +228,7 @@ class BeamRecipe(Recipe):
     richer: bool = False
 
     kind: ClassVar[str] = "beam"
+    quantities: ClassVar[tuple[str, ...]] = STRUCTURE_QUANTITIES
 
     def __post_init__(self) -> None:
         if not _LEAST <= self.length <= _MOST:
@@ -251,11 +252,6 @@ class BeamRecipe(Recipe):
                 )
 
     @property
-    def reference(self) -> Self:
-        """The same beam of much richer elements."""
-        return replace(self, element="converged", richer=True)
-
-    @property
     def positions(self) -> dict[str, tuple[float, float, float]]:
         """Place of every numbered point, m."""
         return {str(i + 1): (self.length * i / self.elements, 0.0, 0.0) for i in range(self.elements + 1)}
@@ -276,11 +272,6 @@ class BeamRecipe(Recipe):
     def extent(self) -> float:
         """Length, m."""
         return self.length
-
-    @property
-    def quantities(self) -> tuple[str, ...]:
-        """See `STRUCTURE_QUANTITIES`."""
-        return STRUCTURE_QUANTITIES
 
     @property
     def shape(self) -> BeamShape:

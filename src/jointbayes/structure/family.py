@@ -161,10 +161,10 @@ class UncertainBody(Body):
         forms = self.nominal.on_all_dofs(dofs, motions)
         if self.exact:
             return _ModesSolvedAnew(self, forms)
-        values = _Values(type(self), self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz)
-        if forms.shape[1] > _KEPT_MOTIONS or not values.hashable:
+        made_from = type(self), self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz  # equal for equal ones
+        if forms.shape[1] > _KEPT_MOTIONS or not _is_hashable(made_from):
             return self.over_factors(forms, forced)
-        return _kept(values, forms.shape, forms.tobytes(), None if forced is None else tuple(forced.tolist()))
+        return _kept(made_from, forms.shape, forms.tobytes(), None if forced is None else tuple(forced.tolist()))
 
     def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
         """The free modes with motions given as forms on all DOFs, shape (DOFs, k)."""
@@ -200,29 +200,21 @@ class UncertainBody(Body):
         return self.recipe.lumped_factor(factor) if name == "accelerometer_mass" else factor
 
 
-@dataclass(frozen=True, slots=True)
-class _Values:
-    """What a family is made from: equal where its structures are."""
-
-    kind: type[UncertainBody]
-    recipe: Recipe
-    ranges: tuple[tuple[str, tuple[float, float]], ...]
-    dofs: tuple[str, ...] | None
-    top_hz: float | None
-
-    @property
-    def hashable(self) -> bool:
-        """Whether it can be looked up; not where a caller gave lists for tuples."""
-        try:
-            hash(self)
-        except TypeError:
-            return False
-        return True
+def _is_hashable(values: object) -> bool:
+    """Whether something can be looked up; not where a caller gave lists for tuples."""
+    try:
+        hash(values)
+    except TypeError:
+        return False
+    return True
 
 
 @lru_cache(maxsize=_KEPT)
-def _kept(values: _Values, shape: tuple[int, ...], motions: bytes, forced: tuple[bool, ...] | None) -> FreeModes:
-    family = values.kind(values.recipe, dict(values.ranges), dofs=values.dofs, top_hz=values.top_hz)
+def _kept(
+    made_from: tuple[Any, ...], shape: tuple[int, ...], motions: bytes, forced: tuple[bool, ...] | None
+) -> FreeModes:
+    kind, recipe, ranges, dofs, top_hz = made_from
+    family: UncertainBody = kind(recipe, dict(ranges), dofs=dofs, top_hz=top_hz)
     forms = np.frombuffer(motions).reshape(shape)
     return family.over_factors(forms, None if forced is None else np.array(forced, dtype=bool))
 

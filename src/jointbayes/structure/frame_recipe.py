@@ -2,8 +2,8 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy import sparse
@@ -188,11 +188,6 @@ class FrameRecipe(Recipe):
         name, _ = self.bodies[number]
         named = {q: factors.get(q, 1.0) * (factors.get(f"{name}.{q}", 1.0) if name else 1.0) for q in BODY_QUANTITIES}
         return BodyFactors(**named)
-
-    @property
-    def reference(self) -> Self:
-        """The same frame of much richer elements."""
-        return replace(self, element="converged", richer=True)
 
     def loaded_points(self, number: int) -> tuple[str, ...]:
         """Points of a body, without its name, at which accelerometers sit."""

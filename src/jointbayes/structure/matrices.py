@@ -90,8 +90,7 @@ class Structure(Body):
                 )
             if not np.isfinite(matrix).all():
                 raise ModelError(f"structure: found NaN or infinity in the {name} matrix; expected finite numbers")
-            scale = np.abs(matrix).max(initial=0.0)
-            if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-10 * scale:
+            if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-10 * np.abs(matrix).max(initial=0.0):
                 raise ModelError(f"structure: found an unsymmetric {name} matrix; expected a symmetric one")
             matrix.setflags(write=False)
         if not isinstance(self.damping, DampingLaw):

@@ -117,8 +117,7 @@ def _binary_format(path: Path, head: bytes) -> str | None:
 def _text_format(path: Path, head: bytes, text: bytes) -> str:
     if text.split(b"\n", 1)[0].strip() == b"-1":
         return "uff"
-    control = sum(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
-    if control:
+    if any(byte < 32 and byte not in b"\t\n\r\f" for byte in head):
         raise MeasurementError(f"{path}: found binary data of an unknown kind; {_EXPECTED}")
     return "table"
 

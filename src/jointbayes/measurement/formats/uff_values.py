@@ -157,9 +157,8 @@ def _count_message(header: FunctionHeader, actual: str) -> str:
 
 Q = TypeVar("Q")
 
-_SENSORS: dict[int, SensorQuantity] = {kind: sensor for sensor, kind in AXIS_TYPES.items() if kind} | {
-    9: "force"
-}  # 9: excitation force
+#: 9 is an excitation force.
+_SENSORS: dict[int, SensorQuantity] = {9: "force", **{kind: sensor for sensor, kind in AXIS_TYPES.items() if kind}}
 _QUANTITIES = {AXIS_TYPES[motion]: quantity for quantity, motion in MOTION_OF.items()}
 
 

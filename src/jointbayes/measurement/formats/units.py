@@ -66,10 +66,8 @@ _SUPERSCRIPTS = str.maketrans(
 )
 _TOKEN = re.compile(r"\s*(?:(?P<name>[A-Za-z]+0?|1)(?P<power>(?:\^|\*\*)?(?:-?\d|\(-?\d\)))?|(?P<sign>[*/()]))")
 #: A plural as programs write it, ``g's`` and ``Pound(s)``; and metres by seconds run together, ``ms-2``.
-_PLURAL, _RUN_TOGETHER = (
-    re.compile(r"(?<=[A-Za-z])(?:'s\b|(?<=[A-Za-z]{3})\(s\))"),
-    re.compile(r"(?<![A-Za-z])ms(?=\^?\(?-\d)"),
-)
+_PLURAL = re.compile(r"(?<=[A-Za-z])(?:'s\b|(?<=[A-Za-z]{3})\(s\))")
+_RUN_TOGETHER = re.compile(r"(?<![A-Za-z])ms(?=\^?\(?-\d)")
 _SENSORS: dict[Powers, SensorQuantity] = {
     _FORCE: "force",
     _LENGTH: "displacement",

@@ -216,8 +216,7 @@ def reject_overloads(hits: Sequence[Hit], responses: Sequence[TimeRecord], setti
     for hit in hits:
         record = responses[hit.record]
         samples = record.values.size if settings.block_s is None else round(settings.block_s * record.sample_rate_hz)
-        block = record.values[max(hit.start, 0) : hit.start + samples]
-        if hit.kept and is_clipped(block):
+        if hit.kept and is_clipped(record.values[max(hit.start, 0) : hit.start + samples]):
             hit = replace(hit, reason=f"response {record.channel} overloaded")
         judged.append(hit)
     return tuple(judged)
