@@ -7,6 +7,7 @@ from jointbayes.inference.log_posterior import LogPosterior as LogPosterior
 from jointbayes.inference.marginals import Marginal as Marginal
 from jointbayes.inference.marginals import Normal as Normal
 from jointbayes.inference.marginals import OfStiffness as OfStiffness
+from jointbayes.inference.marginals import OwnMarginal as OwnMarginal
 from jointbayes.inference.marginals import Uniform as Uniform
 from jointbayes.inference.modal_likelihood import GaussianLikelihood as GaussianLikelihood
 from jointbayes.inference.modal_likelihood import ModePrediction as ModePrediction
