@@ -49,7 +49,8 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
     pairs = dict(_pairs(block, [frf.name for frf in frfs], coherences))
     for frf in frfs:
         yield from _frf_records(block, frf, pairs.get(frf.name), alone=len(frfs) == 1)
-    for name in (name for name in coherences if name not in pairs.values()):
+    placed = {*pairs.values()}
+    for name in (name for name in coherences if name not in placed):
         alone = not frfs and len(coherences) == 1
         for labels, lines, values, where, notes in _laid_out(block, _Values(name, block.numbers(name)), alone=alone):
             yield CoherenceRecord(*labels, lines, values, _averages(block), where, notes)
