@@ -33,6 +33,7 @@ from jointbayes.case.combined import (
 )
 from jointbayes.case.keys import DATA_FILE
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
+from jointbayes.case.spec.joint_table import joint_table
 from jointbayes.case.spec.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_line
@@ -290,8 +291,7 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
     source = home.source
     stated = spec = read_matrices(spec, home)
     with _told_of(source, spec) as tell:
-        joints = "joints" if spec.joints else "joint"
-        tell(joints)
+        tell("joints" if spec.joints else "joint")
         joint = joints_of(spec.joint_objects)
         _require_dofs_of_offsets(spec, source)
         if spec.data.files is not None:
@@ -302,15 +302,11 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
                 home.require_inside(("data", "file"), spec.data.files.file)
             data = data or read_measurement(spec.data.files.file, home.directory, plan_of(spec))
             spec = complete_from_data(spec, data)
-            tell("structure")
-            recipe = recipe_of(spec.structure, spec.data, data)
-            _require_one_place(spec, joint, recipe, source)
-        else:
-            tell("structure")
-            recipe = recipe_of(spec.structure, spec.data)
-            _require_one_place(spec, joint, recipe, source)
-            tell("data")
-            data = data or measurement_of(spec, joint, name)
+        tell("structure")
+        recipe = recipe_of(spec.structure, spec.data, data)
+        _require_one_place(spec, joint, recipe, source)
+        tell("data")
+        data = data or measurement_of(spec, joint, name)
         tell("left_out")
         used, apart = (data, None) if spec.leaves_out(name) else split_data(data, spec.left_out)
         tell("noise")
@@ -328,7 +324,7 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
 def _require_one_place(spec: CaseSpec, joint: AnyJoint, recipe: StructureRecipe, source: CaseText) -> None:
     """Refuse joints whose sides do not meet, by the key of the other side."""
     for name, side in zip(spec.all_joints, joint.joints if isinstance(joint, Joints) else (joint,), strict=True):
-        path = ("joints", name, "against") if name else ("joint", "against")
+        path = (*joint_table(name), "against")
         try:
             side.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
         except ModelError as error:
@@ -352,8 +348,7 @@ def _require_dofs_of_offsets(spec: CaseSpec, source: CaseText) -> None:
                 absent, held = spec.structure.absent(label) is not None, label in spec.structure.supports
                 if label in spec.measured_labels or not (absent or held):
                     continue
-                table = ("joints", name) if name else ("joint",)
-                path = (*table, "axes" if label in turned else key)
+                path = (*joint_table(name), "axes" if label in turned else key)
                 what = "which is held fixed" if held else "which the structure does not have"
                 words = f"found that {', '.join(dofs)} then move with {label}, {what}", "DOFs that move"
                 raise CaseError(source.fault(path, *words, "let the structure have it, or correct this"))
@@ -365,19 +360,14 @@ def _told_of(source: CaseText, spec: CaseSpec) -> Iterator[Callable[[str], None]
 
     The key is the one that looks like a slip, where one does, and else the table, where the file has it.
     """
-    table = "file"
-
-    def tell(name: str) -> None:
-        nonlocal table
-        table = name
-
+    tables = ["file"]
     try:
-        yield tell
+        yield tables.append
     except CaseError:
         raise
     except (JointBayesError, ArithmeticError, np.linalg.LinAlgError, MemoryError) as error:
-        of_file = table == DATA_FILE[0] and isinstance(error, MeasurementError) and DATA_FILE in source.places
-        at = DATA_FILE if of_file else (table,)
+        of_file = tables[-1] == DATA_FILE[0] and isinstance(error, MeasurementError) and DATA_FILE in source.places
+        at = DATA_FILE if of_file else (tables[-1],)
         place, path = source.place(at), source.written(at)
         key = ".".join(map(str, path)) if at in source.places else ".".join(map(str, path[:-1])) or "file"
         slips = () if isinstance(error, MeasurementError) else input_warnings(spec, source, spec.data.band_hz)

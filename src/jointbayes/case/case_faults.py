@@ -62,10 +62,6 @@ def _show(value: object) -> str:
     return "a date or time"  # all that TOML has left
 
 
-def _is_literal(annotation: object) -> bool:
-    return get_origin(annotation) is Literal
-
-
 def _models(annotation: object) -> list[type[BaseModel]]:
     """List the tables an annotation allows: none for a plain value, several for a discriminated union."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
@@ -75,7 +71,7 @@ def _models(annotation: object) -> list[type[BaseModel]]:
 
 def _choices(annotation: object) -> list[str]:
     """List the texts an annotation allows."""
-    if _is_literal(annotation):
+    if get_origin(annotation) is Literal:
         return [c for c in get_args(annotation) if isinstance(c, str)]
     return [c for arg in get_args(annotation) for c in _choices(arg)]
 
@@ -83,7 +79,7 @@ def _choices(annotation: object) -> list[str]:
 @cache
 def _tags(model: type[BaseModel]) -> dict[str, str]:
     """Give the keys whose only allowed text tells this kind of table from its siblings."""
-    words = {k: get_args(f.annotation) for k, f in model.model_fields.items() if _is_literal(f.annotation)}
+    words = {k: get_args(f.annotation) for k, f in model.model_fields.items() if get_origin(f.annotation) is Literal}
     return {key: texts[0] for key, texts in words.items() if len(texts) == 1}
 
 
@@ -153,14 +149,11 @@ def _faults(error: ErrorDetails, root: _Place) -> Iterator[_Fault]:
             yield _Fault("unknown", place.enter(misspelt, tagged=False), meant=str(spot.path[-1]))
         else:
             yield _Fault("missing", spot)
+    elif error["type"] == "missing" and isinstance(error["loc"][-1], int):  # a list that is too short lacks no key
+        yield _Fault("value", place, Finding((), remedy="write every number, also those that are 0"))
     else:
         kinds: dict[str, Literal["missing", "unknown"]] = {"missing": "missing", "extra_forbidden": "unknown"}
-        # a list that is too short lacks no key
-        too_short = error["type"] == "missing" and isinstance(error["loc"][-1], int)
-        if too_short:
-            yield _Fault("value", place, Finding((), remedy="write every number, also those that are 0"))
-        else:
-            yield _Fault(kinds.get(error["type"], "value"), place)
+        yield _Fault(kinds.get(error["type"], "value"), place)
 
 
 def _pair_renamed(faults: list[_Fault]) -> list[_Fault]:
@@ -264,15 +257,13 @@ def _converted(place: _Place, meant: str) -> str:
     return f"write {meant} = {(2 if twice else 1) * given / size * value:.6g}, {why}"
 
 
-def _missing_wording(fault: _Fault) -> tuple[str, str, str]:
-    place = fault.place
+def _missing_wording(place: _Place) -> tuple[str, str, str]:
     key, table, info = str(place.path[-1]), place.path[:-1], place.info
-    where = f"to [{show_key(table)}]" if table else "above the first table"
+    expected = (info and info.description) or key
     if place.tables:
-        mistake, remedy = "missing table", f"add a table [{show_key(place.path)}]"
-    else:
-        mistake, remedy = "missing", f"add {key} = {_example(info)} {where}"
-    return mistake, (info and info.description) or key, remedy
+        return "missing table", expected, f"add a table [{show_key(place.path)}]"
+    where = f"to [{show_key(table)}]" if table else "above the first table"
+    return "missing", expected, f"add {key} = {_example(info)} {where}"
 
 
 def _value_wording(fault: _Fault) -> tuple[str, str, str]:
@@ -354,6 +345,6 @@ def fault_lines(error: ValidationError, model: type[BaseModel], source: CaseText
                 where = f"[{show_key(source.at)}]" if source.setup else "the case file, above the first table"
                 words = (*words[:2], f'take it out with remove = ["{show_key(path)}"] in {where}')
         else:
-            words = _missing_wording(fault) if fault.kind == "missing" else _value_wording(fault)
+            words = _missing_wording(fault.place) if fault.kind == "missing" else _value_wording(fault)
         shown.append(source.fault(path, *words))
     return [*shown, f"and {left_out} more"] if left_out else shown

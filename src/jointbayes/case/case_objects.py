@@ -88,10 +88,10 @@ def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:
 
 def recipe_of(spec: StructureBase, data: DataTable, measurement: Data | None = None) -> StructureRecipe:
     """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
-    loaded = () if data.files else data.loaded
-    if measurement is not None and measurement.provenance is not None:
-        loaded = tuple(label for label in measurement.provenance.loaded if spec.absent(label) is None)
-    return spec.recipe(loaded)
+    if not data.files:
+        return spec.recipe(data.loaded)
+    loaded = measurement.provenance.loaded if measurement and measurement.provenance else ()
+    return spec.recipe(tuple(label for label in loaded if spec.absent(label) is None))
 
 
 def _synthetic(spec: CaseSpec) -> SyntheticFrfSpec:
@@ -173,9 +173,8 @@ def split_data(data: Data, left_out: LeftOutSpec) -> tuple[Data, Data | None]:
 
 def generator_of(seed: int, setup: str) -> np.random.Generator:
     """Random numbers of a set-up: independent of those of others, and the same whatever others there are."""
-    if not setup:
-        return np.random.default_rng(seed)
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(setup.encode()),)))
+    spawn_key = (zlib.crc32(setup.encode()),) if setup else ()
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=spawn_key))
 
 
 def true_family(spec: CaseSpec) -> Body:
@@ -224,23 +223,16 @@ class CaseHome:
 def complete_from_data(spec: CaseSpec, measured: Data) -> CaseSpec:
     """The case with what it leaves to its data: damping ratios, and the distribution of residuals.
 
+    Residuals are Student-t where the variance of FRFs was estimated line by line from few data: a residual over an
+    estimated standard deviation is not Gaussian, with dof degrees of freedom its square is dof/(dof − 2) on average,
+    not 1. Only where the case does not choose a distribution itself, and nothing else forbids it.
+
     Raises
     ------
     MeasurementError
         If the data show no mode with a damping ratio between 0 and 1, and the case asks for them.
     """
-    return _choose_distribution(_take_measured_damping(spec, measured), measured)
-
-
-def _choose_distribution(spec: CaseSpec, measured: Data) -> CaseSpec:
-    """The case with Student-t residuals where the variance of FRFs was estimated line by line from few data.
-
-    A residual over an estimated standard deviation is not Gaussian: with dof degrees of freedom its square is
-    dof/(dof − 2) on average, not 1. Only where the case does not choose a distribution itself, and nothing else
-    forbids it.
-    """
-    dof = measured.variance_dof
-    noise = spec.noise
+    spec, dof, noise = _take_measured_damping(spec, measured), measured.variance_dof, spec.noise
     free = "distribution" not in noise.model_fields_set and noise.scale != "integrated"
     if dof is None or dof >= _NEARLY_GAUSSIAN or not free or noise.residuals != "complex":
         return spec

@@ -159,26 +159,29 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
     CaseError
         As `read_case_text`; or if the text names a file and stands alone.
     """
-    data = parse_toml(text, name)
-    places = {path: (name, line) for path, line in key_lines(text).items()}
-    if _EXTENDS not in data and _REMOVE not in data:
-        return CaseText(name, text, data, places)
-    source = CaseText(name, text, data, places)
+    source = _parsed(text, name)
+    if _EXTENDS not in source.data and _REMOVE not in source.data:
+        return source
     if file is None:
         mistake = "found a text that is no file and builds on one"
         raise CaseError(source.fault((_EXTENDS,), mistake, "a text that is whole", "load it as a file"))
-    chain = _chain(source, file, allow_outside)
-    whole, places = chain[-1]
-    for over in reversed(chain[:-1]):
-        whole, places = merged(CaseText(name, "", whole, places), CaseText(name, "", *over))
-    names = ", ".join(dict.fromkeys(printable(Path(file).name) for file, _ in places.values()))
-    return CaseText(name, f"# Merged from {names}\n{toml_text(whole)}", whole, places)
+    *chain, whole = _chain(source, file, allow_outside)
+    for over in reversed(chain):
+        whole = _merged(whole, over)
+    names = ", ".join(dict.fromkeys(printable(Path(file).name) for file, _ in whole.places.values()))
+    return replace(whole, text=f"# Merged from {names}\n{toml_text(whole.data)}")
 
 
-def _chain(source: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict[str, Any], dict[KeyPath, Place]]]:
-    """Data and places of a case and of the files it builds on, the last of which builds on none."""
+def _parsed(text: str, name: str) -> CaseText:
+    """A text by itself."""
+    data = parse_toml(text, name)
+    return CaseText(name, text, data, {path: (name, line) for path, line in key_lines(text).items()})
+
+
+def _chain(source: CaseText, file: Path, allow_outside: bool) -> list[CaseText]:
+    """A case and the files it builds on, the last of which builds on none."""
     home, here, current = file.parent, file, source
-    read, chain = [_real(file)], [(dict(source.data), dict(source.places))]
+    read, chain = [_real(file)], [source]
     while (base := current.data.get(_EXTENDS)) is not None:
         if not isinstance(base, str) or not base:
             expected, remedy = "the name of a case file, a text", f'write for example {_EXTENDS} = "base.toml"'
@@ -195,17 +198,15 @@ def _chain(source: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict
             words = f"found more than {_MOST_FILES} files that build on each other", "fewer", "merge some"
             raise CaseError(current.fault((_EXTENDS,), *words))
         read.append(_real(here))
-        text = read_text(here) if here.exists() else None
-        if text is None:
+        if not here.exists():
             near = similar(here.name, (p.name for p in here.parent.glob("*.toml") if p != file))
             remedy = f'did you mean "{near}"?' if near else "check the name; it is relative to this file"
             words = f'found "{printable(base)}", which is no file', "a case file to build on", remedy
             raise CaseError(current.fault((_EXTENDS,), *words))
-        data = parse_toml(text, name)
-        current = CaseText(name, text, data, {path: (name, line) for path, line in key_lines(text).items()})
+        current = _parsed(read_text(here), name)
         if here.parent != home:
-            data = rename_files(data, partial(_moved, here.parent, home))
-        chain.append((dict(data), dict(current.places)))
+            current = replace(current, data=rename_files(current.data, partial(_moved, here.parent, home)))
+        chain.append(current)
     if _REMOVE in current.data:
         words = "found it in a file that builds on none", f"a file with {_EXTENDS}", "remove it"
         raise CaseError(current.fault((_REMOVE,), *words))
@@ -251,8 +252,8 @@ def _moved(here: Path, home: Path, name: str) -> str:
     return Path(os.path.relpath(here / name, home)).as_posix()
 
 
-def merged(base: CaseText, over: CaseText) -> tuple[dict[str, Any], dict[KeyPath, Place]]:
-    """Data and places of a base, less what is removed, with those of what builds on it.
+def _merged(base: CaseText, over: CaseText) -> CaseText:
+    """What builds on a base, with data and places of that base, less what is removed.
 
     Raises
     ------
@@ -270,7 +271,7 @@ def merged(base: CaseText, over: CaseText) -> tuple[dict[str, Any], dict[KeyPath
         places = {stated: place for stated, place in places.items() if stated[: len(path)] != path}
     _lay_over(data, {key: value for key, value in over.data.items() if key not in (_EXTENDS, _REMOVE)}, (), places)
     places_over = {path: place for path, place in over.places.items() if path[0] not in (_EXTENDS, _REMOVE)}
-    return _order_keys(data, base.data), places | places_over
+    return replace(over, data=_order_keys(data, base.data), places=places | places_over)
 
 
 def _order_keys(data: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
@@ -359,10 +360,8 @@ def _setup_text(source: CaseText, stated: Mapping[str, Any], at: KeyPath) -> Cas
         bodies = uncertain.get("bodies")
         each = {name: _each_own(body) for name, body in bodies.items()} if isinstance(bodies, Mapping) else bodies
         table["uncertain"] = {**_each_own(uncertain), **({"bodies": each} if "bodies" in uncertain else {})}
-    over = CaseText(source.name, "", table, inside, str(at[-1]), at, frozenset(inside))
-    data, places = merged(source, over)
-    places[()] = source.place(at)
-    return replace(over, data=data, places=places)
+    setup = _merged(source, CaseText(source.name, "", table, inside, str(at[-1]), at, frozenset(inside)))
+    return replace(setup, places={**setup.places, (): source.place(at)})
 
 
 def _own(table: object) -> object:

@@ -80,14 +80,9 @@ class CaseSetup:
     apart: Data | None = None
 
     @cached_property
-    def quantities(self) -> tuple[Nuisance, ...]:
-        """Uncertain quantities of structure and measurement, by the names that its structure has for them."""
-        return tuple(nuisance for nuisance, _ in quantities_of(self.spec, self.recipe, self.data))
-
-    @cached_property
     def structure(self) -> AnyStructure:
         """The structures that its priors think possible."""
-        ranges = {n.name: n.range for n in self.quantities if self.recipe.has_quantity(n.name)}
+        ranges = {n.name: n.range for n, _ in quantities_of(self.spec) if self.recipe.has_quantity(n.name)}
         family = family_of_recipe(self.recipe, ranges)
         if not self.bodies:
             return family
@@ -117,7 +112,7 @@ class CaseSetup:
         """Uncertain quantities, and those of the noise, by their names in the prior."""
         rest = [
             replace(nuisance, name=prefixed(self.name, nuisance.name)) if of_setup else nuisance
-            for nuisance, of_setup in quantities_of(self.spec, self.recipe, self.data)
+            for nuisance, of_setup in quantities_of(self.spec)
         ]
         owner = self.name if self.spec.noise.own else ""
         return rest, [replace(nuisance, name=prefixed(owner, nuisance.name)) for nuisance in self.of_noise]
@@ -293,10 +288,8 @@ def guess_of(joint: JointSpec, sizes: Mapping[str, OwnStiffness], marginals: Seq
     if joint.initial is not None:
         guess = joint.initial.values()
     else:
-        yielding = [not q.may_be_negative for q in joint.stiffnesses]
-        if joint.kind == "coupled":
-            yielding[1:] = [False, False]
-        springs = [sizes[q.name].size if yields else 0.0 for q, yields in zip(joint.stiffnesses, yielding, strict=True)]
+        yielding = joint.stiffnesses[:1] if joint.kind == "coupled" else joint.stiffnesses
+        springs = [sizes[q.name].size if q in yielding and not q.may_be_negative else 0.0 for q in joint.stiffnesses]
         guess = DEFAULT_GUESS_FACTOR * np.array(springs)
     damping = [
         math.sqrt(math.prod(DEFAULT_LOSS if q.unit == "1" else DEFAULT_DASHPOT_FACTORS))
@@ -323,14 +316,13 @@ def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, Fac
     return {name: prior for name, prior in usual.items() if name not in (*stated, *spec.uncertain.exact)}
 
 
-def quantities_of(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> list[tuple[Nuisance, bool]]:
+def quantities_of(spec: CaseSpec) -> list[tuple[Nuisance, bool]]:
     """Uncertain quantities of structure and measurement, those of the structure first; and whether a set-up's own."""
-    structure = spec.structure
-    stated = structure.stated | {"gain": ("1", 1.0)}
+    stated = spec.structure.stated | {"gain": ("1", 1.0)}
     quantities: list[tuple[Nuisance, bool]] = []
     for name, prior in spec.uncertain.given.items():
         if name == "damping_ratio":
-            ratios = structure.damping.values[name]
+            ratios = spec.structure.damping.values[name]
             labels = [name] if len(ratios) == 1 else [f"{name}_{i + 1}" for i in range(len(ratios))]
             each = [Nuisance(n, "1", r, prior.marginal()) for n, r in zip(labels, ratios, strict=True)]
         else:
@@ -338,16 +330,6 @@ def quantities_of(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> list[t
             each = [Nuisance(name, unit, value, prior.marginal(value))]
         quantities += [(nuisance, prior.own) for nuisance in each]
     return sorted(quantities, key=lambda quantity: quantity[0].name == "gain")
-
-
-def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) -> Array:
-    """Lowest natural frequencies of a structure with a rigid joint, Hz: no more than `most`, nor than it has."""
-    family = family_of_recipe(recipe)
-    count = min(most, family.n_dofs - rigid_body_modes(family, joint) - joint.size)
-    if count < 1:  # nothing moves where the joint does not
-        return np.empty(0)
-    rigid = np.eye(joint.size) * RIGID
-    return NaturalFrequencies(family, joint, count).frequency_hz(rigid)[0]
 
 
 def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, measured: Data) -> None:
@@ -363,7 +345,11 @@ def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, mea
     modes = measured.provenance.modes if measured.provenance else ()
     if not modes or not (spec.structure.damping.measured or measured.modes is not None):
         return
-    rigid = rigid_frequencies_hz(recipe, joint, len(modes))
+    family = family_of_recipe(recipe)
+    count = min(len(modes), family.n_dofs - rigid_body_modes(family, joint) - joint.size)
+    if count < 1:  # nothing moves where the joint does not
+        return
+    rigid = NaturalFrequencies(family, joint, count).frequency_hz(np.eye(joint.size) * RIGID)[0]
     for number, (mode, highest) in enumerate(zip(modes, rigid, strict=False), 1):
         if mode.frequency_hz > _ABOVE_RIGID * highest:
             raise MeasurementError(

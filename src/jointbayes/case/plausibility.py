@@ -196,17 +196,14 @@ def _within(value: float, ends: tuple[float, float]) -> bool:
 
 def _usual(modulus: float, density: float) -> bool:
     """Whether a modulus and a density are together those of a material that beams are made of."""
-    return (
-        _within(modulus, _USUAL_MODULUS)
-        and _within(density, _USUAL_DENSITY)
-        and _within(_speed(modulus, density), WAVE_SPEED)
-    )
+    numbers = modulus, density, _speed(modulus, density)
+    return all(map(_within, numbers, (_USUAL_MODULUS, _USUAL_DENSITY, WAVE_SPEED)))
 
 
 def _likely(length: float, thickness: float) -> bool:
     """Whether length and thickness in mm are those of a usual beam."""
-    sizes = _within(length, _USUAL_LENGTH) and _within(thickness, _USUAL_THICKNESS)
-    return sizes and _within(length / thickness, _USUAL_SLENDERNESS)
+    numbers = length, thickness, length / thickness
+    return all(map(_within, numbers, (_USUAL_LENGTH, _USUAL_THICKNESS, _USUAL_SLENDERNESS)))
 
 
 def _remedy(key: str, slips: Sequence[tuple[str, float]]) -> str:

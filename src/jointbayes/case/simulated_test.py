@@ -1,6 +1,7 @@
 """Virtual tests: measure the truth that a case states, and return what a measurement file would hold."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,7 +20,7 @@ from jointbayes.joint import JointMatrix
 from jointbayes.measurement.formats import records_of_frf
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
-from jointbayes.measurement.signals.spectra import ShakerSettings, frfs_of_shaker
+from jointbayes.measurement.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
 from jointbayes.measurement.signals.windows import effective_averages, lines_apart
 from jointbayes.measurement.simulated import (
     ChannelNoise,
@@ -36,6 +37,8 @@ from jointbayes.structure import Body
 _AVERAGES = 10  # where neither the virtual test nor the noise of the data states a number
 #: Length of a block times the decay rate of the slowest mode: what is cut off is below any noise; a shaker leaks.
 _BLOCK_DECAY = {"impact": 10.0, "shaker": 30.0}
+#: Time histories, and what makes FRFs of them.
+_Histories = tuple[list[TimeRecord], Callable[[list[TimeRecord]], MadeFrfs]]
 _GONE = 20.0  # the same, for what must have died away altogether
 
 
@@ -151,12 +154,13 @@ def _measured(truth: Truth, test: VirtualTestSpec, rng: np.random.Generator) -> 
         true = truth.frf(np.array(truth.data.lines_hz()), outputs)
         noisy = noisy_frf(true, noise_law(truth.data.noise), averages, rng)
         return list(records_of_frf(noisy, channel_label, "virtual test"))
-    rig = _rig(truth, test, outputs)
-    return (
-        _impact(truth, test, rig, averages, rng)
-        if test.method == "impact"
-        else _shaker(truth, test, rig, averages, rng)
-    )
+    histories = _impact if test.method == "impact" else _shaker
+    records, frfs_of = histories(truth, test, _rig(truth, test, outputs), averages, rng)
+    if test.writes == "time":
+        return list(records)
+    frfs, step = frfs_of(records).frfs, truth.data.f_step_hz
+    # the lines that the case has, where those of the block are closer
+    return [frf if step is None else frf.at_lines(lines_apart(frf.frequency_hz, step)) for frf in frfs]
 
 
 def _rig(truth: Truth, test: VirtualTestSpec, outputs: tuple[str, ...]) -> Rig:
@@ -189,12 +193,10 @@ def _rig(truth: Truth, test: VirtualTestSpec, outputs: tuple[str, ...]) -> Rig:
     )
 
 
-def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> list[Record]:
+def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> _Histories:
     low, high = truth.data.band_hz
     hammer = Hammer(averages, 1 / high, test.double_hits, test.overloads)
     records = list(hammer_records(rig, hammer, ChannelNoise(test.force_noise, test.response_noise), rng))
-    if test.writes == "time":
-        return list(records)
     settings = ImpactSettings(
         force_window_s=2 * hammer.pulse_s,
         exponential_end=test.exponential_end,
@@ -202,10 +204,10 @@ def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
         f_min_hz=low,
         f_max_hz=high,
     )
-    return [_thin_to_step(record, truth) for record in frfs_of_hits(records, settings).frfs]
+    return records, lambda made: frfs_of_hits(made, settings)
 
 
-def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> list[Record]:
+def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> _Histories:
     low, high = truth.data.band_hz
     settings = ShakerSettings(rig.block / rig.sample_rate_hz, test.overlap, "hann", test.estimator, low, high)
     hop = max(round(rig.block * (1 - test.overlap)), 1)
@@ -214,17 +216,7 @@ def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
     blocks = next(n for n in range(averages, 10**9) if effective_averages(n, window, hop) >= averages)
     noise = ChannelNoise(test.force_noise, test.response_noise)
     records = list(shaker_records(rig, rig.block + (blocks - 1) * hop, noise, rng))
-    if test.writes == "time":
-        return list(records)
-    return [_thin_to_step(record, truth) for record in frfs_of_shaker(records, settings).frfs]
-
-
-def _thin_to_step(record: FrfRecord, truth: Truth) -> FrfRecord:
-    """The lines that the case has, where those of the block are closer."""
-    if truth.data.f_step_hz is None:
-        return record
-    kept = lines_apart(record.frequency_hz, truth.data.f_step_hz)
-    return record.at_lines(kept)
+    return records, lambda made: frfs_of_shaker(made, settings)
 
 
 def describe(records: list[Record]) -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import bisect
 import difflib
 import json
-import math
 import os
 import re
 import tomllib
@@ -220,14 +219,15 @@ def _syntax_fault(message: str, text: str, name: str) -> str:
     digits = re.search(r"\d{4300}", text)
     if digits and "int_max_str_digits" in message:
         message, line = "an integer of more than 4300 digits", text.count("\n", 0, digits.start()) + 1
-    key = re.match(r"\s*([\w.\"'-]+)\s*=", rows[line - 1] if line <= len(rows) else "")
+    row = rows[line - 1] if line <= len(rows) else ""
+    key = re.match(r"\s*([\w.\"'-]+)\s*=", row)
     cause = re.sub(r"\s*\(at .*", "", message)
     plain = next((words for start, words in _SYNTAX.items() if cause.startswith(start)), None)
     fault, remedy = plain or (f"no valid TOML ({cause})", "correct the line")
-    if re.search(r'"[^"]*\\[^"]*"', rows[line - 1] if line <= len(rows) else "") and plain is None:
+    if re.search(r'"[^"]*\\[^"]*"', row) and plain is None:
         fault = "a backslash in a text in double quotes"
         remedy = "write a Windows path with / or in single quotes: file = 'C:\\data\\tip.uff'"
-    if re.search("[“”„‘’]", rows[line - 1] if line <= len(rows) else ""):
+    if re.search("[“”„‘’]", row):
         fault, remedy = "quotes of a word processor", 'write straight quotes: "text"'
     return fault_line(name, line, key[1] if key else "syntax", fault, "expected TOML: key = value", remedy)
 
@@ -302,15 +302,11 @@ def _text(text: str) -> str:
 def toml_value(value: object) -> str:
     """A value, list or table as TOML has it on one line."""
     if isinstance(value, bool):
-        return "true" if value else "false"
+        return str(value).lower()
     if isinstance(value, str):
         return _text(value)
-    if isinstance(value, float) and not math.isfinite(value):
-        return "nan" if math.isnan(value) else "inf" if value > 0 else "-inf"
-    if isinstance(value, int | float):
-        return repr(value)
     if isinstance(value, Mapping):
         return f"{{ {', '.join(f'{_key(key)} = {toml_value(entry)}' for key, entry in value.items())} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(toml_value, value))}]"
-    return str(value)  # dates and times, which Python prints as TOML has them
+    return str(value)  # numbers, dates and times, which Python prints as TOML has them

@@ -73,6 +73,11 @@ def joint_table(name: str) -> tuple[str, ...]:
     return ("joints", name) if name else ("joint",)
 
 
+def prior_table(name: str) -> tuple[str, ...]:
+    """Key of the table of the priors of a joint."""
+    return ("joints", name, "prior") if name else ("prior",)
+
+
 class JointSpec(Spec):
     """A joint: where it acts, of which kind it is, how it is parametrised, and the first guess of the iteration."""
 
@@ -97,13 +102,9 @@ class JointSpec(Spec):
     def coordinates(self) -> tuple[Coordinate, ...]:
         """Its parameters, each of which needs a prior."""
         logarithms = tuple(map(Coordinate.logarithm_of, self.quantities))
-        match self.kind:
-            case "rigid" | "springs":
-                return logarithms
-            case "full":
-                axes = full_coordinates(self.directions)
-            case _:
-                axes = COORDINATES[self.parametrisation]
+        if self.kind in ("rigid", "springs"):
+            return logarithms
+        axes = full_coordinates(self.directions) if self.kind == "full" else COORDINATES[self.parametrisation]
         return (*axes, *logarithms[len(self.stiffnesses) :])
 
     @property
@@ -119,14 +120,10 @@ class JointSpec(Spec):
     @property
     def stiffnesses(self) -> tuple[Quantity, ...]:
         """Its stiffnesses."""
-        match self.kind:
-            case "rigid":
-                return ()
-            case "springs":
-                return spring_stiffnesses(self.directions)
-            case "full":
-                return full_stiffnesses(self.directions)
-        return COUPLED
+        if self.kind == _COUPLED:
+            return COUPLED
+        of_kind = {"springs": spring_stiffnesses, "full": full_stiffnesses}
+        return of_kind[self.kind](self.directions) if self.kind in of_kind else ()
 
     def unlike(self, other: JointSpec) -> list[str]:
         """What keeps it from sharing its quantities with another joint."""
@@ -146,11 +143,6 @@ class JointSpec(Spec):
 
         kind = parametrisation_named(self.parametrisation if self.kind == _COUPLED else self.kind, self.directions)
         return Damped(kind, self.viscous, self.loss_factors) if self.damping else kind
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters."""
-        return tuple(axis.name for axis in self.coordinates)
 
     def _findings(self) -> Iterator[Finding]:
         if self.kind == _COUPLED:
@@ -205,11 +197,9 @@ class JointSpec(Spec):
             for k, other in enumerate(self.axes[: i + 1]):
                 product = math.fsum(a * b for a, b in zip(axis, other, strict=True))
                 if abs(product - (i == k)) > _CROOKED:
-                    fault = (
-                        f"entries {k + 1} and {i + 1} are not at right angles"
-                        if i != k
-                        else f"entry {i + 1} has length {math.sqrt(product):.6g}"
-                    )
+                    fault = f"entries {k + 1} and {i + 1} are not at right angles"
+                    if i == k:
+                        fault = f"entry {i + 1} has length {math.sqrt(product):.6g}"
                     yield Finding(("axes",), fault, "three unit vectors at right angles to each other", "correct them")
                     return
         (a, b, c), (d, e, f), (u, v, w) = self.axes

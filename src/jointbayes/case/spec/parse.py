@@ -13,7 +13,7 @@ from jointbayes.case.case_faults import fault_lines, fault_paths
 from jointbayes.case.case_text import CaseText, case_text, drop_inherited, planned_texts, setup_texts
 from jointbayes.case.keys import DATA_FILE, named_files
 from jointbayes.case.spec.fields import Finding, KeyPath, either
-from jointbayes.case.spec.joint_table import JointSpec, joint_table
+from jointbayes.case.spec.joint_table import JointSpec, joint_table, prior_table
 from jointbayes.case.spec.prior_tables import quantity_table
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import similar
@@ -147,20 +147,14 @@ def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, 
         without[key] = lines[0]
 
 
-def _quantities_of_setups(specs: Mapping[str, CaseSpec]) -> tuple[str, ...]:
-    """Names of the stiffnesses of the joints of all set-ups, those that are shared once."""
-    names = (
+def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+    """Yield set-up and finding where the plan wants to know a stiffness that no set-up has."""
+    stiffnesses = [
         prefixed(spec.joint_of_setup(setup, name)[0], quantity.name)
         for setup, spec in specs.items()
         for name, joint in spec.stating_joints.items()
         for quantity in joint.quantities
-    )
-    return tuple(dict.fromkeys(names))
-
-
-def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
-    """Yield set-up and finding where the plan wants to know a stiffness that no set-up has."""
-    stiffnesses = _quantities_of_setups(specs)
+    ]
     for setup, spec in specs.items():
         wanted = spec.plan.parameter
         if not wanted or wanted in stiffnesses:
@@ -168,7 +162,7 @@ def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Fin
         nearest = similar(wanted, stiffnesses)
         expected, remedy = "no plan, since no joint has a stiffness", "remove it"
         if stiffnesses:
-            expected = "the stiffness to be known best, " + either(f'"{name}"' for name in stiffnesses)
+            expected = "the stiffness to be known best, " + either(f'"{name}"' for name in dict.fromkeys(stiffnesses))
             remedy = f'did you mean "{nearest}"?' if nearest else f'write for example parameter = "{stiffnesses[0]}"'
         yield setup, Finding(("plan", "parameter"), f'found "{wanted}"', expected, remedy)
 
@@ -193,9 +187,8 @@ def shared_findings(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]
     first_by_quantity: dict[str, tuple[str, JointSpec]] = {}
     for setup, spec in specs.items():
         for name, joint in spec.all_joints.items():
-            place = joint_table(name)
             if not joint.own:
-                yield from ((setup, finding) for finding in _stated_alone(texts[setup], joint, place))
+                yield from ((setup, finding) for finding in _stated_alone(texts[setup], name))
             if name in spec.sharing:
                 continue
             first, other = first_by_quantity.setdefault(spec.joint_of_setup(setup, name)[1], (setup, joint))
@@ -207,7 +200,12 @@ def shared_findings(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]
                 )
                 yield (
                     setup,
-                    Finding((*place, key), fault, "joints alike, or own = true", "make them alike or add own = true"),
+                    Finding(
+                        (*joint_table(name), key),
+                        fault,
+                        "joints alike, or own = true",
+                        "make them alike or add own = true",
+                    ),
                 )
     yield from _unlike_spreads(specs)
     yield from _unlike_priors(specs)
@@ -239,10 +237,9 @@ def integral_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Find
         yield setup, Finding(("noise", "scale"), fault, expected, "add own = true to [noise]")
 
 
-def _stated_alone(text: CaseText, joint: JointSpec, place: tuple[str, ...]) -> Iterator[Finding]:
+def _stated_alone(text: CaseText, name: str) -> Iterator[Finding]:
     """Yield a prior or a first guess that a set-up states of a joint which is that of all."""
-    priors = ("prior",) if place == ("joint",) else (*place, "prior")
-    for key in (priors, (*place, "initial")):
+    for key in (prior_table(name), (*joint_table(name), "initial")):
         if key in text.own:
             fault = "found it for one set-up, of a joint that all set-ups share"
             yield Finding(key, fault, "own = true in the table of the joint", "add it, or state this for all set-ups")

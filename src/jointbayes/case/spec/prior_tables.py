@@ -205,33 +205,26 @@ _StiffnessPrior = (
 PriorSpec = Annotated[_StiffnessPrior, Field(discriminator="distribution")]
 
 
-class UniformPriorSpec(Spec):
-    """Every value of a coordinate that is no logarithm is equally probable between two bounds."""
-
-    distribution: Annotated[Literal["uniform"], key_field('"uniform"', "uniform")]
-    low: Annotated[float, key_field("the lower bound, a number", -1.0)]
-    high: Annotated[float, key_field("the upper bound, a number", 1.0)]
-
-    def marginal(self) -> Marginal:
-        """The prior on the coordinate."""
-        from jointbayes.inference import Uniform
-
-        return Uniform(self.low, self.high)
-
-
-def _uniform_prior(axis: Coordinate) -> type[UniformPriorSpec]:
+def _uniform_prior(axis: Coordinate) -> type[Spec]:
     """The table of the prior of a coordinate that is no logarithm, within its bounds."""
     least, most = axis.bounds
     within = f"from {least:g} to {most:g}" if axis.bounded else f"in {ascii_unit(axis.unit)}"
     kind = f'"uniform", the only kind of prior for {axis.name}'
 
-    class BoundedPriorSpec(UniformPriorSpec):
+    class BoundedPriorSpec(Spec):
+        # every value of the coordinate is equally probable between two bounds
         distribution: Annotated[Literal["uniform"], key_field(kind, "uniform")]
         low: Annotated[float, Field(ge=least, le=most), key_field(f"the lower bound, a number {within}", -1.0)]
         high: Annotated[float, Field(ge=least, le=most), key_field(f"the upper bound, a number {within}", 1.0)]
 
         def _findings(self) -> Iterator[Finding]:
             yield from not_above(self.low, self.high, "low", "high", f"({within})")
+
+        def marginal(self) -> Marginal:
+            """The prior on the coordinate."""
+            from jointbayes.inference import Uniform
+
+            return Uniform(self.low, self.high)
 
     return BoundedPriorSpec
 
@@ -245,7 +238,7 @@ def _prior_table(axis: Coordinate) -> Any:  # noqa: ANN401 (the type is that of 
 if TYPE_CHECKING:
 
     class PriorsSpec(Spec):
-        """The priors, one for each of `JointSpec.parameters`."""
+        """The priors, one for each of `JointSpec.coordinates`."""
 
 else:
     PriorsSpec = create_model(

@@ -175,7 +175,7 @@ def stiffness_names_findings(
 
 def prior_findings(joint: JointSpec, priors: PriorsSpec, at: tuple[str, ...] = ("prior",)) -> Iterator[Finding]:
     """Yield priors that the parametrisation of the joint lacks or has no use for."""
-    needed, parametrisation = joint.parameters, joint.parametrisation
+    needed, parametrisation = [axis.name for axis in joint.coordinates], joint.parametrisation
     given = {name for name in PriorsSpec.model_fields if getattr(priors, name) is not None}
     missing = [name for name in needed if name not in given]
     for name in sorted(given.difference(needed)):

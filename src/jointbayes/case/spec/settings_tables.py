@@ -299,9 +299,7 @@ class VirtualTestSpec(Spec):
     sample_rate_hz: Annotated[Positive | None, positive("the number of samples per second", 10_000.0)] = None
     force_noise: Annotated[float, _FORCE_NOISE] = 0.0005
     response_noise: Annotated[float, _RESPONSE_NOISE] = 0.001
-    exponential_end: Annotated[
-        Fraction, key_field("the exponential window at the end of a block, above 0 and at most 1", 0.05)
-    ] = 1.0
+    exponential_end: Annotated[Fraction, _END] = 1.0
     double_hits: Annotated[int, count_field("the number of double hits", 1, 0, _MOST_HITS)] = 0
     overloads: Annotated[int, count_field("the number of overloaded hits", 1, 0, _MOST_HITS)] = 0
     overlap: Annotated[float, _OVERLAP] = 0.5

@@ -211,11 +211,10 @@ class ChainSpec(StructureBase):
         from jointbayes.structure import MatrixRecipe, chain
 
         springs = [(*spring.between, spring.stiffness_n_per_m) for spring in self.springs]
-        if isinstance(self.damping, DampersSpec):
-            dampers = [(*damper.between, damper.damping_n_s_per_m) for damper in self.damping.dampers]
-            whole = chain(self.masses_kg, springs, dampers=dampers, direction=self.direction)
-        else:
-            whole = chain(self.masses_kg, springs, self.damping.built(), direction=self.direction)
+        given = self.damping.dampers if isinstance(self.damping, DampersSpec) else ()
+        dampers = [(*damper.between, damper.damping_n_s_per_m) for damper in given]
+        law = None if given else self.damping.built()
+        whole = chain(self.masses_kg, springs, law, dampers=dampers, direction=self.direction)
         return MatrixRecipe(
             whole.stiffness,
             whole.mass,
@@ -279,8 +278,7 @@ class MatricesSpec(StructureBase):
         """What to say of a DOF that does not exist."""
         if label in self.dofs:
             return None
-        shown = ", ".join(self.dofs[:12])
-        return f'"{label}" is not one of structure.dofs', f"one of {shown}", "correct the label"
+        return f'"{label}" is not one of structure.dofs', f"one of {', '.join(self.dofs[:12])}", "correct the label"
 
     def recipe(self, loaded: tuple[str, ...]) -> MatrixRecipe:
         """The structure, with accelerometers where they sit."""

@@ -18,7 +18,7 @@ from jointbayes.case.spec import rules
 from jointbayes.case.spec.data_table import DataSpec
 from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, key_field
 from jointbayes.case.spec.frame_table import FrameSpec
-from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table
+from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table, prior_table
 from jointbayes.case.spec.measured_table import MeasuredBodySpec
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec, PriorsSpec, UncertainSpec, quantity_table
 from jointbayes.case.spec.settings_tables import (
@@ -178,16 +178,14 @@ class CaseSpec(Spec):
 
     def without_split(self) -> CaseSpec:
         """The same where what is left out of the data of a set-up is out of them already."""
-        left_out = LeftOutSpec(setups=self.left_out.setups)
-        return self.model_copy(update={"left_out": left_out})
+        return self.model_copy(update={"left_out": LeftOutSpec(setups=self.left_out.setups)})
 
     def joint_of_setup(self, setup: str, name: str) -> tuple[str, str]:
         """Names of a joint of a set-up, and of the one whose quantities it has, among the joints of all set-ups."""
         owner = self.sharing.get(name, name)
         if not self.all_joints[owner].own:
             return name, owner
-        named, owning = (prefixed(setup, joint) if joint else setup for joint in (name, owner))
-        return named, owning
+        return prefixed(setup, name) if name else setup, prefixed(setup, owner) if owner else setup
 
     def _findings(self) -> Iterator[Finding]:
         """Yield where its tables do not agree with each other."""
@@ -284,6 +282,5 @@ class CaseSpec(Spec):
         for name, joint in self.stating_joints.items():
             modelled = any(self.structure.absent(side[0]) is None for side in (joint.dofs, joint.against) if side)
             if joint.coordinates and self.priors_of(name) is None and not modelled:
-                place = ("joints", name, "prior") if name else ("prior",)
                 expected = "one for a joint that no modelled body has a side of, whose size nobody knows"
-                yield Finding(place, "found no prior", expected, "state it")
+                yield Finding(prior_table(name), "found no prior", expected, "state it")

@@ -9,7 +9,7 @@ import numpy as np
 from jointbayes.case.case import Case
 from jointbayes.case.case_objects import complete_from_data, noise_law, noise_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
-from jointbayes.case.combined import CaseSetup
+from jointbayes.case.combined import CaseSetup, quantities_of
 from jointbayes.case.spec.parse import parse_planned
 from jointbayes.case.spec.structure_kinds import MatricesSpec
 from jointbayes.case.spec.whole import CaseSpec
@@ -67,13 +67,11 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
 def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
     name = setup.name
     named, of_noise = setup.named_nuisances()
-    own_nuisances = tuple(
-        nuisance for nuisance, original in zip(named, setup.quantities, strict=True) if nuisance.name != original.name
-    )
+    each = zip(named, quantities_of(setup.spec), strict=True)
+    own_nuisances = tuple(nuisance for nuisance, (_, of_setup) in each if of_setup)
     present_names = {nuisance.name for nuisance in problem.prior.nuisances}
-    foreign = [
-        nuisance.name for nuisance in named if nuisance not in own_nuisances and nuisance.name not in present_names
-    ]
+    own_names = {nuisance.name for nuisance in own_nuisances}
+    foreign = [nuisance.name for nuisance in named if nuisance.name not in present_names | own_names]
     if foreign:
         raise ModelError(
             f"found that {foreign[0]} is uncertain, which it shares with present set-ups that do not have it; expected "
@@ -107,11 +105,11 @@ def _frfs_of(setup: CaseSetup) -> tuple[Ports, VarianceLaw, Quantity]:
     measured, data = setup.data.frfs, setup.spec.data.synthetic
     assert measured is not None
     frf = measured.frf
+    ports, quantity = Ports(frf.frequency_hz, frf.outputs, frf.inputs), frf.quantity
+    law: VarianceLaw = estimated_law(measured)
     if data is not None:
         ports, quantity = Ports(np.array(data.lines_hz()), data.outputs, data.inputs), data.quantity
-    else:
-        ports, quantity = Ports(frf.frequency_hz, frf.outputs, frf.inputs), frf.quantity
-    law: VarianceLaw = estimated_law(measured) if data is None else noise_law(data.noise)
+        law = noise_law(data.noise)
     for label in ports.outputs + ports.inputs:
         lacking = setup.spec.structure.absent(label)
         if lacking is not None:
