@@ -7,6 +7,7 @@ import pickle
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -115,14 +116,12 @@ def calibrate(
     job = _job(case, data_from, settings, seed)
     engine = {"workers": workers, "scheduler": scheduler, "executor": executor}
     tell = callback_of(progress)
-    if directory is None:
-        done = _done(job, n, None, {}, tell, engine, source if near else None)
-    else:
-        head = fingerprint(case, source, job.settings, job.seed, near=near)
-        with OwnDirectory(directory, A_CALIBRATION) as locked:
-            kept = kept_data_sets(locked.path / KEPT, head, len(job.names))
-            earlier = {i: kept[i] for i in kept if i < n}
-            done = _done(job, n, locked.path / KEPT, earlier, tell, engine, source if near else None)
+    head = {} if directory is None else fingerprint(case, source, job.settings, job.seed, near=near)
+    with nullcontext() if directory is None else OwnDirectory(directory, A_CALIBRATION) as locked:
+        file = None if locked is None else locked.path / KEPT
+        kept = kept_data_sets(file, head, len(job.names))
+        earlier = {i: kept[i] for i in kept if i < n}
+        done = _done(job, n, file, earlier, tell, engine, source if near else None)
     other = "" if job.source is job.analysis else job.source.name
     title, text = ("", "") if isinstance(case, Problem) else (case.title, case.text)
     data_sets = tuple(done[i] for i in range(n))
@@ -207,13 +206,13 @@ def _packed(job: Job) -> bytes:
         ) from error
 
 
-def kept_data_sets(file: Path, head: Mapping[str, str], quantities: int) -> dict[int, DataSet]:
+def kept_data_sets(file: Path | None, head: Mapping[str, str], quantities: int) -> dict[int, DataSet]:
     """Data sets that are done by their number, one line of a file each; one that was cut off is done again.
 
     Parameters
     ----------
     file
-        The file; its first line says what all data sets depend on.
+        The file; its first line says what all data sets depend on. Nothing is kept in None.
     head
         What that is, as `fingerprint` has it.
     quantities

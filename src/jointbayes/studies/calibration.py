@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -232,22 +233,21 @@ _FIGURE = "ranks"
 
 def calibration_table(calibration: Calibration) -> Table:
     """Each quantity: whether its ranks stay inside the band, and how often its intervals held the truth."""
-    rows = []
-    for quantity in calibration.quantities:
-        low, high = quantity.coverage.interval95
-        rows.append(
-            (
-                quantity.name,
-                "inside" if quantity.inside_band else f"OUTSIDE: {quantity.finding}",
-                f"{quantity.p_value:.2g}",
-                f"{quantity.largest_deviation:+.3f}",
-                f"{100 * quantity.coverage.share:.1f} % ({100 * low:.1f} to {100 * high:.1f})",
-            )
+    rows = tuple(
+        (
+            quantity.name,
+            "inside" if quantity.inside_band else f"OUTSIDE: {quantity.finding}",
+            f"{quantity.p_value:.2g}",
+            f"{quantity.largest_deviation:+.3f}",
+            f"{100 * quantity.coverage.share:.1f} % ({100 * low:.1f} to {100 * high:.1f})",
         )
+        for quantity in calibration.quantities
+        for low, high in [quantity.coverage.interval95]
+    )
     return Table(
         "Ranks of the truths, and 95 % intervals that held them",
         ("Quantity", "Ranks and band", "p", "Largest deviation", "Intervals that held the truth"),
-        tuple(rows),
+        rows,
         align="llrrr",
         note="In brackets what so many data sets can tell of the share (95 %). A deviation above 0: draws lie above "
         f"the truths. The bands are those of {len(rows)} quantities together, p is that of each by itself.",
@@ -337,10 +337,9 @@ def ranks_figure(quantities: Sequence[QuantityCalibration]) -> str:
             ax.set_axis_off()
         for ax in axes[:, 0]:
             ax.set_ylabel("ECDF − uniform")
-        for i, ax in enumerate(axes.ravel()[: len(quantities)]):
-            if i + columns >= len(quantities):
-                ax.set_xlabel("rank / draws")
-                ax.tick_params(labelbottom=True)
+        for ax in axes.ravel()[len(quantities) - columns : len(quantities)]:
+            ax.set_xlabel("rank / draws")
+            ax.tick_params(labelbottom=True)
 
     return svg(draw, 1.0 + 1.8 * columns, 0.6 + 1.7 * rows)
 
@@ -353,21 +352,11 @@ def ranks_csv(calibration: Calibration) -> str:
     each = [f"{name}.{field}" for name in names for field in ("rank", "truth", "low95", "high95")]
     table.writerow(["data_set", "status", "converged", "ess", "seconds", "error", *each])
     for data_set in calibration.data_sets:
+        seconds = round(data_set.seconds, 3)
         if data_set.error:
-            table.writerow(
-                [data_set.index, "failed", "", "", round(data_set.seconds, 3), data_set.error, *[""] * len(each)]
-            )
+            table.writerow([data_set.index, "failed", "", "", seconds, data_set.error, *[""] * len(each)])
             continue
-        values = [
-            x for parts in zip(data_set.rank, data_set.truth, data_set.low, data_set.high, strict=True) for x in parts
-        ]
-        status = [
-            data_set.index,
-            "done",
-            str(data_set.converged).lower(),
-            round(data_set.ess, 1),
-            round(data_set.seconds, 3),
-            "",
-        ]
-        table.writerow([*status, *values])
+        fields = zip(data_set.rank, data_set.truth, data_set.low, data_set.high, strict=True)
+        converged, ess = str(data_set.converged).lower(), round(data_set.ess, 1)
+        table.writerow([data_set.index, "done", converged, ess, seconds, "", *chain.from_iterable(fields)])
     return stream.getvalue()

@@ -17,7 +17,7 @@ from jointbayes.posterior.evidence import evidence
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Start
-from jointbayes.studies.comparison import LeaveOneOut, PriorEdge, WeighedModel, leave_one_out
+from jointbayes.studies.comparison import PriorEdge, WeighedModel, leave_one_out
 from jointbayes.studies.comparison_report import Comparison
 from jointbayes.workflow import find_map
 
@@ -54,9 +54,7 @@ def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
     marginal_by_name: dict[str, Marginal] = {}
     there = _places(problem.parametrisation)
     for axis, marginal in zip(problem.parametrisation.axes, problem.prior.marginals, strict=True):
-        marginal_by_name[axis.name] = marginal_by_name[axis.quantity] = marginal_by_name[there[axis.quantity]] = (
-            marginal
-        )
+        marginal_by_name |= dict.fromkeys((axis.name, axis.quantity, there[axis.quantity]), marginal)
     here, marginals = _places(simpler), []
     for axis in simpler.axes:
         # a coordinate that the joint has itself keeps its prior; a spring has that of what stands for it or its place
@@ -159,21 +157,23 @@ def _data_of(problem: Problem) -> tuple[object, ...]:
 
 def _candidate(case: Case, hypothesis: str, seed: int) -> WeighedModel:
     # one stream for each candidate, whatever else is compared
-    key = [seed, *case.name.encode(), 256 + list(HYPOTHESES).index(hypothesis)]
-    rng = np.random.default_rng(key)
+    rng = np.random.default_rng([seed, *case.name.encode(), 256 + list(HYPOTHESES).index(hypothesis)])
     problem = hypothesis_problem(case.problem, hypothesis)
-    log_posterior = problem.log_posterior
     starts: tuple[Start, ...] = ()
     mode = np.empty(0)
     if problem.names:
         estimate = find_map(problem, seed=seed)
         starts, mode = estimate.starts_for_draws, estimate.theta
-    result = evidence(log_posterior, coordinate_systems(problem), starts, rng)
+    result = evidence(problem.log_posterior, coordinate_systems(problem), starts, rng)
     if not np.isfinite(result.log_z):
         raise ModelError("found a likelihood of zero everywhere; expected a joint that the data allow; leave it out")
     draws = np.empty((_KEPT, 0)) if result.draws is None else result.draws.resample(rng, _KEPT)
     efficiency = 1.0 if result.draws is None else min(1.0, result.ess / _KEPT)
-    loo, note = _cross_validated(problem, draws, efficiency)
+    loo, note = None, ""
+    try:
+        loo = leave_one_out(problem, draws, efficiency)
+    except ModelError as error:
+        note = str(error)
     return WeighedModel(
         case.name,
         case.title,
@@ -186,13 +186,6 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> WeighedModel:
         note,
         problem.quantities,
     )
-
-
-def _cross_validated(problem: Problem, draws: Array, efficiency: float) -> tuple[LeaveOneOut | None, str]:
-    try:
-        return leave_one_out(problem, draws, efficiency), ""
-    except ModelError as error:
-        return None, str(error)
 
 
 def _piled_up(prior: JointPrior, draws: Array) -> tuple[PriorEdge, ...]:

@@ -13,7 +13,7 @@ from jointbayes.arrays import Array
 from jointbayes.joint import RIGID
 from jointbayes.joint.quantities import split_hypothesis
 from jointbayes.posterior import package_versions
-from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
+from jointbayes.posterior.evidence import PARETO_LIMIT
 from jointbayes.posterior.rounding import json_ready, likelihood_ratio, number
 from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
@@ -71,11 +71,8 @@ def _signed(value: float, digits: int) -> str:
 
 def _evidence_row(row: Row) -> tuple[str, ...]:
     error = "" if row["method"] == "exact" else f" ± {number(row['log_z_error'], 1)}"
-    marks = [f"{edge['name']} at its {edge['side']} edge" for edge in row["at_prior_edge"]]
-    if not row["trusted"]:
-        marks.insert(0, "error unreliable")
-    if row["words"] == "best":
-        marks.insert(0, "best")
+    marks = ["best"] * (row["words"] == "best") + ["error unreliable"] * (not row["trusted"])
+    marks += [f"{edge['name']} at its {edge['side']} edge" for edge in row["at_prior_edge"]]
     return (
         row["hypothesis"],
         foreign(row["case"]),
@@ -160,11 +157,7 @@ def _joint_table(summary: dict[str, Any]) -> Table:
     units = {name: unit for row in summary["candidates"] for name, unit in row["units"].items()}
     head = ("Joint", "Case", *(f"{foreign(name)} ({unit})" for name, unit in units.items()))
     rows = tuple(
-        (
-            row["hypothesis"],
-            foreign(row["case"]),
-            *(_stiffness_cell(row, name) for name in units),
-        )
+        (row["hypothesis"], foreign(row["case"]), *(_stiffness_cell(row, name) for name in units))
         for row in _ranked(summary)
     )
     return Table("Stiffness at the posterior mode", head, rows)
@@ -365,8 +358,3 @@ class Comparison:
         files = {f"cases/{name}.toml": text for name, text in self.case_texts.items()}
         files["compare.json"] = json_text(summary)
         return write_study(directory, A_COMPARISON, build_comparison_report(summary), files)
-
-
-def _log_z_text(evidence: Evidence) -> str:
-    value = f"{evidence.log_z:.2f}".replace("-", "−")
-    return value if evidence.method == "exact" else f"{value} ± {evidence.error:.1g}"

@@ -323,16 +323,14 @@ def judge(
 
 
 def _p_value_and_shares(counts: IntArray, draws: int, missing: int, at: int) -> tuple[float, Array]:
-    """The p-value, and the empirical distribution, with the missing ranks put at one place."""
-    whole = np.append(counts, np.full(missing, at, dtype=np.int64))
-    shares = ecdf(whole, draws)
-    return _p_value(whole.size, np.arange(1, draws + 1) / (draws + 1), shares), shares
+    """The p-value, and the empirical distribution, with the missing ranks put at one place.
 
-
-def _p_value(n: int, position: Array, shares: Array) -> float:
-    """Probability that uniform ranks are at some point as improbable as these are at their least probable one."""
-    counts = np.rint(shares * n)
-    tail = np.minimum(stats.binom.cdf(counts, n, position), stats.binom.sf(counts - 1, n, position))
+    It is the probability that uniform ranks are at some point as improbable as these are at their least probable one.
+    """
+    shares = ecdf(np.append(counts, np.full(missing, at, dtype=np.int64)), draws)
+    n, position = counts.size + missing, np.arange(1, draws + 1) / (draws + 1)
+    reached = np.rint(shares * n)
+    tail = np.minimum(stats.binom.cdf(reached, n, position), stats.binom.sf(reached - 1, n, position))
     least = float(tail.min())
     # counts whose tail probability, to their own side, is above that
     low: Array = np.array(stats.binom.ppf(least, n, position), dtype=float)
@@ -340,5 +338,5 @@ def _p_value(n: int, position: Array, shares: Array) -> float:
     high: Array = np.array(stats.binom.isf(least, n, position), dtype=float)
     high -= stats.binom.sf(high - 1, n, position) <= least * (1 + 1e-9)
     if (low > high).any():
-        return 1.0
-    return 1 - _inside_probability(n, position, low.astype(np.int64), high.astype(np.int64))
+        return 1.0, shares
+    return 1 - _inside_probability(n, position, low.astype(np.int64), high.astype(np.int64)), shares

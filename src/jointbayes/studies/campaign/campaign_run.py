@@ -167,8 +167,8 @@ def campaign(
         raise ModelError(f"campaign: found draws = {draws}, seed = {seed}; expected draws above 0, a seed of 32 bits")
     with campaign_directory(directory) as locked:
         run_cases(
-            table, locked.path, seed=seed, draws=draws, full=full, again=again, allow_outside=allow_outside,
-            progress=callback_of(progress), workers=workers, executor=executor, scheduler=scheduler, seconds=seconds,
+            table, locked.path, seed=seed, draws=draws, full=full, again=again, progress=callback_of(progress),
+            workers=workers, executor=executor, scheduler=scheduler, seconds=seconds,
         )  # fmt: skip
     return Campaign(locked.path)
 
@@ -182,7 +182,6 @@ def run_cases(
     again: bool,
     full: bool = False,
     progress: ProgressCallback,
-    allow_outside: bool = False,
     do: Callable[[CaseWork], Row] = do_case,
     **workers: Any,  # noqa: ANN401 (passed on)
 ) -> None:
@@ -207,9 +206,17 @@ def run_cases(
     by_key = {case.key: case for case in cases if case.key not in kept}
     del kept, earlier
     marks: dict[str, tuple[str, int]] = {}  # fingerprint and seed of each case under way
-    tasks = _tasks(tuple(by_key.values()), directory, seed, draws, full, marks, allow_outside)
+
+    def tasks() -> Iterator[tuple[str, tuple[CaseWork]]]:
+        for case in by_key.values():
+            text, mark, of_seed = _content(case, seed, draws, full)
+            marks[case.key] = mark, of_seed
+            file = str((directory / "cases" / f"{case.key}.nc").absolute())
+            home = str(case.path.absolute().parent)
+            yield case.key, (CaseWork(case.key, text, home, of_seed, file, draws, case.allow_outside, full),)
+
     try:
-        outcomes = run_tasks(do, tasks, watch=count.running, preload=_PRELOAD, **workers)
+        outcomes = run_tasks(do, tasks(), watch=count.running, preload=_PRELOAD, **workers)
         with closing(outcomes):  # type: ignore[type-var]  # a generator
             for outcome in outcomes:
                 case, (mark, of_seed) = by_key[outcome.key], marks.pop(outcome.key)
@@ -228,23 +235,6 @@ def _content(case: CampaignCase, seed: int, draws: int, full: bool) -> tuple[str
     states_seed = "seed" in spec.sampling.model_fields_set and case.cells is not None and "sampling.seed" in case.cells
     of_seed = spec.sampling.seed if states_seed else case_seed(seed, case.key)
     return text, case.fingerprint(text, case.files(spec), _FORM, code_version(), of_seed, draws, full), of_seed
-
-
-def _tasks(
-    cases: Sequence[CampaignCase],
-    directory: Path,
-    seed: int,
-    draws: int,
-    full: bool,
-    marks: dict[str, tuple[str, int]],
-    allow_outside: bool,
-) -> Iterator[tuple[str, tuple[CaseWork]]]:
-    for case in cases:
-        text, mark, of_seed = _content(case, seed, draws, full)
-        marks[case.key] = mark, of_seed
-        file = str((directory / "cases" / f"{case.key}.nc").absolute())
-        home = str(case.path.absolute().parent)
-        yield case.key, (CaseWork(case.key, text, home, of_seed, file, draws, allow_outside, full),)
 
 
 def _row(case: CampaignCase, outcome: Outcome, directory: Path, seed: int) -> Row:

@@ -11,12 +11,7 @@ from jointbayes.posterior.rounding import engineering, interval, number
 from jointbayes.report.markup import foreign
 from jointbayes.report.methods import references, report_text
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
-from jointbayes.studies.campaign.campaign_findings import (
-    FEWEST_JOINTS,
-    CampaignFindings,
-    Look,
-    PopulationFindings,
-)
+from jointbayes.studies.campaign.campaign_findings import FEWEST_JOINTS, CampaignFindings, PopulationFindings
 from jointbayes.studies.campaign.charts import (
     MOST_INTERVALS,
     control_figure,
@@ -68,9 +63,8 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
         head = "**The population has NOT converged, do not use its numbers**, nor those of joints given all the others:"
         blocks.append(Callout("bad", f"{head} {text}."))
     blocks.append(_population_table(joints))
-    odd = sum(int(q.outlier.any()) for q in joints.quantities)
     named = [f"{q.name}: {_named(joints, q.outlier)}" for q in joints.quantities if q.outlier.any()]
-    if odd:
+    if named:
         blocks.append(Callout("caution", f"**Outliers.** {'; '.join(named)}. They are part of the population."))
     noisy = float(joints.population.monte_carlo.max())
     if noisy > _NOISY:
@@ -87,16 +81,10 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
 def campaign_sections(findings: CampaignFindings) -> tuple[ReportSection, ...]:
     """The body of the report."""
     joints = findings.joints
-    sections = [_look_section(findings)]
-    if joints is not None:
-        sections += [
-            _population_section(joints),
-            _control_section(joints),
-            _ranking_section(joints),
-            _joint_section(joints),
-        ]
-        sections.append(_method_section(joints))
-    return tuple(section for section in sections if section is not None)
+    if joints is None:
+        return (_look_section(findings),)
+    of_joints = (_population_section, _control_section, _ranking_section, _joint_section, _method_section)
+    return (_look_section(findings), *(section(joints) for section in of_joints))
 
 
 def _named(joints: PopulationFindings, chosen: NDArray[np.bool_]) -> str:
@@ -117,17 +105,15 @@ def _look_section(findings: CampaignFindings) -> ReportSection:
         (foreign(look.row.label), foreign(look.row.key), foreign(_cut("; ".join(look.reasons))))
         for look in looks[:_MOST_LOOKS]
     )
-    kinds = tuple(_kind(look) for look in looks[:_MOST_LOOKS])
+    kinds = tuple(
+        "bad" if look.gravity <= 3 else "caution" if look.gravity <= 6 else "" for look in looks[:_MOST_LOOKS]
+    )
     more = len(looks) - len(rows)
     note = "The gravest first. What holds for most cases is no reason here."
     if more > 0:
         note += f" {more} more are in `joints.csv`."
     table = Table("Cases that need a look", ("Joint", "Case", "Why"), rows, align="lll", note=note, row_kinds=kinds)
     return ReportSection("look", "Cases that need a look", (table,))
-
-
-def _kind(look: Look) -> str:
-    return "bad" if look.gravity <= 3 else "caution" if look.gravity <= 6 else ""
 
 
 def _population_table(joints: PopulationFindings) -> Table:
@@ -149,21 +135,16 @@ def _population_table(joints: PopulationFindings) -> Table:
 
 def _unresolved(joints: PopulationFindings) -> set[str]:
     """Stiffnesses whose coordinate has a scatter that the joints do not tell from none."""
-    hidden = joints.population.unresolved(joints.draws.draws)
-    return {
-        axis.quantity for axis, is_hidden in zip(joints.draws.parametrisation.axes, hidden, strict=True) if is_hidden
-    }
+    hidden = np.flatnonzero(joints.population.unresolved(joints.draws.draws))
+    return {joints.draws.parametrisation.axes[i].quantity for i in hidden}
 
 
 def _scatter_text(k: PopulationStiffness, *, resolved: bool) -> str:
-    if not resolved:
-        return (
-            f"below {number(100 * k.scatter[2], 2)} %" if k.logarithmic else f"below {number(k.scatter[2], 2)} {k.unit}"
-        )
     if not k.logarithmic:
-        return f"{number(k.scatter[0], 2)} {k.unit} ({interval(k.scatter[1:].tolist(), 2)})"
-    low, high = (number(100 * end, 2) for end in k.scatter[1:])
-    return f"{number(100 * k.scatter[0], 2)} % ({low} … {high} %)"
+        middle, ends, most = k.scatter[0], interval(k.scatter[1:].tolist(), 2), k.scatter[2]
+        return f"{number(middle, 2)} {k.unit} ({ends})" if resolved else f"below {number(most, 2)} {k.unit}"
+    middle, low, high = (number(100 * value, 2) for value in k.scatter)
+    return f"{middle} % ({low} … {high} %)" if resolved else f"below {high} %"
 
 
 def _population_section(joints: PopulationFindings) -> ReportSection:

@@ -19,6 +19,7 @@ from jointbayes.case.spec.parse import parse_case
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import key_parts, similar, toml_text
 from jointbayes.errors import CaseError, path_fault
+from jointbayes.studies.campaign.index import date_of
 
 _MARK = "row"  # stands in fault lines for the file, until it is known whether the row or the base is at fault
 
@@ -61,12 +62,8 @@ class BaseCase:
         data, spec, faults = self._judged(values, where)
         if spec is None:
             # a serial number as a title, say, is no number
-            texts = {
-                k: given[k] if any(f": {k}: " in fault for fault in faults) else value for k, value in values.items()
-            }
-            again = self._judged(texts, where)
-            if again[1] is not None:
-                data, spec, faults = again
+            texts = {k: cell for k, cell in given.items() if any(f": {k}: " in fault for fault in faults)}
+            data, spec, _ = self._judged(values | texts, where)
         if spec is None:
             raise CaseError("\n".join(self._placed(fault, given, where) for fault in faults))
         return data, spec
@@ -191,11 +188,9 @@ class CampaignCase:
         """
         if self.cells is None:
             source = read_case_text(self.path, self.allow_outside)
-            text, spec = source.text, parse_case(source)
-        else:
-            data, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
-            text = toml_text(data)
-        return text, spec
+            return source.text, parse_case(source)
+        data, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
+        return toml_text(data), spec
 
     def files(self, spec: CaseSpec) -> tuple[Path, ...]:
         """Files that it names: of measurements, measured bodies and matrices."""
@@ -368,13 +363,12 @@ def _key(key: str, where: str) -> str:
 
 def _date(text: str, where: str) -> datetime.datetime:
     try:
-        date = datetime.datetime.fromisoformat(text)
+        return date_of(text)
     except ValueError:
         raise CaseError(
             f"{where}: date: found {text[:_LONGEST]!a}; expected a date such as 2026-03-31 or 2026-03-31 14:05; "
             "correct it"
         ) from None
-    return date.astimezone(datetime.UTC).replace(tzinfo=None) if date.tzinfo else date
 
 
 def _require_own_keys(cases: Sequence[CampaignCase]) -> None:

@@ -140,13 +140,14 @@ def _case_row(row: Row) -> CaseRow:
     # NaN, the only value unlike itself, stands for an empty cell in an index that pandas has written
     given = {name: value for name, value in row.items() if value not in (None, "") and value == value}
     verdicts = {name.removesuffix(suffix): value for name, value in given.items() if name.endswith(suffix)}
-    return _CASE_ROW.validate_python(given | {"date": _date(row.get("date")), "verdicts": verdicts})
+    date = date_of(row["date"]) if row.get("date") else None
+    return _CASE_ROW.validate_python(given | {"date": date, "verdicts": verdicts})
 
 
-def _date(text: str | None) -> datetime.datetime | None:
+def date_of(text: str) -> datetime.datetime:
     """A date without its time zone: those of one table are compared with each other only."""
-    date = datetime.datetime.fromisoformat(text) if text else None
-    return date.astimezone(datetime.UTC).replace(tzinfo=None) if date is not None and date.tzinfo else date
+    date = datetime.datetime.fromisoformat(text)
+    return date.astimezone(datetime.UTC).replace(tzinfo=None) if date.tzinfo else date
 
 
 def chart_order(rows: Sequence[CaseRow]) -> tuple[tuple[CaseRow, ...], str]:
