@@ -41,18 +41,8 @@ class FitCell:
     finding: Finding
     remedy: str
 
-    @property
-    def head(self) -> str:
-        """What the sentence opens with."""
-        return _WORDS[self.finding][0]
 
-    @property
-    def consequence(self) -> str:
-        """What it means for the intervals; empty where the model explains the data."""
-        return _WORDS[self.finding][1]
-
-
-#: Opening and consequence of each finding.
+#: Opening of each finding, and what it means for the intervals; nothing where the model explains the data.
 _WORDS: dict[Finding, tuple[str, str]] = {
     "explained": ("The model explains the data", ""),
     "misfit": ("The model does NOT explain the data", "Its intervals are too narrow."),
@@ -221,14 +211,14 @@ class PredictiveCheck:
     @property
     def sentence(self) -> str:
         """The finding in plain words, with the size or the rarity of the misfit."""
-        set_up = f"Set-up {self.setup}: " if self.setup else ""
-        return f"{set_up}{self.cell.head}: {self._misfit}. {self.cell.consequence}".rstrip()
+        set_up, (head, consequence) = f"Set-up {self.setup}: " if self.setup else "", _WORDS[self.finding]
+        return f"{set_up}{head}: {self._misfit}. {consequence}".rstrip()
 
     @property
     def _misfit(self) -> str:
         size, low, high = told_apart(*map(math.sqrt, (self.chi2_per_line, *self.chi2_band)))
         text = f"the misfit is {size} times the noise (noise alone: {low} to {high})"
-        if self.finding in ("explained", "noise overstated") or self.whiteness is None or self.pattern == "white":
+        if self.explains or self.whiteness is None or self.pattern == "white":
             return text
         pattern = "follows a pattern along frequency"
         if self.level != "as expected":
@@ -256,7 +246,7 @@ class PredictiveCheck:
         test = f"Ljung-Box statistic {statistic}, white noise: up to {limit}; p {p_value_in_words(white.p_value)}"
         if self.pattern == "white":
             return f"do not correlate ({test})"
-        lag = white.worst_lag
+        lag = 1 + int(np.abs(white.deviations).argmax())
         apart = f"{lag} line{'s' if lag > 1 else ''} apart"
         by, sd = white.correlations[lag - 1], white.deviations[lag - 1]
         return f"correlate ({test}), most at {apart}: by {by:.2g}, {abs(sd):.2g} standard deviations of white noise"
@@ -328,12 +318,8 @@ def check_frfs(
     inferred = noise.words(dict(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True)), z)
     correlations = lags.mean(axis=0)
     deviations = correlations / lag_sd(z.shape[1], z.shape[2], noise.parts)[: lags.shape[1]]
-    whiteness = Whiteness(
-        float(observed.mean()),
-        np.sort(replicated),
-        tuple(correlations.tolist()),
-        tuple(deviations.tolist()),
-    )
+    by_lag = tuple(correlations.tolist()), tuple(deviations.tolist())
+    whiteness = Whiteness(float(observed.mean()), np.sort(replicated), *by_lag)
     return _checked(total, largest, mean, noise.parts, whiteness, noise.absorbs, inferred)
 
 

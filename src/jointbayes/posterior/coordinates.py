@@ -1,5 +1,7 @@
 """Coordinates of a joint's posterior: in which it is near Gaussian, and whose intervals must be narrowly known."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jointbayes.arrays import Array
@@ -14,16 +16,23 @@ def coordinate_systems(problem: Problem) -> tuple[Coordinates, ...]:
     An FRF is nearly linear in the compliance. Where data say little the posterior is flat up to the prior's ends, or
     flat but for a ridge, which the joint's coordinates may know how to straighten.
     """
-    prior = problem.prior
-    low, high = np.array([m.support for m in prior.all_marginals]).reshape(-1, 2).T
+    low, high = np.array([m.support for m in problem.prior.all_marginals]).reshape(-1, 2).T
     compliance, flat = compliance_and_scores(problem.parametrisation, low, high)
-    freed: tuple[Coordinates, ...] = ()
     ridges = problem.parametrisation.ridges
-    if ridges:
-        replaced = [ridge.column for ridge in ridges]
-        low[replaced], high[replaced] = -np.inf, np.inf
-        freed = *ridges, NormalScores(low, high)
-    return (compliance, flat, ComposedCoordinates(*freed)) if freed else (compliance, flat)
+    if not ridges:
+        return compliance, flat
+    replaced = [ridge.column for ridge in ridges]
+    low[replaced], high[replaced] = -np.inf, np.inf
+    return compliance, flat, ComposedCoordinates(*ridges, NormalScores(low, high))
+
+
+def by_names(theta: Array, names: Sequence[str], wanted: Sequence[str]) -> Array:
+    """Points θ, shape (n, d), by other coordinates, shape (n, w); 0, in the middle, where they have none of a name."""
+    points = np.zeros((len(theta), len(wanted)))
+    for i, name in enumerate(wanted):
+        if name in names:
+            points[:, i] = theta[:, names.index(name)]
+    return points
 
 
 def compliance_and_scores(parametrisation: Parametrisation, low: Array, high: Array) -> tuple[Coordinates, Coordinates]:
@@ -58,5 +67,4 @@ def judged_quantities(prior: JointPrior) -> Quantities:
 def _logarithm(stiffness: Array, *, signed: bool) -> Array:
     if not signed:
         return np.log(stiffness)
-    scale = float(np.median(np.abs(stiffness))) or 1.0
-    return np.arcsinh(stiffness / scale)
+    return np.arcsinh(stiffness / (float(np.median(np.abs(stiffness))) or 1.0))

@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -200,9 +201,8 @@ def _diagnose_frf_data(data: FrfData, problem: Problem, theta: ArrayLike, rng: n
     gain = float(problem.gain(factors)[0])
     factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
     sd = np.sqrt(problem.log_posterior.variance(point)[0]) / np.abs(factor)
-    diagnosis = diagnose_frfs(
-        frf.frequency_hz, frf.values / factor, gain * receptance, sd, frf.outputs, frf.inputs, rng
-    )
+    both = frf.values / factor, gain * receptance
+    diagnosis = diagnose_frfs(frf.frequency_hz, *both, sd, frf.outputs, frf.inputs, rng)
     return replace(diagnosis, ignores_noise=problem.test.ignores_noise_of_bodies)
 
 
@@ -248,11 +248,7 @@ def diagnose_frfs(
     ratios = resonances.ratios(have)
     scatter = resonances.scatter(rng)
     levels = _levels(have, want, ratios)
-    labels = [(output, input_) for output in outputs for input_ in inputs]
-    pairs = tuple(
-        PairFit(*label, _correlation(have[:, i], want[:, i]), float(levels[i]), _turned(have[:, i], want[:, i]))
-        for i, label in enumerate(labels)
-    )
+    pairs = tuple(map(_pair_fit, product(outputs, inputs), have.T, want.T, levels.tolist()))
     with np.errstate(invalid="ignore"):
         by_mode = median_seen(ratios, axis=1)
     modes = tuple(
@@ -262,7 +258,9 @@ def diagnose_frfs(
     by_mode_scatter = median_seen(scatter, axis=1)
     bandwidth = 2 * np.exp(resonances.log_damping + np.maximum(by_mode[:, 1], 0.0))
     causes = _frequency_cause(by_mode[:, 0], by_mode_scatter[:, 0], _LEAST_FREQUENCY * bandwidth)
-    level_scatter = _level_scatter(scatter[..., 2])
+    # of ln level of each FRF, the mean over its resonances
+    seen = np.maximum(np.isfinite(scatter[..., 2]).sum(axis=0), 1)
+    level_scatter = np.sqrt(np.nansum(scatter[..., 2] ** 2, axis=0)) / seen
     sensor = _sensor(pairs, level_scatter, _GROSS if causes else _LEAST_LEVEL)
     if sensor:
         causes.insert(0, "one sensor")
@@ -292,12 +290,6 @@ def _levels(have: Complex, want: Complex, ratios: Array) -> Array:
     return np.where(np.isfinite(at_modes), np.exp(at_modes), overall)
 
 
-def _level_scatter(scatter: Array) -> Array:
-    """Standard deviation of ln level of each FRF, the mean over its resonances, shape (pairs,)."""
-    seen = np.maximum(np.isfinite(scatter).sum(axis=0), 1)
-    return np.sqrt(np.nansum(scatter**2, axis=0)) / seen
-
-
 def _all_off(log_level: Array, scatter: Array) -> bool:
     """Whether all FRFs together are off in level."""
     limit = max(_SIGNIFICANT * float(np.sqrt((scatter**2).sum())) / len(scatter), _LEAST_LEVEL)
@@ -320,11 +312,7 @@ def _sensor(pairs: Sequence[PairFit], scatter: Array, least: float) -> str:
     return f"{pairs[worst].output}/{pairs[worst].input}"
 
 
-def _correlation(have: Complex, want: Complex) -> float:
-    return float(np.abs(np.vdot(want, have)) ** 2 / (np.vdot(want, want).real * np.vdot(have, have).real))
-
-
-def _turned(have: Complex, want: Complex) -> bool:
-    product = np.vdot(want, have)
-    size = math.sqrt(np.vdot(want, want).real * np.vdot(have, have).real)
-    return bool(product.real < -0.5 * size)
+def _pair_fit(labels: tuple[str, str], have: Complex, want: Complex, level: float) -> PairFit:
+    both, square = np.vdot(want, have), np.vdot(want, want).real * np.vdot(have, have).real
+    turned = bool(both.real < -0.5 * math.sqrt(square))
+    return PairFit(*labels, float(np.abs(both) ** 2 / square), level, turned)

@@ -287,28 +287,20 @@ class _Boxes:
 
     def __init__(self, log_likelihood: LogDensity, dimension: int) -> None:
         self._log_likelihood, self._dimension, self.evaluations = log_likelihood, dimension, 0
-        each = list(itertools.product(range(3), repeat=dimension))
-        self._offsets = _POINTS[np.array(each)]
-        by_axis = _WEIGHTS[np.array(each)]
-        self.weights = by_axis.prod(axis=1)
+        each = np.array(list(itertools.product(range(3), repeat=dimension)))
+        self._offsets, self.weights = _POINTS[each], _WEIGHTS[each].prod(axis=1)
         # rules that have one point along an axis, the middle, and three along the others
-        middle = np.where(np.array(each) == 1, 1 / _WEIGHTS[1], 0.0)
-        self._coarse = self.weights[:, None] * middle
+        self._coarse = self.weights[:, None] * np.where(each == 1, 1 / _WEIGHTS[1], 0.0)
         corners = np.array(list(itertools.product(range(_FIRST), repeat=dimension)), dtype=float)
         self.low, self.size = corners / _FIRST, np.full((len(corners), dimension), 1 / _FIRST)
         self.log_values = self._values(self.low, self.size)
 
-    @property
-    def points(self) -> Array:
-        """Points of all boxes, shape (boxes, points of one, d)."""
-        return self._points(self.low, self.size)
-
-    def _points(self, low: Array, size: Array) -> Array:
-        points: Array = low[:, None] + size[:, None] * self._offsets
-        return points
+    def points(self, low: Array, size: Array) -> Array:
+        """Points of boxes, shape (boxes, points of one, d)."""
+        return low[:, None] + size[:, None] * self._offsets
 
     def _values(self, low: Array, size: Array) -> Array:
-        points = self._points(low, size)
+        points = self.points(low, size)
         self.evaluations += len(low) * len(self.weights)
         return self._log_likelihood(points.reshape(-1, self._dimension)).reshape(points.shape[:2])
 
@@ -385,5 +377,5 @@ def _result(boxes: _Boxes, integral: float, error: float) -> Quadrature:
     with np.errstate(divide="ignore"):
         log_weight = (values + np.log(boxes.weights) + np.log(boxes.size).sum(axis=1)[:, None]).ravel()
     seen = log_weight > log_weight.max() - 100.0  # the others weigh nothing
-    points = boxes.points.reshape(len(log_weight), -1)[seen]
+    points = boxes.points(boxes.low, boxes.size).reshape(len(log_weight), -1)[seen]
     return Quadrature(math.log(integral) + float(values.max()), error, points, log_weight[seen], boxes.evaluations)

@@ -99,7 +99,9 @@ class FisherInformation:
     def sd(self, free: Sequence[str] | None = None) -> dict[str, float]:
         """Standard deviation of each parameter in `free`; infinite where it is not determined."""
         information = self.total(free)
-        sd = _sd(information, inverse_information(information))
+        variance = np.diag(inverse_information(information))
+        with np.errstate(invalid="ignore"):  # inf · 0 where there is no information at all
+            sd = np.where(variance * np.diag(information) < _UNDETERMINED, np.sqrt(variance), np.inf)
         return {self.names[i]: float(s) for i, s in zip(self._rows(free), sd, strict=True)}
 
     def stiffness_sd(self, free: Sequence[str] | None = None) -> dict[str, float]:
@@ -173,10 +175,3 @@ def inverse_information(information: Array) -> Array:
     covariance = np.diag(np.full(diagonal.size, np.inf))
     covariance[np.ix_(seen, seen)] = (vectors / np.maximum(values, _ROUNDING)) @ vectors.T / np.outer(root, root)
     return covariance
-
-
-def _sd(information: Array, covariance: Array) -> Array:
-    """Standard deviations, shape (d,), infinite where a parameter is not determined."""
-    variance = np.diag(covariance)
-    with np.errstate(invalid="ignore"):  # inf · 0 where there is no information at all
-        return np.where(variance * np.diag(information) < _UNDETERMINED, np.sqrt(variance), np.inf)

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.inference import Problem
 from jointbayes.posterior.candidate import Candidate, FrfCandidate, estimated_law, repeated
+from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.first_look import FirstLook
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
@@ -95,7 +95,8 @@ def next_step(
     candidates = {candidate.name: candidate for part in problem.parts for candidate in _candidates(part)}
     if not candidates:
         return None
-    draws = _draws_of(posterior, problem)
+    theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS - 1)])
+    draws = by_names(theta, posterior.problem.names, problem.names)
     least_known_first = sorted(judged, key=lambda name: (CERTAINTY.get(judged[name].verdict, 0), -judged[name].ratio))
     for wanted in least_known_first:
         try:
@@ -108,15 +109,6 @@ def next_step(
             names = tuple(name for name in problem.names if name not in posterior.problem.names)
             return NextStep(wanted, candidates[best.names[0]].words, before, best.median, names)
     return None
-
-
-def _draws_of(posterior: PosteriorDraws, problem: Problem) -> Array:
-    """Mode and a few draws, shape (n, d), by the coordinates of a problem with more, which are in the middle there."""
-    theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS - 1)])
-    points = np.zeros((len(theta), len(problem.names)))
-    for i, name in enumerate(posterior.problem.names):
-        points[:, problem.names.index(name)] = theta[:, i]
-    return points
 
 
 def _candidates(part: Problem) -> Iterator[Candidate]:
@@ -146,8 +138,7 @@ def _candidates(part: Problem) -> Iterator[Candidate]:
 def _free_places(part: Problem, frf: FrfSet) -> list[tuple[str, str]]:
     """Translations at which nothing is measured, in the directions of what is, and where each is, away from joints."""
     test = part.test
-    recipe = getattr(test.structures, "recipe", None)
-    positions = getattr(recipe, "positions", None) or {}
+    positions = getattr(getattr(test.structures, "recipe", None), "positions", None) or {}
     points = tuple(positions) or tuple(dict.fromkeys(dof.partition(":")[0] for dof in test.structures.labels))
     taken = {dof.rpartition(":")[0] for dof in test.joints.labels}
     directions = dict.fromkeys(dof.rpartition(":")[2] for dof in frf.outputs if ":r" not in dof)

@@ -2,11 +2,9 @@
 
 import hashlib
 import json
-import platform
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from importlib import import_module
-from importlib.metadata import version
 from pkgutil import iter_modules
 from types import UnionType
 from typing import Any, Literal, TypedDict, Union, get_args, get_origin, get_type_hints
@@ -21,9 +19,8 @@ from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
 from jointbayes.measurement.provenance import Provenance
-from jointbayes.posterior.run_record import SampledCase, bodies_of, sha256_of
+from jointbayes.posterior.run_record import SampledCase, bodies_of, package_versions, sha256_of
 from jointbayes.posterior.storage import REMEDY, array_dataset, is_plain, typed_value
-from jointbayes.reproducibility import code_version
 from jointbayes.sampling import SamplerSettings
 
 #: Group of its arrays in a posterior file.
@@ -34,7 +31,7 @@ _ROOMS = ("structure", "joint", "frf", "measurement", "inference")
 _NO_MATTER = frozenset({"processes"})
 _ONLY_SHOWN = frozenset({"title", "reference", "sampling", "compare", "plan", "virtual_test", "setups"})
 _LONGEST = 60  # characters of a part as it is shown; of longer ones a digest
-_PACKAGES = ("numpy", "scipy", "numba", "emcee")
+_VERSIONS = ("python", "numpy", "scipy", "numba", "emcee", "jointbayes")
 
 
 class StoredProblem(TypedDict):
@@ -75,8 +72,7 @@ def described(problem: Problem) -> dict[str, Any]:
     for name, part in parts.items():
         description = _Description()
         taken = description._taken(part, name)
-        digests = [hashlib.sha256(np.ascontiguousarray(a).tobytes()).hexdigest() for a in description.arrays.values()]
-        plain[name] = [taken, *digests]
+        plain[name] = [taken, *(sha256_of([array]) for array in description.arrays.values())]
     return plain
 
 
@@ -151,12 +147,9 @@ class _Description:
         return description
 
     def as_json(self) -> StoredProblem:
-        digest = hashlib.sha256()
-        for array in self.arrays.values():
-            digest.update(np.ascontiguousarray(array).tobytes())
         # as a file gives it back: lists for tuples
         plain = json.loads(json.dumps(self.plain))
-        return {"description": plain, "own": self.unstored, "sha256": digest.hexdigest()}
+        return {"description": plain, "own": self.unstored, "sha256": sha256_of(self.arrays.values())}
 
     def _taken(self, value: Any, place: str) -> Any:  # noqa: ANN401 (any part of a problem)
         if value is None or isinstance(value, str | bool | int | float):
@@ -307,12 +300,10 @@ def run_fingerprint(problem: Problem, case: SampledCase | None, seed: int, setti
     parts = {"seed": str(seed), "data": "".join(sha256_of(test.data.arrays.values())[:16] for test in problem.tests)}
     for part in problem.parts:
         if (joint_frf := part.test.data.joint_frf) is not None:
-            values = np.ascontiguousarray(joint_frf.values)
             name = f"data at the joint in {part.test.name}" if part.test.name else "data at the joint"
-            parts[name] = hashlib.sha256(values.tobytes()).hexdigest()[:16]
+            parts[name] = sha256_of([joint_frf.values])[:16]
     for name, body in bodies_of(problem).items():
-        digest = hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in body.arrays))
-        parts[f"measured body {name}"] = digest.hexdigest()[:16]
+        parts[f"measured body {name}"] = sha256_of(body.arrays)[:16]
     parts |= {
         f"sampling.{setting.name}": str(getattr(settings, setting.name))
         for setting in fields(settings)
@@ -324,12 +315,8 @@ def run_fingerprint(problem: Problem, case: SampledCase | None, seed: int, setti
             parts |= _flat(tables, f"setups.{setup.name}." if setup.name else "")
     else:
         parts |= {name: _shortened(plain) for name, plain in described(problem).items() if name != "name"}
-    versions = {
-        "python": platform.python_version(),
-        **{name: version(name) for name in _PACKAGES},
-        "jointbayes": code_version(),
-    }
-    return parts | {f"version of {name}": number for name, number in versions.items()}
+    versions = package_versions()
+    return parts | {f"version of {name}": versions[name] for name in _VERSIONS}
 
 
 def _flat(table: Mapping[str, Any], above: str = "") -> dict[str, str]:

@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem
-from jointbayes.posterior.coordinates import compliance_and_scores, judged_quantities
+from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
 from jointbayes.posterior.solutions import LEAST_SHARE
@@ -145,8 +144,7 @@ def _judged(
         return quantile_spread(values, probability, effective)
 
     assessment = assess(values, posterior.prior_values(name).ravel())
-    ends = error(INTERVAL[0]), error(INTERVAL[1])
-    assessment = replace(assessment, median_error=error(0.5), interval95_error=ends)
+    assessment = replace(assessment, median_error=error(0.5), interval95_error=(error(INTERVAL[0]), error(INTERVAL[1])))
     if name in posterior.solutions.split:
         return replace(assessment, verdict="not identified", verdict_reason="several solutions")
     return assessment if wider is None else judge_with_wider_priors(posterior, wider, name, assessment, values, error)
@@ -198,20 +196,17 @@ class _Part:
         )
         return None if sample is None else (self.whole(sample[0]), sample[1])
 
-    def released(self, posterior: JudgedPosterior) -> NDArray[np.intp]:
-        """Which of the free coordinates the run takes as exact."""
-        return np.flatnonzero([name not in posterior.problem.names for name in self._names])
-
     def draws(self, posterior: JudgedPosterior, modes: int, rng: np.random.Generator) -> tuple[Array, float] | None:
         """Draws of all coordinates, and how many independent ones they are worth; None where they do not settle.
 
         Where the run takes any of the coordinates as exact from its draws; else, and of several modes or many
         coordinates, to which a Student-t cannot be fitted step by step, from a proposal about its modes.
         """
-        freed = self.released(posterior)
+        freed = np.flatnonzero([name not in posterior.problem.names for name in self._names])
         if freed.size and modes == 1 and len(self._names) <= _MOST_RELEASED:
             restraint = Restraint(freed, self._problem.prior.sd[self._free[freed]])
-            return self.sample(self._of_run(posterior, posterior.thinned(_PILOT)), modes, rng, restraint=restraint)
+            drawn = by_names(posterior.thinned(_PILOT), posterior.problem.names, self._names)
+            return self.sample(drawn, modes, rng, restraint=restraint)
         starts = [(start, self.covariance(start)) for start in self.starts(posterior)]
         systems = self.coordinate_systems()
         if len(starts) > 1:
@@ -220,20 +215,11 @@ class _Part:
             proposal = fit_proposal(self.log_density, systems, starts, rng, enough=_ENOUGH)
         return self.sample(np.zeros((0, len(self._names))), modes, rng, proposal=proposal)
 
-    def _of_run(self, posterior: JudgedPosterior, theta: Array) -> Array:
-        """Draws of the run, shape (n, d), by the free coordinates, shape (n, f); zero where it has none."""
-        names = posterior.problem.names
-        points = np.zeros((len(theta), len(self._names)))
-        for i, name in enumerate(self._names):
-            if name in names:
-                points[:, i] = theta[:, names.index(name)]
-        return points
-
     def starts(self, posterior: JudgedPosterior) -> list[Array]:
         """The likeliest point, shape (f,), among draws of each solution with what is held put at its stated value."""
         candidates = np.vstack([posterior.estimate.theta, posterior.thinned(_TRIED)])
         nearest = posterior.solutions.nearest(candidates)
-        points = self._of_run(posterior, candidates)
+        points = by_names(candidates, posterior.problem.names, self._names)
         density = self.log_density(points)
         likely = [mode for mode in np.unique(nearest) if posterior.solutions.shares[mode] >= LEAST_SHARE]
         best = [int(np.argmax(np.where(nearest == mode, density, -np.inf))) for mode in likely]

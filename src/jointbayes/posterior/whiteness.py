@@ -62,11 +62,6 @@ class Whiteness:
         begin, excess = self._tail
         return begin + excess * math.log(_TAIL / level)
 
-    @property
-    def worst_lag(self) -> int:
-        """Distance in lines at which residuals correlate most, in standard deviations."""
-        return 1 + int(np.abs(self.deviations).argmax())
-
 
 def portmanteau(scores: NDArray[np.inexact], parts: int) -> tuple[Array, Array]:
     """Ljung-Box statistic (n,) and correlations (n, lags) of each row (n, lines, pairs).
@@ -103,7 +98,6 @@ def replicated_portmanteau(lines: int, pairs: int, parts: int, rng: np.random.Ge
     block = max(1, 100_000 // (length * pairs))
     statistics = []
     for start in range(0, count, block):
-        shape = (min(block, count - start), length, pairs * parts)
-        white = rng.standard_normal(shape)
+        white = rng.standard_normal((min(block, count - start), length, pairs * parts))
         statistics.append(portmanteau(white.view(np.complex128) if parts == 2 else white, parts)[0])
     return np.concatenate(statistics)

@@ -11,7 +11,6 @@ Ryan, E. G. et al. (2016). A review of modern computational algorithms for Bayes
 Statistical Review 84(1), 128-154. DOI 10.1111/insr.12107
 """
 
-import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -28,6 +27,7 @@ from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import PARETO_LIMIT
 from jointbayes.posterior.first_look import WithOwn, measurement_information, own_of
 from jointbayes.posterior.identifiability import assess
+from jointbayes.posterior.run_record import sha256_of
 from jointbayes.sampling import Coordinates, Start, WeightedDraws, fit_proposal
 from jointbayes.sampling.diagnostics import pareto_k
 from jointbayes.studies.planning.simulation import Method, SimulatedPosterior
@@ -121,9 +121,8 @@ class Simulator:
         order = rng.permutation(len(draws))
         #: θ of each simulated truth, shape (truths, d).
         self.truths: Array = draws[order[:truths]] if assumed is None else np.repeat(assumed[None], truths, axis=0)
-        self._draws: Array = draws[
-            order[truths : truths + _ALL]
-        ]  # a truth must not be among the draws that are reweighted
+        # a truth must not be among the draws that are reweighted
+        self._draws: Array = draws[order[truths : truths + _ALL]]
         self._draw_sd = draws.std(axis=0)
         self._problem = problem
         self._systems: dict[tuple[str, ...], Sequence[Coordinates]] = {(): tuple(systems)}
@@ -136,8 +135,7 @@ class Simulator:
     @property
     def digest(self) -> str:
         """Of truths, draws and seed: where it is the same, so is what is simulated of a candidate."""
-        arrays = self.truths, self._draws, np.array(self._seed)
-        return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()[:16]
+        return sha256_of([self.truths, self._draws, np.array(self._seed)])[:16]
 
     def posterior_after(self, candidates: Sequence[Candidate], truth: int) -> SimulatedPosterior | None:
         """Posterior after a set of further measurements of truth number `truth`; None where it is not found.
