@@ -1,8 +1,7 @@
 """What draws say of the scatter of a joint between its assemblies, and of the usual one at a level."""
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,10 +37,6 @@ class ScatterSummary:
         middle, low, high = (number(100 * value, 2) for value in (self.median, *self.interval95))
         interval = f"95 % credible interval {low} to {high} %"
         return f"Between {self.assemblies} assemblies {self.quantity} scatters by {middle} % ({interval})."
-
-    def as_json(self) -> dict[str, Any]:
-        """What an entry of ``assemblies`` of ``summary.json`` holds."""
-        return asdict(self)
 
 
 def assembly_scatters(posterior: PosteriorDraws) -> tuple[ScatterSummary, ...]:

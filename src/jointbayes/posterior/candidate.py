@@ -28,7 +28,6 @@ class VarianceLaw(Protocol):
 
     def variance(self, values: ComplexArray) -> Array:
         """σ² = E|δH|², shape as `values` (lines, outputs, inputs)."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,9 +157,8 @@ class FrfCandidate(Candidate):
         factors = there.prior.factors(point)
         model = there.test.receptance_model(self.ports)
         true = model.receptance(there.prior.matrix(point), there.structural(factors))[0]
-        true = (
-            float(there.gain(factors)) * true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
-        )
+        true = float(there.gain(factors)) * true
+        true = true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
         kept = self.ports.frequency_hz > self.above_hz
         lines, values, variance = self.ports.frequency_hz[kept], true[kept], self.law.variance(true)[kept]
         frf = FrfSet(lines, values, self.ports.outputs, self.ports.inputs, self.quantity)
@@ -169,8 +167,7 @@ class FrfCandidate(Candidate):
             frf = replace(frf, values=values - np.sqrt(variance) * noise)
         measurement = FrfData(frf, variance, synthetic=True)
         law = self.noise or present.test.noise
-        noise_model = law and law.fitted_to(measurement, law.parts)
-        return there.with_test(data=measurement, noise=noise_model)
+        return there.with_test(data=measurement, noise=law and law.fitted_to(measurement, law.parts))
 
 
 def repeated(problem: Problem, averages_factor: float) -> FrfCandidate:
@@ -210,5 +207,4 @@ def _noise(
     noise, hyper = law.with_scale((np.abs(z) ** 2).sum(), likelihood.n_data, factors)
     # noise is made in both parts even where only the magnitude is looked at
     shape = exact.frf.values.shape
-    drawn = noise.fitted_to(exact, 2).draw(rng, hyper, shape[0], math.prod(shape[1:]))
-    return drawn[0].reshape(shape)
+    return noise.fitted_to(exact, 2).draw(rng, hyper, shape[0], math.prod(shape[1:]))[0].reshape(shape)

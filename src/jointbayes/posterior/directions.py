@@ -204,8 +204,7 @@ class _Search:
         axes = np.empty((0, len(self.names)))
         named: list[NamedDirection] = []
         while len(named) < len(self.names):
-            last = len(named) == len(self.names) - 1
-            quantity, judged = self._widest(axes) if last else self._best(axes)
+            quantity, judged = self._widest(axes) if len(named) == len(self.names) - 1 else self._best(axes)
             words = "" if judged.verdict in ("identified", "weakly identified") else self._moving_with(quantity)
             named.append(_named(quantity.name, judged, words))
             beside = _orthogonal_part(self._gradient(quantity), axes)
@@ -280,8 +279,7 @@ class _Search:
         """The product of powers that varies least over the draws, beside what is named."""
         count = len(self.names)
         basis = np.linalg.svd(np.vstack([axes, np.zeros((1, count))]))[2][len(axes) :]
-        covariance = np.atleast_2d(np.cov(basis @ self._theta.T))
-        weights = np.linalg.eigh(covariance)[1][:, 0] @ basis
+        weights = np.linalg.eigh(np.atleast_2d(np.cov(basis @ self._theta.T)))[1][:, 0] @ basis
         scaled = weights / np.abs(weights).max()
         exact, rounded = float((self._theta @ scaled).std()), scaled
         for decimals in (1, 2, 3):

@@ -219,8 +219,7 @@ class PosteriorDraws:
 
     def _check(self, number: int, part: Problem) -> PredictiveCheck:
         likelihood = part.log_posterior.likelihood
-        count = min(_CHECK_DRAWS, max(_FEWEST_CHECKED, _CHECKED_VALUES // likelihood.n_data))
-        theta = self.thinned(count)
+        theta = self.thinned(min(_CHECK_DRAWS, max(_FEWEST_CHECKED, _CHECKED_VALUES // likelihood.n_data)))
         hyper = likelihood.hyper(part.prior.factors(theta))
         z = part.log_posterior.standardised(theta)
         rng = np.random.default_rng([self.record.seed, 2, *([number] if number else [])])
@@ -247,8 +246,7 @@ class PosteriorDraws:
 
         Of several set-ups that of the one which the model explains worst.
         """
-        names = [test.name for test in self.problem.tests]
-        return self.diagnoses[names.index(self.check.setup)]
+        return self.diagnoses[[test.name for test in self.problem.tests].index(self.check.setup)]
 
     @cached_property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
@@ -276,8 +274,7 @@ class PosteriorDraws:
             draws = self.problem.prior.joint(self.thinned(_KERNEL_DRAWS)).T
             estimate = gaussian_kde(draws)
             return float((estimate(draws) > estimate(point)).mean())
-        density = self.problem.log_posterior(point)[0]
-        return float((self.log_density > density).mean())
+        return float((self.log_density > self.problem.log_posterior(point)[0]).mean())
 
     def predict_frf(
         self,
@@ -326,8 +323,7 @@ class PosteriorDraws:
         theta = self.thinned(max_draws)
         prior = self.problem.prior
         factors = prior.factors(theta)
-        part = self.problem.part(setup)
-        return part.natural_frequencies_hz(prior.values(theta), count, factors)
+        return self.problem.part(setup).natural_frequencies_hz(prior.values(theta), count, factors)
 
     def predict_left_out(self, probability: float = 0.95, max_draws: int = 2000) -> tuple[LeftOut, ...]:
         """What was left out of the data, and what the draws predict a measurement of it to show; empty without any.
@@ -354,8 +350,7 @@ class PosteriorDraws:
 
     def thinned(self, most: int) -> Array:
         """At most so many draws of θ, evenly spaced over all chains, shape (n, d)."""
-        rows = np.linspace(0, len(self.theta) - 1, min(most, len(self.theta))).round().astype(int)
-        return self.theta[rows]
+        return self.theta[np.linspace(0, len(self.theta) - 1, min(most, len(self.theta))).round().astype(int)]
 
     def to_arviz(self, megabytes: float = 200.0) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)
         """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on.

@@ -73,8 +73,7 @@ def parse_estimate(plain: Any, place: str) -> MapEstimate:  # noqa: ANN401
     MeasurementError
         If it is something else: what.
     """
-    estimate: MapEstimate = typed_value(MapEstimate, _with_values(plain), place)
-    return estimate
+    return typed_value(MapEstimate, _with_values(plain), place)
 
 
 def _with_values(plain: Any) -> Any:  # noqa: ANN401
@@ -116,5 +115,4 @@ def parse_record(text: str, where: str) -> FileRecord:
             f"{where}: found file version {version!r:.60}; expected {FILE_VERSION} or less; "
             "read it with the jointbayes that wrote it, or a later one"
         )
-    record: FileRecord = typed_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")
-    return record
+    return typed_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")

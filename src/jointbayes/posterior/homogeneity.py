@@ -180,11 +180,9 @@ def _modes_of(data: Data) -> tuple[tuple[int | None, MeasuredMode], ...]:
     if data.modes is None:
         return ()
     damping = getattr(data.modes, "damping", None)
-    unknown = np.full((2, data.modes.frequency_hz.size), np.nan)
-    ratio, ratio_sd = unknown if damping is None else damping.mean()
+    ratio, ratio_sd = np.full((2, data.modes.frequency_hz.size), np.nan) if damping is None else damping.mean()
     values = zip(data.modes.frequency_hz, data.modes.sd_hz, ratio, ratio_sd, strict=True)
-    modes = (MeasuredMode(*map(float, each)) for each in values)
-    return tuple(zip(data.modes.numbers, modes, strict=True))
+    return tuple(zip(data.modes.numbers, (MeasuredMode(*map(float, each)) for each in values), strict=True))
 
 
 def _compare_modes(first: Data, second: Data) -> tuple[ModeShift, ...]:
@@ -208,8 +206,7 @@ def _compare_modes(first: Data, second: Data) -> tuple[ModeShift, ...]:
 def _shift(first: MeasuredMode, second: MeasuredMode) -> ModeShift:
     sd = math.hypot(first.frequency_sd_hz / first.frequency_hz, second.frequency_sd_hz / second.frequency_hz)
     moved = 100 * (second.frequency_hz / first.frequency_hz - 1)
-    damped = min(first.damping_ratio, second.damping_ratio) > 0  # not where it is unknown, which is NaN
-    if not damped:
+    if not min(first.damping_ratio, second.damping_ratio) > 0:  # where one is unknown it is NaN
         return ModeShift(first.frequency_hz, moved, 100 * sd)
     ratios = first.damping_ratio, second.damping_ratio
     sd_damping = math.hypot(first.damping_sd / ratios[0], second.damping_sd / ratios[1])

@@ -120,10 +120,9 @@ class Identifiability:
         if not math.isfinite(self.limit95):
             return ""
         side, end = ("above", 0) if self.verdict == "bounded below" else ("below", 1)
-        drawn = rounded(self.limit95, self.limit95_error)
-        return (
-            f"{side} {join_unit(rounded(self.printed95[end]) if self.printed_by_likelihood[end] else drawn, self.unit)}"
-        )
+        by_likelihood = self.printed_by_likelihood[end]
+        value = rounded(self.printed95[end]) if by_likelihood else rounded(self.limit95, self.limit95_error)
+        return f"{side} {join_unit(value, self.unit)}"
 
     @property
     def limit_in_words(self) -> str:

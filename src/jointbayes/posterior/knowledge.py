@@ -33,6 +33,8 @@ RANK: dict[Verdict, int] = {
 #: An interval that is wider, or whose ends lie further out, by more than this share of its width is another one.
 LARGEST_CHANGE = 0.5
 _MOST_TOLD = 4  # stiffnesses in a sentence
+#: What ``summary.json`` holds of each combination.
+_OF_DIRECTION = ("quantity", "median", "interval95", "ratio", "sd_log", "verdict", "limit", "sentence")
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,19 +279,7 @@ class Knowledge:
         """What ``identifiability`` of ``summary.json`` holds."""
         return {
             "sentence": self.directions_sentence,
-            "directions": [
-                {
-                    "quantity": d.quantity,
-                    "median": d.median,
-                    "interval95": list(d.interval95),
-                    "ratio": d.ratio,
-                    "sd_log": d.sd_log,
-                    "verdict": d.verdict,
-                    "limit": d.limit,
-                    "sentence": d.sentence,
-                }
-                for d in self.directions
-            ],
+            "directions": [{key: getattr(d, key) for key in _OF_DIRECTION} for d in self.directions],
             "bounds_sentence": self.bounds_sentence,
             "simpler_joints": [asdict(joint) | {"excluded": joint.excluded} for joint in self.simpler],
             "profiles": {

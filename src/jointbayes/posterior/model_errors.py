@@ -76,11 +76,9 @@ class MeshCheck:
     def sentences(self) -> list[str]:
         """The same, sentence by sentence."""
         what = "of the paper's two-node elements" if self.kind == "paper" else f"elements of order {self.order} or less"
-        error = (
-            f"{self.error_of_peak:.1g} of the peak of the FRF"
-            if self.exact_data
-            else f"{self.error_sd:.1g} standard deviations of the data"
-        )
+        error = f"{self.error_sd:.1g} standard deviations of the data"
+        if self.exact_data:
+            error = f"{self.error_of_peak:.1g} of the peak of the FRF"
         moved = ", ".join(f"{name} by {shift:+.1g}" for name, shift in self.shift_sd.items())
         words = [f"Mesh: {self.elements} {what}; no predicted value is off by more than {error}."]
         if moved:
@@ -168,8 +166,7 @@ def _first_order(problem: Problem, reference: Problem, theta: Array, covariance:
 
 def _shift_by_climb(problem: Problem, theta: Array) -> Array:
     """The same, shape (d,), by a climb from the MAP on the richer elements: an error that shows is not small."""
-    richer = problem.with_reference(solved=False)
-    mode, _ = refine(richer.log_posterior, theta)
+    mode, _ = refine(problem.with_reference(solved=False).log_posterior, theta)
     return theta - mode
 
 

@@ -1,7 +1,7 @@
 """The posterior: draws that are judged, summed up, set in a row of a table or along the levels of tests, and kept."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -16,7 +16,7 @@ from jointbayes.posterior.assemblies import usual_assemblies
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import BestDraw, FileRecord
 from jointbayes.posterior.homogeneity import compare_tests
-from jointbayes.posterior.identifiability import Identifiability, Verdict
+from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.storage import log_prior_of_joint, write_tree
@@ -134,8 +134,7 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
         raise ModelError(f"curve: found probability {probability:g}; expected a number between 0 and 1; correct it")
     problem = posterior.problem
     names = [*posterior.stiffness_names, *(nuisance.name for nuisance in problem.prior.nuisances)]
-    setups = _sorted_by_level(problem.tests)
-    own_names = [(test, own_name(test.name, name, names)) for test in setups]
+    own_names = [(test, own_name(test.name, name, names)) for test in _sorted_by_level(problem.tests)]
     named = [(test, quantity) for test, quantity in own_names if quantity is not None]
     levels = {_value(test) for test, _ in named}
     if len(levels) < 2 or not any(quantity != name for _, quantity in named):
@@ -263,27 +262,20 @@ def brief(posterior: JudgedPosterior) -> dict[str, Cell]:
         "misfit_p_value": check.misfit_p_value,
     }
     for index, name in enumerate(posterior.stiffness_names):
-        stiffness = stiffness_summary(posterior, index, name)
-        printed = dict(zip(("printed_low95", "printed_high95"), stiffness.known.printed95, strict=True))
-        row |= _columns(name, stiffness, stiffness.known, printed, stiffness.known.verdict)
+        row |= _columns(name, stiffness_summary(posterior, index, name))
     for index, nuisance in enumerate(prior.nuisances):
-        quantity = nuisance_summary(posterior, index)
-        row |= _columns(nuisance.name, quantity, quantity, {}, None)
+        row |= _columns(nuisance.name, nuisance_summary(posterior, index))
     return row
 
 
-def _columns(
-    name: str,
-    summary: StiffnessSummary | NuisanceSummary,
-    known: Identifiability | NuisanceSummary,
-    printed: Mapping[str, float],
-    verdict: Verdict | None,
-) -> dict[str, Cell]:
+def _columns(name: str, summary: StiffnessSummary | NuisanceSummary) -> dict[str, Cell]:
     """Columns of one quantity; a number that is not finite is none."""
+    known = summary.known if isinstance(summary, StiffnessSummary) else summary
     cells: dict[str, Cell] = {"unit": summary.unit, "map": summary.map, "median": known.median}
     cells |= dict(zip(("low95", "high95"), known.interval95, strict=True))
-    cells |= printed
-    cells |= {"sd_log": known.sd_log, "contraction": known.contraction, "verdict": verdict}
+    if isinstance(known, Identifiability):
+        cells |= dict(zip(("printed_low95", "printed_high95"), known.printed95, strict=True))
+    cells |= {"sd_log": known.sd_log, "contraction": known.contraction, "verdict": getattr(known, "verdict", None)}
     return {
         f"{name}.{column}": None if isinstance(value, float) and not np.isfinite(value) else value
         for column, value in cells.items()
@@ -309,8 +301,7 @@ class Posterior(JudgedPosterior):
             What `gather_knowledge` found of it, for the section on what is identifiable; by default without.
         """
         warnings = () if self.case is None else tuple(map(str, self.case.warnings))
-        guess = self.problem.first_guess.tolist()
-        return summarise(self, guess, self.measured_frequencies_hz, knowledge, warnings)
+        return summarise(self, self.problem.first_guess.tolist(), self.measured_frequencies_hz, knowledge, warnings)
 
     def curve(self, name: str, probability: float = 0.95) -> Curve:
         """A quantity over the levels of the set-ups: its median and interval at each.
@@ -348,9 +339,7 @@ class Posterior(JudgedPosterior):
         every = max(1, -(-draws // max(4, most // chains)))
         rows = {"posterior": every, "sample_stats": every, "prior": -(-self.prior_stiffness.shape[0] // most)}
         groups = {
-            f"/{name}": group.to_dataset().isel(draw=slice(None, None, rows[name]))
-            if name in rows
-            else group.to_dataset()
+            f"/{name}": group.to_dataset().isel(draw=slice(None, None, rows.get(name)), missing_dims="ignore")
             for name, group in self.tree.children.items()
         }
         return replace(self, tree=xr.DataTree.from_dict(groups))

@@ -163,12 +163,10 @@ def _side(
 
 def _crossing(climb: "_Climb", inside: Array, outside: Array, limit: float) -> tuple[Array, float]:
     """Point at which the cost equals the limit, between one below and one above it."""
-
-    def excess(value: float) -> float:
-        return climb.maximum_at(value, inside)[1] - limit
-
     low, high = sorted((float(inside[climb.at]), float(outside[climb.at])))
-    end = optimize.brentq(excess, low, high, xtol=1e-3 * (high - low), rtol=1e-10)
+    end = optimize.brentq(
+        lambda value: climb.maximum_at(value, inside)[1] - limit, low, high, xtol=1e-3 * (high - low), rtol=1e-10
+    )
     return climb.maximum_at(float(end), inside)
 
 
@@ -210,9 +208,8 @@ class _Climb:
         self._start = np.clip(theta, self.low, self.high)
         if not self._possible(self._start):
             raise ModelError(f"profile: found a start at {theta.tolist()}; expected a positive definite joint")
-        moved = (log_posterior.data_residuals(self._start)[1] != 0).any(axis=0)
-        self._moved = moved
-        self.depends = bool(moved[at])
+        self._moved = (log_posterior.data_residuals(self._start)[1] != 0).any(axis=0)
+        self.depends = bool(self._moved[at])
 
     def _both(self, theta: Array) -> tuple[Array, Array]:
         """Residuals of the data, in few rows, and of the nuisances' priors, with their Jacobian; the last is kept."""
@@ -296,8 +293,7 @@ class _Climb:
             residual, np.clip(start[free], low + inner, high - inner), jac=jacobian, bounds=(low, high),
             x_scale=scale, xtol=1e-8, ftol=max(_ACCURACY / cost, 1e-14), gtol=1e-8, max_nfev=60,
         )  # fmt: skip
-        best, cost = whole(fit.x).copy(), float(fit.cost)
-        return self._climb_edge(best, cost, free, scale)
+        return self._climb_edge(whole(fit.x).copy(), float(fit.cost), free, scale)
 
     def _climb_edge(self, theta: Array, cost: float, free: NDArray[np.bool_], scale: Array) -> tuple[Array, float]:
         """Climb on along the edge of positive definite joints, where least squares, which knows boxes only, stops."""

@@ -85,52 +85,42 @@ class SampledCase(Protocol):
     @property
     def title(self) -> str:
         """Title for people."""
-        ...
 
     @property
     def stated(self) -> Problem | None:
         """The problem that its text states."""
-        ...
 
     @property
     def setups(self) -> Sequence[Any]:
         """Its set-ups as they were built, each with `name` and `spec`, a pydantic model; empty if built of no text."""
-        ...
 
     @property
     def reference(self) -> Array | None:
         """Published (k11, k12, k22), shape (3,), if any."""
-        ...
 
     @property
     def reference_source(self) -> str:
         """Where these are from."""
-        ...
 
     @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:
         """Measured natural frequencies, if any, Hz."""
-        ...
 
     @property
     def workshop_problem(self) -> Problem | None:
         """The same problem with more quantities uncertain."""
-        ...
 
     @property
     def model_error(self) -> ErrorSizes | None:
         """Sizes of the model's errors in modes, where they are stated."""
-        ...
 
     @property
     def default_priors(self) -> Collection[str]:
         """Coordinates whose prior nobody stated."""
-        ...
 
     @property
     def warnings(self) -> Sequence[object]:
         """What is probably a slip."""
-        ...
 
 
 def bodies_of(problem: Problem) -> dict[str, MeasuredBody]:
@@ -181,8 +171,7 @@ def sampler_figures(
 
 def package_versions() -> dict[str, str]:
     """Version of Python, of every package that numbers depend on, and of this one as `code_version` has it."""
-    numbers = ("numpy", "scipy", "numba", "emcee", "dynesty", "arviz", "xarray")
-    packages = (*numbers, "corner", "matplotlib", "typst")
+    packages = ("numpy", "scipy", "numba", "emcee", "dynesty", "arviz", "xarray", "corner", "matplotlib", "typst")
     return {
         "python": platform.python_version(),
         **{name: version(name) for name in packages},

@@ -66,10 +66,9 @@ def setup_summaries(
     posterior: JudgedPosterior, initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None
 ) -> dict[str, SetupSummary]:
     """What is said of each set-up by its name; of a lone test by an empty one, with frequencies measured beside it."""
-    parts = posterior.problem.parts
-    if len(parts) == 1:
-        return {parts[0].test.name: _setup(posterior, 0, initial, measured_frequencies_hz)}
-    return {part.test.name: _setup(posterior, n, initial, part.test.data.lowest_hz) for n, part in enumerate(parts)}
+    tests = posterior.problem.tests
+    measured_hz = [measured_frequencies_hz] if len(tests) == 1 else [test.data.lowest_hz for test in tests]
+    return {test.name: _setup(posterior, n, initial, measured_hz[n]) for n, test in enumerate(tests)}
 
 
 def _setup(

@@ -157,13 +157,11 @@ def further_measurement(problem: Problem, theta: Array) -> str:
     solutions that differ the least differ the most, as the root of the mean square over the lines relative to |H|. Of
     modes as data force and sensor are at one point.
     """
-    parts = [part for part in problem.parts if part.test.data.frfs]
-    part = (parts or list(problem.parts))[0]
+    part = ([part for part in problem.parts if part.test.data.frfs] or list(problem.parts))[0]
     measured = part.test.data.frfs
     labels = part.test.structures_of_data.labels
     evenly = labels[:: -(-len(labels) // _MOST_PLACES)]
-    points = [label for label in evenly if label.rpartition(":")[0].isalnum()]
-    candidates = tuple(label for label in points if not is_rotation(label))
+    candidates = tuple(dof for dof in evenly if dof.rpartition(":")[0].isalnum() and not is_rotation(dof))
     if measured is not None:
         candidates = tuple(label for label in candidates if label not in measured.frf.outputs)
         lines, inputs = measured.frf.frequency_hz, measured.frf.inputs[:1]
@@ -187,9 +185,8 @@ def further_measurement(problem: Problem, theta: Array) -> str:
     best = int(np.argmax(difference))
     if not difference[best] > max(noise, _ALIKE):
         return "No single sensor at another point of the model would tell them apart."
-    where = (
-        f"A sensor at {candidates[best]} with the force at {inputs[0]}" if noise else f"An FRF at {candidates[best]}"
-    )
+    place = candidates[best]
+    where = f"A sensor at {place} with the force at {inputs[0]}" if noise else f"An FRF at {place}"
     text = f"{where} would tell them apart: there their FRFs differ by {100 * difference[best]:.0f} % of |H|"
     return f"{text}, {number(difference[best] / noise, 2)} times the noise." if noise else f"{text}."
 

@@ -39,15 +39,9 @@ def _arviz() -> ModuleType:
     return arviz
 
 
-def _is_new() -> bool:
-    return int(version("arviz").split(".")[0]) >= 1
-
-
 def to_arviz(tree: xr.DataTree) -> Any:  # noqa: ANN401 (InferenceData or DataTree, by ArviZ version)
     """Return the tree as the installed ArviZ wants it: InferenceData before 1.0, the DataTree itself from 1.0 on."""
-    if _is_new():
-        return tree
-    return _arviz().from_datatree(tree)
+    return tree if int(version("arviz").split(".")[0]) >= 1 else _arviz().from_datatree(tree)
 
 
 def loo_pointwise(log_likelihood: Array, efficiency: float) -> tuple[Array, ...]:
@@ -83,8 +77,7 @@ def _values(problem: Problem, theta: Array) -> Array:
 
 def value_units(problem: Problem) -> dict[str, str]:
     """Names of the stiffnesses, then of whatever else is uncertain, each with its unit."""
-    nuisances = problem.prior.nuisances
-    return {q.name: q.unit for q in problem.quantities} | {n.name: n.unit for n in nuisances}
+    return {q.name: q.unit for q in problem.quantities} | {n.name: n.unit for n in problem.prior.nuisances}
 
 
 def values_tree(
@@ -106,10 +99,9 @@ def values_tree(
         Draws from the prior, shape (1, draws, quantities).
     """
     posterior = _values_dataset(problem, values).assign_coords(ensemble=("chain", ensemble))
-    stats = xr.Dataset({"lp": (("chain", "draw"), log_density)}, coords=posterior.coords)
     groups = {
         "/posterior": posterior,
-        "/sample_stats": stats,
+        "/sample_stats": xr.Dataset({"lp": (("chain", "draw"), log_density)}, coords=posterior.coords),
         "/prior": _values_dataset(problem, before),
     }
     for test in problem.tests:
@@ -201,9 +193,8 @@ def typed_value(hint: Any, plain: Any, place: str) -> Any:  # noqa: ANN401 (any 
         (low, high), value = kinds[1], typed_value(kinds[0], plain, place)
         return value if low <= value <= high else _refuse(plain, f"{low:g} to {high:g}", place)
     if origin in (Union, UnionType):
-        return (
-            None if plain is None else typed_value(next(kind for kind in kinds if kind is not NoneType), plain, place)
-        )
+        kind = next(kind for kind in kinds if kind is not NoneType)
+        return None if plain is None else typed_value(kind, plain, place)
     if origin in (np.ndarray, NDArray):  # NumPy 2.5 keeps the name of the alias
         return _finite_numbers(plain, place)
     if origin is tuple and isinstance(plain, list):

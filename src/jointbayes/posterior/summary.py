@@ -204,10 +204,6 @@ class Summary:
         """The stiffnesses as a pandas.DataFrame, one row for each, in its unit."""
         return stiffness_frame(self.to_json()["parameters"])
 
-    def _bodies_json(self, noise: NoiseOfBodies) -> dict[str, Any]:
-        files = {name: [asdict(file) for file in each] for name, each in self.files_of_bodies.items()}
-        return noise.as_json() | {"files": files}
-
     def _answers_json(self) -> dict[str, Any] | None:
         """Both answers of measured FRFs, that of the FRFs in the form of the other."""
         modes = None if self.knowledge is None else self.knowledge.modes
@@ -219,7 +215,8 @@ class Summary:
 
     def to_json(self) -> dict[str, Any]:
         """What ``summary.json`` holds: no NaN or infinity, ``None`` where a number does not exist."""
-        record, frequencies = self.record, self.natural_frequencies_hz
+        record, bodies = self.record, self.measured_bodies
+        files = {name: [asdict(file) for file in each] for name, each in self.files_of_bodies.items()}
         summary = {
             "schema_version": SCHEMA_VERSION,
             "case": record.case_name,
@@ -233,11 +230,11 @@ class Summary:
             "modes": [asdict(mode) for mode in self.modes],
             "solutions": self.solutions,
             "map": asdict(self.map) | {"starts": [{"name": n, "reached_mode": r} for n, r in self.map.starts]},
-            "natural_frequencies_hz": asdict(frequencies),
+            "natural_frequencies_hz": asdict(self.natural_frequencies_hz),
             "fit": fit_json(self.fit, self.diagnosis),
             "check": check_json(self.check, self.diagnosis),
             "mesh": None if self.mesh is None else self.mesh.as_json(),
-            "measured_bodies": None if self.measured_bodies is None else self._bodies_json(self.measured_bodies),
+            "measured_bodies": None if bodies is None else bodies.as_json() | {"files": files},
             "identifiability": None if self.knowledge is None else self.knowledge.as_json(),
             "left_out": left_out_json(self.left_out),
             "answers": self._answers_json(),
@@ -247,7 +244,7 @@ class Summary:
             "measurement": next(iter(self.setups.values())).measurement,
             "setups": {name: setup.as_json() for name, setup in self.setups.items() if name},
             "homogeneity": [comparison.as_json() for comparison in self.homogeneity],
-            "assemblies": [scatter.as_json() for scatter in self.assemblies],
+            "assemblies": [asdict(scatter) for scatter in self.assemblies],
         }
         return json_ready(summary)
 

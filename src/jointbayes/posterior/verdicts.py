@@ -165,8 +165,7 @@ def _moved_by_mesh(posterior: JudgedPosterior, name: str) -> tuple[str, ...]:
     mesh = posterior.mesh
     if mesh is None or not mesh.moves(name):
         return ()
-    shift = abs(mesh.shift_sd[name])
-    return (f"the mesh moves it by {shift:.2g} posterior standard deviations",)
+    return (f"the mesh moves it by {abs(mesh.shift_sd[name]):.2g} posterior standard deviations",)
 
 
 def verdict_text(verdict: Verdict, *, if_model_right: bool, condition: str = "") -> str:

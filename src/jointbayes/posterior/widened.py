@@ -131,8 +131,7 @@ def bounds_within_reach(prior: JointPrior, theta: Array) -> tuple[tuple[str, Sid
         Coordinate and ``"lower"`` or ``"upper"``.
     """
     within_reach: list[tuple[str, Side]] = []
-    names = prior.parametrisation.names
-    marginals = zip(names, prior.marginals, widened_prior(prior).marginals, strict=True)
+    marginals = zip(prior.parametrisation.names, prior.marginals, widened_prior(prior).marginals, strict=True)
     for column, (name, stated, wider) in enumerate(marginals):
         if prior.bounds_of(name) is None:
             continue
