@@ -202,8 +202,7 @@ def load_case(path: str | os.PathLike[str], allow_outside: bool = False) -> Case
     'clamped_beam'
     """
     file = Path(path)
-    source = read_case_text(file, allow_outside)
-    return _build(file.stem, source, file.parent, None, allow_outside)
+    return _build(file.stem, read_case_text(file, allow_outside), file.parent, None, allow_outside)
 
 
 #: A case, or the path of its file.
@@ -324,13 +323,12 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
 def _require_one_place(spec: CaseSpec, joint: AnyJoint, recipe: StructureRecipe, source: CaseText) -> None:
     """Refuse joints whose sides do not meet, by the key of the other side."""
     for name, side in zip(spec.all_joints, joint.joints if isinstance(joint, Joints) else (joint,), strict=True):
-        path = (*joint_table(name), "against")
         try:
             side.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
         except ModelError as error:
             message = str(error).partition(": ")[2]  # without the name of the joint, which the key has
             way = message.partition("(")[2].partition(")")[0]
-            raise CaseError(source.fault(path, f"{message}: offset_mm = [{way}]")) from error
+            raise CaseError(source.fault((*joint_table(name), "against"), f"{message}: offset_mm = [{way}]")) from error
 
 
 def _require_dofs_of_offsets(spec: CaseSpec, source: CaseText) -> None:

@@ -142,7 +142,6 @@ def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Data:
     # one virtual test: the joint's own DOFs come last, so that they leave the noise of the others as it is
     at_joint = tuple(dof for dof in joint.labels if dof not in spec.outputs)
     ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
-    rng = generator_of(spec.noise.seed, setup) if spec.noise.added else None
     measured = synthesise_frf(
         true_family(case),
         joint,
@@ -150,7 +149,7 @@ def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Data:
         ports,
         noise_law(spec.noise),
         spec.quantity,
-        rng,
+        generator_of(spec.noise.seed, setup) if spec.noise.added else None,
         gain=spec.truth.gain,
     )
     return replace(measured.select(spec.outputs, spec.inputs), joint_frf=measured.frf)
@@ -236,8 +235,7 @@ def complete_from_data(spec: CaseSpec, measured: Data) -> CaseSpec:
     free = "distribution" not in noise.model_fields_set and noise.scale != "integrated"
     if dof is None or dof >= _NEARLY_GAUSSIAN or not free or noise.residuals != "complex":
         return spec
-    chosen = noise.model_copy(update={"distribution": "student_t", "dof": float(dof)})
-    return spec.model_copy(update={"noise": chosen})
+    return spec.model_copy(update={"noise": noise.model_copy(update={"distribution": "student_t", "dof": float(dof)})})
 
 
 def _take_measured_damping(spec: CaseSpec, measured: Data) -> CaseSpec:

@@ -174,8 +174,7 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
 
 def _parsed(text: str, name: str) -> CaseText:
     """A text by itself."""
-    data = parse_toml(text, name)
-    return CaseText(name, text, data, {path: (name, line) for path, line in key_lines(text).items()})
+    return CaseText(name, text, parse_toml(text, name), {path: (name, line) for path, line in key_lines(text).items()})
 
 
 def _chain(source: CaseText, file: Path, allow_outside: bool) -> list[CaseText]:
@@ -242,8 +241,7 @@ def find_outside(directory: Path, names: Sequence[str]) -> tuple[int, tuple[str,
 
     Its number among the names, and what was found, what is expected and what to do; None where all lie inside.
     """
-    outside = (number for number, name in enumerate(names) if not _inside(directory / name, directory))
-    number = next(outside, None)
+    number = next((number for number, name in enumerate(names) if not _inside(directory / name, directory)), None)
     return None if number is None else (number, _words_of_outside(names[number], "measurement file"))
 
 

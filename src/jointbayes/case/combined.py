@@ -266,10 +266,9 @@ def own_stiffnesses(joint: JointSpec, structure: StructureBase, body: Body, data
 def _default_marginal(axis: Coordinate, sizes: Mapping[str, OwnStiffness], length: float) -> Marginal:
     """Prior of a case that states none: far softer than the beam to far stiffer, any coupling, an arm on the beam."""
     if axis.logarithmic and axis.unit not in [quantity.unit for quantity in COUPLED]:  # a loss factor, or a dashpot
-        ends = (
-            DEFAULT_LOSS if axis.unit == "1" else [end * sizes[axis.quantity].size for end in DEFAULT_DASHPOT_FACTORS]
-        )
-        return Uniform(*np.log(ends))
+        if axis.unit == "1":
+            return Uniform(*np.log(DEFAULT_LOSS))
+        return Uniform(*np.log([end * sizes[axis.quantity].size for end in DEFAULT_DASHPOT_FACTORS]))
     if axis.logarithmic:
         low, high = DEFAULT_PRIOR_FACTORS
         return Uniform(*np.log([low * sizes[axis.quantity].softest, high * sizes[axis.quantity].size]))
@@ -311,8 +310,7 @@ def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, Fac
     if data.frfs is not None and offered.get("accelerometer_mass", ("g", 0.0))[1] > 0:
         usual["accelerometer_mass"] = FactorPriorSpec(sd_percent=_ACCELEROMETER_SD_PERCENT)
     if data.frfs is not None and min(spec.structure.damping.values.get("damping_ratio", [0.0])) > 0:
-        widest = min(10.0, 0.9 / largest)
-        usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
+        usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(min(10.0, 0.9 / largest), 1.0))
     return {name: prior for name, prior in usual.items() if name not in (*stated, *spec.uncertain.exact)}
 
 

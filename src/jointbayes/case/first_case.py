@@ -200,8 +200,7 @@ def _noise(frfs: Sequence[FrfRecord]) -> tuple[float, float, str]:
 def _history_lines(names: Sequence[str], content: _Content, layout: Mapping[str, str] | None) -> Iterator[str]:
     records = content.histories
     for record in records:
-        unknown = {"unit"} if record.quantity == "unknown" else set()
-        content.channels.setdefault(record.channel, set()).update(unknown)
+        content.channels.setdefault(record.channel, set()).update({"unit"} if record.quantity == "unknown" else set())
     longest = max(record.values.size / record.sample_rate_hz for record in records)
     yield 'kind = "measured_frf"'
     yield from _files(names, layout)
@@ -211,8 +210,7 @@ def _history_lines(names: Sequence[str], content: _Content, layout: Mapping[str,
     if any(record.quantity == "force" for record in records) and not any(content.channels.values()):
         sort_by_force(records)
         try:
-            settings = settings_of(records, None, None)
-            hits = settings.hits
+            hits = settings_of(records, None, None).hits
             block = f", block_s = {hits.block_s:g}, pretrigger_s = {hits.pretrigger_s:g}" if hits.block_s else ""
             yield f'records = {{ method = "impact"{block} }}'
         except MeasurementError:

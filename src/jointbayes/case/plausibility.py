@@ -235,13 +235,12 @@ def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: boo
         f"squared residuals of {doubt.better_squares:.3g} and {doubt.stated_squares:.3g} standard deviations in all, "
         "the joint fitted anew for each"
     )
+    better_fit = "found natural frequencies that fit far better"
     if doubt.rad_per_s:
-        oddity = f"found natural frequencies that fit far better divided by 2π, as if they were in rad/s: {squares}"
+        oddity = f"{better_fit} divided by 2π, as if they were in rad/s: {squares}"
         return text.warnings([Finding(loc, oddity, "natural frequencies in Hz", "divide them by 2π")])
     stated, better = (", ".join(map(str, numbers)) for numbers in (doubt.stated, doubt.better))
-    oddity = (
-        f"found natural frequencies that fit far better as those of modes {better} than of modes {stated}: {squares}"
-    )
+    oddity = f"{better_fit} as those of modes {better} than of modes {stated}: {squares}"
     expected = "modes counted from the lowest one, those included in which the structure moves rigidly on a soft joint"
     remedy = f'if a lower one was left out, write kind = "modes" with numbers = [{better}]'
     return text.warnings([Finding(loc, oddity, expected, remedy)])

@@ -139,9 +139,8 @@ def simulate(
     """
     truth = Truth(require_case(case), setup)
     test = truth.case_setup.spec.virtual_test if settings is None else settings
-    rng = generator_of(test.seed if seed is None else seed, truth.case_setup.name)
     try:
-        return _measured(truth, test, rng)
+        return _measured(truth, test, generator_of(test.seed if seed is None else seed, truth.case_setup.name))
     except MeasurementError as error:
         words = str(error).removeprefix("virtual test: ")
         raise MeasurementError(truth.case_setup.source.fault(("virtual_test",), words)) from error

@@ -120,8 +120,7 @@ def calibrate(
     with nullcontext() if directory is None else OwnDirectory(directory, A_CALIBRATION) as locked:
         file = None if locked is None else locked.path / KEPT
         kept = kept_data_sets(file, head, len(job.names))
-        earlier = {i: kept[i] for i in kept if i < n}
-        done = _done(job, n, file, earlier, tell, engine, source if near else None)
+        done = _done(job, n, file, {i: kept[i] for i in kept if i < n}, tell, engine, source if near else None)
     other = "" if job.source is job.analysis else job.source.name
     title, text = ("", "") if isinstance(case, Problem) else (case.title, case.text)
     data_sets = tuple(done[i] for i in range(n))
@@ -186,8 +185,7 @@ def _truths_near(case: Analysed, n: int, seed: int, tell: ProgressCallback) -> A
             f"calibrate: found that the posterior of {posterior.problem.name}, of which truths are drawn, has not "
             f"converged ({posterior.reason}); expected draws of it; run the case, and do what its report says"
         )
-    order = np.random.default_rng(seed).permutation(len(posterior.theta))
-    return posterior.theta[np.resize(order, n)]
+    return posterior.theta[np.resize(np.random.default_rng(seed).permutation(len(posterior.theta)), n)]
 
 
 def _parts(case: Case | Problem) -> tuple[Problem, SamplerSettings, int]:

@@ -138,14 +138,10 @@ class Calibration:
         count, of = len(self.data_sets), f" of {self.source}" if self.source else ""
         where = " near the data" if self.near else ""
         if self.passed:
-            near = (
-                f" That is below {SUSPICIOUS:g}: look at another seed, or at more data sets."
-                if self.p_value < SUSPICIOUS
-                else ""
-            )
+            near = f" That is below {SUSPICIOUS:g}: look at another seed, or at more data sets."
             return (
                 f"Calibrated{where}: over {count} data sets{of} the ranks of all {len(self.names)} quantities stay "
-                f"inside their bands (p = {self.p_value:.2g}).{near}"
+                f"inside their bands (p = {self.p_value:.2g}).{near if self.p_value < SUSPICIOUS else ''}"
             )
         findings = "; ".join(f"{quantity.name}: {quantity.finding}" for quantity in self.outside[:_SHOWN])
         return (

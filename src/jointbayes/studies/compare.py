@@ -125,8 +125,7 @@ def compare(
             raise
         except JointBayesError as error:
             raise CaseError(f"{case.name}, {hypothesis}: {error}") from error
-    texts = {case.name: case.text for case in given}
-    return Comparison(tuple(candidates), seed, data_sha256(given[0].problem), texts)
+    return Comparison(tuple(candidates), seed, data_sha256(given[0].problem), {case.name: case.text for case in given})
 
 
 def require_same_data(cases: Sequence[Case]) -> None:

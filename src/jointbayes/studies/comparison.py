@@ -81,10 +81,8 @@ def leave_one_out(problem: Problem, theta: Array, efficiency: float) -> LeaveOne
         kind = mixed[0] if others else "values of FRFs"
         raise ModelError(f"it needs {_FEWEST} values of FRFs; there are {likelihood.n_data} {kind}")
     most = max(_FEWEST_DRAWS, _MOST_NUMBERS // likelihood.n_data)
-    rows = np.linspace(0, len(theta) - 1, min(most, len(theta))).round().astype(int)
-    chosen = theta[rows]
-    values = problem.log_posterior.pointwise(chosen)
-    flat = values.reshape(len(chosen), -1)
+    chosen = theta[np.linspace(0, len(theta) - 1, min(most, len(theta))).round().astype(int)]
+    flat = problem.log_posterior.pointwise(chosen).reshape(len(chosen), -1)
     if (flat == flat[0]).all():  # nothing is uncertain: leaving a value out changes nothing
         return LeaveOneOut(flat[0], np.zeros(flat.shape[1]))
     return LeaveOneOut(*loo_pointwise(flat, efficiency))

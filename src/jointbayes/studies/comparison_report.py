@@ -329,8 +329,7 @@ class Comparison:
     def _loo(self, candidate: WeighedModel) -> dict[str, Any] | None:
         if candidate.loo is None:
             return None
-        estimates = [c.loo for c in self.candidates if c.loo is not None]
-        best = max(estimates, key=lambda loo: loo.elpd)
+        best = max([c.loo for c in self.candidates if c.loo is not None], key=lambda loo: loo.elpd)
         difference, se = candidate.loo.difference(best)
         return {
             "elpd": candidate.loo.elpd,

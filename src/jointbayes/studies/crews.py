@@ -110,10 +110,8 @@ def attempt(call: bytes) -> Reply:
         return Reply(error=str(error))
     except (Exception, SystemExit) as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
-        text = " ".join(str(error).split())
-        return Reply(
-            error=f"{type(error).__name__}: {text} (in {place.name}, {Path(place.filename).name}:{place.lineno})"
-        )
+        text, where = " ".join(str(error).split()), f"{place.name}, {Path(place.filename).name}:{place.lineno}"
+        return Reply(error=f"{type(error).__name__}: {text} (in {where})")
 
 
 @dataclass(eq=False)

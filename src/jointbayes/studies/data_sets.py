@@ -161,8 +161,7 @@ def analyse_packed(packed: bytes, index: int) -> DataSet:
 
 @lru_cache(maxsize=1)
 def _unpacked(packed: bytes) -> Job:
-    job: Job = pickle.loads(packed)
-    return job
+    return pickle.loads(packed)
 
 
 def require_simulable(analysis: Problem, source: Problem) -> None:

@@ -272,8 +272,7 @@ class FrameSpec(StructureBase):
             if name and (not POINT.fullmatch(name) or name[0].isdecimal()):
                 fault, expected = f'found the name "{name[:40]}"', "a word of letters, digits, _ and -"
                 yield Finding(loc, fault, f"{expected} that begins with a letter", "rename the body")
-            parts = body.members or (None,)
-            for i, member in enumerate(parts):
+            for i, member in enumerate(body.members or (None,)):
                 if not (self.section or body.section or (member and member.section)):
                     where = (*loc, "members", i) if member else loc or ("section",)
                     expected = "a section of each member, or one of its body or of the frame for all"

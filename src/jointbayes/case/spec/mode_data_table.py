@@ -118,12 +118,7 @@ class ModeShapesSpec(Spec):
             fault = f'found the reference "{self.reference[0]}"'
             place = ("dofs", self.dofs.index(self.reference[0]))
             yield Finding(place, fault, "other DOFs, since its component is 1", "remove it and its components")
-        n = len(self.components[0])
-        for key, given in (("reference", self.reference), ("sd", self.sd)):
-            if len(given) not in (1, n):
-                yield Finding(
-                    (key,), f"found {len(given)} for {n} modes", "one, or one for each mode", "correct the list"
-                )
+        yield from _length_findings(self, ("reference", "sd"), len(self.components[0]))
         yield from _component_findings("components", self.components, "components", len(self.dofs), "dofs")
 
 
@@ -198,6 +193,7 @@ class ConstantsSpec(Spec):
         yield from _sd_findings(self, "sd_relative", "sd_per_kg", len(values[0]))
 
 
+_SHAPES_TABLE = "the mode shapes: dofs, reference, components, sd"
 _ZEROS_TABLE = "the antiresonances of drive points: dof, frequencies_hz, sd_relative or sd_hz, numbers"
 _CONSTANTS_TABLE = "the modal constants: outputs, inputs, values_per_kg, sd_relative or sd_per_kg"
 
@@ -220,9 +216,7 @@ class ModesSpec(DataTable):
     damping_sd: Annotated[_EachMode, key_field(f"the standard deviation of a damping ratio, {_EACH}", 0.001)] = (0.0,)
     numbers: Annotated[_Numbers | None, _NUMBERS] = None
     match: Annotated[Literal["number", "shape"], _MATCH] = "number"
-    shapes: Annotated[ModeShapesSpec | None, Field(description="the mode shapes: dofs, reference, components, sd")] = (
-        None
-    )
+    shapes: Annotated[ModeShapesSpec | None, Field(description=_SHAPES_TABLE)] = None
     zeros: Annotated[AntiresonancesSpec | None, Field(description=_ZEROS_TABLE)] = None
     constants: Annotated[ConstantsSpec | None, Field(description=_CONSTANTS_TABLE)] = None
 
@@ -352,15 +346,21 @@ def _row_findings(key: str, rows: Sequence[Sequence[float]], n: int, what: str =
         yield Finding((key,), f"found {what} without any", expected, f"leave the {name} out")
 
 
-def _sd_findings(table: Spec, relative: str, absolute: str, n: int, what: str = "modes") -> Iterator[Finding]:
-    """Yield standard deviations that are 0, or not one for each mode."""
-    for key in (relative, absolute):
+def _length_findings(table: Spec, keys: Sequence[str], n: int, what: str = "modes") -> Iterator[Finding]:
+    """Yield lists that hold neither one entry nor one for each of n."""
+    for key in keys:
         given = getattr(table, key)
         if len(given) not in (1, n):
             fault = f"found {len(given)} for {n} {what}"
             yield Finding((key,), fault, f"one, or one for each {what[:-1]}", "correct the list")
-            return
-    if min(getattr(table, relative)) + min(getattr(table, absolute)) == 0:
+
+
+def _sd_findings(table: Spec, relative: str, absolute: str, n: int, what: str = "modes") -> Iterator[Finding]:
+    """Yield standard deviations that are 0, or not one for each mode."""
+    wrong = next(_length_findings(table, (relative, absolute), n, what), None)
+    if wrong is not None:
+        yield wrong
+    elif min(getattr(table, relative)) + min(getattr(table, absolute)) == 0:
         fault, expected = f"{relative} and {absolute} are both 0", f"at least one above 0, for each {what[:-1]}"
         yield Finding((relative,), fault, expected, "raise one")
 
@@ -376,9 +376,8 @@ def _component_findings(
                 fault = f"found {len(values)} {what} of mode {j + 1} at {width} {'DOFs' if of == 'dofs' else of}"
                 yield Finding((key, i), fault, f"one for each of {of}, nan where none", "correct the list")
         if len(modes) != n:
-            fault = (
-                f"found {len(modes)} {'shapes' if of == 'dofs' else 'modes'} in repetition {i + 1} and {n} in the first"
-            )
+            held = "shapes" if of == "dofs" else "modes"
+            fault = f"found {len(modes)} {held} in repetition {i + 1} and {n} in the first"
             yield Finding((key, i), fault, "as many, nan where none was found", "correct the list")
     if any(math.isinf(value) for _, value in numbers_in(given)):
         yield Finding((key,), "found inf", "", "write nan where nothing was found")

@@ -109,8 +109,7 @@ def _own_unknowns(spec: CaseSpec) -> Iterator[Finding]:
     ending, remedy = "of its own, of which the present data say nothing", "remove own, or the set-up from the plan"
     for name, joint in spec.all_joints.items():
         if joint.own:
-            loc = (*joint_table(name), "own")
-            yield Finding(loc, f"found a joint {ending}", "one that set-ups share", remedy)
+            yield Finding((*joint_table(name), "own"), f"found a joint {ending}", "one that set-ups share", remedy)
     if spec.noise.own and spec.noise.inferred:
         yield Finding(("noise", "own"), f"found parameters of the noise {ending}", "those that set-ups share", remedy)
 
@@ -195,18 +194,9 @@ def shared_findings(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]
             unlike = joint.unlike(other)
             if unlike:
                 key = "dofs" if unlike[0] == "directions" else unlike[0]
-                fault = (
-                    f"found another {' and '.join(unlike)} than in set-up {first}, with which it shares its quantities"
-                )
-                yield (
-                    setup,
-                    Finding(
-                        (*joint_table(name), key),
-                        fault,
-                        "joints alike, or own = true",
-                        "make them alike or add own = true",
-                    ),
-                )
+                other_kind, remedy = " and ".join(unlike), "make them alike or add own = true"
+                fault = f"found another {other_kind} than in set-up {first}, with which it shares its quantities"
+                yield setup, Finding((*joint_table(name), key), fault, "joints alike, or own = true", remedy)
     yield from _unlike_spreads(specs)
     yield from _unlike_priors(specs)
     yield from _shared_bodies(specs)

@@ -268,8 +268,7 @@ def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Ite
 
 def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield a truth about damping ratios where the structure has none, and ratios to be measured without a file."""
-    damping = structure.damping
-    if damping.measured and data.files is None:
+    if structure.damping.measured and data.files is None:
         fault = f'found "measured" with data of kind = "{data.kind}"'
         remedy = "state the ratio: ratio = 0.01"
         expected = 'data of kind = "measured_frf" or "measured_frequencies"'

@@ -316,10 +316,8 @@ def matrix_findings(loc: KeyPath, given: Matrix, rows: int) -> Iterator[Finding]
     lengths = sorted({len(row) for row in given if isinstance(row, tuple)})
     if len(given) != rows or lengths not in ([], [rows]):
         size = f"{rows} rows of {rows} numbers, or {rows} numbers of the diagonal"
-        fault = f"found {len(given)} rows of {' or '.join(map(str, lengths))} numbers"
-        yield Finding(
-            loc, fault if lengths else f"found {len(given)} numbers", size, "correct the matrix, or structure.dofs"
-        )
+        of_rows = f"rows of {' or '.join(map(str, lengths))} " if lengths else ""
+        yield Finding(loc, f"found {len(given)} {of_rows}numbers", size, "correct the matrix, or structure.dofs")
     elif lengths:
         import numpy as np  # with matrices alone: other cases are read without it
 

@@ -129,8 +129,7 @@ class _ShapeSpec(Spec):
         """The section that it describes."""
         from jointbayes.structure import Section
 
-        section: Section = getattr(Section, self.shape)(*(size * 1e-3 for size in self.sizes_mm.values()))
-        return section
+        return getattr(Section, self.shape)(*(size * 1e-3 for size in self.sizes_mm.values()))
 
 
 class CircleSpec(_ShapeSpec):

@@ -253,11 +253,9 @@ class CaseSpec(Spec):
         owners: dict[str, str] = {}
         for name, body in self.bodies.items():
             if not POINT.fullmatch(name):
-                shown, expected = (
-                    re.sub(r"[^ -~]", "?", name)[:40],
-                    "a name of letters, digits, _ and -, a letter first",
-                )
-                yield Finding(("bodies", name), f'found the name "{shown}"', expected, "rename")
+                fault = f'found the name "{re.sub(r"[^ -~]", "?", name)[:40]}"'
+                expected = "a name of letters, digits, _ and -, a letter first"
+                yield Finding(("bodies", name), fault, expected, "rename")
             for label in body.labels:
                 other, modelled = owners.setdefault(label, name), self.structure.absent(label) is None
                 if other != name or modelled:

@@ -123,8 +123,7 @@ def _examined(draws: CampaignDraws, seed: int) -> PopulationFindings:
     prior = PopulationPrior.from_joints(draws.prior_mean, draws.prior_sd)
     population = hierarchical_posterior(draws.draws, prior, draws.parametrisation, seed)
     stiffness = population_stiffness(population, draws.parametrisation, seed)
-    rng = np.random.default_rng([seed, 9])
-    quantities = _quantities(draws, population, rng)
+    quantities = _quantities(draws, population, np.random.default_rng([seed, 9]))
     return PopulationFindings(draws, order, prior, population, stiffness, quantities)
 
 

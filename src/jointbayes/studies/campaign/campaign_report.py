@@ -54,7 +54,6 @@ def _population(joints: PopulationFindings) -> dict[str, Any]:
     mean, scatter = (
         np.quantile(values, [0.5, 0.025, 0.975], axis=0).T for values in (population.mean, population.scatter)
     )
-    trusted = population.trusted
     return {
         "joints": len(joints.draws.rows),
         "parametrisation": joints.draws.parametrisation.key,
@@ -77,7 +76,7 @@ def _population(joints: PopulationFindings) -> dict[str, Any]:
             name for name, hidden in zip(names, population.unresolved(joints.draws.draws), strict=True) if hidden
         ],
         "least_effective_draws": LEAST_EFFECTIVE,
-        "not_trusted": [row.key for row, good in zip(joints.draws.rows, trusted, strict=True) if not good],
+        "not_trusted": [row.key for row, good in zip(joints.draws.rows, population.trusted, strict=True) if not good],
     }
 
 
@@ -94,9 +93,8 @@ def _stiffness(k: PopulationStiffness) -> dict[str, Any]:
 
 def _chart(joints: PopulationFindings, quantity: ChartedQuantity) -> dict[str, Any]:
     chart, keys = quantity.chart, [row.key for row in joints.draws.rows]
-    scale = f"ln {quantity.name}" if quantity.logarithmic else quantity.name
     return {
-        "scale": scale,
+        "scale": f"ln {quantity.name}" if quantity.logarithmic else quantity.name,
         "unit": quantity.unit,
         "centre": float(quantity.value_in_unit(np.array(chart.centre))),
         "short_term_scatter": chart.short_term,

@@ -161,8 +161,7 @@ def campaign(
     WriteError
         If the index cannot be written, the directory holds something else, or another process is at work in it.
     """
-    sources = [cases] if isinstance(cases, str | Path) else list(cases)
-    table = read_cases(sources, base, allow_outside)
+    table = read_cases([cases] if isinstance(cases, str | Path) else list(cases), base, allow_outside)
     if not draws > 0 or not 0 <= seed < 2**32:
         raise ModelError(f"campaign: found draws = {draws}, seed = {seed}; expected draws above 0, a seed of 32 bits")
     with campaign_directory(directory) as locked:

@@ -44,10 +44,9 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
         parts.append(f"{counts['not converged']} of those done did not converge")
     blocks: list[Block] = [Callout("good" if whole else "caution", f"**{', '.join(parts)}.**")]
     if counts["do not explain their data"]:
-        few = 2 * counts["do not explain their data"] < counts[DONE]
         blocks.append(
             Callout(
-                "caution" if few else "bad",
+                "caution" if (2 * counts["do not explain their data"] < counts[DONE]) else "bad",
                 f"**In {counts['do not explain their data']} of {counts[DONE]} cases the model does not explain the "
                 "data.** They are part of the population; their own intervals have no valid value.",
             )
@@ -308,6 +307,5 @@ def _moved(q: ChartedQuantity) -> Array:
 
 def _method_section(joints: PopulationFindings) -> ReportSection:
     axes = ", ".join(axis.label for axis in joints.draws.parametrisation.axes)
-    worth = joints.population.effective_populations
-    text = report_text("campaign", axes=axes, how=joints.population.how, worth=worth)
+    text = report_text("campaign", axes=axes, how=joints.population.how, worth=joints.population.effective_populations)
     return ReportSection("method", "How this was computed", (Paragraph(text), references(text)))

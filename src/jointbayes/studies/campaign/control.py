@@ -133,8 +133,7 @@ def control_chart(value: Array, sd: Array) -> ControlChart:
     for _ in range(_ROUNDS):
         centre = _weighted_median(value, 1 / np.hypot(long_term, sd))
         long_term = _scatter(value - centre, sd, 1.0)
-    neighbours = np.sqrt(sd[1:] ** 2 + sd[:-1] ** 2)
-    short_term = _scatter(np.diff(value), neighbours, 2.0) if len(value) > 1 else 0.0
+    short_term = _scatter(np.diff(value), np.sqrt(sd[1:] ** 2 + sd[:-1] ** 2), 2.0) if len(value) > 1 else 0.0
     return ControlChart(value, sd, centre, short_term, long_term)
 
 

@@ -180,8 +180,7 @@ def hierarchical_posterior(
             log_densities[inside] = here + prior.log_density(mu[inside], log_scatter[inside])
         return log_densities
 
-    rng = np.random.default_rng([seed, 7])
-    phi, effective, how, converged = _drawn(target, log_density, prior, least, rng)
+    phi, effective, how, converged = _drawn(target, log_density, prior, least, np.random.default_rng([seed, 7]))
     mean, scatter = phi[:, :d], np.exp(phi[:, d:])
     rows = np.linspace(0, len(phi) - 1, min(_AVERAGED, len(phi))).round().astype(int)
     weight, of_joints = target.weights(mean[rows], scatter[rows])

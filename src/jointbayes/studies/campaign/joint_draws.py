@@ -98,12 +98,8 @@ def read_draws(directory: str | os.PathLike[str], rows: Sequence[CaseRow]) -> Ca
             continue
         at, density = parametrisation.coordinates(k), case.log_prior
         if case.coordinates != common:
-            case_parametrisation = parametrisation_named(case.coordinates)
-            density = (
-                density
-                - case_parametrisation.log_slope(case_parametrisation.coordinates(k))
-                + parametrisation.log_slope(at)
-            )
+            own = parametrisation_named(case.coordinates)
+            density = density - own.log_slope(own.coordinates(k)) + parametrisation.log_slope(at)
         theta.append(at)
         log_prior.append(density)
         kept.append(case)

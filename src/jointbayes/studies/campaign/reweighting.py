@@ -37,8 +37,7 @@ class JointDraws:
     @classmethod
     def stacked(cls, theta: list[Array], log_prior: list[Array]) -> Self:
         """From draws (n_j, d) and log priors (n_j,) of each joint."""
-        most = max(map(len, theta))
-        whole = np.zeros((len(theta), most, theta[0].shape[-1]))
+        whole = np.zeros((len(theta), max(map(len, theta)), theta[0].shape[-1]))
         density = np.full(whole.shape[:2], np.inf)
         for j, (draws, value) in enumerate(zip(theta, log_prior, strict=True)):
             whole[j] = draws[:1]

@@ -277,8 +277,7 @@ def simulate_first(
                 text, elapsed = f"last of {' + '.join(names)}", time.monotonic() - began
                 tell(Progress("simulating", text, made, made + left, "measurements", elapsed_seconds=elapsed))
             posteriors = tuple(kept.done[names, truth] for truth in truths)
-            earlier = outcome[names].posteriors if names in outcome else ()
-            outcome[names] = Simulation(earlier + posteriors)
+            outcome[names] = Simulation((outcome[names].posteriors if names in outcome else ()) + posteriors)
     return outcome
 
 

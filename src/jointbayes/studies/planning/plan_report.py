@@ -271,7 +271,6 @@ def candidate_table(summary: Mapping[str, Any]) -> Table:
     """Each measurement: simulated ones by their median standard deviation, then those that were not simulated."""
     parameter, now = summary["parameter"], summary["now"]
     present = ("(now)", "", spread_in_words(now["sd"]), number(now["sd"]), now["verdict"], "present posterior")
-    rows = [_row(entry, summary["recommended"]) for entry in summary["measurements"]]
     return Table(
         f"Further measurements and how well {parameter} would then be known",
         (
@@ -282,7 +281,7 @@ def candidate_table(summary: Mapping[str, Any]) -> Table:
             "Verdict then",
             "Based on",
         ),
-        (*rows, present),
+        (*[_row(entry, summary["recommended"]) for entry in summary["measurements"]], present),
         align="llllll",
         note="Median over simulated measurements, and the range that holds 80 % of them. Linearised: ranked by Fisher "
         "information alone, and never recommended.",
@@ -316,12 +315,10 @@ def build_plan_report(summary: Mapping[str, Any]) -> Report:
     parameter = summary["parameter"]
     entries: Sequence[Entry] = summary["measurements"]
     source = "the stated joint" if summary["assumed"] else "joints drawn from the present posterior"
-    how = report_text("plan", source=source)
+    figure = _figure(entries, parameter, summary["now"])
     sections = (
-        ReportSection(
-            "candidates", "Candidates", (candidate_table(summary), _figure(entries, parameter, summary["now"]))
-        ),
-        ReportSection("method", "How this was computed", (Paragraph(how),)),
+        ReportSection("candidates", "Candidates", (candidate_table(summary), figure)),
+        ReportSection("method", "How this was computed", (Paragraph(report_text("plan", source=source)),)),
     )
     kind: Kind = "bad" if not summary["converged"] else "caution" if summary["recommended"] is None else "good"
     return Report(

@@ -1,7 +1,8 @@
 """The set-ups that the plan of a case proposes, each built as far as it can be without data of its own."""
 
 import json
-from collections.abc import Mapping
+from functools import reduce
+from operator import getitem
 from typing import Any
 
 import numpy as np
@@ -40,8 +41,7 @@ def proposed_setups(case: Case) -> tuple[Candidate, ...]:
         try:
             candidates.append(_candidate(_built(name, texts[name], spec, case), case.problem))
         except JointBayesError as error:
-            place = fault_start(*texts[name].place(()))
-            raise CaseError(f"{place} plan.setups.{name}: {error}") from error
+            raise CaseError(f"{fault_start(*texts[name].place(()))} plan.setups.{name}: {error}") from error
     return tuple(candidates)
 
 
@@ -111,8 +111,7 @@ def _frfs_of(setup: CaseSetup) -> tuple[Ports, VarianceLaw, Quantity]:
         ports, quantity = Ports(np.array(data.lines_hz()), data.outputs, data.inputs), data.quantity
         law = noise_law(data.noise)
     for label in ports.outputs + ports.inputs:
-        lacking = setup.spec.structure.absent(label)
-        if lacking is not None:
+        if setup.spec.structure.absent(label) is not None:
             raise ModelError(f"found no {label} in its structure; expected the DOFs of the present data; number alike")
     return ports, law, quantity
 
@@ -121,14 +120,8 @@ def _changes(text: CaseText) -> str:
     """What a set-up has different from the rest of the file, for a sentence; not how well it is known."""
     keys = [key for key in text.own if key[0] != "uncertain" and all(isinstance(step, str) for step in key)]
     ends = sorted((key for key in keys if not any(o[: len(key)] == key and o != key for o in keys)), key=text.order)
-    changes = [f"{key[-1]} = {_value(text.data, key)}" for key in ends[:_NAMED]]
+    data: Any = text.data
+    changes = [f"{key[-1]} = {json.dumps(reduce(getitem, key, data), ensure_ascii=False)}" for key in ends[:_NAMED]]
     if not changes:
         return ""
     return f" ({', '.join(changes)}{', …' if len(ends) > _NAMED else ''})"
-
-
-def _value(data: Mapping[str, Any], key: tuple[str | int, ...]) -> str:
-    value: Any = data
-    for step in key:
-        value = value[step]
-    return json.dumps(value, ensure_ascii=False)
