@@ -35,6 +35,7 @@ from jointbayes.case.keys import DATA_FILE
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
 from jointbayes.case.spec.joint_table import joint_table
 from jointbayes.case.spec.parse import first_joined, needs_files, parse_planned, parse_setups
+from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_line
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError
@@ -262,10 +263,9 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
     setups: tuple[CaseSetup, ...] = ()
     if stated and not needs_files(specs):
         texts, data = setup_texts(source), {test.name: test.data for test in (*problem.left_out, *problem.tests)}
-        setups = tuple(
-            _setup(name, CaseHome(Path(), texts[name]), spec.without_split(), data[name])
-            for name, spec in specs.items()
-        )
+        for name, spec in specs.items():  # what is left out of the data of a set-up is out of them already
+            whole = spec.model_copy(update={"left_out": LeftOutSpec(setups=spec.left_out.setups)})
+            setups = (*setups, _setup(name, CaseHome(Path(), texts[name]), whole, data[name]))
     return Case(problem.name, source, first_joined(specs.values()), problem, problem if stated else None, setups)
 
 

@@ -105,7 +105,9 @@ def propose_case(files: Sequence[Path], directory: Path, layout: Mapping[str, st
     damping = "" if content.modes and not content.pairs else _MEASURED_DAMPING
     # the answer of the modes of FRFs takes them for uncertain anyway, and the FRFs themselves take far longer with them
     sign = "# " if damping else ""
-    return "\n".join([*_head(names, damping), *data, "", *(f"{sign}{line}" for line in _uncertain())]) + "\n"
+    uncertain = ["[uncertain]   # as in a workshop, and assumed where the report says so; state what you know better"]
+    uncertain += [f"{name} = {{ sd_percent = {percent} }}" for name, percent in WORKSHOP_SD_PERCENT.items()]
+    return "\n".join([*_head(names, damping), *data, "", *(f"{sign}{line}" for line in uncertain)]) + "\n"
 
 
 def _name_from(path: Path, directory: Path) -> str:
@@ -233,12 +235,6 @@ def _mode_lines(modes: Sequence[ModeRecord]) -> Iterator[str]:
     labels = list(dict.fromkeys(label for mode in modes for label in mode.shape))
     if labels:
         yield f"# The file has shapes at {', '.join(_plain(label) for label in labels[:12])}."
-
-
-def _uncertain() -> Iterator[str]:
-    yield "[uncertain]   # as in a workshop, and assumed where the report says so; state what you know better"
-    for name, percent in WORKSHOP_SD_PERCENT.items():
-        yield f"{name} = {{ sd_percent = {percent} }}"
 
 
 def _plain(text: str) -> str:

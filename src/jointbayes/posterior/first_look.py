@@ -81,9 +81,8 @@ class WithOwn:
     def middle(self, theta: ArrayLike) -> Array:
         """θ of all, shape (n, D), with the others in the middle of their priors, from θ (n, d)."""
         present_theta = np.asarray(theta, dtype=float)
-        return self.joined(
-            present_theta, np.tile([nuisance.prior.mean for nuisance in self.own_nuisances], (len(present_theta), 1))
-        )
+        means = [nuisance.prior.mean for nuisance in self.own_nuisances]
+        return self.joined(present_theta, np.tile(means, (len(present_theta), 1)))
 
     def log_density(self, theta: ArrayLike) -> Array:
         """ln p(θ | present data) up to the evidence, shape (n,), of θ of all, shape (n, D)."""

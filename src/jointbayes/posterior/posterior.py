@@ -235,39 +235,6 @@ def _value(test: Test) -> float:
     return test.level.value
 
 
-def brief(posterior: JudgedPosterior) -> dict[str, Cell]:
-    """One row of a table of cases, by column.
-
-    The numbers are those of `Posterior.summary`, which also predicts natural frequencies, diagnoses the misfit and
-    sizes up the chains, and takes twice as long.
-
-    Parameters
-    ----------
-    posterior
-        The posterior.
-
-    Returns
-    -------
-    dict
-        ``seed``, ``converged``, ``reason``, ``explains``, ``misfit_p_value``; and for each stiffness and each other
-        uncertain quantity q ``q.unit``, ``q.map``, ``q.median``, ``q.low95``, ``q.high95``, ``q.sd_log``,
-        ``q.contraction``, and of a stiffness ``q.printed_low95``, ``q.printed_high95`` and ``q.verdict``.
-    """
-    record, check, prior = posterior.record, posterior.check, posterior.problem.prior
-    row: dict[str, Cell] = {
-        "seed": record.seed,
-        "converged": record.converged,
-        "reason": record.reason,
-        "explains": check.explains,
-        "misfit_p_value": check.misfit_p_value,
-    }
-    for index, name in enumerate(posterior.stiffness_names):
-        row |= _columns(name, stiffness_summary(posterior, index, name))
-    for index, nuisance in enumerate(prior.nuisances):
-        row |= _columns(nuisance.name, nuisance_summary(posterior, index))
-    return row
-
-
 def _columns(name: str, summary: StiffnessSummary | NuisanceSummary) -> dict[str, Cell]:
     """Columns of one quantity; a number that is not finite is none."""
     known = summary.known if isinstance(summary, StiffnessSummary) else summary
@@ -323,9 +290,28 @@ class Posterior(JudgedPosterior):
     def brief(self) -> dict[str, Cell]:
         """One row of a table of many cases: fit, and estimate, interval and verdict of each quantity, by column.
 
-        The same numbers as those of `summary`, in half its time; see `jointbayes.posterior.posterior`.
+        The numbers are those of `summary`, which also predicts natural frequencies, diagnoses the misfit and sizes up
+        the chains, and takes twice as long.
+
+        Returns
+        -------
+        dict
+            ``seed``, ``converged``, ``reason``, ``explains``, ``misfit_p_value``; and for each stiffness and each other
+            uncertain quantity q ``q.unit``, ``q.map``, ``q.median``, ``q.low95``, ``q.high95``, ``q.sd_log``,
+            ``q.contraction``, and of a stiffness ``q.printed_low95``, ``q.printed_high95`` and ``q.verdict``.
         """
-        return brief(self)
+        row: dict[str, Cell] = {
+            "seed": self.record.seed,
+            "converged": self.converged,
+            "reason": self.reason,
+            "explains": self.check.explains,
+            "misfit_p_value": self.check.misfit_p_value,
+        }
+        for index, name in enumerate(self.stiffness_names):
+            row |= _columns(name, stiffness_summary(self, index, name))
+        for index, nuisance in enumerate(self.problem.prior.nuisances):
+            row |= _columns(nuisance.name, nuisance_summary(self, index))
+        return row
 
     def with_fewer_draws(self, most: int) -> Self:
         """The same posterior with at most so many draws, for a small file: equally spaced ones of every walker.

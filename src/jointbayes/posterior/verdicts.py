@@ -312,9 +312,8 @@ def _judge_by_likelihood(posterior: JudgedPosterior, name: str, assessment: Iden
         prior = posterior.prior_values(name)
         excluded = float(((prior < low) | (prior > high)).mean())
         if excluded < LEAST_EXCLUDED:
-            reason = (
-                f"{assessment.verdict_reason}, and by likelihood the data exclude {100 * excluded:.0f} % of the prior"
-            )
+            few = f"by likelihood the data exclude {100 * excluded:.0f} % of the prior"
+            reason = f"{assessment.verdict_reason}, and {few}"
             assessment = replace(assessment, verdict="not identified", verdict_reason=reason, limit95=math.nan)
             return _judge_by_likelihood(posterior, name, assessment)
     elif assessment.verdict_reason == verdict_by_rule(assessment.ratio, assessment.contraction)[1]:

@@ -362,6 +362,5 @@ def not_above(low: float, high: float, low_key: str, high_key: str, unit: str) -
     """Yield that the upper of two bounds does not lie above the lower one."""
     if high <= low:
         fault = f"found {high!r}, which is not above {low_key} = {low!r}"
-        yield Finding(
-            (high_key,), fault, f"a number greater than {low_key} {unit}".rstrip(), "exchange or correct them"
-        )
+        expected = f"a number greater than {low_key} {unit}".rstrip()
+        yield Finding((high_key,), fault, expected, "exchange or correct them")

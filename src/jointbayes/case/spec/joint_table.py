@@ -148,9 +148,8 @@ class JointSpec(Spec):
         if self.kind == _COUPLED:
             yield from self._no_pair()
         elif self.initial is not None:
-            yield Finding(
-                ("initial",), f'found a first guess with kind = "{self.kind}"', f'kind = "{_COUPLED}"', "remove it"
-            )
+            fault = f'found a first guess with kind = "{self.kind}"'
+            yield Finding(("initial",), fault, f'kind = "{_COUPLED}"', "remove it")
         if self.kind != _COUPLED and "parametrisation" in self.model_fields_set:
             fault = f'found "{self.parametrisation}" with kind = "{self.kind}"'
             yield Finding(("parametrisation",), fault, f'kind = "{_COUPLED}"', "remove it")

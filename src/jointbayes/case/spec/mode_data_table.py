@@ -316,9 +316,8 @@ class ModesSpec(DataTable):
     def _number_findings(self, n: int) -> Iterator[Finding]:
         """Yield numbers of modes, and shapes, that are not one for each mode."""
         if self.numbers is not None and len(self.numbers) != n:
-            yield Finding(
-                ("numbers",), f"found {len(self.numbers)} for {n} modes", "one for each mode", "correct the list"
-            )
+            fault = f"found {len(self.numbers)} for {n} modes"
+            yield Finding(("numbers",), fault, "one for each mode", "correct the list")
         for i, number in repeated(map(str, self.numbers or ())):
             yield Finding(("numbers", i), f"found {number} twice", "each number once", "correct the list")
         if self.match == "shape" and self.shapes is None:

@@ -176,10 +176,6 @@ class CaseSpec(Spec):
         """Whether a set-up does not enter the estimate."""
         return setup in self.left_out.setups
 
-    def without_split(self) -> CaseSpec:
-        """The same where what is left out of the data of a set-up is out of them already."""
-        return self.model_copy(update={"left_out": LeftOutSpec(setups=self.left_out.setups)})
-
     def joint_of_setup(self, setup: str, name: str) -> tuple[str, str]:
         """Names of a joint of a set-up, and of the one whose quantities it has, among the joints of all set-ups."""
         owner = self.sharing.get(name, name)
@@ -244,9 +240,8 @@ class CaseSpec(Spec):
                 *([("noise",)] if self.noise.own else []),
             ]
             for table in owned:
-                yield Finding(
-                    (*table, "own"), "found true in a case of one test", "several, as [setups.long]", "remove it"
-                )
+                fault, expected = "found true in a case of one test", "several, as [setups.long]"
+                yield Finding((*table, "own"), fault, expected, "remove it")
 
     def _body_findings(self) -> Iterator[Finding]:
         """Yield what measured bodies cannot stand beside."""

@@ -133,6 +133,8 @@ def _quantities(draws: CampaignDraws, population: Population, rng: np.random.Gen
     names, charted = parametrisation.names, []
     free = [q for q in parametrisation.quantities if any(axis.quantity == q.name for axis in parametrisation.axes)]
     limit = outlier_limit(len(theta), len(free)) if len(theta) >= FEWEST else np.inf
+    there = draws.draws.log_prior < np.inf
+    weight = there / there.sum(axis=1, keepdims=True)
     for quantity in free:
         if quantity.name in names or quantity.may_be_negative:
             axis = parametrisation.axes[names.index(parametrisation.standing_for(quantity.name))]
@@ -143,29 +145,14 @@ def _quantities(draws: CampaignDraws, population: Population, rng: np.random.Gen
             values, logarithmic = np.log(parametrisation.values(theta)[..., place]), True
             name, unit = quantity.name, quantity.unit
         label = name if name == quantity.name else f"{name}, for {quantity.name}"
-        charted.append(_quantity((name, label, unit), values, logarithmic, draws, population, limit, rng))
+        quantiles = weighted_quantiles(values, weight, (0.025, 0.5, 0.975, *_CENTRAL))
+        median, least = quantiles[:, 1], np.finfo(float).eps * np.maximum(np.abs(quantiles[:, 1]), 1.0)
+        chart = control_chart(median, np.maximum((quantiles[:, 4] - quantiles[:, 3]) / 2, least))
+        scale = np.exp if logarithmic else np.asarray
+        ends = scale(quantiles[:, :3]), scale(population.shrunken(values))
+        rank = _ranks(values, population.weight, rng)
+        charted.append(ChartedQuantity(name, label, unit, logarithmic, *ends, rank, chart, limit))
     return tuple(charted)
-
-
-def _quantity(
-    words: tuple[str, str, str],
-    values: Array,
-    logarithmic: bool,
-    draws: CampaignDraws,
-    population: Population,
-    limit: float,
-    rng: np.random.Generator,
-) -> ChartedQuantity:
-    there = draws.draws.log_prior < np.inf
-    quantiles = weighted_quantiles(values, there / there.sum(axis=1, keepdims=True), (0.025, 0.5, 0.975, *_CENTRAL))
-    sd = np.maximum(
-        (quantiles[:, 4] - quantiles[:, 3]) / 2, np.finfo(float).eps * np.maximum(np.abs(quantiles[:, 1]), 1.0)
-    )
-    chart = control_chart(quantiles[:, 1], sd)
-    shrunken = population.shrunken(values)
-    scale = np.exp if logarithmic else np.asarray
-    rank = _ranks(values, population.weight, rng)
-    return ChartedQuantity(*words, logarithmic, scale(quantiles[:, :3]), scale(shrunken), rank, chart, limit)
 
 
 def _ranks(values: Array, weight: Array, rng: np.random.Generator) -> Array:

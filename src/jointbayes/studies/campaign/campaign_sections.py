@@ -46,7 +46,7 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
     if counts["do not explain their data"]:
         blocks.append(
             Callout(
-                "caution" if (2 * counts["do not explain their data"] < counts[DONE]) else "bad",
+                "caution" if 2 * counts["do not explain their data"] < counts[DONE] else "bad",
                 f"**In {counts['do not explain their data']} of {counts[DONE]} cases the model does not explain the "
                 "data.** They are part of the population; their own intervals have no valid value.",
             )
@@ -116,7 +116,9 @@ def _look_section(findings: CampaignFindings) -> ReportSection:
 
 
 def _population_table(joints: PopulationFindings) -> Table:
-    unresolved = _unresolved(joints)
+    # stiffnesses whose coordinate has a scatter that the joints do not tell from none
+    hidden = np.flatnonzero(joints.population.unresolved(joints.draws.draws))
+    unresolved = {joints.draws.parametrisation.axes[i].quantity for i in hidden}
     head = ("Stiffness", "Unit", "Median of the population", "95 % of joints lie within", "Scatter")
     rows = []
     for k in joints.stiffness:
@@ -130,12 +132,6 @@ def _population_table(joints: PopulationFindings) -> Table:
     if unresolved:
         note += " Where joints differ by less than the measurement error only an upper limit can be given (97.5 %)."
     return Table("The population of joints", head, tuple(rows), align="lllll", note=note)
-
-
-def _unresolved(joints: PopulationFindings) -> set[str]:
-    """Stiffnesses whose coordinate has a scatter that the joints do not tell from none."""
-    hidden = np.flatnonzero(joints.population.unresolved(joints.draws.draws))
-    return {joints.draws.parametrisation.axes[i].quantity for i in hidden}
 
 
 def _scatter_text(k: PopulationStiffness, *, resolved: bool) -> str:

@@ -324,11 +324,9 @@ def population_stiffness(
     stiffness = []
     for i, quantity in enumerate(parametrisation.quantities):
         positive = quantity.name in logarithmic or not quantity.may_be_negative
-        parts = ends[:, :, i].T
-        scatter = parts[3] if positive else parts[4]
-        stiffness.append(
-            PopulationStiffness(quantity.name, quantity.unit, parts[0], parts[1], parts[2], scatter, positive)
-        )
+        median, low, high, of_logarithm, of_itself = ends[:, :, i].T
+        scatter = of_logarithm if positive else of_itself
+        stiffness.append(PopulationStiffness(quantity.name, quantity.unit, median, low, high, scatter, positive))
     return tuple(stiffness)
 
 

@@ -270,6 +270,7 @@ def _share_better(data: PlannedMeasurement, best: PlannedMeasurement) -> float:
 def candidate_table(summary: Mapping[str, Any]) -> Table:
     """Each measurement: simulated ones by their median standard deviation, then those that were not simulated."""
     parameter, now = summary["parameter"], summary["now"]
+    rows = [_row(entry, summary["recommended"]) for entry in summary["measurements"]]
     present = ("(now)", "", spread_in_words(now["sd"]), number(now["sd"]), now["verdict"], "present posterior")
     return Table(
         f"Further measurements and how well {parameter} would then be known",
@@ -281,7 +282,7 @@ def candidate_table(summary: Mapping[str, Any]) -> Table:
             "Verdict then",
             "Based on",
         ),
-        (*[_row(entry, summary["recommended"]) for entry in summary["measurements"]], present),
+        (*rows, present),
         align="llllll",
         note="Median over simulated measurements, and the range that holds 80 % of them. Linearised: ranked by Fisher "
         "information alone, and never recommended.",

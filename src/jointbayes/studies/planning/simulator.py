@@ -167,12 +167,8 @@ class Simulator:
         about_truth = _importance(density, self._systems[names], starts, rng)
         if about_truth is not None and _trusted(about_truth, LEAST_EFFECTIVE):
             return self._posterior(about_truth, rng, "importance sampling")
-        return self._better(_reweighted(density, draws, first, len(draws)), about_truth, rng)
-
-    def _better(
-        self, present: WeightedDraws, about_truth: WeightedDraws | None, rng: np.random.Generator
-    ) -> SimulatedPosterior | None:
-        """What leaves more effective draws where neither leaves enough; None where too few for a rough figure."""
+        present = _reweighted(density, draws, first, len(draws))
+        # what leaves more effective draws where neither leaves enough; nothing where too few for a rough figure
         effective = present.effective / _CORRELATED
         other = 0.0 if about_truth is None else about_truth.effective
         if max(effective, other) < _ROUGH:
