@@ -87,7 +87,7 @@ def test_simulations_of_another_plan_are_refused_before_any_work(options, part, 
     before = (tmp_path / KEPT).read_bytes()
     monkeypatch.setattr("jointbayes.studies.planning.make_plan.sample", lambda *_, **__: pytest.fail("sampled"))
     if not options:
-        monkeypatch.setattr("jointbayes.posterior.stored_problem.version", lambda _: "0.0")
+        monkeypatch.setattr("jointbayes.posterior.run_record.version", lambda _: "0.0")
     with pytest.raises(jb.CaseError, match=f"simulations of another .*{part}.*; expected those of this plan; choose"):
         few(None, tmp_path, **{"simulations": 0, **options})
     assert (tmp_path / KEPT).read_bytes() == before
