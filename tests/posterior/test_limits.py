@@ -255,7 +255,7 @@ def test_the_reason_states_the_ratio_of_the_printed_ends(cheap_posterior, wider)
     assert printed == pytest.approx(wider * high / low)
     limit = f"at most {WEAK_RATIO:g}" if printed <= WEAK_RATIO else f"by the draws alone at most {WEAK_RATIO:g}"
     assert known.verdict_reason == f"the upper end is {ratio_in_words(printed)} times the lower end, {limit}"
-    assert _accuracy(known) == f"within a factor of {ratio_in_words(printed)}"
+    assert _accuracy(known) == f"its interval spans a factor of {ratio_in_words(printed)}"
 
 
 def test_of_many_unknowns_and_without_verdict_no_limits_are_sought(cheap_posterior, monkeypatch):
@@ -306,7 +306,7 @@ def test_the_volume_speaks_beyond_a_tenth_of_the_interval(cheap_posterior, share
             assert f"{said.capitalize()}." in verdict_sentences(changed.summary())
     none = with_limits(cheap_posterior, (low, math.nan), (low, 2 * high)).identifiability("k12")
     drawn = rounded(high, none.interval95_error[1])
-    assert none.prior_volume.endswith(f"upper end {drawn} by the draws, none by the likelihood alone")
+    assert none.prior_volume.endswith(f"upper end {drawn} by the draws, not limited by the data alone")
     assert none.source.startswith("(upper end as far as the priors reach; 95 % credible interval ")
     both = with_limits(cheap_posterior, (low / 2, math.nan), (low / 2, 2 * high)).identifiability("k12")
     assert both.source.startswith("(lower end by likelihood ratio, upper end as far as the priors reach; ")

@@ -79,7 +79,7 @@ def test_page_one_has_the_summary_s_numbers_in_engineering_units(whole, cheap_po
 def test_the_headline_says_in_one_line_what_is_known(whole, cheap_posterior):
     headline = next(b.text for b in of_kind(whole.lead, Paragraph) if b.text.startswith("**All else exact"))
     found = re.fullmatch(
-        r"\*\*All else exact: known k22 \(±(\S+) %\); roughly known k12 \(within a factor of (\S+)\); not identified "
+        r"\*\*All else exact: known k22 \(±(\S+) %\); roughly known k12 \(its interval spans a factor of (\S+)\); not identified "
         r"k11\.\*\*",
         headline,
     )
@@ -368,7 +368,7 @@ def test_a_coupling_of_free_sign_from_frfs_builds_too():
     assert (posterior.values("k12") > 0).all()  # although the prior allows either sign
     assert (posterior.prior_values("k12") < 0).any()
     report = report_of(posterior)
-    assert "roughly known k12 (within a factor of" in of_kind(report.lead, Paragraph)[1].text
+    assert "roughly known k12 (its interval spans a factor of" in of_kind(report.lead, Paragraph)[1].text
 
 
 def test_any_number_of_uncertain_quantities_is_drawn_a_few_on_each_figure(cheap_posterior):

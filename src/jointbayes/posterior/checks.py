@@ -59,7 +59,8 @@ _TAILS = (
 )
 _BOUND = "The size of the noise that was inferred lies at a bound of its prior: widen it."
 _MODEL = (
-    "The residuals point to no single cause; of measured FRFs the answer of their modes allows for errors of the model."
+    "No single cause stands out. Check lengths, masses and supports of the model, and what else holds the structure; "
+    "of measured FRFs use the answer of their modes, which allows for an error of the model."
 )
 _BOTH = f"Infer the size of the noise {_INFER}, and look for what the model lacks."
 _SD_LARGER = (
@@ -229,7 +230,18 @@ class PredictiveCheck:
 
     @property
     def details(self) -> str:
-        """The figures of the finding, what had to be inferred, what helps, and a value that stands out."""
+        """The figures of the finding, and its advice."""
+        return f"{self.figures} {self.advice}".rstrip()
+
+    @property
+    def advice(self) -> str:
+        """What had to be inferred, what helps (of a misfit the diagnosis says that), and a value that stands out."""
+        remedy = self.cell.remedy if self.explains else ""
+        return " ".join(word for word in (*self.inferred, remedy, self._outlier) if word)
+
+    @property
+    def figures(self) -> str:
+        """What the finding rests on, for who knows the tests."""
         ratio, low, high = told_apart(self.chi2_per_line, *self.chi2_band)
         figures = (
             f"Squared residuals are {ratio} times the expected noise "
@@ -238,8 +250,7 @@ class PredictiveCheck:
         )
         if self.whiteness is not None and self.finding != "noise overstated":
             figures += f" and residuals of nearby lines {self._correlation(self.whiteness)}"
-        remedy = self.cell.remedy if self.explains else ""  # of a misfit the diagnosis says what helps
-        return " ".join(word for word in (f"{figures}.", *self.inferred, remedy, self._outlier) if word)
+        return f"{figures}."
 
     def _correlation(self, white: Whiteness) -> str:
         statistic, limit = told_apart(white.statistic, white.limit(self.test_level))

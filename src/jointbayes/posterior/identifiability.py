@@ -165,8 +165,12 @@ class Identifiability:
         ends = zip(("lower", "upper"), self.printed95, self.drawn95, errors, self.likelihood95, strict=True)
         for side, printed, drawn, error, limit in ends:  # where the likelihood leaves an end open its limit is NaN
             if math.isfinite(printed) and not abs(measure(limit) - measure(drawn)) <= VOLUME_SHARE * (high - low):
-                alone = "none" if math.isnan(limit) else rounded(limit)
-                sentences.append(f"{side} end {rounded(drawn, error)} by the draws, {alone} by the likelihood alone")
+                alone = (
+                    "not limited by the data alone"
+                    if math.isnan(limit)
+                    else f"{rounded(limit)} by the likelihood alone"
+                )
+                sentences.append(f"{side} end {rounded(drawn, error)} by the draws, {alone}")
         return f"part of this rests on the prior: {', '.join(sentences)}" if sentences else ""
 
 

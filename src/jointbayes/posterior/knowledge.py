@@ -327,7 +327,8 @@ def gather_knowledge(
     assessments = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
     simpler = None if kept is None else kept.simpler
     rows = kept.freed if kept else effect_of_uncertain_inputs(posterior, freed)
-    if steps is None and all(check.explains for check in posterior.checks):
+    modes = kept.modes if kept and kept.modes else ask_modes() if ask_modes else None
+    if steps is None and all(check.explains for check in posterior.checks) and not (modes and modes.believed):
         workshop = known_in_workshop(rows)
         step = next_step(posterior, freed if workshop else None, workshop or assessments)
     else:
@@ -345,7 +346,7 @@ def gather_knowledge(
         rows,
         kept.assumed if kept else assumed_beyond(problem, freed),
         simpler_joints(posterior) if simpler is None else simpler,
-        kept.modes if kept and kept.modes else ask_modes() if ask_modes else None,
+        modes,
         step,
     )
 

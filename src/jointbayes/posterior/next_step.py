@@ -51,8 +51,9 @@ class NextStep:
     def sentence(self) -> str:
         """The step with its price and what it would bring, said to be a forecast."""
         rest = ", all else as in a workshop" if self.names else ""
+        verb = "Take" if self.words[0].isdigit() else "Add"  # 4 times the averages, or a sensor
         return (
-            f"Add {self.words}: {self.quantity} would go from {spread_in_words(self.sd_before)} to "
+            f"{verb} {self.words}: {self.quantity} would go from {spread_in_words(self.sd_before)} to "
             f"{spread_in_words(self.sd_after)} (95 %{rest}). This is a forecast; `jointbayes plan` simulates it."
         )
 

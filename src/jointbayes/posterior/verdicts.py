@@ -247,7 +247,7 @@ def judge_with_wider_priors(
     wider = assess(beyond, wide.prior.values(wide.prior_theta)[:, place])
     if not wide.reliable:
         return _less_certain(
-            assessment, "not identified", f"rests on the prior: what {_WIDER} make of it could not be computed"
+            assessment, "not identified", f"it may rest on the prior: with {_WIDER} the calculation did not settle"
         )
     low, high = posterior.problem.prior.bounds_of(name) or (-math.inf, math.inf)
     below, above = float((beyond < low).mean()), float((beyond > high).mean())

@@ -27,10 +27,10 @@ _FIRST = 2  # blocks on FRFs before the residuals and the tables
 def fit_section(inputs: SetupInputs) -> ReportSection:
     """Measured against predicted."""
     summary, fit = inputs.summary, inputs.summary.fit
-    size = number(math.sqrt(fit.chi2_per_line))
+    size = f"{math.sqrt(fit.chi2_per_line):#.3g}"
     text = f"The best fit misses the {fit.n_data} values of the data by {size} times their stated noise"
     taken_up = ", without what the noise model takes up" if summary.check.absorbs in ("outliers", "size") else ""
-    said = (summary.check.sentence, f"{text}{taken_up}. {summary.check.details}")
+    said = (summary.check.sentence, f"{text}{taken_up}. {summary.check.advice}".rstrip())
     blocks: list[Block] = [Paragraph(foreign(words)) for words in said]
     data = inputs.problem.test.data.frfs
     if data is None:
@@ -39,6 +39,7 @@ def fit_section(inputs: SetupInputs) -> ReportSection:
         of_frfs = _frf_figures(inputs.posterior, inputs.problem, data, summary.diagnosis)
         residuals, tables = _residuals(data, summary.check), _correlations(summary.diagnosis)
         blocks += [*of_frfs[:_FIRST], residuals, *tables, *of_frfs[_FIRST:]]
+    blocks.append(Paragraph(foreign(f"**For the statistician.** {summary.check.figures}")))
     return ReportSection("fit", "Measured and predicted", tuple(blocks))
 
 
@@ -108,7 +109,7 @@ def _shown(frf: FrfSet, diagnosis: Diagnosis) -> set[tuple[str, str]]:
 def _figure(plot: FrfPlot, share: float) -> Figure:
     title = f"{plot.quantity} {foreign('/'.join(plot.pair))}"
     first, last = plot.frequency_hz[[0, -1]]
-    misfit = number(float(np.sqrt(np.mean(plot.misfit**2))), 3)
+    misfit = f"{np.sqrt(np.mean(plot.misfit**2)):#.3g}"
     measured = plot.curves[0].name
     return Figure(
         f"frf-{plot.place[0]}-{plot.place[1]}",

@@ -134,7 +134,8 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
         Paragraph(
             "These are likelihood-ratio confidence limits, not credible intervals. They bound the values at which the "
             "data can still be fitted with all else adjusted, however few joints fit so well, and use only the bounds "
-            "of the joint's priors. The verdicts are based on the draws."
+            "of the joint's priors. Verdicts are based on the draws; an end that page one or the terminal give by "
+            "likelihood ratio is the limit at 97.5 %, which lies farther out."
         ),
         Table(
             "Likelihood-ratio limits at 95 %",

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.identifiability import Identifiability, Verdict, ratio_of
+from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, WEAK_RATIO, Identifiability, Verdict, ratio_of
 from jointbayes.posterior.knowledge import RANK, quantities_taken_as_exact
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.posterior.rounding import engineering, factor, join_unit, number
@@ -117,7 +117,7 @@ def _accuracy(known: Identifiability) -> str:
     ratio = ratio_of(_ends(known)[0])
     if ratio <= _PERCENT_RATIO:
         return f"±{number(100 * (math.sqrt(ratio) - 1), 2)} %"
-    return f"within a factor of {factor(ratio)}"
+    return f"its interval spans a factor of {factor(ratio)}"
 
 
 def _ends(known: Identifiability) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -177,6 +177,8 @@ def _note(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     problem, knowledge = inputs.posterior.problem, inputs.knowledge
     modes = knowledge.believed_modes
     words = ["Median, in brackets the 95 % interval."]
+    if any(any(known.printed_by_likelihood) for answer in answers for known in answer.known.values()):
+        words.append("An end that rests on the prior is by likelihood ratio where all else is exact.")
     assumed = modes.assumed if modes is not None else knowledge.assumed if inputs.knowledge.workshop else ()
     if assumed:
         words.append(f"As in a workshop: {', '.join(assumed)}, assumed as nobody stated them.")
@@ -219,22 +221,27 @@ def _more(names: Sequence[str]) -> str:
 
 
 def _reasons(known: Mapping[str, Identifiability], posterior: Posterior) -> list[str]:
-    """Why a stiffness is not identified, of the first few, in engineering units."""
-    lacking = [(name, each) for name, each in known.items() if each.verdict not in ("identified", "no verdict")]
-    sentences = []
-    for name, each in lacking[:_MOST_REASONS]:
-        reason = each.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-        value = re.compile(rf"([\d.]+(?:e\d+)?) {re.escape(unit := posterior.unit(name))}(?![\w·])")
-        reason = value.sub(lambda found, unit=unit: _engineering(float(found[1]), unit), reason)
-        sentences.append(f"{foreign(name)}: {reason}.")
-    if len(lacking) > _MOST_REASONS:
-        sentences.append(f"And {len(lacking) - _MOST_REASONS} more.")
-    return sentences
+    """Why stiffnesses are no better known, those of one reason together, the first few reasons."""
+    by_reason: dict[str, list[str]] = {}
+    for name, each in known.items():
+        if each.verdict not in ("identified", "no verdict"):
+            by_reason.setdefault(_reason(each, posterior.unit(name)), []).append(name)
+    sentences = [f"{_more(names)}: {reason}." for reason, names in by_reason.items()]
+    more = [f"And {len(sentences) - _MOST_REASONS} more."] if len(sentences) > _MOST_REASONS else []
+    return [*sentences[:_MOST_REASONS], *more]
 
 
-def _engineering(value: float, unit: str) -> str:
-    (text,), of = engineering((value,), unit)
-    return join_unit(text, of)
+def _reason(known: Identifiability, unit: str) -> str:
+    """What the verdict says, or what keeps a weakly identified stiffness from better, in engineering units."""
+    reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
+    if known.verdict == "weakly identified":
+        reason = reason.replace(f"at most {WEAK_RATIO:g}", f"more than {IDENTIFIED_RATIO:g}")
+
+    def in_engineering_units(found: re.Match[str]) -> str:
+        (text,), prefixed = engineering((float(found[1]),), unit)
+        return join_unit(text, prefixed)
+
+    return re.sub(rf"([\d.]+(?:e\d+)?) {re.escape(unit)}(?![\w·])", in_engineering_units, reason)
 
 
 def _next(inputs: ReportInputs) -> str:
@@ -246,6 +253,11 @@ def _next(inputs: ReportInputs) -> str:
         return foreign(" ".join(worst.diagnosis.advice))
     if inputs.posterior.solutions.advice:
         return foreign(inputs.posterior.solutions.advice)
+    if inputs.knowledge.believed_modes is not None:
+        return (
+            "More natural frequencies and antiresonances would narrow the answer of the modes: a wider band, or a "
+            "force and a sensor at a second point. No forecast is made for them."
+        )
     step = inputs.knowledge.next_step
     if step is None:
         return (

@@ -31,14 +31,7 @@ def _calculation(inputs: ReportInputs) -> Light:
         return Light(name, "caution", text)
     if summary.mesh is not None and not summary.mesh.within:
         return Light(name, "caution", foreign(summary.mesh.sentence))
-    errors = [
-        100 * error / (p.known.interval95[1] - p.known.interval95[0])
-        for p in summary.parameters.values()
-        for error in p.known.interval95_error
-        if math.isfinite(error) and p.known.interval95[1] > p.known.interval95[0]
-    ]
-    good_to = f": interval ends are good to {number(max(errors), 2)} % of the interval's width" if errors else ""
-    return Light(name, "good", f"Settled{good_to}.")
+    return Light(name, "good", posterior.record.headline.replace("The calculation has settled", "Settled"))
 
 
 def _model(inputs: ReportInputs) -> Light:
@@ -89,11 +82,11 @@ def _data(inputs: ReportInputs) -> Light:
     doubts += [foreign(str(warning)) for warning in summary.warnings]
     if doubts:
         more = f" And {len(doubts) - 1} more, see Data." if len(doubts) > 1 else ""
-        return Light("Data", "caution", f"Check {_short(doubts[0])}.{more}")
+        return Light("Data", "caution", f"Check {_short(doubts[0])}.{more}".replace("….", "…"))
     if summary.fit.synthetic_data:
         return Light("Data", "caution", "Computed from the joint and the noise that the case states, not measured.")
     return Light("Data", "good", f"{summary.fit.n_data} measured values; nothing in them looks doubtful.")
 
 
 def _short(text: str, most: int = 120) -> str:
-    return text if len(text) <= most else f"{text[: most - 1].rstrip()}…"
+    return text.rstrip(".") if len(text) <= most else f"{text[: most - 1].rstrip(' .,')} …"
