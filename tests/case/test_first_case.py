@@ -96,6 +96,7 @@ def test_a_newcomer_has_a_report_after_three_commands(tmp_path):
     low, high = answers[answers["believed"]]["parameters"]["k22"]["interval95"]
     assert low < 1.52e6 < high
     assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
+    assert "Report: " in typed("report", tmp_path / "out" / "posterior.nc", "--out", tmp_path / "again")
 
 
 @pytest.mark.science

@@ -1,5 +1,6 @@
 """The search for the mode: resonances of the data, frequencies matched, climbs together, and a search that goes on."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from jointbayes.identification.resonances import resonances_hz
 from jointbayes.identification.starting_points import _SetupMatch, frequency_starts
 from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.posterior.coordinates import coordinate_systems
+from jointbayes.posterior.file_record import estimate_record, parse_estimate
 from jointbayes.sampling import fit_proposal
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix
 
@@ -156,6 +158,17 @@ def wrong_summit(case):
     search = ModeSearch(case.problem.log_posterior)
     search.climb_stiffnesses({"soft": [1e8, 1e5, 1e4]})
     return search
+
+
+def test_a_start_that_leads_nowhere_is_kept_with_its_own_joint_as_its_end(cheap_case, monkeypatch):
+    search, releases_energy = wrong_summit(cheap_case), [-1e8, 1e5, -1e4]
+    monkeypatch.setattr("jointbayes.identification.mode_search.into_support", lambda *_: None)
+    search.climb_stiffnesses({"paper's iteration": releases_energy})
+    estimate = search.estimate()
+    again = parse_estimate(json.loads(json.dumps(estimate_record(estimate), default=np.ndarray.tolist)), "file")
+    for outcome in (estimate.starts[-1], again.starts[-1]):
+        assert (outcome.name, outcome.log_posterior, outcome.reached_mode) == ("paper's iteration", -np.inf, False)
+        np.testing.assert_array_equal(outcome.stiffness, releases_energy)
 
 
 @pytest.mark.science

@@ -79,8 +79,8 @@ def test_page_one_has_the_summary_s_numbers_in_engineering_units(whole, cheap_po
 def test_the_headline_says_in_one_line_what_is_known(whole, cheap_posterior):
     headline = next(b.text for b in of_kind(whole.lead, Paragraph) if b.text.startswith("**All else exact"))
     found = re.fullmatch(
-        r"\*\*All else exact: known k22 \(±(\S+) %\); roughly known k12 \(its interval spans a factor of (\S+)\); not identified "
-        r"k11\.\*\*",
+        r"\*\*All else exact: known k22 \(±(\S+) %\); roughly known k12 \(its interval spans a factor of (\S+)\); "
+        r"not identified k11\.\*\*",
         headline,
     )
     low, high = cheap_posterior.interval("k22")

@@ -196,7 +196,8 @@ def _noise(frfs: Sequence[FrfRecord]) -> tuple[float, float, str]:
     relative, floor = map(float, scipy.optimize.nnls(columns, left * weight)[0])
     if not fit.modes or relative > 0.2:
         return usual
-    return max(relative, 0.002), max(floor, 0.001), "what a modal fit leaves: the file has no coherence"
+    # the floor keeps lines near zero from counting without end; more of it than there is would overstate the noise
+    return max(relative, 0.002), max(floor, 1e-5), "what a modal fit leaves: the file has no coherence"
 
 
 def _history_lines(names: Sequence[str], content: _Content, layout: Mapping[str, str] | None) -> Iterator[str]:
