@@ -39,7 +39,7 @@ def fit_section(inputs: SetupInputs) -> ReportSection:
         of_frfs = _frf_figures(inputs.posterior, inputs.problem, data, summary.diagnosis)
         residuals, tables = _residuals(data, summary.check), _correlations(summary.diagnosis)
         blocks += [*of_frfs[:_FIRST], residuals, *tables, *of_frfs[_FIRST:]]
-    blocks.append(Paragraph(foreign(f"**For the statistician.** {summary.check.figures}")))
+    blocks.append(Paragraph(f"**For the statistician.** {foreign(summary.check.figures)}"))
     return ReportSection("fit", "Measured and predicted", tuple(blocks))
 
 

@@ -178,7 +178,9 @@ def _note(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     modes = knowledge.believed_modes
     words = ["Median, in brackets the 95 % interval."]
     if any(any(known.printed_by_likelihood) for answer in answers for known in answer.known.values()):
-        words.append("An end that rests on the prior is by likelihood ratio where all else is exact.")
+        words.append(
+            f"An end that rests on the prior is given by likelihood ratio{', but in a workshop' * (len(answers) > 1)}."
+        )
     assumed = modes.assumed if modes is not None else knowledge.assumed if inputs.knowledge.workshop else ()
     if assumed:
         words.append(f"As in a workshop: {', '.join(assumed)}, assumed as nobody stated them.")
@@ -196,7 +198,7 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
         return "The calculation: nothing can be said before it has settled."
     parts, exonerated = [], ""
     if modes is not None:
-        parts.append(f"The model. {modes.sentence}")
+        parts.append(f"{modes.reason[0].upper()}{modes.reason[1:]}, so the answer is that of their modes.")
     elif summary.no_verdict:
         parts.append("The model: intervals of a model that misses the data are too narrow.")
     if len(answers) == 2 and (taken := quantities_taken_as_exact(inputs.knowledge.freed)):
