@@ -120,7 +120,7 @@ def test_where_the_modes_answer_no_page_takes_the_frfs_answer_for_it(cheap_input
         posterior = cheap_inputs.posterior
         known = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
         modes = ModesAnswer(known, (UsedMode("", 1, 121.5, 0.01),), (), (0.003, 0.001, 0.01), believed, "so it is")
-        inputs = ReportInputs(dataclasses.replace(posterior))
+        inputs = ReportInputs(of_case(posterior, reference=TABLE_3, reference_source="Table 3"))
         inputs.__dict__["knowledge"] = dataclasses.replace(cheap_inputs.knowledge, modes=modes)
         reports.append(build_report(inputs, DATE))
     for said in ("published values agree", "best fit lies on the edge of the prior of k11", "Combinations of the"):
@@ -153,7 +153,12 @@ def test_a_run_that_has_not_settled_says_so_before_anything_else(whole, cheap_po
         max(p.interval95_error) / (p.interval95[1] - p.interval95[0])
         for p in map(cheap_posterior.identifiability, cheap_posterior.stiffness_names)
     )
-    assert f"good to {100 * error:.2g} %" in light(whole, "Calculation").text
+    said = re.fullmatch(
+        r"Settled: the ends of each 95 % interval are good to (\S+) % of the interval's width\.",
+        light(whole, "Calculation").text,
+    )
+    assert f"good to {said[1]} %" in cheap_posterior.record.headline  # as on the terminal
+    assert float(said[1]) == pytest.approx(100 * error, rel=0.1)
     assert not of_kind(whole.lead, Callout)
     record = dataclasses.replace(cheap_posterior.record, converged=False, reason="not converged at 9 of 9 steps")
     stopped = report_of(dataclasses.replace(cheap_posterior, record=record))

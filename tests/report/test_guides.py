@@ -46,7 +46,7 @@ def test_every_figure_of_a_report_has_its_guide_and_keeps_one_of_its_own():
     section = ReportSection("all", "All", (Paragraph("Text."), *figures))
     guided = with_guides(Report("Clamp", "", figures[:0], (section,), datetime.date(2026, 1, 5), "0"))
     assert [block.guide for block in guided.blocks() if isinstance(block, Figure)] == [guide_of("corner"), mine]
-    assert guide_of("corner").shows in render_html(guided)
+    assert guide_of("corner").shows in render_html(guided).replace("\u00a0", " ")
 
 
 def test_the_terms_state_the_limits_of_the_program():
@@ -59,5 +59,5 @@ def test_the_terms_state_the_limits_of_the_program():
     assert f"at {SamplerSettings().r_hat_max:g} or more" in terms()["R-hat"]
     assert all(f"| {meaning} |" in glossary().replace("\\", "") for meaning in terms().values())
     report = Report("Clamp", "", (), (section,), datetime.date(2026, 1, 5), "0")
-    assert meaning in render_html(report)
+    assert meaning in render_html(report).replace("\u00a0", " ")
     assert render_pdf(report).startswith(b"%PDF-")
