@@ -426,3 +426,22 @@ def test_what_is_passed_in_another_form_is_told_in_one_line(call, said):
 def test_natural_frequencies_of_a_matrix_are_refused_with_the_names_of_the_quantities(cheap_case):
     with pytest.raises(ModelError, match="expected the joint's quantities along its last axis: k11, k12, k22"):
         cheap_case.problem.natural_frequencies_hz(np.eye(2), 3)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "a", True])
+@pytest.mark.parametrize("run", [jb.sample, jb.find_map])
+def test_a_seed_is_a_whole_number(frequency_case, run, seed):
+    with pytest.raises(jb.ModelError, match="seed: found .*; expected a whole number, 0 or more"):
+        run(frequency_case, seed=seed)
+
+
+@pytest.mark.parametrize("settings", [{"walkers": 32}, {}])
+def test_settings_are_of_their_own_kind(frequency_case, settings):
+    with pytest.raises(jb.ModelError, match=r"settings: found dict; expected jb\.SamplerSettings\(walkers=…\)"):
+        jb.sample(frequency_case, settings=settings)
+
+
+@pytest.mark.parametrize("run", [jb.sample, jb.find_map])
+def test_progress_is_shown_by_what_can_be_called(frequency_case, run):
+    with pytest.raises(jb.ModelError, match="progress: found 'yes'; expected True, None, or what is called with each"):
+        run(frequency_case, progress="yes")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
 
@@ -96,6 +99,59 @@ class ReportInterruptedError(KeyboardInterrupt):
 
 class TerminatedError(KeyboardInterrupt):
     """The program was asked to end by SIGTERM or SIGHUP."""
+
+
+def shown(given: object) -> str:
+    """What a user gave, as a message names it: text, numbers and None as they are typed, all else by its kind."""
+    return repr(given) if given is None or isinstance(given, str | bool | int | float) else type(given).__name__
+
+
+def require(given: object, kind: Any, what: str, expected: str, within: Callable[[Any], bool] | None = None) -> None:  # noqa: ANN401
+    """Refuse an argument that is of no such kind, or that `within` is not true of; True and False are no numbers.
+
+    Parameters
+    ----------
+    given
+        What a user gave.
+    kind
+        Type or union of types, as of `isinstance`.
+    what
+        Where it was given, before what was found.
+    expected
+        What is expected, and what to do.
+    within
+        What must be true of a value of this kind.
+
+    Raises
+    ------
+    ModelError
+        If it is something else: where, what, and what is expected.
+    """
+    if isinstance(given, bool) or not isinstance(given, kind) or (within is not None and not within(given)):
+        raise ModelError(f"{what} {shown(given)}; expected {expected}")
+
+
+def require_probability(given: object, where: str) -> None:
+    """Refuse what is no probability inside (0, 1).
+
+    Raises
+    ------
+    ModelError
+        If it is none.
+    """
+    expected = "a number between 0 and 1, such as 0.95; correct it"
+    require(given, Real, f"{where}: found probability", expected, lambda p: 0 < p < 1)
+
+
+def require_count(given: object, what: str, least: int = 1) -> None:
+    """Refuse what is no whole number, `least` or more.
+
+    Raises
+    ------
+    ModelError
+        If it is none.
+    """
+    require(given, Integral, what, f"a whole number, {least} or more; correct it", lambda count: count >= least)
 
 
 def array_of(given: object, kind: type, what: str, error: type[JointBayesError]) -> NDArray[Any]:

@@ -1,8 +1,10 @@
 """Where a long command stands: what each of them tells the callback that it is given as ``progress=``."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
+
+from jointbayes.errors import require
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,10 @@ class ProgressCallback(Protocol):
 
 def callback_of(progress: ProgressCallback | bool | None) -> ProgressCallback:
     """The callback that a command is given as ``progress=``: True stands for a bar, None and False for none."""
-    return _show_bar() if progress is True else progress or tell_nobody
+    if progress is None or isinstance(progress, bool):
+        return _show_bar() if progress else tell_nobody
+    require(progress, Callable, "progress: found", "True, None, or what is called with each Progress, such as print")
+    return progress
 
 
 def _show_bar() -> ProgressCallback:

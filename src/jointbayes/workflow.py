@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
 from jointbayes.case.case import AnyCase, Case, case_around, require_case
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, require, require_count
 from jointbayes.identification import (
     Images,
     IterationHistory,
@@ -123,11 +123,11 @@ def find_map(
     """Find the posterior mode from several starts and its Laplace covariance.
 
     The starts are joints whose natural frequencies agree with the resonances of the data (of five unknowns and more
-    joints whose motion, reconstructed from the data, agrees with them), the first guess, the end of
-    the paper's iteration from it, the compliance fit that needs no guess, draws from the prior, those of many more
-    draws that fit the most lines, and joints near the limits of signed coordinates. All climb at once, the best are
-    refined, and so are images of the modes: like joints exchanged, couplings reflected. `MapEstimate.starts` says which
-    of them reached the mode, `MapEstimate.modes` what other modes there are.
+    joints whose motion, reconstructed from the data, agrees with them), the first guess, the end of the paper's
+    iteration from it, the compliance fit that needs no guess, draws from the prior, those of many more draws that fit
+    the most lines, and joints near the limits of signed coordinates. All climb at once, the best are refined, and so
+    are images of the modes: like joints exchanged, couplings reflected. `MapEstimate.starts` says which of them reached
+    the mode, `MapEstimate.modes` what other modes there are.
     Where the best mode does not explain the data while starts disagree, the search goes on with more starts:
     `MapEstimate.effort` and `MapEstimate.sentence` say how far and what follows.
 
@@ -179,9 +179,10 @@ def find_map(
 
 
 def _seed(case: Case | None, seed: int | None) -> int:
-    if seed is not None:
-        return seed
-    return 1 if case is None else case.spec.sampling.seed
+    if seed is None:
+        return 1 if case is None else case.spec.sampling.seed
+    require_count(seed, "seed: found", 0)
+    return seed
 
 
 @one_blas_thread()
@@ -203,8 +204,7 @@ def sample(
     settings
         Sampler settings; by default the case's.
     seed
-        Seed of all random numbers; by default the case's, 1 of a problem. The same seed gives the same draws bit for
-        bit.
+        Seed of all random numbers; by default the case's, 1 of a problem. The same seed gives the same draws.
     progress
         Called as each stage begins, before each further round of the search for the mode, and after each block of
         steps; True for a bar of tqdm, or lines where that is not installed.
@@ -230,6 +230,7 @@ def sample(
         another problem, seed or settings, or of other versions: which.
     """
     tell = callback_of(progress)
+    require(settings, SamplerSettings | None, "settings: found", "jb.SamplerSettings(walkers=…), or None; make it")
     if checkpoint is not None and not isinstance(checkpoint, UnfinishedRun):
         with UnfinishedRun(checkpoint, resume=resume, progress=tell) as unfinished:
             return sample(case, settings=settings, seed=seed, progress=tell, checkpoint=unfinished)
@@ -379,8 +380,7 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
     path
         The file.
     problem
-        The problem that was sampled, where it has parts that no file can hold: a prior or a term of the likelihood of
-        one's own.
+        The one that was sampled, where it has parts that no file can hold: one's own prior or term of the likelihood.
 
     Raises
     ------

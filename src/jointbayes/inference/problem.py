@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array, Indices
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, require
 from jointbayes.frf import AnyStructure, NaturalFrequencies
 from jointbayes.inference.likelihood_base import ResidualKind
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
@@ -83,15 +83,24 @@ class Problem:
                     f"problem: found {type(test).__name__} as a test; expected tests, or structure, joint, data and "
                     "prior of a lone one by these names; name them"
                 )
-        if not tests and structure is not None and joint is not None and data is not None:
+        own = {"structure": structure, "joint": joint, "data": data}
+        if tests:
+            kind = None if residual_kind == "complex" else residual_kind
+            extra = [f for f, value in (own | {"noise": noise, "residual_kind": kind}).items() if value is not None]
+            if extra:
+                raise ModelError(
+                    f"problem: found {', '.join(extra)} besides tests, which have their own; expected the one or the "
+                    f"other; change a lone test by problem.with_test({extra[0].replace('joint', 'joints')}=…)"
+                )
+        elif structure is not None and joint is not None and data is not None:
             tests = (Test("", structure, joints_of(joint), data, noise, residual_kind),)
         if not tests or prior is None:
-            given = {"structure": structure, "joint": joint, "data": data} if not tests else {}
-            missing = [name for name, value in (given | {"prior": prior}).items() if value is None]
+            missing = [name for name, value in (({} if tests else own) | {"prior": prior}).items() if value is None]
             raise ModelError(
                 f"problem: found no {', '.join(missing)}; expected structure, joint, data and prior, or tests and a "
                 "prior; pass them"
             )
+        require(prior, JointPrior, "problem: found as prior", "jb.JointPrior(parametrisation, marginals); make one")
         _require_names(tests)
         require_own_bodies(tests)
         parametrisation = arranged(prior.parametrisation, tests)

@@ -8,7 +8,7 @@ from functools import cached_property, singledispatch
 import numpy as np
 
 from jointbayes.arrays import Indices
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, require
 from jointbayes.frf import (
     AnyStructure,
     FrfSet,
@@ -102,6 +102,11 @@ class Test:
                 f"problem: found no {', '.join(missing)}; expected structure, joints and data of a test; pass them, "
                 "joints=() where nothing is joined"
             )
+        bodies = "a body, such as jb.beam(…), jb.Structure(…) or jb.frame(…), or jb.Substructures(…); make one"
+        require(self.structure, AnyStructure, "problem: found as structure", bodies)
+        require(self.data, Data, "problem: found as data", "data with their noise; of FRFs jb.FrfData(frf, variance)")
+        noise = "a noise model of jointbayes.inference, such as ScaledNoise(); make one"
+        require(self.noise, NoiseModel | None, "problem: found as noise", noise)
         object.__setattr__(self, "joints", joints_of(self.joints))
 
     def __repr__(self) -> str:
