@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array, ComplexArray, Indices
+from jointbayes.errors import ModelError, array_of, require
 from jointbayes.joint import AnyJoint, AnyJointMatrix
 from jointbayes.joint.joint import LabelledDofs
 
@@ -22,16 +23,32 @@ class Ports:
         Frequency lines, shape (lines,), Hz.
     outputs, inputs
         DOF labels of responses and of excitations.
+
+    Raises
+    ------
+    ModelError
+        If lines are no numbers, or labels no sequence of texts.
     """
 
     frequency_hz: Array
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
 
+    def __post_init__(self) -> None:
+        lines = array_of(self.frequency_hz, float, "ports: lines in Hz", ModelError)
+        object.__setattr__(self, "frequency_hz", np.atleast_1d(lines))
+        for what, labels in (("outputs", self.outputs), ("inputs", self.inputs)):
+            expected = 'labels of DOFs in a sequence, such as ("11:y",); correct it'
+            require(labels, tuple | list, f"ports: found as {what}", expected, _are_texts)
+
     @property
     def omega(self) -> Array:
         """ω = 2πf, shape (lines,), rad/s."""
         return 2 * np.pi * np.asarray(self.frequency_hz, dtype=float)
+
+
+def _are_texts(labels: Sequence[object]) -> bool:
+    return all(isinstance(label, str) for label in labels)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

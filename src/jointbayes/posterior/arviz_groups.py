@@ -1,6 +1,7 @@
 """A posterior as ArviZ takes it: a chain for each ensemble, and what its functions ask for besides the draws."""
 
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, require
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.measurement import Data
 from jointbayes.posterior.prediction import replicate
@@ -58,6 +59,8 @@ def arviz_tree(problem: Problem, tree: xr.DataTree, theta: Array, seed: int, meg
     seed, megabytes
         Seed of the replicated data; size of the groups with a value for each datum, 0 for none of them.
     """
+    size = "to_arviz: found megabytes"
+    require(megabytes, Real, size, "a number, 0 or more; correct it", lambda given: 0 <= given < np.inf)
     ensembles, (walkers, steps) = len(np.unique(tree["posterior"]["ensemble"])), theta.shape[:2]
     parts = {f"data_{part.test.name}".strip("_").replace("/", "_"): part for part in problem.parts}
     measured = {name: _measured(part.test.data) for name, part in parts.items()}

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, require_count, require_probability
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
@@ -137,7 +137,7 @@ class PosteriorDraws:
 
     def unit(self, name: str) -> str:
         """Unit of one stiffness or other quantity."""
-        return str(self.draws[name].attrs.get("units", ""))
+        return str(_named(self.draws, name).attrs.get("units", ""))
 
     def values(self, name: str) -> Array:
         """All draws of one stiffness or other quantity, shape (chains, draws).
@@ -184,8 +184,7 @@ class PosteriorDraws:
         ModelError
             If there is no such stiffness or the probability is not inside (0, 1).
         """
-        if not 0 < probability < 1:
-            raise ModelError(f"interval: found probability {probability:g}; expected a number between 0 and 1")
+        require_probability(probability, "interval")
         tail = (1 - probability) / 2
         low, high = np.quantile(self.values(name), [tail, 1 - tail])
         return float(low), float(high)
@@ -344,13 +343,14 @@ class PosteriorDraws:
         ModelError
             If the probability is not inside (0, 1).
         """
-        if not 0 < probability < 1:
-            raise ModelError(f"left out: found probability {probability:g}; expected a number between 0 and 1")
+        require_probability(probability, "left out")
         return predict_left_out(self.problem, self.thinned(max_draws), probability, self.record.seed)
 
     def thinned(self, most: int) -> Array:
         """At most so many draws of θ, evenly spaced over all chains, shape (n, d)."""
-        return self.theta[np.linspace(0, len(self.theta) - 1, min(most, len(self.theta))).round().astype(int)]
+        require_count(most, "max_draws: found")
+        rows = np.linspace(0, len(self.theta) - 1, min(most, len(self.theta))).round().astype(int)
+        return self.theta[rows]
 
     def to_arviz(self, megabytes: float = 200.0) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)
         """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on.
@@ -381,7 +381,11 @@ class PosteriorDraws:
         return None if len(self.problem.tests) > 1 else self.problem.test.data.lowest_hz
 
 
-def _variable(dataset: xr.Dataset, name: str) -> Array:
+def _named(dataset: xr.Dataset, name: str) -> xr.DataArray:
     if name not in dataset:
         raise ModelError(f"posterior: found parameter {name!r}; expected one of {', '.join(map(str, dataset))}")
-    return np.asarray(dataset[name].transpose("chain", "draw").values, dtype=float)
+    return dataset[name]
+
+
+def _variable(dataset: xr.Dataset, name: str) -> Array:
+    return np.asarray(_named(dataset, name).transpose("chain", "draw").values, dtype=float)

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from jointbayes.arrays import Array
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, require_count, require_probability
 from jointbayes.inference import Level, Test
 from jointbayes.inference.test import own_name
 from jointbayes.posterior.assemblies import usual_assemblies
@@ -130,8 +130,7 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
     ModelError
         If set-ups have no levels, or none has this quantity for itself.
     """
-    if not 0 < probability < 1:
-        raise ModelError(f"curve: found probability {probability:g}; expected a number between 0 and 1; correct it")
+    require_probability(probability, "curve")
     problem = posterior.problem
     names = [*posterior.stiffness_names, *(nuisance.name for nuisance in problem.prior.nuisances)]
     own_names = [(test, own_name(test.name, name, names)) for test in _sorted_by_level(problem.tests)]
@@ -321,6 +320,7 @@ class Posterior(JudgedPosterior):
         most
             Draws at most; no fewer than four of each walker are kept.
         """
+        require_count(most, "with_fewer_draws: found")
         chains, draws = self.log_density.shape
         every = max(1, -(-draws // max(4, most // chains)))
         rows = {"posterior": every, "sample_stats": every, "prior": -(-self.prior_stiffness.shape[0] // most)}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.errors import MeasurementError
+from jointbayes.errors import MeasurementError, require, require_probability
 from jointbayes.frf import FrfSet, LowRankCoupling, NoisePropagation, Ports, Quantity, quantity_factor
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
@@ -251,6 +251,8 @@ def predict_frf(
     ModelError
         If a DOF does not exist.
     """
+    require(ports, Ports, "FRF prediction: found as ports", "jb.Ports(frequency_hz, outputs, inputs); make it")
+    require_probability(probability, "FRF prediction")
     values = frfs_as_measured(problem, ports, quantity, problem.prior.values(theta), problem.prior.factors(theta))
     if problem.test.measured_bodies and not problem.test.ignores_noise_of_bodies:
         values += _errors_of_bodies(problem, ports, quantity, np.atleast_2d(np.asarray(theta, dtype=float)))

@@ -299,11 +299,10 @@ class BeamRecipe(Recipe):
         """
         if self.element == "paper":
             return None
-        if dofs is None:
-            numbers = set(range(1, self.elements + 2))
-        else:
-            labels = (*dofs, *self.supports, *self.accelerometer_dofs)
-            numbers = {int(label.split(":")[0]) for label in labels} & set(range(1, self.elements + 2))
+        numbers = set(range(1, self.elements + 2))
+        if dofs is not None:
+            points = {label.split(":")[0] for label in (*dofs, *self.supports, *self.accelerometer_dofs)}
+            numbers = {number for number in numbers if str(number) in points}
         top = self.shape.bending_frequency_hz(HALF_WAVES) if top_hz is None else top_hz
         extra = (_RICHER_OF_MANY if len(numbers) > MANY_POINTS else _RICHER) if self.richer else 0
         return mesh_through(self.shape, self.elements + 1, numbers, top, self.dofs_per_node, extra)
