@@ -431,7 +431,7 @@ def test_natural_frequencies_of_a_matrix_are_refused_with_the_names_of_the_quant
 @pytest.mark.parametrize("seed", [-1, 1.5, "a", True])
 @pytest.mark.parametrize("run", [jb.sample, jb.find_map])
 def test_a_seed_is_a_whole_number(frequency_case, run, seed):
-    with pytest.raises(jb.ModelError, match="seed: found .*; expected a whole number, 0 or more"):
+    with pytest.raises(jb.ModelError, match=r"seed: found .*; expected a whole number, 0 or more"):
         run(frequency_case, seed=seed)
 
 

@@ -23,6 +23,11 @@ def table_html(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], a
     return f"<div><p>{escape(title)}</p><table>{table}</table>{after}</div>"
 
 
+def paragraph_html(text: str) -> str:
+    """HTML of a paragraph; of no text none."""
+    return f"<p>{escape(text)}</p>" if text else ""
+
+
 def frf_svg(frequency_hz: Array, curves: Mapping[str, NDArray[Any]]) -> str:
     """SVG of at most two FRFs over frequency by what they are called, each shape (lines,), in decibels."""
     levels = [20 * np.log10(np.maximum(np.abs(curve), np.finfo(float).tiny)) for curve in curves.values()]

@@ -1,13 +1,19 @@
 """What a notebook shows of a result: short, with names, units and the digits that its interval supports."""
 
+import math
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
+import jointbayes as jb
+from jointbayes.identification import SearchEffort
 from jointbayes.notebook_view import frf_svg, table_html
+from jointbayes.posterior.summary import NuisanceSummary
 from jointbayes.posterior.summary_tables import value_rows
+from tests.conftest import cheap_frequencies_text
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +39,7 @@ def test_all_is_short(shown):
 def test_quantities_have_names_units_and_digits(shown, cheap_posterior):
     text = repr(shown["posterior"])
     for name, unit in (("k11", "GN/m"), ("k12", "MN"), ("k22", "MN·m/rad")):
-        line = re.search(rf"  {name}: median (\S+), 95 % interval (\S+) to (\S+) {unit}\n", f"{text}\n")
+        line = re.search(rf"  {name}: median (\S+), 95 % credible interval (\S+) to (\S+) {unit}\n", f"{text}\n")
         median, low, high = line.groups()
         scale = {"G": 1e9, "M": 1e6}[unit[0]]
         assert low != high
@@ -105,3 +111,61 @@ def test_tables_of_pandas(shown, cheap_posterior):
     draws = cheap_posterior.to_dataframe()
     assert len(draws) == cheap_posterior.log_density.size
     np.testing.assert_array_equal(draws["k11"].to_numpy(), cheap_posterior.values("k11").ravel())
+    assert not [cell for row in frame.to_numpy() for cell in row if cell is None or isinstance(cell, list | dict)]
+    known = shown["summary"].parameters["k11"].known
+    assert tuple(frame.loc["k11", ["printed_low95", "printed_high95"]]) == known.printed95
+    assert tuple(frame.loc["k11", ["low95_error", "high95_error"]]) == known.interval95_error
+    assert math.isnan(frame.loc["k22", "limit95"])
+
+
+LENGTH = NuisanceSummary("mm", 383.0, 384.0, 384.2, 0.001, (382.0, 386.0), (380.0, 386.0), 0.6, 1.0, 900.0, 800.0)
+
+
+def texts(html, tag):
+    return [element.text for element in ElementTree.fromstring(html).iter(tag)]
+
+
+def test_an_interval_that_the_likelihood_moved_names_the_credible_one(shown):
+    summary = shown["summary"]
+    moved = summary.parameters["k11"].known
+    assert moved.source.endswith(f"95 % credible interval {moved.source.split('interval ')[1]}")
+    (line,) = [line for line in str(summary).splitlines() if line.startswith("    k11:")]
+    assert line.endswith(moved.source)
+    assert f"{moved.interval()} {moved.source}" in texts(summary._repr_html_(), "td")
+    assert texts(shown["posterior"]._repr_html_(), "th")[2] == "95 % credible interval"
+
+
+def test_a_notebook_shows_all_blocks_of_a_summary_and_no_brackets(shown):
+    summary = replace(shown["summary"], nuisances={"length": LENGTH})
+    html = summary._repr_html_()
+    assert "[[" not in html
+    assert texts(html, "p")[0].startswith("Posterior of 'cheap'\n")
+    (rest,) = texts(html, "pre")
+    assert re.match(r"Other quantities: .*\n    length:  384.2  mm  \(382 … 386\)\nFit at the MAP\n", rest)
+    assert summary.to_dataframe().loc["length", ["unit", "low95", "prior_high95"]].tolist() == ["mm", 382.0, 386.0]
+
+
+def test_a_limit_has_its_unit_once(shown):
+    stiffness = shown["summary"].parameters["k22"]
+    known = replace(stiffness.known, verdict="bounded below", limit95=1.5e6, unit="N·m/rad")
+    summary = replace(shown["summary"], parameters={"k22": replace(stiffness, known=known)})
+    assert known.limit == "above 1.50e6 N·m/rad"
+    assert texts(summary._repr_html_(), "td")[2:4] == ["above 1.50e6", "N·m/rad"]
+
+
+def test_a_fit_that_failed_says_so_wherever_it_is_shown(shown, cheap_posterior):
+    effort = SearchEffort(squares=400.0, limit=1.2, starts=20, agreeing=12)
+    estimate = replace(shown["estimate"], effort=effort)
+    assert effort.sentence.startswith("The best fit misses the data by 20 times their noise")
+    for one in (estimate, replace(cheap_posterior, estimate=estimate)):
+        assert repr(one).endswith(effort.sentence)
+        assert texts(one._repr_html_(), "p")[-1] == effort.sentence
+
+
+def test_a_mode_shows_what_else_is_uncertain():
+    case = jb.case_from_text("uncertain", cheap_frequencies_text() + "\n[uncertain.length]\nsd_percent = 0.5\n")
+    estimate, prior = jb.find_map(case, seed=1), case.problem.prior
+    (value,) = prior.nuisance_values(estimate.theta)
+    assert dict(estimate.others) == {"length": (value, prior.nuisances[0].unit)}
+    assert f", length = {value:.4g} {prior.nuisances[0].unit}; log posterior" in repr(estimate)
+    assert "length" in texts(estimate._repr_html_(), "td")

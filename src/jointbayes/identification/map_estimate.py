@@ -9,7 +9,7 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.identification.paper_iteration import IterationHistory, listed_values
 from jointbayes.inference import JointPrior
-from jointbayes.notebook_view import table_html
+from jointbayes.notebook_view import paragraph_html, table_html
 
 #: A further round of search that gains less than this in log density found no better mode.
 GAIN = 0.5
@@ -134,6 +134,8 @@ class MapEstimate:
         The paper's iteration, whose end was one of the starts; None where it was not made.
     units
         Name and unit of each quantity; empty of a file that an older version wrote.
+    others
+        Value at the mode and unit of each uncertain quantity besides the joint, by name; empty of such a file too.
     """
 
     theta: Array
@@ -145,15 +147,18 @@ class MapEstimate:
     effort: SearchEffort | None = None
     iteration: IterationHistory | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+    others: Mapping[str, tuple[float, str]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        values = listed_values(self.units, self.values)
-        reached = len(self.starts) - len(self.failed_starts)
-        count = len(self.modes)
-        return (
-            f"MapEstimate({values}; log posterior {self.log_posterior:.6g}, {reached} of "
-            f"{len(self.starts)} starts reach it, {count} mode{'s' * (count != 1)})"
-        )
+        units = {**self.units, **{name: unit for name, (_, unit) in self.others.items()}}
+        values = listed_values(units, np.array([*self.values, *(value for value, _ in self.others.values())]))
+        return " ".join(filter(None, (f"MapEstimate({values}; {self._search})", self.sentence)))
+
+    @property
+    def _search(self) -> str:
+        reached, count = len(self.starts) - len(self.failed_starts), len(self.modes)
+        starts = f"{reached} of {len(self.starts)} starts reach it"
+        return f"log posterior {self.log_posterior:.6g}, {starts}, {count} mode{'s' * (count != 1)}"
 
     def laplace_ends(self, prior: JointPrior) -> Array | None:
         """Ends of the 95 % interval of each quantity of the joint by the curvature at the mode, shape (2, q).
@@ -178,7 +183,9 @@ class MapEstimate:
     def _repr_html_(self) -> str:
         named = zip(self.units.items() or [("", "")] * self.values.size, self.values, strict=True)
         rows = [(name, f"{value:.4g}", unit) for (name, unit), value in named]
-        return table_html(f"MAP: {repr(self).partition('; ')[2][:-1]}", ("Quantity", "Value", "Unit"), rows)
+        rows += [(name, f"{value:.4g}", unit) for name, (value, unit) in self.others.items()]
+        after = paragraph_html(self.sentence)
+        return table_html(f"MAP: {self._search}", ("Quantity", "Value", "Unit"), rows, after)
 
     @property
     def starts_for_draws(self) -> tuple[tuple[Array, Array], ...]:

@@ -192,6 +192,7 @@ class ModeSearch:
         """
         theta, best = self.best
         prior = self._posterior.prior
+        others = prior.nuisance_values(theta).tolist()
         reached, outcomes = self.reached(), []
         for name, stiffness in self._begun.items():
             end, density = self._ends.get(name, (None, -np.inf))
@@ -205,6 +206,7 @@ class ModeSearch:
             tuple(outcomes),
             local_modes(self._posterior, [(end.theta, end.log_density) for end in self._refined]),
             units={quantity.name: quantity.unit for quantity in prior.parametrisation.quantities},
+            others={n.name: (value, n.unit) for n, value in zip(prior.nuisances, others, strict=True)},
         )
 
 

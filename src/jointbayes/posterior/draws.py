@@ -14,7 +14,7 @@ from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
 from jointbayes.inference.noise.base import Absorbed
-from jointbayes.notebook_view import frf_svg, table_html
+from jointbayes.notebook_view import frf_svg, paragraph_html, table_html
 from jointbayes.posterior.arviz_groups import arviz_tree
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
@@ -26,6 +26,7 @@ from jointbayes.posterior.storage import to_arviz
 from jointbayes.posterior.summary_tables import value_rows
 
 _KERNEL_DRAWS = 4000
+_INTERVAL = "95 % credible interval"  # not what a summary prints, where the likelihood may move an end
 _MOST_SHOWN = 9  # quantities, where a posterior is printed
 #: Draws whose residuals are checked; fewer where these are millions, among which draws make no difference.
 _CHECK_DRAWS, _FEWEST_CHECKED, _CHECKED_VALUES = 200, 12, 25_000_000
@@ -64,9 +65,12 @@ class PosteriorDraws:
     _kept_knowledge: Any = field(default=None, repr=False)
 
     def __repr__(self) -> str:
-        rows = [f"{name}: median {median}, 95 % interval {join_unit(*ends)}" for name, median, *ends in self._rows]
-        more = [f"and {len(rows) - _MOST_SHOWN} more"] if len(rows) > _MOST_SHOWN else []
-        return "\n  ".join([self._title, *rows[:_MOST_SHOWN], *more])
+        each = self._rows
+        rows = [
+            f"{name}: median {median}, {_INTERVAL} {join_unit(*ends)}" for name, median, *ends in each[:_MOST_SHOWN]
+        ]
+        more = f"and {len(each) - _MOST_SHOWN} more" if len(each) > _MOST_SHOWN else ""
+        return "\n  ".join(filter(None, [self._title, *rows, more, self.estimate.sentence]))
 
     def _repr_html_(self) -> str:
         part = next((part for part in self.problem.parts if part.test.data.frfs), None)
@@ -74,7 +78,8 @@ class PosteriorDraws:
         if part is not None and part.test.data.frfs is not None:
             frf, best = part.test.data.frfs.frf, part.log_posterior.predicted(self.estimate.theta)[0]
             drawing = frf_svg(frf.frequency_hz, {"measured": frf.values[:, 0, 0], "MAP": best[:, 0, 0]})
-        return table_html(self._title, ("Quantity", "Median", "95 % interval", "Unit"), self._rows, drawing)
+        drawing += paragraph_html(self.estimate.sentence)
+        return table_html(self._title, ("Quantity", "Median", _INTERVAL, "Unit"), self._rows, drawing)
 
     @property
     def _title(self) -> str:

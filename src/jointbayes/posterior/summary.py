@@ -30,7 +30,7 @@ from jointbayes.posterior.setup_summary import (
     setup_summaries,
 )
 from jointbayes.posterior.solutions import ModeSummary
-from jointbayes.posterior.summary_tables import stiffness_frame, summary_html
+from jointbayes.posterior.summary_tables import quantity_frame, summary_html
 from jointbayes.posterior.verdicts import JudgedPosterior, mode_sentence, reasons_for_no_verdict, verdict_text
 from jointbayes.sampling.diagnostics import effective_sizes
 
@@ -169,6 +169,7 @@ class Summary:
                 p.unit,
                 f"({p.known.limit or p.known.interval()})",
                 p.verdict,
+                p.known.source,
             )
             for name, p in self.parameters.items()
         ]
@@ -201,8 +202,8 @@ class Summary:
         return summary_html(str(self), self.parameters)
 
     def to_dataframe(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
-        """The stiffnesses as a pandas.DataFrame, one row for each, in its unit."""
-        return stiffness_frame(self.to_json()["parameters"])
+        """A pandas.DataFrame with a row for each stiffness and each other uncertain quantity, in its unit."""
+        return quantity_frame(self.to_json())
 
     def _answers_json(self) -> dict[str, Any] | None:
         """Both answers of measured FRFs, that of the FRFs in the form of the other."""

@@ -1,5 +1,7 @@
 """The stiffnesses of a summary as a table: of pandas, and of a notebook."""
 
+import math
+import re
 from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -28,21 +30,33 @@ def value_rows(drawn: Mapping[str, tuple[Array, str]]) -> list[tuple[str, str, s
     return rows
 
 
-def stiffness_frame(parameters: Mapping[str, Mapping[str, Any]]) -> Any:  # noqa: ANN401 (a pandas.DataFrame)
-    """One row for each stiffness, from the part of ``summary.json`` on them; its interval as two columns."""
+def quantity_frame(summary: Mapping[str, Any]) -> Any:  # noqa: ANN401 (a pandas.DataFrame)
+    """One row for each quantity of what ``summary.json`` holds; what does not exist is NaN."""
     import pandas
 
-    frame = pandas.DataFrame.from_dict(parameters, orient="index")
-    frame[["low95", "high95"]] = frame.pop("interval95").tolist()
-    return frame
+    rows = {**summary["parameters"], **summary["nuisances"]}
+    return pandas.DataFrame.from_dict({name: _cells(row) for name, row in rows.items()}, orient="index")
+
+
+def _cells(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row without lists: of a pair of ends ``interval95`` as ``low95`` and ``high95``, and so on."""
+    cells: dict[str, Any] = {}
+    for name, value in row.items():
+        if isinstance(value, list):
+            stem = re.sub("_?(interval)?95", "_{}95", name).lstrip("_") if "95" in name else f"{name}_{{}}"
+            cells |= {stem.format(side): end for side, end in zip(("low", "high"), value, strict=True)}
+        else:  # inputs that a verdict needs exact are a table: of it the names
+            cells[name] = ", ".join(value["quantities"]) if isinstance(value, dict) else value
+    return {name: math.nan if value is None else value for name, value in cells.items()}
 
 
 def summary_html(text: str, parameters: "Mapping[str, StiffnessSummary]") -> str:
     """A table of the stiffnesses between the lines of a summary that are no table."""
-    rows = [
-        (name, rounded(p.known.median, p.known.median_error), p.known.limit or p.known.interval(), p.unit, p.verdict)
-        for name, p in parameters.items()
-    ]
-    title, rest = text.split("[[Joint")[0], text.partition("[[Fit")
+    rows = []
+    for name, p in parameters.items():
+        ends = p.known.limit.removesuffix(f" {p.unit}") or p.known.interval()
+        median = rounded(p.known.median, p.known.median_error)
+        rows.append((name, median, f"{ends} {p.known.source}".strip(), p.unit, p.verdict))
+    title, _, *rest = (block.replace("]]\n", "\n", 1) for block in text.removeprefix("[[").split("\n[["))
     head = ("Stiffness", "Median", "95 % interval", "Unit", "Verdict")
-    return table_html(title, head, rows, f"<pre>{escape(''.join(rest[1:]))}</pre>")
+    return table_html(title, head, rows, f"<pre>{escape(chr(10).join(rest))}</pre>")
