@@ -21,9 +21,13 @@ class Bar:
 
     made: list["Bar"]
 
-    def __init__(self, desc, unit):
-        self.desc, self.unit, self.n, self.total, self.closed, self.shown = f"{desc}: ", unit, 0, None, False, []
+    def __init__(self, desc, bar_format):
+        self.desc, self.unit, self.n, self.total, self.closed, self.shown = f"{desc}: ", "it", 0, None, False, []
+        self.bar_format = bar_format
         self.made.append(self)
+
+    def reset(self, total):
+        self.n, self.total = 0, total
 
     def set_postfix_str(self, text):
         self.shown.append((self.n, self.total, text))
@@ -47,8 +51,23 @@ def test_each_stage_is_a_bar_and_counts_as_it_is_told(bars):
     for progress in STAGES:
         tell(progress)
     first, second = bars
-    assert (first.desc, first.shown, first.closed) == ("searching for the mode: ", [(1, 1, "")], True)
+    assert (first.desc, first.shown, first.closed) == ("searching for the mode: ", [(0, None, "")], True)
+    assert first.bar_format == "{desc}: {elapsed}{postfix}"  # neither a share nor a unit where nothing is counted
     assert (second.unit, second.shown) == (" steps", [(50, 200, "R̂ = 1.1"), (200, 200, "R̂ = 1.0")])
+    assert second.bar_format == ""
+
+
+def test_a_stage_that_is_over_is_a_whole_bar_even_if_it_took_fewer_steps(bars):
+    tell = callback_of(True)
+    tell(jb.Progress("searching for the mode"))
+    tell(jb.Progress("searching for the mode", done=23, total=25, unit="starts"))
+    tell(jb.Progress("searching for the mode", "round 1"))
+    tell(STAGES[1])
+    assert (bars[0].shown, bars[0].n, bars[0].unit) == (
+        [(0, None, ""), (23, 25, ""), (23, 25, "round 1")],
+        25,
+        " starts",
+    )
 
 
 def test_a_run_shows_its_stages(bars, frequency_case):
@@ -62,7 +81,7 @@ def test_without_tqdm_lines_are_printed(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "tqdm", None)
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)
     tell = callback_of(True)
-    for progress in STAGES:
+    for progress in (STAGES[0], *STAGES):  # the first twice
         tell(progress)
     assert capsys.readouterr().out.splitlines() == [str(progress) for progress in STAGES]
 

@@ -89,16 +89,34 @@ def _show_bar() -> ProgressCallback:
     try:
         from tqdm.auto import tqdm
     except ImportError:
-        return print
+        return _print_new_lines()
     bars: list[Any] = []
 
     def report(progress: Progress) -> None:
         if not bars or bars[-1].desc.removesuffix(": ") != progress.stage:
-            for bar in bars:
+            for bar in bars:  # a stage that another follows is done, however many steps it took in the end
+                bar.n = bar.total or bar.n
                 bar.close()
-            bars[:] = [tqdm(desc=progress.stage, unit=f" {progress.unit}")]
-        bars[-1].total, bars[-1].n = progress.total or 1, progress.done if progress.total else 1
-        bars[-1].set_postfix_str(progress.text)
+            bars[:] = [tqdm(desc=progress.stage, bar_format="{desc}: {elapsed}{postfix}")]
+        bar = bars[-1]
+        if progress.total is not None:
+            if bar.total is None:  # a widget takes its first total only so
+                bar.reset(progress.total)
+            bar.bar_format, bar.total, bar.n, bar.unit = "", progress.total, progress.done, f" {progress.unit}"
+        bar.set_postfix_str(progress.text)
+
+    return report
+
+
+def _print_new_lines() -> ProgressCallback:
+    """A callback that prints each line that is not the one before."""
+    last = ""
+
+    def report(progress: Progress) -> None:
+        nonlocal last
+        if str(progress) != last:
+            last = str(progress)
+            print(last)
 
     return report
 
