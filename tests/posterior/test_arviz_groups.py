@@ -13,6 +13,7 @@ from jointbayes.posterior.arviz_groups import fold_chains
 from jointbayes.sampling.diagnostics import effective_sizes, split_r_hat
 from tests.report.test_setups import BASE, CLAMP_EDGE, HEARD, TWO, posterior_of
 
+BY_DRAW = ("chain", "draw")
 POINTWISE = {"log_likelihood", "posterior_predictive"}
 
 
@@ -159,6 +160,47 @@ def test_several_tests_have_a_variable_each():
     assert set(groups["posterior_predictive"].data_vars) == names
     likelihood, prior = flat(groups, "log_likelihood", "data"), flat(groups, "log_prior", "coordinates")[:, 0]
     assert_allclose(likelihood.sum(axis=1) + prior, groups["sample_stats"]["lp"].values.ravel(), rtol=1e-9)
+
+
+def test_data_say_what_each_value_stands_for(cheap_posterior, groups):
+    frf = cheap_posterior.problem.test.data.frf
+    for group, leading in (("observed_data", ()), ("posterior_predictive", BY_DRAW), ("log_likelihood", BY_DRAW)):
+        data = groups[group]["data"]
+        assert data.dims == (*leading, "frequency", "output", "input")
+        assert_array_equal(data["frequency"], frf.frequency_hz)
+        assert (data["output"].values.tolist(), data["input"].values.tolist()) == (["5:y"], ["5:y"])
+    assert_array_equal(groups["observed_data"]["data"].values, np.abs(frf.values))
+    replicated = groups["posterior_predictive"]
+    assert_allclose(replicated["data"], np.hypot(replicated["data_real"], replicated["data_imag"]))
+    assert replicated["data_imag"].dims == replicated["data"].dims
+
+
+def test_natural_frequencies_are_named(frequency_posterior):
+    whole = frequency_posterior.to_arviz()
+    for group in ("observed_data", "posterior_predictive", "log_likelihood"):
+        assert whole[group]["data"].dims[-1] == "quantity"
+        assert whole[group]["data"]["quantity"].values.tolist() == ["frequency 1", "frequency 2", "frequency 3"]
+
+
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto:UserWarning")
+@pytest.mark.parametrize("name", ["cheap_posterior", "frequency_posterior"])
+def test_leave_one_out_pit_finds_the_data_of_each_likelihood(name, request):
+    whole = request.getfixturevalue(name).to_arviz(megabytes=20)
+    new = int(az.__version__.split(".")[0]) >= 1
+    found = az.loo_pit(whole, var_names="data")["data"] if new else az.loo_pit(whole, y="data")
+    assert found.shape == whole["observed_data"]["data"].shape
+    pit = np.ravel(found)
+    assert ((pit >= 0) & (pit <= 1)).all()
+    if pit.size > 100:  # the data are of the model: uniform
+        assert pit.mean() == pytest.approx(0.5, abs=4 / np.sqrt(12 * pit.size))
+
+
+def test_a_chain_has_a_thousand_draws_at_most_unless_more_are_asked_for(cheap_posterior):
+    length = cheap_posterior.log_density.size // 4
+    assert length > 1200
+    assert cheap_posterior.to_arviz()["posterior"].sizes["draw"] == 1000
+    assert cheap_posterior.to_arviz(max_draws=1200)["posterior"].sizes["draw"] == 1200
+    assert cheap_posterior.to_arviz(megabytes=0)["posterior"].sizes["draw"] == length
 
 
 @pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto:UserWarning")

@@ -357,7 +357,7 @@ class PosteriorDraws:
         rows = np.linspace(0, len(self.theta) - 1, min(most, len(self.theta))).round().astype(int)
         return self.theta[rows]
 
-    def to_arviz(self, megabytes: float = 200.0) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)
+    def to_arviz(self, megabytes: float = 200.0, max_draws: int = 1000) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)
         """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on.
 
         A chain is an ensemble, for its walkers are proposed from each other: the first half of every walker's draws,
@@ -367,16 +367,20 @@ class PosteriorDraws:
         Groups are ``posterior``, ``sample_stats``, ``prior``, ``observed_data``, ``posterior_predictive``,
         ``log_likelihood`` value by value, and ``log_prior``: of it ``coordinates`` is the density over θ, as priors are
         stated, and with ``to_quantities`` it is that over the quantities in ``posterior``. Where values depend on each
-        other there is no ``log_likelihood``, and an attribute of ``posterior`` says why.
+        other there is no ``log_likelihood``, and an attribute of ``posterior`` says why. Data are ``data`` in every
+        group, of several set-ups ``data_NAME``, by ``frequency`` (Hz), ``output`` and ``input``, or by ``quantity``; of
+        FRFs that is the magnitude, beside ``data_real`` and ``data_imag``.
 
         Parameters
         ----------
         megabytes
             Size of ``log_likelihood`` and ``posterior_predictive`` together. Draws are left out evenly, of all groups
             alike, until they fit; 20 of each chain stay. 0 leaves out these two groups and no draw.
+        max_draws
+            Draws of a chain at most, so that ArviZ takes seconds for a figure of all; without effect at 0 megabytes.
         """
         theta = self.theta.reshape(*self.log_density.shape, -1)
-        return to_arviz(arviz_tree(self.problem, self.tree, theta, self.record.seed, megabytes))
+        return to_arviz(arviz_tree(self.problem, self.tree, theta, self.record.seed, megabytes, max_draws))
 
     @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:

@@ -117,12 +117,12 @@ def _values_dataset(problem: Problem, values: Array) -> xr.Dataset:
     return xr.Dataset(variables, coords={"chain": np.arange(chains), "draw": np.arange(draws)})
 
 
-def array_dataset(arrays: Mapping[str, NDArray[Any]], leading: tuple[str, ...] = ()) -> xr.Dataset:
-    """Arrays by name, each with axes of its own after the leading ones; a complex one as NAME_real and NAME_imag."""
+def array_dataset(arrays: Mapping[str, NDArray[Any]]) -> xr.Dataset:
+    """Arrays by name, each with axes of its own; a complex one as NAME_real and NAME_imag."""
     variables: dict[str, Any] = {}
     for name, array in arrays.items():
         parts = {f"{name}_real": array.real, f"{name}_imag": array.imag} if np.iscomplexobj(array) else {name: array}
-        axes = (*leading, *(f"{name}_{axis}" for axis in range(array.ndim - len(leading))))
+        axes = tuple(f"{name}_{axis}" for axis in range(array.ndim))
         variables |= {variable: (axes, values) for variable, values in parts.items()}
     return xr.Dataset(variables)
 
