@@ -1,6 +1,7 @@
 """Figures that a notebook draws: those of the report, onto the axes that are given."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import matplotlib as mpl
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
 from jointbayes.posterior.setup_summary import setup_summaries
+from jointbayes.report import plots
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.model import Figure
 from jointbayes.report.sections.fit_to_data import fit_section
@@ -108,6 +110,102 @@ def test_an_interval_stands_where_the_draws_have_it(cheap_posterior, axes):
     (segment, *_) = axes.collections[1].get_segments()
     assert_allclose(segment[:, 0], [low / middle, high / middle])
     assert axes.get_yticklabels()[0].get_text().startswith("k11 = ")
+
+
+OF_A_POSTERIOR = [
+    jb.plot_residuals, jb.plot_intervals, jb.plot_corner, jb.plot_traces, jb.plot_autocorrelation, jb.plot_profiles,
+    jb.plot_frequencies, jb.plot_mode_shape, lambda of: jb.plot_levels(of, "k11"),
+    lambda of: jb.plot_profiles(of, "k22"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("draw", OF_A_POSTERIOR)
+@pytest.mark.parametrize("kind", ["path", "None", "MapEstimate", "Case"])
+def test_a_figure_of_a_posterior_is_of_nothing_else(draw, kind, cheap_posterior, cheap_case):
+    other = {"path": "a.toml", "None": None, "MapEstimate": cheap_posterior.estimate, "Case": cheap_case}[kind]
+    found = {"path": "'a.toml'"}.get(kind, kind)
+    with pytest.raises(jb.ModelError, match=rf"^figure: found {found}; expected a posterior; make it by jb\.sample"):
+        draw(other)
+    assert pyplot.get_fignums() == []
+
+
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        (lambda p, two: jb.plot_frf(p, ax=two), "figure: found 2 axes; expected 1 Axes; make them by pyplot"),
+        (lambda p, two: jb.plot_intervals(p, ax=list(two)), "figure: found 2 axes; expected 1 Axes"),
+        (lambda p, two: jb.plot_residuals(p, ax=two[0].figure), "figure: found Figure; expected 1 Axes"),
+        (lambda p, two: jb.plot_traces(p, axes=two), r"figure: found 2 axes; expected 3 Axes; .*pyplot\.subplots\(3\)"),
+        (lambda p, two: jb.plot_iteration(p.estimate.iteration, axes=two), "figure: found 2 axes; expected 4 Axes"),
+        (lambda p, two: jb.plot_corner(p, fig=two[0].figure), "plot_corner: found Figure; expected a Figure without"),
+        (lambda p, two: jb.plot_corner(p, fig=two[0]), "plot_corner: found Axes; expected a Figure without axes"),
+        (lambda p, _: jb.plot_frf(p.estimate), "plot_frf: found MapEstimate; expected a posterior, a problem or an"),
+        (lambda p, _: jb.plot_iteration(None), r"plot_iteration: found None; expected .* make it by jb\.identify"),
+    ],
+)
+def test_axes_and_sources_of_another_kind_are_told_in_one_line(draw, message, cheap_posterior):
+    with pytest.raises(jb.ModelError, match=message):
+        draw(cheap_posterior, Canvas().subplots(2))
+
+
+def test_frequencies_are_refused_before_anything_is_computed(cheap_posterior, monkeypatch):
+    monkeypatch.setattr(type(cheap_posterior), "checks", None)
+    monkeypatch.setattr(type(cheap_posterior), "diagnoses", None)
+    with pytest.raises(jb.ModelError, match="found no measured frequencies"):
+        jb.plot_frequencies(replace(cheap_posterior, case=None))
+
+
+def test_many_panels_stand_in_rows_of_four(cheap_posterior, monkeypatch):
+    monkeypatch.setattr(
+        plots, "profile_likelihood", lambda *_: SimpleNamespace(on_axis=("k", np.arange(3.0), -np.ones(3)))
+    )
+    pyplot.switch_backend("Agg")
+    try:
+        panels = jb.plot_profiles(cheap_posterior, *"abcdef")
+        figure = panels[0].figure
+        assert len(panels) == len(figure.axes) == 6
+        assert panels[0].get_subplotspec().get_gridspec().get_geometry() == (2, 4)
+        assert figure.get_size_inches()[1] == pytest.approx(2 * 2.4)
+    finally:
+        pyplot.close("all")
+
+
+def test_a_corner_plot_grows_with_its_panels(cheap_posterior, monkeypatch):
+    sides = []
+    monkeypatch.setattr(plots.pyplot, "figure", lambda figsize: sides.append(figsize[0]) or Canvas(figsize=figsize))
+    values = plots.corner_values(cheap_posterior)
+    jb.plot_corner(cheap_posterior)
+    labels, posterior, prior, published, mode = values
+    twice = (labels[:2], posterior[:, :2], prior[:, :2], published if published is None else published[:2], mode[:2])
+    monkeypatch.setattr(plots, "corner_values", lambda _: twice)
+    jb.plot_corner(cheap_posterior)
+    assert sides == pytest.approx([7.2, 5.2])
+
+
+def test_many_curves_are_named_beside_the_axes(cheap_posterior, axes, monkeypatch):
+    names, theta, ensemble = plots.chain_values(cheap_posterior)
+    many = [f"{name} {i}" for i in range(3) for name in names]
+    monkeypatch.setattr(plots, "chain_values", lambda _: (many, np.tile(theta, 3), ensemble))
+    jb.plot_autocorrelation(cheap_posterior, ax=axes)
+    axes.figure.canvas.draw()
+    assert len(axes.get_legend().get_texts()) == 9
+    assert axes.get_legend().get_window_extent().x0 >= axes.get_window_extent().x1
+
+
+@pytest.mark.parametrize(("width", "columns"), [(7.2, 4), (4.0, 2)])
+def test_a_legend_has_as_many_columns_as_its_axes_are_wide(cheap_posterior, width, columns):
+    axes = Canvas(figsize=(width, 3)).subplots()
+    jb.plot_frf(cheap_posterior, ax=axes)
+    axes.figure.canvas.draw()
+    assert axes.get_legend()._ncols == columns
+    assert axes.get_legend().get_window_extent().x1 <= axes.get_window_extent().x1 + 1
+
+
+def test_one_of_several_frfs_is_named(cheap_posterior, axes):
+    frf = cheap_posterior.problem.test.data.frf
+    two = jb.FrfSet(frf.frequency_hz, np.repeat(frf.values, 2, axis=1), ("5:y", "4:y"), frf.inputs, frf.quantity)
+    assert jb.plot_frf(two, "4:y", ax=axes).get_title() == "4:y / 5:y"
+    assert jb.plot_frf(frf, ax=Canvas().subplots()).get_title() == ""
 
 
 @pytest.mark.parametrize(

@@ -81,13 +81,13 @@ def _setup(
         fit_of(part, posterior.estimate.theta),
         posterior.checks[number],
         posterior.diagnoses[number],
-        _frequencies(posterior, part, initial, measured_hz, len(posterior.diagnoses[number].modes)),
+        frequency_summary(posterior, part, initial, measured_hz, len(posterior.diagnoses[number].modes)),
         data_sha256(part),
         measured.provenance.as_json() if measured.provenance else None,
     )
 
 
-def _frequencies(
+def frequency_summary(
     posterior: JudgedPosterior, problem: Problem, initial: Sequence[float], measured: Sequence[float] | None, seen: int
 ) -> FrequencySummary:
     """Of as many modes as were measured, or as the FRFs show resonances."""

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import PathPatch
@@ -30,6 +30,7 @@ _BEYOND_HUNDREDTHS = re.compile(r"(?<=\.\d\d)\d+(?=[ \"\n])")
 _BEFORE_POINT = re.compile(r"\s*([MLQC]) (?=-?\d)")
 _NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _LONGEST = 40  # characters of a label on the vertical axis
+_ENTRY = 0.12  # inches for each point of the font's size, of a legend
 _RIGHT = 0.2  # inches: half a tick label may stand beyond the axes
 _STYLE: Any = {
     "svg.fonttype": "path",
@@ -180,5 +181,8 @@ def margin_labels(labels: Sequence[str]) -> tuple[list[str], float]:
 
 
 def legend_above(axes: Axes) -> None:
-    """A legend in one line above the axes, which need a top margin of 0.3 inches."""
-    axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+    """A legend in one line above the axes, which need a top margin of 0.3 inches; in more where they are narrow."""
+    width = axes.get_window_extent().width / axes.figure.dpi / rcParams["font.size"]
+    axes.legend(
+        ncols=int(np.clip(width / _ENTRY, 1, 4)), loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2
+    )

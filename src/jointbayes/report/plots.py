@@ -11,7 +11,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, require, shown
 from jointbayes.frf import FrfSet
 from jointbayes.identification import IterationHistory
 from jointbayes.inference import Problem
@@ -19,6 +19,7 @@ from jointbayes.measurement import ModeData
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.profile import profile_likelihood
 from jointbayes.posterior.rounding import engineering, join_unit
+from jointbayes.posterior.setup_summary import frequency_summary
 from jointbayes.report import drawing
 from jointbayes.report.drawing import AxesArray
 from jointbayes.report.frf_curves import frf_curves, frf_unit
@@ -27,12 +28,35 @@ from jointbayes.report.sections.natural_frequencies import compared_modes, frequ
 from jointbayes.report.sections.run_details import chain_values
 from jointbayes.report.sections.several_setups import curve_values
 
+_MOST_INSIDE = 6  # curves that a legend names inside the axes
 
-def _axes(given: Any, height: float, rows: int = 1, columns: int = 1, **options: Any) -> Any:  # noqa: ANN401
-    """The axes that are given, or new ones: an array, shape (rows, columns), where `squeeze` is false."""
-    if given is not None:
-        return given
-    return pyplot.subplots(rows, columns, figsize=(7.2, height), layout="constrained", **options)[1]
+
+def _axes(given: Any, height: float, count: int = 1, columns: int = 4, **options: Any) -> AxesArray:  # noqa: ANN401
+    """The axes that are given, or new ones in rows of so many columns, each so high: shape (count,).
+
+    Raises
+    ------
+    ModelError
+        If there are more or fewer, or other things among them.
+    """
+    if given is None:
+        rows, columns = -(-count // columns), min(columns, count)
+        size: Any = {"figsize": (7.2, height * rows), "layout": "constrained", "squeeze": False}
+        given = np.ravel(pyplot.subplots(rows, columns, **size, **options)[1])
+        for spare in given[count:]:
+            spare.remove()
+        given = given[:count]
+    axes = np.ravel(np.array(given, dtype=object))
+    if len(axes) != count or not all(isinstance(each, Axes) for each in axes):
+        found = shown(given) if len(axes) == 1 else f"{len(axes)} axes"
+        raise ModelError(f"figure: found {found}; expected {count} Axes; make them by pyplot.subplots({count})")
+    return axes
+
+
+def _of(posterior: Posterior) -> Posterior:
+    """What is given in its place is refused."""
+    require(posterior, Posterior, "figure: found", "a posterior; make it by jb.sample(case) or jb.load_posterior(path)")
+    return posterior
 
 
 def _measured_frfs(problem: Problem) -> FrfSet:
@@ -73,17 +97,19 @@ def plot_frf(
     MeasurementError
         If there is no such DOF.
     """
+    require(source, Posterior | Problem | FrfSet, "plot_frf: found", "a posterior, a problem or an FrfSet; pass one")
     problem = source.problem if isinstance(source, Posterior) else source
-    frf = problem if isinstance(problem, FrfSet) else _measured_frfs(problem.part(setup))
-    frf = frf.select([output or frf.outputs[0]], [input_ or frf.inputs[0]])
-    ax = _axes(ax, 3.4)
+    whole = problem if isinstance(problem, FrfSet) else _measured_frfs(problem.part(setup))
+    frf = whole.select([output or whole.outputs[0]], [input_ or whole.inputs[0]])
+    (ax,) = _axes(ax, 3.4)
     if not isinstance(source, Posterior):
         label = "Phase (°)" if phase else f"|H| ({frf_unit(frf.quantity, *frf.outputs, *frf.inputs)})"
-        shown = np.angle(frf.values, deg=True) if phase else np.abs(frf.values)
-        drawing.draw_curve(ax, frf.frequency_hz, shown[:, 0, 0], label, log=not phase)
-        return ax
-    (plot,) = frf_curves(source, source.problem.part(setup), frf)
-    drawing.draw_frf(ax, plot, phase=phase)
+        values = np.angle(frf.values, deg=True) if phase else np.abs(frf.values)
+        drawing.draw_curve(ax, frf.frequency_hz, values[:, 0, 0], label, log=not phase)
+    else:
+        drawing.draw_frf(ax, *frf_curves(source, source.problem.part(setup), frf), phase=phase)
+    if len(whole.outputs) * len(whole.inputs) > 1:
+        (ax.get_legend() or ax).set_title(f"{frf.outputs[0]} / {frf.inputs[0]}")
     return ax
 
 
@@ -95,8 +121,8 @@ def plot_residuals(posterior: Posterior, *, setup: str | None = None, ax: Axes |
     ModelError
         If the data are no FRFs, or there is no such set-up.
     """
-    part = posterior.problem.part(setup)
-    lines, ax = _measured_frfs(part).frequency_hz, _axes(ax, 2.4)
+    part = _of(posterior).problem.part(setup)
+    lines, (ax,) = _measured_frfs(part).frequency_hz, _axes(ax, 2.4)
     drawing.draw_squares_by_line(ax, lines, posterior.checks[posterior.problem.parts.index(part)].chi2_by_line)
     return ax
 
@@ -104,12 +130,12 @@ def plot_residuals(posterior: Posterior, *, setup: str | None = None, ax: Axes |
 def plot_intervals(posterior: Posterior, *, ax: Axes | None = None) -> Axes:
     """Draw median and 95 % interval of each quantity of the joint over its median, and the interval of the prior."""
     labels, ends = [], []
-    for name in posterior.stiffness_names:
+    for name in _of(posterior).stiffness_names:
         low, middle, high = np.quantile(posterior.values(name), [0.025, 0.5, 0.975])
         (text,), unit = engineering((middle,), posterior.unit(name))
         labels.append(f"{name} = {join_unit(text, unit)}")
         ends.append([*np.quantile(posterior.prior_values(name), [0.025, 0.975]), low, middle, high])
-    ax = _axes(ax, 0.9 + 0.4 * len(labels))
+    (ax,) = _axes(ax, 0.9 + 0.4 * len(labels))
     drawing.draw_intervals(ax, labels, np.array(ends))
     return ax
 
@@ -128,8 +154,11 @@ def plot_corner(posterior: Posterior, *, fig: Figure | None = None) -> AxesArray
     -------
     ndarray of Axes, shape (coordinates, coordinates)
     """
-    values = corner_values(posterior)
-    fig, count = fig or pyplot.figure(figsize=(7.2, 7.2)), len(values[0])
+    new = "a Figure without axes; pass pyplot.figure()"
+    require(fig, Figure | None, "plot_corner: found", new, lambda given: not (given and given.axes))
+    values = corner_values(_of(posterior))
+    count = len(values[0])
+    fig = fig or pyplot.figure(figsize=(1.2 + 2.0 * count, 1.2 + 2.0 * count))
     grid = fig.subplots(count, count, squeeze=False)
     drawing.draw_corner(grid, *values)
     return grid
@@ -137,17 +166,19 @@ def plot_corner(posterior: Posterior, *, fig: Figure | None = None) -> AxesArray
 
 def plot_traces(posterior: Posterior, *, axes: AxesArray | None = None) -> AxesArray:
     """Draw each coordinate over the kept draws, on as many axes: median and 95 % range of each ensemble's walkers."""
-    names, theta, ensemble = chain_values(posterior)
-    axes = np.ravel(_axes(axes, 0.9 + 0.8 * len(names), len(names), sharex=True, squeeze=False))
+    names, theta, ensemble = chain_values(_of(posterior))
+    axes = _axes(axes, 0.8 + 0.9 / len(names), len(names), 1, sharex=True)
     drawing.draw_traces(axes, names, theta, ensemble)
     return axes
 
 
 def plot_autocorrelation(posterior: Posterior, *, ax: Axes | None = None) -> Axes:
     """Draw the autocorrelation of each coordinate over lags in steps."""
-    names, theta, _ = chain_values(posterior)
-    ax = _axes(ax, 2.6)
+    names, theta, _ = chain_values(_of(posterior))
+    (ax,) = _axes(ax, 2.6)
     drawing.draw_autocorrelation(ax, names, theta, posterior.record.sampler["thin"])
+    if len(names) > _MOST_INSIDE:
+        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small", ncols=-(-len(names) // 12))
     return ax
 
 
@@ -159,9 +190,9 @@ def plot_profiles(posterior: Posterior, *names: str, axes: AxesArray | None = No
     ModelError
         If there is no such coordinate, or no data depend on one.
     """
-    names = names or posterior.problem.parametrisation.names
-    profiles = [profile_likelihood(posterior.problem, posterior.estimate.theta, name) for name in names]
-    axes = np.ravel(_axes(axes, 2.4, 1, len(names), sharey=True, squeeze=False))
+    names = names or _of(posterior).problem.parametrisation.names
+    profiles = [profile_likelihood(_of(posterior).problem, posterior.estimate.theta, name) for name in names]
+    axes = _axes(axes, 2.4, len(names), sharey=True)
     drawing.draw_profiles(axes, [profile.on_axis for profile in profiles])
     return axes
 
@@ -174,12 +205,13 @@ def plot_frequencies(posterior: Posterior, *, setup: str | None = None, ax: Axes
     ModelError
         If no natural frequencies were measured, or there is no such set-up.
     """
-    test = posterior.problem.part(setup).test
-    frequencies = posterior.summary().setups[test.name].natural_frequencies_hz
-    if not frequencies.measured:
+    part = _of(posterior).problem.part(setup)
+    measured = posterior.measured_frequencies_hz if len(posterior.problem.tests) == 1 else part.test.data.lowest_hz
+    if not measured:
         raise ModelError("plot_frequencies: found no measured frequencies; expected some; draw plot_frf instead")
-    ax = _axes(ax, 3.0)
-    drawing.draw_frequency_errors(ax, *frequency_values(frequencies, test.data))
+    (ax,), guess = _axes(ax, 3.0), posterior.problem.first_guess.tolist()
+    frequencies = frequency_summary(posterior, part, guess, measured, 0)
+    drawing.draw_frequency_errors(ax, *frequency_values(frequencies, part.test.data))
     return ax
 
 
@@ -191,27 +223,28 @@ def plot_mode_shape(posterior: Posterior, mode: int = 1, *, setup: str | None = 
     ModelError
         If no shape of that mode was measured, or there is no such set-up.
     """
-    problem = posterior.problem.part(setup)
+    problem = _of(posterior).problem.part(setup)
     data = problem.test.data.modes
     shapes = getattr(data, "shapes", None)
     if data is None or shapes is None or mode not in data.numbers:
         raise ModelError(f"plot_mode_shape: found no shape of mode {mode}; expected a mode whose shape was measured")
-    shape, ax = compared_modes(posterior, problem, cast(ModeData, data))[0]["shape"], _axes(ax, 2.6)
+    shape, (ax,) = compared_modes(posterior, problem, cast(ModeData, data))[0]["shape"], _axes(ax, 2.6)
     drawing.draw_mode_shape(ax, *shape_values(shapes.dofs, shape, data.numbers.index(mode)))
     return ax
 
 
 def plot_levels(posterior: Posterior, name: str, *, ax: Axes | None = None) -> Axes:
     """Draw a quantity over the levels of the set-ups that have it for themselves, see `Posterior.curve`."""
-    values, ax = curve_values(posterior.curve(name)), _axes(ax, 3.0)
+    values, (ax,) = curve_values(_of(posterior).curve(name)), _axes(ax, 3.0)
     drawing.draw_level_curve(ax, *values)
     return ax
 
 
 def plot_iteration(history: IterationHistory, *, axes: AxesArray | None = None) -> AxesArray:
     """Draw the paper's iteration: the norm of the residual FRF, then each quantity, on as many axes and one more."""
+    require(history, IterationHistory, "plot_iteration: found", "the iteration; make it by jb.identify(case)")
     titles = [f"{name} ({unit})" for i, (name, unit) in enumerate(history.units.items()) if i in history.iterated]
-    axes = np.ravel(_axes(axes, 2.6, 1, 1 + len(titles), squeeze=False))
+    axes = _axes(axes, 2.6, 1 + len(titles))
     drawing.draw_residual_norm(axes[0], history.residual_norm)
     drawing.draw_histories(axes[1:], titles, history.stiffness_history[:, history.iterated], None)
     return axes
