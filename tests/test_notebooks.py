@@ -61,12 +61,12 @@ def test_notebooks_are_kept_without_what_they_print():
     ("call", "message"),
     [
         (lambda: jb.sample("no_such_file.toml"), "no_such_file.toml:1: file: no such file; expected a case file"),
-        (lambda: jb.sample(3), "found int; expected a case, a problem or the path of a case file"),
+        (lambda: jb.sample(3), "found 3; expected a case, a problem or the path of a case file"),
         (
             lambda: jb.Structure(np.eye(2), np.eye(2), 0.01, ("1:y", "1:rz")),
-            r"found 0.01 as damping; expected a damping law, such as LossFactor\(0.01\)",
+            r"found as damping 0.01; expected a damping law, such as LossFactor\(0.01\)",
         ),
-        (lambda: jb.Problem(1, 2, 3, 4), "found int as a test; expected tests, or structure, joint, data and prior"),
+        (lambda: jb.Problem(1, 2, 3, 4), "found as a test 1; expected tests, or structure, joint, data and prior"),
         (lambda: jb.Joint("1:y", "1:rz"), r'found the text "1:y"; expected DOF labels in a tuple; write \("1:y",\)'),
     ],
 )

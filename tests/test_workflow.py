@@ -401,7 +401,7 @@ def test_a_path_is_taken_for_its_case(tmp_path):
     path = tmp_path / "case.toml"
     path.write_text(cheap_frequencies_text(), encoding="utf-8")
     np.testing.assert_array_equal(jb.find_map(path).theta, jb.find_map(jb.load_case(path)).theta)
-    with pytest.raises(ModelError, match="found int; expected a case, a problem or the path of a case file"):
+    with pytest.raises(ModelError, match="found 3; expected a case, a problem or the path of a case file"):
         jb.sample(3)
 
 

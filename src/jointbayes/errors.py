@@ -139,8 +139,7 @@ def require_probability(given: object, where: str) -> None:
     ModelError
         If it is none.
     """
-    expected = "a number between 0 and 1, such as 0.95; correct it"
-    require(given, Real, f"{where}: found probability", expected, lambda p: 0 < p < 1)
+    require(given, Real, f"{where}: found probability", "a number between 0 and 1, such as 0.95", lambda p: 0 < p < 1)
 
 
 def require_count(given: object, what: str, least: int = 1) -> None:

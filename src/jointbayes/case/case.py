@@ -38,7 +38,7 @@ from jointbayes.case.spec.parse import first_joined, needs_files, parse_planned,
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_line
-from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError
+from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, require
 from jointbayes.frf import MeasuredBody
 from jointbayes.identification.numbering import find_numbering
 from jointbayes.inference import ErrorSizes, Problem
@@ -214,10 +214,7 @@ def require_case(given: AnyCase, expected: str = "a case") -> Case:
     """The case, read from its file where its path is given; what is neither is refused: `expected` it was."""
     if isinstance(given, str | os.PathLike):
         return load_case(given)
-    if not isinstance(given, Case):
-        raise ModelError(
-            f"found {type(given).__name__}; expected {expected} or the path of a case file; load_case reads such a file"
-        )
+    require(given, Case, "found", f"{expected} or the path of a case file; load_case reads such a file")
     return given
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jointbayes.arrays import ComplexArray
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, require
 from jointbayes.frf.modal import rigid_body_modes
 from jointbayes.frf.ports import Ports
 from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of
@@ -25,11 +25,7 @@ class DirectSolve:
 
     def __init__(self, structure: Structure, joint: AnyJoint, ports: Ports) -> None:
         self._structure, self._omega = structure, ports.omega
-        if not isinstance(structure, Structure):
-            raise ModelError(
-                f"direct solve: found {structure!r}, which gives no matrices; expected a Structure; use "
-                "receptance_model"
-            )
+        require(structure, Structure, "direct solve: found", "a Structure, with matrices; use receptance_model")
         self._joined = joint.selection(structure)
         self._outputs, self._inputs = map(structure.unit_forms, (ports.outputs, ports.inputs))
         # of a joint that happens to be absent, the motions that it would hold are modes all the same

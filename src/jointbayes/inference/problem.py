@@ -78,11 +78,8 @@ class Problem:
     ) -> None:
         tests = tuple(tests) if isinstance(tests, Iterable) else (tests,)
         for test in tests:
-            if not isinstance(test, Test):
-                raise ModelError(
-                    f"problem: found {type(test).__name__} as a test; expected tests, or structure, joint, data and "
-                    "prior of a lone one by these names; name them"
-                )
+            named = "tests, or structure, joint, data and prior of a lone one by these names; name them"
+            require(test, Test, "problem: found as a test", named)
         own = {"structure": structure, "joint": joint, "data": data}
         if tests:
             kind = None if residual_kind == "complex" else residual_kind

@@ -102,11 +102,9 @@ class Test:
                 f"problem: found no {', '.join(missing)}; expected structure, joints and data of a test; pass them, "
                 "joints=() where nothing is joined"
             )
-        bodies = "a body, such as jb.beam(…), jb.Structure(…) or jb.frame(…), or jb.Substructures(…); make one"
-        require(self.structure, AnyStructure, "problem: found as structure", bodies)
+        require(self.structure, AnyStructure, "problem: found as structure", "a body, such as jb.beam(…); make one")
         require(self.data, Data, "problem: found as data", "data with their noise; of FRFs jb.FrfData(frf, variance)")
-        noise = "a noise model of jointbayes.inference, such as ScaledNoise(); make one"
-        require(self.noise, NoiseModel | None, "problem: found as noise", noise)
+        require(self.noise, NoiseModel | None, "problem: found as noise", "a noise model of jointbayes.inference")
         object.__setattr__(self, "joints", joints_of(self.joints))
 
     def __repr__(self) -> str:

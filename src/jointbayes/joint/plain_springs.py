@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array, Flags
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, require
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import COUPLED, Coordinate, Quantity
 
@@ -151,8 +151,7 @@ class Rigid(PlainSprings):
     key: ClassVar[str] = "rigid"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.motions, int):
-            raise ModelError(f"rigid joint: found {self.motions!r}; expected how many DOFs it holds, a whole number")
+        require(self.motions, int, "rigid joint: found", "how many DOFs it holds, a whole number")
 
     @property
     def held(self) -> tuple[int, ...]:

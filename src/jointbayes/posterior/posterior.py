@@ -154,25 +154,11 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
     first = named[0][0].level
     assert first is not None
     compared = compare_tests(*(named[place][0] for place in pair))
-    return Curve(
-        name,
-        posterior.unit(named[0][1]),
-        first,
-        tuple(test.name for test, _ in named),
-        tuple(quantity for _, quantity in named),
-        level,
-        median,
-        low,
-        high,
-        probability,
-        pair,
-        pairs,
-        relative,
-        change,
-        "; ".join(reasons_for_no_verdict(posterior)),
-        compared is not None and compared.equal,
-        usual is not None,
-    )
+    unit, unjudged = posterior.unit(named[0][1]), "; ".join(reasons_for_no_verdict(posterior))
+    of, quantities = tuple(test.name for test, _ in named), tuple(quantity for _, quantity in named)
+    curve = (level, median, low, high, probability)
+    compared_as = (relative, change, unjudged, compared is not None and compared.equal, usual is not None)
+    return Curve(name, unit, first, of, quantities, *curve, pair, pairs, *compared_as)
 
 
 def _change(

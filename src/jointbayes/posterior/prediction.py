@@ -266,21 +266,8 @@ def predict_frf(
         # phases relative to the mean FRF, so that a band across ±180° does not wrap
         relative = np.angle(some * np.conj(centre[lines]), deg=True)
         turn[:, lines] = np.quantile(relative, [tail, 0.5, 1 - tail], axis=0)
-    phase = np.angle(centre, deg=True)
-    low, middle, high = magnitude
-    return FrfPrediction(
-        ports.frequency_hz,
-        ports.outputs,
-        ports.inputs,
-        quantity,
-        probability,
-        middle,
-        low,
-        high,
-        phase + turn[1],
-        phase + turn[0],
-        phase + turn[2],
-    )
+    ends = (*magnitude[[1, 0, 2]], *(np.angle(centre, deg=True) + turn[[1, 0, 2]]))
+    return FrfPrediction(ports.frequency_hz, ports.outputs, ports.inputs, quantity, probability, *ends)
 
 
 def _errors_of_bodies(problem: Problem, ports: Ports, quantity: Quantity, theta: Array) -> NDArray[np.complex128]:

@@ -79,8 +79,8 @@ class ModalDamping(DampingLaw):
     of_assembled_modes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        kinds, sequence = tuple | list | np.ndarray, "a sequence of ratios, such as (0.01,); correct it"
-        require(self.ratios, kinds, "modal damping: found", sequence)
+        sequence = "a sequence of ratios, such as (0.01,)"
+        require(self.ratios, tuple | list | np.ndarray, "modal damping: found", sequence)
         if not self.ratios or not all(0.0 <= z < 1.0 for z in self.ratios):
             raise ModelError(
                 f"modal damping: found ratios {self.ratios}; expected one or more in [0, 1); correct the ratios"

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import linalg
 
 from jointbayes.arrays import Array, ComplexArray
-from jointbayes.errors import ModelError, array_of
+from jointbayes.errors import ModelError, array_of, require
 from jointbayes.structure.body import MOST_HELD, Body, FreeModes, Rows
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.modes import Forced, Modes, Reduction
@@ -93,11 +93,8 @@ class Structure(Body):
             if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-10 * np.abs(matrix).max(initial=0.0):
                 raise ModelError(f"structure: found an unsymmetric {name} matrix; expected a symmetric one")
             matrix.setflags(write=False)
-        if not isinstance(self.damping, DampingLaw):
-            raise ModelError(
-                f"structure: found {self.damping!r} as damping; expected a damping law, such as LossFactor(0.01) or "
-                "ModalDamping((0.01,))"
-            )
+        law = "a damping law, such as LossFactor(0.01) or ModalDamping((0.01,))"
+        require(self.damping, DampingLaw, "structure: found as damping", law)
         viscous = self.damping.matrix
         if viscous is not None and len(viscous) != n:
             raise ModelError(f"structure: found a damping matrix of {len(viscous)} rows for {n} DOFs; expected {n}")
