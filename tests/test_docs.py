@@ -166,6 +166,16 @@ def test_every_public_name_has_its_place_in_the_api_page():
     assert sorted(shown) == sorted([*jb.__all__, *jb._MOVED])
 
 
+def test_what_the_api_page_describes_is_of_the_package_or_of_the_module_that_it_names():
+    text = (DOCS / "api.md").read_text(encoding="utf-8")
+    described = {line.rpartition(".")[2] for line in re.findall(r"^::: (\S+)$", text, re.MULTILINE)}
+    elsewhere = {}
+    for names, room in re.findall(r"^\| (`.*) \| `(jointbayes\.\S+)` \|$", text, re.MULTILINE):
+        elsewhere |= dict.fromkeys(re.findall(r"`(\w+)`", names), room)
+    assert described - set(jb.__all__) == set(elsewhere)
+    assert [name for name, room in elsewhere.items() if not hasattr(import_module(room), name)] == []
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_case_file_and_page_named_exists(page):
     text = page.read_text(encoding="utf-8")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jointbayes.arrays import ComplexArray
-from jointbayes.errors import ModelError, require
+from jointbayes.errors import require
 from jointbayes.frf.modal import rigid_body_modes
 from jointbayes.frf.ports import Ports
 from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of

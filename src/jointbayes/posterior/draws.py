@@ -377,7 +377,7 @@ class PosteriorDraws:
             Size of ``log_likelihood`` and ``posterior_predictive`` together. Draws are left out evenly, of all groups
             alike, until they fit; 20 of each chain stay. 0 leaves out these two groups and no draw.
         max_draws
-            Draws of a chain at most, so that ArviZ takes seconds for a figure of all; without effect at 0 megabytes.
+            Draws of a chain at most, so that a figure of all takes less than a minute; without effect at 0 megabytes.
         """
         theta = self.theta.reshape(*self.log_density.shape, -1)
         return to_arviz(arviz_tree(self.problem, self.tree, theta, self.record.seed, megabytes, max_draws))
