@@ -23,11 +23,11 @@ class Bar:
 
     def __init__(self, desc, bar_format):
         self.desc, self.unit, self.n, self.total, self.closed, self.shown = f"{desc}: ", "it", 0, None, False, []
-        self.bar_format = bar_format
+        self.start_t, self.bar_format = 7.0, bar_format
         self.made.append(self)
 
     def reset(self, total):
-        self.n, self.total = 0, total
+        self.n, self.total, self.start_t = 0, total, 99.0
 
     def set_postfix_str(self, text):
         self.shown.append((self.n, self.total, text))
@@ -54,7 +54,7 @@ def test_each_stage_is_a_bar_and_counts_as_it_is_told(bars):
     assert (first.desc, first.shown, first.closed) == ("searching for the mode: ", [(0, None, "")], True)
     assert first.bar_format == "{desc}: {elapsed}{postfix}"  # neither a share nor a unit where nothing is counted
     assert (second.unit, second.shown) == (" steps", [(50, 200, "R̂ = 1.1"), (200, 200, "R̂ = 1.0")])
-    assert second.bar_format == ""
+    assert (second.start_t, second.bar_format) == (7.0, "")
 
 
 def test_a_stage_that_is_over_is_a_whole_bar_even_if_it_took_fewer_steps(bars):

@@ -100,9 +100,10 @@ def _show_bar() -> ProgressCallback:
             bars[:] = [tqdm(desc=progress.stage, bar_format="{desc}: {elapsed}{postfix}")]
         bar = bars[-1]
         if progress.total is not None:
-            if bar.total is None:  # a widget takes its first total only so
+            began = bar.start_t
+            if progress.total != bar.total:  # a widget takes another total only so
                 bar.reset(progress.total)
-            bar.bar_format, bar.total, bar.n, bar.unit = "", progress.total, progress.done, f" {progress.unit}"
+            bar.bar_format, bar.start_t, bar.n, bar.unit = "", began, progress.done, f" {progress.unit}"
         bar.set_postfix_str(progress.text)
 
     return report

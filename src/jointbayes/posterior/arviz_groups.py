@@ -78,8 +78,7 @@ def arviz_tree(
         draws of a chain that stay with them.
     """
     require_count(max_draws, "max_draws: found")
-    found = "to_arviz: found megabytes"
-    require(megabytes, Real, found, "a number, 0 or more; correct it", lambda given: 0 <= given < np.inf)
+    require(megabytes, Real, "to_arviz: found megabytes", "a number, 0 or more", lambda given: 0 <= given < np.inf)
     ensembles, (walkers, steps) = len(np.unique(tree["posterior"]["ensemble"])), theta.shape[:2]
     parts = {f"data_{part.test.name}".strip("_").replace("/", "_"): part for part in problem.parts}
     known = {name: _measured(part.test.data, name.removeprefix("data")) for name, part in parts.items()}
