@@ -65,12 +65,9 @@ class PosteriorDraws:
     _kept_knowledge: Any = field(default=None, repr=False)
 
     def __repr__(self) -> str:
-        each = self._rows
-        rows = [
-            f"{name}: median {median}, {_INTERVAL} {join_unit(*ends)}" for name, median, *ends in each[:_MOST_SHOWN]
-        ]
-        more = f"and {len(each) - _MOST_SHOWN} more" if len(each) > _MOST_SHOWN else ""
-        return "\n  ".join(filter(None, [self._title, *rows, more, self.estimate.sentence]))
+        rows = [f"{name}: median {median}, {_INTERVAL} {join_unit(*ends)}" for name, median, *ends in self._rows]
+        more = f"and {len(rows) - _MOST_SHOWN} more" if len(rows) > _MOST_SHOWN else ""
+        return "\n  ".join(filter(None, [self._title, *rows[:_MOST_SHOWN], more, self.estimate.sentence]))
 
     def _repr_html_(self) -> str:
         part = next((part for part in self.problem.parts if part.test.data.frfs), None)
@@ -324,10 +321,8 @@ class PosteriorDraws:
         Those of the model: its own error, see ``[noise.model_error]``, is not in them. Of the set-up of that name, by
         default the first.
         """
-        theta = self.thinned(max_draws)
-        prior = self.problem.prior
-        factors = prior.factors(theta)
-        return self.problem.part(setup).natural_frequencies_hz(prior.values(theta), count, factors)
+        theta, prior = self.thinned(max_draws), self.problem.prior
+        return self.problem.part(setup).natural_frequencies_hz(prior.values(theta), count, prior.factors(theta))
 
     def predict_left_out(self, probability: float = 0.95, max_draws: int = 2000) -> tuple[LeftOut, ...]:
         """What was left out of the data, and what the draws predict a measurement of it to show; empty without any.
@@ -367,9 +362,9 @@ class PosteriorDraws:
         Groups are ``posterior``, ``sample_stats``, ``prior``, ``observed_data``, ``posterior_predictive``,
         ``log_likelihood`` value by value, and ``log_prior``: of it ``coordinates`` is the density over θ, as priors are
         stated, and with ``to_quantities`` it is that over the quantities in ``posterior``. Where values depend on each
-        other there is no ``log_likelihood``, and an attribute of ``posterior`` says why. Data are ``data`` in every
-        group, of several set-ups ``data_NAME``, by ``frequency`` (Hz), ``output`` and ``input``, or by ``quantity``; of
-        FRFs that is the magnitude, beside ``data_real`` and ``data_imag``.
+        other there is no ``log_likelihood``, and an attribute of ``posterior`` says why. Data are ``data``, of several
+        set-ups ``data_NAME``, by ``quantity``, or of FRFs by ``frequency`` (Hz), ``output`` and ``input``: the
+        magnitude, beside ``data_real`` and ``data_imag``.
 
         Parameters
         ----------
