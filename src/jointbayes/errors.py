@@ -66,7 +66,11 @@ class CaseError(JointBayesError):
 
 
 class MeasurementError(JointBayesError):
-    """Measured data are malformed, inconsistent or not usable."""
+    """Measured data are malformed, inconsistent or not usable; `key` of the table of the data is to blame, if any."""
+
+    def __init__(self, message: str, *key: str) -> None:
+        super().__init__(message)
+        self.key = key
 
 
 class ModelError(JointBayesError):

@@ -140,7 +140,7 @@ measured :: "tip.csv"=>"C:\Users\me\tip.csv" :: write a Windows path with / or i
 measured :: "tip.csv"=>"../tip.csv" :: move the file there, or allow it: --allow-outside
 measured :: "tip.csv"=>"photo.png" :: export the measurement in one of them
 measured :: "tip.csv"=>"no_units.csv" :: write for example quantity = "accelerance" in [data]
-measured :: "output 1"=>"Point:11:Y+" :: expected one of "output 1", "input 1"; correct the label in [data.channels]
+measured :: "output 1"=>"Point:11:Y+" :: did you mean "output 1"?
 measured :: , "input 1" = "11:y"=> :: map the other channel of output 1 as well
 measured :: source = "relative"\nrelative = 0.03\nfloor = 0.01=>source = "coherence"\naverages = 10 :: write in [data.variance] source = "relative", relative = 0.02, floor = 0.01
 measured :: [data.variance]\nsource = "relative"=>[data.noise] :: the noise of measured data is that of [data.variance]

@@ -62,10 +62,15 @@ def test_channels_that_are_not_mapped_are_left_out_and_listed():
     assert mapped.left_out == ("Point:99:X+", "Point:98:X+")
 
 
-def test_an_unknown_channel_is_refused_with_the_nearest_name():
-    with pytest.raises(MeasurementError, match=r'^tip.uff: .*"Point:21:Z\+".*did you mean "Point:12:Z\+"\?$') as found:
-        map_records([record()], channels(**{"Point:21:Z+": Channel("1:y")}), "tip.uff")
-    assert "\n" not in str(found.value)
+def test_an_unknown_channel_is_refused_with_the_nearest_name_that_is_free():
+    mapped = channels(**{"Point:21:Z+": Channel("1:y")})
+    others = [record(), *(record(name) for name in ("Point:22:Z+", "Point:31:X+"))]
+    with pytest.raises(MeasurementError, match=r'^tip.uff: .*"Point:21:Z\+".*did you mean "Point:22:Z\+"\?$') as found:
+        map_records(others, mapped, "tip.uff")
+    assert 'one of "Point:22:Z+", "Point:31:X+";' in str(found.value)
+    assert found.value.key == ("channels", "Point:21:Z+")
+    with pytest.raises(MeasurementError, match=r"all of these are mapped; remove it$"):
+        map_records([record()], mapped, "tip.uff")
 
 
 def test_two_response_channels_for_one_dof_are_refused():

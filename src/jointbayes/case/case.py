@@ -34,6 +34,7 @@ from jointbayes.case.combined import (
 from jointbayes.case.keys import DATA_FILE
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
 from jointbayes.case.spec.joint_table import joint_table
+from jointbayes.case.spec.fields import show_key
 from jointbayes.case.spec.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.whole import CaseSpec
@@ -311,8 +312,9 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
         if spec.bodies:
             tell("bodies")
             bodies = measured_bodies(spec, (*joint.labels, *data.dofs), home)
-        tell("data")
+        tell("structure")  # the measured modes are above those of a rigid joint: modulus or sizes come first
         require_lowest(stated, recipe, joint, data)
+        tell("data")
         used.require_enough()
     return CaseSetup(name, source, spec, recipe, bodies, joint, used, noise, of_noise, apart)
 
@@ -361,10 +363,13 @@ def _told_of(source: CaseText, spec: CaseSpec) -> Iterator[Callable[[str], None]
     except CaseError:
         raise
     except (JointBayesError, ArithmeticError, np.linalg.LinAlgError, MemoryError) as error:
-        of_file = tables[-1] == DATA_FILE[0] and isinstance(error, MeasurementError) and DATA_FILE in source.places
-        at = DATA_FILE if of_file else (tables[-1],)
+        table = tables[-1]
+        of_file = table == DATA_FILE[0] and isinstance(error, MeasurementError) and DATA_FILE in source.places
+        at = DATA_FILE if of_file else (table,)
+        if (named := (table, *getattr(error, "key", ()))) in source.places and len(named) > 1:
+            at = named
         place, path = source.place(at), source.written(at)
-        key = ".".join(map(str, path)) if at in source.places else ".".join(map(str, path[:-1])) or "file"
+        key = show_key(path if at in source.places else path[:-1])
         slips = () if isinstance(error, MeasurementError) else input_warnings(spec, source, spec.data.band_hz)
         if slips:
             place, key = (slips[0].file, slips[0].line), slips[0].key

@@ -271,7 +271,7 @@ def _value_wording(fault: _Fault) -> tuple[str, str, str]:
     entry = f" as entry {place.path[-1] + 1}" if isinstance(place.path[-1], int) else ""
     mistake = finding.found or f"found {_show(place.value)}{entry}"
     if mistake.startswith(('found "?"', 'found the text "?"')):
-        mistake = 'found "?", a question that is still open'
+        mistake = 'found "?", a question still open'
     expected = finding.expected or (place.info.description if place.info else "") or ""
     return mistake, expected, finding.remedy or _value_remedy(place)
 

@@ -294,7 +294,7 @@ def measured_bodies(spec: CaseSpec, used: Iterable[str], home: CaseHome) -> tupl
             bodies.append(_body(name, body, wanted, home.directory))
         except MeasurementError as error:
             # messages of the files name the table of the data
-            raise MeasurementError(str(error).replace("data.", f"bodies.{name}.")) from error
+            raise MeasurementError(str(error).replace("data.", f"bodies.{name}."), name, *error.key) from error
     return tuple(bodies)
 
 

@@ -351,7 +351,7 @@ def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, mea
     for number, (mode, highest) in enumerate(zip(modes, rigid, strict=False), 1):
         if mode.frequency_hz > _ABOVE_RIGID * highest:
             raise MeasurementError(
-                f"data: found mode {number} at {mode.frequency_hz:.4g} Hz; expected it at {highest:.4g} Hz at most, "
-                f"where {'a rigid joint' if joint.size else 'the free structure'} puts it, so that a lower mode was "
-                "missed; lower f_min_hz, or measure where that mode moves"
+                f"found mode {number} at {mode.frequency_hz:.4g} Hz; expected {highest:.4g} Hz at most "
+                f"({'rigid joint' if joint.size else 'free structure'}); correct Young's modulus, density, length or "
+                "section, or lower f_min_hz if a mode was missed"
             )

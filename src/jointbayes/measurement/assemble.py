@@ -129,9 +129,12 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
 
 
 def _warnings(records: Sequence[FrfRecord], plan: MeasurementPlan) -> tuple[MeasurementWarning, ...]:
-    """What is doubtful in the lines that are used, and in those that were left out because they hold no number."""
+    """What is doubtful in the lines that are used, and in those that hold no number; not what the plan answers."""
     lines = [record.at_lines(~excluded_lines(record.frequency_hz, plan.exclude_hz)) for record in records]
-    return tuple(w for w in find_warnings(lines) if not (plan.exclude_hz and w.key == "uneven_lines"))
+    answered = {"uneven_lines"} if plan.exclude_hz else set()
+    if plan.variance is not None and plan.variance.source != "coherence":
+        answered |= {"coherence_missing", "coherence_one", "averages_missing"}
+    return tuple(warning for warning in find_warnings(lines) if warning.key not in answered)
 
 
 def _fingerprint(path: Path, name: str) -> MeasuredFile:

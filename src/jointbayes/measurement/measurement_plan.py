@@ -103,19 +103,20 @@ class ChannelMap:
         Raises
         ------
         MeasurementError
-            Naming the channels that the file has, and the nearest one.
+            Naming the channels that the file has and that are not mapped, and the nearest of these.
         """
         present = tuple(dict.fromkeys(labels))
         accepted = {label[:-1] + _OPPOSITE.get(label[-1:], "") for label in present} | set(present)
         for label in self._channels:
             if label in accepted:
                 continue
-            near = difflib.get_close_matches(label, present, 1, 0.6)
-            listed = ", ".join(f'"{p}"' for p in present[:8]) + (f" and {len(present) - 8} more" * (len(present) > 8))
-            remedy = f'did you mean "{near[0]}"?' if near else "correct the label in [data.channels]"
-            raise MeasurementError(
-                f'{where}: found no channel "{label}" of [data.channels]; expected one of {listed}; {remedy}'
-            )
+            free = [p for p in present if self.find(p) is None]
+            near = free if len(free) == 1 else difflib.get_close_matches(label, free, 1, 0.6)
+            listed = ", ".join(f'"{p}"' for p in free[:8]) + (f" and {len(free) - 8} more" * (len(free) > 8))
+            expected = f"one of {listed}" if free else "one that the file has: all of these are mapped"
+            remedy = f'did you mean "{near[0]}"?' if near else "correct the label" if free else "remove it"
+            message = f'{where}: found no channel "{label}" of [data.channels]; expected {expected}; {remedy}'
+            raise MeasurementError(message, "channels", label)
 
 
 def map_records(records: Iterable[Record], channels: Mapping[str, Channel], where: str) -> MappedRecords:

@@ -46,7 +46,7 @@ SensorQuantity = Literal["force", "displacement", "velocity", "acceleration"]
 
 def _signed(text: str) -> str:
     if not re.fullmatch(f"-?{POINT_LABEL}:(x|y|z|rx|ry|rz)", text):
-        expected = 'a DOF label node:direction, such as "11:y", or "-11:y" where the channel points the other way'
+        expected = 'a DOF such as "11:y", or "-11:y" if it points the other way'
         raise_findings([Finding((), f'found "{text[:40]}"', expected, 'write for example "11:y"')])
     return text
 
@@ -56,7 +56,7 @@ def _channel_table(value: object) -> object:
     return {"dof": value} if isinstance(value, str) else value
 
 
-_DOF = key_field('a DOF label such as "11:y", or "-11:y" where the channel points the other way', "11:y")
+_DOF = key_field('a DOF such as "11:y", or "-11:y" if it points the other way', "11:y")
 _UNIT = key_field(
     'the unit of what it measures, as "g", "m/s^2" or "lbf", where the file does not say or is wrong', "g"
 )

@@ -135,7 +135,7 @@ def _coherence_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
         yield MeasurementWarning(
             "coherence_missing",
             "there is no coherence, so that the file does not say how noisy the FRF is",
-            "export the coherence as well, or state the noise, or give repeated measurements",
+            "export the coherence as well, or state the noise in [data.variance], or give repeated measurements",
         )
         return
     finite = coherence[np.isfinite(coherence)]
@@ -144,7 +144,7 @@ def _coherence_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
         yield MeasurementWarning(
             "coherence_one",
             f"coherence is 1 on all lines{once}: it says nothing about the noise",
-            "export it again, or state the noise, or give repeated measurements",
+            "export it again, or state the noise in [data.variance], or give repeated measurements",
         )
     wrong = ""
     if finite.size < coherence.size:
@@ -166,7 +166,7 @@ def _unit_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
         yield MeasurementWarning(
             "quantity_missing",
             "neither unit nor type says whether it is receptance, mobility or accelerance",
-            "state the quantity",
+            'write in [data] of the case quantity = "accelerance", or what it is',
         )
     yield from warnings_of_notes(record.notes)
     if not record.unit.strip():
