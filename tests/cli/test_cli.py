@@ -497,7 +497,8 @@ def test_a_file_that_cannot_be_read_is_one_line_for_every_command(tmp_path, monk
     (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
     before = listing(tmp_path)
     for name in ("missing.toml", "directory", "latin.toml", "empty.toml", "binary.toml"):
-        only_line(cli(command, name), name)
+        in_it = "/posterior.nc" if (command, name) == ("report", "directory") else ""
+        only_line(cli(command, name), name + in_it)
     assert listing(tmp_path) == before
 
 

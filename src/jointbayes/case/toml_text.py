@@ -18,6 +18,7 @@ from jointbayes.errors import CaseError, path_fault
 _MOST_BYTES = 1_000_000
 #: Tables in tables; a case file has five. Beyond, reading takes time and memory that grow with the square of the depth.
 _MOST_DEPTH = 20
+_MEASURED = (".csv", ".tsv", ".uff", ".unv", ".uf", ".mat", ".npz", ".npy", ".h5", ".hdf5", ".lvm")
 _START = "start from what `jointbayes init my_case.toml` writes"
 _SYNTAX = {  # what tomllib says: what was found, what to do
     "Cannot overwrite a value": ("this key is given twice", "remove one of the two"),
@@ -237,7 +238,9 @@ def read_text(path: str | os.PathLike[str]) -> str:
     name, line = os.fspath(path), 1
     try:
         place = Path(path)
-        if place.is_file():
+        if place.is_file() and place.suffix.lower() in _MEASURED:
+            fault, remedy = "this is a measurement file", f"write a case for it: jointbayes init --from {name}"
+        elif place.is_file():
             with place.open("rb") as stream:
                 content = stream.read(_MOST_BYTES + 1)
             if len(content) <= _MOST_BYTES:

@@ -21,8 +21,11 @@ from jointbayes.errors import JointBayesError, ReportInterruptedError, Terminate
 
 
 @contextmanager
-def _well_behaved() -> Iterator[None]:
-    """End quietly where nobody reads on, and print nothing of the command line that would steer the terminal."""
+def _well_behaved(*, json: bool) -> Iterator[None]:
+    """End quietly where nobody reads on, and print nothing of the command line that would steer the terminal.
+
+    A wrong call is told in JSON as well, where that is asked for.
+    """
     try:
         yield
     except BrokenPipeError:
@@ -32,6 +35,10 @@ def _well_behaved() -> Iterator[None]:
         sys.exit(OUTPUT_CLOSED)
     except click.ClickException as error:
         object.__setattr__(error, "message", printable(error.message))  # click says that it is final
+        if json:
+            context = click.get_current_context(silent=True)
+            told = {**manner().told, "errors": [{"message": error.format_message()}]}
+            print_json({"command": context and context.invoked_subcommand, "exit_code": error.exit_code, **told})
         raise
 
 
@@ -59,13 +66,18 @@ def _answering_sigterm() -> Iterator[None]:
 class _Commands(click.Group):
     """Prints what is wrong with the input on one line and exits 2: a traceback would be a bug."""
 
-    def make_context(self, *args: Any, **kwargs: Any) -> click.Context:  # noqa: ANN401 (click's own signature)
-        with _well_behaved():
-            return super().make_context(*args, **kwargs)
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        json = "--json" in args
+        with _well_behaved(json=json):
+            context = super().make_context(info_name, args, parent, **extra)
+        context.meta["jointbayes.json"] = json
+        return context
 
     def invoke(self, ctx: click.Context) -> None:
         code = 0
-        with _well_behaved(), _answering_sigterm():
+        with _well_behaved(json=ctx.meta.get("jointbayes.json", False)), _answering_sigterm():
             try:
                 self._invoke(ctx)
             except SystemExit as ended:

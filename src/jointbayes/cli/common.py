@@ -155,6 +155,14 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
             say(line)
 
 
+def require_parent(target: Path) -> None:
+    """Refuse a file to write in a directory that does not exist."""
+    from jointbayes.errors import CaseError
+
+    if not target.absolute().parent.is_dir():
+        raise CaseError(f"{target}: found no directory {target.parent}; expected one that exists; make it first")
+
+
 def exit_by_convergence(posterior: "Posterior") -> None:
     """End with the exit code of a run that has not converged, where it has not."""
     if not posterior.converged:

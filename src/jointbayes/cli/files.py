@@ -15,8 +15,6 @@ from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
     from jointbayes.case.case import Case
-    from jointbayes.inference.prior import Nuisance
-    from jointbayes.joint.quantities import Coordinate
 
 #: Formats of `simulate`, each with the endings that choose it.
 FORMATS: dict[str, tuple[str, ...]] = {
@@ -61,6 +59,10 @@ def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, s
     target = target / "my_case.toml" if target.is_dir() else target
     if target.exists():
         raise CaseError(f"{target}: found a file of this name; expected a new one; choose another name")
+    if target.suffix != ".toml":
+        remedy = f"write {target}.toml, or make the directory first"
+        raise CaseError(f"{target}: found neither a directory nor the name of a case; expected NAME.toml; {remedy}")
+    common.require_parent(target)
     if not measured:
         manner().result |= {"case": str(target), "questions": []}
         write_whole_file(target, files("jointbayes.cli").joinpath("minimal.toml").read_bytes())
@@ -232,11 +234,13 @@ def _understood(case: "Case") -> list[str]:
     rows = [re.sub(r"\b[A-Z]\w+\(|\)", "", line) for line in told]  # without the names of classes
     rows = [re.sub(r"(?<=[a-z])[A-Z](?=[a-z])", lambda found: f" {found[0].lower()}", line) for line in rows]
     prior = case.problem.prior
-    unknowns: tuple[Coordinate | Nuisance, ...] = (*prior.parametrisation.axes, *prior.nuisances)
-    for unknown, marginal in zip(unknowns, prior.all_marginals, strict=True):
-        low, high = (number(float(unknown.value(x)), 3) for x in marginal.ppf(np.array([0.025, 0.975])))
-        unit = "" if unknown.unit == "1" else f" {unknown.unit}"
-        rows.append(f"unknown {unknown.name}: 95 % of the prior from {low} to {high}{unit}")
+    theta = prior.sample(np.random.default_rng(0), 20_000)  # as the report: what no joint can be is cut off
+    values = np.column_stack([prior.values(theta), prior.nuisance_values(theta)])
+    units = {quantity.name: quantity.unit for quantity in prior.parametrisation.quantities}
+    units |= {nuisance.name: nuisance.unit for nuisance in prior.nuisances}
+    for (name, unit), column in zip(units.items(), values.T, strict=True):
+        low, high = (number(float(end), 3) for end in np.quantile(column, [0.025, 0.975]))
+        rows.append(f"unknown {name}: 95 % of the prior from {low} to {high}{'' if unit == '1' else f' {unit}'}")
     return rows
 
 

@@ -17,6 +17,7 @@ from jointbayes.errors import printable
 #: Characters of a message; what it says beyond is printed with --verbose, and stands in --json and in reports.
 LONGEST = 200
 _SHOWN_BYTES = 1e7  # no line of a larger file is shown
+_VALUE = r"\s*=\s*(?:\[[^\]]*\]?|\{[^}]*\}?|\"[^\"]*\"?|[^,}#\s]*)"
 _FAULT = re.compile(r"(?:jointbayes: )?(?P<file>.+?):(?P<line>\d+): (?P<key>\S.*?): (?P<message>.*)")
 
 
@@ -142,7 +143,9 @@ def fail(faults: str, *, show_source: bool = False) -> None:
 def located(message: str) -> dict[str, Any]:
     """File, line, key and text of a fault or a warning; its text alone where it names no line."""
     place = _FAULT.fullmatch(message)
-    return {**place.groupdict(), "line": int(place["line"])} if place else {"message": message}
+    if place is None:
+        return {"message": message.removeprefix("jointbayes: ")}
+    return {**place.groupdict(), "line": int(place["line"])}
 
 
 def source_lines(fault: str) -> list[str]:
@@ -150,12 +153,18 @@ def source_lines(fault: str) -> list[str]:
     place = located(fault)
     try:
         file = Path(place["file"])
-        text = file.read_text(encoding="utf-8-sig") if file.is_file() and file.stat().st_size < _SHOWN_BYTES else ""
+        if not file.is_file() or file.stat().st_size > _SHOWN_BYTES:
+            return []
+        text = file.read_text(encoding="utf-8-sig")
         row = printable(text.split("\n")[place["line"] - 1].rstrip().expandtabs(4))[: LONGEST - 10]
     except (KeyError, OSError, ValueError, IndexError):
         return []
-    key = re.escape(place["key"].rpartition(".")[2])
-    spot = re.search(rf"\b{key}\b(\s*=\s*(\[[^\]]*\]?|\"[^\"]*\"?|[^,}}#\s]*))?", row) or re.search(r"\S.*|$", row)
+    spot, at, names = re.search(r"\S.*|$", row), 0, re.findall(r'"(?:[^"\\]|\\.)*"|[^.]+', place["key"])
+    for number, name in enumerate(names, 1):  # each inside the one before, where that stands in this line
+        word = re.escape(name.strip('"'))
+        found = re.compile(rf"(?<!\w)[\"']?{word}[\"']?(?!\w)({_VALUE})?").search(row, at)
+        if found and (found[1] or number == len(names)):
+            spot, at = found, found.start() + 1
     begin, end = spot.span() if spot else (0, 0)
     return [f"{place['line']:>6} | {row}", f"{'':>6} | {' ' * begin}{'^' * (end - begin)}"]
 

@@ -134,8 +134,7 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
     from jointbayes.report.run_directory import require_room, room_of_run
 
     target = out or Path(f"{case.name}.nc")
-    if not target.absolute().parent.is_dir():
-        raise CaseError(f"{target}: found no directory {target.parent}; expected one that exists; make it first")
+    common.require_parent(target)
     if target.exists() and not target.is_file():
         kind = "a directory" if target.is_dir() else "no regular file"
         raise CaseError(f"{target}: found {kind}; expected a file; choose another --out")
@@ -152,6 +151,16 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
     common.exit_by_convergence(posterior)
 
 
+def _posterior_file(given: Path) -> Path:
+    """The file that is given, or the one in a run directory; a case file is none."""
+    from jointbayes.errors import CaseError
+
+    if given.suffix == ".toml":
+        words = "found a case file; expected a posterior.nc or a run directory"
+        raise CaseError(f"{given}: {words}; run it first: jointbayes run {given}")
+    return given / "posterior.nc" if given.is_dir() else given
+
+
 @open_option
 @click.command()
 @click.argument("posterior", type=click.Path(path_type=Path))
@@ -159,10 +168,13 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
 def report(posterior: Path, out: Path | None) -> None:
     """Write the report of a posterior file.
 
+    POSTERIOR may be a run directory.
+
     \b
     Examples:
       jointbayes report reports/my_case/posterior.nc --out reports/again
     """
+    posterior = _posterior_file(posterior)
     # before the seconds that the rest takes to load
     show_stage(Progress("reading the draws", str(posterior)), on_terminal_only=not posterior.is_file())
     from jointbayes.report.kept_draws import draws_explained
@@ -223,7 +235,7 @@ def export(
     pairs = [pair.rpartition("=") for pair in nodes]
     if wrong := [name + sign + number for name, sign, number in pairs if not (name and number.isdecimal())]:
         raise CaseError(f"--node: found {wrong[0]!r}; expected NAME=NUMBER, such as footA=17; correct it")
-    source = posterior / "posterior.nc" if posterior.is_dir() else posterior
+    source = _posterior_file(posterior)
     require_other_file(target, source, "--to")
     loaded = load_posterior(source)
     numbers = {name: int(number) for name, _, number in pairs}

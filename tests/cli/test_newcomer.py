@@ -1,0 +1,189 @@
+"""What a newcomer runs into in the first hour: each slip is told where it is, with what to do, in a line that is whole."""
+
+import json
+import shlex
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.cli.output import LONGEST, source_lines
+from tests.cli.test_manner import typed
+from tests.conftest import CONFIGS, cheap_text, edited, shipped_text, without_stages
+
+#: A bar on a spring of 2 kg: one resonance at 225 Hz.
+LINES = np.arange(20.0, 600.0)
+CHANNELS = 'channels = { "a tip" = "11:y", "input 1" = "11:y" }'
+
+
+def write_tip(path, outputs=("output 1",), unit="(m/s^2/N)", force="input 1"):
+    """A table of FRFs of some outputs over one force, which its header names."""
+    squared = (2 * np.pi * LINES) ** 2
+    values = -squared / (4e6 * (1 + 0.02j) - 2 * squared)
+    heads = (f"real {name} / {force} {unit},imaginary {name} / {force} {unit}" for name in outputs)
+    cells = (",".join(f"{h.real:.6g},{h.imag:.6g}" for _ in outputs) for h in values)
+    rows = (f"{f:g},{row}" for f, row in zip(LINES, cells, strict=True))
+    path.write_text(f"frequency [Hz],{','.join(heads)}\n" + "\n".join(rows), encoding="utf-8")
+
+
+@pytest.fixture
+def measured(tmp_path, monkeypatch):
+    """A case whose structure is known, of a table with two outputs."""
+    monkeypatch.chdir(tmp_path)
+    write_tip(tmp_path / "tip.csv", ("a tip", "a mid"), "[m/s^2/N]")
+    whole = shipped_text("clamped_beam")
+    text = whole[: whole.index("[data]")] + f'[data]\nkind = "measured_frf"\nfile = "tip.csv"\n{CHANNELS}\n'
+    text += '\n[data.variance]\nsource = "relative"\nrelative = 0.03\nfloor = 0.01\n'
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    return text
+
+
+def only(result):
+    """The one message of a command that is refused, and what stands under it."""
+    assert result.exit_code == 2
+    message, *below = without_stages(result.stderr)
+    assert len(message) <= LONGEST
+    assert "…" not in message
+    return message, below
+
+
+# ---- validate
+
+
+def test_validate_and_report_state_the_same_prior(tmp_path, cheap_posterior):
+    path = tmp_path / "clamp.toml"
+    path.write_text(cheap_text(), encoding="utf-8")
+    (entry,) = json.loads(typed("validate", path, "--json").stdout)["cases"]
+    told = [line.partition(" from ")[2].split(" to ") for line in entry["understood"] if line.startswith("unknown ")]
+    low, high = np.array([[float(a), float(b.split()[0])] for a, b in told]).T
+    for at, (name, stated) in enumerate(cheap_posterior.summary().parameters.items()):
+        assert np.log(low[at] / stated.prior_interval95[0]) == pytest.approx(0, abs=0.3), name
+        assert np.log(high[at] / stated.prior_interval95[1]) == pytest.approx(0, abs=0.3), name
+    assert high[1] ** 2 < high[0] * high[2]  # k12² <= k11 k22 in every joint
+
+
+def test_a_wrong_modulus_is_the_first_that_a_mode_above_those_of_a_rigid_joint_is_blamed_on(tmp_path, measured):
+    text = edited(measured, ("youngs_modulus_gpa = 210.0", "youngs_modulus_gpa = 70.0"))
+    text = text.replace("ratio = 0.01", 'ratio = "measured"')
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    message, _ = only(typed("validate", "case.toml"))
+    assert message.startswith("jointbayes: case.toml:")
+    assert "structure: found mode 1 at 22" in message
+    assert message.endswith(
+        "correct Young's modulus, density, length or section, or lower f_min_hz if a mode was missed"
+    )
+
+
+def test_a_misspelt_channel_is_blamed_on_its_label_and_only_free_ones_are_proposed(tmp_path, measured):
+    (tmp_path / "case.toml").write_text(edited(measured, ('"a tip"', '"output 1"')), encoding="utf-8")
+    message, (row, carets) = only(typed("validate", "case.toml"))
+    assert 'data.channels."output 1": ' in message
+    assert message.endswith('expected one of "a tip", "a mid"; correct the label')
+    begin, count = carets.find("^"), carets.count("^")
+    assert row[begin : begin + count] == '"output 1" = "11:y"'
+    (tmp_path / "case.toml").write_text(edited(measured, ('"a tip"', '"tip"')), encoding="utf-8")
+    assert 'did you mean "a tip"?' in only(typed("validate", "case.toml"))[0]
+    every = '"a tip" = "11:y", "a mid" = "6:y", "b" = "1:y"'
+    (tmp_path / "case.toml").write_text(edited(measured, ('"a tip" = "11:y"', every)), encoding="utf-8")
+    assert only(typed("validate", "case.toml"))[0].endswith("all of these are mapped; remove it")
+
+
+def test_a_stated_noise_is_not_asked_for_and_one_that_is_not_stated_is_with_its_table(tmp_path, measured):
+    assert json.loads(typed("validate", "case.toml", "--json").stdout)["warnings"] == []
+    assert "or state the noise in [data.variance], or" in typed("inspect", "tip.csv").stdout
+    write_tip(tmp_path / "plain.csv", unit="")
+    assert 'quantity = "accelerance"' in typed("inspect", "plain.csv").stdout
+
+
+def test_what_a_fresh_case_asks_is_told_in_whole_lines(tmp_path, measured):
+    assert typed("init", "my_case.toml", "--from", "tip.csv").exit_code == 0
+    told = without_stages(typed("validate", "my_case.toml").stderr)
+    assert len(told) == 3 * 6
+    assert not any("…" in line for line in told)
+    row, carets = told[-2:]
+    assert row[carets.find("^") : carets.rfind("^") + 1] == '"a mid" = "?"'
+
+
+def test_a_missing_file_has_no_line_to_be_shown(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    _, below = only(typed("validate", "none.toml"))
+    assert below == []
+
+
+@pytest.mark.parametrize(
+    ("row", "key", "marked"),
+    [
+        ('channels = { "b" = { dof = "?" }, "a" = { dof = "?" } }', 'data.channels."a".dof', 'dof = "?"'),
+        ('channels = { "P:1.5:Y+" = "?", "a" = "?" }', 'data.channels."P:1.5:Y+".dof', '"P:1.5:Y+" = "?"'),
+        ("channels = { a = '?', b = '?' }", "data.channels.b.dof", "b = '?'"),
+        ("noise = { relative = 3.0 }", "data.noise.floor", "noise = { relative = 3.0 }"),
+    ],
+)
+def test_the_innermost_table_that_stands_in_the_line_is_underlined(tmp_path, monkeypatch, row, key, marked):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.toml").write_text(row, encoding="utf-8")
+    shown, carets = source_lines(f"a.toml:1: {key}: found; expected; do")
+    assert shown[carets.find("^") : carets.rfind("^") + 1] == marked
+
+
+# ---- another file than the one that is meant, another place than one that is there
+
+
+@pytest.mark.parametrize(
+    ("line", "remedy"),
+    [
+        ("run tip.csv", "this is a measurement file; expected a case file in TOML, UTF-8; write a case for it: "
+                        "jointbayes init --from tip.csv"),
+        ("validate tip.csv", "jointbayes init --from tip.csv"),
+        ("report case.toml", "found a case file; expected a posterior.nc or a run directory; run it first: jointbayes "
+                             "run case.toml"),
+        ("export case.toml --to a.bdf", "run it first: jointbayes run case.toml"),
+        ("init x/y/case.toml", "found no directory x/y; expected one that exists; make it first"),
+        ("init x/case.toml --from tip.csv", "found no directory x; expected one that exists; make it first"),
+        ("init sub/", "expected NAME.toml; write sub.toml, or make the directory first"),
+    ],
+)  # fmt: skip
+def test_a_wrong_file_is_told_with_the_command_that_takes_it(tmp_path, measured, line, remedy):
+    message, _ = only(typed(*shlex.split(line)))
+    assert message.endswith(remedy)
+    assert {path.name for path in tmp_path.iterdir()} == {"tip.csv", "case.toml"}
+
+
+def test_a_report_is_made_of_a_run_directory_as_of_its_draws(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "done").mkdir()
+    assert "done/posterior.nc: no such file" in only(typed("report", "done"))[0]
+
+
+# ---- wrong calls
+
+
+@pytest.mark.parametrize(
+    ("line", "command", "words"),
+    [
+        ("run --json", "run", "Missing argument 'CONFIG'"),
+        (f"run {CONFIGS / 'clamped_beam.toml'} --sed 1 --json", "run", "No such option '--sed'"),
+        ("simulate a.toml --json --seed x", "simulate", "'x' is not a valid integer"),
+        ("rum --json", None, "No such command 'rum'"),
+        ("--sed --json", None, "No such option '--sed'"),
+    ],
+)
+def test_a_wrong_call_is_one_json_object_where_that_is_asked_for(line, command, words):
+    result = typed(*shlex.split(line))
+    told = json.loads(result.stdout)
+    assert (result.exit_code, told["exit_code"], told["command"]) == (2, 2, command)
+    (error,) = told["errors"]
+    assert words in error["message"]
+    assert words in result.stderr
+
+
+def test_messages_in_json_do_not_begin_with_the_name_of_the_program(tmp_path):
+    result = typed("report", tmp_path / "none.nc", "--json")
+    (error,) = json.loads(result.stdout)["errors"]
+    assert error["message"].startswith(f"{tmp_path}/none.nc: no such file")
+
+
+def test_python_tells_the_same(measured, tmp_path):
+    (tmp_path / "case.toml").write_text(edited(measured, ('"a tip"', '"b"')), encoding="utf-8")
+    with pytest.raises(jb.CaseError, match=r'data\.channels\.b: tip\.csv: found no channel "b"'):
+        jb.load_case("case.toml")
