@@ -10,7 +10,7 @@ from jointbayes.progress import callback_of, tell_nobody
 from tests.conftest import FEW_STEPS
 
 STAGES = [
-    jb.Progress("searching for the mode"),
+    jb.Progress("searching for the best fit"),
     jb.Progress("sampling", "R̂ = 1.1", done=50, total=200, unit="steps"),
     jb.Progress("sampling", "R̂ = 1.0", done=200, total=200, unit="steps"),
 ]
@@ -51,7 +51,7 @@ def test_each_stage_is_a_bar_and_counts_as_it_is_told(bars):
     for progress in STAGES:
         tell(progress)
     first, second = bars
-    assert (first.desc, first.shown, first.closed) == ("searching for the mode: ", [(0, None, "")], True)
+    assert (first.desc, first.shown, first.closed) == ("searching for the best fit: ", [(0, None, "")], True)
     assert first.bar_format == "{desc}: {elapsed}{postfix}"  # neither a share nor a unit where nothing is counted
     assert (second.unit, second.shown) == (" steps", [(50, 200, "R̂ = 1.1"), (200, 200, "R̂ = 1.0")])
     assert (second.start_t, second.bar_format) == (7.0, "")
@@ -59,9 +59,9 @@ def test_each_stage_is_a_bar_and_counts_as_it_is_told(bars):
 
 def test_a_stage_that_is_over_is_a_whole_bar_even_if_it_took_fewer_steps(bars):
     tell = callback_of(True)
-    tell(jb.Progress("searching for the mode"))
-    tell(jb.Progress("searching for the mode", done=23, total=25, unit="starts"))
-    tell(jb.Progress("searching for the mode", "round 1"))
+    tell(jb.Progress("searching for the best fit"))
+    tell(jb.Progress("searching for the best fit", done=23, total=25, unit="starts"))
+    tell(jb.Progress("searching for the best fit", "round 1"))
     tell(STAGES[1])
     assert (bars[0].shown, bars[0].n, bars[0].unit) == (
         [(0, None, ""), (23, 25, ""), (23, 25, "round 1")],

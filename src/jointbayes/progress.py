@@ -14,7 +14,7 @@ class Progress:
     Parameters
     ----------
     stage
-        What is being done: ``"searching for the mode"``, ``"sampling"``, ``"simulating"``.
+        What is being done: ``"searching for the best fit"``, ``"sampling"``, ``"simulating"``.
     text
         What else is to be said of it.
     done, total

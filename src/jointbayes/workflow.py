@@ -148,7 +148,7 @@ def find_map(
         If no start lies inside the prior's support.
     """
     tell = callback_of(progress)
-    tell(Progress("searching for the mode"))
+    tell(Progress("searching for the best fit"))
     problem, whole = _problem_and_case(case)
     seed = _seed(whole, seed)
     guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
@@ -244,7 +244,7 @@ def sample(
     if checkpoint is not None:
         checkpoint.begin(run_fingerprint(problem, whole, seed, settings))
     estimate = _found_mode(whole or problem, seed, tell, checkpoint)
-    tell(Progress("fitting a proposal to the posterior"))
+    tell(Progress("preparing the sampling"))
     log_posterior = problem.log_posterior
     modes, systems = estimate.starts_for_draws, coordinate_systems(problem)
     proposal = fit_each_mode(

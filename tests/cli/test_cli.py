@@ -173,8 +173,8 @@ def test_a_run_states_the_numbers_of_its_summary(finished):
     phases = [line for line in said if not line.startswith("sampling: ")]
     assert [re.sub(r"^ *\d+\.\d s  ", "", line) for line in phases] == [
         "loading the data of the case and building its model",
-        "searching for the mode",
-        "fitting a proposal to the posterior",
+        "searching for the best fit",
+        "preparing the sampling",
         "sampling",
         "checking the model, and what the verdicts rest on",
         "drawing figures",
@@ -378,7 +378,7 @@ def test_check_prints_what_does_not_match_and_exits_1(tmp_path):
     assert lines[0].endswith("; seed 1")
     assert [line[:4] for line in lines[1:5]] == ["ok  ", "ok  ", "info", "info"]
     assert [("published" in line, "expected" in line) for line in lines[3:6]] == [(True, False)] * 2 + [(False, True)]
-    assert [line.split(":")[0] for line in lines[5:7]] == ["FAIL mode of k22", "FAIL published point"]
+    assert [line.split(":")[0] for line in lines[5:7]] == ["FAIL mode of k22", "FAIL published values"]
     assert listing(tmp_path) == before
 
 
@@ -405,7 +405,7 @@ def test_check_allows_noisy_data_2_per_cent_of_k22_and_the_99_per_cent_region(ch
         found = failures(cheap_posterior, ("k22 = 1.52e6", f"k22 = {mode / factor}"))
         assert ("mode of k22" in found) == refused
         assert "mode of k11" not in found
-    assert failures(cheap_posterior, ("k12 = 3.44e7", "k12 = 6.0e7")) == ["published point"]
+    assert failures(cheap_posterior, ("k12 = 3.44e7", "k12 = 6.0e7")) == ["published values"]
 
 
 def test_check_judges_k11_and_k12_of_exact_data_only(cheap_posterior):
@@ -441,7 +441,7 @@ def test_check_fails_without_convergence_or_with_another_mode_than_the_map(cheap
 
 @pytest.mark.parametrize("k12", ["0.0", "-3.44e7"])
 def test_check_bears_a_reference_that_the_parametrisation_cannot_hold(cheap_posterior, k12):
-    assert failures(cheap_posterior, ("k12 = 3.44e7", f"k12 = {k12}")) == ["published point"]
+    assert failures(cheap_posterior, ("k12 = 3.44e7", f"k12 = {k12}")) == ["published values"]
 
 
 def test_check_without_a_reference_is_refused_before_any_work(tmp_path):

@@ -144,13 +144,13 @@ def test_what_is_done_is_named_before_anything_heavy_is_loaded(tmp_path, line):
 def test_a_terminal_shows_progress_in_one_line_that_is_gone_at_the_end(monkeypatch, capsys):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     with progress_display.show_progress() as report:
-        report(jb.Progress("searching for the mode", done=3, total=9, unit="starts"))
+        report(jb.Progress("searching for the best fit", done=3, total=9, unit="starts"))
         report(jb.Progress("sampling"))
     shown = capsys.readouterr().err
     assert "\n" not in shown
     parts = shown.split("\r")
     seen = list(dict.fromkeys(part.partition(" s  ")[2].rstrip() for part in parts if part.strip()))
-    assert seen == ["searching for the mode: 3 of 9 starts", "sampling"]
+    assert seen == ["searching for the best fit: 3 of 9 starts", "sampling"]
     assert parts[-1] == ""
     assert "\x1b" not in shown  # no colours and no other codes, whatever NO_COLOR says
 

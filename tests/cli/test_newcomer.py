@@ -1,6 +1,7 @@
-"""What a newcomer runs into in the first hour: each slip is told where it is, with what to do, in a line that is whole."""
+"""What a newcomer runs into in the first hour: each slip is told where it is, with what to do, in a whole line."""
 
 import json
+import re
 import shlex
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.cli.output import LONGEST, source_lines
+from jointbayes.studies.reference_check import check_posterior
 from tests.cli.test_manner import typed
 from tests.conftest import CONFIGS, cheap_text, edited, shipped_text, without_stages
 
@@ -153,6 +155,39 @@ def test_a_report_is_made_of_a_run_directory_as_of_its_draws(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     (tmp_path / "done").mkdir()
     assert "done/posterior.nc: no such file" in only(typed("report", "done"))[0]
+
+
+# ---- words
+
+
+def test_the_check_says_whether_published_values_agree_in_sentences_that_end_once(cheap_posterior):
+    case = jb.case_from_text("clamp", cheap_text())
+    lines = {line.subject: line for line in check_posterior(case, cheap_posterior).lines}
+    assert not lines["sampler"].found.endswith(".")
+    assert re.fullmatch(r"agree with the data: \d+\.\d % of the draws are likelier", lines["published values"].found)
+
+
+def test_one_frf_is_no_frfs(measured):
+    assert "  a tip    no direction; response of 1 FRF (accelerance)\n" in typed("inspect", "tip.csv").stdout
+    assert "force of 2 FRFs" in typed("inspect", "tip.csv").stdout
+
+
+def test_a_table_of_a_campaign_with_names_is_told_of_their_column(tmp_path, measured):
+    (tmp_path / "table.csv").write_text("name,structure.length_mm\na,383\n", encoding="utf-8")
+    message, _ = only(typed("campaign", "table.csv", "--base", "case.toml"))
+    assert message.endswith("name: found no such column; expected a key of a case; did you mean 'key'?")
+
+
+def test_a_band_that_the_file_does_not_have_is_blamed_on_the_end_that_is_wrong(tmp_path, measured):
+    lines = edited(measured, (CHANNELS, f"f_min_hz = 700.0\nf_max_hz = 900.0\n{CHANNELS}"))
+    (tmp_path / "case.toml").write_text(lines, encoding="utf-8")
+    message, (row, _) = only(typed("validate", "case.toml"))
+    assert row.endswith("f_min_hz = 700.0")
+    assert "no line from 700 to 900 Hz" in message
+    (tmp_path / "case.toml").write_text(lines.replace("700.0", "100.0"), encoding="utf-8")
+    (warning,) = json.loads(typed("validate", "case.toml", "--json").stdout)["warnings"]
+    assert warning["key"] == "data.f_max_hz"
+    assert "expected at most 599, where the lines of the file end" in warning["message"]
 
 
 # ---- wrong calls

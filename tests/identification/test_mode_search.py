@@ -188,7 +188,7 @@ def test_a_search_whose_end_does_not_explain_the_data_goes_on_until_it_finds_the
 def test_a_search_that_explains_the_data_does_not_go_on(cheap_case):
     lines: list[str] = []
     estimate = jb.find_map(cheap_case, progress=lines.append)
-    assert {line.stage for line in lines} == {"searching for the mode"}
+    assert {line.stage for line in lines} == {"searching for the best fit"}
     assert not any(line.text for line in lines)  # no further round
     assert estimate.effort.rounds == 0
     assert estimate.effort.squares == pytest.approx(1.0, abs=0.2)

@@ -389,7 +389,7 @@ def test_the_rule_in_words_has_the_constants_of_the_rule():
         assert f"{limit:g}" in RULE
     assert f"at most {IDENTIFIED_RATIO:g}" in verdict_by_rule(1.2, 1.0)[1]
     assert f"more than {WEAK_RATIO:g}" in verdict_by_rule(4.0, 1.0)[1]
-    assert f"by only 30 %; {100 * LEAST_CONTRACTION:g} % is needed" in verdict_by_rule(1.0, 0.3)[1]
+    assert f"(it removes 30 % of that variance; {100 * LEAST_CONTRACTION:g} % is" in verdict_by_rule(1.0, 0.3)[1]
     assert "add next to nothing" in verdict_by_rule(1.0, 0.99 * NOTHING)[1]
 
 

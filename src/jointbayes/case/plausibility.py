@@ -69,6 +69,10 @@ def input_warnings(spec: CaseSpec, text: CaseText, band_hz: tuple[float, float] 
         findings += _shape(structure)
         if not findings and band_hz is not None:  # with findings the frequencies are off because of these
             findings = [*_band(spec, structure, band_hz)]
+    top = getattr(spec.data, "f_max_hz", None)
+    if spec.data.files is not None and top and band_hz is not None and top > 1.05 * band_hz[1]:
+        expected, remedy = f"at most {band_hz[1]:g}, where the lines of the file end", "lower it, or measure further"
+        findings.append(Finding(("data", "f_max_hz"), f"found {top:g}", expected, remedy))
     return text.warnings([*findings, *_fractions(text.data)])
 
 

@@ -28,6 +28,7 @@ _SYNTAX = {  # what tomllib says: what was found, what to do
         "something follows the value",
         "write one key on each line, texts in quotes, decimals with a point, no unit, comments after #",
     ),
+    "Unclosed inline table": ("a table without its brace, or a unit after a number", "write no unit, and close with }"),
     "Expected '='": ("a key without an equals sign", "write key = value, or [table] for a table"),
     "Invalid value": ("no value that TOML knows", 'write a number, true, false, "a text" or [a, list]'),
     "Invalid statement": ("neither a key nor a table", "write key = value, or [table] for a table"),

@@ -66,12 +66,10 @@ def _answering_sigterm() -> Iterator[None]:
 class _Commands(click.Group):
     """Prints what is wrong with the input on one line and exits 2: a traceback would be a bug."""
 
-    def make_context(
-        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
-    ) -> click.Context:
-        json = "--json" in args
+    def make_context(self, *args: Any, **kwargs: Any) -> click.Context:  # noqa: ANN401 (click's own signature)
+        json = "--json" in args[1]
         with _well_behaved(json=json):
-            context = super().make_context(info_name, args, parent, **extra)
+            context = super().make_context(*args, **kwargs)
         context.meta["jointbayes.json"] = json
         return context
 

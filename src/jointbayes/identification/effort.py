@@ -89,7 +89,7 @@ def search_further(
             f"{effort.starts - effort.agreeing} of {effort.starts} starts disagree: searching further, round {rounds} "
             f"of at most {ROUNDS}"
         )
-        progress(Progress("searching for the mode", text))
+        progress(Progress("searching for the best fit", text))
         many = _climb_round(search, problem, np.random.default_rng([seed, 3, rounds]), rounds)
         last_gain = search.best[1] - density
 

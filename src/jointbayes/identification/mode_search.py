@@ -18,7 +18,7 @@ from jointbayes.joint.quantities import is_rotation
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 
 #: What is being done, for whoever looks.
-SEARCHING = "searching for the mode"
+SEARCHING = "searching for the best fit"
 #: Two modes are the same when they lie this close, in prior standard deviations and in log density.
 _SAME_POINT = 1e-3
 _SAME_DENSITY = 1e-3

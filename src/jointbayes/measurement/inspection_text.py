@@ -116,8 +116,8 @@ def _dof(label: str) -> str:
 
 def _use(use: ChannelCount) -> str:
     parts = [
-        f"response of {use.as_response} FRFs" if use.as_response else "",
-        f"force of {use.as_force} FRFs" if use.as_force else "",
+        f"response of {use.as_response} FRF{'s' * (use.as_response > 1)}" if use.as_response else "",
+        f"force of {use.as_force} FRF{'s' * (use.as_force > 1)}" if use.as_force else "",
         f"{use.histories} time histories" if use.histories else "",
         f"{use.spectra} spectra" if use.spectra else "",
     ]

@@ -193,8 +193,8 @@ def verdict_by_rule(ratio: float, contraction: float, printed: float | None = No
     if not contraction >= LEAST_CONTRACTION:
         if not contraction >= NOTHING:
             return "not identified", "these data add next to nothing to what was assumed of it beforehand"
-        shrunk = f"these data reduce the variance of what was assumed of it by only {100 * contraction:.0f} %"
-        return "not identified", f"{shrunk}; {100 * LEAST_CONTRACTION:g} % is needed"
+        removed = f"removes {100 * contraction:.0f} % of that variance; {100 * LEAST_CONTRACTION:g} % is needed"
+        return "not identified", f"this test adds little to what was assumed of it beforehand (it {removed})"
     if math.isinf(ratio):
         return "not identified", "its 95 % credible interval contains zero"
     shown = ratio if printed is None else printed

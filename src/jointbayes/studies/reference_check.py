@@ -81,7 +81,7 @@ def check_posterior(case: AnyCase, posterior: Posterior) -> CheckResult:
     case = require_case(case)
     reference = require_reference(case)
     lines = [
-        CheckLine("sampler", posterior.record.headline, "converged", posterior.converged),
+        CheckLine("sampler", posterior.record.headline.rstrip("."), "converged", posterior.converged),
         CheckLine(
             "mode against MAP",
             f"{posterior.mode_distance:.1e} sd apart",
@@ -93,11 +93,12 @@ def check_posterior(case: AnyCase, posterior: Posterior) -> CheckResult:
     lines += [_of_quantity(posterior, i, published, exact) for i, published in enumerate(reference)]
     if not exact:
         level = posterior.region_level(reference)
+        agree = "agree" if level <= REGION else "do not agree"
         lines.append(
             CheckLine(
-                "published point",
-                f"on the edge of the {100 * level:.1f} % region",
-                f"{100 * REGION:g} % region or inside",
+                "published values",
+                f"{agree} with the data: {100 * level:.1f} % of the draws are likelier",
+                f"at most {100 * REGION:g} %",
                 level <= REGION,
             )
         )

@@ -67,8 +67,8 @@ def pair_findings(k11: float, k12: float, k22: float) -> Iterator[Finding]:
     if abs(k12) > bound * (1 + 1e-12):
         squares = f"k12² = {k12 * k12:.6g} exceeds k11·k22 = {k11 * k22:.6g}"
         fault = f"{squares}: the joint matrix is not positive semidefinite"
-        remedy = f"lower |k12| to {bound:.6g} N or less, or raise k11 or k22"
-        yield Finding((_K12.name,), fault, "k12² ≤ k11·k22", remedy)
+        lower = f"lower |k12| to {bound:.6g} N or less, or raise k11 or k22"
+        yield Finding((_K12.name,), fault, "k12² ≤ k11·k22", lower if bound else "set k12 = 0, or give k11 and k22")
 
 
 class StiffnessSpec(Spec):

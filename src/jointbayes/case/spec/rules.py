@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from jointbayes.case.spec.data_table import DataSpec
-from jointbayes.case.spec.fields import Finding, KeyPath, listed
+from jointbayes.case.spec.fields import Finding, KeyPath, listed, show_key
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table
 from jointbayes.case.spec.measured_table import MeasuredSpec
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec, PriorsSpec, UncertainSpec, quantity_table
@@ -184,8 +184,12 @@ def prior_findings(joint: JointSpec, priors: PriorsSpec, at: tuple[str, ...] = (
             other = next((key for key, axes in COORDINATES.items() if name in {axis.name for axis in axes}), None)
         else:
             fault = f'there is no {name} in a joint of kind = "{joint.kind}" at {", ".join(joint.dofs)}'
-        swap = f'replace it by {missing.pop()} or write parametrisation = "{other}"' if missing and other else ""
-        yield Finding((*at, name), fault, f"priors of {', '.join(needed) or 'none'}", swap or "remove it")
+        remedy = "remove it"
+        if missing:
+            meant = missing.pop(-1 if other else 0)
+            swap = f'replace it by {meant} or write parametrisation = "{other}"'
+            remedy = swap if other else f"rename it to {show_key((*at, meant))}"
+        yield Finding((*at, name), fault, f"priors of {', '.join(needed) or 'none'}", remedy)
     yield from (Finding((*at, name), missing=True) for name in missing)
 
 

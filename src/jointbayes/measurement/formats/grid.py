@@ -70,9 +70,11 @@ def cut_to_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz:
     low, high = (-np.inf if f_min_hz is None else f_min_hz), (np.inf if f_max_hz is None else f_max_hz)
     inside = (lines >= low) & (lines <= high)
     if not inside.any():
+        span = f"above {low:g}" if f_max_hz is None else f"{f'from {low:g} to' if f_min_hz else 'below'} {high:g}"
         raise MeasurementError(
-            f"{where}: {record.where}: found no line between {low:g} and {high:g} Hz; expected some, the file has "
-            f"{_span(lines)}; widen the band"
+            f"{where}: {record.where}: found no line {span} Hz; expected some, the file has "
+            f"{_span(lines)}; widen the band",
+            "f_max_hz" if high < lines.min() else "f_min_hz",
         )
     return record.at_lines(inside)
 

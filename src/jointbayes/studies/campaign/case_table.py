@@ -140,6 +140,7 @@ def read_base(path: Path, allow_outside: bool = False) -> BaseCase:
     return BaseCase(path, read_case_text(path, allow_outside))
 
 
+_MEANT = {"name": "key", "id": "key"}
 _OWN = ("key", "serial", "date", "case")  # columns that are no keys of a case file
 _MOST_BYTES, _MOST_CASES = 100_000_000, 200_000
 _MOST_FAULTS = 20
@@ -339,9 +340,9 @@ def _require_columns(head: list[str], table: Path, base: str | Path | None) -> N
     if twice is not None or "" in head or not head:
         actual = "a column without a name" if "" in head or not head else f"two columns {twice!r}"
         raise CaseError(f"{table}:1: found {actual}; expected a name of its own for each; correct the first line")
-    slips = {name: near for name in head if name not in _OWN and "." not in name and (near := similar(name, _OWN))}
-    for name, near in slips.items():
-        if name not in CaseSpec.model_fields:
+    for name in (name for name in head if name not in _OWN and "." not in name):
+        near = _MEANT.get(name.lower()) or similar(name, _OWN)
+        if near and name not in CaseSpec.model_fields:
             raise CaseError(
                 f"{table}:1: {name}: found no such column; expected a key of a case; did you mean {near!r}?"
             )
