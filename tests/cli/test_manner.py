@@ -299,6 +299,32 @@ def test_the_schema_refuses_what_the_program_refuses(schema, old, new):
     assert not schema.is_valid(tomllib.loads(text))
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("length_mm", "lenght_mm", {"'lenght_mm' was unexpected", "'length_mm' is a required property"}),
+        ("f_max_hz = 2500.0", "f_max_hz = 2500.0\nf_khz = 1", {"'f_khz' was unexpected"}),
+        ('kind = "synthetic_frf"', 'kind = "frf"', {"'frf' is not one of ['measured_frequencies', 'measured_frf', "}),
+        ('kind = "synthetic_frf"', "", {"'kind' is a required property"}),
+        ("ratio = 0.01", "rat = 0.01", {"'rat' was unexpected", "'ratio' is a required property"}),
+        ("[joint]\n", "[jiont]\n", {"'jiont' was unexpected", "'dofs' is a required property"}),
+    ],
+)
+def test_the_schema_tells_each_fault_once_and_of_the_kind_that_is_meant(schema, old, new, told):
+    text = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8").replace("[joint]  ", "[joint]\n")
+    faults = [fault.message for fault in schema.iter_errors(tomllib.loads(text.replace(old, new, 1)))]
+    assert len(faults) == len(told)
+    assert all(any(words in fault for fault in faults) for words in told)
+
+
+def test_the_schema_asks_for_a_joint_or_joints_and_of_a_set_up_for_nothing(schema):
+    whole = tomllib.loads((CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8"))
+    del whole["joint"]
+    assert [fault.message for fault in schema.iter_errors(whole)] == ["'joint' is a required property"]
+    assert schema.is_valid({"extends": "base.toml", "structure": {"length_mm": 300.0}})
+    assert not schema.is_valid({"extends": "base.toml", "structure": {"lenght_mm": 300.0}})
+
+
 def test_every_key_of_the_schema_is_described_and_its_unit_is_in_the_description():
     units = {"mm": "mm", "hz": "Hz", "gpa": "GPa", "g": " g", "kg": "kg", "s": " s", "percent": "percent"}
     whole = case_schema()

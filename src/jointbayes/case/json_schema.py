@@ -8,7 +8,6 @@ from pydantic_core import core_schema
 from jointbayes.case.spec.whole import CaseSpec
 
 _REF, _ANY_OF = "$ref", "anyOf"
-_ASKED = ("required", "discriminator")
 #: What a key may be besides what the table says, by the name of the function that turns it into that.
 _ALSO: dict[str, JsonSchemaValue] = {
     "_channel_table": {"type": "string"},
@@ -38,8 +37,10 @@ def case_schema() -> dict[str, Any]:
     set-up, any may be left out.
     """
     whole = CaseSpec.model_json_schema(schema_generator=_OfToml)
-    tables = {**whole.pop("$defs"), "Case": whole}
-    relaxed = {f"{name}-changes": _without_required(table) for name, table in tables.items()}
+    given = {**whole.pop("$defs"), "Case": whole}
+    tables = {name: _prepared(table, given) for name, table in given.items()}
+    relaxed = {f"{name}-changes": _prepared(table, given, "-changes") for name, table in given.items()}
+    tables["Case"]["if"], tables["Case"]["then"] = {"not": {"required": ["joints"]}}, {"required": ["joint"]}
     changes = relaxed["Case-changes"]
     for setup in ("SetupSpec-changes", "PlannedSetupSpec-changes"):
         for name in relaxed[setup]["properties"].keys() & changes["properties"].keys() - {"remove", "joined"}:
@@ -47,18 +48,34 @@ def case_schema() -> dict[str, Any]:
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Case file of jointbayes",
-        **changes,
         "if": {"not": {_ANY_OF: [{"required": ["extends"]}, {"required": ["setups"]}]}},
         "then": {_REF: "#/$defs/Case"},
+        "else": {_REF: "#/$defs/Case-changes"},
+        _ANY_OF: [{_REF: "#/$defs/Case-changes"}, {}],  # of which editors complete keys
         "$defs": tables | relaxed,
     }
 
 
-def _without_required(node: Any) -> Any:  # noqa: ANN401 (walks JSON)
-    """The same for a table that is laid over another one: nothing is required."""
+def _prepared(node: Any, given: dict[str, Any], suffix: str = "") -> Any:  # noqa: ANN401 (walks JSON)
+    """The same with if and then for tables of several kinds; nothing is required of one that is laid over another.
+
+    So a fault is one of the kind that is meant, and not that no kind fits.
+    """
     if isinstance(node, list):
-        return [_without_required(entry) for entry in node]
+        return [_prepared(entry, given, suffix) for entry in node]
     if not isinstance(node, dict):
         return node
-    kept = {_ANY_OF if key == "oneOf" else key: value for key, value in node.items() if key not in _ASKED}
-    return {key: f"{value}-changes" if key == _REF else _without_required(value) for key, value in kept.items()}
+    items = ((key, value) for key, value in node.items() if key != "required" or not suffix)
+    kept: dict[str, Any] = {key: f"{value}{suffix}" if key == _REF else _prepared(value, given, suffix) for key, value in items}
+    if "discriminator" not in node:
+        return kept
+    options, (refs, kind) = kept.pop("oneOf"), kept.pop("discriminator").values()
+    free = [ref for ref in refs.values() if suffix or kind not in given[ref.rpartition("/")[2]].get("required", ())]
+    rules: list[Any] = [{_ANY_OF: [*options, {}]}]  # of which editors complete keys
+    for text, ref in refs.items():
+        meant = {"properties": {kind: {"const": text}}, "required": [kind] if suffix or ref not in free else []}
+        rules.append({"if": meant, "then": {_REF: f"{ref}{suffix}"}})
+    if suffix:
+        rules.append({"if": {"not": {"required": [kind]}}, "then": {_ANY_OF: options}})
+    known = {"properties": {kind: {"enum": list(refs)}}, "required": [] if free else [kind]}
+    return kept | known | {"allOf": rules}

@@ -10,6 +10,7 @@ import click
 
 from jointbayes.cli.output import manner, manner_option, say, warn
 from jointbayes.cli.progress_display import show_progress, show_stage
+from jointbayes.errors import CaseError, WriteError
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
@@ -96,7 +97,6 @@ def unfinished(
     command: str, config: Path, out: Path | None, target: Path, seed: int | None, *, resume: bool
 ) -> "Iterator[UnfinishedRun]":
     """Keep a run beside its target while it is made; the line that is printed where it is stopped says how to go on."""
-    from jointbayes.errors import WriteError
     from jointbayes.sampling import UnfinishedRun
 
     words = ["jointbayes", command, str(config)]
@@ -157,8 +157,6 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
 
 def require_parent(target: Path) -> None:
     """Refuse a file to write in a directory that does not exist."""
-    from jointbayes.errors import CaseError
-
     if not target.absolute().parent.is_dir():
         raise CaseError(f"{target}: found no directory {target.parent}; expected one that exists; make it first")
 

@@ -11,6 +11,7 @@ import click
 from jointbayes.cli import common
 from jointbayes.cli.output import fail, manner, print_json, say, warn
 from jointbayes.cli.progress_display import show_stage
+from jointbayes.errors import CaseError
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
@@ -49,7 +50,6 @@ def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, s
     from importlib.resources import files
 
     from jointbayes.case.first_case import propose_case
-    from jointbayes.errors import CaseError
     from jointbayes.whole_file import write_whole_file
 
     cases = [path for path in file if not measured or path.suffix == ".toml" or path.is_dir()]
@@ -77,8 +77,6 @@ def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, s
 
 def require_other_file(written: Path, read: Path, option: str) -> None:
     """Refuse to write a file over the one that the command reads."""
-    from jointbayes.errors import CaseError
-
     try:
         same = written.samefile(read)
     except (OSError, ValueError):
@@ -89,8 +87,6 @@ def require_other_file(written: Path, read: Path, option: str) -> None:
 
 def format_of_ending(path: Path, formats: dict[str, tuple[str, ...]]) -> str:
     """Return the format that the ending of a file chooses; without one the path is refused."""
-    from jointbayes.errors import CaseError
-
     for name, endings in formats.items():
         if path.suffix.lower() in endings:
             return name
@@ -158,8 +154,6 @@ def inspect_command(
       jointbayes inspect tip.csv
       jointbayes inspect hits.uff --band 20 2500 --figure hits.svg
     """
-    from jointbayes.errors import CaseError
-
     show_stage(Progress("reading the file", str(file)), on_terminal_only=not file.is_file())
     from jointbayes.measurement.inspection import contents_of, with_resonances
     from jointbayes.measurement.inspection_text import contents_text, resonances_text
@@ -202,8 +196,6 @@ def validate(cases: tuple[Path, ...]) -> None:
       jointbayes validate my_case.toml
       jointbayes validate configs/*.toml --json
     """
-    from jointbayes.errors import CaseError
-
     told, entries = manner().told, manner().result.setdefault("cases", [])
     for path in cases:
         at = len(told["warnings"])

@@ -134,7 +134,7 @@ def warn(text: str) -> None:
 def fail(faults: str, *, show_source: bool = False) -> None:
     """Print what ended a command, a line for each fault; on a terminal, or if told so, with the line of the file."""
     for fault in faults.split("\n"):
-        manner().told["errors"].append(located(fault))
+        manner().told["errors"].append(located(fault.removeprefix("jointbayes: ")))
         say(fault, err=True)
         for line in source_lines(fault) if show_source or sys.stderr.isatty() else ():
             say(line, err=True)
@@ -143,9 +143,7 @@ def fail(faults: str, *, show_source: bool = False) -> None:
 def located(message: str) -> dict[str, Any]:
     """File, line, key and text of a fault or a warning; its text alone where it names no line."""
     place = _FAULT.fullmatch(message)
-    if place is None:
-        return {"message": message.removeprefix("jointbayes: ")}
-    return {**place.groupdict(), "line": int(place["line"])}
+    return {**place.groupdict(), "line": int(place["line"])} if place else {"message": message}
 
 
 def source_lines(fault: str) -> list[str]:
@@ -153,10 +151,9 @@ def source_lines(fault: str) -> list[str]:
     place = located(fault)
     try:
         file = Path(place["file"])
-        if not file.is_file() or file.stat().st_size > _SHOWN_BYTES:
-            return []
-        text = file.read_text(encoding="utf-8-sig")
-        row = printable(text.split("\n")[place["line"] - 1].rstrip().expandtabs(4))[: LONGEST - 10]
+        is_shown = file.is_file() and file.stat().st_size < _SHOWN_BYTES
+        rows = file.read_text(encoding="utf-8-sig").split("\n") if is_shown else []
+        row = printable(rows[place["line"] - 1].rstrip().expandtabs(4))[: LONGEST - 10]
     except (KeyError, OSError, ValueError, IndexError):
         return []
     spot, at, names = re.search(r"\S.*|$", row), 0, re.findall(r'"(?:[^"\\]|\\.)*"|[^.]+', place["key"])

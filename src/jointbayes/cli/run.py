@@ -10,6 +10,7 @@ from jointbayes.cli import common
 from jointbayes.cli.files import FORMATS, format_of_ending, require_other_file
 from jointbayes.cli.output import manner, open_option, report_written, say
 from jointbayes.cli.progress_display import show_progress, show_stage
+from jointbayes.errors import CaseError, ReportError, ReportInterruptedError
 from jointbayes.progress import Progress
 
 
@@ -29,7 +30,6 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
       jointbayes run my_case.toml --out reports/first --seed 2
     """
     case = common.load(config)
-    from jointbayes.errors import ReportError, ReportInterruptedError
     from jointbayes.posterior.prediction import sentences_of_left_out
     from jointbayes.report.inputs import ReportInputs
     from jointbayes.report.kept_draws import draws_kept
@@ -129,7 +129,6 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
       jointbayes sample my_case.toml --quiet --json
     """
     case = common.load(config)
-    from jointbayes.errors import CaseError
     from jointbayes.report.kept_draws import save_draws
     from jointbayes.report.run_directory import require_room, room_of_run
 
@@ -153,8 +152,6 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
 
 def _posterior_file(given: Path) -> Path:
     """The file that is given, or the one in a run directory; a case file is none."""
-    from jointbayes.errors import CaseError
-
     if given.suffix == ".toml":
         words = "found a case file; expected a posterior.nc or a run directory"
         raise CaseError(f"{given}: {words}; run it first: jointbayes run {given}")
@@ -227,7 +224,6 @@ def export(
       jointbayes export reports/my_case --to joint.bdf --units mm-N-t
       jointbayes export posterior.nc --to frf.uff
     """
-    from jointbayes.errors import CaseError
     from jointbayes.report.export import export as write
     from jointbayes.workflow import load_posterior
 
