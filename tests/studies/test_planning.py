@@ -26,6 +26,7 @@ from jointbayes.posterior.first_look import (
     worth_simulating,
 )
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
+from jointbayes.posterior.uncertain_inputs import taken_as_exact
 from jointbayes.sampling import WeightedDraws, fit_proposal
 from jointbayes.structure import BeamFamily
 from jointbayes.studies.planning.case_candidates import candidates_of
@@ -380,6 +381,19 @@ def test_a_candidate_of_which_many_posteriors_were_not_found_is_not_ranked():
     assert rows["1:y"][-1] == "2 of 4 simulations failed"
 
 
+def test_a_plan_says_what_the_case_takes_as_exact():
+    found = planned(a=simulated(0.5, 0.5))
+    assert found.notes == ()
+    words = "This plan takes density and length as exact: where that is not so, less will be known."
+    assert replace(found, exact="density and length").notes == (words,)
+    assert words in plan_lines(replace(found, exact="density and length"))
+    stated = jb.case_from_text("case", shipped_text("clamped_beam"))
+    exact = "Young's modulus, density, length and damping ratio"
+    assert taken_as_exact(stated.problem, stated.workshop_problem) == exact
+    assert taken_as_exact(stated.workshop_problem, stated.workshop_problem) == ""
+    assert taken_as_exact(stated.problem, None) == ""
+
+
 def test_nothing_is_recommended_that_does_not_help():
     found = planned(a=simulated(0.95, 0.95), b=simulated(0.99, 0.99))
     assert found.recommended is None
@@ -420,7 +434,9 @@ def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     assert set(plan.sentences) <= set(plan_lines(plan))
     report = build_plan_report(summary)
     assert report.lead[0].text == plan.sentence
-    assert (report.lead[0].kind, len(report.lead)) == ("good", 1)
+    assert report.lead[0].kind == "good"
+    assert [block.text for block in report.lead[1:]] == list(plan.notes)
+    assert plan.notes[-1].startswith("This plan takes Young's modulus, density, length and damping ratio as exact")
     rows = candidate_table(summary).rows
     assert [row[0].removesuffix(" (recommended)") for row in rows[:-1]] == [one.label for one in plan.measurements]
     assert any(row[:2] == ("3:y", "191.5 mm") for row in rows)

@@ -66,7 +66,9 @@ def _prepared(node: Any, given: dict[str, Any], suffix: str = "") -> Any:  # noq
     if not isinstance(node, dict):
         return node
     items = ((key, value) for key, value in node.items() if key != "required" or not suffix)
-    kept: dict[str, Any] = {key: f"{value}{suffix}" if key == _REF else _prepared(value, given, suffix) for key, value in items}
+    kept: dict[str, Any] = {
+        key: f"{value}{suffix}" if key == _REF else _prepared(value, given, suffix) for key, value in items
+    }
     if "discriminator" not in node:
         return kept
     options, (refs, kind) = kept.pop("oneOf"), kept.pop("discriminator").values()

@@ -124,7 +124,7 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
     """Print convergence, verdicts, and what may be wrong with them."""
     from jointbayes.posterior.assemblies import assembly_scatters
     from jointbayes.posterior.modes_answer import is_of_measured_frfs
-    from jointbayes.posterior.uncertain_inputs import listed, uncertain_quantities
+    from jointbayes.posterior.uncertain_inputs import taken_as_exact
     from jointbayes.posterior.verdicts import verdict_lines
 
     say(posterior.record.headline)
@@ -144,10 +144,8 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
     if knowledge is None and is_of_measured_frfs(posterior.problem):
         say("These verdicts take the model as exact: the report gives the answer of the modes that the FRFs show.")
     freed = posterior.case.workshop_problem if posterior.case and knowledge is None else None
-    taken = set(uncertain_quantities(freed)) - set(uncertain_quantities(posterior.problem)) if freed else ()
-    if freed and taken:
-        exact_names = listed([name for name in uncertain_quantities(freed) if name in taken])
-        say(f"These verdicts take {exact_names} as exact: the report shows what is known with them uncertain.")
+    if taken := taken_as_exact(posterior.problem, freed):
+        say(f"These verdicts take {taken} as exact: the report shows what is known with them uncertain.")
     if posterior.estimate.sentence:
         say(posterior.estimate.sentence)
     for errors_of in (posterior.mesh, posterior.noise_of_bodies):

@@ -1,6 +1,7 @@
 """Commands on one case or its posterior: run, identify, sample, report, check."""
 
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
@@ -264,11 +265,7 @@ def check(config: Path, seed: int | None) -> None:
             line.matches
         ]
         say(f"{mark} {line.subject}: {line.found}; {word}: {line.expected}")
-    lines = [
-        {"subject": row.subject, "found": row.found, "expected": row.expected, "matches": row.matches}
-        for row in result.lines
-    ]
-    manner().result |= {"matches": result.matches, "lines": lines}
+    manner().result |= {"matches": result.matches, "lines": [asdict(line) for line in result.lines]}
     say("The posterior mode matches." if result.matches else "The posterior mode does NOT match.")
     if not result.matches:
         sys.exit(common.NOT_MATCHED)

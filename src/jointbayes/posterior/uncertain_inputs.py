@@ -75,6 +75,12 @@ def uncertain_quantities(problem: Problem) -> tuple[str, ...]:
     return tuple(n.name for n in problem.prior.nuisances[:count])
 
 
+def taken_as_exact(problem: Problem, freed: Problem | None) -> str:
+    """What is uncertain in a workshop and not in the problem, for a sentence; empty where nothing is."""
+    stated, names = uncertain_quantities(problem), () if freed is None else uncertain_quantities(freed)
+    return listed([name for name in names if name not in stated])
+
+
 def effect_of_uncertain_inputs(
     posterior: JudgedPosterior, freed: Problem | None = None
 ) -> tuple[UncertainInputsRow, ...]:
@@ -268,4 +274,4 @@ def _prior_words(nuisance: Nuisance) -> str:
 def listed(names: Sequence[str]) -> str:
     """Names in a sentence: ``"density, length and gain"``."""
     readable = [name.replace("youngs", "Young's").replace("_", " ") for name in names]
-    return readable[0] if len(readable) == 1 else f"{', '.join(readable[:-1])} and {readable[-1]}"
+    return "".join(readable) if len(readable) < 2 else f"{', '.join(readable[:-1])} and {readable[-1]}"

@@ -80,28 +80,18 @@ def check_posterior(case: AnyCase, posterior: Posterior) -> CheckResult:
     """
     case = require_case(case)
     reference = require_reference(case)
+    apart = f"{posterior.mode_distance:.1e} sd apart"
     lines = [
         CheckLine("sampler", posterior.record.headline.rstrip("."), "converged", posterior.converged),
-        CheckLine(
-            "mode against MAP",
-            f"{posterior.mode_distance:.1e} sd apart",
-            "the same point",
-            posterior.mode_agrees,
-        ),
+        CheckLine("mode against MAP", apart, "the same point", posterior.mode_agrees),
     ]
     exact = case.spec.data.kind == "synthetic_frf" and not case.spec.data.noise.added
     lines += [_of_quantity(posterior, i, published, exact) for i, published in enumerate(reference)]
     if not exact:
         level = posterior.region_level(reference)
         agree = "agree" if level <= REGION else "do not agree"
-        lines.append(
-            CheckLine(
-                "published values",
-                f"{agree} with the data: {100 * level:.1f} % of the draws are likelier",
-                f"at most {100 * REGION:g} %",
-                level <= REGION,
-            )
-        )
+        found = f"{agree} with the data: {100 * level:.1f} % of the draws are likelier"
+        lines.append(CheckLine("published values", found, f"at most {100 * REGION:g} %", level <= REGION))
     return CheckResult(tuple(lines))
 
 

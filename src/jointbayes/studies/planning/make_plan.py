@@ -18,6 +18,7 @@ from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.first_look import FirstLook, Linearised, Names, sets_of, worth_simulating
 from jointbayes.posterior.stored_problem import run_fingerprint
+from jointbayes.posterior.uncertain_inputs import taken_as_exact
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.studies.planning.case_candidates import candidates_of
@@ -137,7 +138,7 @@ def plan(
     )
     return Plan(
         case.name, case.title, seed, parameter, simulator.now, tuple(planned), posterior.converged,
-        posterior.reason, truth is not None, left_out, case.text,
+        posterior.reason, truth is not None, left_out, case.text, taken_as_exact(case.problem, case.workshop_problem),
     )  # fmt: skip
 
 

@@ -128,6 +128,8 @@ class Plan:
         Sets that could come first by their linearised range and were not simulated, for there are too many.
     case_text
         Of the case file.
+    exact
+        Modulus, density, length and damping, or those of them that the case takes as exact, for a sentence.
     """
 
     case_name: str
@@ -141,6 +143,7 @@ class Plan:
     assumed: bool = False
     left_out: int = 0
     case_text: str = ""
+    exact: str = ""
 
     def __repr__(self) -> str:
         return f"Plan for {self.case_name}, {len(self.measurements)} measurements: {self.sentence}"
@@ -215,6 +218,8 @@ class Plan:
             notes.append(
                 f"{self.left_out} further sets that could rank first by the linearised estimate were not simulated."
             )
+        if self.exact:
+            notes.append(f"This plan takes {self.exact} as exact: where that is not so, less will be known.")
         return tuple(notes)
 
     def write(self, directory: str | os.PathLike[str]) -> Path:
