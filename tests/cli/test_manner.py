@@ -289,6 +289,7 @@ def test_the_schema_takes_every_shipped_case(schema):
         ("ratio = 0.01", 'ratio = "mesured"'),
         ('kind = "synthetic_frf"', 'kind = "frf"'),
         ('dofs = ["1:y", "1:rz"]', 'dofs = "1:y"'),
+        ('dofs = ["1:y", "1:rz"]', 'dofs = ["1-y", "1:rz"]'),
         ("walkers = 48", "walkers = 48\nwalker = 3"),
     ],
 )

@@ -39,7 +39,11 @@ def told(reason: str, *, converged: bool = True) -> str:
             told("not converged after 400 steps (limit 400): τ", converged=False),
             ("has NOT settled after 200 steps (limit 200): do not use", "NOT settled after 400 steps"),
         ),
-        (verdict_by_rule(1.0, 0.31)[1], verdict_by_rule(1.0, 0.01)[1], ("by only 31 %", "next to nothing")),
+        (
+            verdict_by_rule(1.0, 0.31)[1],
+            verdict_by_rule(1.0, 0.01)[1],
+            ("it removes 31 % of that variance", "next to nothing"),
+        ),
         (
             EFFORT.sentence,
             replace(EFFORT, squares=9.0, starts=50).sentence,

@@ -33,8 +33,8 @@ from jointbayes.case.combined import (
 )
 from jointbayes.case.keys import DATA_FILE
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
-from jointbayes.case.spec.joint_table import joint_table
 from jointbayes.case.spec.fields import show_key
+from jointbayes.case.spec.joint_table import joint_table
 from jointbayes.case.spec.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.whole import CaseSpec

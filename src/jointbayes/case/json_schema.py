@@ -5,6 +5,7 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
+from jointbayes.case.spec.fields import POINT_LABEL
 from jointbayes.case.spec.whole import CaseSpec
 
 _REF, _ANY_OF = "$ref", "anyOf"
@@ -25,6 +26,10 @@ class _OfToml(GenerateJsonSchema):
         return inner if also is None else {_ANY_OF: [inner, also]}
 
     function_wrap_schema = function_before_schema
+
+    def function_after_schema(self, schema: Any) -> JsonSchemaValue:  # noqa: ANN401 (one of pydantic's tables)
+        inner, name = self.generate_inner(schema["schema"]), getattr(schema["function"]["function"], "__name__", "")
+        return {**inner, "pattern": f"^{POINT_LABEL}:(x|y|z|rx|ry|rz)$"} if name == "_label" else inner
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
