@@ -9,7 +9,6 @@ from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity
 from jointbayes.measurement.formats.grid import join_frfs
-from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.modal_fit import identify_modes
 from jointbayes.measurement.records import FrfRecord, TimeRecord
 from jointbayes.measurement.signals.hits import Hit, HitSettings, find_hits, hits_of, reject_overloads
@@ -18,6 +17,7 @@ from jointbayes.measurement.signals.spectra import (
     Estimator,
     MadeFrfs,
     estimate_frf,
+    estimated_record,
     kept_lines,
     paired,
     sort_by_force,
@@ -137,25 +137,12 @@ def _estimate(
     decay = exponential_window(samples, settings.exponential_end)
     spectra = [_spectra_of_hit(pairs[hit.record], hit, decay, settings) for hit in kept]
     force, response = (np.array(channel_spectra)[:, lines] for channel_spectra in zip(*spectra, strict=True))
-    values, coherence = estimate_frf(force, response, settings.estimator)
-    x, y = pairs[0]
+    estimate = estimate_frf(force, response, settings.estimator)
     added = added_decay_rate(settings.exponential_end, samples / rate)
     notes = [f"{settings.estimator} from {len(kept)} of {len(hits)} hits"]
     if added > 0:
         notes.append(f"exponential window adds {added:.6g} 1/s to the decay rate of each mode")
-    frf = FrfRecord(
-        y.channel,
-        x.channel,
-        frequency,
-        values,
-        quantity,
-        si_frf_unit(quantity),
-        coherence if len(kept) > 1 else None,
-        len(kept),
-        y.where,
-        tuple(notes),
-    )
-    return ImpactResult(frf, hits, added)
+    return ImpactResult(estimated_record(pairs[0], frequency, estimate, quantity, len(kept), notes), hits, added)
 
 
 def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None = None) -> MadeFrfs:

@@ -93,6 +93,20 @@ def estimate_frf(
     return values, coherence
 
 
+def estimated_record(
+    pair: tuple[TimeRecord, TimeRecord],
+    frequency_hz: Array,
+    estimate: tuple[ComplexArray, Array],
+    quantity: Quantity,
+    averages: int,
+    notes: Sequence[str],
+) -> FrfRecord:
+    """The FRF of records of force and response; of a single average coherence says nothing, and is left out."""
+    (force, response), (values, coherence) = pair, estimate
+    told = (si_frf_unit(quantity), coherence if averages > 1 else None, averages, response.where, tuple(notes))
+    return FrfRecord(response.channel, force.channel, frequency_hz, values, quantity, *told)
+
+
 @dataclass(frozen=True, slots=True)
 class ShakerSettings:
     """How FRFs are made from the records of a shaker.
@@ -191,25 +205,13 @@ def shaker_frf(
         )
     frequency, kept = kept_lines(samples, rate, settings.f_min_hz, settings.f_max_hz)
     spectra = [[_block_spectra(x.values, window, hop)[:, kept] for x in pair] for pair in pairs]
-    values, coherence = estimate_frf(
+    estimate = estimate_frf(
         np.concatenate([x for x, _ in spectra]), np.concatenate([y for _, y in spectra]), settings.estimator
     )
     each = [len(x) for x, _ in spectra]
     effective = sum(effective_averages(count, window, hop) for count in each if count)
-    averages = max(round(effective), 1)
-    first, moved = pairs[0]
-    frf = FrfRecord(
-        moved.channel,
-        first.channel,
-        frequency,
-        values,
-        quantity,
-        si_frf_unit(quantity),
-        coherence if averages > 1 else None,
-        averages,
-        moved.where,
-        (f"{settings.estimator} from {sum(each)} blocks that count for {effective:.3g} averages",),
-    )
+    note = f"{settings.estimator} from {sum(each)} blocks that count for {effective:.3g} averages"
+    frf = estimated_record(pairs[0], frequency, estimate, quantity, max(round(effective), 1), [note])
     return ShakerResult(frf, sum(each), effective)
 
 
