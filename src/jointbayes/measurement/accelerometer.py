@@ -6,12 +6,12 @@ Ashory, M. R. (1999). High quality modal testing methods. PhD thesis, Imperial C
 cancellation).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from jointbayes.arrays import Array, ComplexArray
+from jointbayes.arrays import Array, ComplexArray, Indices
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, quantity_factor
 from jointbayes.measurement.data import FrfData
@@ -66,7 +66,7 @@ def remove_accelerometers(measured: FrfData, masses: Mapping[str, float], *, rov
     clean, clean_variance = values.copy(), variance.copy()
     groups = [((dof,), (dof,)) for dof in given] if roving else [(tuple(given), frf.outputs)]
     for sensors, outputs in groups:
-        correction = _Correction(frf, sensors, np.array([given[s] for s in sensors]), outputs)
+        correction = _correction(frf, sensors, np.array([given[s] for s in sensors]), outputs)
         rows = [frf.outputs.index(output) for output in outputs]
         clean[:, rows] = correction(values)
         clean_variance[:, rows] = _propagated(correction, values, variance)
@@ -74,29 +74,26 @@ def remove_accelerometers(measured: FrfData, masses: Mapping[str, float], *, rov
     return replace(measured, frf=corrected, variance=clean_variance * factor**2)
 
 
-class _Correction:
+def _correction(
+    frf: FrfSet, sensors: tuple[str, ...], masses: Array, outputs: tuple[str, ...]
+) -> Callable[[ComplexArray], ComplexArray]:
     """Receptances of some outputs without masses at sensors, as an analytic function of all that were measured."""
+    rows, at_sensors = ([frf.outputs.index(label) for label in labels] for labels in (outputs, sensors))
+    # index of the response of an output, or of a sensor, to a force at each sensor
+    to_output, to_sensor = (np.array([[_place(frf, o, s) for s in sensors] for o in few]) for few in (outputs, sensors))
+    flexibility = np.eye(len(sensors)) / ((2 * np.pi * frf.frequency_hz)[:, None, None] ** 2 * masses)
 
-    def __init__(self, frf: FrfSet, sensors: tuple[str, ...], masses: Array, outputs: tuple[str, ...]) -> None:
-        self._rows = [frf.outputs.index(o) for o in outputs]
-        self._sensors = [frf.outputs.index(s) for s in sensors]
-        # index of the response of an output, or of a sensor, to a force at each sensor
-        self._to_output = [[_place(frf, o, s) for s in sensors] for o in outputs]
-        self._to_sensor = [[_place(frf, o, s) for s in sensors] for o in sensors]
-        omega = 2 * np.pi * frf.frequency_hz
-        self._flexibility = np.eye(len(sensors)) / (omega[:, None, None] ** 2 * masses)
-
-    def __call__(self, values: ComplexArray) -> ComplexArray:
+    def corrected(values: ComplexArray) -> ComplexArray:
         """Corrected receptances, shape (lines, outputs, inputs)."""
-        inner = self._flexibility + _taken(values, self._to_sensor)
-        load = np.linalg.solve(inner, values[:, self._sensors])
-        return values[:, self._rows] - _taken(values, self._to_output) @ load
+        load = np.linalg.solve(flexibility + _taken(values, to_sensor), values[:, at_sensors])
+        return values[:, rows] - _taken(values, to_output) @ load
+
+    return corrected
 
 
-def _taken(values: ComplexArray, places: list[list[tuple[int, int]]]) -> ComplexArray:
+def _taken(values: ComplexArray, places: Indices) -> ComplexArray:
     """Values at places of an array (lines, outputs, inputs), shape (lines, rows of places, columns)."""
-    at = np.array(places)
-    return values[:, at[..., 0], at[..., 1]]
+    return values[:, places[..., 0], places[..., 1]]
 
 
 def _place(frf: FrfSet, output: str, input_: str) -> tuple[int, int]:
@@ -110,7 +107,7 @@ def _place(frf: FrfSet, output: str, input_: str) -> tuple[int, int]:
     )
 
 
-def _propagated(correction: _Correction, values: ComplexArray, variance: Array) -> Array:
+def _propagated(correction: Callable[[ComplexArray], ComplexArray], values: ComplexArray, variance: Array) -> Array:
     """Variance of the corrected receptances to first order, shape (lines, outputs, inputs)."""
     here = correction(values)
     step = _STEP * np.abs(values).max(axis=(1, 2))
