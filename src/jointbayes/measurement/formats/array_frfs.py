@@ -8,7 +8,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, complex_of
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.matlab_5 import Unread
@@ -116,10 +116,7 @@ def _same_size(block: Block, name: str, other: str) -> tuple[Array, Array]:
 
 
 def _complex(block: Block, real: str, imaginary: str) -> _Values:
-    first, second = _same_size(block, real, imaginary)
-    values = np.empty(first.shape, complex)
-    values.real, values.imag = first, second
-    return _Values(real, values)
+    return _Values(real, complex_of(*_same_size(block, real, imaginary)))
 
 
 def _polar(block: Block, name: str, of_phase: str) -> _Values:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import complex_of
 from jointbayes.errors import MeasurementError
 
 #: Names to what stands under them: arrays of numbers or text, further blocks, lists of both, or `Unread`.
@@ -157,10 +158,7 @@ class _Reader:
         count = 4 if kind == _SPARSE else 2  # indices of a sparse matrix, real part, imaginary part or none
         parts = [self._numbers(*element) for element in elements[:count]]
         *indices, real, imaginary = parts if len(parts) == count else [*parts, np.zeros(0)]
-        numbers = real
-        if word & _COMPLEX:
-            numbers = np.empty(real.size, complex)
-            numbers.real, numbers.imag = real, imaginary
+        numbers = complex_of(real, imaginary) if word & _COMPLEX else real
         if kind == _SPARSE:
             matrix = full_matrix(shape, indices[0], indices[1], numbers, self.left)
             self.left -= getattr(matrix, "nbytes", 0)

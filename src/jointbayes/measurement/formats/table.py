@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, complex_of
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.columns import (
     FREQUENCY_STEP,
@@ -268,8 +268,7 @@ def _frf(
                 f"columns {first + 1} and {second + 1}: found the units {columns[first].unit!r} and "
                 f"{columns[second].unit!r}; expected one unit of both parts; correct the header"
             )
-        complex_ = np.empty(lines.size, complex)
-        complex_.real, complex_.imag = values[:, first], values[:, second]
+        complex_ = complex_of(values[:, first], values[:, second])
     else:
         magnitude, unit = _magnitude(values[:, first], unit, f"column {first + 1}", record_notes)
         phase = _phase(values[:, second], columns[second].unit, f"column {second + 1}", record_notes)
