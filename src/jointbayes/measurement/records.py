@@ -1,7 +1,8 @@
 """What a measurement file holds, as it says it: FRFs, coherences, time histories, spectra, modes, each with a place."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -223,6 +224,24 @@ def require_short(where: str, *labels: str) -> None:
                 f"{where}: found a name of {len(label)} characters ({label[:20]!r}…); expected at most "
                 f"{LONGEST_LABEL}; shorten it"
             )
+
+
+@contextmanager
+def refuse_damage(where: str, expected: str, part: str = "a part", most: int = 80) -> Iterator[None]:
+    """Say in one line what a library raises on damaged bytes: whatever these lead it to, which is of no use to anybody.
+
+    Raises
+    ------
+    MeasurementError
+        If the body fails: with the first `most` characters of the reason, and what was expected.
+    """
+    try:
+        yield
+    except MeasurementError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split())[:most] or type(error).__name__
+        raise MeasurementError(f"{where}: found {part} that cannot be read ({reason}); expected {expected}") from None
 
 
 def even_rate(time: Array, where: str) -> float:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import complex_of
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.matlab_5 import (
     REMEDY,
@@ -26,7 +27,7 @@ from jointbayes.measurement.formats.matlab_5 import (
     refuse_deeper,
     refuse_larger,
 )
-from jointbayes.measurement.records import LONGEST_LABEL, MOST_RECORDS
+from jointbayes.measurement.records import LONGEST_LABEL, MOST_RECORDS, refuse_damage
 
 #: A compressed file may unpack to this many times its size, which measured FRFs do not come near, or to 1 MiB: small
 #: files have headers and constant coherences, which pack well.
@@ -50,15 +51,8 @@ def read_arrays(path: Path, kind: str) -> Block:
     MeasurementError
         If the file cannot be read, or unpacks to far more than its size.
     """
-    try:
+    with refuse_damage("content", "a complete file; copy it again", most=120):
         return _READERS[kind](path, max(_ALWAYS, _RATIO * path.stat().st_size))
-    except MeasurementError:
-        raise
-    # the libraries raise whatever the damaged bytes lead them to; which kind is of no use to anybody
-    except Exception as error:
-        raise MeasurementError(
-            f"content: found a part that cannot be read ({_reason(error)}); expected a complete file; copy it again"
-        ) from None
 
 
 def read_groups(path: Path) -> dict[str, Block]:
@@ -81,10 +75,6 @@ def read_groups(path: Path) -> dict[str, Block]:
     return groups
 
 
-def _reason(error: Exception) -> str:
-    return " ".join(str(error).split())[:120] or type(error).__name__
-
-
 # ---- npz
 
 
@@ -96,14 +86,9 @@ def _read_npz(path: Path, most: int) -> Block:
     with np.load(path, allow_pickle=False) as arrays, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of headers as Python 2 wrote them
         for name in arrays.files:
-            try:
+            expected = "plain numbers or text; save it again without objects"
+            with refuse_damage(f"variable '{name}'", expected, "an array", most=120):
                 array = arrays[name]
-            # numpy, zlib and zipfile each raise their own kinds on damaged bytes
-            except Exception as error:
-                raise MeasurementError(
-                    f"variable '{name}': found an array that cannot be read ({_reason(error)}); expected plain numbers "
-                    "or text; save it again without objects"
-                ) from None
             if not isinstance(array, np.ndarray):
                 raise MeasurementError(f"member '{name}': found no NumPy array; expected .npy members; save it again")
             *groups, key = name.split("/")
@@ -273,9 +258,7 @@ def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
         return Unread(f"data of type {item.dtype}")
     values: NDArray[Any] = item[()]
     if values.dtype.names == ("real", "imag"):
-        whole = np.empty(values.shape, complex)
-        whole.real, whole.imag = values["real"], values["imag"]
-        values = whole
+        values = complex_of(values["real"], values["imag"])
     if kind == "char":
         if values.dtype.kind != "u":
             return Unread(f"text stored as {item.dtype}")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.columns import Column, Role, column_of, layout_axis, listed
 from jointbayes.measurement.formats.table import column_records, placed
-from jointbayes.measurement.records import MOST_COLUMNS, Record, require_short
+from jointbayes.measurement.records import MOST_COLUMNS, Record, refuse_damage, require_short
 
 #: Scales of a channel: npTDMS looks at each, however many a damaged file promises.
 _MOST_SCALES = 100
@@ -38,33 +38,26 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Generator[
         ) from None
     logging.getLogger("nptdms").addHandler(logging.NullHandler())
     log_manager.set_level(logging.CRITICAL)  # what it says of damaged files is said below
-    try:
-        with path.open("rb") as handle, nptdms.TdmsFile.open(handle) as file:
-            channels = [channel for group in file.groups() for channel in group.channels()]
-            size = path.stat().st_size
-            if len(channels) > MOST_COLUMNS or sum(map(len, channels)) > size:
-                raise MeasurementError(
-                    f"content: found {len(channels)} channels of {sum(map(len, channels))} values in {size} bytes; "
-                    "expected no more values than bytes; copy the file again"
-                )
-            scales = (o.properties.get("NI_Number_Of_Scales", 0) for o in (file, *file.groups(), *channels))
-            if max(map(int, scales)) > _MOST_SCALES:
-                raise MeasurementError(
-                    f"content: found a channel of over {_MOST_SCALES} scales; expected fewer; copy the file again"
-                )
-            status = file.file_status
-            notes = ("cut off: channels hold what was written before",) if status.incomplete_final_segment else ()
-            groups: dict[str, list[_Channel]] = {}
-            for channel in channels:
-                if len(channel) and (channel.dtype is not None and channel.dtype.kind in "iufc"):
-                    groups.setdefault(channel.group_name, []).append(_channel(channel))
-    except MeasurementError:
-        raise
-    except Exception as error:  # npTDMS lets through whatever damaged bytes lead to
-        reason = " ".join(str(error).split())[:80] or type(error).__name__
-        raise MeasurementError(
-            f"content: found a part that cannot be read ({reason}); expected a TDMS file; copy or export it again"
-        ) from None
+    damage = refuse_damage("content", "a TDMS file; copy or export it again")
+    with damage, path.open("rb") as handle, nptdms.TdmsFile.open(handle) as file:
+        channels = [channel for group in file.groups() for channel in group.channels()]
+        size = path.stat().st_size
+        if len(channels) > MOST_COLUMNS or sum(map(len, channels)) > size:
+            raise MeasurementError(
+                f"content: found {len(channels)} channels of {sum(map(len, channels))} values in {size} bytes; "
+                "expected no more values than bytes; copy the file again"
+            )
+        scales = (o.properties.get("NI_Number_Of_Scales", 0) for o in (file, *file.groups(), *channels))
+        if max(map(int, scales)) > _MOST_SCALES:
+            raise MeasurementError(
+                f"content: found a channel of over {_MOST_SCALES} scales; expected fewer; copy the file again"
+            )
+        status = file.file_status
+        notes = ("cut off: channels hold what was written before",) if status.incomplete_final_segment else ()
+        groups: dict[str, list[_Channel]] = {}
+        for channel in channels:
+            if len(channel) and (channel.dtype is not None and channel.dtype.kind in "iufc"):
+                groups.setdefault(channel.group_name, []).append(_channel(channel))
     alike = len(groups) > 1 and len({tuple(c.name for c in channels) for channels in groups.values()}) == 1
     for number, (name, members) in enumerate(groups.items(), start=1):
         require_short("group", name, *(text for c in members for text in (c.name, c.unit)))

@@ -3,13 +3,14 @@
 import warnings
 import zipfile
 from collections.abc import Generator, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.table import table_records
 from jointbayes.measurement.formats.table_text import Lines, read_text_table
-from jointbayes.measurement.records import Record
+from jointbayes.measurement.records import Record, refuse_damage
 
 #: Bytes of a workbook unpacked, and cells of its sheets; the largest sheet that Excel writes has 10^6 rows.
 _MOST_BYTES, _MOST_CELLS, _MOST_SHEETS = 2**29, 20_000_000, 50
@@ -37,30 +38,20 @@ def read_xlsx(path: Path, layout: Mapping[str, str] | None = None) -> Generator[
             f"workbook: found {size / 1e6:.3g} MB when unpacked; expected at most {_MOST_BYTES >> 20}; save it as CSV"
         )
     refused: MeasurementError | None = None
-    try:
-        with warnings.catch_warnings(), path.open("rb") as file:  # by its name openpyxl refuses what has another ending
-            warnings.simplefilter("ignore")  # of styles and validations, which are of no concern
-            workbook = openpyxl.load_workbook(file, read_only=True, data_only=True)
-            try:
-                for sheet in workbook.worksheets[:_MOST_SHEETS]:
-                    try:
-                        table = read_text_table(_lines(sheet))
-                    except MeasurementError as error:
-                        refused = refused or MeasurementError(f"sheet {sheet.title[:40]!r}, {error}")
-                        continue
-                    notes = (f"sheet {sheet.title[:40]!r}",)
-                    break
-                else:
-                    raise refused or MeasurementError("workbook: found no sheet; expected a table; save it as CSV")
-            finally:
-                workbook.close()
-    except MeasurementError:
-        raise
-    except Exception as error:  # openpyxl lets through whatever damaged XML leads to
-        reason = " ".join(str(error).split())[:80]
-        raise MeasurementError(
-            f"workbook: found a part that cannot be read ({reason}); expected an Excel file; save it again, or as CSV"
-        ) from None
+    damage = refuse_damage("workbook", "an Excel file; save it again, or as CSV")
+    with damage, warnings.catch_warnings(), path.open("rb") as file:  # by its name openpyxl refuses another ending
+        warnings.simplefilter("ignore")  # of styles and validations, which are of no concern
+        with closing(openpyxl.load_workbook(file, read_only=True, data_only=True)) as workbook:
+            for sheet in workbook.worksheets[:_MOST_SHEETS]:
+                try:
+                    table = read_text_table(_lines(sheet))
+                except MeasurementError as error:
+                    refused = refused or MeasurementError(f"sheet {sheet.title[:40]!r}, {error}")
+                    continue
+                notes = (f"sheet {sheet.title[:40]!r}",)
+                break
+            else:
+                raise refused or MeasurementError("workbook: found no sheet; expected a table; save it as CSV")
     yield from table_records(table, layout, notes)
 
 
