@@ -22,24 +22,21 @@ from jointbayes.measurement.formats.xlsx import read_xlsx
 from jointbayes.measurement.records import MOST_BYTES, MOST_RECORDS, FrfRecord, Record, labels_of, require_short
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-#: Beginnings of files that are not measurements, with their names.
-_OTHERS: tuple[tuple[bytes, str], ...] = (
-    (b"\x7fELF", "an executable program"),
-    (b"MZ", "an executable program"),
-    (b"#!", "a script"),
-    (b"%PDF", "a PDF document"),
-    (b"\x1f\x8b", "a gzip archive"),
-    (b"BZh", "a bzip2 archive"),
-    (b"\xfd7zXZ", "an xz archive"),
-    (b"7z\xbc\xaf", "a 7-Zip archive"),
-    (b"\xd0\xcf\x11\xe0", "an old Microsoft Office document (save it as .xlsx or CSV)"),
-    (b"\x89PNG", "an image"),
-    (b"\xff\xd8\xff", "an image"),
-    (b"<!DOCTYPE", "a web page"),
-    (b"<html", "a web page"),
-    (b"<?xml", "an XML document"),
-    (b"\x93NUMPY", "a single NumPy array"),
-)
+#: Files that are not measurements, with their beginnings.
+_OTHERS: dict[str, tuple[bytes, ...]] = {
+    "an executable program": (b"\x7fELF", b"MZ"),
+    "a script": (b"#!",),
+    "a PDF document": (b"%PDF",),
+    "a gzip archive": (b"\x1f\x8b",),
+    "a bzip2 archive": (b"BZh",),
+    "an xz archive": (b"\xfd7zXZ",),
+    "a 7-Zip archive": (b"7z\xbc\xaf",),
+    "an old Microsoft Office document (save it as .xlsx or CSV)": (b"\xd0\xcf\x11\xe0",),
+    "an image": (b"\x89PNG", b"\xff\xd8\xff"),
+    "a web page": (b"<!DOCTYPE", b"<html"),
+    "an XML document": (b"<?xml",),
+    "a single NumPy array": (b"\x93NUMPY",),
+}
 _EXPECTED = "expected UFF, MAT, CSV or TSV, xlsx, npz, HDF5, LVM or TDMS; export the measurement in one of them"
 
 
@@ -108,8 +105,8 @@ def _binary_format(path: Path, head: bytes) -> str | None:
         raise MeasurementError(f"{path}: found a zip archive without NumPy arrays or sheets; {_EXPECTED}")
     if re.match(rb"\x80[\x01-\x05]|c[\w.]+\n\w+\n|\(lp\d|\(dp\d|[\]}]q\x00", head):
         raise MeasurementError(f"{path}: found a Python pickle, which is never opened; {_EXPECTED}")
-    for start, name in _OTHERS:
-        if head.startswith(start):
+    for name, starts in _OTHERS.items():
+        if head.startswith(starts):
             raise MeasurementError(f"{path}: found {name}; {_EXPECTED}")
     return None
 

@@ -20,45 +20,32 @@ _LBF = 4.4482216152605
 
 Powers = tuple[int, int, int, int]
 _FORCE, _ACCELERATION, _LENGTH, _SECONDS = (1, 1, -2, 0), (1, 0, -2, 0), (1, 0, 0, 0), (0, 0, 1, 0)
-_VOLT = (0, 0, 0, 1)
-#: Factor to SI and powers of metre, kilogram, second and volt. ``g`` is gravity: no analyser weighs in grams.
+_NOTHING, _VOLT = (0, 0, 0, 0), (0, 0, 0, 1)
+#: Factor to SI of names of one unit, by what they measure. ``g`` is gravity: no analyser weighs in grams.
+_UNITS: tuple[tuple[Powers, dict[str, float]], ...] = (
+    (_NOTHING, {"1 rad": 1.0}),
+    (_LENGTH, {"m meter meters metre metres": 1.0, "cm": 1e-2, "mm": 1e-3, "um micron microns": 1e-6, "nm": 1e-9}),
+    (_LENGTH, {"in inch inches": 0.0254, "mil mils": 2.54e-5, "ft feet": 0.3048}),
+    (_SECONDS, {"s sec second seconds": 1.0, "ms": 1e-3}),
+    ((1, 0, -1, 0), {"ips": 0.0254}),
+    ((0, 1, 0, 0), {"kg": 1.0}),
+    (_FORCE, {"N newton newtons": 1.0, "mN": 1e-3, "kN": 1e3, "MN": 1e6, "dyn": 1e-5}),
+    (_FORCE, {"lbf lb lbs pound pounds": _LBF, "kgf kp": G_STANDARD}),
+    (_ACCELERATION, {"g G gn g0 gs": G_STANDARD}),
+    ((2, 1, -2, 0), {"Nm": 1.0}),
+    ((-1, 1, -2, 0), {"Pa": 1.0, "kPa": 1e3}),
+    (_VOLT, {"V volt volts": 1.0, "mV": 1e-3}),
+    ((0, 0, -1, 0), {"Hz": 1.0}),
+)
+#: Factor to SI and powers of metre, kilogram, second and volt.
 ATOMS: dict[str, tuple[float, Powers]] = {
-    **dict.fromkeys(("1", "rad"), (1.0, (0, 0, 0, 0))),
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), (1.0, _LENGTH)),
-    "cm": (1e-2, _LENGTH),
-    "mm": (1e-3, _LENGTH),
-    **dict.fromkeys(("um", "micron", "microns"), (1e-6, _LENGTH)),
-    "nm": (1e-9, _LENGTH),
-    **dict.fromkeys(("in", "inch", "inches"), (0.0254, _LENGTH)),
-    **dict.fromkeys(("mil", "mils"), (2.54e-5, _LENGTH)),
-    **dict.fromkeys(("ft", "feet"), (0.3048, _LENGTH)),
-    **dict.fromkeys(("s", "sec", "second", "seconds"), (1.0, _SECONDS)),
-    "ms": (1e-3, _SECONDS),
-    "ips": (0.0254, (1, 0, -1, 0)),
-    "kg": (1.0, (0, 1, 0, 0)),
-    **dict.fromkeys(("N", "newton", "newtons"), (1.0, _FORCE)),
-    "mN": (1e-3, _FORCE),
-    "kN": (1e3, _FORCE),
-    "MN": (1e6, _FORCE),
-    "dyn": (1e-5, _FORCE),
-    **dict.fromkeys(("lbf", "lb", "lbs", "pound", "pounds"), (_LBF, _FORCE)),
-    **dict.fromkeys(("kgf", "kp"), (G_STANDARD, _FORCE)),
-    **dict.fromkeys(("g", "G", "gn", "g0", "gs"), (G_STANDARD, _ACCELERATION)),
-    "Nm": (1.0, (2, 1, -2, 0)),
-    "Pa": (1.0, (-1, 1, -2, 0)),
-    "kPa": (1e3, (-1, 1, -2, 0)),
-    **dict.fromkeys(("V", "volt", "volts"), (1.0, _VOLT)),
-    "mV": (1e-3, _VOLT),
-    "Hz": (1.0, (0, 0, -1, 0)),
+    name: (factor, powers) for powers, units in _UNITS for names, factor in units.items() for name in names.split()
 }
 #: Factor to Hz of the units of a frequency axis, in small letters.
 FREQUENCY_HZ: dict[str, float] = {
-    **dict.fromkeys(("hz", "hertz", "cps"), 1.0),
-    "1/s": 1.0,
-    "s^-1": 1.0,
+    **dict.fromkeys(("hz", "hertz", "cps", "1/s", "s^-1"), 1.0),
     "khz": 1e3,
-    "rpm": 1 / 60,
-    "cpm": 1 / 60,
+    **dict.fromkeys(("rpm", "cpm"), 1 / 60),
     **dict.fromkeys(("rad/s", "rad/sec", "rads/s", "rad s^-1", "rad.s-1"), 0.5 / math.pi),
 }
 _SUPERSCRIPTS = str.maketrans(
