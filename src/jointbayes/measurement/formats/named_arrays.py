@@ -198,38 +198,54 @@ def strings(values: Any, where: str) -> list[str]:  # noqa: ANN401
     return [text.rstrip() for text in texts.tolist()]
 
 
+#: A time history: its channel, unit, the sensor that its name is, empty where it is none, and the hit.
+_History = tuple[str, str, str, int | None]
+
+
 def time_records(block: Block) -> Iterator[TimeRecord]:
     """Columns of `samples` with their channels, one array for each sensor with hits in columns, or arrays over time."""
-    if size_of(block.get("samples")) > 1:
-        yield from _sample_records(block)
-        return
+    whole = size_of(block.get("samples")) > 1
+    for name, samples in [("samples", _columns_of(block, "samples"))] if whole else _arrays_over_time(block):
+        rate, notes = _rate(block, name, len(samples))
+        histories = _of_samples(block, samples.shape[1]) if whole else _of_array(block, name, samples.shape[1])
+        for (channel, unit, word, hit), values in zip(histories, samples.T, strict=True):
+            if word and word not in get_args(SensorQuantity):
+                expected = ", ".join(get_args(SensorQuantity))
+                raise MeasurementError(f"{block.where('quantities')}: found {word!r}; expected one of {expected}")
+            factor, quantity, converted = read_sensor_unit(unit)
+            if word and quantity not in (None, word):
+                factor, converted = None, [f"unit {unit!r} is none of {word}, values left as written"]
+            claimed = cast(SensorQuantity, word) if word else quantity or "unknown"
+            place, said = f"{block.where(name)}, {channel!r}", (*notes, *converted)
+            yield TimeRecord(channel, rate, scaled(values, factor), claimed, unit, hit, place, said, factor)
+
+
+def _arrays_over_time(block: Block) -> Iterator[tuple[str, Array]]:
+    """Arrays that are time histories, sensors first, with their samples in columns."""
     sensors = [name for name, value in block.arrays.items() if name.lower() in SENSORS and size_of(value) > 1]
     others = ["signal", "outputs", "inputs", *([""] if block.named("time") else [])]
     timed = block.named("time") or (block.outer and block.outer.named("time"))
     clocked = timed or {block.scalar("rate"), block.scalar("interval")} != {None}
-    signals = [n for role in others for n in block.named(role) if n not in sensors] if clocked else []
-    for name in [*sorted(sensors, key=lambda name: SENSORS.index(name.lower())), *signals]:
-        of_sensor = name in sensors
-        if not of_sensor and is_complex(block.get(name)):
-            continue
-        values = block.numbers(name)
-        samples = columns(values, block.where(name)) if of_sensor else _along_time(block, name, values)
-        if samples is None:
-            continue
-        rate, notes = _rate(block, name, len(samples))
-        word = name.lower() if of_sensor and name.lower() != "response" else ""
-        label = name.lower() if of_sensor else re.sub(r"(?i)^time_chan_(\d+)$", r"channel \1", name)
-        several = samples.shape[1] > 1
-        for i in range(samples.shape[1]):
-            channel = f"{label} {i + 1}" if several and not of_sensor else label
-            named = (channel, rate, block.told_unit(name), word, i + 1 if several and of_sensor else None)
-            yield _time_record(block, name, named, samples[:, i], notes)
+    for name in sorted(sensors, key=lambda name: SENSORS.index(name.lower())):
+        yield name, _columns_of(block, name)
+    for name in [n for role in others for n in block.named(role) if n not in sensors] if clocked else []:
+        samples = None if is_complex(block.get(name)) else _along_time(block, name)
+        if samples is not None:
+            yield name, samples
 
 
-def _sample_records(block: Block) -> Iterator[TimeRecord]:
-    samples = columns(block.numbers("samples"), block.where("samples"))
-    rate, notes = _rate(block, "samples", len(samples))
-    count = samples.shape[1]
+def _of_array(block: Block, name: str, count: int) -> list[_History]:
+    """The columns of an array over time: hits of a sensor, or channels."""
+    small, unit, several = name.lower(), block.told_unit(name), count > 1
+    if small in SENSORS:
+        word = small if small != "response" else ""
+        return [(small, unit, word, i + 1 if several else None) for i in range(count)]
+    label = re.sub(r"(?i)^time_chan_(\d+)$", r"channel \1", name)
+    return [(f"{label} {i + 1}" if several else label, unit, "", None) for i in range(count)]
+
+
+def _of_samples(block: Block, count: int) -> list[_History]:
+    """The columns of `samples`, by the lists beside them."""
     channels = block.strings("channels") or [f"channel {i + 1}" for i in range(count)]
     units, words = block.strings("unit") or [""] * count, block.strings("quantities") or [""] * count
     hits = block.numbers("hits").ravel() if block.has("hits") else np.zeros(count)
@@ -242,18 +258,18 @@ def _sample_records(block: Block) -> Iterator[TimeRecord]:
             f"{block.where('samples')}: found {count} columns; expected as many channels ({len(channels)}), units "
             f"({len(units)}), quantities ({len(words)}) and hits ({len(hits)}); correct them"
         )
-    for i, channel in enumerate(channels):
-        named = (channel, rate, units[i], words[i], int(hits[i]) or None)
-        yield _time_record(block, "samples", named, samples[:, i], notes)
+    listed = zip(channels, units, words, hits, strict=True)
+    return [(channel, unit, word, int(hit) or None) for channel, unit, word, hit in listed]
 
 
-def _along_time(block: Block, name: str, values: Array) -> Array | None:
+def _along_time(block: Block, name: str) -> Array | None:
     """Samples in columns, where the array has as many values along one axis as there are instants."""
+    values = block.numbers(name)
     time = _instants(block, name, values.shape)
     if values.ndim > 2 or (time is None and (block.named("time") or values.size < 8)):
         return None
     if time is None:
-        return columns(values, block.where(name))
+        return _columns_of(block, name)
     if values.ndim == 2 and values.shape[0] == values.shape[1]:
         raise square_error(block, name, values.shape, "instants", "response")
     values = values.reshape(values.shape[0], -1)
@@ -291,9 +307,11 @@ def two_axes_error(block: Block, name: str, axes: tuple[str, str], key: str) -> 
     )
 
 
-def columns(values: NDArray[Any], where: str) -> NDArray[Any]:
+def _columns_of(block: Block, name: str) -> Array:
     """Samples in columns."""
+    values = block.numbers(name)
     if values.ndim > 2 or values.size == 0:
+        where = block.where(name)
         raise MeasurementError(f"{where}: found shape {values.shape}; expected (samples, channels); correct the array")
     return values.reshape(-1, 1) if values.ndim < 2 or 1 in values.shape else values
 
@@ -333,23 +351,3 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
             "sample_rate_hz with the name of the right one in [data.layout]"
         )
     return rates[0], notes
-
-
-def _time_record(
-    block: Block,
-    name: str,
-    named: tuple[str, float, str, str, int | None],
-    samples: NDArray[Any],
-    notes: list[str],
-) -> TimeRecord:
-    channel, rate, unit, word, hit = named
-    if word and word not in get_args(SensorQuantity):
-        raise MeasurementError(
-            f"{block.where('quantities')}: found {word!r}; expected one of {', '.join(get_args(SensorQuantity))}"
-        )
-    factor, quantity, converted = read_sensor_unit(unit)
-    if word and quantity not in (None, word):
-        factor, converted = None, [f"unit {unit!r} is none of {word}, values left as written"]
-    claimed = cast(SensorQuantity, word) if word else quantity or "unknown"
-    place, values = f"{block.where(name)}, {channel!r}", scaled(samples, factor)
-    return TimeRecord(channel, rate, values, claimed, unit, hit, place, (*notes, *converted), factor)
