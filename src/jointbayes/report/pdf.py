@@ -11,7 +11,7 @@ from typing import Any
 import typst
 
 from jointbayes.report.markup import SYMBOLS, badge, clean, parse, plain, plain_characters
-from jointbayes.report.model import Block, Callout, Code, Figure, Lights, Paragraph, Report, Table
+from jointbayes.report.model import Block, Callout, Code, Figure, Kind, Lights, Paragraph, Report, Table
 
 _LONG_WORD = re.compile(r"\S{20,}")
 _WORD_PIECE = re.compile(r"(.{12}|[/\\_.,;:=&?-]+)(?=.)")
@@ -101,19 +101,9 @@ def _block(block: Block) -> dict[str, Any]:
         case Paragraph(text):
             content: dict[str, Any] = {"runs": _runs(text)}
         case Callout(kind, text):
-            content = {"kind": kind, "symbol": SYMBOLS[kind], "runs": _runs(text)}
+            content = _signal(kind, text)
         case Lights(lights):
-            content = {
-                "lights": [
-                    {
-                        "kind": light.kind,
-                        "symbol": SYMBOLS[light.kind],
-                        "name": _runs(light.name),
-                        "runs": _runs(light.text),
-                    }
-                    for light in lights
-                ]
-            }
+            content = {"lights": [_signal(light.kind, light.text) | {"name": _runs(light.name)} for light in lights]}
         case Table():
             content = {
                 "caption": _runs(block.caption),
@@ -128,6 +118,10 @@ def _block(block: Block) -> dict[str, Any]:
         case Code(text, language):
             content = {"text": _breakable(clean(text)), "language": clean(language)}
     return {"tag": block.tag, **content}
+
+
+def _signal(kind: Kind, text: str) -> dict[str, Any]:
+    return {"kind": kind, "symbol": SYMBOLS[kind], "runs": _runs(text)}
 
 
 def _cell(text: str) -> dict[str, Any]:
