@@ -16,32 +16,20 @@ from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.verdicts import NO_VALID_VALUE
 from jointbayes.report.model import Kind
 
-_READABLE = {
-    "youngs_modulus": "Young's modulus",
-    "density": "density",
-    "length": "length",
-    "length_offset": "offset of the length",
-    "section_size": "size of the section",
-    "shear_coefficient": "shear coefficient",
-    "damping_ratio": "damping ratio",
-    "loss_factor": "loss factor",
-    "accelerometer_mass": "accelerometer mass",
-    "gain": "gain",
-    "noise_scale": "noise, factor on the stated",
+#: Uncertain quantities in a sentence, and on an axis.
+_WORDS = {
+    "youngs_modulus": ("Young's modulus", "ln E"),
+    "density": ("density", "ln density"),
+    "length": ("length", "ln L"),
+    "length_offset": ("offset of the length", "L offset"),
+    "section_size": ("size of the section", "ln size"),
+    "shear_coefficient": ("shear coefficient", "ln κ"),
+    "damping_ratio": ("damping ratio", "ln ζ"),
+    "loss_factor": ("loss factor", "ln η"),
+    "accelerometer_mass": ("accelerometer mass", "ln mass"),
+    "gain": ("gain", "ln gain"),
+    "noise_scale": ("noise, factor on the stated", "ln noise"),
 }
-_SHORT = {
-    "youngs_modulus": "ln E",
-    "density": "ln density",
-    "length": "ln L",
-    "length_offset": "L offset",
-    "section_size": "ln size",
-    "shear_coefficient": "ln κ",
-    "damping_ratio": "ln ζ",
-    "loss_factor": "ln η",
-    "accelerometer_mass": "ln mass",
-    "noise_scale": "ln noise",
-}
-
 
 _BOLD = re.compile(r"\*\*(?=\S)(.+?)(?<=\S)\*\*")
 _CODE = re.compile(r"`([^`]+)`")
@@ -58,6 +46,7 @@ _OPEN, _CLOSE = "\u2068", "\u2069"  # first strong isolate, pop directional isol
 ISOLATED = re.compile(f"{_OPEN}([^{_OPEN}{_CLOSE}]*){_CLOSE}")
 _PLACE = "\ufff9"  # stands for such a stretch while markup is read; no text has it, see _CONTROL
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+#: Mark of a callout of each kind.
 SYMBOLS: dict[Kind, str] = {"good": "✓", "caution": "!", "bad": "✗"}
 
 
@@ -74,7 +63,7 @@ def nuisance_label(name: str) -> str:
         return f"{nuisance_label(quantity)} {owner}"
     if name.startswith("damping_ratio_"):
         return f"ln ζ{name.rsplit('_', 1)[1]}"
-    return _SHORT.get(name, f"ln {name}")
+    return _WORDS.get(name, ("", f"ln {name}"))[1]
 
 
 def readable(name: str) -> str:
@@ -84,7 +73,7 @@ def readable(name: str) -> str:
         return f"{readable(quantity)} of {owner}"
     if name.startswith("damping_ratio_"):
         return f"damping ratio of mode {name.rsplit('_', 1)[1]}"
-    return _READABLE.get(name, name)
+    return _WORDS.get(name, (name, ""))[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,17 +109,15 @@ class Badge:
     symbol: str
 
 
-"""Mark of a callout of each kind."""
-
-_BADGES: dict[Verdict, Badge] = {
+_BADGES: dict[Verdict | str, Badge] = {
     "identified": Badge("good", "✓"),
     "weakly identified": Badge("caution", "~"),
     "not identified": Badge("bad", "✗"),
     "bounded below": Badge("caution", "≥"),
     "bounded above": Badge("caution", "≤"),
     "no verdict": Badge("bad", "✗"),
+    NO_VALID_VALUE: Badge("bad", "✗"),
 }
-_BY_TEXT: dict[str, Badge] = dict([*_BADGES.items(), (NO_VALID_VALUE, Badge("bad", "✗"))])
 
 
 def badge(cell: str) -> Badge | None:
@@ -144,7 +131,7 @@ def badge(cell: str) -> Badge | None:
     True
     """
     verdict, only_if, _ = cell.strip().partition(" only if ")
-    mark = _BY_TEXT.get(verdict)
+    mark = _BADGES.get(verdict)
     if mark is None or not only_if:
         return mark
     return Badge("bad" if mark.kind == "bad" else "caution", "~")  # never a green tick under a condition
