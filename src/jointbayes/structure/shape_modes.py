@@ -299,33 +299,6 @@ def parts_of(dofs: Sequence[str], motions: Array, forced: Forced) -> Parts:
     return Parts(motions[:, whole] * kept, None if forced is None else forced[whole], turned, whole)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Similarity:
-    """What takes the modes of a body at its shape numbers to those at its quantities.
-
-    Parameters
-    ----------
-    numbers
-        Shape numbers, shape (n, axes).
-    stiffness, density, size
-        Factors on E, on ρ and on all lengths alike, shape (n,).
-    """
-
-    numbers: Array
-    stiffness: Array
-    density: Array
-    size: Array
-
-    def scaled(self, modes: ModesOverShape, turned: Flags) -> tuple[Array, Array]:
-        """Eigenvalues (n, m), rising, and motions (n, k, m), of which some are rotations: `turned`, shape (k,)."""
-        eigenvalues, motions = modes(self.numbers)
-        size, density = self.size, self.density
-        eigenvalues = eigenvalues * (self.stiffness / (density * size**2))[:, None]
-        unit = 1 / np.sqrt(density * size**3)
-        scale = np.where(turned, (unit / size)[:, None], unit[:, None])
-        return rising(eigenvalues, motions * scale[:, :, None])
-
-
 def ends_of(powers: Iterable[Powers], range_of: Callable[[str], tuple[float, float]]) -> list[tuple[float, float]]:
     """Lower and upper end of each shape number, from the range of the logarithm of each quantity."""
     ends = []

@@ -27,7 +27,6 @@ from jointbayes.structure.shape_modes import (
     ModesOverShape,
     Parts,
     Powers,
-    Similarity,
     ends_of,
     modes_over_shape,
     parts_of,
@@ -66,10 +65,13 @@ class _ScaledModes:
     def __call__(self, factors: Array) -> tuple[Array, Array]:
         """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q)."""
         of_quantity = cache(partial(self.factor, factors))
-        numbers = shape_numbers(self.axes.values(), of_quantity, len(factors))
+        eigenvalues, motions = self.modes(shape_numbers(self.axes.values(), of_quantity, len(factors)))
         # the body of the table, made longer and thicker alike
-        similarity = Similarity(numbers, *map(of_quantity, ("youngs_modulus", "density", "length")))
-        eigenvalues, motions = similarity.scaled(self.modes, self.parts.turned)
+        stiffness, density, size = map(of_quantity, ("youngs_modulus", "density", "length"))
+        eigenvalues = eigenvalues * (stiffness / (density * size**2))[:, None]
+        unit = 1 / np.sqrt(density * size**3)
+        scale = np.where(self.parts.turned, (unit / size)[:, None], unit[:, None])
+        eigenvalues, motions = rising(eigenvalues, motions * scale[:, :, None])
         return eigenvalues, self.parts.joined(motions)
 
 
