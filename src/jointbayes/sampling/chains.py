@@ -8,7 +8,6 @@ import numpy as np
 from jointbayes.arrays import Array, Indices
 from jointbayes.progress import Progress
 from jointbayes.sampling.density import SeveralModes
-from jointbayes.sampling.diagnostics import effective_sample_size
 from jointbayes.sampling.ensemble import EnsembleState, MoveCount, MoveOn, SamplerSettings, StepBlock, Streams
 from jointbayes.sampling.stopping import (
     Check,
@@ -127,7 +126,7 @@ class Chains:
     def ess(self) -> Array:
         """Effective sample size of all steps after burn-in, shape (d,)."""
         ensembles, held, walkers, _ = self.theta.shape
-        return effective_sample_size(ensembles * (held - self.held_burn_in) * walkers, self.tau / self.every)
+        return ensembles * (held - self.held_burn_in) * walkers / (self.tau / self.every)
 
     def draws(self, *, thinned: bool = True) -> Draws:
         """Return the draws after burn-in.
@@ -218,17 +217,13 @@ class HeldSteps:
 
 def spaced(rows: Sequence[list[StepBlock]], before: int, every: int) -> tuple[Array, Array]:
     """Steps whose number, with so many before, is a multiple: (ensembles, n, walkers, d), and log-density without d."""
-    theta: list[list[Array]] = [[] for _ in rows[0]]
-    log_density: list[list[Array]] = [[] for _ in rows[0]]
+    theta, log_density = [], []
     for row in rows:
         kept = slice(-(before + 1) % every, None, every)
-        for block, places, values in zip(row, theta, log_density, strict=True):
-            places.append(block.theta[kept])
-            values.append(block.log_density[kept])
+        theta.append(np.stack([block.theta[kept] for block in row]))
+        log_density.append(np.stack([block.log_density[kept] for block in row]))
         before += len(row[0].theta)
-    return np.stack([np.concatenate(series) for series in theta]), np.stack(
-        [np.concatenate(series) for series in log_density]
-    )
+    return np.concatenate(theta, axis=1), np.concatenate(log_density, axis=1)
 
 
 @dataclass(frozen=True, slots=True)

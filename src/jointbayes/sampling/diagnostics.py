@@ -110,29 +110,6 @@ def split_r_hat(theta: Array) -> Array:
     return worst
 
 
-def effective_sample_size(draws: int, tau: Array) -> Array:
-    """Effective sample size of each parameter.
-
-    Parameters
-    ----------
-    draws : int
-        Number of draws kept, all steps after burn-in of all walkers of all ensembles together.
-    tau : ndarray, shape (d,)
-        Integrated autocorrelation time in steps.
-
-    Returns
-    -------
-    ndarray, shape (d,)
-        ``draws / tau``.
-
-    Examples
-    --------
-    >>> effective_sample_size(1000, np.array([1.0, 20.0]))
-    array([1000.,   50.])
-    """
-    return draws / tau
-
-
 def quantile_error(draws: Array, probability: float) -> float:
     """Monte Carlo standard error of a quantile of one quantity's draws.
 
