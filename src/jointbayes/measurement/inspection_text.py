@@ -1,6 +1,7 @@
 """What an inspection of a measurement file found, in words, line by line, for a terminal."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from itertools import islice, starmap
 from typing import TypeVar
 
 import numpy as np
@@ -17,9 +18,7 @@ _LISTED = 40
 def contents_text(inspection: Inspection) -> Iterator[str]:
     """Contents, channels, hits, notes, warnings: what needs no fit."""
     yield f"{inspection.source} ({inspection.form})" if inspection.form else inspection.source or "records"
-    for kind, count in _first(inspection.kinds):
-        yield f"  {count} × {kind}"
-    yield from _more(len(inspection.kinds))
+    yield from _listed(inspection.kinds, lambda kind, count: f"  {count} × {kind}")
     if inspection.averages:
         yield f"  averages: {', '.join(str(n) for n in inspection.averages[:10])}"
     if inspection.coherence is not None:
@@ -27,17 +26,13 @@ def contents_text(inspection: Inspection) -> Iterator[str]:
     yield ""
     yield f"Channels ({len(inspection.channels)})"
     width = max((len(label) for label in inspection.channels), default=0)
-    for label, use in _first(inspection.channels):
-        yield f"  {label:<{width}}  {_dof(label)}{_use(use)}"
-    yield from _more(len(inspection.channels))
+    yield from _listed(inspection.channels, lambda label, use: f"  {label:<{width}}  {_dof(label)}{_use(use)}")
     yield from _listed_modes(inspection)
     yield from _hits(inspection)
     if inspection.notes:
         yield ""
         yield "Done on reading"
-        for note, count in _first(inspection.notes):
-            yield f"  {note}" + (f" ({count} times)" if count > 1 else "")
-        yield from _more(len(inspection.notes))
+        yield from _listed(inspection.notes, lambda note, count: f"  {note}" + f" ({count} times)" * (count > 1))
     yield ""
     if not inspection.warnings:
         yield "No warnings."
@@ -135,8 +130,10 @@ def _digits(sd: float) -> int:
     return decimals
 
 
-def _first(entries: dict[str, T]) -> list[tuple[str, T]]:
-    return list(entries.items())[:_LISTED]
+def _listed(entries: dict[str, T], line: Callable[[str, T], str]) -> Iterator[str]:
+    """A line for each of the first entries, and how many more there are."""
+    yield from starmap(line, islice(entries.items(), _LISTED))
+    yield from _more(len(entries))
 
 
 def _more(count: int) -> Iterator[str]:

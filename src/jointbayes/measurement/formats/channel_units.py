@@ -77,14 +77,7 @@ def restate_frf(record: FrfRecord, response: ChannelUnit, force: ChannelUnit) ->
             "correct unit and quantity of its channels in [data.channels]"
         )
     values, factor = scaled(record.values, above / below / (record.factor or 1.0)), above / below
-    notes = [
-        note
-        for label, unit, stated, what in (
-            (record.response, of_response, response, motion),
-            (record.reference, of_force, force, source),
-        )
-        for note in _note(label, unit, stated, what)
-    ]
+    notes = _note(record.response, of_response, response, motion) + _note(record.reference, of_force, force, source)
     kept = tuple(note for note in record.notes if "left as written" not in note and "converted to" not in note)
     return replace(record, values=values, quantity=quantity, factor=factor, notes=(*kept, *notes))
 
