@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jointbayes.arrays import Array, Flags
+from jointbayes.arrays import Array, Flags, convert_fields
 from jointbayes.errors import MeasurementError, array_of, printable
 from jointbayes.measurement.data import Match, ModalData
 from jointbayes.measurement.mode_values import (
@@ -91,10 +91,7 @@ class ModeData(ModalData):
             object.__setattr__(self, "damping", damping)
             if not (np.nan_to_num(damping.values) < 1).all() or (damping.values < 0).any():
                 raise MeasurementError("damping ratios: found one outside 0 to 1; expected ratios, 0.01 for 1 %")
-        if self.shapes is not None:
-            object.__setattr__(self, "shapes", self.shapes.rows(n))
-        if self.constants is not None:
-            object.__setattr__(self, "constants", self.constants.rows(n))
+        convert_fields(self, lambda part: part.rows(n), "shapes", "constants")
         if self.match not in ("number", "shape") or (self.match == "shape" and self.shapes is None):
             raise MeasurementError(
                 f'modes: found match = "{self.match}"{"" if self.shapes else " without shapes"}; expected "number", or '

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from jointbayes.arrays import Array
+from jointbayes.arrays import Array, convert_fields
 from jointbayes.errors import MeasurementError, array_of
 from jointbayes.frf.frf_set import read_only
 
@@ -170,9 +170,7 @@ class ModalConstants:
     constants: Observed
 
     def __post_init__(self) -> None:
-        for name in ("outputs", "inputs"):
-            labels = getattr(self, name)
-            object.__setattr__(self, name, (labels,) if isinstance(labels, str) else tuple(labels))
+        convert_fields(self, lambda given: (given,) if isinstance(given, str) else tuple(given), "outputs", "inputs")
         if not self.pairs or len(set(self.pairs)) != len(self.inputs) or len(self.outputs) != len(self.inputs):
             raise MeasurementError(
                 f"modal constants: found outputs {self.outputs} and inputs {self.inputs}; expected pairs, each once; "

@@ -65,8 +65,7 @@ class Member:
         object.__setattr__(self, "points", tuple(str(point) for point in self.points))
         first, last = self.offsets
         object.__setattr__(self, "offsets", (_vector(first, "an offset"), _vector(last, "an offset")))
-        if self.up is not None:
-            object.__setattr__(self, "up", _vector(self.up, "the direction of the height"))
+        convert_fields(self, lambda up: _vector(up, "the direction of the height"), "up")
         if len(self.points) < 2 or any(a == b for a, b in itertools.pairwise(self.points)):
             raise ModelError(
                 f"frame: found a member through {', '.join(self.points) or 'no points'}; expected two points or more, "
