@@ -47,14 +47,9 @@ def frf_curves(
     # the first guess is one of the joint: all else is as at the MAP, so that the curves differ by the joint alone
     factors = np.stack([prior.factors(theta)] * len(stiffness))
     guess, best, *others = frfs_as_measured(problem, ports, frf.quantity, np.array(stiffness), factors)
-    low, median, high = (
-        (size * np.exp(1j * np.radians(angle))).astype(np.complex128)
-        for size, angle in (
-            (band.magnitude_low, band.phase_deg_low),
-            (band.magnitude, band.phase_deg),
-            (band.magnitude_high, band.phase_deg_high),
-        )
-    )
+    sizes = band.magnitude_low, band.magnitude, band.magnitude_high
+    turns = (np.exp(1j * np.radians(angle)) for angle in (band.phase_deg_low, band.phase_deg, band.phase_deg_high))
+    low, median, high = ((size * turn).astype(np.complex128) for size, turn in zip(sizes, turns, strict=True))
     blue, *colours = SERIES_COLOURS
     curves = [
         FrfCurve("synthetic" if data.synthetic else "measured", frf.values, colours[0]),

@@ -113,13 +113,8 @@ def _explained(error: BaseException, draws: Path, directory: Path) -> ReportErro
 
 def _reserve_file(named: Path) -> Path:
     """A file for draws beside a run directory; its name is taken."""
-    return next(path for path in _places(named) if _reserved(path))
-
-
-def _places(named: Path) -> Iterator[Path]:
-    """Names for the draws of a run directory."""
-    yield named.with_name(f"{named.name}.posterior.nc")
-    yield from (named.with_name(f"{named.name}.posterior-{number}.nc") for number in itertools.count(2))
+    ends = itertools.chain([""], (f"-{number}" for number in itertools.count(2)))
+    return next(filter(_reserved, (named.with_name(f"{named.name}.posterior{end}.nc") for end in ends)))
 
 
 def _reserved(path: Path) -> bool:

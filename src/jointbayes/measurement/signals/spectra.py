@@ -205,9 +205,8 @@ def shaker_frf(
         )
     frequency, kept = kept_lines(samples, rate, settings.f_min_hz, settings.f_max_hz)
     spectra = [[_block_spectra(x.values, window, hop)[:, kept] for x in pair] for pair in pairs]
-    estimate = estimate_frf(
-        np.concatenate([x for x, _ in spectra]), np.concatenate([y for _, y in spectra]), settings.estimator
-    )
+    of_force, of_response = map(np.concatenate, zip(*spectra, strict=True))
+    estimate = estimate_frf(of_force, of_response, settings.estimator)
     each = [len(x) for x, _ in spectra]
     effective = sum(effective_averages(count, window, hop) for count in each if count)
     note = f"{settings.estimator} from {sum(each)} blocks that count for {effective:.3g} averages"
