@@ -117,8 +117,7 @@ def released_draws(
         pool.extend(proposal.density, proposal.coordinates, rng, _POOLED)
         draws: _Draws | None = pool.theta[:0], pool.value[:0]
         if len(pool.theta):
-            rows = _chosen(pool.log_weight, _POOLED, rng)
-            draws = pool.theta[rows], pool.value[rows]
+            draws = _chosen((pool.theta, pool.value), pool.log_weight, _POOLED, rng)
     elif restraint is None:
         value = density(theta)
         draws = theta[np.isfinite(value)], value[np.isfinite(value)]
@@ -137,8 +136,7 @@ def released_draws(
         if settled and settled_before:
             return weighted.theta[resampled(weighted.weight, _HANDED_OUT, rng)], effective
         settled_before = settled  # once may be by chance: where hardly any draws are proposed their weight shows late
-        rows = _chosen(weighted.log_weight, number * _POOLED, rng)
-        draws = pool.theta[rows], pool.value[rows]
+        draws = _chosen((pool.theta, pool.value), weighted.log_weight, number * _POOLED, rng)
     return None
 
 
@@ -233,13 +231,11 @@ def _followed(
 
         if efficiency(share) > _LEAST:
             if share == 1.0:
-                rows = _chosen(log_weight, _STEP_DRAWS, rng)
-                return draws[rows], value[rows]
+                return _chosen((draws, value), log_weight, _STEP_DRAWS, rng)
             *bold, cautious = (min(1.0, factor * share) for factor in _WIDER)
             share = next((wider for wider in bold if efficiency(wider) > _GOOD), cautious)
         factor = restraint.log_factor(draws, share)
-        rows = _chosen(log_weight + factor, _STEP_DRAWS, rng)
-        theta, restrained = draws[rows], (value + factor)[rows]
+        theta, restrained = _chosen((draws, value + factor), log_weight + factor, _STEP_DRAWS, rng)
     return None
 
 
@@ -266,7 +262,8 @@ def _fitted(
     return Proposal(density, 0.0, 0, Finite())
 
 
-def _chosen(log_weight: Array, proposed: int, rng: np.random.Generator) -> Indices:
-    """Indices of equally weighted draws, of weights that one far out does not rule."""
-    cut = truncated(log_weight, proposed)
-    return resampled(np.exp(cut - cut.max()), _FITTED, rng)
+def _chosen(draws: _Draws, log_weight: Array, proposed: int, rng: np.random.Generator) -> _Draws:
+    """Equally weighted draws, of weights that one far out does not rule."""
+    (theta, value), cut = draws, truncated(log_weight, proposed)
+    rows = resampled(np.exp(cut - cut.max()), _FITTED, rng)
+    return theta[rows], value[rows]
