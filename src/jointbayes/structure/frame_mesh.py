@@ -168,16 +168,10 @@ def _error(stretch: Stretch, order: int, field: str, omega: float) -> float:
     velocity = np.sqrt({"axial": rigid.axial / rigid.mass, "torsion": rigid.torsion / rigid.polar}.get(field, 0.0))
     waves = np.max(velocity) / length if len(FIELDS[field]) == 1 else np.max(np.sqrt(bending / rigid.mass)) / length**2
     at = max(omega, float(waves))  # a wave number of at least 1/length: below it rounding would hide the error
-    coarse, fine = (_condensed(stretch, p, field, at) for p in (order, order + RICHER))
+    finer = (part_matrices(stretch, p, field) for p in (order, order + RICHER))
+    coarse, fine = (condensed_to_ends(matrices, at, length, len(FIELDS[field])) for matrices in finer)
     error = float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max())
     return error if stretch.tapered else error * (omega / at) ** 2
-
-
-def _condensed(stretch: Stretch, order: int, field: str, omega: float) -> Array:
-    stiffness, mass = part_matrices(stretch, order, field)
-    per_node = len(FIELDS[field])
-    scale = np.tile([1.0, 1 / stretch.length][:per_node], order + 1)
-    return condensed_to_ends((stiffness + omega**2 * mass) * np.outer(scale, scale), per_node)
 
 
 def assembled(
@@ -194,7 +188,7 @@ def assembled(
     """
     ends = dict.fromkeys(point for segment in mesh.segments for point in segment.points)
     nodes = {name: i for i, name in enumerate(ends)}
-    triplets = _Triplets()
+    entries: list[tuple[Sequence[int] | Indices, Array, Array]] = []
     for number, (segment, (count, order)) in enumerate(zip(mesh.segments, mesh.elements, strict=True)):
         per = max(order, 1)
         stretch = segment.stretch.scaled(
@@ -210,14 +204,14 @@ def assembled(
             stiffness, mass = local_matrices(element, order) if order else paper_matrices(element)
             inside = slice(i * per, (i + 1) * per + 1)
             turn = linalg.block_diag(*turns[inside])
-            triplets.add(row[inside], turn.T @ stiffness @ turn, turn.T @ mass @ turn)
+            entries.append((row[inside], turn.T @ stiffness @ turn, turn.T @ mass @ turn))
     none, nowhere = np.zeros((6, 6)), np.zeros(3)
     for heavy in body.masses:
         mass = mass_matrix(heavy.mass, heavy.inertia_matrix, np.array(heavy.offset))
-        triplets.add([nodes[heavy.point]], none, factors.masses * mass)
+        entries.append(([nodes[heavy.point]], none, factors.masses * mass))
     for point, load in loads:
-        triplets.add([nodes[point]], none, mass_matrix(load, np.zeros((3, 3)), nowhere))
-    return *triplets.matrices(6 * len(nodes)), tuple(nodes)
+        entries.append(([nodes[point]], none, mass_matrix(load, np.zeros((3, 3)), nowhere)))
+    return *_summed(entries, 6 * len(nodes)), tuple(nodes)
 
 
 def _turns(segment: Segment, count: int) -> list[Array]:
@@ -227,24 +221,15 @@ def _turns(segment: Segment, count: int) -> list[Array]:
     return [first, *[end_transformation(axes, np.zeros(3))] * (count - 2), last]
 
 
-class _Triplets:
-    """Entries of a stiffness and of a mass matrix, added up in the end."""
-
-    def __init__(self) -> None:
-        self._rows: list[Indices] = []
-        self._columns: list[Indices] = []
-        self._values: list[tuple[Array, Array]] = []
-
-    def add(self, nodes: Sequence[int] | Indices, stiffness: Array, mass: Array) -> None:
-        dofs = (6 * np.asarray(nodes)[:, None] + np.arange(6)).ravel()
-        rows, columns = np.meshgrid(dofs, dofs, indexing="ij")
-        self._rows.append(rows.ravel())
-        self._columns.append(columns.ravel())
-        # an element's matrices are symmetric but for the last bits of its turn
-        self._values.append((((stiffness + stiffness.T) / 2).ravel(), ((mass + mass.T) / 2).ravel()))
-
-    def matrices(self, size: int) -> tuple[sparse.csr_array, sparse.csr_array]:
-        rows, columns = np.concatenate(self._rows), np.concatenate(self._columns)
-        both = (np.concatenate(values) for values in zip(*self._values, strict=True))
-        first, second = (sparse.coo_array((values, (rows, columns)), shape=(size, size)).tocsr() for values in both)
-        return first, second
+def _summed(
+    entries: Sequence[tuple[Sequence[int] | Indices, Array, Array]], size: int
+) -> tuple[sparse.csr_array, sparse.csr_array]:
+    """Stiffness and mass of nodes by their numbers, six DOFs each, added up."""
+    dofs = [(6 * np.asarray(nodes)[:, None] + np.arange(6)).ravel() for nodes, _, _ in entries]
+    rows = np.concatenate([np.repeat(own, own.size) for own in dofs])
+    columns = np.concatenate([np.tile(own, own.size) for own in dofs])
+    both = zip(*((stiffness, mass) for _, stiffness, mass in entries), strict=True)
+    # an element's matrices are symmetric but for the last bits of its turn
+    values = (np.concatenate([((matrix + matrix.T) / 2).ravel() for matrix in matrices]) for matrices in both)
+    stiffness, mass = (sparse.coo_array((each, (rows, columns)), shape=(size, size)).tocsr() for each in values)
+    return stiffness, mass

@@ -152,21 +152,20 @@ def element_error(length: float, order: int, plane: BeamPlane, omega: float, sha
     """
     visible = share * math.sqrt(plane.bending / plane.mass) / length**2  # a wave number of 1/length
     at = max(omega, visible)
-    coarse, fine = (_condensed(length, p, plane, at) for p in (order, order + RICHER))
+    coarse, fine = (
+        condensed_to_ends(_bending_element(length, p, plane), at, length, 2) for p in (order, order + RICHER)
+    )
     try:
         return float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max()) * (omega / at) ** 2
     except linalg.LinAlgError:  # what rounding leaves of an absurd element is not positive definite
         return math.inf
 
 
-def _condensed(length: float, order: int, plane: BeamPlane, omega: float) -> Array:
-    stiffness, mass = _bending_element(length, order, plane)
-    scale = np.tile([1.0, 1 / length], order + 1)
-    return condensed_to_ends((stiffness + omega**2 * mass) * np.outer(scale, scale), 2)
-
-
-def condensed_to_ends(dynamic: Array, per_node: int) -> Array:
-    """An element's dynamic stiffness seen from its two end nodes, shape (2 per_node, 2 per_node)."""
+def condensed_to_ends(matrices: tuple[Array, Array], omega: float, length: float, per_node: int) -> Array:
+    """K + ω²M of an element, rotations times its length, seen from its two end nodes, (2 per_node, 2 per_node)."""
+    stiffness, mass = matrices
+    scale = np.tile([1.0, 1 / length][:per_node], len(mass) // per_node)
+    dynamic = (stiffness + omega**2 * mass) * np.outer(scale, scale)
     last, ends = len(dynamic) - per_node, 2 * per_node
     order_of = np.r_[:per_node, last : last + per_node, per_node:last]  # the ends first
     sorted_: Array = dynamic[order_of][:, order_of]
