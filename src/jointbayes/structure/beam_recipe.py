@@ -54,21 +54,13 @@ class BeamShape:
     @property
     def planes(self) -> tuple[BeamPlane, BeamPlane]:
         """Bending in the x-y and in the x-z plane."""
-        material, section = self.material, self.section
-        along_y, along_z = section.shear_coefficient(material.poissons_ratio)
-        return (
-            self._plane(section.inertia_z, self.shear_coefficient or along_y),
-            self._plane(section.inertia_y, self.shear_coefficient or along_z),
-        )
+        along_y, along_z = self.section.shear_coefficient(self.material.poissons_ratio)
+        return self._plane(self.section.inertia_z, along_y), self._plane(self.section.inertia_y, along_z)
 
-    def _plane(self, inertia: float, kappa: float) -> BeamPlane:
-        material, area = self.material, self.section.area
-        return BeamPlane(
-            material.youngs_modulus * inertia,
-            kappa * material.shear_modulus * area,
-            material.density * area,
-            material.density * inertia,
-        )
+    def _plane(self, inertia: float, cowper: float) -> BeamPlane:
+        e, g, rho = self.material.youngs_modulus, self.material.shear_modulus, self.material.density
+        area, kappa = self.section.area, self.shear_coefficient or cowper
+        return BeamPlane(e * inertia, kappa * g * area, rho * area, rho * inertia)
 
     def bending_frequency_hz(self, half_waves: float) -> float:
         """Frequency below which so many half waves of bending fit the length: of a slender beam, or of pure shear."""

@@ -112,18 +112,11 @@ class Section:
                 "expected 0 < 2 wall < the smaller side; correct the wall or use a solid rectangle"
             )
         outer, inner = cls.rectangle(width, height), cls.rectangle(width - 2 * wall, height - 2 * wall)
-        a_y, b_y = _cowper_thin_box(width - wall, height - wall)
-        a_z, b_z = _cowper_thin_box(height - wall, width - wall)
         flange, web = width - wall, height - wall  # sides at mid-wall
-        return cls(
-            outer.area - inner.area,
-            outer.inertia_y - inner.inertia_y,
-            outer.inertia_z - inner.inertia_z,
-            (a_y, b_y, a_z, b_z),
-            2 * wall * (flange * web) ** 2 / (flange + web),  # Bredt: 4 (enclosed area)² / ∮ ds/t
-            "box",
-            (width, height, wall),
-        )
+        cowper = (*_cowper_thin_box(flange, web), *_cowper_thin_box(web, flange))
+        torsion = 2 * wall * (flange * web) ** 2 / (flange + web)  # Bredt: 4 (enclosed area)² / ∮ ds/t
+        inertias = outer.inertia_y - inner.inertia_y, outer.inertia_z - inner.inertia_z
+        return cls(outer.area - inner.area, *inertias, cowper, torsion, "box", (width, height, wall))
 
     def scaled(self, size: float, shear: float = 1.0) -> "Section":
         """Section with every dimension multiplied by `size`, and Cowper's κ by `shear`.
