@@ -13,7 +13,7 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.matlab_5 import Unread
 from jointbayes.measurement.formats.named_arrays import Block, is_complex, rises, size_of, square_error, two_axes_error
-from jointbayes.measurement.formats.units import frequency_factor, read_frf_unit, scaled
+from jointbayes.measurement.formats.units import in_hz, read_frf_unit, scaled
 from jointbayes.measurement.records import (
     HIGHEST_HZ,
     MOST_AVERAGES,
@@ -165,10 +165,7 @@ def _lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Array, list
         if role == holder.meanings[other].role and not np.array_equal(holder.numbers(other).ravel(), lines):
             raise two_axes_error(holder, name, (axis, other), "frequency_hz")
     unit = "rad/s" if role == "omega" else holder.unit_of(axis) or ("kHz" if "khz" in holder.hints(axis) else "Hz")
-    factor = frequency_factor(unit)
-    if factor is None:
-        raise MeasurementError(f"{holder.where(axis)}: found the unit {unit!r}; expected Hz or rad/s; correct it")
-    return lines * factor, [f"frequency in {unit} converted to Hz"] if factor != 1 else []
+    return in_hz(lines, unit, holder.where(axis), "correct it")
 
 
 def _counted_lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Array, list[str]]:

@@ -168,9 +168,7 @@ def listed(columns: Sequence[Column], numbers: Sequence[int]) -> str:
 
 def spectrum_kind(column: Column) -> str:
     """Which spectrum a column says it is, in its own words."""
-    words = list(
-        dict.fromkeys(match.upper() if len(match) < 4 else match for match in _SPECTRUM.findall(column.header))
-    )
+    words = dict.fromkeys(word.upper() if len(word) < 4 else word for word in _SPECTRUM.findall(column.header))
     return ", ".join(words) or "spectrum"
 
 

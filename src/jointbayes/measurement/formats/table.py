@@ -25,7 +25,7 @@ from jointbayes.measurement.formats.columns import (
     spectrum_kind,
 )
 from jointbayes.measurement.formats.table_text import TextTable, float_of, read_text_table, text_lines
-from jointbayes.measurement.formats.units import frequency_factor, read_frf_unit, read_sensor_unit, scaled
+from jointbayes.measurement.formats.units import in_hz, read_frf_unit, read_sensor_unit, scaled
 from jointbayes.measurement.records import (
     MOST_AVERAGES,
     CoherenceRecord,
@@ -134,16 +134,11 @@ def _frequency_records(
     notes: tuple[str, ...],
 ) -> Iterator[Record]:
     axis, *rest = numbers
-    factor = frequency_factor(columns[axis].unit or ("rad/s" if "omega" in columns[axis].header.lower() else "Hz"))
-    if factor is None:
-        unit = columns[axis].unit
-        raise MeasurementError(f"column {axis + 1}: found the unit {unit!r}; expected Hz or rad/s; correct the header")
-    if factor != 1:
-        notes = (*notes, f"frequency in {columns[axis].unit or 'rad/s'} converted to Hz")
-    elif columns[axis].header and not columns[axis].unit:
+    unit = columns[axis].unit or ("rad/s" if "omega" in columns[axis].header.lower() else "Hz")
+    lines, converted = in_hz(values[:, axis], unit, f"column {axis + 1}", "correct the header")
+    notes = (*notes, *converted)
+    if columns[axis].header and not columns[axis].unit and not converted:
         notes = (*notes, "frequency without unit taken as Hz")
-    with np.errstate(over="ignore"):
-        lines = values[:, axis] * factor
     if rest and not any(columns[i].header or columns[i].unit for i in rest):
         _name_parts(columns, values, rest)
     frfs = _pair_up(columns, rest)

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.records import SensorQuantity
 
@@ -235,6 +236,21 @@ def scaled(values: NDArray[Any], factor: float | None) -> NDArray[Any]:
 def frequency_factor(label: str) -> float | None:
     """Factor to Hz of the unit of a frequency axis, or None where it is not understood."""
     return FREQUENCY_HZ.get(label.strip().strip("[]()").strip().lower())
+
+
+def in_hz(lines: NDArray[np.float64], unit: str, where: str, remedy: str) -> tuple[NDArray[np.float64], list[str]]:
+    """A frequency axis in Hz, with a note where its unit is another.
+
+    Raises
+    ------
+    MeasurementError
+        If the unit is not understood.
+    """
+    factor = frequency_factor(unit)
+    if factor is None:
+        raise MeasurementError(f"{where}: found the unit {unit!r}; expected Hz or rad/s; {remedy}")
+    with np.errstate(over="ignore"):
+        return lines * factor, [f"frequency in {unit} converted to Hz"] if factor != 1 else []
 
 
 def si_sensor_unit(quantity: SensorQuantity) -> str:
