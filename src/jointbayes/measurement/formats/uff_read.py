@@ -70,10 +70,14 @@ Place = tuple[int, str, str, int]
 
 @dataclass(slots=True)
 class _UniversalFile:
-    """An open file and what its first pass found: corrections and units by the number of their data set."""
+    """An open file and what its first pass found: corrections and units by the number of their data set.
+
+    Each data set comes with its place, and which of that place it is.
+    """
 
     file: BinaryIO
-    sets: list[UffDataSet] = field(default_factory=list)
+    sets: list[tuple[UffDataSet, Place, int]] = field(default_factory=list)
+    places: dict[Place, list[UffDataSet]] = field(default_factory=dict)
     corrections: dict[int, UffDataSet] = field(default_factory=dict)
     units: dict[int, FileUnits] = field(default_factory=dict)
 
@@ -148,21 +152,15 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
     """
     with path.open("rb") as file:
         source = _index(file)
-        places: dict[Place, list[UffDataSet]] = {}
-        for data_set in source.sets:
-            places.setdefault(_place(data_set), []).append(data_set)
-        seen: dict[Place, int] = {}
         empty = True
-        for data_set in source.sets:
-            place = _place(data_set)
-            seen[place] = seen.get(place, 0) + 1
-            record = _record(source, data_set, seen[place], places)
+        for data_set, place, nth in source.sets:
+            record = _record(source, data_set, place, nth)
             if record is not None:
                 empty = False
                 yield record
                 del record  # before the next is read
         if empty:
-            kinds = sorted({data_set.kind for data_set in source.sets})
+            kinds = sorted({data_set.kind for data_set, _, _ in source.sets})
             raise MeasurementError(
                 f"data sets: found {len(source.sets)} of the types {', '.join(map(str, kinds[:10])) or 'none'}, and no "
                 "FRF, time history or mode among them; expected data sets 58 of function type 4 or 1, or 55 of modes; "
@@ -185,7 +183,9 @@ def _index(file: BinaryIO) -> _UniversalFile:
             with source.located(data_set):
                 source.units[data_set.number] = units_of(source.body(data_set, 4096))
         else:
-            source.sets.append(data_set)
+            place = _place(data_set)
+            source.places.setdefault(place, []).append(data_set)
+            source.sets.append((data_set, place, len(source.places[place])))
         file.seek(behind)
     return source
 
@@ -205,11 +205,9 @@ def _place(data_set: UffDataSet) -> Place:
     return _FRF if is_frf else header.function, labels[0], labels[1], sensor
 
 
-def _record(
-    source: _UniversalFile, data_set: UffDataSet, nth: int, places: dict[Place, list[UffDataSet]]
-) -> Record | None:
+def _record(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int) -> Record | None:
     """The record of a data set, the nth of its place; None where it holds none, or belongs to another."""
-    kind, response, reference, _ = place = _place(data_set)
+    kind, response, reference, _ = place
     where = f"data set {data_set.number}"
     header = data_set.header
     if header is None:
@@ -234,10 +232,10 @@ def _record(
             "or the axis"
         )
     if kind == _TIME:
-        return _time(source, data_set, response, nth if len(places[place]) > 1 else None)
+        return _time(source, data_set, response, nth if len(source.places[place]) > 1 else None)
     if kind == _FRF:
-        return _frf(source, data_set, nth, places)
-    if (_FRF, response, reference, 0) in places:
+        return _frf(source, data_set, place, nth)
+    if (_FRF, response, reference, 0) in source.places:
         return None
     header, abscissa, squared = source.function(data_set)
     notes: list[str] = []
@@ -245,18 +243,18 @@ def _record(
     return CoherenceRecord(response, reference, lines, squared.real, _averages(header), where, tuple(notes))
 
 
-def _frf(source: _UniversalFile, data_set: UffDataSet, nth: int, places: dict[Place, list[UffDataSet]]) -> FrfRecord:
+def _frf(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int) -> FrfRecord:
     header, abscissa, ordinate = source.function(data_set)
-    _, response, reference, _ = place = _place(data_set)
+    _, response, reference, _ = place
     quantity, factor, unit, notes = frf_meaning(header, source.units_of(data_set))
     if header.function == 0:
         notes.append("function of unknown type taken for an FRF")
     if not header.is_complex:
         notes.append("FRF without imaginary part")
     lines = _frequency_hz(abscissa, header, notes)
-    of_pair, squared = places.get((_COHERENCE, response, reference, 0), []), None
-    if of_pair and len(of_pair) != len(places[place]):
-        notes.append(f"{len(of_pair)} coherences for {len(places[place])} FRFs of this pair: none taken")
+    of_pair, squared = source.places.get((_COHERENCE, response, reference, 0), []), None
+    if of_pair and len(of_pair) != len(source.places[place]):
+        notes.append(f"{len(of_pair)} coherences for {len(source.places[place])} FRFs of this pair: none taken")
     elif of_pair:
         coherence = of_pair[nth - 1]
         coherence_header, coherence_abscissa, gamma2 = source.function(coherence)
