@@ -154,14 +154,17 @@ class Rig:
     block: int
     decay_s: float
 
-    def responses(self, samples: int) -> "Responses":
-        """FRFs for signals that repeat after `samples` samples at least."""
+    def responding(self, samples: int) -> tuple[int, Callable[[Array, int], Array]]:
+        """A period of `samples` samples at least, and the response to a force of that period, exact at each line of it.
+
+        It is that of all outputs (period, outputs) to a force (period,) at one input, which is counted from 0.
+        """
         period = int(fft.next_fast_len(samples, real=True))
         lines = np.fft.rfftfreq(period, 1 / self.sample_rate_hz)
         values = np.zeros((lines.size, len(self.outputs), len(self.inputs)), dtype=complex)
         values[1:] = self.frf(np.asarray(lines[1:], dtype=float))
         values[0] = values[1].real  # static; the model may not have 0 Hz
-        return Responses(period, values)
+        return period, lambda force, j: fft.irfft(fft.rfft(force)[:, None] * values[:, :, j], period, axis=0)
 
     def records(self, number: int, input_: str, force: Array, responses: Sequence[Array]) -> Iterator[TimeRecord]:
         """Records of one hit, or one run of the shaker: of the force on an input, and of every output."""
@@ -169,27 +172,6 @@ class Rig:
         yield TimeRecord(channel_label(input_), rate, force, "force", "N", number, where)
         for output, values in zip(self.outputs, responses, strict=True):
             yield TimeRecord(channel_label(output), rate, values, motion, si_sensor_unit(motion), number, where)
-
-
-@dataclass(frozen=True, slots=True)
-class Responses:
-    """Response to forces of a fixed period, exact at each line of it.
-
-    Parameters
-    ----------
-    period
-        Samples.
-    frf
-        Shape (period // 2 + 1, outputs, inputs).
-    """
-
-    period: int
-    frf: ComplexArray
-
-    def response(self, force: Array, input_: int) -> Array:
-        """Response of all outputs (period, outputs) to a force (period,) at one input."""
-        spectrum = fft.rfft(force)[:, None] * self.frf[:, :, input_]
-        return fft.irfft(spectrum, self.period, axis=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,15 +227,15 @@ def hammer_records(rig: Rig, hammer: Hammer, noise: ChannelNoise, rng: np.random
     TimeRecord
         Force first, then the outputs in order; `hit` says which belong together.
     """
-    responses = rig.responses(rig.block + round(rig.decay_s * rig.sample_rate_hz))
+    period, respond = rig.responding(rig.block + round(rig.decay_s * rig.sample_rate_hz))
     number = 0
     for j, input_ in enumerate(rig.inputs):
-        scale = np.abs(responses.response(_force(responses.period, rig, hammer, 1.0, 1.0), j)).max(axis=0)
+        scale = np.abs(respond(_force(period, rig, hammer, 1.0, 1.0), j)).max(axis=0)
         kinds = np.repeat(["good", "double", "overload"], [hammer.hits, hammer.double_hits, hammer.overloads])
         for kind in rng.permutation(kinds):
             number += 1
-            force = _swing(str(kind), responses.period, rig, hammer, rng)
-            moved = responses.response(force, j)[: rig.block]
+            force = _swing(str(kind), period, rig, hammer, rng)
+            moved = respond(force, j)[: rig.block]
             measured = _limited(force[: rig.block], _NOMINAL_N, noise.force, _FORCE_RANGE, rng)
             responded = [
                 _limited(values, float(largest), noise.response, _RESPONSE_RANGE, rng)
@@ -304,11 +286,11 @@ def shaker_records(rig: Rig, samples: int, noise: ChannelNoise, rng: np.random.G
     TimeRecord
         Force first, then the outputs in order; `hit` counts the inputs.
     """
-    responses = rig.responses(samples + round(rig.decay_s * rig.sample_rate_hz))
+    period, respond = rig.responding(samples + round(rig.decay_s * rig.sample_rate_hz))
     for j, input_ in enumerate(rig.inputs):
         # a random force that repeats after the record's end has no beginning: no transient to wait for
-        force = _NOMINAL_N * rng.standard_normal(responses.period)
-        moved = responses.response(force, j)[:samples]
+        force = _NOMINAL_N * rng.standard_normal(period)
+        moved = respond(force, j)[:samples]
         force = force[:samples] + noise.force * _NOMINAL_N * rng.standard_normal(samples)
         responded = [values + noise.response * float(values.std()) * rng.standard_normal(samples) for values in moved.T]
         yield from rig.records(j + 1, input_, force, responded)
