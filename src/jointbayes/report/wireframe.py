@@ -1,6 +1,6 @@
 """Modes of a structure with its joints as lines that bend: where members lie, and how each of their points moves."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -67,16 +67,12 @@ def wireframe(problem: Problem, estimate: MapEstimate, names: Sequence[str]) -> 
     return Wireframe(points, tuple(names), swings)
 
 
-def _members(problem: Problem) -> list[list[_End]]:
+def _members(problem: Problem) -> Iterator[list[_End]]:
     """Ends of the stretches of each member, one after the other."""
     recipe = getattr(problem.test.structures, "recipe", None)
     if isinstance(recipe, BeamRecipe):
-        return [[(point, np.array(place), np.zeros(3)) for point, place in recipe.positions.items()]]
-    members = [] if not isinstance(recipe, FrameRecipe) else [(n, b, m) for n, b in recipe.bodies for m in b.members]
-    return [
-        [
-            (f"{name}.{s.point}" if name else s.point, np.array(s.place), np.array(s.offset))
-            for s in body.stations(along)
-        ]
-        for name, body, along in members
-    ]
+        yield [(point, np.array(place), np.zeros(3)) for point, place in recipe.positions.items()]
+    for name, body in recipe.bodies if isinstance(recipe, FrameRecipe) else ():
+        for member in body.members:
+            stations, prefix = body.stations(member), f"{name}." if name else ""
+            yield [(f"{prefix}{s.point}", np.array(s.place), np.array(s.offset)) for s in stations]

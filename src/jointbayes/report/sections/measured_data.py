@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jointbayes.frf import MeasuredBody
+from jointbayes.frf import MeasuredBody, MeasuredFile
 from jointbayes.measurement.provenance import ChannelUse, MeasurementWarning
 from jointbayes.posterior.rounding import number
 from jointbayes.report.inputs import ReportInputs, SetupInputs
@@ -61,8 +61,7 @@ def measurement_section(inputs: SetupInputs) -> ReportSection | None:
         )
     blocks: list[Block] = [Callout("caution", f"**Check {foreign(w.where)}.** {_sentence(w)}") for w in p.warnings]
     blocks.append(Paragraph(text))
-    files = tuple((foreign(file.name), f"{file.size}", f"`{foreign(file.sha256)}`") for file in p.files)
-    blocks.append(Table("Measurement files", ("File", "Bytes", "SHA-256"), files))
+    blocks.append(Table("Measurement files", ("File", "Bytes", "SHA-256"), tuple(map(_file_row, p.files))))
     head = ("Channel", "Used as", "DOF", "Factor", "Mass taken out (g)")
     more = ""
     if len(p.channels) > _MOST_CHANNELS:
@@ -79,6 +78,10 @@ def measurement_section(inputs: SetupInputs) -> ReportSection | None:
 
 def _sentence(warning: MeasurementWarning) -> str:
     return foreign(f"{warning.sentence[:1].upper()}{warning.sentence[1:]}; {warning.remedy}.")
+
+
+def _file_row(file: MeasuredFile) -> tuple[str, ...]:
+    return foreign(file.name), f"{file.size}", f"`{foreign(file.sha256)}`"
 
 
 def _channel_row(use: ChannelUse) -> tuple[str, ...]:
@@ -105,11 +108,7 @@ def measured_bodies_section(inputs: ReportInputs) -> ReportSection | None:
     )
     rows = tuple(_body_row(name, body) for name, body in bodies)
     table = Table("Measured bodies", head, rows, align="llrrr", note=note)
-    files = tuple(
-        (foreign(name), foreign(file.name), f"{file.size}", f"`{foreign(file.sha256)}`")
-        for name, body in bodies
-        for file in body.files
-    )
+    files = tuple((foreign(name), *_file_row(file)) for name, body in bodies for file in body.files)
     listed = [Table("Files of the measured bodies", ("Body", "File", "Bytes", "SHA-256"), files)] if files else []
     return ReportSection("measured-bodies", "Measured bodies", (Paragraph(foreign(noise.sentence)), table, *listed))
 
