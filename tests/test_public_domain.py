@@ -5,6 +5,7 @@ Types are those of the documentation; sizes, shapes, kinds of array and values a
 
 import math
 import os
+from dataclasses import fields, is_dataclass
 from functools import cache
 from unicodedata import category
 
@@ -77,8 +78,8 @@ def numbers_of(value):
         return [value]
     if isinstance(value, tuple):
         return [number for part in value for number in numbers_of(part)]
-    slots = getattr(value, "__dataclass_fields__", {})
-    return [number for name in slots for number in numbers_of(getattr(value, name))]
+    own = fields(value) if is_dataclass(value) else ()  # constants of a class, such as a normal's support, are none
+    return [number for field in own for number in numbers_of(getattr(value, field.name))]
 
 
 def assert_sound(value):
