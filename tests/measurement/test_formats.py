@@ -266,7 +266,7 @@ def test_band_is_cut_before_anything_is_checked():
         (None, "a.uff: data set 3: found a line at 0 Hz; .*f_min_hz"),
         (0.5, "NaN or infinity at 1 Hz"),
         (1.5, "exactly 0 at 9 Hz"),
-        (50.0, "no line between 50 and inf Hz"),
+        (50.0, "no line above 50 Hz; expected some, the file has 0 to 9 Hz"),
     ):
         with pytest.raises(MeasurementError, match=message):
             joined(record, f_min_hz)

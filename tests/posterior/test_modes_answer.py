@@ -165,7 +165,7 @@ def test_a_wrong_model_that_does_not_explain_the_frfs_has_the_verdicts_of_the_mo
     assert "it misses them by" in heavier.identifiability("k22").verdict_reason
     answer = inputs.knowledge.believed_modes
     page_one = str(build_report(inputs, datetime.date(2026, 1, 1)).lead)
-    assert answer.sentence in page_one
+    assert f"{answer.reason[1:]}, so the answer is that of their modes." in page_one
     assert "no valid value" not in page_one
     # at the margin of a verdict it is a limit: another NumPy's last bits decide
     known = answer.known["k22"]

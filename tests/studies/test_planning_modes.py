@@ -141,6 +141,7 @@ def test_the_density_of_which_a_forecast_is_made_is_that_of_two_tests(text, name
 
 
 @pytest.mark.science
+@pytest.mark.long
 @pytest.mark.parametrize(("noise", "name"), [("", "free"), (ERRORS, "6:y")])
 def test_a_forecast_is_what_sampling_both_measurements_finds(noise, name):
     """Draws of the present posterior weighted by the further data, all of them, against a run of both."""
