@@ -352,6 +352,15 @@ def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_po
     assert table.rows[-1] == ("length, gain", "–", "–", "–", "–", "–")
 
 
+def test_of_many_stiffnesses_each_has_a_row_of_what_uncertain_inputs_do_to_it(of_uncertain):
+    freed = of_uncertain.knowledge.freed
+    many = tuple(replace(row, known={f"{n}.kx": next(iter(row.known.values())) for n in "ABCDEF"}) for row in freed)
+    few, turned = (freed_blocks(replace(of_uncertain.knowledge, freed=rows))[1] for rows in (freed, many))
+    assert [row[0] for row in turned.rows][:6] == [f"{n}.kx, 95 % interval" for n in "ABCDEF"]
+    assert turned.head[1:] == tuple(row[0] for row in few.rows)
+    assert [row[1:] for row in turned.rows[:6]] == [tuple(row[1] for row in few.rows)] * 6
+
+
 def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(cheap_case, cheap_posterior, of_cheap):
     built, summary = of_cheap
     freed = summary["identifiability"]["freed"]

@@ -273,6 +273,15 @@ def test_pdf_repeats_the_head_of_a_long_table(tmp_path):
     assert all("Parameter" in page for page in with_rows)
 
 
+def test_a_table_that_is_higher_than_a_page_breaks(tmp_path):
+    rows = tuple((f"start {i}", ", ".join(["3.577e10"] * 60)) for i in range(11))
+    whole = replace(report(), lead=(Table("Starts", ("Start", "Joint"), rows),))
+    pages = pdf_text(render_pdf(whole), tmp_path).split("\f")
+    on_page = [len(re.findall(r"\bstart \d+\b", page)) for page in pages]
+    assert sum(on_page) == 11
+    assert max(on_page) < 11  # else those that the page has no room for lie over its foot
+
+
 def test_typst_warnings_become_python_warnings(monkeypatch):
     class Complaint:
         message, hints = "odd font", ["use another"]

@@ -18,11 +18,24 @@ from jointbayes.report.line_plot import SERIES_COLOURS, FrfPlot, Wireframe
 
 #: Curves that one figure can tell apart by colour.
 MOST_CURVES = len(SERIES_COLOURS)
+_COLUMNS = 4  # of panels that are alike
 
 
 def _page(draw: Callable[[AxesArray], None], size: tuple[float, float], **layout: Any) -> str:  # noqa: ANN401
     """SVG text of what is drawn onto axes, shape (rows, columns), on a canvas of so many inches."""
     return svg(lambda canvas: draw(panels(canvas, **layout)), *size)
+
+
+def _in_rows(draw: Callable[[AxesArray], None], count: int, height: float, **layout: Any) -> str:  # noqa: ANN401
+    """SVG text of what is drawn onto so many axes, shape (count,), four to a row of this height in inches."""
+    rows = -(-count // _COLUMNS)
+
+    def onto(grid: AxesArray) -> None:
+        for spare in grid.ravel()[count:]:
+            spare.remove()
+        draw(grid.ravel()[:count])
+
+    return _page(onto, (7.4, rows * height), rows=rows, columns=min(count, _COLUMNS), **layout)
 
 
 def frf_overlay(plot: FrfPlot, share: float = 1.0) -> str:
@@ -60,7 +73,7 @@ def squares_by_line(frequency_hz: Array, square: Array) -> str:
 
 def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
     """Profile likelihoods side by side."""
-    return _page(lambda a: drawing.draw_profiles(a[0], curves), (7.4, 2.4), columns=len(curves), sharey=True)
+    return _in_rows(lambda axes: drawing.draw_profiles(axes, curves), len(curves), 2.4, apart=(0.5, 0.1), sharey=True)
 
 
 def residual_norm(norm: Array) -> str:
@@ -70,8 +83,8 @@ def residual_norm(norm: Array) -> str:
 
 def histories(titles: Sequence[str], history: Array, published: Array | None) -> str:
     """The paper's Fig. 8."""
-    layout: Any = {"columns": len(titles), "left": 0.45, "top": 0.3, "apart": (0.1, 0.45)}
-    return _page(lambda a: drawing.draw_histories(a[0], titles, history, published), (7.4, 2.5), **layout)
+    layout: Any = {"left": 0.45, "top": 0.3, "apart": (0.75, 0.45)}
+    return _in_rows(lambda a: drawing.draw_histories(a, titles, history, published), len(titles), 2.5, **layout)
 
 
 def corner_plot(labels: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array) -> str:

@@ -12,10 +12,12 @@ import typst
 
 from jointbayes.report.markup import SYMBOLS, badge, clean, parse, plain, plain_characters
 from jointbayes.report.model import Block, Callout, Code, Figure, Kind, Lights, Paragraph, Report, Table
+from jointbayes.report.page_budget import block_height
 
 _LONG_WORD = re.compile(r"\S{20,}")
 _WORD_PIECE = re.compile(r"(.{12}|[/\\_.,;:=&?-]+)(?=.)")
 _HEADER_LENGTH = 80
+_LONG_TABLE = 300.0  # points: a table that is higher may break over pages
 _NO_GLYPH = "could not be displayed with font"
 
 
@@ -112,6 +114,7 @@ def _block(block: Block) -> dict[str, Any]:
                 "align": list(block.alignment),
                 "note": _runs(block.note),
                 "row_kinds": list(block.row_kinds),
+                "long": block_height(block) > _LONG_TABLE,
             }
         case Figure():
             content = {"caption": _runs(block.caption), "alt": plain(block.alt), "svg": clean(block.svg)}

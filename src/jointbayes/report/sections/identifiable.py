@@ -15,6 +15,8 @@ from jointbayes.report.markup import coordinate_labels, kind_of, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
 from jointbayes.sampling import END_TOLERANCE
 
+_MOST_COLUMNS = 4
+
 
 def knowledge_section(inputs: ReportInputs) -> ReportSection:
     """Which combinations are known, correlations, and what the verdicts rest on: all of it from draws."""
@@ -90,8 +92,11 @@ def freed_blocks(knowledge: Knowledge) -> list[Block]:
     names = tuple(knowledge.freed[0].known)
     head = ("Uncertain besides the joint", *(f"{name}, 95 % interval" for name in names), "Verdicts", "Source")
     rows = tuple(_freed_row(row, names) for row in knowledge.freed)
+    if len(names) > _MOST_COLUMNS:  # of stiffnesses side by side: then each has a row
+        head, *turned = zip(head, *rows, strict=True)
+        rows = tuple(turned)
     note = (
-        "Each row is sampled with only these quantities uncertain and all others at their stated values, until each "
+        "Each is sampled with only these quantities uncertain and all others at their stated values, until each "
         f"interval end is known to {100 * END_TOLERANCE:g} % of the interval's width. A dash: the draws did not settle."
     )
     lead = knowledge.freed_sentence

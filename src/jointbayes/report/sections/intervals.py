@@ -13,22 +13,28 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
 
+_MOST_IN_CORNER = 6  # coordinates of a figure in which each can be read
+
 
 def posterior_section(inputs: ReportInputs) -> ReportSection:
     """Marginals, pairs, prior and the full table."""
     posterior, reference = inputs.posterior, inputs.reference
     modes, blocks = inputs.knowledge.believed_modes, list[Block]()
-    values = corner_values(posterior)
-    svg = figures.corner_plot(*values)
+    labels, draws, prior, published, mode = corner_values(posterior)
+    widest = np.sort(np.argsort(-draws.std(axis=0))[:_MOST_IN_CORNER])
+    point = None if published is None else published[widest]
+    of_widest = ([labels[i] for i in widest], draws[:, widest], prior[:, widest], point, mode[widest])
+    svg = figures.corner_plot(*of_widest)
     marks = "mode (orange, solid)"
+    few = f" The {len(widest)} of {len(labels)} that are known least." if len(widest) < len(labels) else ""
     of_frfs = "" if modes is None else ", by the FRFs alone, whose answer is not to be used"
-    if values[3] is not None:
+    if published is not None:
         marks += f", published values (green, dashed; {inputs.reference_source})"
     blocks.append(
         Figure(
             "corner",
             f"Posterior of the logarithms{of_frfs}: marginals and pairs with contours of 39, 68 and 95 % of the draws; "
-            f"prior (grey, dotted), {marks}.",
+            f"prior (grey, dotted), {marks}.{few}",
             "Corner plot of the posterior of the joint stiffnesses with prior density, mode and published values.",
             svg,
         )
