@@ -135,6 +135,8 @@ def test_leaving_the_loop_ends_the_workers():
     next(outcomes)
     assert multiprocessing.active_children()
     outcomes.close()
+    for worker in multiprocessing.active_children():  # they were told to end: on a busy machine that takes a moment
+        worker.join(10)
     assert not multiprocessing.active_children()
 
 
