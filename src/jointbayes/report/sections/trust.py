@@ -82,11 +82,12 @@ def _data(inputs: ReportInputs) -> Light:
     doubts += [foreign(str(warning)) for warning in summary.warnings]
     if doubts:
         more = f" And {len(doubts) - 1} more, see Data." if len(doubts) > 1 else ""
-        return Light("Data", "caution", f"Check {_short(doubts[0])}.{more}".replace("….", "…"))
+        return Light("Data", "caution", f"Check {_short(doubts[0])}{more}")
     if summary.fit.synthetic_data:
         return Light("Data", "caution", "Computed from the joint and the noise that the case states, not measured.")
     return Light("Data", "good", f"{summary.fit.n_data} measured values; nothing in them looks doubtful.")
 
 
 def _short(text: str, most: int = 120) -> str:
-    return text.rstrip(".") if len(text) <= most else f"{text[: most - 1].rstrip(' .,')} …"
+    """A sentence to its full stop, or as far as there is room."""
+    return f"{text.rstrip('.')}." if len(text) <= most else f"{text[: most - 1].rstrip(' .,')} …"
