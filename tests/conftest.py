@@ -24,7 +24,6 @@ from jointbayes.report import ReportInputs, figures, inputs
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.workflow import sample
-
 from tests.cost import Cost
 
 # A shell's background job ignores interrupts, and whatever it starts would: the tests that send one could not see it.
@@ -32,7 +31,6 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:  # under nohup
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
-
 
 
 def pytest_configure(config: pytest.Config) -> None:

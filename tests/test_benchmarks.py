@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import time
 
 import numpy as np
 import pytest
@@ -22,6 +21,7 @@ from benchmarks.peer_samplers import StretchRun, kish, log_likelihood_on_box, pr
 from benchmarks.samplers import emcee_rows, extrapolated, missing, row
 
 import jointbayes as jb
+from jointbayes.structure import Structure
 
 pytestmark = pytest.mark.docs
 
@@ -255,10 +255,9 @@ def test_a_page_on_coverage_shows_what_its_study_recorded(study):
 
 
 @pytest.mark.parametrize("name", small_data.CASES)
-def test_cases_of_few_frequencies_are_cases_whose_density_takes_no_eigensolution_for_each_draw(name):
+def test_cases_of_few_frequencies_are_cases_whose_density_takes_no_eigensolution_for_each_draw(name, monkeypatch):
     problem = jb.case_from_text("small", small_data.CASES[name]).problem
     theta = problem.prior.sample(np.random.default_rng(1), 2000)
     problem.log_posterior(theta[:1])
-    began = time.process_time()
+    monkeypatch.setattr(Structure, "modes", lambda _: pytest.fail("solved anew"))
     assert np.isfinite(problem.log_posterior(theta)).all()
-    assert time.process_time() - began < 1.0  # 0.1 s; a solution of the strip for each was 0.5 s a draw

@@ -4,7 +4,6 @@
 """
 
 import re
-import time
 import warnings
 from pathlib import Path
 
@@ -76,15 +75,14 @@ def test_a_slip_in_a_cell_is_told_in_one_line_with_its_remedy(call, message):
     assert "\n" not in str(caught.value)
 
 
-def test_arviz_draws_traces_in_a_second_or_two(cheap_posterior):
+def test_arviz_draws_traces_of_at_most_a_thousand_draws_a_chain(cheap_posterior):
     import arviz as az
     from matplotlib import pyplot
 
     pyplot.switch_backend("Agg")
     data = cheap_posterior.to_arviz(megabytes=5)
-    began = time.process_time()
+    assert data.posterior.sizes["draw"] <= 1000 < cheap_posterior.draws.sizes["draw"]  # all of them take half a minute
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         az.plot_trace(data, var_names=["k11", "k12", "k22"])
     pyplot.close("all")
-    assert time.process_time() - began < 5

@@ -2,7 +2,6 @@
 
 import os
 import re
-import time
 import tracemalloc
 
 import numpy as np
@@ -45,14 +44,11 @@ def test_each_broken_file_is_one_line_that_names_the_place(corpus, tmp_path):
     path = tmp_path / "measurement"
     for name, (content, expected) in corpus.items():
         path.write_bytes(content)
-        start = time.monotonic()
         try:
             message = refuse(path)
         except BaseException as error:  # each file of the corpus is to be judged, whatever the others do
             faults.append(f"{name}: raised {error!r}")
             continue
-        if time.monotonic() - start > 20:
-            faults.append(f"{name}: took {time.monotonic() - start:.0f} s")
         if "\n" in message or not message.startswith(f"{path}: ") or "expected" not in message:
             faults.append(f"{name}: says {message!r}")
         if not re.search(expected, message):

@@ -199,17 +199,18 @@ def test_time_does_not_grow_with_the_square_of_the_number(tmp_path, monkeypatch,
     monkeypatch.chdir(tmp_path)
     n = 4000 if work is join else 2000
     work(n // 10)  # what is loaded at first use
-    ratio = min(seconds(work, 5 * n) / seconds(work, n) for _ in range(2))
-    assert ratio < 12, f"{ratio:.0f} times the time for five times the number"
+    # whatever else the machine does disturbs one measurement or two, not each of six
+    ratios = (seconds(work, 5 * n) / seconds(work, n) for _ in range(6))
+    assert any(ratio < 12 for ratio in ratios), "five times the number took over 12 times the time, six times"
 
 
 @pytest.mark.parametrize("header", ["a" + " " * 290 + "b", "(" * 300, "[" * 300, "real " + "_" * 290])
 def test_a_header_made_to_be_searched_long_is_a_name(header):
-    plain, made = (
-        min(seconds(lambda n, name=name: [column_of(name) for _ in range(n)], 200) for _ in range(3))
-        for name in ("real Point:12:Z+ / 11:Y+ [g/N]", header)
-    )
-    assert made < 20 * plain  # it is ten times as long
+    def took(name):
+        return seconds(lambda n: [column_of(name) for _ in range(n)], 200)
+
+    # it is ten times as long
+    assert any(took(header) < 20 * took("real Point:12:Z+ / 11:Y+ [g/N]") for _ in range(6))
 
 
 # ---- groups within groups

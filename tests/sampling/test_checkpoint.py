@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import stat
-import time
 
 import numpy as np
 import pytest
@@ -271,10 +270,8 @@ def test_nothing_is_written_through_what_has_the_name_of_one_of_its_files(begin,
         os.mkfifo(place)
     else:
         place.symlink_to(victim if kind == "link" else tmp_path / "new")
-    before = time.monotonic()
     with pytest.raises((CheckpointError, WriteError), match="expected"):
         resumed(begin, tmp_path / "run", settings=SHORT)
-    assert time.monotonic() - before < 5
     assert victim.read_text(encoding="utf-8") == "mine"
     assert not (tmp_path / "new").exists()
 
