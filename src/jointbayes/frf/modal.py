@@ -133,10 +133,8 @@ class LowestModes:
     def __init__(
         self, body: Body, joint: AnyJoint, count: int, dofs: Sequence[str] = (), top_hz: float | None = None
     ) -> None:
-        labels, most = dict.fromkeys((*joint.labels, *dofs)), count + max(0, joint.size - MOST_HELD)
-        self._assemble(body.at(labels, body.reach_hz(most) if top_hz is None else top_hz), joint, dofs)
-        if self._modes.rigid and top_hz is None:
-            self._assemble(body.at(labels, body.reach_hz(most + self._modes.rigid)), joint, dofs)
+        top_hz = least_reach_hz(body, joint, count) if top_hz is None else top_hz
+        self._assemble(body.at(dict.fromkeys((*joint.labels, *dofs)), top_hz), joint, dofs)
         n = self._body.n_dofs - self._modes.rigid
         if not 1 <= count <= n:
             raise ModelError(f"modes: found a count of {count}; expected 1 to {n}")

@@ -7,13 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
-from jointbayes.frf.modal import (
-    JoinedModes,
-    LowestModes,
-    NaturalFrequencies,
-    least_reach_hz,
-    turned_modes,
-)
+from jointbayes.frf.modal import JoinedModes, LowestModes, NaturalFrequencies, turned_modes
 from jointbayes.frf.ports import TakingPart, factors_batch
 from jointbayes.joint import RIGID, AnyJoint, AnyJointMatrix, Joint, Joints, joint_matrix_of
 from jointbayes.structure import Body
@@ -158,7 +152,7 @@ class HeldFrequencies:
         for label in dict.fromkeys(dofs):
             at = [i for i, dof in enumerate(dofs) if dof == label]
             held, count = Joints((*named, Joint((label,), name="held"))), max(numbers[i] for i in at)
-            model = NaturalFrequencies(body, held, count, top_hz=least_reach_hz(body, held, count))
+            model = NaturalFrequencies(body, held, count)
             self._models.append((model, [numbers[i] - 1 for i in at]))
             places += at
         #: Where each of the n stands among those of one DOF after the other.

@@ -1,5 +1,7 @@
 """A search for the mode that goes on by itself where its result does not explain the data, and what it says then."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jointbayes.arrays import Array
@@ -27,7 +29,8 @@ _TEMPERED = (1.0, 0.3, 0.1)
 def first_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[str, Array]:
     """Points to climb from first, each shape (d,), by name.
 
-    Of many unknowns from reconstructed motions of the joints, otherwise from natural frequencies and screened draws.
+    From natural frequencies and screened draws, and of many unknowns from reconstructed motions of the joints as well:
+    either kind alone misses the mode of some structures.
 
     Parameters
     ----------
@@ -39,13 +42,17 @@ def first_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[
         Draws those that are screened.
     """
     reconstructed = reconstructed_starts(problem, np.random.default_rng([seed, 4]))
-    if len(reconstructed):
-        return {f"reconstructed joint motion {i}": theta for i, theta in enumerate(reconstructed, 1)}
     matched = frequency_starts(problem, np.random.default_rng([seed, 2]))
-    count = _FEW_SCREENED if len(matched) else _SCREENED
+    count = _FEW_SCREENED if len(reconstructed) or len(matched) else _SCREENED
     screened = screened_draws(problem.log_posterior, rng, count, _FEW_KEPT)
-    starts = {f"natural frequencies {i}": theta for i, theta in enumerate(matched, 1)}
-    return starts | {f"screened draw {i}": theta for i, theta in enumerate(screened, 1)}
+    return _named(reconstructed, matched, screened)
+
+
+def _named(
+    reconstructed: Sequence[Array], matched: Sequence[Array], screened: Sequence[Array], before: str = ""
+) -> dict[str, Array]:
+    kinds = {"reconstructed joint motion": reconstructed, "natural frequencies": matched, "screened draw": screened}
+    return {f"{before}{kind} {i}": theta for kind, few in kinds.items() for i, theta in enumerate(few, 1)}
 
 
 def search_further(
@@ -56,7 +63,7 @@ def search_further(
     First, and after each round, climbs begin at the images of the modes found so far, see `Images`. Each round matches
     more natural frequencies, screens more draws, and lets all starts, and the modes known so far, climb first on a
     density that is flattened. Of many unknowns each reconstructs the joints' motions from more and
-    other points instead, and what the last round gained says nothing of the next.
+    other points as well, and what the last round gained says nothing of the next.
 
     Parameters
     ----------
@@ -95,23 +102,18 @@ def search_further(
 
 
 def _climb_round(search: ModeSearch, problem: Problem, rng: np.random.Generator, number: int) -> bool:
-    """Climb from more starts; whether these are reconstructed motions of many unknown joints.
+    """Climb from more starts, and from the modes known so far, the density flattened at first.
 
-    Otherwise from the modes known so far as well, the density flattened at first.
+    Whether there are reconstructed motions of many unknown joints among them, which need no flattened density.
     """
-    log_posterior = problem.log_posterior
     reconstructed = reconstructed_starts(problem, rng, 2**number)
-    if len(reconstructed):
-        named = enumerate(reconstructed, 1)
-        search.climb({f"round {number}: reconstructed joint motion {i}": theta for i, theta in named})
-        return True
     matched = frequency_starts(problem, rng, _POINTS)
-    screened = screened_draws(log_posterior, rng, _SCREENED, _KEPT)
-    starts = {f"round {number}: natural frequencies {i}": t for i, t in enumerate(matched, 1)}
-    starts |= {f"round {number}: screened draw {i}": t for i, t in enumerate(screened, 1)}
-    search.climb(starts, _weights(problem))
+    screened = screened_draws(problem.log_posterior, rng, _SCREENED, _KEPT)
+    before = f"round {number}: "
+    search.climb(_named(reconstructed, [], [], before))
+    search.climb(_named([], matched, screened, before), _weights(problem))
     search.climb_on(_weights(problem))
-    return False
+    return bool(len(reconstructed))
 
 
 def _weights(problem: Problem) -> list[Array]:

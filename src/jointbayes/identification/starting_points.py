@@ -12,7 +12,7 @@ from jointbayes.frf import NaturalFrequencies, rigid_body_modes
 from jointbayes.identification.least_squares import climb_all
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, LogPosterior, Problem, Test
-from jointbayes.structure.recipe import is_damping_ratio
+from jointbayes.structure.recipe import is_damping
 
 #: Relative error of a frequency that counts as one standard deviation.
 TOLERANCE = 0.005
@@ -115,7 +115,7 @@ class _SetupMatch:
         self._band = data.band_hz
         joint = len(problem.parametrisation.names)
         quantities = problem.test.structures.names
-        fixed = (name == "loss_factor" or is_damping_ratio(name) for name in quantities)
+        fixed = map(is_damping, quantities)
         places = joint + problem.structural_columns
         shift = [int(place) for place, moves_nothing in zip(places, fixed, strict=True) if not moves_nothing]
         self.columns: Indices = np.array([*range(joint), *shift], dtype=np.intp)

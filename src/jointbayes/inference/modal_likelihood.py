@@ -16,7 +16,6 @@ from jointbayes.frf import (
     HeldFrequencies,
     Modal,
     NaturalFrequencies,
-    least_reach_hz,
     rigid_body_modes,
 )
 from jointbayes.frf.ports import factors_batch
@@ -97,8 +96,7 @@ class ModePrediction:
         free = family.at(joint.labels, family.reach_hz(least))
         rigid = rigid_body_modes(free, joint)
         count = max(least, min(data.most_modes, free.n_dofs - rigid - joint.size))
-        top_hz = least_reach_hz(family, joint, count) if self._dofs else None
-        self._model = AssembledShapes(family, joint, count, self._dofs, top_hz)
+        self._model = AssembledShapes(family, joint, count, self._dofs)
         self._eigenvalues = data.eigenvalues
         place = {label: i for i, label in enumerate(self._dofs)}
         shapes, zeros, constants = data.shapes, data.zeros, data.constants

@@ -268,6 +268,11 @@ class Problem:
         rows, name = np.asarray(factors, dtype=float), own_name(self.test.name, "gain", self._nuisances)
         return np.ones(rows.shape[:-1]) if name is None else rows[..., self._nuisances.index(name)]
 
+    @cached_property
+    def _frequency_models(self) -> dict[int, NaturalFrequencies]:
+        """Models of the lowest so many natural frequencies that have been asked for."""
+        return {}
+
     def natural_frequencies_hz(self, stiffness: ArrayLike, count: int, factors: ArrayLike | None = None) -> Array:
         """Lowest natural frequencies of the one test, shape (n, count), Hz, for quantities of the joint (n, q) or (q,).
 
@@ -286,7 +291,10 @@ class Problem:
             )
         if self.test.measured_bodies:
             return np.empty((len(np.atleast_2d(np.asarray(stiffness, dtype=float))), 0))
-        model = NaturalFrequencies(self.test.structures, self.test.joints, count)
+        model = self._frequency_models.get(count)
+        if model is None:  # a fit asks hundreds of times
+            model = NaturalFrequencies(self.test.structures, self.test.joints, count)
+            self._frequency_models[count] = model
         if factors is None:
             return model.frequency_hz(self.parametrisation.matrix(stiffness))
         return model.frequency_hz(self.parametrisation.matrix(stiffness), self.structural(factors))

@@ -131,6 +131,10 @@ class Body(ABC):
         """The same body at all factors 1, with nothing uncertain and every mode that there is."""
         return self
 
+    def with_certain_damping(self) -> "Body":
+        """The same body without the uncertain quantities of its damping: they move no natural frequency."""
+        return self
+
     @property
     def shift(self) -> float:
         """Shift σ, rad²/s², for assembled eigenvalues 1/ν − σ; they have the error of rounding × (λ + σ)²/σ."""

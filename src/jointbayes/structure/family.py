@@ -13,7 +13,7 @@ from jointbayes.structure.body import Body, FreeModes, Rows
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced
-from jointbayes.structure.recipe import Recipe, is_damping_ratio
+from jointbayes.structure.recipe import Recipe, is_damping, is_damping_ratio
 
 #: Free modes of so many structures are kept, of no more motions each: search, draws, checks and report of one case, and
 #: cases that differ in their data alone, ask for the same ones again and again.
@@ -150,6 +150,10 @@ class UncertainBody(Body):
         """The same of much richer elements; solved anew for each row of factors, or interpolated as ever."""
         return type(self)(self.recipe.reference, self.ranges, exact=solved)
 
+    def with_certain_damping(self) -> Self:
+        """The same, its damping taken for certain."""
+        return replace(self, ranges={name: ends for name, ends in self.ranges.items() if not is_damping(name)})
+
     def structure(self, factors: Array) -> Structure:
         """Structure at factors (q,), assembled anew."""
         values = np.asarray(factors, dtype=float)
@@ -162,7 +166,7 @@ class UncertainBody(Body):
         if self.exact:
             return _ModesSolvedAnew(self, forms)
         made_from = type(self), self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz  # equal for equal ones
-        if forms.shape[1] > _KEPT_MOTIONS or not _is_hashable(made_from):
+        if forms.shape[1] > _KEPT_MOTIONS or not is_hashable(made_from):
             return self.over_factors(forms, forced)
         return _kept(made_from, forms.shape, forms.tobytes(), None if forced is None else tuple(forced.tolist()))
 
@@ -200,7 +204,7 @@ class UncertainBody(Body):
         return self.recipe.lumped_factor(factor) if name == "accelerometer_mass" else factor
 
 
-def _is_hashable(values: object) -> bool:
+def is_hashable(values: object) -> bool:
     """Whether something can be looked up; not where a caller gave lists for tuples."""
     try:
         hash(values)

@@ -30,6 +30,11 @@ def is_damping_ratio(name: str) -> bool:
     return name == "damping_ratio" or name.startswith("damping_ratio_")
 
 
+def is_damping(name: str) -> bool:
+    """Whether a quantity is one of the structure's damping, which moves no undamped natural frequency."""
+    return name == "loss_factor" or is_damping_ratio(name)
+
+
 class Recipe(ABC):
     """Everything that a structure's matrices are made from, each quantity open to a factor.
 

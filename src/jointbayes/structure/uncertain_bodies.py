@@ -9,7 +9,7 @@ together, in rising order, are the frame's.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.beam_recipe import BeamMesh, BeamRecipe
 from jointbayes.structure.body import MOST_HELD, Discretisation, FreeModes
-from jointbayes.structure.family import UncertainBody
+from jointbayes.structure.family import UncertainBody, is_hashable
 from jointbayes.structure.frame_mesh import BodyFactors
 from jointbayes.structure.frame_recipe import FrameMesh, FrameRecipe
 from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe
@@ -204,6 +204,21 @@ _BODY_POWERS: dict[str, Powers] = {
 _TRIES = 60
 
 
+@lru_cache(maxsize=64)
+def _reach_hz(recipe: FrameRecipe, count: int) -> float:
+    """See `FrameFamily.reach_hz`: each call meshes and solves the frame several times."""
+    recipe, wanted = replace(recipe, element="converged"), count + MOST_HELD
+    top = 1.0
+    for _ in range(_TRIES):
+        frequency = recipe.structure({}, recipe.mesh((), top)).modes().frequency_hz
+        # a mesh that is too coarse for it has modes too high, so that this goes down to where it is fine
+        highest = float(frequency[min(wanted, frequency.size) - 1])
+        if wanted <= frequency.size and highest <= top:
+            return min(top, 1.01 * highest)
+        top = max(4 * top, 1.0) if wanted > frequency.size else 1.01 * max(highest, top)
+    raise ModelError(f"frame: found no frequency with {wanted} modes below; expected one; correct the units")
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class FrameFamily(UncertainBody):
     """Frames whose quantities are uncertain.
@@ -244,16 +259,7 @@ class FrameFamily(UncertainBody):
 
     def reach_hz(self, count: int) -> float:
         """A frequency above the first `count` natural frequencies, whatever holds at most six DOFs, Hz."""
-        recipe, wanted = replace(self.recipe, element="converged"), count + MOST_HELD
-        top = 1.0
-        for _ in range(_TRIES):
-            frequency = recipe.structure({}, recipe.mesh((), top)).modes().frequency_hz
-            # a mesh that is too coarse for it has modes too high, so that this goes down to where it is fine
-            highest = float(frequency[min(wanted, frequency.size) - 1])
-            if wanted <= frequency.size and highest <= top:
-                return min(top, 1.01 * highest)
-            top = max(4 * top, 1.0) if wanted > frequency.size else 1.01 * max(highest, top)
-        raise ModelError(f"frame: found no frequency with {wanted} modes below; expected one; correct the units")
+        return _reach_hz(self.recipe, count) if is_hashable(self.recipe) else _reach_hz.__wrapped__(self.recipe, count)
 
     def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
         """Modes of each body over its shape numbers, scaled, all of them in rising order."""
