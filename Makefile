@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:  # two pip runs in one environment break it
-.PHONY: help report test lint docs bench numbers fuzz science clean
+.PHONY: help report test lint docs bench numbers pages fuzz science clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -46,6 +46,9 @@ bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against oth
 	$(BIN)/python -m benchmarks.uncertain
 	$(BIN)/python -m benchmarks.noise
 	$(BIN)/python -m benchmarks.small_data --portal
+
+pages: $(VENV)/.stamp-test  ## write what README and docs quote of files and past runs, their figures, pages made from the code
+	$(BIN)/python -m benchmarks.numbers --write-only
 
 numbers: $(VENV)/.stamp-test  ## run every shipped case and write what README and docs quote of them (minutes)
 	$(BIN)/python -m benchmarks.numbers

@@ -1,19 +1,21 @@
-"""Figures of the pages in `docs/examples/`, drawn while the documentation is built (`benchmarks.docs_hook`).
+"""Figures of the pages in `docs/examples/`, which `benchmarks.numbers` draws there.
 
 A page names them ``<case>-<kind>.svg``; the kinds are the keys of `FIGURES`. The sketch of the structure is drawn from
 the case file, everything else from ``docs/examples/<case>.json``, the few hundred numbers that `benchmarks.numbers`
-keeps of a run. `python -m benchmarks.example_figures FOLDER` writes them all into a folder.
+keeps of a run. `python -m benchmarks.example_figures FOLDER` writes them all into another folder.
 """
 
 import argparse
 import json
 import math
 import re
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rcParams
 from numpy.typing import NDArray
 
 import jointbayes as jb
@@ -22,7 +24,7 @@ from jointbayes.frf import Ports
 from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.prediction import frfs_as_measured
-from jointbayes.report.canvas import extremes, logarithmic, panels, svg
+from jointbayes.report.canvas import add_strokes, extremes, logarithmic, panels, points_of_polyline, svg
 from jointbayes.report.frf_curves import frf_unit
 from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.structure_sketch import sketch
@@ -35,17 +37,19 @@ RECORD = ROOT / "docs" / "numbers.json"
 #: Points of a curve, and draws, that are kept.
 POINTS, DRAWS = 240, 400
 _MOST_FRFS = 6  # in one figure
+_MARGIN = 28  # characters that fit into that of the intervals
+_UNSEEN = 0.05  # of ln |H|: less than a point in every figure
 #: Numbers that the page of one case alone quotes.
 NUMBERS: dict[str, Callable[[Posterior], dict[str, float]]] = {"two_storeys": example_data.moments}
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
-_INCLUDED = re.compile(r'^--8<-- "configs/(\w+)\.toml"$', re.MULTILINE)
+_SHOWN = re.compile(r"^<!--numbers file configs/(\w+)\.toml-->$", re.MULTILINE)
 _FIGURE = re.compile(r"\]\((\w+)-(\w+)\.svg\)")
 
 
 def examples() -> dict[str, Path]:
     """Cases that pages of `docs/examples/` show whole, and their pages."""
     pages = sorted(FOLDER.glob("*.md"))
-    return {name: page for page in pages for name in _INCLUDED.findall(page.read_text(encoding="utf-8"))}
+    return {name: page for page in pages for name in _SHOWN.findall(page.read_text(encoding="utf-8"))}
 
 
 def named() -> dict[str, tuple[str, str]]:
@@ -99,6 +103,18 @@ def _short(values: NDArray[np.float64]) -> list[float]:
     return [float(f"{value:.4g}") for value in values]
 
 
+def light(draw: Callable[[Any], None], width: float, height: float) -> str:
+    """A figure for the repository: no small ticks, and characters instead of their outlines, a third of the bytes."""
+
+    def drawn_light(canvas: Any) -> None:
+        rcParams.update({"svg.fonttype": "none", "font.sans-serif": ["DejaVu Sans"]})  # `svg` puts back what it found
+        draw(canvas)
+        for axes in canvas.axes:
+            axes.minorticks_off()
+
+    return svg(drawn_light, width, height)
+
+
 def structure(name: str) -> str:
     """What is where: bodies, joints, sensors and forces."""
     return sketch(jb.load_case(ROOT / "configs" / f"{name}.toml").problem.parts[0])
@@ -115,9 +131,13 @@ def fit(name: str) -> str:
         for axes in grid[len(frfs) :]:
             axes.remove()
         for axes, frf in zip(grid, frfs, strict=False):
-            axes.plot(frf["hz"], frf["measured"], ".", ms=2.5, color=_ORANGE, label="data")
-            axes.fill_between(frf["hz"], frf["low"], frf["high"], color=_BLUE, alpha=0.35, lw=0, label="95 % band")
-            axes.plot(frf["hz"], frf["map"], lw=0.9, color=_BLUE, label="MAP")
+            _dots(axes, frf["hz"], frf["measured"], lw=1.2, ec=_ORANGE)
+            axes.plot([], [], ".", ms=2.5, color=_ORANGE, label="data")  # the entry of the legend
+            hz, curves = np.array(frf["hz"]), np.stack([frf[k] for k in ("low", "high", "map")], axis=1)
+            some = points_of_polyline(hz, np.log(curves), _UNSEEN)
+            low, high, best = curves[some].T
+            axes.fill_between(hz[some], low, high, color=_BLUE, alpha=0.35, lw=0, label="95 % band")
+            axes.plot(hz[some], best, lw=0.9, color=_BLUE, label="MAP")
             logarithmic(axes)
             axes.set_xlabel("Frequency (Hz)")
             axes.set_ylabel(f"|H| ({frf_unit(frf['quantity'], frf['output'], frf['input'])})")
@@ -125,7 +145,14 @@ def fit(name: str) -> str:
             axes.set_title(f"{setup}{frf['output']} / {frf['input']}", fontsize=9, loc="right")
         canvas.legend(*grid[0].get_legend_handles_labels(), ncols=3, loc="upper left")
 
-    return svg(draw, 7.4, 0.55 + 2.5 * rows)
+    return light(draw, 7.4, 0.55 + 2.5 * rows)
+
+
+def _dots(axes: Any, x: list[float], y: list[float], **style: Any) -> None:
+    """Points in one path, a fifth of the bytes of markers."""
+    add_strokes(axes, np.array(x), np.array(y), np.array(y), zorder=2, **style)
+    axes.update_datalim(np.stack([x, y], axis=1))
+    axes.autoscale_view()
 
 
 def intervals(name: str) -> str:
@@ -145,9 +172,9 @@ def intervals(name: str) -> str:
             axes.set_xscale("log")
             axes.set_xlim(low / 1.5, high * 1.5)
             axes.set_ylim(-1, 1)
-            axes.set_yticks([0], [f"{k}, {entry['unit']}\n{entry['words']}"])
+            axes.set_yticks([0], [f"{k}, {entry['unit']}\n{textwrap.fill(entry['words'], _MARGIN)}"])
 
-    return svg(draw, 7.4, 0.3 + 0.75 * len(names))
+    return light(draw, 7.4, 0.3 + 0.75 * len(names))
 
 
 def draws(name: str) -> str:
@@ -157,14 +184,14 @@ def draws(name: str) -> str:
 
     def draw(canvas: Any) -> None:
         axes = panels(canvas, top=0.3)[0, 0]
-        axes.plot(kept["draws"][one], kept["draws"][other], ".", ms=3, alpha=0.5, color=_BLUE)
+        _dots(axes, kept["draws"][one], kept["draws"][other], lw=1.5, alpha=0.5, ec=_BLUE)
         known = [[case[k]["reference"] for k in (one, other)]]
         for pair in example_data.solutions() if name == "two_storeys" else known:
             axes.plot(*pair, "+", ms=14, mew=1.5, color=_GREEN)
         axes.set_xlabel(f"{one} ({case[one]['unit']})")
         axes.set_ylabel(f"{other} ({case[other]['unit']})")
 
-    return svg(draw, 5.0, 3.4)
+    return light(draw, 5.0, 3.4)
 
 
 def brings(name: str) -> str:
@@ -185,7 +212,7 @@ def brings(name: str) -> str:
             axes.set_xlabel(f"sd of ln {k}")
         canvas.legend(*grid[0].get_legend_handles_labels(), ncols=2, loc="upper left")
 
-    return svg(draw, 7.8, 0.9 + 0.32 * len(rows))
+    return light(draw, 7.8, 0.9 + 0.32 * len(rows))
 
 
 #: Kinds of figures by the word in their file name.

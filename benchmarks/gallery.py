@@ -1,17 +1,14 @@
-"""Published stiffnesses and our intervals, the figure of docs/published.md, from `docs/numbers.json`.
+"""Published stiffnesses and our intervals, the figure of docs/published.md, which `benchmarks.numbers` draws."""
 
-It is drawn while the documentation is built (`benchmarks.docs_hook`).
-"""
-
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import jointbayes as jb
-from benchmarks.quoted import OBJECTIVES, ROOT, stiffnesses
-from jointbayes.report.canvas import panels, svg
+from benchmarks.example_figures import light
+from benchmarks.quoted import OBJECTIVES, ROOT, Record, stiffnesses
+from jointbayes.report.canvas import panels
 from jointbayes.report.line_plot import SERIES_COLOURS
 
 #: Cases of the page, in its order.
@@ -24,7 +21,7 @@ CASES = (
     "four_storeys",
     "eighteen_storeys",
 )
-FIGURE = "published.svg"
+FIGURE = ROOT / "docs" / "figures" / "published.svg"
 _KNOWN = 0.1  # standard deviation of ln k along a direction that counts as known
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
 
@@ -40,9 +37,8 @@ def known_directions(posterior: Path) -> dict[str, Any]:
 KEPT = {"eighteen_storeys": known_directions}
 
 
-def drawn() -> str:
+def drawn(record: Record) -> str:
     """Interval and median of each stiffness over its published value, and all published ones, as SVG text."""
-    record = json.loads((ROOT / "docs" / "numbers.json").read_text(encoding="utf-8"))
     rows = [(name, i, k) for name in CASES for i, k in enumerate(stiffnesses(record["cases"][name]))]
 
     def draw(canvas: Any) -> None:
@@ -58,8 +54,7 @@ def drawn() -> str:
         axes.set_xscale("log")
         axes.set_xlim(0.55, 2.7)
         axes.set_xticks([0.6, 0.8, 1, 1.25, 1.5, 2, 2.5], ["0.6", "0.8", "1", "1.25", "1.5", "2", "2.5"])
-        axes.minorticks_off()
         axes.set_yticks(places, [f"{name}: {k}" for name, _, k in rows])
         axes.set_xlabel("Stiffness over its published value")
 
-    return svg(draw, 7.4, 0.75 + 0.27 * len(rows))
+    return light(draw, 7.4, 0.75 + 0.27 * len(rows))

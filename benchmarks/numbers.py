@@ -2,7 +2,8 @@
 
 Every case of `configs/` is run by the command line as a user runs it, with its own settings and seed. What came out is
 kept in `docs/numbers.json`, and the marked places of README and docs are written from it (`benchmarks.quoted`). What
-the figures of an example show is kept beside its page (`benchmarks.example_figures`).
+the figures of an example show is kept beside its page (`benchmarks.example_figures`). Figures, and pages that are made
+from the code, are written with them.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import example_data, example_figures, gallery, quoted, readme_figure
+from benchmarks import example_data, example_figures, gallery, quoted, readme_figure, reference_pages
 from benchmarks.record import environment
 from jointbayes.case.case_text import read_case_text
 
@@ -218,12 +219,20 @@ def runnable() -> list[str]:
     return [name for name, path in shipped().items() if "run" in claims(path)]
 
 
+def made_files(record: dict[str, Any]) -> dict[Path, str]:
+    """Files that are made whole: the pages that the code writes, and the figures of runs."""
+    files = {ROOT / "docs" / name: page() for name, page in reference_pages.PAGES.items()}
+    files |= {example_figures.FOLDER / name: text for name, text in example_figures.drawn().items()}
+    return files | {readme_figure.FIGURE: readme_figure.drawn(record), gallery.FIGURE: gallery.drawn(record)}
+
+
 def main() -> None:
     """Run what is asked for, keep it, and write README and docs from the record."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parts = [*runnable(), "compare", "identify"]
     parser.add_argument("part", nargs="*", help=f"what to run again; by default all of {', '.join(parts)}")
-    parser.add_argument("--write-only", action="store_true", help="run nothing; write README and docs from the record")
+    only = "run nothing; write pages and figures from the record and the code"
+    parser.add_argument("--write-only", action="store_true", help=only)
     options = parser.parse_args()
     unknown = set(options.part) - set(parts)
     if unknown:
@@ -233,13 +242,11 @@ def main() -> None:
         print(part, flush=True)
         record = renewed(record, part)
         RECORD.write_text(json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
-    readme_figure.FIGURE.write_text(readme_figure.drawn(record), encoding="utf-8")
-    for page in quoted.pages():
-        text = page.read_text(encoding="utf-8")
-        written = quoted.written(text, record)
-        if written != text:
-            page.write_text(written, encoding="utf-8")
-            print(f"written: {page.relative_to(ROOT)}")
+    quoting = {page: quoted.written(page.read_text(encoding="utf-8"), record) for page in quoted.pages()}
+    for path, text in (quoting | made_files(record)).items():
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+            print(f"written: {path.relative_to(ROOT)}")
 
 
 if __name__ == "__main__":

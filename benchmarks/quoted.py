@@ -1,4 +1,4 @@
-"""The places of README and docs that quote runs, written from `docs/numbers.json` between two comments.
+"""The places of README and docs that quote runs or files, written from `docs/numbers.json` between two comments.
 
 A number within a line: ``<!--n clamped_beam.k11.ratio .3g-->3.83<!--/n-->``, the path in the record and the format.
 A block: ``<!--numbers run clamped_beam-->`` on a line of its own, then the block, then ``<!--/numbers-->``. The kinds
@@ -246,6 +246,15 @@ def _made(record: Record) -> list[str]:
     return [f"Runs of {e['date']}, {e['system']}, Python {e['python']}, {packages}."]
 
 
+def _file(_: Record, path: str, part: str = "") -> list[str]:
+    """A file of the repository, or what stands in it between the comments `begin` and `end` of a part."""
+    text = (ROOT / path).read_text(encoding="utf-8")
+    if part:
+        text = text.partition(f"# begin {part}\n")[2].partition(f"# end {part}\n")[0]
+    suffix = path.rpartition(".")[2]
+    return [f"```{'python' if suffix == 'py' else suffix}", *text.strip("\n").splitlines(), "```"]
+
+
 BLOCKS: dict[str, Callable[..., list[str]]] = {
     "run": _run,
     "check": _check,
@@ -258,4 +267,5 @@ BLOCKS: dict[str, Callable[..., list[str]]] = {
     "objectives": _objectives,
     "left_out": _left_out,
     "made": _made,
+    "file": _file,
 }

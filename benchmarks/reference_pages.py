@@ -1,4 +1,4 @@
-"""Pages of the reference that are made from the code while the documentation is built (`benchmarks.docs_hook`)."""
+"""Pages of the reference that are made from the code, which `benchmarks.numbers` writes into `docs/`."""
 
 import inspect
 import json
@@ -16,12 +16,13 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.cli.commands import main
 from jointbayes.report.guides import terms
 
+_NOTE = "<!-- `make pages` writes this page from the code: change the code. -->"
 CASE_FILE = Path(__file__).resolve().parents[1] / "docs" / "case-file.md"
 
 
 def command_line() -> str:
     """Every command with its arguments and options, as `--help` says it."""
-    lines = ["# Command line", "", "Made from the program: the same as `jointbayes COMMAND --help`.", ""]
+    lines = ["# Command line", "", _NOTE, "", "Made from the program: the same as `jointbayes COMMAND --help`.", ""]
     lines += [*_paragraphs(main), *_options(main, click.Context(main, info_name="jointbayes"))]
     lines += ["| Command | What it does |", "|---|---|"]
     lines += [
@@ -96,7 +97,7 @@ def case_keys() -> str:
         if anchor := sections.get((table, key)):
             row = (key, anchor, _cell(field.description or ""), default_of(field))
             tables.setdefault(row, {})[f"`[{table}]`" if table else "top level"] = None
-    lines = ["# All keys of the case file", ""]
+    lines = ["# All keys of the case file", "", _NOTE, ""]
     lines += ["Made from the program: what its error messages expect of each key.", ""]
     lines += ["| Key | Table | Expected | Default |", "|---|---|---|---|"]
     for (key, anchor, expected, default), names in sorted(tables.items()):
@@ -123,7 +124,7 @@ def _sections_of_keys() -> dict[tuple[str, str], str]:
 def glossary() -> str:
     """The terms of reports, as their appendix has them."""
     rows = [f"| {_escaped(term)} | {_escaped(meaning)} |" for term, meaning in terms().items()]
-    head = ["# Glossary", "", "As in the appendix of each report.", "", "| Term | Meaning |", "|---|---|"]
+    head = ["# Glossary", "", _NOTE, "", "As in the appendix of each report.", "", "| Term | Meaning |", "|---|---|"]
     return "\n".join([*head, *rows, ""])
 
 

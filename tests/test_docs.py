@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import example_figures, gallery, reference_pages, report_gallery
+from benchmarks import reference_pages, report_gallery
 
 import jointbayes as jb
 from jointbayes.case.spec.whole import CaseSpec
@@ -177,24 +177,43 @@ def test_what_the_api_page_describes_is_of_the_package_or_of_the_module_that_it_
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_case_file_and_page_named_exists(page):
+def test_every_case_file_named_exists(page):
     text = page.read_text(encoding="utf-8")
     made_up = {"configs/typo.toml", "configs/three.toml", "configs/clamped_bem.toml"}
     for name in set(re.findall(r"configs/\w+\.toml", text)) - made_up:
         assert (ROOT / name).is_file(), name
-    drawn = example_figures.named()
-    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
-        made = drawn if page.parent == DOCS / "examples" else {gallery.FIGURE, *reference_pages.PAGES}
-        assert (page.parent / target).exists() or target in made, target
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_heading_that_a_link_names_is_there(page):
-    for target, anchor in re.findall(r"\]\(([^)#:]*)#([^)]+)\)", page.read_text(encoding="utf-8")):
-        there = page.parent / target if target else page
-        if there.is_file():
-            headings = re.findall(r"^#+ +(.*)$", there.read_text(encoding="utf-8"), re.MULTILINE)
-            assert anchor in map(reference_pages.anchor_of, headings), f"{target}#{anchor}"
+def _prose(page: Path) -> str:
+    """Text of a page without what stands in fences."""
+    return re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+
+
+def _anchors(page: Path) -> set[str]:
+    """Names of the headings of a page to which both a code host and mkdocs lead: the latter joins dashes in a row."""
+    headings = re.findall(r"^#+ +(.*)$", _prose(page), re.MULTILINE)
+    on_host = {re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-") for heading in headings}
+    return on_host & set(map(reference_pages.anchor_of, headings))
+
+
+def test_every_local_link_leads_on_in_the_repository_as_it_is_checked_out():
+    if not (ROOT / ".git").exists():
+        pytest.skip("no clone: which files belong to the repository is not known")
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    tracked = {ROOT / name for name in listed.split("\0") if name}
+    there = tracked | {folder for path in tracked for folder in path.parents}
+    dead, count = [], 0
+    for page in sorted(path for path in tracked if path.suffix == ".md" and path.exists()):
+        prose = re.sub(r"`[^`]*`", "", _prose(page))
+        for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", prose):
+            count += 1
+            to = (page.parent / target).resolve() if target else page
+            if to not in there or not to.exists() or (anchor and anchor not in _anchors(to)):
+                dead.append(f"{page.relative_to(ROOT)}: {target}#{anchor}")
+        if re.search(r"^ *--8<--", page.read_text(encoding="utf-8"), re.MULTILINE):
+            dead.append(f"{page.relative_to(ROOT)}: an include, which only a build of the site would carry out")
+    assert dead == []
+    assert count > 300
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.name)
@@ -281,8 +300,7 @@ def test_the_list_of_cases_has_every_case_of_the_repository():
 def test_every_page_is_in_the_navigation_once_and_behind_its_links():
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:\n")[1]
     listed = re.findall(r": ([\w/-]+\.md)$", navigation, re.MULTILINE)
-    pages = [page.relative_to(DOCS).as_posix() for page in PAGES if page != README]
-    assert sorted(listed) == sorted([*pages, *reference_pages.PAGES])
+    assert sorted(listed) == sorted(page.relative_to(DOCS).as_posix() for page in PAGES if page != README)
     top = re.findall(r"^  - (.*?):", navigation, re.MULTILINE)
     assert top == ["Start", "Tutorial", "How to", "Explanation", "Reference"]
 

@@ -25,17 +25,17 @@ pytestmark = pytest.mark.docs
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = quoted.pages()
-#: A block; those with a mark before them belong to a walk-through, which runs them.
-BLOCK = re.compile(r"^(<!--\w+-->\n)?( *)```(\w*)[^\n]*\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
+#: A block; those with a mark before them belong to a walk-through, which runs them, or show a file.
+BLOCK = re.compile(r"^(<!--(?:numbers file .*|\w+)-->\n)?( *)```(\w*)[^\n]*\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 KINDS = {"bash", "console", "diff", "python", "text", "toml"}
 
 
 def blocks(*kinds):
-    """Text of every block of these kinds, named after its page; what pages include, and walk-throughs answer, aside."""
+    """Text of every block of these kinds, named after its page; files that pages show, and walk-throughs, aside."""
     found = []
     for page in PAGES:
         every = BLOCK.findall(page.read_text(encoding="utf-8"))
-        texts = [text for mark, _, kind, text in every if kind in kinds and not mark and not text.startswith("--8<--")]
+        texts = [text for mark, _, kind, text in every if kind in kinds and not mark]
         found += [pytest.param(text, id=f"{page.stem}-{i}") for i, text in enumerate(texts, 1)]
     return found
 

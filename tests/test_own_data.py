@@ -20,7 +20,7 @@ from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
 
 
-# --8<-- [start:example]
+# begin example
 @dataclass(frozen=True, eq=False)
 class StaticDeflections(Data):
     """Deflection under a static force, shape (outputs, inputs), m/N, with standard deviations of the same shape."""
@@ -77,7 +77,7 @@ def static_section(data, inputs):
     return ReportSection("deflections", "Static deflections", (table,))
 
 
-# --8<-- [end:example]
+# end example
 
 
 DOFS = ("1:y", "1:rz", "5:y")
