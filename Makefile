@@ -7,7 +7,7 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 BIN := $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 CASE := clamped_beam
-MARKS ?= not science and not docs
+MARKS ?= not science and not docs and not whole
 SECONDS ?= 60
 
 # The linear algebra is small: more BLAS threads only get in each other's way, and in xdist's.
@@ -29,7 +29,7 @@ report: $(VENV)/.stamp-run  ## run configs/clamped_beam.toml and write reports/c
 	@echo "Written:"
 	@find reports/$(CASE) -type f | LC_ALL=C sort | sed 's/^/  /'
 
-test: $(VENV)/.stamp-test  ## run the tests but those marked science or docs; MARKS= runs them all
+test: $(VENV)/.stamp-test  ## run the tests but those marked science, docs or whole; MARKS= runs them all
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "$(MARKS)" $(PYTEST_ARGS)
 
 lint: $(VENV)/.stamp-lint  ## ruff check, ruff format --check, mypy
