@@ -21,6 +21,12 @@ from jointbayes.own_directory import (
     sync_directory,
 )
 
+#: What files in the formats of other programs say of themselves, and how those begin that may be replaced.
+WRITTEN_BY = "written by: jointbayes"
+OURS = re.compile(
+    rb"(?:#|\$|\*\*|!) written by: jointbayes\r?\n|written by: jointbayes\0|    -1\r?\n   151\r?\njointbayes\r?\n|"
+    rb"MATLAB (?:5\.0|7\.3) MAT-file, Platform: jointbayes,"
+)
 _LONGEST = 100  # characters of the target's name in that of its scratch file; names end at 255 bytes
 #: Names of what is being written; a process that is alive holds a lock on it.
 _SCRATCH = re.compile(r"\..*\.[0-9a-f]{8}\.jointbayes", re.DOTALL)

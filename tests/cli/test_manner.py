@@ -189,6 +189,22 @@ def test_what_is_too_long_loses_what_was_expected_and_keeps_where_and_the_remedy
     assert shortened(f"/{'deep/' * 60}a.toml:3: key: found 1; expected 2; do").endswith("found 1; expected 2; do")
 
 
+@pytest.mark.parametrize("name", ["n" * 300, "some/" * 80 + "x", "/" + "n" * 300, "/deep" * 900])
+def test_of_an_endless_name_both_ends_stay_and_what_is_wrong_with_it(name):
+    short = shortened(f"jointbayes: {name}: File name too long")
+    assert re.fullmatch(r"jointbayes: /?(n+|some/[some/]+|deep/[/dep]+)…[^ ]{29}: File name too long", short), short
+    assert len(short) <= LONGEST
+
+
+@pytest.mark.parametrize("command", [("sample", "--out"), ("run", "--out"), ("simulate", "--format", "csv", "--out")])
+@pytest.mark.parametrize("name", ["n" * 300, "/".join(["n" * 60] * 90)])
+def test_a_name_that_no_file_can_have_is_refused_with_its_reason(case, command, name):
+    result = typed(command[0], case, *command[1:], name)
+    (line,) = without_stages(result.stderr)
+    assert (result.exit_code, re.match(r"jointbayes: \S{10,}…[n/]{29}: ", line) is not None) == (2, True)
+    assert "File name too long" in line
+
+
 # ---- validate
 
 

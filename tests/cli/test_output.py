@@ -5,6 +5,7 @@ import json
 import os
 import pty
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -145,3 +146,33 @@ def test_a_reader_that_leaves_ends_a_command_quietly(tmp_path):
         assert piped(arguments, tmp_path, 0) == (141, ""), arguments
     assert piped(["inspect", "none.npz"], tmp_path, 0)[0] == 2  # nothing was to be printed there
     assert piped(["inspect", "none.npz"], tmp_path, 0, both=True)[0] == 2
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a shell closes streams, and there is /dev/full")
+@pytest.mark.parametrize(
+    ("streams", "code", "said"),
+    [
+        ("2>&-", 0, ""),
+        (">&-", 0, ""),
+        (">&- 2>&-", 0, ""),
+        ("2>/dev/full", 0, ""),
+        (">/dev/full", 2, "jointbayes: standard output: No space left on device\n"),
+        ("--json >/dev/full", 2, "jointbayes: standard output: No space left on device\n"),
+    ],
+)
+def test_a_closed_or_full_stream_ends_no_command_without_a_word(tmp_path, streams, code, said):
+    hostile_archive(tmp_path / "sound.npz")
+    quiet = "" if "2>" in streams else "--quiet"
+    line = f"exec {shlex.quote(sys.executable)} -c {shlex.quote(MAIN)} inspect sound.npz {quiet} {streams}"
+    done = subprocess.run(["sh", "-c", line], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (code, said)
+    assert bool(done.stdout) == (streams in ("2>&-", "2>/dev/full"))
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems keep a directory that is somebody's")
+def test_a_working_directory_that_is_gone_is_named(tmp_path):
+    (tmp_path / "gone").mkdir()
+    line = f"rmdir ../gone; exec {shlex.quote(sys.executable)} -c {shlex.quote(MAIN)} init"
+    done = subprocess.run(["sh", "-c", line], cwd=tmp_path / "gone", capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == "jointbayes: the working directory: No such file or directory"

@@ -202,8 +202,6 @@ def test_a_place_that_cannot_be_written_is_found_before_any_work(config, tmp_pat
 
     monkeypatch.setattr("jointbayes.workflow.find_map", worked)
     for place in places(tmp_path):
-        if (command, place) == ("sample", "notes/mine"):
-            continue  # a file of draws may take the place of a file
         before = names(tmp_path)
         result = cli(command, config, "--out", place)
         assert (result.exit_code, result.stdout) == (2, ""), (place, result.output)
@@ -300,3 +298,43 @@ FILLED = (
     "    except OSError: pass\n    return run(*a, **o)\n"
     "run, workflow.run_adapted = workflow.run_adapted, filled\nmain()"
 )
+
+
+# ---- killed once the result is there
+
+
+@pytest.mark.parametrize("left", [{"run.npz", "stage-0.npz"}, {"stage-0.npz"}, set()])
+def test_what_a_run_killed_after_its_posterior_leaves_goes_with_the_next(config, tmp_path, monkeypatch, left):
+    with monkeypatch.context() as killed:
+        killed.setattr(UnfinishedRun, "discard", lambda _: None)
+        assert cli("sample", config, "--out", "x.nc").exit_code == 3
+    place = tmp_path / "x.nc.unfinished"
+    assert {path.name for path in place.iterdir()} == {".jointbayes", "run.npz", "stage-0.npz"}
+    for name in {"run.npz", "stage-0.npz"} - left:  # removed before it was killed, the former first
+        (place / name).unlink()
+    draws = jb.load_posterior("x.nc").theta.tobytes()
+    assert cli("sample", config, "--out", "x.nc", *(["--resume"] if left else [])).exit_code == 3
+    assert names(tmp_path) == ["clamp.toml", "x.nc"]
+    assert jb.load_posterior("x.nc").theta.tobytes() == draws
+
+
+def test_a_report_removes_the_unfinished_run_of_its_draws_and_no_other(
+    tmp_path, monkeypatch, frequency_posterior, cheap_posterior
+):
+    monkeypatch.chdir(tmp_path)
+    inputs = type(
+        "Inputs", (), {"summary": type("Summary", (), {"to_json": lambda _: {}})(), "__init__": lambda *_: None}
+    )
+    monkeypatch.setattr("jointbayes.report.inputs.ReportInputs", inputs)
+    monkeypatch.setattr("jointbayes.report.run_directory.write_run", lambda _, target, *__: target.mkdir(exist_ok=True))
+    frequency_posterior.save("draws.nc")
+    place = tmp_path / "out.unfinished"
+    for posterior, after in ((cheap_posterior, ["draws.nc", "out", "out.unfinished"]),
+                             (frequency_posterior, ["draws.nc", "out"])):  # fmt: skip
+        with UnfinishedRun(place, resume=True) as run:
+            run.begin({"seed": "1"})
+            run.keep_estimate({})
+            run._write_run()
+            posterior.save(place / "posterior.nc")
+        assert cli("report", "draws.nc", "--out", "out").exit_code in (0, 3)
+        assert names(tmp_path) == after

@@ -139,7 +139,7 @@ def field_58b(binary, count):
 
 
 def broken_tables(directory):
-    csv = sound(directory, "csv")
+    csv = sound(directory, "csv").split(b"\n", 1)[1]  # as another program writes it
     row = csv.split(b"\n")[5]
     head, rest = b"\n".join(csv.split(b"\n")[:2]) + b"\n", csv.split(b"\n")[2:]
 
@@ -292,7 +292,7 @@ def broken_hdf5(directory):
     heap = hdf5.index(b"GCOL")
     return {
         "hdf5 cut": (hdf5[:-500], "truncated file|cannot be read"),
-        "hdf5 signature alone": (hdf5[:8] + b"garbage" * 200, "part that cannot be read"),
+        "hdf5 signature alone": (hdf5[512:520] + b"garbage" * 200, "part that cannot be read"),
         "hdf5 heap damaged": (hdf5[: heap + 24] + bytes(16) + hdf5[heap + 40 :], "part that cannot be read"),
         "hdf5 of nothing": (hdf5_bytes(directory, lambda file: None), "found neither FRFs nor time histories"),
         "hdf5 sparse": (hdf5_bytes(directory, sparse), "found arrays of 9.6e.04 MB or more; expected at most"),

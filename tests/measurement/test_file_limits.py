@@ -4,6 +4,7 @@ import os
 import stat
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import h5py
@@ -289,3 +290,22 @@ def test_every_format_has_a_fuzz_target():
     from tests.fuzz.targets.files import TARGETS
 
     assert {target.name for target in TARGETS} == {*FORMATS, "lvm"}
+
+
+@pytest.mark.parametrize("name", ["a{}.npy", "xl/sheet{}.xml"])
+def test_an_archive_of_many_entries_is_refused_before_one_is_read(tmp_path, monkeypatch, name):
+    def archive(count):
+        with zipfile.ZipFile(tmp_path / "many.npz", "w") as made:
+            for number in range(count):
+                made.writestr(name.format(number), b"")
+
+    opened = []
+    listed = zipfile.ZipFile
+    archive(5001)
+    monkeypatch.setattr(zipfile, "ZipFile", lambda *args, **kw: opened.append(args) or listed(*args, **kw))
+    assert "found an archive of 5001 entries; expected at most 5000; join arrays, or split it" in refusal(
+        tmp_path / "many.npz"
+    )
+    assert opened == []
+    archive(5000)
+    assert "entries" not in refusal(tmp_path / "many.npz")

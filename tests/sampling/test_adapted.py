@@ -4,14 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from emcee.ensemble import walkers_independent
 from scipy import stats
 
+from jointbayes.errors import SamplingError
 from jointbayes.sampling import (
     INTERVAL,
     NormalScores,
     Proposal,
     SamplerSettings,
     StudentT,
+    UnfinishedRun,
     fit_proposal,
     quantile_error,
     run_adapted,
@@ -20,6 +23,7 @@ from jointbayes.sampling import (
 )
 from jointbayes.sampling.coordinate_maps import Identity, straightened
 from jointbayes.sampling.distribution_fit import first_mixture, most_likely_mixture
+from jointbayes.sampling.ensemble import Streams
 
 SETTINGS = SamplerSettings(walkers=24, max_steps=6000)
 WIDTH = 0.02
@@ -121,6 +125,56 @@ def test_a_run_that_mixes_well_and_wants_more_steps_goes_on_as_it_is():
     assert not chains.converged
     assert last is fitted
     assert (chains.discarded, chains.steps) == (0, 800)
+
+
+# ---- posteriors as thin as those where k12² comes up to k11 k22
+
+THIN = 1e-10
+
+
+def sheet(theta):
+    """x normal about 20, y within 1e-10 of it."""
+    x, y = theta.T
+    return -0.5 * (((x - 20) / 0.01) ** 2 + ((y - x) / THIN) ** 2)
+
+
+def on_sheet(rng, walkers=24):
+    x = 20 + 0.01 * rng.normal(size=(4, walkers))
+    return np.stack([x, x + THIN * rng.normal(size=x.shape)], axis=-1)
+
+
+def test_walkers_on_a_sheet_of_1e_minus_10_go_on_from_stage_to_stage(tmp_path, monkeypatch):
+    monkeypatch.setattr(sampler, "_STAGES", (100,))
+    rng = np.random.default_rng(3)
+    poor, start = Proposal(StudentT(np.full(2, 20.0), 1e-4 * np.eye(2), 5.0), 0.05, 0), on_sheet(rng)
+    assert not any(walkers_independent(walkers) for walkers in start)  # by emcee's measure they have collapsed
+    settings = replace(SETTINGS, max_steps=3000)
+    monkeypatch.setattr(sampler, "_SLOW_TAU", 0.0)  # the first stage is never enough
+
+    def draws(resume):
+        with UnfinishedRun(tmp_path / "run", resume=resume) as keeper:
+            keeper.begin({"seed": "4"})
+            return run_adapted(
+                sheet, start, np.random.default_rng(4), settings, systems=[Identity()], proposal=poor, keeper=keeper
+            )[0]
+
+    chains = draws(False)
+    assert (chains.converged, chains.discarded) == (True, 100)
+    x, y = chains.theta.reshape(-1, 2).T
+    assert x.std() == pytest.approx(0.01, rel=0.1)
+    assert (y - x).std() == pytest.approx(THIN, rel=0.1)
+    assert draws(True).theta.tobytes() == chains.theta.tobytes()
+
+
+def test_walkers_that_have_all_met_end_a_run_without_a_verdict_and_no_start_is_such():
+    one = np.ones((4, 24, 2))
+    later = Streams.from_generator(np.random.default_rng(1)).with_stage(1)
+    chains = run_ensembles(gaussian, one, later, replace(SETTINGS, max_steps=100))
+    assert not chains.converged
+    assert chains.reason.startswith("not converged after 100 steps")
+    for start in (one, on_sheet(np.random.default_rng(1))[..., :1] * [1.0, 1.0]):
+        with pytest.raises(SamplingError, match="do not span the 2 parameters"):
+            run_ensembles(gaussian, start, np.random.default_rng(1), SETTINGS)
 
 
 @pytest.mark.parametrize("limit", [100, 590, 1650])

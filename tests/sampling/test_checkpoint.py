@@ -212,6 +212,15 @@ def test_a_long_run_of_which_not_all_steps_are_held_goes_on_to_the_same_bits(beg
 # ---- directories and files that are not ours
 
 
+def test_a_stage_without_its_run_is_of_another_one_and_is_not_gone_on_with(begin, short, tmp_path):
+    place = tmp_path / "run"
+    killed(begin, place, 100, settings=SHORT)
+    (place / "run.npz").unlink()  # as a run that is killed while it removes its directory leaves it
+    with UnfinishedRun(place, resume=True) as keeper:
+        assert keeper.stage(0) is None
+        assert "stage-0.npz" not in {path.name for path in place.iterdir()}
+
+
 def test_a_directory_of_somebody_else_is_refused_and_stays(begin, tmp_path, monkeypatch):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis").write_text("mine", encoding="utf-8")

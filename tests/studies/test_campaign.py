@@ -280,6 +280,7 @@ class TestDriver:
         assert (seen[-1].total, seen[-1].done, seen[-1].figures["failed"], seen[-1].earlier) == (7, 7, 2, 0)
         assert {now.figures["running"] for now in seen} == {0, 1, 2}
         assert str(seen[-1]).startswith("sampling: 7 of 7 cases, 2 failed, 0 running")
+        assert all(now.text.split(" failed, ")[0].isdigit() for now in seen)
         pretend(tmp_path, ROWS, progress=seen.append)
         assert (seen[-1].done, seen[-1].figures["failed"], seen[-1].earlier) == (7, 2, 6)
 

@@ -73,8 +73,8 @@ class CaseText:
         What it is parsed to.
     places
         File and line of each key, table and list entry.
-    setup, at, own
-        Of a set-up of a case its name, the key of its own table, and the keys that stand in that.
+    bases, setup, at, own
+        Files that it builds on; of a set-up its name, the key of its own table, and the keys that stand in that.
     """
 
     name: str
@@ -84,6 +84,19 @@ class CaseText:
     setup: str = ""
     at: KeyPath = ()
     own: frozenset[KeyPath] = frozenset()
+    bases: tuple[Path, ...] = ()
+
+    @property
+    def files(self) -> list[Path]:
+        """Itself, the files that it builds on, and those of measurements that it names."""
+        home, found = Path(self.name).parent, [Path(self.name), *self.bases]
+
+        def note(name: str) -> str:
+            found.append(home / name)
+            return name
+
+        rename_files(self.data, note)
+        return found
 
     def written(self, path: KeyPath) -> KeyPath:
         """A key as the file has it, or may have it: in the table of the set-up where that says anything of it."""
@@ -166,10 +179,11 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
         mistake = "found a text that is no file and builds on one"
         raise CaseError(source.fault((_EXTENDS,), mistake, "a text that is whole", "load it as a file"))
     *chain, whole = _chain(source, file, allow_outside)
+    bases = tuple(Path(text.name) for text in (*chain[1:], whole))
     for over in reversed(chain):
         whole = _merged(whole, over)
     names = ", ".join(dict.fromkeys(printable(Path(file).name) for file, _ in whole.places.values()))
-    return replace(whole, text=f"# Merged from {names}\n{toml_text(whole.data)}")
+    return replace(whole, text=f"# Merged from {names}\n{toml_text(whole.data)}", bases=bases)
 
 
 def _parsed(text: str, name: str) -> CaseText:

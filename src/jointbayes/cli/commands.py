@@ -8,7 +8,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any
 
@@ -16,7 +16,7 @@ import click
 
 from jointbayes.cli import files, run, studies
 from jointbayes.cli.common import BAD_INPUT, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
-from jointbayes.cli.output import EVERYWHERE, fail, is_closed, let_go, manner, print_json
+from jointbayes.cli.output import EVERYWHERE, fail, is_closed, let_go, manner, open_closed_streams, print_json
 from jointbayes.errors import JointBayesError, ReportInterruptedError, TerminatedError, printable
 
 
@@ -33,6 +33,9 @@ def _well_behaved(*, json: bool) -> Iterator[None]:
             raise
         let_go(sys.stdout)
         sys.exit(OUTPUT_CLOSED)
+    except OSError as error:  # standard output is full
+        fail(f"jointbayes: {_place_of(error)}{error.strerror or error}")
+        sys.exit(BAD_INPUT)
     except click.ClickException as error:
         object.__setattr__(error, "message", printable(error.message))  # click says that it is final
         if json:
@@ -67,6 +70,7 @@ class _Commands(click.Group):
     """Prints what is wrong with the input on one line and exits 2: a traceback would be a bug."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> click.Context:  # noqa: ANN401 (click's own signature)
+        open_closed_streams()
         json = "--json" in args[1]
         with _well_behaved(json=json):
             context = super().make_context(*args, **kwargs)
@@ -105,11 +109,19 @@ class _Commands(click.Group):
         except OSError as error:
             if isinstance(error, BrokenPipeError) and is_closed(sys.stdout):
                 raise
-            place = f"{error.filename}: " if error.filename else ""
-            fail(f"jointbayes: {place}{error.strerror or error}")
+            fail(f"jointbayes: {_place_of(error)}{error.strerror or error}")
         else:
             return
         sys.exit(BAD_INPUT)
+
+
+def _place_of(error: OSError) -> str:
+    if error.filename:
+        return f"{error.filename}: "
+    with suppress(OSError):
+        os.getcwd()
+        return ""
+    return "the working directory: "  # somebody has removed it
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

@@ -63,6 +63,7 @@ def load(config: Path) -> "Case":
     # what is wrong with the file itself is said before anything heavy is loaded
     show_stage(Progress("reading the case", str(config)), on_terminal_only=True)
     text = read_case_text(config, manner().allow_outside)
+    manner().read += text.files
     specs, texts = parse_setups(text), setup_texts(text)
     show_stage(Progress("loading the data of the case and building its model"))
     each = (input_warnings(spec, texts[name], spec.data.band_hz) for name, spec in specs.items())
@@ -109,9 +110,9 @@ def unfinished(
     ) as kept:
         try:
             yield kept
-        except WriteError as error:
+        except (CaseError, WriteError) as error:
             if kept.holds_a_run:
-                raise WriteError(f"{error}; or make room and go on with: {again}") from error
+                raise type(error)(f"{error}; or make room and go on with: {again}") from error
             raise
         except KeyboardInterrupt:
             if kept.holds_a_run:
@@ -151,12 +152,6 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
     for errors_of in (posterior.mesh, posterior.noise_of_bodies):
         for line in () if errors_of is None or errors_of.within else errors_of.sentences:
             say(line)
-
-
-def require_parent(target: Path) -> None:
-    """Refuse a file to write in a directory that does not exist."""
-    if not target.absolute().parent.is_dir():
-        raise CaseError(f"{target}: found no directory {target.parent}; expected one that exists; make it first")
 
 
 def exit_by_convergence(posterior: "Posterior") -> None:

@@ -11,6 +11,7 @@ import click
 from jointbayes.cli import common
 from jointbayes.cli.output import fail, manner, print_json, say, warn
 from jointbayes.cli.progress_display import show_stage
+from jointbayes.cli.targets import force_option, require_free
 from jointbayes.errors import CaseError
 from jointbayes.progress import Progress
 
@@ -62,7 +63,7 @@ def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, s
     if target.suffix != ".toml":
         remedy = f"write {target}.toml, or make the directory first"
         raise CaseError(f"{target}: found neither a directory nor the name of a case; expected NAME.toml; {remedy}")
-    common.require_parent(target)
+    require_free(target, "name")
     if not measured:
         manner().result |= {"case": str(target), "questions": []}
         write_whole_file(target, files("jointbayes.cli").joinpath("minimal.toml").read_bytes())
@@ -73,16 +74,6 @@ def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, s
     lines = [str(i) for i, line in enumerate(text.splitlines(), 1) if '"?' in line and not line.startswith("#")]
     manner().result |= {"case": str(target), "questions": [int(line) for line in lines]}
     say(f'Case: {target}; answer each "?" (lines {", ".join(lines)}), then: jointbayes run {target}')
-
-
-def require_other_file(written: Path, read: Path, option: str) -> None:
-    """Refuse to write a file over the one that the command reads."""
-    try:
-        same = written.samefile(read)
-    except (OSError, ValueError):
-        return  # one of them is not there
-    if same:
-        raise CaseError(f"{written}: found the file that is read; expected another one; choose another {option}")
 
 
 def format_of_ending(path: Path, formats: dict[str, tuple[str, ...]]) -> str:
@@ -103,6 +94,7 @@ def format_of_ending(path: Path, formats: dict[str, tuple[str, ...]]) -> str:
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Measurement file to write.")
 @click.option("--format", "form", type=click.Choice(list(FORMATS)), help="By default that of the file's ending.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the test; by default that of [virtual_test].")
+@force_option
 def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> None:
     """Measure the truth of a case in a virtual test and write a measurement file, or one for each set-up.
 
@@ -111,17 +103,19 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
       jointbayes simulate configs/virtual_test.toml --out test.uff
     """
     from jointbayes.case.case import load_case
+    from jointbayes.case.case_text import read_case_text
     from jointbayes.case.simulated_test import describe
     from jointbayes.case.simulated_test import simulate as measure
     from jointbayes.measurement.formats import write_records
 
     chosen = form or format_of_ending(out, FORMATS)
-    require_other_file(out, config, "--out")
+    manner().read += read_case_text(config, manner().allow_outside).files
+    require_free(out, "--out")
     case = load_case(config, allow_outside=manner().allow_outside)
     targets = {setup.name: out.with_stem(f"{out.stem}-{setup.name}") if setup.name else out for setup in case.setups}
     measured = {}
     for setup in case.setups:  # all of them before any is written
-        require_other_file(targets[setup.name], config, "--out")
+        require_free(targets[setup.name], "--out")
         measured[setup.name] = measure(case, setup=setup.name, seed=seed)
     for name, records in measured.items():
         write_records(records, targets[name], chosen)
@@ -139,6 +133,7 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
               metavar="LOW HIGH")  # fmt: skip
 @click.option("--conjugate", is_flag=True, help="Take the complex conjugates of the FRFs, as [data] of a case may.")
 @common.layout_option
+@force_option
 def inspect_command(
     file: Path,
     figure: Path | None,
@@ -157,10 +152,11 @@ def inspect_command(
     show_stage(Progress("reading the file", str(file)), on_terminal_only=not file.is_file())
     from jointbayes.measurement.inspection import contents_of, with_resonances
     from jointbayes.measurement.inspection_text import contents_text, resonances_text
-    from jointbayes.whole_file import write_whole_file
+    from jointbayes.whole_file import WRITTEN_BY, write_whole_file
 
     if figure is not None:
-        require_other_file(figure, file, "--figure")
+        manner().read.append(file)
+        require_free(figure, "--figure")
     if band and not band[0] < band[1]:
         raise CaseError(f"--band: found {band[0]:g} {band[1]:g}; expected LOW below HIGH, in Hz; exchange them")
     inspection = contents_of(file, mass, conjugate=conjugate, layout=layout)
@@ -179,7 +175,8 @@ def inspect_command(
         from jointbayes.report.inspect_figure import inspect_figure
 
         traces = [(f"{t.channel} hit {t.hit.number}", t.hit.reason, t.time_s, t.force_n) for t in inspection.hits]
-        write_whole_file(figure, inspect_figure(inspection.frfs, inspection.modes, traces).encode())
+        drawn = inspect_figure(inspection.frfs, inspection.modes, traces)
+        write_whole_file(figure, f"{drawn}<!-- {WRITTEN_BY} -->\n".encode())
         say(f"Figure: {figure}")
 
 

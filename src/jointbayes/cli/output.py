@@ -1,5 +1,6 @@
 """What commands print: one way out, on which nothing in a foreign name steers the terminal and no line is endless."""
 
+import io
 import json
 import os
 import re
@@ -17,6 +18,8 @@ from jointbayes.errors import printable
 #: Characters of a message; what it says beyond is printed with --verbose, and stands in --json and in reports.
 LONGEST = 200
 _SHOWN_BYTES = 1e7  # no line of a larger file is shown
+#: A name, a path from here, and one from the root that no system takes.
+_LONG_NAME = re.compile(r"[^\s/]{81,}|(?<!\S)[^\s/]\S{160,}|\S{1000,}")
 _VALUE = r"\s*=\s*(?:\[[^\]]*\]?|\{[^}]*\}?|\"[^\"]*\"?|[^,}#\s]*)"
 _FAULT = re.compile(r"(?:jointbayes: )?(?P<file>.+?):(?P<line>\d+): (?P<key>\S.*?): (?P<message>.*)")
 
@@ -30,6 +33,8 @@ class Manner:
     json: bool = False
     open: bool = False
     allow_outside: bool = False
+    force: bool = False
+    read: list[Path] = field(default_factory=list)  # what must not be written over
     written: Path | None = None
     unfinished: str = "nothing was written"
     told: dict[str, Any] = field(default_factory=lambda: {"messages": [], "warnings": [], "errors": []})
@@ -64,15 +69,18 @@ def shortened(text: str, most: int = LONGEST) -> str:
     """A message of no more than so many characters, those of directories not counted: what is cut ends where words do.
 
     Of a fault what was expected is cut, so that where it is, what was found and what to do stay. A message on how to go
-    on, which says where hours of work are kept, is never cut.
+    on, which says where hours of work are kept, is never cut. Of an endless name both ends stay.
 
     Examples
     --------
     >>> shortened("a.toml:3: key: found 1; expected one of twelve; remove it", 50)
     'a.toml:3: key: found 1; expected one …; remove it'
     """
-    most += sum(map(len, re.findall(r"(?<!\S)/\S*/", text)))
     if len(text) <= most or "go on with: " in text:
+        return text
+    text = _LONG_NAME.sub(lambda name: f"{name[0][:40]}…{name[0][-30:]}", text)
+    most += sum(map(len, re.findall(r"(?<!\S)/\S*/", text)))
+    if len(text) <= most:
         return text
     fault = re.fullmatch(r"(.*?; expected )(.*)(; .*)", text)
     begin, middle, end = fault.groups() if fault else ("", text, "")
@@ -103,10 +111,13 @@ def say(line: str, *, err: bool = False) -> None:
 def _write(text: str, *, err: bool, nl: bool = True) -> None:
     try:
         click.echo(text, err=err, nl=nl)
-    except BrokenPipeError:
-        if not err:
+    except OSError as error:
+        if err:
+            let_go(sys.stderr)
+        elif isinstance(error, BrokenPipeError):
             raise
-        let_go(sys.stderr)
+        else:
+            raise OSError(error.errno, error.strerror, "standard output") from error
 
 
 _shown = 0  # characters of the line that is updated on the terminal
@@ -170,7 +181,7 @@ def print_json(whole: Any) -> None:  # noqa: ANN401 (what JSON knows)
     """Print one JSON object."""
     from jointbayes.posterior.rounding import json_ready
 
-    click.echo(json.dumps(json_ready(whole), indent=2, allow_nan=False))  # in ASCII, which steers no terminal
+    _write(json.dumps(json_ready(whole), indent=2, allow_nan=False), err=False)  # in ASCII, which steers no terminal
 
 
 def report_written(directory: Path) -> None:
@@ -180,6 +191,15 @@ def report_written(directory: Path) -> None:
     say(f"Report: {page} and {directory / 'report.pdf'}")
     if manner().open:
         click.launch(str(page))
+
+
+def open_closed_streams() -> None:
+    """Put a stream that goes nowhere in the place of one that is closed, as by ``2>&-``, for all that writes to it."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_WRONLY)  # at the lowest free number, mostly its own
+            os.set_inheritable(nowhere, True)
+            setattr(sys, name, io.TextIOWrapper(io.FileIO(nowhere, "w"), encoding="utf-8"))
 
 
 def is_closed(stream: TextIO) -> bool:

@@ -1,18 +1,23 @@
 """Commands on one case or its posterior: run, identify, sample, report, check."""
 
 import sys
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
 
 from jointbayes.cli import common
-from jointbayes.cli.files import FORMATS, format_of_ending, require_other_file
+from jointbayes.cli.files import FORMATS, format_of_ending
 from jointbayes.cli.output import manner, open_option, report_written, say
 from jointbayes.cli.progress_display import show_progress, show_stage
-from jointbayes.errors import CaseError, ReportError, ReportInterruptedError
+from jointbayes.cli.targets import force_option, require_free, require_outside
+from jointbayes.errors import CaseError, JointBayesError, ReportError, ReportInterruptedError
 from jointbayes.progress import Progress
+
+if TYPE_CHECKING:
+    from jointbayes.posterior import Posterior
 
 
 @open_option
@@ -38,6 +43,7 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
 
     target = out or Path("reports") / case.name
     require_writable(target, room=room_of_run(case.problem, case.sampler, report=True))
+    require_outside(target)
     with common.unfinished("run", config, out, target, seed, resume=resume) as kept:
         posterior = common.draw(case, seed, kept)
         inputs = ReportInputs(posterior)
@@ -121,6 +127,7 @@ def identify(config: Path, *, paper: bool) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Posterior file; by default <case name>.nc.")
 @common.seed_option
 @common.resume_option
+@force_option
 def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> None:
     """Sample a case and write the draws, without a report.
 
@@ -134,13 +141,11 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
     from jointbayes.report.run_directory import require_room, room_of_run
 
     target = out or Path(f"{case.name}.nc")
-    common.require_parent(target)
-    if target.exists() and not target.is_file():
-        kind = "a directory" if target.is_dir() else "no regular file"
-        raise CaseError(f"{target}: found {kind}; expected a file; choose another --out")
+    require_free(target, "--out", posterior=True)
     require_room(target, room_of_run(case.problem, case.sampler, report=False))
     with common.unfinished("sample", config, out, target, seed, resume=resume) as kept:
         posterior = common.draw(case, seed, kept)
+        require_free(target, "--out", posterior=True)  # once more: hours may have passed
         save_draws(posterior, target)
         manner().written = target
         kept.discard()
@@ -157,6 +162,19 @@ def _posterior_file(given: Path) -> Path:
         words = "found a case file; expected a posterior.nc or a run directory"
         raise CaseError(f"{given}: {words}; run it first: jointbayes run {given}")
     return given / "posterior.nc" if given.is_dir() else given
+
+
+def _remove_unfinished(target: Path, reported: "Posterior") -> None:
+    """Remove the unfinished run beside a run directory where it holds the draws that are now there."""
+    from jointbayes.sampling import UnfinishedRun
+    from jointbayes.workflow import load_posterior
+
+    place = target.with_name(f"{target.name}.unfinished")
+    with suppress(JointBayesError):  # damaged, or somebody else's
+        kept = place / "posterior.nc"
+        if kept.is_file() and load_posterior(kept).theta.tobytes() == reported.theta.tobytes():
+            with UnfinishedRun(place, resume=True) as run:
+                run.discard()
 
 
 @open_option
@@ -187,6 +205,7 @@ def report(posterior: Path, out: Path | None) -> None:
     inputs = ReportInputs(loaded)
     with draws_explained(posterior, target):
         manner().written = write_run(loaded, target, show_stage, inputs)
+    _remove_unfinished(target, loaded)
     manner().result |= inputs.summary.to_json()
     report_written(target)
     common.exit_by_convergence(loaded)
@@ -207,6 +226,7 @@ _EXPORTED = {
 @click.option("--setup", help="Set-up, where there are several; by default the first.")
 @click.option("--node", "nodes", multiple=True, metavar="NAME=NUMBER", help="Number of a node with a name; repeatable.")
 @click.option("--first-id", type=click.IntRange(1, 90_000_000), default=900001, help="First number that cards may use.")
+@force_option
 def export(
     posterior: Path,
     target: Path,
@@ -233,7 +253,8 @@ def export(
     if wrong := [name + sign + number for name, sign, number in pairs if not (name and number.isdecimal())]:
         raise CaseError(f"--node: found {wrong[0]!r}; expected NAME=NUMBER, such as footA=17; correct it")
     source = _posterior_file(posterior)
-    require_other_file(target, source, "--to")
+    manner().read.append(source)
+    require_free(target, "--to")
     loaded = load_posterior(source)
     numbers = {name: int(number) for name, _, number in pairs}
     for line in write(loaded, target, chosen, setup=setup, units=units, nodes=numbers, first_id=first_id):

@@ -10,6 +10,7 @@ import click
 from jointbayes.cli import common
 from jointbayes.cli.output import manner, open_option, report_written, say
 from jointbayes.cli.progress_display import show_progress, show_stage
+from jointbayes.cli.targets import require_outside
 from jointbayes.errors import CaseError, WorkerError
 from jointbayes.progress import Progress
 
@@ -40,6 +41,7 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
 
     require_same_data(cases)
     if out is not None:
+        require_outside(out)
         require_room(out)
         if out.exists():
             with OwnDirectory(out, A_COMPARISON):  # what is not one is refused before any work
@@ -99,6 +101,7 @@ def plan(config: Path, out: Path | None, assume: tuple[str, ...], seed: int | No
     from jointbayes.studies.planning.plan_report import plan_lines
 
     directory = out or Path("reports") / f"{common.directory_name(case.name, config)}-plan"
+    require_outside(directory)
     require_room(directory)
     manner().unfinished = f"what is done is kept in {directory}; the same command goes on"
     with show_progress() as progress:
@@ -157,6 +160,7 @@ def calibrate(
     if source is not None and data_from is not None:
         name += f"-by-{common.directory_name(source.name, data_from)}"
     directory = out or Path("reports") / name
+    require_outside(directory)
     require_room(directory)
     manner().unfinished = f"the data sets that are done are kept in {directory}, where the same command goes on"
     with show_progress() as progress:
@@ -212,6 +216,8 @@ def campaign(cases: tuple[Path, ...], out: Path | None, **settings: Any) -> None
 
     target = out or Path("reports") / (cases[0].stem if cases[0].suffix.lower() in _TABLES else "campaign")
     kept = manner()
+    kept.read += [*cases, *filter(None, [settings["base"]])]
+    require_outside(target)
     with show_progress() as progress:
 
         def tell(now: Progress) -> None:

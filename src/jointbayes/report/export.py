@@ -93,9 +93,7 @@ def export(
     said += [f"node {number} is {name}" for name, number in numbers.items()]
     with whole_file(target) as temporary:
         if form == "csv":
-            write_table(frfs, temporary, ",")
-            remarks = "".join(f"# {line}\n" for line in ascii_lines(said))
-            temporary.write_text(remarks + temporary.read_text(encoding="utf-8"), encoding="utf-8")
+            write_table(frfs, temporary, ",", ascii_lines(said))
         elif form == "mat":
             write_matlab(arrays_of(frfs) | _blocks(posterior, part, stiffness, modes), temporary)
         else:

@@ -19,6 +19,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, printable
 from jointbayes.joint.joint import Joint
 from jointbayes.joint.quantities import DIRECTIONS, is_rotation
+from jointbayes.whole_file import WRITTEN_BY
 
 Units = Literal["SI", "mm-N-t"]
 #: Millimetres for a metre, and what the system calls its units.
@@ -143,6 +144,7 @@ def fe_cards(
     """
     sign, write = PROGRAMS[program]
     said = [
+        WRITTEN_BY,
         f"Units: {_LENGTHS[units][1]}; rotations in rad, right-handed. Directions are the model's: those of the nodes "
         "must be parallel to them.",
         "Signs: forces that deform the joint = K * (motion of its first node - motion of its second, or of ground, 0): "

@@ -182,6 +182,8 @@ class UnfinishedRun:
         names = self._own.names()
         self.holds_a_run = bool(names & {_RUN, *_OLDER})
         if not self.holds_a_run:
+            for number in self._stage_numbers():  # of a run whose end was killed as it removed them
+                self._own.remove(_STAGE.format(number))
             if self._resume:
                 self._tell("found no unfinished run; beginning one")
             return

@@ -104,7 +104,7 @@ def run_ensembles(
     number = streams.stage
     kept = None if keeper is None else keeper.stage(number)
     if kept is None:
-        stage, states, spent = Stage(), initial_states(log_density, start, settings), 0.0
+        stage, states, spent = Stage(), initial_states(log_density, start, settings, first=number == 0), 0.0
     else:
         stage, states, spent = kept
         require_same_density(log_density, states)

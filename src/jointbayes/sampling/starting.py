@@ -179,8 +179,13 @@ def _share(moves: list[WeightedMove], share: float) -> list[WeightedMove]:
     return [WeightedMove(m.name, m.move, share * m.weight) for m in moves]
 
 
-def initial_states(log_density: LogDensity, start: Array, settings: SamplerSettings) -> list[EnsembleState]:
-    """Check the start and compute the log-density there."""
+def initial_states(
+    log_density: LogDensity, start: Array, settings: SamplerSettings, *, first: bool = True
+) -> list[EnsembleState]:
+    """Check the start and compute the log-density there.
+
+    A stage that is not the first one goes on from wherever the walkers are, as it would without an end between.
+    """
     start = np.array(start, dtype=np.float64)
     if start.ndim != 3 or start.shape[:2] != (settings.ensembles, settings.walkers):
         raise SamplingError(
@@ -190,7 +195,8 @@ def initial_states(log_density: LogDensity, start: Array, settings: SamplerSetti
     settings.require_dimension(start.shape[2])
     states = []
     for index, theta in enumerate(start):
-        _require_spanning(theta, index)
+        if first:
+            _require_spanning(theta, index)
         values = Checked(log_density)(theta)
         outside = np.flatnonzero(np.isneginf(values))
         if outside.size:
@@ -203,16 +209,19 @@ def initial_states(log_density: LogDensity, start: Array, settings: SamplerSetti
 
 
 def _require_spanning(theta: Array, index: int) -> None:
-    from emcee.ensemble import walkers_independent
-
     bad = np.flatnonzero(~np.isfinite(theta).all(axis=1))
     if bad.size:
         raise SamplingError(
             f"sampler start: the position of walkers {bad.tolist()} of ensemble {index} is not finite, "
             "expected finite numbers"
         )
-    if not walkers_independent(theta):
+    offset = theta - theta.mean(axis=0)
+    size, dimension = np.abs(offset).max(axis=0), theta.shape[1]
+    rounding = np.spacing(np.abs(theta).max(axis=0)) * np.sqrt(theta.size)
+    # A posterior may be a sheet a millionth of a millionth thick, as where k12² comes up to k11 k22: what walkers found
+    # there spans all the same. Only rounding tells nothing.
+    if (size <= rounding).any() or np.linalg.svd(offset / size, compute_uv=False)[-1] <= (rounding / size).max():
         raise SamplingError(
-            f"sampler start: the walkers of ensemble {index} do not span the {theta.shape[1]} parameters, "
+            f"sampler start: the walkers of ensemble {index} do not span the {dimension} parameters, "
             "expected them scattered in every direction: the moves never leave the subspace they start in"
         )

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from jointbayes.errors import MeasurementError, path_fault
 from jointbayes.frf import FrfSet, Quantity
-from jointbayes.measurement.formats.array_files import read_arrays
+from jointbayes.measurement.formats.array_files import read_arrays, zip_entries
 from jointbayes.measurement.formats.array_walk import records_of_tree
 from jointbayes.measurement.formats.grid import cut_to_band, join_frfs
 from jointbayes.measurement.formats.lvm import read_lvm
@@ -92,8 +92,7 @@ def _binary_format(path: Path, head: bytes) -> str | None:
         return "hdf5"
     if head.startswith(b"PK\x03\x04"):
         try:
-            with zipfile.ZipFile(path) as archive:
-                names = archive.namelist()
+            names = [entry.filename for entry in zip_entries(path)]
         except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
             raise MeasurementError(
                 f"{path}: found a zip archive that is cut off or damaged; expected a complete npz file; copy it again"

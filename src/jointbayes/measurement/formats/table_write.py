@@ -10,6 +10,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.units import si_frf_unit, si_sensor_unit
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+from jointbayes.whole_file import WRITTEN_BY
 
 
 def table_columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[str, str]]:
@@ -61,12 +62,12 @@ def _frf_columns(frfs: Sequence[FrfRecord]) -> tuple[list[str], list[Array], dic
     return names, columns, {"averages": ", ".join(told if len(set(told)) > 1 else told[:1])}
 
 
-def write_table(records: Sequence[Record], path: Path, delimiter: str) -> None:
-    """Write records as a table; numbers with as many digits as it takes to read them back exactly."""
+def write_table(records: Sequence[Record], path: Path, delimiter: str, remarks: Sequence[str] = ()) -> None:
+    """Write records as a table, remarks above; numbers with as many digits as it takes to read them back exactly."""
     names, columns, comments = table_columns(records)
     with path.open("w", encoding="utf-8", newline="") as file:
-        for key, value in comments.items():
-            file.write(f"# {key}: {value}\n")
+        for line in (WRITTEN_BY, *remarks, *(f"{key}: {value}" for key, value in comments.items())):
+            file.write(f"# {line}\n")
         writer = csv.writer(file, delimiter=delimiter, lineterminator="\n")
         writer.writerow(names)
         for row in zip(*(column.tolist() for column in columns), strict=True):

@@ -1,13 +1,13 @@
 """Tables in Excel workbooks (``.xlsx``): the first sheet that holds one, read as a table in text is."""
 
 import warnings
-import zipfile
 from collections.abc import Generator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from jointbayes.errors import MeasurementError
+from jointbayes.measurement.formats.array_files import zip_entries
 from jointbayes.measurement.formats.table import table_records
 from jointbayes.measurement.formats.table_text import Lines, read_text_table
 from jointbayes.measurement.records import Record, refuse_damage
@@ -31,8 +31,7 @@ def read_xlsx(path: Path, layout: Mapping[str, str] | None = None) -> Generator[
             "workbook: found an Excel file; expected the package openpyxl, which reads it; pip install "
             "jointbayes[files], or save the sheet as CSV"
         ) from None
-    with zipfile.ZipFile(path) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
+    size = sum(entry.file_size for entry in zip_entries(path))
     if size > _MOST_BYTES:
         raise MeasurementError(
             f"workbook: found {size / 1e6:.3g} MB when unpacked; expected at most {_MOST_BYTES >> 20}; save it as CSV"

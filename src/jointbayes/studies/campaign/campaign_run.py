@@ -264,7 +264,7 @@ class _Counter:
 
     def _count(self, row: Row) -> None:
         done = row["status"] == DONE
-        self._ended.update(cases=1, failed=not done, not_converged=done and not row["converged"])
+        self._ended.update(cases=1, failed=int(not done), not_converged=int(done and not row["converged"]))
 
     def ended(self, row: Row) -> None:
         """Count a case that has ended."""
