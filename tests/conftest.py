@@ -25,7 +25,6 @@ from jointbayes.report import ReportInputs, figures, inputs
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.workflow import sample
-
 from tests.cost import Cost
 
 # A shell's background job ignores interrupts, and whatever it starts would: the tests that send one could not see it.
