@@ -16,7 +16,7 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT, listed: Path
     parser.add_argument("ids", nargs="*", metavar="ID", help="mutants; by default all of the list")
     parser.add_argument("--resume", action="store_true", help="take over outcomes that the file has of the same code")
     parser.add_argument("--copies", type=int, default=2, help="how many at a time, by default 2")
-    parser.add_argument("--outcomes", type=Path, default=Path("mutants.jsonl"), help="file that outcomes are kept in")
+    parser.add_argument("--outcomes", type=Path, default=Path("mutants.jsonl"), help="file that outcomes are added to")
     given = parser.parse_args(arguments)
     mutants = read_list(listed)
     if unknown := set(given.ids) - {mutant.id for mutant in mutants}:
@@ -25,12 +25,10 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT, listed: Path
     if faults := [fault for mutant in chosen for fault in mutant.faults(root)]:
         print("\n".join(faults))
         return 1
-    if not given.resume:
-        given.outcomes.unlink(missing_ok=True)
     begun, rooms = time.monotonic(), rooms_of(chosen)
     with tempfile.TemporaryDirectory(prefix="jointbayes-mutants-") as place:
         copies = [copy_tree(root, Path(place, str(number))) for number in range(given.copies)]
-        trials = Trials(root, copies, given.outcomes)
+        trials = Trials(root, copies, given.outcomes, resume=given.resume)
         trials.run(rooms.values())
         sound = [mutant for mutant in chosen if trials.good(rooms[mutant.room])]
         trials.run(sound)

@@ -160,15 +160,15 @@ def attempt(mutant: Mutant, root: Path, copy: Path, mark: str) -> Outcome:
 
 
 class Trials:
-    """Runs mutants in copies of a tree, as many at a time as there are copies, and keeps the outcomes in a file.
+    """Runs mutants in copies of a tree, as many at a time as there are copies, and adds the outcomes to a file.
 
-    Outcomes that the file has of the same mutant in the same code are taken over; a line that was cut off is none.
+    To resume takes over those that the file has of the same mutant in the same code; a line that was cut off is none.
     """
 
-    def __init__(self, root: Path, copies: Sequence[Path], kept: Path) -> None:
+    def __init__(self, root: Path, copies: Sequence[Path], kept: Path, *, resume: bool) -> None:
         self._root, self._copies, self._kept, self._tree = root, copies, kept, fingerprint(root)
         self._done: dict[str, Outcome] = {}
-        for line in kept.read_text(encoding="utf-8").splitlines() if kept.exists() else []:
+        for line in kept.read_text(encoding="utf-8").splitlines() if resume and kept.exists() else []:
             with suppress(ValueError, TypeError):
                 outcome = Outcome(**json.loads(line))
                 self._done[outcome.mark] = outcome
@@ -201,7 +201,7 @@ class Trials:
                 outcome = done.result()
                 self._done[outcome.mark] = outcome
                 with self._kept.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(asdict(outcome)) + "\n")
+                    file.write(f"\n{json.dumps(asdict(outcome))}")  # after what may have been cut off
                 print(outcome, flush=True)
         finally:
             pool.shutdown(cancel_futures=True)

@@ -90,11 +90,14 @@ def test_what_is_done_is_not_done_again_unless_the_tree_is_another(command, runs
     assert len(runs) == 2
     kept = tmp_path / "outcomes.jsonl"
     kept.write_text(kept.read_text()[:-20])  # cut off in the line of the mutant
-    assert command(KILLED, arguments=["--resume"]) == 0
-    assert len(runs) == 3
+    for _ in range(2):
+        assert command(KILLED, arguments=["--resume"]) == 0
+        assert len(runs) == 3
     (tree / "tests/test_thing.py").write_text(f"{TESTED}\n")
     assert command(KILLED, arguments=["--resume"]) == 0
     assert len(runs) == 5
+    assert command(KILLED) == 0
+    assert len(runs) == 7
 
 
 def test_a_mutant_is_not_killed_by_tests_that_fail_without_it(command, monkeypatch, capsys):
