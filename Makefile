@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:  # two pip runs in one environment break it
-.PHONY: help report test lint docs bench numbers pages fuzz science clean
+.PHONY: help report test lint docs bench numbers pages fuzz mutants same science clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -56,6 +56,9 @@ numbers: $(VENV)/.stamp-test  ## run every shipped case and write what README an
 
 fuzz: $(VENV)/.stamp-test  ## damaged input for every reader, SECONDS=60 each; what fails is kept in fuzz-offenders/
 	$(BIN)/python -m tests.fuzz all --seconds $(SECONDS)
+
+mutants: $(VENV)/.stamp-test  ## single wrong lines put into a copy of the tree one at a time: each must fail a test; minutes
+	$(BIN)/python -m tests.mutants $(MUTANTS)
 
 science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies against known truths: hours
 	$(BIN)/python -m pytest -n auto --dist worksteal -m science

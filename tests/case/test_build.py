@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
+from jointbayes.case.spec.structure_table import RayleighDampingSpec
 from jointbayes.errors import CaseError
 from jointbayes.frf import Ports
 from jointbayes.inference import (
@@ -129,6 +130,11 @@ def test_a_loss_factor_makes_the_beam_complex_and_not_the_joint():
     beam = cantilever(math.pi * 0.025**2 / 4, math.pi * 0.025**4 / 64)
     found = receptance(case, [3e8, 0.0, 2e5])
     assert found == pytest.approx(beam / (1 + 0.3j) + 1 / 3e8 + L**2 / 2e5, rel=1e-6)
+
+
+def test_the_factors_of_rayleighs_damping_are_those_of_mass_and_stiffness():
+    law = RayleighDampingSpec(law="rayleigh", alpha_per_s=3.0, beta_s=1e-6).built()
+    assert (law.alpha, law.beta) == (3.0, 1e-6)
 
 
 TRUTH = "[data.truth]                 # the joint that makes the data: Table 3 of the paper"

@@ -200,6 +200,14 @@ def test_antiresonances_are_exact_from_soft_joints_to_rigid_ones(dof):
             assert ends == [number - 1, number]
 
 
+def test_antiresonances_of_several_points_come_in_the_order_in_which_they_are_asked_for():
+    asked = (("11:y", 1), ("6:y", 1), ("8:y", 1), ("11:y", 2))
+    together = HeldFrequencies(rod(), CLAMP, *zip(*asked, strict=True)).frequency_hz(STIFF)[0]
+    alone = [HeldFrequencies(rod(), CLAMP, (dof,), (number,)).frequency_hz(STIFF)[0, 0] for dof, number in asked]
+    np.testing.assert_allclose(together, alone, rtol=1e-7)
+    assert len(set(np.round(alone))) == len(asked)
+
+
 def test_the_derivative_of_antiresonances_is_that_of_differences():
     model = HeldFrequencies(rod(), CLAMP, ("11:y", "6:y", "11:y"), (1, 2, 3))
     directions = np.array([[[1e6, 0], [0, 0]], [[0, 1e4], [1e4, 0]], [[0, 0], [0, 1e3]]])

@@ -150,8 +150,11 @@ def test_data_set_164_counts_where_the_axes_have_no_unit(tmp_path):
     contradicted = only(tmp_path / "b", inch + function_58(H))
     np.testing.assert_allclose(contradicted.values, H, rtol=1e-12)
     assert contradicted.notes == ("unit (m/s^2)/N taken; data set 164 (Inch (pound f)) says otherwise",)
-    force = function_58(H.real, function=1, kinds=("time", "force", "none"), units=("s", "NONE", "NONE"))
-    np.testing.assert_allclose(only(tmp_path / "c", inch + force).values, H.real * 4.4482216152605, rtol=1e-9)
+    for kind in ("force", "excitation"):
+        force = function_58(H.real, function=1, kinds=("time", kind, "none"), units=("s", "NONE", "NONE"))
+        record = only(tmp_path / kind, inch + force)
+        assert record.quantity == "force"
+        np.testing.assert_allclose(record.values, H.real * 4.4482216152605, rtol=1e-9)
 
 
 def test_infinite_numbers_and_steps_stay_without_a_warning(tmp_path):

@@ -33,6 +33,15 @@ def test_a_brief_row_has_the_numbers_of_the_summary(request, which):
     assert not any(isinstance(cell, float) and not math.isfinite(cell) for cell in row.values())
 
 
+def test_what_is_said_of_a_quantity_besides_the_joint_is_that_of_its_logarithm(uncertain):
+    said = uncertain.summary().nuisances["gain"]
+    values, before = uncertain.values("gain"), uncertain.prior_values("gain")
+    assert said.sd_log == pytest.approx(np.log(values).std())
+    assert said.contraction == pytest.approx(1 - np.log(values).var() / np.log(before).var())
+    assert said.interval95 == pytest.approx(np.quantile(values, [0.025, 0.975]))
+    assert said.prior_interval95 == pytest.approx(np.quantile(before, [0.025, 0.975]))
+
+
 @pytest.mark.parametrize("which", ["cheap_posterior", "frequency_posterior", "uncertain"])
 def test_the_misfit_p_value_falls_below_its_level_where_there_is_a_misfit(request, which):
     check = request.getfixturevalue(which).check

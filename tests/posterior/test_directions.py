@@ -182,3 +182,14 @@ def test_a_linearised_spread_is_printed_as_the_ratio_of_the_ends_where_it_is_wid
 def test_one_sentence_holds_all():
     named = directions(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
     assert summary_sentence(named) == "; ".join(n.sentence for n in named) + "."
+
+
+@pytest.mark.parametrize(("slope", "doubled"), [(0.2, "+0.14"), (-0.3, "-0.21")])
+def test_a_coupling_that_moves_with_a_stiffness_is_told_by_what_it_changes_as_that_doubles(slope, doubled):
+    # ρ = slope · ln(k11/1e9), so that twice the k11 adds slope · ln 2
+    rng = np.random.default_rng(5)
+    log_ratio = np.clip(rng.normal(0.0, 0.9, 20_000), -3, 3)
+    k11, k22 = 1e9 * np.exp(log_ratio), 1e6 * np.exp(0.01 * rng.normal(size=20_000))
+    draws = np.stack([k11, slope * log_ratio * np.sqrt(k11 * k22), k22], axis=-1)
+    sentence = summary_sentence(name_directions(draws, prior_draws(signed=True)))
+    assert f"(rho moves with it, {doubled} as k11 doubles)" in sentence

@@ -102,6 +102,14 @@ class TestImportance:
         np.testing.assert_allclose(sample.std(axis=0), sd, rtol=0.06)
         assert draws.weight.sum() == pytest.approx(1.0)
 
+    def test_draws_where_the_density_is_zero_count_among_the_draws(self):
+        def half_normal(theta):  # integrates to one
+            return np.where(theta[:, 0] > 0, stats.norm.logpdf(theta[:, 0]) + math.log(2), -np.inf)
+
+        proposal = Proposal(StudentT(np.zeros(1), np.eye(1), 5.0), 0.5, 0)
+        found = importance_evidence(half_normal, proposal, np.random.default_rng(6))
+        assert abs(found.log_z) < 4 * found.error < 0.05
+
     def test_a_proposal_beside_the_density_leaves_no_evidence(self):
         def far(theta):
             return np.where(theta[:, 0] > 1e9, 0.0, -np.inf)

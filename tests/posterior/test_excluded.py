@@ -84,6 +84,23 @@ def test_a_rigid_joint_is_excluded_by_data_that_bound_each_stiffness_from_below(
     assert joints["uncoupled"].ratio < 1
 
 
+def test_by_how_much_a_rigid_joint_is_less_likely_is_what_it_misses_the_data_by(monkeypatch):
+    problem = two_lengths(exact(TABLE_3)).problem
+    best = problem.parametrisation.coordinates(TABLE_3)
+    posterior = SimpleNamespace(
+        problem=problem,
+        estimate=SimpleNamespace(theta=best, modes=(), starts_for_draws=((best, np.eye(3)),)),
+        mode_theta=best,
+        thinned=lambda _: best + 0.01 * np.eye(3),
+        solutions=SimpleNamespace(nearest=lambda theta: np.zeros(len(theta), dtype=int)),
+    )
+    monkeypatch.setattr("jointbayes.posterior.excluded.known_by_bounds", lambda _: ("",))
+    rigid = by_kind(simpler_joints(posterior))["rigid"]
+    measured, sd = (np.array([getattr(p.test.data, n)[0] for p in problem.parts]) for n in ("frequency_hz", "sd_hz"))
+    # ln L falls by half the sum of the squares, and 2 ln of the ratio is told
+    assert rigid.ratio == pytest.approx((((np.array(exact(RIGID)) - measured) / sd) ** 2).sum(), rel=1e-3)
+
+
 def test_a_joint_that_is_rigid_is_not_excluded(bounded):
     rigid = two_lengths(exact(RIGID)).problem
     posterior = replace(bounded, problem=rigid, estimate=replace(bounded.estimate, theta=bounded.theta[0]))

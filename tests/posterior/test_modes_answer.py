@@ -16,7 +16,13 @@ from jointbayes.errors import CaseError
 from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Uniform
 from jointbayes.joint import PlainSprings
 from jointbayes.measurement import ModeData, Observed
-from jointbayes.posterior.modes_answer import is_of_measured_frfs, modes_problem
+from jointbayes.posterior.modes_answer import (
+    ModesProblem,
+    UsedMode,
+    is_of_measured_frfs,
+    modes_problem,
+    which_to_believe,
+)
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.sections.lead import answer_text
 from jointbayes.workflow import sample_quickly
@@ -223,3 +229,24 @@ def test_quick_draws_of_two_springs_in_a_thin_sheet_have_the_quantiles_of_a_grid
         for probability in (0.025, 0.5, 0.975):
             drawn = float((quick.theta[:, column] <= np.interp(probability, below, axis)).mean())
             assert abs(drawn - probability) < 4 * math.sqrt(probability * (1 - probability) / len(quick.theta))
+
+
+@pytest.mark.parametrize(
+    ("stated", "explains", "believed", "reason"),
+    [
+        # the best of three resonances has an sd of 2⁻¹⁰ of it; that of the antiresonance does not count
+        (2**-10, True, False, "is stated to be wrong by 0.098 % of a natural frequency at most, less than the 0.098 %"),
+        (np.nextafter(2**-10, 1), True, True, "may be wrong by 0.098 % of a natural frequency, more than the 0.098 %"),
+        (2**-9, True, True, "may be wrong by 0.2 % of a natural frequency, more than the 0.098 %"),
+        (1e-9, False, True, "the model does not explain the FRFs within their noise"),
+    ],
+)
+def test_the_modes_are_believed_where_their_noise_is_below_the_models_error_or_the_frfs_are_not_explained(
+    stated, explains, believed, reason
+):
+    seen = [(64.0, 2**-3, ""), (256.0, 2**-2, ""), (512.0, 2.0, ""), (32.0, 2**-20, "5:y")]
+    used = tuple(UsedMode("", i, hz, sd, held) for i, (hz, sd, held) in enumerate(seen, 1))
+    asked = ModesProblem(problem=None, sizes=ErrorSizes(frequency=stated), used=used, left_out=())
+    answer = which_to_believe(SimpleNamespace(check=SimpleNamespace(explains=explains)), asked)
+    assert answer[0] is believed
+    assert reason in answer[1]

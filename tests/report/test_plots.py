@@ -9,10 +9,11 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.figure import Figure as Canvas
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
 
 import jointbayes as jb
 from jointbayes.posterior.setup_summary import setup_summaries
-from jointbayes.report import plots
+from jointbayes.report import drawing, plots
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.model import Figure
 from jointbayes.report.sections.fit_to_data import fit_section
@@ -110,6 +111,27 @@ def test_an_interval_stands_where_the_draws_have_it(cheap_posterior, axes):
     (segment, *_) = axes.collections[1].get_segments()
     assert_allclose(segment[:, 0], [low / middle, high / middle])
     assert axes.get_yticklabels()[0].get_text().startswith("k11 = ")
+
+
+def ends_of_bars(axes):
+    """Lower and upper ends of error bars, shape (bars, 2)."""
+    return np.array(axes.containers[0].lines[2][0].get_segments())[:, :, 1]
+
+
+def test_what_was_measured_has_bars_of_95_percent(axes):
+    measured, sd, normal = np.array([100.0, 400.0]), np.array([1.0, 2.0]), stats.norm.ppf(0.975)
+    drawing.draw_frequency_errors(axes, measured, sd, {"MAP": measured})
+    per_cent = 100 * sd / measured
+    assert_allclose(ends_of_bars(axes), normal * np.stack([-per_cent, per_cent], axis=1), rtol=1e-3)
+    axes = Canvas().subplots()
+    drawing.draw_mode_shape(axes, ("1:y", "2:y"), measured, sd, measured, measured - sd, measured + sd)
+    assert_allclose(ends_of_bars(axes), np.stack([measured - normal * sd, measured + normal * sd], axis=1), rtol=1e-3)
+
+
+def test_the_line_across_a_profile_is_at_its_95_percent(axes):
+    drawing.draw_profiles([axes], [("k22", np.arange(3.0), np.array([-4.0, 0.0, -4.0]))])
+    across = axes.lines[-1].get_ydata()
+    assert_allclose(across, -stats.chi2.ppf(0.95, df=1) / 2, rtol=1e-3)
 
 
 OF_A_POSTERIOR = [
