@@ -56,9 +56,11 @@ class Frame:
     ----------
     seed
         Of its sizes, its springs and its noise; seed modulo 5 gives the number of springs, four to eight.
+    driven
+        Point of the arm where it is hit, across: its head or its tip. By default the tip where that is free.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, driven: str | None = None) -> None:
         rng = np.random.default_rng([seed, 31])
         self.count = 4 + seed % 5
         self.height, self.arm = rng.uniform(0.3, 0.6), rng.uniform(0.3, 0.8)
@@ -72,9 +74,10 @@ class Frame:
         directions = ("y", "x")[: self.count - len(self.springs)]
         self.springs += [Spring("support", d, f"{tip}:{d}") for d in directions]
         self.stiffness = np.array([np.exp(rng.uniform(*np.log(ENDS[s.direction]))) for s in self.springs])
-        self.input, self.outputs = f"{head}:y", (f"{head}:y", f"{head.replace('head', 'middle')}:x")
-        self.points = {foot: (0.0, 0.0), top: (0.0, self.height), head: (0.0, self.height)}
         middle = head.replace("head", "middle")
+        at = {"head": head, "tip": tip}[driven or ("tip" if self.count == 6 else "head")]
+        self.input, self.outputs = f"{at}:y", (f"{at}:y", f"{middle}:{'y' if at == tip else 'x'}")
+        self.points = {foot: (0.0, 0.0), top: (0.0, self.height), head: (0.0, self.height)}
         self.points |= {middle: (0.4 * self.arm, self.height), tip: (self.arm, self.height)}
         self.members = ((foot, top), (head, middle), (middle, tip))
         self._rng = rng
@@ -200,9 +203,9 @@ class Found:
         return self.above > -TOLERANCE
 
 
-def search(seed: int) -> Found:
+def search(seed: int, driven: str | None = None) -> Found:
     """Search the mode of one frame, and climb from the truth to compare."""
-    frame = Frame(seed)
+    frame = Frame(seed, driven)
     problem = frame.problem()
     began = time.process_time()
     estimate = jb.find_map(problem, seed=seed)
@@ -218,10 +221,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=COUNT, help=f"frames; default {COUNT}")
     parser.add_argument("--seed", type=int, default=0, help="of the first; default 0")
+    parser.add_argument("--driven", choices=("head", "tip"), help="where every arm is hit; default its free end")
     options = parser.parse_args()
     outcomes = []
     for seed in range(options.seed, options.seed + options.count):
-        outcomes.append(search(seed))
+        outcomes.append(search(seed, options.driven))
         print(outcomes[-1], flush=True)
     found = sum(outcome.found for outcome in outcomes)
     print(f"{found} of {len(outcomes)} modes found, {sum(o.seconds for o in outcomes):.0f} s of CPU together")

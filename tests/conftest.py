@@ -37,6 +37,7 @@ if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:  # under nohup
 settings.register_profile("no clock", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("no clock")
 
+
 def pytest_configure(config: pytest.Config) -> None:
     """Measure what the tests cost."""
     config.pluginmanager.register(Cost())

@@ -184,7 +184,14 @@ def cli(*arguments):
 
 
 @pytest.mark.parametrize(
-    ("name", "begins"), [("a.uff", "    -1"), ("a.csv", "# written by: jointbayes\n# Joint"), ("a.bdf", "$"), ("a.inp", "**"), ("a.mac", "!")]
+    ("name", "begins"),
+    [
+        ("a.uff", "    -1"),
+        ("a.csv", "# written by: jointbayes\n# Joint"),
+        ("a.bdf", "$"),
+        ("a.inp", "**"),
+        ("a.mac", "!"),
+    ],
 )
 def test_the_ending_chooses_the_format_and_a_run_directory_will_do(saved, tmp_path, name, begins):
     result = cli(saved, "--to", tmp_path / name)
