@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jointbayes.arrays import Array
+from jointbayes.identification.least_squares import MANY_UNKNOWNS
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
 from jointbayes.identification.mode_search import Images, ModeSearch
 from jointbayes.identification.reconstruction import reconstructed_starts
@@ -60,7 +61,8 @@ def search_further(
 ) -> SearchEffort:
     """Go on searching while the best mode does not explain the data and starts disagree, at most three rounds.
 
-    First, and after each round, climbs begin at the images of the modes found so far, see `Images`. Each round matches
+    First, and after each round, climbs begin at the images of the modes found so far, see `Images`, and of many
+    unknowns on which few starts agree at the best mode with one spring moved elsewhere. Each round matches
     more natural frequencies, screens more draws, and lets all starts, and the modes known so far, climb first on a
     density that is flattened. Of many unknowns each reconstructs the joints' motions from more and
     other points as well, and what the last round gained says nothing of the next.
@@ -78,8 +80,11 @@ def search_further(
     """
     log_posterior = problem.log_posterior
     first, rounds, last_gain, many, images = search.best[1], 0, 0.0, False, Images.from_problem(problem)
+    many_unknowns = len(problem.parametrisation.names) >= MANY_UNKNOWNS
     while True:
         search.climb_images(images)
+        if many_unknowns and sum(search.reached().values()) < LEAST_AGREEING:
+            search.climb_moved()
         theta, density = search.best
         total, count = log_posterior.typical_squares(theta)
         # relative to the noise, and what noise alone hardly exceeds

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.identification.least_squares import PosteriorSquares, climb_all
-from jointbayes.identification.map_estimate import LocalMode, MapEstimate, StartOutcome
+from jointbayes.identification.map_estimate import GAIN, LocalMode, MapEstimate, StartOutcome
 from jointbayes.identification.refine import inside_the_edges, laplace_covariance, refine
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import Joints
@@ -37,6 +37,10 @@ _FALL = 0.01
 #: Rough ends that are lower than the best by `_LOWEST` and this are not refined, and no more than so many in one go.
 _UNREFINED, _REFINED = 20.0, 8
 _IMAGES = 8  # of a mode, from which to climb
+#: Of one coordinate with the others as they are, between its ends or so many prior standard deviations from its mean;
+#: of all coordinates so many climb at once.
+_PLACES, _WIDE = (0.03, 0.2, 0.4, 0.6, 0.8, 0.97), 2.0
+_MOVED = 72
 
 
 class ModeSearch:
@@ -118,9 +122,7 @@ class ModeSearch:
 
     def climb_on(self, weights: Sequence[Array]) -> None:
         """Climb from the modes found so far, first with these factors on the residuals: they are no new starts."""
-        rough = self._climbed(np.array([end.theta for end in self._refined]), weights)
-        density = self._posterior(rough)
-        self._refine_distinct([(rough[i], float(density[i])) for i in np.flatnonzero(np.isfinite(density))])
+        self._climb_from(np.array([end.theta for end in self._refined]), weights)
 
     def climb_images(self, images: Callable[[Array], Array]) -> None:
         """Climb from the highest images of each mode that may matter, until none is new: they are no new starts.
@@ -145,9 +147,31 @@ class ModeSearch:
             highest = np.argsort(-density, kind="stable")[:_IMAGES]
             theta = theta[highest[np.isfinite(density[highest])]]
             if len(theta):
-                rough = self._climbed(theta, ())
-                density = self._posterior(rough)
-                self._refine_distinct([(rough[i], float(density[i])) for i in np.flatnonzero(np.isfinite(density))])
+                self._climb_from(theta)
+
+    def climb_moved(self) -> None:
+        """Climb from the best mode with one coordinate of the joint moved elsewhere, as long as that leads higher.
+
+        Summits of many springs differ in one or two of them. These are no new starts.
+        """
+        prior, gained = self._posterior.prior, True
+        low, high = (np.clip(end, *prior.mean + _WIDE * np.outer((-1, 1), prior.sd)) for end in prior.support)
+        while gained:
+            theta, density = self.best
+            moved = np.tile(theta, (len(prior.marginals), len(_PLACES), 1))
+            for column, rows in enumerate(moved):
+                rows[:, column] = low[column] + np.array(_PLACES) * (high - low)[column]
+            moved = moved.reshape(-1, theta.size)
+            value = self._posterior(moved)
+            best = np.argsort(-value, kind="stable")[:_MOVED]
+            self._climb_from(moved[best[np.isfinite(value[best])]])
+            gained = self.best[1] - density > GAIN
+
+    def _climb_from(self, theta: Array, weights: Sequence[Array] = ()) -> None:
+        """Climb from points, shape (n, d), that are no new starts."""
+        rough = self._climbed(theta, weights)
+        density = self._posterior(rough)
+        self._refine_distinct([(rough[i], float(density[i])) for i in np.flatnonzero(np.isfinite(density))])
 
     def _climbed(self, theta: Array, weights: Sequence[Array]) -> Array:
         def tell(done: int, count: int) -> None:
