@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:  # two pip runs in one environment break it
-.PHONY: help report test lint docs bench numbers fuzz science clean
+.PHONY: help report test same lint docs bench numbers fuzz science clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -31,6 +31,9 @@ report: $(VENV)/.stamp-run  ## run configs/clamped_beam.toml and write reports/c
 
 test: $(VENV)/.stamp-test  ## run the tests but those marked science or docs; MARKS= runs them all
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "$(MARKS)" $(PYTEST_ARGS)
+
+same: $(VENV)/.stamp-test  ## run every case briefly, say what differs from what tests/same/kept holds; ARGS=--update keeps it
+	$(BIN)/python -m tests.same $(ARGS)
 
 lint: $(VENV)/.stamp-lint  ## ruff check, ruff format --check, mypy
 	$(BIN)/ruff check .
