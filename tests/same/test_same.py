@@ -8,7 +8,7 @@ import pytest
 
 from tests.same import __main__ as command
 from tests.same import runs
-from tests.same.cases import IN_CI
+from tests.same.cases import IN_CI, NAMES
 from tests.same.compare import Difference, differences, judged, masked
 from tests.same.record import number, sentences, without_passing
 
@@ -220,3 +220,10 @@ def test_the_command_keeps_compares_and_fails(run, tmp_path):
 def test_a_name_that_is_none_is_refused_and_ci_stands_for_five(run):
     assert run("two_stories")[0] == 2
     assert sorted(run("ci", "--update")[2]) == sorted(IN_CI)
+
+
+def test_each_case_is_kept_and_small():
+    sizes = {path.stem: path.stat().st_size for path in runs.KEPT.glob("*.json")}
+    assert sizes.keys() == set(NAMES)
+    assert max(sizes.values()) < 150_000
+    assert sum(sizes.values()) < 2_000_000
