@@ -32,6 +32,9 @@ report: $(VENV)/.stamp-run  ## run configs/clamped_beam.toml and write reports/c
 test: $(VENV)/.stamp-test  ## run the tests but those marked science, docs or whole; MARKS= runs them all
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "$(MARKS)" $(PYTEST_ARGS)
 
+same: $(VENV)/.stamp-test  ## run every case briefly, say what differs from what tests/same/kept holds; ARGS=--update keeps it
+	$(BIN)/python -m tests.same $(ARGS)
+
 lint: $(VENV)/.stamp-lint  ## ruff check, ruff format --check, mypy
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
