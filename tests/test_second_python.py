@@ -1,0 +1,69 @@
+"""What can differ by the version of Python or of a package: imports, the loops once, each command once.
+
+`.ci/run` runs these and the others marked `version` again with a second Python.
+"""
+
+import importlib
+import json
+import pkgutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jointbayes
+from jointbayes.cli.commands import main
+from tests.conftest import CONFIGS, cheap_text, edited
+
+pytestmark = [pytest.mark.version, pytest.mark.whole]
+
+SMALL = edited(
+    cheap_text(),
+    ("max_steps = 20000", "max_steps = 200"),
+    ("[identification]", '[virtual_test]\n[plan]\noutputs = ["3:y"]\n\n[identification]'),
+)
+#: Each with the exit codes that it may have: a run this short has not converged.
+COMMANDS = [
+    ("init", (0,)),
+    ("validate small.toml", (0,)),
+    ("identify small.toml", (0,)),
+    ("simulate small.toml --out tip.csv", (0,)),
+    ("inspect tip.csv", (0,)),
+    ("sample small.toml --out draws.nc --quiet", (0, 3)),
+    ("report draws.nc --out page", (0, 3)),
+    ("export draws.nc --to joint.bdf", (0, 3)),
+    ("run small.toml --out run --quiet", (0, 3)),
+    ("check small.toml", (0, 1, 3)),
+    ("compare small.toml --out compared", (0, 3)),
+    ("plan small.toml --out planned --quiet", (0, 3)),
+    ("calibrate small.toml --n 2 --workers 1 --out calibrated", (0, 1, 3)),
+    ("campaign small.toml other.toml --workers 1 --out campaign", (0, 1, 3)),
+    ("schema", (0,)),
+]
+
+
+def test_every_module_is_imported():
+    for module in pkgutil.walk_packages(jointbayes.__path__, "jointbayes."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+
+
+def test_each_command_runs(tmp_path, monkeypatch):
+    assert {line.split()[0] for line, _ in COMMANDS} == set(main.commands)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("jointbayes.studies.planning.make_plan.FIRST", 2)
+    Path("small.toml").write_text(SMALL, encoding="utf-8")
+    Path("other.toml").write_text(SMALL, encoding="utf-8")
+    for line, codes in COMMANDS:
+        result = CliRunner().invoke(main, line.split())
+        assert result.exit_code in codes, f"{line}: {result.exit_code} {result.output[-2000:]} {result.exception!r}"
+    assert {path.suffix for path in Path("run").iterdir() if path.is_file()} >= {".html", ".pdf", ".nc", ".json"}
+    assert json.loads(Path("run/summary.json").read_text(encoding="utf-8"))["converged"] is False
+
+
+@pytest.mark.parametrize("name", ["clamped_beam", "clamped_beam_loss_factor", "portal_frame"])
+def test_each_kind_of_loop_gives_a_density(name):
+    problem = jointbayes.load_case(CONFIGS / f"{name}.toml").problem
+    draws = problem.prior.sample(np.random.default_rng(1), 8)
+    assert np.unique(problem.log_posterior(draws)).size == 8
