@@ -11,7 +11,7 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Uniform
 from jointbayes.joint import LogStiffness, Parametrisation
 from jointbayes.posterior.fisher import fisher_information
-from jointbayes.posterior.profile import _compress_rows, profile_likelihood
+from jointbayes.posterior.profile import _compress_rows, _crossing, profile_likelihood
 from tests.conftest import cheap_text, edited
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "noise_scale")
@@ -195,3 +195,15 @@ def test_unknown_and_unseen_coordinates_are_refused():
         profile_likelihood(linear(), CENTRE, "noise_scale")
     with pytest.raises(ModelError, match="expected a positive definite joint"):
         profile_likelihood(linear(), CENTRE + 5 * np.eye(5)[1], "k11")
+
+
+def test_a_limit_is_found_where_a_climb_that_is_repeated_ends_above_it():
+    class Elsewhere:
+        at = 0
+
+        def maximum_at(self, value, _):
+            return np.array([value]), value**2 + 0.02
+
+    (end,), cost = _crossing(Elsewhere(), (np.array([1.0]), 1.0), (np.array([1.5]), 2.27), 1.01)
+    assert end == pytest.approx(1.0, abs=1e-3)
+    assert cost == pytest.approx(1.02, abs=2e-3)

@@ -151,7 +151,7 @@ def _side(
             continue
         points.append((there, there_cost))
         if there_cost > limit:
-            points.insert(-1, _crossing(climb, theta, there, limit))
+            points.insert(-1, _crossing(climb, (theta, cost), (there, there_cost), limit))
             return points, float(points[-2][0][climb.at]), False
         fall = max(abs(there_cost - cost), 0.01 * _FALL)
         theta, cost = there, there_cost
@@ -161,13 +161,20 @@ def _side(
     return points, float(theta[climb.at]), True
 
 
-def _crossing(climb: "_Climb", inside: Array, outside: Array, limit: float) -> tuple[Array, float]:
-    """Point at which the cost equals the limit, between one below and one above it."""
-    low, high = sorted((float(inside[climb.at]), float(outside[climb.at])))
-    end = optimize.brentq(
-        lambda value: climb.maximum_at(value, inside)[1] - limit, low, high, xtol=1e-3 * (high - low), rtol=1e-10
-    )
-    return climb.maximum_at(float(end), inside)
+def _crossing(
+    climb: "_Climb", inside: tuple[Array, float], outside: tuple[Array, float], limit: float
+) -> tuple[Array, float]:
+    """Point at which the cost equals the limit, between one below and one above it, each with its cost."""
+    theta = inside[0]
+    # a climb that is repeated may end a little elsewhere, on the other side of the limit
+    known = {float(place[climb.at]): cost - limit for place, cost in (inside, outside)}
+    low, high = sorted(known)
+
+    def over(value: float) -> float:
+        return known[value] if value in known else climb.maximum_at(value, theta)[1] - limit
+
+    end = optimize.brentq(over, low, high, xtol=1e-3 * (high - low), rtol=1e-10)
+    return climb.maximum_at(float(end), theta)
 
 
 def _compress_rows(residual: Array, jacobian: Array) -> tuple[Array, Array]:
