@@ -30,6 +30,7 @@ report: $(VENV)/.stamp-run  ## run configs/clamped_beam.toml and write reports/c
 	@find reports/$(CASE) -type f | LC_ALL=C sort | sed 's/^/  /'
 
 test: $(VENV)/.stamp-test  ## run the tests but those marked science, docs or whole; MARKS= runs them all
+	$(BIN)/python -m tests.compile_loops
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "$(MARKS)" $(PYTEST_ARGS)
 
 same: $(VENV)/.stamp-test  ## run every case briefly, say what differs from what tests/same/kept holds; ARGS=--update keeps it
