@@ -75,6 +75,7 @@ def test_a_slip_in_a_cell_is_told_in_one_line_with_its_remedy(call, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.whole
 def test_arviz_draws_traces_of_at_most_a_thousand_draws_a_chain(cheap_posterior):
     import arviz as az
     from matplotlib import pyplot

@@ -66,6 +66,7 @@ def test_what_is_said_is_conditional_where_the_model_does_not_explain_the_data(c
     assert section_of(wrong).blocks[0].text.startswith("If the model fitted the data: a natural")
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_only_modes_of_the_measured_band_are_listed(cheap_posterior, frequency_posterior):
     def in_band(low, high):
         text = edited(

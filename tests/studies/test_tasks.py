@@ -234,6 +234,7 @@ def test_broken_executor_that_cannot_be_made_anew_is_an_error(tmp_path):
             list(run_tasks(kill_some, numbered(8, str(tmp_path), (), (3,)), executor=executor))
 
 
+@pytest.mark.whole
 def test_dask_cluster_loses_no_task_and_names_the_one_that_kills(cluster, tmp_path):
     tasks = numbered(10, str(tmp_path), (3,), (6,))
     found = by_key(run_tasks(kill_some, tasks, scheduler=cluster.scheduler_address))
@@ -245,6 +246,7 @@ def test_dask_cluster_loses_no_task_and_names_the_one_that_kills(cluster, tmp_pa
     assert again == {"task 3": 2}
 
 
+@pytest.mark.whole
 @pytest.mark.filterwarnings("ignore:.*it gets nothing to do:RuntimeWarning")  # of the first of two workers
 def test_workers_of_another_version_get_nothing_to_do(cluster, monkeypatch):
     monkeypatch.setattr("jointbayes.studies.crews.code_version", lambda: "0.1.0+other")
@@ -287,6 +289,7 @@ def test_what_another_version_of_a_worker_would_compute_is_refused(monkeypatch):
     assert attempt(call) == Reply(other_version="0.1.0+other")
 
 
+@pytest.mark.whole
 def test_the_fingerprint_of_the_code_sees_one_changed_digit(tmp_path):
     sources = Path(jb.__file__).parent
     copy = shutil.copytree(sources, tmp_path / "jointbayes", ignore=shutil.ignore_patterns("__pycache__"))
@@ -348,6 +351,7 @@ def test_kills_from_outside_are_no_fault_of_a_task_and_a_task_that_kills_is_stil
     assert max(outcome.attempts for outcome in ended.values()) > 2
 
 
+@pytest.mark.whole
 def test_task_on_dask_writes_netcdf_as_anywhere_else(cluster):
     found = [o.value or o.error for o in run_tasks(store, numbered(3), scheduler=cluster.scheduler_address)]
     assert found == [store(0)] * 3
