@@ -339,6 +339,7 @@ def test_joints_are_ordered_by_date_then_serial_number_then_table(tmp_path):
     assert ([row.order for row in ordered], what) == ([0, 1, 2], "order in the table")
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("blank_charts", "short_population")
 def test_hostile_names_stay_text(tmp_path):
     rows, theta = campaign_rows(9, draws=60)
