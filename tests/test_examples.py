@@ -48,6 +48,7 @@ def test_two_lapped_beams_come_back_at_the_map():
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_all_twelve_springs_of_the_portal_frame_come_back_at_the_map():
     case = jb.load_case(numbers.CONFIGS / "portal_frame.toml")
     found = jb.find_map(case)
@@ -58,6 +59,7 @@ def test_all_twelve_springs_of_the_portal_frame_come_back_at_the_map():
 
 
 @pytest.mark.science
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [100, 101])
 def test_a_portal_frame_on_random_feet_is_found(seed):
     row = many_joints.search(seed)
@@ -66,6 +68,7 @@ def test_a_portal_frame_on_random_feet_is_found(seed):
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_feet_that_the_first_search_misses_are_found_from_more_points():
     # one of nine of two hundred data sets, of which the first search finds none
     problem = many_joints_data.four_joints(few_lines=True).problem

@@ -143,6 +143,7 @@ def test_a_file_says_that_it_cannot_hold_data_of_ones_own_and_takes_the_problem(
     np.testing.assert_array_equal(again.theta, posterior.theta)
 
 
+@pytest.mark.whole
 def test_the_report_has_the_section_of_data_of_ones_own(posterior, tmp_path):
     jb.write_report(posterior, tmp_path / "report")
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")

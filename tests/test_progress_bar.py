@@ -70,6 +70,7 @@ def test_a_stage_that_is_over_is_a_whole_bar_even_if_it_took_fewer_steps(bars):
     )
 
 
+@pytest.mark.whole
 def test_a_run_shows_its_stages(bars, frequency_case):
     jb.sample(frequency_case, seed=1, settings=FEW_STEPS, progress=True)
     assert [bar.desc for bar in bars][-1] == "sampling: "

@@ -219,6 +219,7 @@ def test_a_problem_of_arrays_comes_back_to_the_last_bit(kind, sampled, tmp_path)
     np.testing.assert_array_equal(loaded.first_guess, problem.first_guess)
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_draws_summary_and_report_of_a_problem_come_back(sampled, tmp_path):
     sampled.save(tmp_path / "kept.nc")
@@ -236,6 +237,7 @@ def test_draws_summary_and_report_of_a_problem_come_back(sampled, tmp_path):
     assert json.loads((run / "summary.json").read_text(encoding="utf-8"))["case"] == "rod"
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_a_replaced_problem_is_saved_as_it_was_sampled(tmp_path):
     case = jb.case_from_text("cheap", cheap_text())
@@ -318,6 +320,7 @@ def on_grid(prior, extra):
     return theta, density / density.sum()
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("kind", OWN)
 def test_own_priors_and_terms_act_on_draws_and_map_as_on_a_grid(kind):
     prior, extra = OWN[kind]

@@ -101,6 +101,7 @@ def on_a_terminal(arguments, cwd):
     return process.returncode, sent.decode("utf-8").replace("\r\n", "\n")
 
 
+@pytest.mark.whole
 def test_nothing_of_a_file_reaches_the_terminal_raw(tmp_path):
     hostile_archive(tmp_path / "sound.npz")
     with np.load(tmp_path / "sound.npz") as archive:
@@ -139,6 +140,7 @@ def piped(arguments, cwd, reads, both=False):
     return process.returncode, said
 
 
+@pytest.mark.whole
 @pytest.mark.skipif(not hasattr(__import__("select"), "poll"), reason="pipes are looked at by poll")
 def test_a_reader_that_leaves_ends_a_command_quietly(tmp_path):
     hostile_archive(tmp_path / "sound.npz")

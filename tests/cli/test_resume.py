@@ -45,10 +45,11 @@ def config(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda _: None)  # looked for at each reading of a case
     path = tmp_path / "clamp.toml"
-    path.write_text(edited(cheap_frequencies_text(), ("max_steps = 20000", "max_steps = 300")), encoding="utf-8")
+    path.write_text(edited(cheap_frequencies_text(), ("max_steps = 20000", "max_steps = 200")), encoding="utf-8")
     return path
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("number", "status"), [pytest.param(signal.SIGINT, 130, marks=pytest.mark.science), (signal.SIGTERM, 143)]
 )
@@ -71,6 +72,7 @@ def test_a_run_stopped_by_a_signal_says_how_to_go_on_and_goes_on_to_the_same_bit
     assert jb.load_posterior("x.nc").theta.tobytes() == undisturbed.theta.tobytes()
 
 
+@pytest.mark.whole
 def test_a_signal_before_the_first_step_leaves_nothing(config, tmp_path):
     code = (
         "import os\nfrom jointbayes import workflow\nfrom jointbayes.cli.commands import main\n"
@@ -83,6 +85,7 @@ def test_a_signal_before_the_first_step_leaves_nothing(config, tmp_path):
     assert names(tmp_path) == ["clamp.toml"]
 
 
+@pytest.mark.whole
 def test_a_signal_while_the_report_is_written_leaves_the_draws_and_nothing_hidden(
     config, tmp_path, frequency_posterior
 ):
@@ -115,8 +118,17 @@ def test_two_runs_on_one_directory_are_refused(config, tmp_path):
     assert names(tmp_path) == ["clamp.toml"]
 
 
-def test_a_changed_case_is_refused_by_its_key(config, tmp_path):
-    program(tmp_path, STOPPED.format(signal=2), "sample", config.name, "--out", "x.nc")
+@pytest.mark.whole
+def test_a_changed_case_is_refused_by_its_key(config, monkeypatch):
+    def stop(told):
+        if told.done >= 100:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(checkpoint, "SECONDS_BETWEEN", 0.0)
+    monkeypatch.setattr(checkpoint, "_TIMES_THE_COST", 0)
+    with monkeypatch.context() as patch:
+        patch.setattr("jointbayes.cli.progress_display._print_lines", lambda: stop)
+        assert cli("sample", config, "--out", "x.nc").exit_code == 130
     text = config.read_text(encoding="utf-8")
     config.write_text(text.replace("elements = 4", "elements = 5"), encoding="utf-8")
     result = cli("sample", config, "--out", "x.nc", "--resume")
@@ -156,6 +168,7 @@ class Killed(Exception):
     """In place of SIGKILL: nothing catches it."""
 
 
+@pytest.mark.whole
 def test_a_case_of_two_set_ups_killed_after_a_block_goes_on_to_the_same_bits(tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoint, "SECONDS_BETWEEN", 0.0)
     monkeypatch.setattr(checkpoint, "_TIMES_THE_COST", 0)

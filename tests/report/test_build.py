@@ -17,11 +17,14 @@ import jointbayes.report.sections
 from jointbayes.case.case import case_from_text
 from jointbayes.posterior import summarise
 from jointbayes.posterior.modes_answer import ModesAnswer, UsedMode
-from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
+from jointbayes.report import Figure, ReportInputs, build_report, figures, render_html, render_pdf
 from jointbayes.report.contents import APPENDIX, PAGES
 from jointbayes.report.line_plot import FrfPlot
 from jointbayes.report.model import Callout, Code, Lights, Paragraph, Table
+from jointbayes.report.sections.intervals import posterior_section
+from jointbayes.report.sections.lead import lead
 from jointbayes.report.sections.methods import terms_section
+from jointbayes.report.sections.natural_frequencies import frequency_section
 from jointbayes.report.sections.run_details import chain_figures
 from jointbayes.workflow import sample
 from tests.conftest import TO_CONVERGE, cheap_text, edited, of_case
@@ -33,20 +36,30 @@ TABLE_3 = np.array([5.05e9, 3.44e7, 1.52e6])
 MEASURED_HZ = (120.0, 762.0, 2101.0)
 
 
-def report_of(posterior, **changes):
+def inputs_of(posterior, **changes):
     stated = {"reference": TABLE_3, "reference_source": "Table 3", "measured_frequencies_hz": MEASURED_HZ}
-    return build_report(ReportInputs(of_case(posterior, **(stated | changes))), DATE)
+    return ReportInputs(of_case(posterior, **(stated | changes)))
+
+
+def report_of(posterior, **changes):
+    return build_report(inputs_of(posterior, **changes), DATE)
+
+
+def page_one(posterior, **changes):
+    """What `report_of` has on its first page, and nothing else."""
+    return SimpleNamespace(lead=lead(inputs_of(posterior, **changes)))
 
 
 @pytest.fixture(scope="module")
-def whole(cheap_posterior):
+def inputs(cheap_posterior):
+    """What the cheap case's report is written from; nobody may change it."""
+    return inputs_of(cheap_posterior)
+
+
+@pytest.fixture(scope="module")
+def whole(inputs):
     """The cheap case's report with everything in it."""
-    return report_of(cheap_posterior)
-
-
-@pytest.fixture(scope="module")
-def of_frequencies(frequency_posterior):
-    return report_of(frequency_posterior)
+    return build_report(inputs, DATE)
 
 
 def of_kind(blocks, kind):
@@ -92,15 +105,16 @@ def test_the_headline_says_in_one_line_what_is_known(whole, cheap_posterior):
 @pytest.mark.usefixtures("plain_reports")
 def test_what_page_one_says_changes_with_the_data(cheap_posterior):
     """Every sentence with a number is made from it."""
-    before = _page_one(report_of(cheap_posterior))
+    before = _page_one(page_one(cheap_posterior))
     check = dataclasses.replace(cheap_posterior.checks[0], chi2_per_line=4.0)
     doubled = with_cached(of_case(cheap_posterior), checks=(check,))
-    assert "Misfit 2.00 times the noise" in _page_one(build_report(ReportInputs(doubled), DATE))
+    doubled = SimpleNamespace(lead=lead(ReportInputs(doubled)))
+    assert "Misfit 2.00 times the noise" in _page_one(doubled)
     assert "Misfit 2.00 times the noise" not in before
     draws = cheap_posterior.draws.assign(k22=cheap_posterior.draws["k22"] * 2)
     tree = cheap_posterior.tree.copy()
     tree["posterior"] = xr.DataTree(draws)
-    other = _page_one(report_of(dataclasses.replace(cheap_posterior, tree=tree)))
+    other = _page_one(page_one(dataclasses.replace(cheap_posterior, tree=tree)))
     once, twice = (float(re.search(r"([\d.]+) MN·m/rad", text)[1]) for text in (before, other))
     assert twice == pytest.approx(2 * once, rel=1e-3)
 
@@ -112,6 +126,7 @@ def _page_one(report):
     )  # fmt: skip
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_where_the_modes_answer_no_page_takes_the_frfs_answer_for_it(cheap_inputs, monkeypatch):
     """Draws that are not to be used are marked as that, judge no published value, and add no verdict."""
     monkeypatch.setattr(type(cheap_inputs.posterior), "at_prior_edge", ("k11",))
@@ -130,11 +145,12 @@ def test_where_the_modes_answer_no_page_takes_the_frfs_answer_for_it(cheap_input
     assert "by the FRFs alone, whose answer is not to be used" in caption
 
 
-def test_synthetic_data_are_called_synthetic_and_measured_ones_are_not(whole, of_frequencies):
+@pytest.mark.usefixtures("plain_reports")
+def test_synthetic_data_are_called_synthetic_and_measured_ones_are_not(whole, frequency_posterior):
     assert light(whole, "Data").kind == "caution"
     assert "not measured" in light(whole, "Data").text
     assert "synthetic data" in whole.subtitle
-    measured = of_frequencies
+    measured = report_of(frequency_posterior)
     assert light(measured, "Data").kind == "good"
     assert "synthetic" not in measured.subtitle
     plots = [block.plot for block in of_kind(whole.blocks(), Figure) if isinstance(block.plot, FrfPlot)]
@@ -161,7 +177,7 @@ def test_a_run_that_has_not_settled_says_so_before_anything_else(whole, cheap_po
     assert float(said[1]) == pytest.approx(100 * error, rel=0.1)
     assert not of_kind(whole.lead, Callout)
     record = dataclasses.replace(cheap_posterior.record, converged=False, reason="not converged at 9 of 9 steps")
-    stopped = report_of(dataclasses.replace(cheap_posterior, record=record))
+    stopped = page_one(dataclasses.replace(cheap_posterior, record=record))
     assert stopped.lead[0].kind == light(stopped, "Calculation").kind == "bad"
     assert "Do not use these numbers" in stopped.lead[0].text
     assert "at 9 of 9 steps" in stopped.lead[0].text
@@ -175,8 +191,9 @@ def test_a_mode_that_the_map_search_missed_is_a_red_light(cheap_posterior):
         mode_theta=cheap_posterior.mode_theta + 1.0,
         mode_log_density=cheap_posterior.mode_log_density + 9,
     )
-    assert light(report_of(missed), "Calculation").kind == "bad"
-    assert "missed the best fit" in light(report_of(missed), "Calculation").text
+    said = light(page_one(missed), "Calculation")
+    assert said.kind == "bad"
+    assert "missed the best fit" in said.text
 
 
 def test_every_file_of_a_section_is_in_the_report():
@@ -186,10 +203,8 @@ def test_every_file_of_a_section_is_in_the_report():
     assert files - page_one == {section.__module__.rsplit(".", 1)[1] for section in listed} - page_one
 
 
-def test_pages_stand_before_the_appendix_and_hold_every_block_once(whole, cheap_posterior):
-    inputs = ReportInputs(
-        of_case(cheap_posterior, reference=TABLE_3, reference_source="Table 3", measured_frequencies_hz=MEASURED_HZ)
-    )
+def test_pages_stand_before_the_appendix_and_hold_every_block_once(whole, inputs, monkeypatch):
+    monkeypatch.setattr(figures, "svg", lambda *_: "<svg/>")
     pages = [one.identifier for one in whole.sections if not one.appendix]
     assert pages == ["fit", "modes", "posterior", "known"]  # nothing was measured to files
     assert [one.appendix for one in whole.sections] == sorted(one.appendix for one in whole.sections)
@@ -201,8 +216,8 @@ def test_pages_stand_before_the_appendix_and_hold_every_block_once(whole, cheap_
 
 
 def test_every_figure_says_what_it_shows(whole):
-    figures = of_kind(whole.blocks(), Figure)
-    names = {figure.identifier for figure in figures}
+    shown = of_kind(whole.blocks(), Figure)
+    names = {figure.identifier for figure in shown}
     assert names == {
         "residuals",
         "profiles",
@@ -216,8 +231,8 @@ def test_every_figure_says_what_it_shows(whole):
         "iteration-stiffness",
         "structure",
     }
-    assert all(len(figure.alt) > 30 and len(figure.caption) > 20 for figure in figures)
-    assert len({figure.alt for figure in figures}) == len(figures)
+    assert all(len(figure.alt) > 30 and len(figure.caption) > 20 for figure in shown)
+    assert len({figure.alt for figure in shown}) == len(shown)
 
 
 def test_each_line_has_its_point_among_the_residuals(whole, cheap_posterior):
@@ -274,10 +289,10 @@ def test_frequencies_are_set_beside_the_measured_ones(whole, cheap_posterior):
     assert columns["MAP (Hz)"] == tuple(f"{f:.2f}" for f in summary["map"])
     peaks = [(f"{p.measured_hz:.2f}", f"{p.error_percent:+.2f}") for p in cheap_posterior.diagnosis.modes]
     assert list(zip(columns["Peak of the data (Hz)"], columns["Error (%)"], strict=True)) == peaks
-    alone = report_of(cheap_posterior, measured_frequencies_hz=None)
-    table = next(b for b in of_kind(alone.blocks(), Table) if b.caption.startswith("Natural frequencies"))
+    alone = frequency_section(inputs_of(cheap_posterior, measured_frequencies_hz=None).setups[0])
+    table = next(b for b in of_kind(alone.blocks, Table) if b.caption.startswith("Natural frequencies"))
     assert "Published (Hz)" not in table.head
-    assert not [b for b in of_kind(alone.blocks(), Figure) if b.identifier == "frequencies-plot"]
+    assert not [b for b in of_kind(alone.blocks, Figure) if b.identifier == "frequencies-plot"]
 
 
 def test_the_report_holds_all_that_repeats_the_run(whole, cheap_posterior):
@@ -305,6 +320,7 @@ def test_every_start_of_the_map_search_is_listed_with_its_fate(whole, cheap_post
     )
 
 
+@pytest.mark.whole
 def test_the_package_corner_draws_the_corner_plot_without_loading_arviz():
     script = """
 import sys, numpy as np
@@ -323,12 +339,14 @@ assert sys.modules["corner.corner"].arviz_corner is not None  # what a user impo
     subprocess.run([sys.executable, "-W", "ignore", "-c", script], check=True, env=os.environ | {"MPLBACKEND": "Agg"})
 
 
+@pytest.mark.whole
 def test_the_report_is_the_same_for_the_same_posterior(whole, cheap_posterior):
     assert render_html(report_of(cheap_posterior)) == render_html(whole)
 
 
-def test_a_report_on_natural_frequencies_builds_and_renders(of_frequencies):
-    report = of_frequencies
+@pytest.mark.whole
+def test_a_report_on_natural_frequencies_builds_and_renders(frequency_posterior):
+    report = report_of(frequency_posterior)
     said = [paragraph.text for paragraph in of_kind(report.blocks(), Paragraph)]
     assert sum(text.startswith("**The data rule out that the joint is rigid (") for text in said) == 1
     assert {f.identifier for f in of_kind(report.blocks(), Figure)} == {
@@ -357,11 +375,12 @@ def test_a_report_without_published_values_names_none(cheap_posterior):
 @pytest.mark.usefixtures("plain_reports")
 @pytest.mark.parametrize("k12", [0.0, -3.44e7])
 def test_a_published_coupling_that_has_no_logarithm_is_no_obstacle(cheap_posterior, k12):
-    report = report_of(cheap_posterior, reference=np.array([5.05e9, k12, 1.52e6]))
-    said = [block.text for block in of_kind(section(report, "posterior").blocks, Paragraph)]
+    found = posterior_section(inputs_of(cheap_posterior, reference=np.array([5.05e9, k12, 1.52e6])))
+    said = [block.text for block in of_kind(found.blocks, Paragraph)]
     assert said[-1] == "The published values do NOT agree with the data: 100.0 % of the draws are likelier."
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_a_coupling_of_free_sign_from_frfs_builds_too():
     text = edited(cheap_text(), ('parametrisation = "log"', 'parametrisation = "signed"'))
@@ -376,6 +395,7 @@ def test_a_coupling_of_free_sign_from_frfs_builds_too():
     assert "roughly known k12 (its interval spans a factor of" in of_kind(report.lead, Paragraph)[1].text
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_any_number_of_uncertain_quantities_is_drawn_a_few_on_each_figure(cheap_posterior):
     # eleven more columns of the joint's own draws stand for eleven uncertain quantities
     names = tuple(f"damping_ratio_{i}" for i in range(1, 12))
@@ -395,6 +415,6 @@ def test_any_number_of_uncertain_quantities_is_drawn_a_few_on_each_figure(cheap_
 
 def test_a_report_of_a_run_ends_with_its_terms(whole):
     assert whole.sections[-1] == dataclasses.replace(terms_section(None), appendix=True)
-    figures = [block for block in whole.blocks() if isinstance(block, Figure)]
-    assert figures
-    assert [f.identifier for f in figures if f.guide is None] == []
+    shown = of_kind(whole.blocks(), Figure)
+    assert shown
+    assert [f.identifier for f in shown if f.guide is None] == []

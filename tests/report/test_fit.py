@@ -63,6 +63,7 @@ def drawn(posterior, initial=INITIAL):
     return {curve.name: np.abs(curve.values) for curve in figure.plot.curves} | {"low": low, "high": high}
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_the_measured_curve_lies_on_that_of_the_map_and_in_its_band(fitted):
     curves = drawn(fitted)
     measured, best = curves["synthetic"], curves["MAP"]
@@ -76,6 +77,7 @@ def test_the_measured_curve_lies_on_that_of_the_map_and_in_its_band(fitted):
     assert np.median(high / low) < 1.1
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_the_first_guess_differs_from_the_map_by_the_joint_alone(fitted):
     curves = drawn(fitted, tuple(fitted.estimate.values))
     np.testing.assert_allclose(curves["first guess"], curves["MAP"], rtol=1e-9)

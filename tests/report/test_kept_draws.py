@@ -74,6 +74,7 @@ def test_a_report_that_fails_leaves_the_draws_and_one_line(
     assert loaded.theta.tobytes() == frequency_posterior.theta.tobytes()
 
 
+@pytest.mark.whole
 def test_the_line_goes_on_to_the_report_even_from_names_with_blanks(config, monkeypatch):
     with monkeypatch.context() as broken:
         broken.setattr("jointbayes.report.run_directory.render_pdf", failing(RuntimeError("no fonts")))
@@ -124,6 +125,7 @@ def test_too_little_memory_is_one_line(config, monkeypatch):
     assert line.startswith("jointbayes: found too little memory; ")
 
 
+@pytest.mark.whole
 def test_an_earlier_run_and_its_kept_draws_survive_runs_that_fail(config, monkeypatch):
     assert cli("run", config, "--out", "out").exit_code == 0
     before = content(config.parent)
@@ -136,6 +138,7 @@ def test_an_earlier_run_and_its_kept_draws_survive_runs_that_fail(config, monkey
         assert before.items() <= after.items()
 
 
+@pytest.mark.whole
 def test_an_earlier_run_comes_back_where_the_new_one_cannot_take_its_place(config, monkeypatch):
     assert cli("run", config, "--out", "out").exit_code == 0
     before = content(config.parent / "out")
@@ -161,6 +164,7 @@ def test_a_run_that_ends_well_leaves_the_draws_in_its_directory_only(config, fre
     assert jb.load_posterior("out/posterior.nc").theta.tobytes() == frequency_posterior.theta.tobytes()
 
 
+@pytest.mark.whole
 def test_a_report_from_a_file_names_that_file_and_makes_no_other(config, monkeypatch, frequency_posterior):
     frequency_posterior.save("draws.nc")
     monkeypatch.setattr("jointbayes.report.run_directory.render_html", failing(RuntimeError("broken")))
@@ -221,6 +225,7 @@ def test_draws_that_do_not_fit_are_kept_in_the_temporary_directory(
     assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "temporary"}
 
 
+@pytest.mark.whole
 def test_a_file_that_does_not_fit_is_one_error_and_leaves_the_old_one(tmp_path):
     resource = pytest.importorskip("resource")
     # the limit on the size of a file fails a write just as a full disk does; the library that makes netCDF files

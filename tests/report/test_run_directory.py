@@ -36,6 +36,7 @@ def counted(monkeypatch):
     return calls
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_a_posterior_just_sampled_is_reported_from_what_it_carries(counted, tmp_path):
     case = jb.case_from_text("cheap", cheap_text())

@@ -305,7 +305,7 @@ def test_a_job_is_sent_without_what_was_computed_from_it():
 
 
 def test_natural_frequencies_are_calibrated_as_well():
-    found = calibrated(2, case=small_case(text=FREQUENCIES))
+    found = calibrated(1, case=small_case(text=FREQUENCIES))
     assert found.failed == 0
     assert all(len(one.rank) == len(found.names) for one in found.data_sets)
 

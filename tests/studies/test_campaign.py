@@ -301,6 +301,7 @@ class TestDirectory:
             with campaign_directory(tmp_path / "x"):
                 pass
 
+    @pytest.mark.whole
     @pytest.mark.skipif(sys.platform == "win32", reason="locks of POSIX")
     def test_one_process_at_a_time(self, tmp_path):
         program = (
@@ -338,6 +339,7 @@ SMALL = (
 )
 
 
+@pytest.mark.whole
 def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_is(tmp_path):
     table = table_of(tmp_path, SMALL)
     command = ["campaign", str(table), "--base", str(BASE), "--workers", "1", "--out", str(tmp_path / "out")]
@@ -357,6 +359,7 @@ def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_
     assert kept.record.case_name == "b"
 
 
+@pytest.mark.whole
 def test_full_campaign_samples_as_long_as_a_run(tmp_path):
     (case,) = read_cases([table_of(tmp_path, SMALL)], BASE)[:1]
     whole = jb.case_from_text(case.key, case.read()[0])

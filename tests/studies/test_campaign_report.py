@@ -16,6 +16,7 @@ from jointbayes.report.markup import foreign
 from jointbayes.report.model import Table
 from jointbayes.studies.campaign import campaign_findings as findings_module
 from jointbayes.studies.campaign import campaign_report as report_module
+from jointbayes.studies.campaign import charts, hierarchical
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
 from jointbayes.studies.campaign.campaign_report import write_campaign_report
 from jointbayes.studies.campaign.campaign_sections import campaign_sections
@@ -40,13 +41,7 @@ FILES = {"report.html", "report.pdf", "summary.json", "joints.csv", "index.jsonl
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
     directory = tmp_path_factory.mktemp("reports") / "line-7"
-    rows = campaign_directory(directory, JOINTS)
-    return write_campaign_report(directory), rows
-
-
-@pytest.fixture(scope="module")
-def summary(campaign):
-    return json.loads((campaign[0] / "summary.json").read_text(encoding="utf-8"))
+    return directory, campaign_directory(directory, JOINTS)
 
 
 @pytest.fixture(scope="module")
@@ -54,13 +49,37 @@ def findings(campaign):
     return examine_campaign(campaign[0])
 
 
+@pytest.fixture(scope="module")
+def reported(campaign, findings):
+    """The directory with its report, of what was found once; nobody may change it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report_module, "examine_campaign", lambda *_: findings)
+        return write_campaign_report(campaign[0])
+
+
+@pytest.fixture(scope="module")
+def summary(reported):
+    return json.loads((reported / "summary.json").read_text(encoding="utf-8"))
+
+
 @pytest.fixture
-def copy(campaign, tmp_path):
-    return shutil.copytree(campaign[0], tmp_path / campaign[0].name)
+def blank_charts(monkeypatch):
+    monkeypatch.setattr(charts, "svg", lambda *_: '<svg xmlns="http://www.w3.org/2000/svg" width="9pt" height="9pt"/>')
 
 
-def test_the_directory_holds_report_and_numbers_and_nothing_is_left_behind(campaign):
-    directory, _ = campaign
+@pytest.fixture
+def short_population(monkeypatch):
+    """The population by few steps, where it does not matter."""
+    monkeypatch.setattr(hierarchical, "_RUN", dataclasses.replace(hierarchical._RUN, max_steps=50))
+
+
+@pytest.fixture
+def copy(reported, tmp_path):
+    return shutil.copytree(reported, tmp_path / reported.name)
+
+
+def test_the_directory_holds_report_and_numbers_and_nothing_is_left_behind(reported):
+    directory = reported
     assert {file.name for file in directory.iterdir()} == FILES
     assert {file.name for file in (directory / "figures").iterdir()} == {
         "population.svg",
@@ -70,15 +89,14 @@ def test_the_directory_holds_report_and_numbers_and_nothing_is_left_behind(campa
     assert (directory / "report.html").stat().st_size < 5_000_000
 
 
-def test_a_population_that_has_not_converged_is_red_on_page_one_flagged_and_exit_3(copy, monkeypatch, summary, capsys):
+@pytest.mark.usefixtures("blank_charts")
+def test_a_population_that_has_not_converged_is_red_on_page_one_flagged_and_exit_3(
+    copy, monkeypatch, summary, findings, capsys
+):
     assert summary["population"]["converged"] is True
-    whole = findings_module.hierarchical_posterior
-
-    def stopped(*arguments, **settings):
-        reason = "ensembles of walkers: not converged after 10 steps (limit 10)"
-        return dataclasses.replace(whole(*arguments, **settings), converged=False, how=reason)
-
-    monkeypatch.setattr(findings_module, "hierarchical_posterior", stopped)
+    reason = "ensembles of walkers: not converged after 10 steps (limit 10)"
+    stopped = dataclasses.replace(findings.joints.population, converged=False, how=reason)
+    monkeypatch.setattr(findings_module, "hierarchical_posterior", lambda *_: stopped)
     write_campaign_report(copy)
     after = json.loads((copy / "summary.json").read_text(encoding="utf-8"))
     assert after["population"]["converged"] is False
@@ -147,8 +165,8 @@ def test_what_is_odd_is_named_the_gravest_first(summary, campaign):
     assert not summary["control_charts"]["k11"]["outliers"]
 
 
-def test_every_case_has_a_line_with_its_numbers(campaign):
-    directory, rows = campaign
+def test_every_case_has_a_line_with_its_numbers(reported, campaign):
+    directory, rows = reported, campaign[1]
     with (directory / "joints.csv").open(encoding="utf-8", newline="") as file:
         lines = list(csv.DictReader(file))
     assert [line["key"] for line in lines] == [row["key"] for row in rows]
@@ -171,6 +189,7 @@ def test_estimates_are_drawn_together_and_narrower_given_the_others(findings):
         assert np.median((shrunken[:, 2] - shrunken[:, 0]) / (own[:, 2] - own[:, 0])) < 0.9
 
 
+@pytest.mark.whole
 def test_a_second_report_is_the_same_and_replaces_the_first(copy):
     before = {name: (copy / name).read_bytes() for name in ("report.html", "report.pdf", "summary.json", "joints.csv")}
     for old in ("ranking-old.svg", "mine.svg"):
@@ -196,6 +215,7 @@ def test_the_ranking_counts_joints_from_the_softest_up(findings):
         assert [row[1] for row in table.rows] == list(map(foreign, labels))
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_report_that_fails_leaves_the_last_one(copy, findings, monkeypatch):
     before = (copy / "report.html").read_bytes()
 
@@ -210,6 +230,7 @@ def test_a_report_that_fails_leaves_the_last_one(copy, findings, monkeypatch):
     assert {file.name for file in copy.iterdir()} == FILES
 
 
+@pytest.mark.usefixtures("blank_charts")
 @pytest.mark.parametrize("joints", [0, 1, 2])
 def test_few_joints_give_a_report_without_a_population(tmp_path, joints):
     rows, theta = campaign_rows(4, draws=60)
@@ -226,6 +247,7 @@ def test_few_joints_give_a_report_without_a_population(tmp_path, joints):
     assert "Too few joints" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("short_population")
 def test_posteriors_that_cannot_be_read_are_named(tmp_path):
     rows, theta = campaign_rows(8, draws=60)
     for row, draws in zip(rows, theta, strict=True):
@@ -265,6 +287,7 @@ def test_cases_in_other_coordinates_are_carried_over(tmp_path):
     assert not found.draws.log_prior[1].any()
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_coupling_of_either_sign_is_charted_by_its_coordinate(tmp_path):
     rng = np.random.default_rng(1)
     rows, _ = campaign_rows(20, draws=10, dates=False)
@@ -286,6 +309,7 @@ def test_a_coupling_of_either_sign_is_charted_by_its_coordinate(tmp_path):
     assert (tmp_path / "figures" / "control-rho.svg").is_file()
 
 
+@pytest.mark.usefixtures("short_population")
 def test_draws_at_an_end_of_the_prior_are_told(tmp_path):
     rows, theta = campaign_rows(6, draws=100)
     theta[2, :, 0] = HIGH[0] - 0.02 * np.abs(np.random.default_rng(1).normal(size=100))
@@ -315,6 +339,8 @@ def test_joints_are_ordered_by_date_then_serial_number_then_table(tmp_path):
     assert ([row.order for row in ordered], what) == ([0, 1, 2], "order in the table")
 
 
+@pytest.mark.whole
+@pytest.mark.usefixtures("blank_charts", "short_population")
 def test_hostile_names_stay_text(tmp_path):
     rows, theta = campaign_rows(9, draws=60)
     evil = "<script>alert(1)</script>**`\"'\x1b[31m"
@@ -340,6 +366,7 @@ def test_what_is_no_campaign_is_refused_in_one_line(tmp_path, content):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_directory_in_the_place_of_a_file_is_refused(copy, findings, monkeypatch):
     monkeypatch.setattr(report_module, "examine_campaign", lambda *_: findings)
     (copy / "report.html").unlink()

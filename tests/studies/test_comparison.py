@@ -322,6 +322,7 @@ def write(place, name, text):
     return place / name
 
 
+@pytest.mark.whole
 def test_compare_prints_the_table_and_the_winner_and_leaves_a_whole_directory(tmp_path, cases, comparison):
     files = [write(tmp_path, f"{case.name}.toml", case.text) for case in cases]
     out = tmp_path / "out"

@@ -417,6 +417,7 @@ def test_those_whose_range_overlaps_that_of_the_first_are_simulated_further():
     assert could_come_first({("d",): simulated(None, 0.1)}) == []
 
 
+@pytest.mark.whole
 def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     case = jb.case_from_text("cheap", planned_text(('"5:rz"]\n', '"5:rz"]\nmax_measurements = 2\n')))
     told = []
@@ -462,6 +463,7 @@ def test_the_posterior_of_other_parameters_is_refused(cheap_posterior):
         jb.plan(case, cheap_posterior)
 
 
+@pytest.mark.whole
 def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_path, monkeypatch):
     monkeypatch.setattr("jointbayes.studies.planning.make_plan.FIRST", 3)
     file, out = tmp_path / "cheap.toml", tmp_path / "plan"

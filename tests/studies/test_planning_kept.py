@@ -51,6 +51,7 @@ def few(posterior, directory=None, *, text=None, **options):
     return jb.plan(case, posterior, **{"seed": 3, "simulations": 3, **options}, directory=directory)
 
 
+@pytest.mark.whole
 def test_a_plan_that_was_interrupted_goes_on_and_is_the_same(cheap_posterior, made, tmp_path, monkeypatch):
     monkeypatch.setattr("jointbayes.studies.planning.make_plan.FIRST", 2)
     whole, all_made = few(cheap_posterior).summary(), made.copy()
