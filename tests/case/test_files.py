@@ -387,7 +387,8 @@ def saved_and_moved(posterior, folder, monkeypatch):
     assert jb.load_posterior(folder / "again.nc").case.title == posterior.case.title
 
 
-@pytest.mark.parametrize("names", [("only",), ("one", "two")])
+@pytest.mark.usefixtures("rough_proposals")
+@pytest.mark.parametrize("names", [pytest.param(("only",), marks=pytest.mark.whole), ("one", "two")])
 def test_draws_of_named_set_ups_are_loaded_without_their_files(names, tmp_path, monkeypatch):
     (tmp_path / "files").mkdir()
     stored(virtual(), tmp_path / "files" / "tip.npz")
@@ -396,6 +397,7 @@ def test_draws_of_named_set_ups_are_loaded_without_their_files(names, tmp_path, 
     saved_and_moved(posterior, tmp_path, monkeypatch)
 
 
+@pytest.mark.usefixtures("rough_proposals")
 def test_draws_of_matrices_in_files_are_loaded_without_these(tmp_path, monkeypatch):
     (tmp_path / "files").mkdir()
     np.save(tmp_path / "files" / "K.npy", np.array([[2e5, -1e4], [-1e4, 1e3]]))
@@ -568,7 +570,7 @@ def test_one_line_is_refused_before_any_work(tmp_path):
         jb.sample(problem.with_test(data=one))
 
 
-@pytest.mark.parametrize("quantity", ["accelerance", "receptance"])
+@pytest.mark.parametrize("quantity", ["accelerance", pytest.param("receptance", marks=pytest.mark.whole)])
 def test_a_conjugated_file_is_named_everywhere_and_its_remedy_gives_the_right_data(tmp_path, quantity, monkeypatch):
     frf = virtual(quantity=quantity)
     stored(frf, tmp_path / "tip.npz")
