@@ -351,15 +351,23 @@ def run(tmp_path_factory) -> tuple[jb.Posterior, Path]:
     stored(virtual(), folder / "tip.npz")
     posterior = jb.sample(loaded(folder, TIP), seed=1, settings=SMALL)
     posterior.save(folder / "posterior.nc")
-    with plain_reports():
-        jb.write_report(posterior, folder / "before")
-    shutil.move(folder / "tip.npz", folder / "gone.npz")
     return posterior, folder
 
 
-@pytest.mark.usefixtures("plain_reports")
-def test_draws_are_loaded_and_reported_without_the_file(run, monkeypatch):
+@pytest.fixture(scope="module")
+def reported(run) -> tuple[jb.Posterior, Path]:
+    """The same with its report, and the file gone."""
     posterior, folder = run
+    with plain_reports():
+        jb.write_report(posterior, folder / "before")
+    shutil.move(folder / "tip.npz", folder / "gone.npz")
+    return run
+
+
+@pytest.mark.whole
+@pytest.mark.usefixtures("plain_reports")
+def test_draws_are_loaded_and_reported_without_the_file(reported, monkeypatch):
+    posterior, folder = reported
     monkeypatch.chdir("/")
     again = jb.load_posterior(folder / "posterior.nc")
     first, second = posterior.problem.test.data, again.problem.test.data
@@ -387,8 +395,8 @@ def saved_and_moved(posterior, folder, monkeypatch):
     assert jb.load_posterior(folder / "again.nc").case.title == posterior.case.title
 
 
-@pytest.mark.usefixtures("rough_proposals")
-@pytest.mark.parametrize("names", [("only",), pytest.param(("one", "two"), marks=pytest.mark.whole)])
+@pytest.mark.whole
+@pytest.mark.parametrize("names", [("only",), ("one", "two")])
 def test_draws_of_named_set_ups_are_loaded_without_their_files(names, tmp_path, monkeypatch):
     (tmp_path / "files").mkdir()
     stored(virtual(), tmp_path / "files" / "tip.npz")
@@ -409,11 +417,11 @@ def test_draws_of_matrices_in_files_are_loaded_without_these(tmp_path, monkeypat
     saved_and_moved(posterior, tmp_path, monkeypatch)
 
 
-def test_summary_and_report_name_the_file_and_its_fingerprint(run):
+def test_summary_and_report_name_the_file_and_its_fingerprint(reported):
     import hashlib
     import json
 
-    folder = run[1]
+    folder = reported[1]
     summary = json.loads((folder / "before" / "summary.json").read_text(encoding="utf-8"))["measurement"]
     digest = hashlib.sha256((folder / "gone.npz").read_bytes()).hexdigest()
     assert summary["files"] == [{"name": "tip.npz", "size": (folder / "gone.npz").stat().st_size, "sha256": digest}]

@@ -17,7 +17,9 @@ def uncertain():
     return sample(case_from_text("uncertain", text), seed=1, settings=FEW_STEPS)
 
 
-@pytest.mark.parametrize("which", ["cheap_posterior", "frequency_posterior", "uncertain"])
+@pytest.mark.parametrize(
+    "which", ["cheap_posterior", "frequency_posterior", pytest.param("uncertain", marks=pytest.mark.whole)]
+)
 def test_a_brief_row_has_the_numbers_of_the_summary(request, which):
     posterior = request.getfixturevalue(which)
     row, numbers = posterior.brief(), posterior.summary().to_json()
@@ -33,7 +35,9 @@ def test_a_brief_row_has_the_numbers_of_the_summary(request, which):
     assert not any(isinstance(cell, float) and not math.isfinite(cell) for cell in row.values())
 
 
-@pytest.mark.parametrize("which", ["cheap_posterior", "frequency_posterior", "uncertain"])
+@pytest.mark.parametrize(
+    "which", ["cheap_posterior", "frequency_posterior", pytest.param("uncertain", marks=pytest.mark.whole)]
+)
 def test_the_misfit_p_value_falls_below_its_level_where_there_is_a_misfit(request, which):
     check = request.getfixturevalue(which).check
     assert (check.misfit_p_value < 0.01) == (check.finding == "misfit")

@@ -142,6 +142,7 @@ def test_a_chain_too_short_for_an_effective_size_is_reported_with_a_dash(wrong, 
     assert all(row[-2:] == ("–", "–") for row in numbers.rows)
 
 
+@pytest.mark.whole
 def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, gathered, monkeypatch):
     for name in ("k11", "k12", "k22"):
         assert repr(gathered.freed[0].known[name]) == repr(uncertain.identifiability(name))  # NaN is not itself
@@ -154,6 +155,7 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, g
     assert assumed_beyond(uncertain.problem, None) == ()
 
 
+@pytest.mark.whole
 def test_what_all_else_known_would_give_is_what_sampling_that_case_gives(of_uncertain, cheap_posterior):
     # the same data, and a case of its own in which length and gain are exactly known
     known = next(row for row in of_uncertain.knowledge.freed if not row.uncertain)
@@ -183,14 +185,11 @@ BOUNDS_OF_K11 = (
 )
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("prior", "reason"),
     [
-        pytest.param(
-            'distribution = "log_normal"\nmedian = 9.0e9\nsd_log = 0.40\n',
-            "rests on the prior: weakly identified with",
-            marks=pytest.mark.whole,
-        ),
+        ('distribution = "log_normal"\nmedian = 9.0e9\nsd_log = 0.40\n', "rests on the prior: weakly identified with"),
         ('distribution = "log_uniform"\nlow = 1.0e6\nhigh = 1.0e10\n', "the prior's upper bound 1e10 N/m limits it"),
     ],
 )
@@ -342,6 +341,7 @@ def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs,
     assert "These verdicts take Young's modulus, density, length and damping ratio as exact" in capsys.readouterr().out
 
 
+@pytest.mark.whole
 def test_what_a_case_takes_as_exact_beside_its_own_uncertain_quantities_is_freed_too(gathered):
     rows = gathered.freed
     names = ("youngs_modulus", "density", "length", "damping_ratio", "gain")
@@ -351,6 +351,7 @@ def test_what_a_case_takes_as_exact_beside_its_own_uncertain_quantities_is_freed
     assert [word.split(" to ")[0] for word in gathered.assumed] == ["Young's modulus", "density", "damping ratio"]
 
 
+@pytest.mark.whole
 def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_posterior, uncertain, monkeypatch):
     monkeypatch.setattr("jointbayes.sampling.released.END_TOLERANCE", 1e-4)
     monkeypatch.setattr("jointbayes.sampling.released._ROUNDS", 3)
@@ -367,6 +368,7 @@ def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_po
     assert table.rows[-1] == ("length, gain", "–", "–", "–", "–", "–")
 
 
+@pytest.mark.whole
 def test_of_many_stiffnesses_each_has_a_row_of_what_uncertain_inputs_do_to_it(of_uncertain):
     freed = of_uncertain.knowledge.freed
     many = tuple(replace(row, known={f"{n}.kx": next(iter(row.known.values())) for n in "ABCDEF"}) for row in freed)
@@ -407,6 +409,7 @@ def uncertain_report(of_uncertain):
         return report(of_uncertain)
 
 
+@pytest.mark.whole
 def test_other_quantities_have_a_section_with_prior_and_posterior(uncertain_report):
     built, summary = uncertain_report
     table = next(b for b in built.blocks() if isinstance(b, Table) and b.caption == "Other uncertain quantities")
@@ -415,6 +418,7 @@ def test_other_quantities_have_a_section_with_prior_and_posterior(uncertain_repo
     assert summary["nuisances"]["length"]["nominal"] == pytest.approx(383.0)
 
 
+@pytest.mark.whole
 def test_correlations_are_those_of_the_draws(uncertain_report, uncertain):
     built, _ = uncertain_report
     table = next(b for b in built.blocks() if isinstance(b, Table) and b.caption == "Correlation of the draws")
@@ -432,6 +436,7 @@ def test_uncertain_quantities_have_short_labels(name, label):
     assert nuisance_label(name) == label
 
 
+@pytest.mark.whole
 def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
     text = json.dumps(asdict(gathered.kept), default=lambda array: array.tolist())
     kept = typed_value(KeptKnowledge, json.loads(text), "")

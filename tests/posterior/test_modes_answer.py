@@ -177,6 +177,7 @@ def test_a_wrong_model_that_does_not_explain_the_frfs_has_the_verdicts_of_the_mo
     assert summary["answers"]["frfs"]["parameters"]["k22"]["verdict"] == "no verdict"
 
 
+@pytest.mark.whole
 def test_both_answers_are_kept_with_the_draws(measured, tmp_path):
     with plain_reports():
         knowledge = replace(ReportInputs(measured).knowledge, modes=jb.ask_modes(measured, EXACT))

@@ -83,6 +83,7 @@ def test_a_posterior_is_loaded_without_the_files_of_its_bodies(posterior, tmp_pa
     assert (again.problem.log_posterior(theta) == posterior.problem.log_posterior(theta)).all()
 
 
+@pytest.mark.whole
 def test_the_files_of_bodies_are_listed_and_their_numbers_are_in_the_fingerprint(posterior, tmp_path):
     problem = posterior.problem
     (body,) = problem.test.measured_bodies
