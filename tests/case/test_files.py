@@ -97,6 +97,7 @@ def test_the_frfs_of_a_file_become_the_data_of_the_case(tmp_path, kind):
     np.testing.assert_allclose(case.problem.test.data.joint_frf.values, frf.values, rtol=1e-12)
 
 
+@pytest.mark.science
 def test_file_to_posterior_finds_the_joint_of_the_virtual_test(run):
     posterior, _ = run
     for name, true in zip(("k11", "k12", "k22"), TABLE_3, strict=True):
@@ -333,6 +334,7 @@ def test_the_file_of_the_repository_is_what_its_virtual_test_writes(configs, tmp
     np.testing.assert_allclose(first.values, second.values, rtol=1e-6)  # from one machine to another
 
 
+@pytest.mark.science
 def test_stations_find_the_joint_and_a_rotation_by_coarse_differences_does_not(configs):
     start = {"published": TABLE_3}
     stations, rotation = (jb.load_case(configs / f"measured_{name}.toml") for name in ("stations", "rotation"))
@@ -417,6 +419,7 @@ def test_draws_of_matrices_in_files_are_loaded_without_these(tmp_path, monkeypat
     saved_and_moved(posterior, tmp_path, monkeypatch)
 
 
+@pytest.mark.whole
 def test_summary_and_report_name_the_file_and_its_fingerprint(reported):
     import hashlib
     import json

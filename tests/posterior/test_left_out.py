@@ -89,6 +89,7 @@ def test_modes_left_out_do_not_enter_the_estimate():
     assert kept.left_out[0].data.numbers == (2, 3)
 
 
+@pytest.mark.whole
 def test_a_right_model_predicts_what_was_left_out():
     posterior = jb.sample(case(modes_of(frequencies(), ERROR)), seed=1)
     predicted = posterior.predict_left_out()

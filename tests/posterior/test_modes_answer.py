@@ -210,6 +210,7 @@ def test_what_is_declared_exact_has_no_prior_beside():
         case_from_text("twice", text)
 
 
+@pytest.mark.science
 def test_quick_draws_of_two_springs_in_a_thin_sheet_have_the_quantiles_of_a_grid():
     data = ModeData(Observed(np.array([116.8, 726.5]), np.array([0.02, 0.1])))
     prior = JointPrior(PlainSprings(), (Uniform(18.0, 26.0), Uniform(11.0, 19.0)))

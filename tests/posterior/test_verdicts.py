@@ -49,7 +49,7 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 def with_cached(posterior: Posterior, **cached: object) -> Posterior:
     """A copy of a posterior in which cached properties have other values; its likelihood is the same."""
     copy = dataclasses.replace(posterior)
-    copy.__dict__.update(cached, likelihood_region=posterior.likelihood_region)
+    copy.__dict__.update({"likelihood_region": posterior.likelihood_region} | cached)
     return copy
 
 
