@@ -22,7 +22,7 @@ from jointbayes.joint import AnyJoint, Joint, LogStiffness
 from jointbayes.measurement import Data
 from jointbayes.posterior import Posterior, knowledge
 from jointbayes.report import ReportInputs, figures, inputs
-from jointbayes.sampling import SamplerSettings
+from jointbayes.sampling import SamplerSettings, distribution_fit
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.workflow import sample
 from tests.cost import Cost
@@ -112,9 +112,10 @@ def shipped_text(name: str) -> str:
 
 
 def first_in_ci(items: Sequence[object], count: int) -> list[object]:
-    """Parameters of a science test, of which CI takes the first; `make science` takes all."""
+    """Parameters of a test, of which CI takes the first; `make science` takes the rest, and all of a science test."""
     rest = (item if isinstance(item, tuple) else (item,) for item in items[count:])
-    return [*items[:count], *(pytest.param(*item, marks=pytest.mark.long) for item in rest)]
+    marks = pytest.mark.science, pytest.mark.long
+    return [*items[:count], *(pytest.param(*item, marks=marks) for item in rest)]
 
 
 def without_stages(told: str) -> list[str]:
@@ -143,6 +144,21 @@ def plain_reports() -> Iterator[None]:
 def _plain_reports() -> Iterator[None]:
     with plain_reports():
         yield
+
+
+@pytest.fixture(name="rough_proposals")
+def _rough_proposals() -> Iterator[None]:
+    """Runs whose proposal is fitted in one round: half the price of few steps, for claims about none of their draws."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(distribution_fit, "_TRIALS", 1)
+        patch.setattr(distribution_fit, "_ROUNDS", 1)
+        yield
+
+
+def judged_as(again: Posterior, posterior: Posterior) -> Posterior:
+    """A posterior with what was already found of another one of the same draws: its ends are not searched again."""
+    vars(again).update({name: found for name, found in vars(posterior).items() if name not in vars(again)})
+    return again
 
 
 @pytest.fixture(scope="session")

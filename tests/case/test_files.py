@@ -97,6 +97,7 @@ def test_the_frfs_of_a_file_become_the_data_of_the_case(tmp_path, kind):
     np.testing.assert_allclose(case.problem.test.data.joint_frf.values, frf.values, rtol=1e-12)
 
 
+@pytest.mark.science
 def test_file_to_posterior_finds_the_joint_of_the_virtual_test(run):
     posterior, _ = run
     for name, true in zip(("k11", "k12", "k22"), TABLE_3, strict=True):
@@ -333,6 +334,7 @@ def test_the_file_of_the_repository_is_what_its_virtual_test_writes(configs, tmp
     np.testing.assert_allclose(first.values, second.values, rtol=1e-6)  # from one machine to another
 
 
+@pytest.mark.science
 def test_stations_find_the_joint_and_a_rotation_by_coarse_differences_does_not(configs):
     start = {"published": TABLE_3}
     stations, rotation = (jb.load_case(configs / f"measured_{name}.toml") for name in ("stations", "rotation"))
@@ -351,15 +353,23 @@ def run(tmp_path_factory) -> tuple[jb.Posterior, Path]:
     stored(virtual(), folder / "tip.npz")
     posterior = jb.sample(loaded(folder, TIP), seed=1, settings=SMALL)
     posterior.save(folder / "posterior.nc")
-    with plain_reports():
-        jb.write_report(posterior, folder / "before")
-    shutil.move(folder / "tip.npz", folder / "gone.npz")
     return posterior, folder
 
 
-@pytest.mark.usefixtures("plain_reports")
-def test_draws_are_loaded_and_reported_without_the_file(run, monkeypatch):
+@pytest.fixture(scope="module")
+def reported(run) -> tuple[jb.Posterior, Path]:
+    """The same with its report, and the file gone."""
     posterior, folder = run
+    with plain_reports():
+        jb.write_report(posterior, folder / "before")
+    shutil.move(folder / "tip.npz", folder / "gone.npz")
+    return run
+
+
+@pytest.mark.whole
+@pytest.mark.usefixtures("plain_reports")
+def test_draws_are_loaded_and_reported_without_the_file(reported, monkeypatch):
+    posterior, folder = reported
     monkeypatch.chdir("/")
     again = jb.load_posterior(folder / "posterior.nc")
     first, second = posterior.problem.test.data, again.problem.test.data
@@ -387,6 +397,7 @@ def saved_and_moved(posterior, folder, monkeypatch):
     assert jb.load_posterior(folder / "again.nc").case.title == posterior.case.title
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("names", [("only",), ("one", "two")])
 def test_draws_of_named_set_ups_are_loaded_without_their_files(names, tmp_path, monkeypatch):
     (tmp_path / "files").mkdir()
@@ -396,6 +407,8 @@ def test_draws_of_named_set_ups_are_loaded_without_their_files(names, tmp_path, 
     saved_and_moved(posterior, tmp_path, monkeypatch)
 
 
+@pytest.mark.whole
+@pytest.mark.usefixtures("rough_proposals")
 def test_draws_of_matrices_in_files_are_loaded_without_these(tmp_path, monkeypatch):
     (tmp_path / "files").mkdir()
     np.save(tmp_path / "files" / "K.npy", np.array([[2e5, -1e4], [-1e4, 1e3]]))
@@ -406,11 +419,12 @@ def test_draws_of_matrices_in_files_are_loaded_without_these(tmp_path, monkeypat
     saved_and_moved(posterior, tmp_path, monkeypatch)
 
 
-def test_summary_and_report_name_the_file_and_its_fingerprint(run):
+@pytest.mark.whole
+def test_summary_and_report_name_the_file_and_its_fingerprint(reported):
     import hashlib
     import json
 
-    folder = run[1]
+    folder = reported[1]
     summary = json.loads((folder / "before" / "summary.json").read_text(encoding="utf-8"))["measurement"]
     digest = hashlib.sha256((folder / "gone.npz").read_bytes()).hexdigest()
     assert summary["files"] == [{"name": "tip.npz", "size": (folder / "gone.npz").stat().st_size, "sha256": digest}]
@@ -570,6 +584,8 @@ def test_one_line_is_refused_before_any_work(tmp_path):
 
 @pytest.mark.parametrize("quantity", ["accelerance", "receptance"])
 def test_a_conjugated_file_is_named_everywhere_and_its_remedy_gives_the_right_data(tmp_path, quantity, monkeypatch):
+    # the modes that the FRFs show, which take most of the time, are not asked
+    monkeypatch.setattr("jointbayes.measurement.assemble.modes_and_doubtful", lambda *_: ((), ()))
     frf = virtual(quantity=quantity)
     stored(frf, tmp_path / "tip.npz")
     assert not loaded(tmp_path, frf_data()).warnings

@@ -6,7 +6,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.case.case import Case, case_from_text
 from jointbayes.identification.numbering import find_numbering
-from tests.conftest import CONFIGS
+from tests.conftest import CONFIGS, first_in_ci
 
 BAR = """
 [structure]
@@ -33,7 +33,7 @@ def measured(ky: float, krz: float, first: int, last: int, sd: float = 0.01, see
     return (exact * (1 + sd * np.random.default_rng(seed).standard_normal(exact.size))).tolist()
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_in_ci(range(3), 1))
 def test_the_list_of_a_free_bar_is_that_of_its_elastic_modes(seed):
     (warning,) = bar(measured(2e3, 2.0, 3, 7, seed=seed)).warnings
     assert "modes 3, 4, 5, 6, 7 than of modes 1, 2, 3, 4, 5" in warning.text
@@ -49,10 +49,10 @@ def test_the_remedy_ends_the_doubt_and_a_number_that_is_too_high_is_doubted():
     assert doubt.better == (3, 4, 5, 6, 7)
 
 
+@pytest.mark.parametrize("seed", first_in_ci(range(3), 1))
 @pytest.mark.parametrize(("ky", "krz"), [(2e3, 2.0), (1e5, 1e3), (1e7, 1e4), (1e9, 1e6)])
-def test_a_right_list_is_not_doubted(ky, krz):
-    for seed in range(3):
-        assert find_numbering(bar(measured(ky, krz, 1, 5, seed=seed)).problem) is None
+def test_a_right_list_is_not_doubted(ky, krz, seed):
+    assert find_numbering(bar(measured(ky, krz, 1, 5, seed=seed)).problem) is None
 
 
 @pytest.mark.science

@@ -19,7 +19,7 @@ from jointbayes.errors import CaseError
 from jointbayes.posterior import summarise
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout, Lights
-from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited, of_case, shipped_text
+from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited, judged_as, of_case, shipped_text
 
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 UNCERTAIN = shipped_text("clamped_beam_uncertain")
@@ -133,15 +133,15 @@ def test_measured_natural_frequencies_are_looked_at_as_well():
 
 
 @pytest.mark.usefixtures("plain_reports")
-def test_report_and_summary_keep_the_warnings(frequency_posterior):
+def test_report_and_summary_keep_the_warnings(cheap_posterior):
     notes = ("structure.length_mm: found 0.383; expected more; write 383",)
-    inputs = ReportInputs(of_case(frequency_posterior, warnings=notes))
+    inputs = ReportInputs(judged_as(of_case(cheap_posterior, warnings=notes), cheap_posterior))
     assert inputs.summary.warnings == notes
     report = build_report(inputs, datetime.date(2026, 1, 5))
     assert Callout("caution", f"**Check the case file.** {notes[0]}.") in report.blocks()
     (lights,) = (block for block in report.lead if isinstance(block, Lights))
     assert (lights.lights[2].kind, lights.lights[2].text) == ("caution", f"Check {notes[0]}.")
-    assert summarise(frequency_posterior, (1e8, 0.0, 0.0)).warnings == ()
+    assert summarise(cheap_posterior, (1e8, 0.0, 0.0)).warnings == ()
 
 
 # ---- what no machine has

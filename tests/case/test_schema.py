@@ -249,7 +249,12 @@ HOPELESS = {
 def faults_of(text):
     with pytest.raises(CaseError) as caught:
         parse_case(text, "case.toml")
-    lines = str(caught.value).split("\n")
+    return lines_of(caught.value)
+
+
+def lines_of(error):
+    """The lines of an error, each of which says where, and is printable and plain."""
+    lines = str(error).split("\n")
     for line in lines:
         assert ONE_LINE.fullmatch(line) or re.fullmatch(r"and \d+ more", lines[-1]), line
         # spaces of every width are shown as they are
@@ -370,10 +375,12 @@ FULL_HEADERS = list(re.finditer(r"^\[(?:\w+\.)?(\w+)\]", FULL, re.MULTILINE))
 
 
 def check_never_another_exception(text, most):
+    faults = []
     try:
         parse_case(text, "case.toml")
-    except CaseError:
-        assert len(faults_of(text)) <= most
+    except CaseError as error:
+        faults = lines_of(error)
+    assert len(faults) <= most
 
 
 def test_deleting_any_key_of_the_fullest_case_is_a_valid_case_or_few_lines():
@@ -584,15 +591,15 @@ def test_a_list_of_thousands_of_dofs_is_one_line(count):
 @pytest.mark.parametrize(
     "added",
     [
-        "".join(f"[t{i}]\n" for i in range(16_010)),
-        "".join(f"key{i} = 1\n" for i in range(16_010)),
-        "".join(f"[structure.t{i}]\n" for i in range(16_010)),
+        "".join(f"[t{i}]\n" for i in range(4_010)),
+        "".join(f"key{i} = 1\n" for i in range(4_010)),
+        "".join(f"[structure.t{i}]\n" for i in range(4_010)),
     ],
 )
 def test_of_many_faults_the_first_are_told_and_the_others_counted(added):
     lines = faults_of(f"{GOOD}\n{added}")
     assert len(lines) == 21
-    assert lines[-1] == "and 15990 more"
+    assert lines[-1] == "and 3990 more"
     numbers = [int(line.split(":")[1]) for line in lines[:-1]]
     assert numbers == sorted(numbers)
 

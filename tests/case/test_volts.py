@@ -61,6 +61,7 @@ def test_modes_need_no_unit(tmp_path):
     np.testing.assert_allclose(case.problem.test.data.frequency_hz, [121.5, 752.4], rtol=1e-3)
 
 
+@pytest.mark.science
 def test_with_an_uncertain_gain_the_joint_and_the_gain_are_found(tmp_path):
     gain = "[uncertain.gain]\nlow_factor = 0.001\nhigh_factor = 1000.0\n"
     problem = loaded(tmp_path, VARIANCE + gain).problem

@@ -3,6 +3,7 @@
 import os
 import re
 import tracemalloc
+from functools import cache
 
 import numpy as np
 import pytest
@@ -69,6 +70,7 @@ def test_missing_files_directories_and_pipes(tmp_path):
         assert "found a directory, a device or a pipe" in refuse(tmp_path / "pipe")
 
 
+@cache
 def big_files():
     values = np.random.default_rng(6).normal(size=40_000) + 1j
     text = function_58(values)

@@ -27,6 +27,7 @@ def test_the_variance_is_that_of_both_parts_at_the_true_frf():
     assert_array_equal(measured(np.random.default_rng(1)).variance, exact.variance)
 
 
+@pytest.mark.science
 def test_synthetic_noise_is_circular_with_the_stated_variance():
     lines = np.linspace(20.0, 2500.0, 40_000)
     exact, noisy = measured(lines=lines), measured(np.random.default_rng(2), lines=lines)

@@ -198,7 +198,7 @@ def structs(n):
 @pytest.mark.parametrize("work", [join, same_names, histories, units_again, structs])
 def test_time_does_not_grow_with_the_square_of_the_number(tmp_path, monkeypatch, work):
     monkeypatch.chdir(tmp_path)
-    n = 4000 if work is join else 2000
+    n = 2000 if work is join else 1000
     work(n // 10)  # what is loaded at first use
     # whatever else the machine does disturbs one measurement or two, not each of six
     ratios = (seconds(work, 5 * n) / seconds(work, n) for _ in range(6))

@@ -272,7 +272,7 @@ def test_columns_of_the_header_that_touch_are_read(tmp_path):
 
 def test_one_record_is_in_memory_at_a_time(tmp_path):
     path = tmp_path / "a"
-    big = RNG.normal(size=20_000) + 1j
+    big = RNG.normal(size=5_000) + 1j
     path.write_text("".join(function_58(big, response=("NONE", n, 3)) for n in range(1, 13)))
     size = path.stat().st_size
     tracemalloc.start()

@@ -22,7 +22,7 @@ def repeats(rng: np.random.Generator, count: int, sd: float = 0.3) -> list[FrfSe
     return [FrfSet(LINES, one, ("1:y",), ("1:y",), averages=5) for one in values]
 
 
-@pytest.mark.parametrize("count", [2, 4, 10])
+@pytest.mark.parametrize("count", [2, 4, pytest.param(10, marks=pytest.mark.science)])
 def test_the_variance_of_repeats_is_the_scatter_of_their_mean(count):
     rng = np.random.default_rng(count)
     tests = [mean_of_repeats(repeats(rng, count)) for _ in range(800)]

@@ -365,6 +365,7 @@ def random_file(seed):
     return records(rng, list(UNITS)[seed % 2], modal=modal, lines=lines, relative=(0.02, 0.2, 0.001)[seed % 3])
 
 
+@pytest.mark.science
 def test_a_conjugate_and_a_turned_sign_are_told_apart_in_drive_points_and_transfers():
     seen = {"conjugate": 0, "turned": 0}
     for seed in range(40):

@@ -69,7 +69,7 @@ def test_a_right_model_is_refused_no_more_often_than_stated() -> None:
         assert 0.04 < np.mean(np.array(p_values) > 0.9) < 0.16
 
 
-@pytest.mark.parametrize("parts", [1, 2])
+@pytest.mark.parametrize("parts", [1, pytest.param(2, marks=pytest.mark.science)])
 @pytest.mark.parametrize(("name", "hyper"), [("scaled", [2.5]), ("integrated", []), ("student", [])])
 def test_data_of_the_noise_model_are_explained(parts: int, name: str, hyper: list[float]) -> None:
     noise = {

@@ -87,6 +87,7 @@ def test_the_size_of_a_fault_is_stated():
     assert shifts == pytest.approx([100 * (np.sqrt(210 / 200) - 1)] * 3, abs=0.25)  # the joint is not softer with it
 
 
+@pytest.mark.science
 @pytest.mark.parametrize(
     ("text", "change", "cause"),
     [

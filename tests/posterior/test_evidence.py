@@ -132,6 +132,7 @@ class TestParetoK:
 
 
 class TestNested:
+    @pytest.mark.science
     def test_a_gaussian_has_its_closed_form(self):
         known = Gaussian(2)
         found = nested_evidence(known.log_likelihood, known.transform, 2, np.random.default_rng(6), live=200)
@@ -161,6 +162,7 @@ class TestChoice:
         assert found.method == "importance sampling"
         assert found.log_z == pytest.approx(math.log(2 * math.pi / 400), abs=0.01)
 
+    @pytest.mark.science
     def test_quadrature_where_they_are_not(self):
         start = (np.array([6.0, 0.0]), 1e-4 * np.eye(2))
         found = evidence(FakePosterior(self.ring), [None], [start], np.random.default_rng(9), draws=2000)

@@ -38,6 +38,7 @@ def of(name, data, structure=ROD, joints=CLAMP, level=None):
     return Test(name, structure, joints, data, level=level)
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("averages", [None, 10])
 def test_equal_frfs_are_called_different_as_often_as_stated(averages):
     rng = np.random.default_rng(1)

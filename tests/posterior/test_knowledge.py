@@ -18,14 +18,19 @@ from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import KeptKnowledge, effect_sentence, inputs_taken_as_exact
 from jointbayes.posterior.rounding import rounded_interval
 from jointbayes.posterior.storage import typed_value
-from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, assumed_words, effect_of_uncertain_inputs
+from jointbayes.posterior.uncertain_inputs import (
+    UncertainInputsRow,
+    assumed_beyond,
+    assumed_words,
+    effect_of_uncertain_inputs,
+)
 from jointbayes.posterior.verdicts import NO_VALID_VALUE
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.markup import badge, nuisance_label
 from jointbayes.report.model import Lights, Paragraph, Table
 from jointbayes.report.sections import lead
 from jointbayes.report.sections.identifiable import freed_blocks
-from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, of_case, plain_reports
+from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, judged_as, of_case, plain_reports
 
 INITIAL = (1e8, 0.0, 0.0)
 DATE = datetime.date(2026, 1, 5)
@@ -56,9 +61,11 @@ def gathered(uncertain):
 
 
 @pytest.fixture(scope="module")
-def of_uncertain(uncertain):
-    """The report's inputs, which keep what was gathered once."""
-    return ReportInputs(of_case(uncertain))
+def of_uncertain(uncertain, gathered):
+    """The report's inputs of a case that assumes nothing, with the rows that its own quantities have."""
+    inputs = ReportInputs(judged_as(of_case(uncertain), uncertain))
+    inputs.__dict__["knowledge"] = replace(gathered, freed=gathered.freed[:2], assumed=())
+    return inputs
 
 
 def report(inputs):
@@ -135,15 +142,20 @@ def test_a_chain_too_short_for_an_effective_size_is_reported_with_a_dash(wrong, 
     assert all(row[-2:] == ("–", "–") for row in numbers.rows)
 
 
-def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, of_uncertain):
-    knowledge = of_uncertain.knowledge
-    assert not knowledge.assumed
-    assert [row.uncertain for row in knowledge.freed] == [("length", "gain"), ()]
-    assert knowledge.freed[0].source == "this run"
+@pytest.mark.whole
+def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, gathered, monkeypatch):
     for name in ("k11", "k12", "k22"):
-        assert repr(knowledge.freed[0].known[name]) == repr(uncertain.identifiability(name))  # NaN is not itself
+        assert repr(gathered.freed[0].known[name]) == repr(uncertain.identifiability(name))  # NaN is not itself
+    assert gathered.freed[0].source == "this run"
+    # of a case that assumes nothing there are no further rows
+    monkeypatch.setattr(
+        "jointbayes.posterior.uncertain_inputs._row", lambda _, __, names, ___: UncertainInputsRow(names, "none", {})
+    )
+    assert [row.uncertain for row in effect_of_uncertain_inputs(uncertain)] == [("length", "gain"), ()]
+    assert assumed_beyond(uncertain.problem, None) == ()
 
 
+@pytest.mark.whole
 def test_what_all_else_known_would_give_is_what_sampling_that_case_gives(of_uncertain, cheap_posterior):
     # the same data, and a case of its own in which length and gain are exactly known
     known = next(row for row in of_uncertain.knowledge.freed if not row.uncertain)
@@ -173,6 +185,7 @@ BOUNDS_OF_K11 = (
 )
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("prior", "reason"),
     [
@@ -328,6 +341,7 @@ def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs,
     assert "These verdicts take Young's modulus, density, length and damping ratio as exact" in capsys.readouterr().out
 
 
+@pytest.mark.whole
 def test_what_a_case_takes_as_exact_beside_its_own_uncertain_quantities_is_freed_too(gathered):
     rows = gathered.freed
     names = ("youngs_modulus", "density", "length", "damping_ratio", "gain")
@@ -337,8 +351,10 @@ def test_what_a_case_takes_as_exact_beside_its_own_uncertain_quantities_is_freed
     assert [word.split(" to ")[0] for word in gathered.assumed] == ["Young's modulus", "density", "damping ratio"]
 
 
+@pytest.mark.whole
 def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_posterior, uncertain, monkeypatch):
     monkeypatch.setattr("jointbayes.sampling.released.END_TOLERANCE", 1e-4)
+    monkeypatch.setattr("jointbayes.sampling.released._ROUNDS", 3)
     rows = effect_of_uncertain_inputs(cheap_posterior, uncertain.problem)
     assert len(rows) == 2
     assert rows[-1].source == "none"
@@ -352,6 +368,7 @@ def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_po
     assert table.rows[-1] == ("length, gain", "–", "–", "–", "–", "–")
 
 
+@pytest.mark.whole
 def test_of_many_stiffnesses_each_has_a_row_of_what_uncertain_inputs_do_to_it(of_uncertain):
     freed = of_uncertain.knowledge.freed
     many = tuple(replace(row, known={f"{n}.kx": next(iter(row.known.values())) for n in "ABCDEF"}) for row in freed)
@@ -392,6 +409,7 @@ def uncertain_report(of_uncertain):
         return report(of_uncertain)
 
 
+@pytest.mark.whole
 def test_other_quantities_have_a_section_with_prior_and_posterior(uncertain_report):
     built, summary = uncertain_report
     table = next(b for b in built.blocks() if isinstance(b, Table) and b.caption == "Other uncertain quantities")
@@ -400,6 +418,7 @@ def test_other_quantities_have_a_section_with_prior_and_posterior(uncertain_repo
     assert summary["nuisances"]["length"]["nominal"] == pytest.approx(383.0)
 
 
+@pytest.mark.whole
 def test_correlations_are_those_of_the_draws(uncertain_report, uncertain):
     built, _ = uncertain_report
     table = next(b for b in built.blocks() if isinstance(b, Table) and b.caption == "Correlation of the draws")
@@ -417,12 +436,13 @@ def test_uncertain_quantities_have_short_labels(name, label):
     assert nuisance_label(name) == label
 
 
+@pytest.mark.whole
 def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
     text = json.dumps(asdict(gathered.kept), default=lambda array: array.tolist())
     kept = typed_value(KeptKnowledge, json.loads(text), "")
     for name in ("_profiles", "effect_of_uncertain_inputs", "next_step"):
         monkeypatch.setattr(f"jointbayes.posterior.knowledge.{name}", lambda *_: pytest.fail("found anew"))
-    again = gather_knowledge(replace(uncertain, _kept_knowledge=kept))
+    again = gather_knowledge(judged_as(replace(uncertain, _kept_knowledge=kept), uncertain))
     assert repr(again.freed) == repr(gathered.freed)
     assert again.assumed == gathered.assumed
     assert again.next_step == gathered.next_step is not None

@@ -89,6 +89,7 @@ def test_modes_left_out_do_not_enter_the_estimate():
     assert kept.left_out[0].data.numbers == (2, 3)
 
 
+@pytest.mark.whole
 def test_a_right_model_predicts_what_was_left_out():
     posterior = jb.sample(case(modes_of(frequencies(), ERROR)), seed=1)
     predicted = posterior.predict_left_out()
@@ -97,6 +98,7 @@ def test_a_right_model_predicts_what_was_left_out():
     assert (narrower[0].high - narrower[0].low < predicted[0].high - predicted[0].low).all()
 
 
+@pytest.mark.whole
 def test_a_wrong_model_is_seen_to_fail_in_report_summary_and_terminal(tmp_path, plain_reports):
     path, out = tmp_path / "wrong.toml", tmp_path / "wrong"
     path.write_text(CHAIN.replace("MASS", "2.0") + modes_of(frequencies(), ERROR), encoding="utf-8")

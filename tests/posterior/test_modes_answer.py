@@ -26,7 +26,7 @@ from jointbayes.posterior.modes_answer import (
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.sections.lead import answer_text
 from jointbayes.workflow import sample_quickly
-from tests.conftest import CLAMP, TABLE_3, cheap_text, edited, pair_matrix, rod
+from tests.conftest import CLAMP, TABLE_3, cheap_text, edited, pair_matrix, plain_reports, rod
 
 EXACT = ErrorSizes(frequency=1e-9)
 
@@ -183,10 +183,14 @@ def test_a_wrong_model_that_does_not_explain_the_frfs_has_the_verdicts_of_the_mo
     assert summary["answers"]["frfs"]["parameters"]["k22"]["verdict"] == "no verdict"
 
 
-def test_both_answers_are_kept_with_the_draws(heavier, inputs, tmp_path):
-    heavier.save(tmp_path / "posterior.nc", inputs.knowledge)
-    again = ReportInputs(jb.load_posterior(tmp_path / "posterior.nc", heavier.problem)).knowledge
-    assert repr(again.modes) == repr(inputs.knowledge.modes)
+@pytest.mark.whole
+def test_both_answers_are_kept_with_the_draws(measured, tmp_path):
+    with plain_reports():
+        knowledge = replace(ReportInputs(measured).knowledge, modes=jb.ask_modes(measured, EXACT))
+    measured.save(tmp_path / "posterior.nc", knowledge)
+    again = ReportInputs(jb.load_posterior(tmp_path / "posterior.nc", measured.problem)).knowledge
+    assert again.modes.known
+    assert repr(again.modes) == repr(knowledge.modes)
 
 
 def test_what_nobody_stated_is_as_uncertain_as_in_a_workshop_and_what_is_declared_exact_is_exact(cheap_posterior):
@@ -212,6 +216,7 @@ def test_what_is_declared_exact_has_no_prior_beside():
         case_from_text("twice", text)
 
 
+@pytest.mark.science
 def test_quick_draws_of_two_springs_in_a_thin_sheet_have_the_quantiles_of_a_grid():
     data = ModeData(Observed(np.array([116.8, 726.5]), np.array([0.02, 0.1])))
     prior = JointPrior(PlainSprings(), (Uniform(18.0, 26.0), Uniform(11.0, 19.0)))

@@ -19,6 +19,7 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Lights, Table
 from jointbayes.report.sections.measured_data import measured_bodies_section
 from jointbayes.workflow import identify, load_posterior, sample
+from tests.conftest import judged_as
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +42,7 @@ def test_where_the_noise_counts_the_verdicts_are_as_ever(posterior):
     assert found.sentence in str(posterior.summary())
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_where_the_noise_is_ignored_verdicts_summary_and_report_say_so(posterior, ignoring):
     for name in ignoring.stiffness_names:
         known = ignoring.identifiability(name)
@@ -81,6 +83,7 @@ def test_a_posterior_is_loaded_without_the_files_of_its_bodies(posterior, tmp_pa
     assert (again.problem.log_posterior(theta) == posterior.problem.log_posterior(theta)).all()
 
 
+@pytest.mark.whole
 def test_the_files_of_bodies_are_listed_and_their_numbers_are_in_the_fingerprint(posterior, tmp_path):
     problem = posterior.problem
     (body,) = problem.test.measured_bodies
@@ -92,7 +95,7 @@ def test_the_files_of_bodies_are_listed_and_their_numbers_are_in_the_fingerprint
         )
 
     of(replace(body, files=(file,))).save(tmp_path / "posterior.nc")
-    again = load_posterior(tmp_path / "posterior.nc")
+    again = judged_as(load_posterior(tmp_path / "posterior.nc"), posterior)
     summary = again.summary().to_json()
     assert summary["measured_bodies"]["files"] == {
         "spindle": [{"name": "nose.uff", "size": 1234, "sha256": file.sha256}]

@@ -4,6 +4,7 @@ import dataclasses
 import json
 
 import arviz as az
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,11 +12,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import Ports, receptance_model
-from jointbayes.posterior import assess, summarise
+from jointbayes.posterior import assess, data_sha256, summarise
+from jointbayes.posterior.storage import RECORD
 from jointbayes.sampling import SamplerSettings
 from jointbayes.sampling.diagnostics import effective_sizes
 from jointbayes.workflow import load_posterior, sample
-from tests.conftest import PAIR, pair_matrix
+from tests.conftest import PAIR, judged_as, pair_matrix
 
 INITIAL = (1e8, 0.0, 0.0)
 MEASURED_HZ = (120.0, 762.0, 2101.0)
@@ -110,7 +112,7 @@ def test_a_mode_on_the_edge_of_its_prior_is_named(cheap_posterior):
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(cheap_case):
-    settings = SamplerSettings(walkers=8, max_steps=200)
+    settings = SamplerSettings(walkers=8, max_steps=100)
     first, again, other = (sample(cheap_case, seed=seed, settings=settings) for seed in (7, 7, 8))
     for name in PAIR.stiffness_names:
         assert first.values(name).tobytes() == again.values(name).tobytes()
@@ -288,6 +290,8 @@ def test_a_saved_posterior_comes_back_bit_for_bit(cheap_posterior, frequency_pos
         assert loaded.estimate.log_posterior == posterior.estimate.log_posterior
         assert loaded.estimate.failed_starts == posterior.estimate.failed_starts
         assert [s.name for s in loaded.estimate.starts] == [s.name for s in posterior.estimate.starts]
+        if posterior is frequency_posterior:  # the ends of a flat region take seconds, found once for both
+            judged_as(loaded, posterior)
         assert summarise(loaded, INITIAL, MEASURED_HZ).to_json() == summarise(posterior, INITIAL, MEASURED_HZ).to_json()
 
 
@@ -306,12 +310,8 @@ def test_a_posterior_that_cannot_be_written_leaves_the_old_file_alone(cheap_post
 
 def rewritten(path, change):
     """Change the JSON record of a posterior file."""
-    with xr.open_datatree(path, engine="h5netcdf") as tree:
-        loaded = tree.load().copy(deep=True)
-    record = json.loads(loaded.attrs["jointbayes"])
-    loaded.attrs["jointbayes"] = change(record)
-    path.unlink()
-    loaded.to_netcdf(path, engine="h5netcdf")
+    with h5py.File(path, "r+") as file:
+        file.attrs[RECORD] = change(json.loads(file.attrs[RECORD]))
 
 
 def without(key):
@@ -330,10 +330,18 @@ SPOILT = {
 }
 
 
-@pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)
-def test_a_file_that_holds_no_posterior_is_refused_in_one_line(cheap_posterior, tmp_path, spoil):
-    path = tmp_path / "posterior.nc"
+@pytest.fixture(scope="module")
+def saved(cheap_posterior, tmp_path_factory):
+    """The bytes of its file."""
+    path = tmp_path_factory.mktemp("saved") / "posterior.nc"
     cheap_posterior.save(path)
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)
+def test_a_file_that_holds_no_posterior_is_refused_in_one_line(saved, tmp_path, spoil):
+    path = tmp_path / "posterior.nc"
+    path.write_bytes(saved)
     spoil(path)
     with pytest.raises(MeasurementError, match="expected") as caught:
         load_posterior(path)
@@ -425,8 +433,9 @@ def test_numbers_that_do_not_exist_are_null(frequency_posterior):
 
 def test_the_fingerprint_follows_the_data(cheap_posterior, frequency_posterior):
     def fingerprint(posterior):
-        return summarise(posterior, INITIAL).data_sha256
+        return data_sha256(posterior.problem)
 
+    assert summarise(cheap_posterior, INITIAL).data_sha256 == fingerprint(cheap_posterior)
     measurement = cheap_posterior.problem.test.data
     changed = dataclasses.replace(
         cheap_posterior,

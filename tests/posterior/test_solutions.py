@@ -23,6 +23,12 @@ def portal():
     return jb.sample(jb.case_from_text("portal", study.portal()), seed=1, settings=TO_CONVERGE)
 
 
+@pytest.fixture(scope="module")
+def storeys():
+    """The same of two unknowns."""
+    return jb.sample(jb.load_case(CONFIGS / "two_storeys.toml"), seed=1, settings=TO_CONVERGE)
+
+
 @pytest.mark.science
 def test_no_stiffness_that_differs_between_the_feet_is_identified(portal):
     assert portal.converged
@@ -77,13 +83,14 @@ def test_the_sensor_that_would_tell_the_feet_apart_is_one_that_does(portal):
     assert len(jb.find_map(problem).modes) == 1
 
 
-def test_two_storeys_of_the_same_two_frequencies_are_two_solutions():
-    posterior = jb.sample(jb.load_case(CONFIGS / "two_storeys.toml"), seed=1, settings=TO_CONVERGE)
-    assert posterior.converged
-    assert posterior.identifiability("first.kx").verdict_reason.startswith("two solutions: 1.4")
-    assert "An FRF at 2:x would tell them apart" in posterior.solutions.sentence
+def test_two_storeys_of_the_same_two_frequencies_are_two_solutions(storeys):
+    assert storeys.converged
+    assert storeys.identifiability("first.kx").verdict_reason.startswith("two solutions: 1.4")
+    assert "An FRF at 2:x would tell them apart" in storeys.solutions.sentence
+    assert known_by_bounds(storeys) == ()
 
 
+@pytest.mark.science
 def test_what_is_said_beside_the_solutions_knows_of_both(portal):
     region = portal.likelihood_region
     for index, name in enumerate(portal.stiffness_names):
@@ -104,13 +111,14 @@ def test_two_solutions_stay_two_with_other_inputs_uncertain(portal):
         assert np.log(known.interval95) == pytest.approx(np.log(run.known[name].interval95), abs=0.1)
 
 
-def test_solutions_of_a_model_that_fails_do_not_explain_the_data(portal):
-    misfit = dataclasses.replace(portal)
-    misfit.__dict__["check"] = dataclasses.replace(portal.check, chi2_per_line=4.0)
+def test_solutions_of_a_model_that_fails_do_not_explain_the_data(storeys):
+    misfit = dataclasses.replace(storeys)
+    misfit.__dict__["check"] = dataclasses.replace(storeys.check, chi2_per_line=40.0)
     assert not misfit.check.explains
-    assert Solutions(misfit).sentence.startswith("Two solutions fit the data best (probability 0.5")
+    assert Solutions(misfit).sentence.startswith("Two solutions fit the data best (probability 0.")
 
 
+@pytest.mark.science
 def test_wider_priors_are_drawn_about_every_solution(portal):
     wide = widened_prior(portal.problem.prior)
     theta, effective, reliable = _drawn_anew(portal, np.random.default_rng(1), wide)
@@ -120,13 +128,13 @@ def test_wider_priors_are_drawn_about_every_solution(portal):
     assert shares == pytest.approx([0.5, 0.5], abs=0.05)
 
 
-def test_solutions_of_a_run_that_did_not_converge_have_no_probabilities(portal):
-    failed = dataclasses.replace(portal, record=dataclasses.replace(portal.record, converged=False))
+def test_solutions_of_a_run_that_did_not_converge_have_no_probabilities(storeys):
+    failed = dataclasses.replace(storeys, record=dataclasses.replace(storeys.record, converged=False))
     sentence = failed.solutions.sentence
     assert sentence.startswith("Two solutions explain the data (their probabilities are not settled, as the sampler")
     assert "(probability" not in sentence
-    assert sentence.partition("): ")[2] == portal.solutions.sentence.partition("): ")[2]
-    assert "probability" not in failed.identifiability("A.kx").verdict_reason
+    assert sentence.partition("): ")[2] == storeys.solutions.sentence.partition("): ")[2] != ""
+    assert "probability" not in failed.identifiability("first.kx").verdict_reason
 
 
 def test_a_posterior_with_one_mode_has_one_solution(cheap_posterior):
@@ -138,16 +146,16 @@ def test_a_posterior_with_one_mode_has_one_solution(cheap_posterior):
     assert cheap_posterior.summary().to_json()["modes"] == []
 
 
-def test_a_mode_that_no_interval_reaches_is_no_solution(portal):
-    """The draws of one foot order alone, and so few of the other as lie outside every 95 % interval."""
-    few = dataclasses.replace(portal)
+def test_a_mode_that_no_interval_reaches_is_no_solution(storeys):
+    """The draws of one building alone, and so few of the other as lie outside every 95 % interval."""
+    few = dataclasses.replace(storeys)
     solutions = Solutions(few)
     rare = np.flatnonzero(solutions._nearest == 1)[int(0.8 * LEAST_SHARE * len(few.theta)) :]
     solutions._nearest[rare] = 0
     solutions.shares = np.bincount(solutions._nearest) / len(few.theta)
     assert solutions.shares[1] < LEAST_SHARE
-    assert solutions.values_of("A.kx") == [[0]]
-    assert solutions.reason("A.kx") == ""
+    assert solutions.values_of("first.kx") == [[0]]
+    assert solutions.reason("first.kx") == ""
 
 
 def test_halves_of_one_ridge_are_not_two_solutions():

@@ -41,15 +41,15 @@ from jointbayes.report.model import Callout, Report, Table
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.report.sections.lead import lead
 from jointbayes.workflow import sample
-from tests.conftest import PAIR, TO_CONVERGE
+from tests.conftest import PAIR, TO_CONVERGE, judged_as
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def with_cached(posterior: Posterior, **cached: object) -> Posterior:
-    """A copy of a posterior in which cached properties have other values."""
+    """A copy of a posterior in which cached properties have other values; its likelihood is the same."""
     copy = dataclasses.replace(posterior)
-    copy.__dict__.update(cached)
+    copy.__dict__.update({"likelihood_region": posterior.likelihood_region} | cached)
     return copy
 
 
@@ -194,7 +194,7 @@ def table_of(posterior):
 
 def test_a_failed_run_has_no_verdict_on_paper(cheap_posterior):
     record = dataclasses.replace(cheap_posterior.record, converged=False)
-    failed = dataclasses.replace(cheap_posterior, record=record)
+    failed = judged_as(dataclasses.replace(cheap_posterior, record=record), cheap_posterior)
     table = table_of(failed)
     assert {row[-1] for row in table.rows} == {"no verdict"}
     assert set(table.row_kinds) == {"bad"}

@@ -203,9 +203,9 @@ def test_frfs_and_the_logarithms_of_their_magnitudes_are_not_the_same_data(cheap
 
 def test_a_posterior_that_piles_up_on_an_edge_of_its_prior_is_marked():
     # at 383 mm the springs want to be rigid: k11 has no upper end but the prior's
-    changes = ("length_mm = 360.0", "length_mm = 383.0"), ("high = 100000000000.0", "high = 1.0e10")
+    changes = ("length_mm = 360.0", "length_mm = 383.0"), ("high = 100000000000.0", "high = 3.0e9")
     case = case_from_text("narrow", frequencies_text(*changes, hypotheses=("springs",)))
-    (found,) = compare([case], seed=1).candidates
+    (found,) = compare([case], seed=2).candidates
     # and k22, which takes over what k11 may not have
     assert [(edge.name, edge.side) for edge in found.at_edge] == [("k11", "high"), ("k22", "high")]
     assert found.at_edge[0].probability > 0.1
