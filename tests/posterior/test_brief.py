@@ -35,7 +35,6 @@ def test_a_brief_row_has_the_numbers_of_the_summary(request, which):
     assert not any(isinstance(cell, float) and not math.isfinite(cell) for cell in row.values())
 
 
-<<<<<<< HEAD
 def test_what_is_said_of_a_quantity_besides_the_joint_is_that_of_its_logarithm(uncertain):
     said = uncertain.summary().nuisances["gain"]
     values, before = uncertain.values("gain"), uncertain.prior_values("gain")
@@ -45,12 +44,9 @@ def test_what_is_said_of_a_quantity_besides_the_joint_is_that_of_its_logarithm(u
     assert said.prior_interval95 == pytest.approx(np.quantile(before, [0.025, 0.975]))
 
 
-@pytest.mark.parametrize("which", ["cheap_posterior", "frequency_posterior", "uncertain"])
-=======
 @pytest.mark.parametrize(
     "which", ["cheap_posterior", "frequency_posterior", pytest.param("uncertain", marks=pytest.mark.whole)]
 )
->>>>>>> tB
 def test_the_misfit_p_value_falls_below_its_level_where_there_is_a_misfit(request, which):
     check = request.getfixturevalue(which).check
     assert (check.misfit_p_value < 0.01) == (check.finding == "misfit")
