@@ -107,9 +107,10 @@ def shipped_text(name: str) -> str:
 
 
 def first_in_ci(items: Sequence[object], count: int) -> list[object]:
-    """Parameters of a science test, of which CI takes the first; `make science` takes all."""
+    """Parameters of a test, of which `make test` or CI takes the first; `make science` takes all."""
     rest = (item if isinstance(item, tuple) else (item,) for item in items[count:])
-    return [*items[:count], *(pytest.param(*item, marks=pytest.mark.long) for item in rest)]
+    marks = (pytest.mark.science, pytest.mark.long)
+    return [*items[:count], *(pytest.param(*item, marks=marks) for item in rest)]
 
 
 def without_stages(told: str) -> list[str]:
