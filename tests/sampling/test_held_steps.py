@@ -10,7 +10,7 @@ from jointbayes.sampling.chains import spacing
 from jointbayes.sampling.stopping import diagnose
 from jointbayes.sampling.workers import advance
 
-NEVER = SamplerSettings(walkers=8, max_steps=750, check_every=10, tau_factor=1e9)
+NEVER = SamplerSettings(walkers=8, max_steps=480, check_every=10, tau_factor=1e9)
 
 
 def gaussian(x):
@@ -47,7 +47,7 @@ def held_and_blocks():
         return blocks[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jointbayes.sampling.chains.MOST_HELD", 100)
+        patch.setattr("jointbayes.sampling.chains.MOST_HELD", 60)
         patch.setattr("jointbayes.sampling.workers.advance", advanced)
         return run(density=Counted()), blocks
 
@@ -65,11 +65,11 @@ def test_a_long_run_holds_every_so_many_steps_of_the_same_run(whole, held):
 
 def test_counts_are_those_of_all_blocks(whole, held_and_blocks):
     chains, blocks = held_and_blocks
-    assert (chains.steps, chains.evaluations) == (750, whole.evaluations)
+    assert (chains.steps, chains.evaluations) == (480, whole.evaluations)
     assert chains.singular == sum(block.singular for block in blocks) > 0
     for ensemble, share in enumerate(chains.acceptance):
         accepted = sum(count.accepted for block in blocks[ensemble::4] for count in block.moves.values())
-        assert share == accepted / (750 * 8)
+        assert share == accepted / (480 * 8)
     for name, share in chains.move_acceptance.items():
         counts = [block.moves[name] for block in blocks if name in block.moves]
         assert share == sum(n.accepted for n in counts) / sum(n.proposed for n in counts)
