@@ -383,8 +383,9 @@ class TestReproducibility:
 
 
 class TestRun:
-    def test_stops_by_the_rule(self):
-        chains = run(1, SamplerSettings(walkers=8, max_steps=20_000))
+    def test_stops_by_the_rule_and_reports_progress_after_each_block(self, capsys):
+        seen = []
+        chains = run(1, SamplerSettings(walkers=8, max_steps=20_000, check_every=100), progress=seen.append)
         assert chains.converged
         assert chains.steps < 20_000
         assert chains.steps - chains.burn_in > 50.0 * chains.tau.max()
@@ -393,6 +394,13 @@ class TestRun:
             f"converged after {chains.steps} steps (limit 20000): the ends of each 95 % interval are good to "
         )
         assert abs(chains.history[-2].tau_max / chains.tau.max() - 1.0) < 0.02
+        assert [report.done for report in seen] == list(range(100, chains.steps + 1, 100))
+        assert all(report.done <= report.total <= 20_000 for report in seen)
+        assert seen[-1].total == seen[-1].done
+        assert seen[-1].figures == {"tau": chains.tau.max(), "r_hat": chains.r_hat.max()}
+        elapsed = [report.elapsed_seconds for report in seen]
+        assert elapsed == sorted(elapsed)
+        assert capsys.readouterr() == ("", "")
 
     def test_step_limit_leaves_the_run_unconverged_and_says_so(self, one):
         chains = one
@@ -476,17 +484,6 @@ class TestRun:
         arrays = [chains.theta, chains.log_density, chains.acceptance, chains.tau, chains.r_hat]
         arrays += [draws.theta, draws.log_density, draws.ensemble]
         assert not any(array.flags.writeable for array in arrays)
-
-    def test_progress_is_reported_after_each_block(self, capsys):
-        seen = []
-        chains = run(1, SamplerSettings(walkers=8, max_steps=20_000, check_every=100), progress=seen.append)
-        assert [report.done for report in seen] == list(range(100, chains.steps + 1, 100))
-        assert all(report.done <= report.total <= 20_000 for report in seen)
-        assert seen[-1].total == seen[-1].done
-        assert seen[-1].figures == {"tau": chains.tau.max(), "r_hat": chains.r_hat.max()}
-        elapsed = [report.elapsed_seconds for report in seen]
-        assert elapsed == sorted(elapsed)
-        assert capsys.readouterr() == ("", "")
 
 
 class TestRefusals:
