@@ -48,14 +48,14 @@ class Attacker:
         self._end()
         shutil.rmtree(self.root, ignore_errors=True)
 
-    def attempt(self, content: bytes) -> Verdict:
-        """Have the target read this content from a file."""
+    def attempt(self, content: bytes, suffix: str | None = None) -> Verdict:
+        """Have the target read this content from a file, of another ending than its own if one is given."""
         if self._process is None or self._attempts >= self.target.patience:
             self._end()
             self._begin()
         assert self._process is not None
         assert self._process.stdin is not None
-        path = self.root / "in" / f"input{self.target.suffix}"
+        path = self.root / "in" / f"input{self.target.suffix if suffix is None else suffix}"
         path.write_bytes(content)
         self._attempts += 1
         try:

@@ -219,6 +219,7 @@ def test_impossible_set_ups_are_refused_in_one_line(made, words):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.whole
 def test_a_posterior_of_set_ups_is_kept_checked_and_predicts_each_of_them(tmp_path):
     problem = jb.Problem(tests=[LONG, HEARD], prior=PRIOR)
     posterior = jb.sample(problem, seed=1, settings=TO_CONVERGE)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from jointbayes.errors import ModelError
@@ -34,6 +34,7 @@ def theta_of(parametrisation, ln_k11, ln_k22, rho):
 
 
 @ALL
+@settings(max_examples=20)
 @given(LN_K, LN_K, COUPLING)
 def test_the_determinant_is_that_of_the_joint_matrix(parametrisation, ln_k11, ln_k22, rho):
     theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
@@ -139,6 +140,7 @@ def test_a_joint_without_such_coordinates_is_refused_in_one_line(parametrisation
 
 
 @ALL
+@settings(max_examples=20)
 @given(LN_K, LN_K, COUPLING)
 def test_the_compliance_is_the_inverse_matrix_and_leads_back(parametrisation, ln_k11, ln_k22, rho):
     coordinates = ComplianceCoordinates(parametrisation)

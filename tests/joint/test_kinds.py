@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jointbayes.errors import ModelError
@@ -49,6 +49,8 @@ KINDS = {key: parametrisation_named(key) for key in COORDINATES} | {
 }
 ALL = pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
 SEEDS = st.integers(0, 2**32 - 1)
+#: Of as many kinds: each example draws all coordinates over decades.
+FEW = settings(max_examples=20)
 
 
 def theta_of(kind, seed, widest=0.9):
@@ -62,6 +64,7 @@ def theta_of(kind, seed, widest=0.9):
 
 
 @ALL
+@FEW
 @given(SEEDS)
 def test_coordinates_and_stiffness_are_inverse_to_each_other(kind, seed):
     theta = theta_of(kind, seed)
@@ -76,6 +79,7 @@ def test_coordinates_and_stiffness_are_inverse_to_each_other(kind, seed):
 
 
 @ALL
+@FEW
 @given(SEEDS)
 def test_the_derivative_and_its_volume_are_those_of_the_stiffness(kind, seed):
     theta = theta_of(kind, seed)
@@ -93,6 +97,7 @@ def test_the_derivative_and_its_volume_are_those_of_the_stiffness(kind, seed):
 
 
 @ALL
+@FEW
 @given(SEEDS)
 def test_the_compliance_leads_back_with_the_volume_it_states(kind, seed):
     coordinates, theta = ComplianceCoordinates(kind), theta_of(kind, seed, widest=0.7)
@@ -279,6 +284,7 @@ def theta_of_springs(springs, ln_k11, ln_k22):
 
 
 @PLAIN
+@FEW
 @given(LN_K, LN_K)
 def test_named_springs_are_coordinates_and_the_others_rigid(springs, ln_k11, ln_k22):
     theta = theta_of_springs(springs, ln_k11, ln_k22)

@@ -16,7 +16,7 @@ from jointbayes.sampling.distributions import StudentMixture, StudentT, importan
 from jointbayes.sampling.sampler import run_ensembles
 from jointbayes.sampling.starting import KEPT, MANY_DIMENSIONS, independence_share, weighted_moves
 from jointbayes.workflow import sample
-from tests.conftest import edited
+from tests.conftest import edited, first_in_ci
 from tests.sampling.worker_densities import GaussianInCompliance
 
 MEAN, SCALE = np.array([1.0, -2.0, 0.5]), np.array([[2.0, 0.9, 0.0], [0.9, 1.0, -0.3], [0.0, -0.3, 0.5]])
@@ -146,11 +146,20 @@ def far_off(x):
 class TestRobustness:
     @pytest.mark.parametrize(
         ("density", "least"),
-        [(wall, 0.2), (ridge, 0.2), (valley, 0.2), (thin_banana, 0.0), (point, 0.0), (far_off, 0.0)],
+        [(wall, 0.2), (ridge, 0.2), (valley, 0.2), (point, 0.0), (far_off, 0.0)],
     )
     @pytest.mark.parametrize("width", [1e-4, 1.0, 1e4])
-    @pytest.mark.parametrize("seed", range(3))
+    @pytest.mark.parametrize("seed", first_in_ci([0, 1, 2], 1))
     def test_a_difficult_density_gives_a_finite_proposal(self, density, least, width, seed):
+        self.looked_at(density, least, width, seed)
+
+    @pytest.mark.parametrize("width", [1.0, *(pytest.param(w, marks=pytest.mark.science) for w in (1e-4, 1e4))])
+    @pytest.mark.parametrize("seed", first_in_ci([0, 1, 2], 1))
+    def test_a_thin_banana_gives_a_finite_proposal(self, width, seed):
+        self.looked_at(thin_banana, 0.0, width, seed)
+
+    @staticmethod
+    def looked_at(density, least, width, seed):
         found = fitted(density, np.zeros(2), width * np.eye(2), seed=seed)
         for bell in components(found.density):
             assert np.isfinite(bell.mean).all()

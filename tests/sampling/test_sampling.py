@@ -41,6 +41,12 @@ def run(seed, settings=SHORT, log_density=gaussian, dimension=2, progress=None):
     return run_ensembles(log_density, start, np.random.default_rng(seed), settings, progress)
 
 
+@pytest.fixture(scope="module")
+def one():
+    """A run of the first seed; nobody may change it."""
+    return run(1)
+
+
 def autoregressive(phi, shape, rng):
     """AR(1) along axis 1, started in equilibrium, unit variance."""
     x = np.empty(shape)
@@ -327,32 +333,29 @@ class TestStopRule:
 
 
 class TestReproducibility:
-    def test_global_generator_is_neither_used_nor_touched(self):
-        np.random.seed(1)  # noqa: NPY002 (the global generator is what this test is about)
-        first = run(1)
-        np.random.seed(2)  # noqa: NPY002
+    def test_global_generator_is_neither_used_nor_touched(self, one):
+        np.random.seed(2)  # noqa: NPY002 (the global generator is what this test is about)
         before = np.random.get_state()  # noqa: NPY002
         second = run(1)
         after = np.random.get_state()  # noqa: NPY002
-        np.testing.assert_array_equal(first.theta, second.theta)
+        np.testing.assert_array_equal(one.theta, second.theta)
         np.testing.assert_array_equal(before[1], after[1])
         assert before[2:] == after[2:]
 
     def test_ensembles_draw_from_different_streams(self):
         start = np.broadcast_to(np.random.default_rng(0).normal(size=(8, 2)), (4, 8, 2))
-        theta = run_ensembles(gaussian, start, np.random.default_rng(1), SHORT).theta
+        settings = SamplerSettings(walkers=8, max_steps=100, check_every=50)
+        theta = run_ensembles(gaussian, start, np.random.default_rng(1), settings).theta
         for other in range(1, 4):
             assert not np.any(theta[0, -1] == theta[other, -1])
 
-    def test_adding_an_ensemble_leaves_the_others_as_they_are(self):
+    def test_adding_an_ensemble_leaves_the_others_as_they_are(self, one):
         more = dataclasses.replace(SHORT, ensembles=5)
-        start = np.random.default_rng(0).normal(size=(5, 8, 2))
-        five = run_ensembles(gaussian, start, np.random.default_rng(1), more)
-        four = run_ensembles(gaussian, start[:4], np.random.default_rng(1), SHORT)
-        np.testing.assert_array_equal(five.theta[:4], four.theta)
+        five = run(1, more)
+        np.testing.assert_array_equal(five.theta[:4], one.theta)
 
-    def test_any_block_is_had_again_from_where_it_began_and_its_own_seed(self):
-        chains = run(1)
+    def test_any_block_is_had_again_from_where_it_began_and_its_own_seed(self, one):
+        chains = one
         streams = Streams.from_generator(np.random.default_rng(1))
         for ensemble, number in ((0, 1), (3, 2)):
             first = number * SHORT.check_every
@@ -369,23 +372,20 @@ class TestReproducibility:
         drawn = streams.refit().integers(2**63, size=4)
         assert not np.array_equal(drawn, streams.with_stage(1).refit().integers(2**63, size=4))
 
-    def test_the_callers_own_stream_is_spawned_from_and_not_drawn_from(self):
+    def test_the_callers_own_stream_is_spawned_from_and_not_drawn_from_and_its_start_stays(self):
         start = np.random.default_rng(0).normal(size=(4, 8, 2))
         rng = np.random.default_rng(1)
+        before = start.copy()
         run_ensembles(gaussian, start, rng, SHORT)
         assert rng.random() == np.random.default_rng(1).random()
-
-    def test_start_is_not_changed(self):
-        start = np.random.default_rng(0).normal(size=(4, 8, 2))
-        before = start.copy()
-        run_ensembles(gaussian, start, np.random.default_rng(1), SHORT)
         np.testing.assert_array_equal(start, before)
         assert start.flags.writeable
 
 
 class TestRun:
-    def test_stops_by_the_rule(self):
-        chains = run(1, SamplerSettings(walkers=8, max_steps=20_000))
+    def test_stops_by_the_rule_and_reports_progress_after_each_block(self, capsys):
+        seen = []
+        chains = run(1, SamplerSettings(walkers=8, max_steps=20_000, check_every=100), progress=seen.append)
         assert chains.converged
         assert chains.steps < 20_000
         assert chains.steps - chains.burn_in > 50.0 * chains.tau.max()
@@ -394,9 +394,16 @@ class TestRun:
             f"converged after {chains.steps} steps (limit 20000): the ends of each 95 % interval are good to "
         )
         assert abs(chains.history[-2].tau_max / chains.tau.max() - 1.0) < 0.02
+        assert [report.done for report in seen] == list(range(100, chains.steps + 1, 100))
+        assert all(report.done <= report.total <= 20_000 for report in seen)
+        assert seen[-1].total == seen[-1].done
+        assert seen[-1].figures == {"tau": chains.tau.max(), "r_hat": chains.r_hat.max()}
+        elapsed = [report.elapsed_seconds for report in seen]
+        assert elapsed == sorted(elapsed)
+        assert capsys.readouterr() == ("", "")
 
-    def test_step_limit_leaves_the_run_unconverged_and_says_so(self):
-        chains = run(1)
+    def test_step_limit_leaves_the_run_unconverged_and_says_so(self, one):
+        chains = one
         assert not chains.converged
         assert chains.steps == 300
         assert chains.reason.startswith("not converged after 300 steps (limit 300): τ = ")
@@ -451,15 +458,15 @@ class TestRun:
         assert 0.0 < chains.seconds < passed
         assert [check.step for check in chains.history] == [100, 200, 300]
 
-    def test_last_check_is_of_the_kept_draws(self):
-        chains = run(1)
+    def test_last_check_is_of_the_kept_draws(self, one):
+        chains = one
         kept = chains.theta[:, chains.burn_in :]
         np.testing.assert_array_equal(chains.tau, autocorrelation_time(kept))
         np.testing.assert_array_equal(chains.r_hat, split_r_hat(kept[:, :: chains.thin]))
 
     @pytest.mark.parametrize("thinned", [True, False])
-    def test_draws_are_the_kept_steps_one_chain_per_walker(self, thinned):
-        chains = run(1)
+    def test_draws_are_the_kept_steps_one_chain_per_walker(self, thinned, one):
+        chains = one
         draws = chains.draws(thinned=thinned)
         every = chains.thin if thinned else 1
         assert chains.thin > 1
@@ -471,23 +478,12 @@ class TestRun:
                 draws.log_density[chain], chains.log_density[ensemble, chains.burn_in :: every, walker]
             )
 
-    def test_arrays_are_read_only(self):
-        chains = run(1)
+    def test_arrays_are_read_only(self, one):
+        chains = one
         draws = chains.draws()
         arrays = [chains.theta, chains.log_density, chains.acceptance, chains.tau, chains.r_hat]
         arrays += [draws.theta, draws.log_density, draws.ensemble]
         assert not any(array.flags.writeable for array in arrays)
-
-    def test_progress_is_reported_after_each_block(self, capsys):
-        seen = []
-        chains = run(1, SamplerSettings(walkers=8, max_steps=20_000, check_every=100), progress=seen.append)
-        assert [report.done for report in seen] == list(range(100, chains.steps + 1, 100))
-        assert all(report.done <= report.total <= 20_000 for report in seen)
-        assert seen[-1].total == seen[-1].done
-        assert seen[-1].figures == {"tau": chains.tau.max(), "r_hat": chains.r_hat.max()}
-        elapsed = [report.elapsed_seconds for report in seen]
-        assert elapsed == sorted(elapsed)
-        assert capsys.readouterr() == ("", "")
 
 
 class TestRefusals:

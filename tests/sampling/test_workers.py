@@ -20,8 +20,16 @@ from jointbayes.workflow import sample
 from tests.conftest import CONFIGS
 from tests.sampling.worker_densities import GaussianInCompliance, failing, gaussian, leaving
 
-ONE = SamplerSettings(walkers=8, max_steps=100, check_every=50)
+ONE = SamplerSettings(walkers=8, max_steps=40, check_every=20)
 TWO = dataclasses.replace(ONE, processes=2)
+
+
+@pytest.fixture
+def loaded_once(monkeypatch):
+    """Processes that a server forks which has imported what they need: a tenth of the price of new ones."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["jointbayes.sampling.workers", "tests.sampling.worker_densities"])
+    monkeypatch.setattr("jointbayes.sampling.workers.get_context", lambda _: context)
 
 
 def run(log_density, settings):
@@ -29,7 +37,7 @@ def run(log_density, settings):
     return run_ensembles(log_density, start, np.random.default_rng(1), settings)
 
 
-def test_two_processes_give_the_same_bits_as_one():
+def test_two_processes_give_the_same_bits_as_one(loaded_once):
     density = GaussianInCompliance(LogStiffness(), 0.03)
     proposal = fit_proposal(
         density, [density.coordinates], [(density.theta, density.covariance)], np.random.default_rng(2)
@@ -64,9 +72,9 @@ def test_the_density_of_a_case_can_be_sent_to_another_process(name):
     assert sent(theta).tobytes() == problem.log_posterior(theta).tobytes()
 
 
+@pytest.mark.whole
 def test_two_processes_sample_a_real_case_to_the_same_bits_and_its_posterior_can_be_pickled(cheap_case):
-    settings = dataclasses.replace(ONE, max_steps=200)
-    one, two = (sample(cheap_case, seed=1, settings=dataclasses.replace(settings, processes=n)) for n in (1, 2))
+    one, two = (sample(cheap_case, seed=1, settings=settings) for settings in (ONE, TWO))
     assert one.theta.tobytes() == two.theta.tobytes()
     assert one.log_density.tobytes() == two.log_density.tobytes()
     again = pickle.loads(pickle.dumps(two))
@@ -74,18 +82,31 @@ def test_two_processes_sample_a_real_case_to_the_same_bits_and_its_posterior_can
     assert again.problem.log_posterior(again.mode_theta) == two.problem.log_posterior(two.mode_theta)
 
 
-@pytest.mark.parametrize(
+ERRORS = pytest.mark.parametrize(
     "error", [SamplingError("here: found a; expected b; do c"), KeyboardInterrupt()], ids=["error", "interrupt"]
 )
-def test_an_error_in_a_worker_reaches_the_caller_and_ends_all_processes(error, capfd):
+
+
+def raised(error):
     with pytest.raises(type(error)) as caught:
         run(partial(failing, error, os.getpid()), TWO)
     assert str(caught.value) == str(error)
     assert multiprocessing.active_children() == []
+
+
+@ERRORS
+def test_an_error_in_a_worker_reaches_the_caller_and_ends_all_processes(error, loaded_once):
+    raised(error)
+
+
+@pytest.mark.whole
+@ERRORS
+def test_a_new_process_that_fails_prints_nothing(error, capfd):
+    raised(error)
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_process_that_ends_by_itself_is_one_line():
+def test_a_process_that_ends_by_itself_is_one_line(loaded_once):
     with pytest.raises(SamplingError, match=r"^sampler setting processes: found .*; expected .*; ") as caught:
         run(partial(leaving, os.getpid()), TWO)
     assert "\n" not in str(caught.value)
@@ -110,6 +131,7 @@ def test_one_process_starts_no_other(monkeypatch):
     run(gaussian, ONE)
 
 
+@pytest.mark.whole
 def test_ctrl_c_ends_the_run_and_its_processes(tmp_path):
     # a terminal sends the interrupt to the whole group of processes
     script = tmp_path / "long_run.py"

@@ -94,6 +94,7 @@ def test_a_move_between_modes_leaves_the_density_as_it_is(name):
     assert smallest_level(outcome.theta, target) > LEVEL
 
 
+@pytest.mark.science
 def test_a_jump_without_the_volume_is_caught():
     modes = rough_modes()
     move = JumpMove(WithoutVolume(modes.centres, modes.factors, modes.maps))
@@ -101,6 +102,7 @@ def test_a_jump_without_the_volume_is_caught():
     assert smallest_level(moved(target, move).theta, target) < LEVEL / 1e3
 
 
+@pytest.mark.science
 def test_a_jump_without_a_way_back_is_caught():
     target = two_modes(0.3)
     assert smallest_level(moved(target, AnyWayBack(rough_modes(0.3))).theta, target) < LEVEL / 1e3

@@ -98,7 +98,7 @@ def test_modes_sum_to_the_exact_receptance_without_damping():
 
 @pytest.mark.parametrize("stiffness", [tuple(TABLE_3), (1e6, 1e4, 1e3), (1e13, 1e9, 1e10), (1e5, -1e4, 2e3)])
 def test_more_modes_do_not_change_the_modal_sum(stiffness):
-    one, lines = replace(BEAM, stiffness=stiffness), np.arange(20.0, 2500.5, 1.0)
+    one, lines = replace(BEAM, stiffness=stiffness), np.arange(20.0, 2500.5, 10.0)
     found, more = (one.modal_receptance(lines, ["11:y", "6:y"], ["11:y"], [0.02, 0.01], reach) for reach in (60, 400))
     assert np.abs(found - more).max() < 1e-9 * np.abs(found).max()
 
@@ -144,7 +144,10 @@ def _exact(law: DampingLaw, lines: np.ndarray, mass: float = 0.0) -> np.ndarray:
 LAWS = [ModalDamping((0.02, 0.01)), LossFactor(0.02), Rayleigh(10.0, 2e-6)]
 
 
-@pytest.mark.parametrize(("law", "mass"), [*((law, 0.0) for law in LAWS), (LAWS[1], 0.05)])
+@pytest.mark.parametrize(
+    ("law", "mass"),
+    [(LAWS[0], 0.0), (LAWS[1], 0.05), *(pytest.param(law, 0.0, marks=pytest.mark.science) for law in LAWS[1:])],
+)
 def test_finite_elements_converge_to_the_exact_receptances(law, mass):
     lines = np.linspace(20.0, 2500.0, 60)
     exact = _exact(law, lines, mass)

@@ -176,6 +176,7 @@ def test_the_example_of_the_documentation_prints_what_stands_below_it(monkeypatc
     assert out.getvalue() == printed
 
 
+@pytest.mark.science
 def test_sampled_standard_deviations_agree_where_the_posterior_is_gaussian():
     text = edited(
         (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8"),

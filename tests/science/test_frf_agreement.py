@@ -22,7 +22,7 @@ LAWS = [
     LossFactor(0.02),
     Rayleigh(3.0, 1e-6),
 ]
-LINES = np.arange(20.0, 2501.0, 2.0)
+LINES = np.arange(20.0, 2501.0, 5.0)
 ALL = ("11:y", "6:y", "11:rz", "1:y", "1:rz")
 SOFT = np.array([1e7, 1e4, 1e3])
 STIFF = np.array([1e11, 1e8, 1e8])
