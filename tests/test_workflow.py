@@ -206,6 +206,7 @@ def posterior_of(problem, sampled):
     )
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("kind", PROBLEMS)
 def test_a_problem_of_arrays_comes_back_to_the_last_bit(kind, sampled, tmp_path):
     problem = PROBLEMS[kind]()
@@ -400,6 +401,7 @@ def test_a_file_cannot_name_what_is_called_for_a_prior():
         problem_from({}.__getitem__, record, "rod.nc")
 
 
+@pytest.mark.whole
 def test_a_path_is_taken_for_its_case(tmp_path):
     path = tmp_path / "case.toml"
     path.write_text(cheap_frequencies_text(), encoding="utf-8")

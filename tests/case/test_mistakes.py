@@ -193,6 +193,7 @@ def test_there_are_as_many_mistakes_as_were_judged():
     assert len(ROWS) == len(set(ROWS)) == 91
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(("name", "changes", "remedy", "count"), ROWS, ids=[f"{row[0]}: {row[1]}" for row in ROWS])
 def test_a_mistake_is_told_with_what_to_do(folder, name, changes, remedy, count):
     pairs = (change.split("=>") for change in changes.split(" && "))

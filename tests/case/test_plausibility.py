@@ -132,6 +132,7 @@ def test_measured_natural_frequencies_are_looked_at_as_well():
     assert line.startswith("data.frequencies_hz: found 2.101, while the first natural frequency")
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_report_and_summary_keep_the_warnings(cheap_posterior):
     notes = ("structure.length_mm: found 0.383; expected more; write 383",)

@@ -390,6 +390,7 @@ def test_deleting_any_key_of_the_fullest_case_is_a_valid_case_or_few_lines():
         check_never_another_exception(FULL[: key.start()] + FULL[FULL.index("\n", key.start()) :], most)
 
 
+@pytest.mark.whole
 @settings(deadline=None)
 @given(st.sampled_from(FULL_KEYS + FULL_HEADERS), st.from_regex(r"[A-Za-z0-9_-]{1,12}", fullmatch=True))
 def test_renaming_any_key_or_table_of_the_fullest_case_is_a_valid_case_or_few_lines(key, name):

@@ -233,6 +233,7 @@ def test_a_rerun_replaces_the_run_directory_and_says_if_it_has_not_converged(fin
     assert (summary["case"], summary["seed"], summary["converged"]) == ("short", 5, False)
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_a_report_without_convergence_says_so_before_anything_else(unconverged, tmp_path):
     page = (unconverged / "report.html").read_text(encoding="utf-8")
@@ -244,6 +245,7 @@ def test_a_report_without_convergence_says_so_before_anything_else(unconverged, 
     assert (tmp_path / "empty" / "summary.json").is_file()
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_by_default_the_run_directory_is_named_after_the_case(unconverged, tmp_path, monkeypatch):
     monkeypatch.setattr("jointbayes.workflow.sample", lambda *_, **__: load_posterior(unconverged / "posterior.nc"))
@@ -315,6 +317,7 @@ def test_an_output_that_would_destroy_something_is_refused_before_any_work(tmp_p
     assert listing(tmp_path) == before
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_a_report_that_fails_midway_leaves_the_old_one_and_no_scratch(unconverged, tmp_path, monkeypatch):
     shutil.copytree(unconverged, tmp_path / "out")

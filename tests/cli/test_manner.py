@@ -42,6 +42,7 @@ def case(tmp_path, monkeypatch, cheap_posterior):
 # ---- JSON, quiet, open
 
 
+@pytest.mark.whole
 def test_every_command_prints_one_json_object_if_asked_and_only_open_opens(
     case, tmp_path, monkeypatch, cheap_posterior
 ):
@@ -125,6 +126,7 @@ for number, line in enumerate(sys.stdin.read().splitlines()):
 """
 
 
+@pytest.mark.whole
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no forks")
 def test_what_is_done_is_named_before_anything_heavy_is_loaded(tmp_path):
     (tmp_path / "clamp.toml").write_text(cheap_text(), encoding="utf-8")
@@ -294,6 +296,7 @@ def test_the_schema_takes_every_shipped_case(schema):
         assert not faults, (path.name, [fault.message[:200] for fault in faults])
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -150,6 +150,7 @@ def test_a_reader_that_leaves_ends_a_command_quietly(tmp_path):
     assert piped(["inspect", "none.npz"], tmp_path, 0, both=True)[0] == 2
 
 
+@pytest.mark.whole
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a shell closes streams, and there is /dev/full")
 @pytest.mark.parametrize(
     ("streams", "code", "said"),
@@ -171,6 +172,7 @@ def test_a_closed_or_full_stream_ends_no_command_without_a_word(tmp_path, stream
     assert bool(done.stdout) == (streams in ("2>&-", "2>/dev/full"))
 
 
+@pytest.mark.whole
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems keep a directory that is somebody's")
 def test_a_working_directory_that_is_gone_is_named(tmp_path):
     (tmp_path / "gone").mkdir()

@@ -316,6 +316,7 @@ FILLED = (
 # ---- killed once the result is there
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("left", [{"run.npz", "stage-0.npz"}, {"stage-0.npz"}, set()])
 def test_what_a_run_killed_after_its_posterior_leaves_goes_with_the_next(config, tmp_path, monkeypatch, left):
     with monkeypatch.context() as killed:

@@ -142,6 +142,7 @@ def test_a_simulated_file_of_each_format_is_replaced_and_one_of_another_program_
     assert line.endswith("; choose another --out, or replace it by --force")
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("form", ["uff58", "mat", "csv", "nastran", "abaqus", "ansys"])
 def test_an_exported_file_and_a_figure_are_replaced(user, form):
     arguments = ("export", "draws.nc", "--format", form, "--to", "frf.out")

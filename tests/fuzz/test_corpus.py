@@ -36,5 +36,6 @@ def test_every_kept_case_and_posterior_is_taken_or_refused_in_one_line(name):
         attempted(attacker, attacker.target)
 
 
+@pytest.mark.whole
 def test_every_target_has_its_kept_files_attempted():
     assert set(places()) == {*_LARGE, *(target.name for target in files.TARGETS)}

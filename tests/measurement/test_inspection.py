@@ -103,6 +103,7 @@ def test_warnings_are_printed_with_place_and_remedy(clean, tmp_path):
     assert lines[at + 1].startswith("     What to do: turn the channel")
 
 
+@pytest.mark.whole
 def test_each_hit_is_shown_and_the_frfs_of_the_hits_have_their_resonance(hits):
     found = inspect_file(hits)
     assert [t.hit.number for t in found.hits] == [1, 2, 3, 4, 5]

@@ -241,6 +241,7 @@ def test_the_broken_files_are_many_and_differ():
     assert len(contents) == len(BROKEN) >= 100
 
 
+@pytest.mark.whole
 def test_broken_tdms_and_workbooks_are_one_line(tmp_path):
     """Cut at every length, other bytes, no clock, a bomb: an error of one line, or what is left."""
     whole = tdms({"Test": [("Force", A, {"wf_increment": 0.001}), ("Tip", B, {"wf_increment": 0.001})]})

@@ -17,6 +17,9 @@ BY_DRAW = ("chain", "draw")
 POINTWISE = {"log_likelihood", "posterior_predictive"}
 
 
+pytestmark = pytest.mark.version
+
+
 @pytest.fixture(scope="module")
 def groups(cheap_posterior):
     return cheap_posterior.to_arviz(megabytes=20)
@@ -72,6 +75,7 @@ def test_a_drift_in_time_shows_in_r_hat_as_in_ours(drift):
     assert (own > 1.02) == (drift > 0)
 
 
+@pytest.mark.whole
 def test_four_chains_hold_every_draw_and_agree_with_the_summary(cheap_posterior):
     whole = cheap_posterior.to_arviz(megabytes=0)
     assert names_of(whole) == {"posterior", "sample_stats", "log_prior", "prior", "observed_data"}
@@ -175,6 +179,7 @@ def test_data_say_what_each_value_stands_for(cheap_posterior, groups):
     assert replicated["data_imag"].dims == replicated["data"].dims
 
 
+@pytest.mark.whole
 def test_natural_frequencies_are_named(frequency_posterior):
     whole = frequency_posterior.to_arviz()
     for group in ("observed_data", "posterior_predictive", "log_likelihood"):

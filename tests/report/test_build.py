@@ -102,6 +102,7 @@ def test_the_headline_says_in_one_line_what_is_known(whole, cheap_posterior):
     assert float(found[2]) == pytest.approx(high / low, rel=0.01)
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_what_page_one_says_changes_with_the_data(cheap_posterior):
     """Every sentence with a number is made from it."""
@@ -145,6 +146,7 @@ def test_where_the_modes_answer_no_page_takes_the_frfs_answer_for_it(cheap_input
     assert "by the FRFs alone, whose answer is not to be used" in caption
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_synthetic_data_are_called_synthetic_and_measured_ones_are_not(whole, frequency_posterior):
     assert light(whole, "Data").kind == "caution"

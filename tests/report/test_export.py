@@ -183,6 +183,7 @@ def cli(*arguments):
     return result
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("name", "begins"),
     [

@@ -63,6 +63,7 @@ def drawn(posterior, initial=INITIAL):
     return {curve.name: np.abs(curve.values) for curve in figure.plot.curves} | {"low": low, "high": high}
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_the_measured_curve_lies_on_that_of_the_map_and_in_its_band(fitted):
     curves = drawn(fitted)

@@ -51,6 +51,7 @@ def config(tmp_path, monkeypatch, frequency_posterior, plain_reports):
     return path
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("where", "error", "words"),
     [("report.run_directory.build_report", *failure) for failure in FAILURES.values()]
@@ -109,6 +110,7 @@ def test_an_interrupted_report_says_that_the_draws_are_kept(config, monkeypatch)
     assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "out.posterior.nc"}
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(("command", "written"), [("run", "out"), ("sample", "out")])
 def test_an_interrupt_after_the_writing_says_what_was_written(config, monkeypatch, command, written):
     monkeypatch.setattr("jointbayes.cli.common.print_summary", failing(KeyboardInterrupt()))
@@ -158,6 +160,7 @@ def test_an_earlier_run_comes_back_where_the_new_one_cannot_take_its_place(confi
     assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "out", "out.posterior.nc"}
 
 
+@pytest.mark.whole
 def test_a_run_that_ends_well_leaves_the_draws_in_its_directory_only(config, frequency_posterior):
     assert cli("run", config, "--out", "out").exit_code == 0
     assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "out"}

@@ -114,6 +114,7 @@ def inputs_of(posterior):
     return inputs
 
 
+@pytest.mark.whole
 def test_the_summary_says_of_each_set_up_what_it_says_of_a_lone_test(overhangs):
     summary = json.loads(json.dumps(summary_of(overhangs).to_json(), allow_nan=False))
     assert list(summary["setups"]) == ["long", "short", "heard"]
@@ -142,6 +143,7 @@ def test_a_lone_test_has_no_set_ups_in_its_summary():
     assert set(posterior.tree.children) == {"posterior", "sample_stats", "prior", "observed_data"}
 
 
+@pytest.mark.whole
 def test_a_posterior_of_set_ups_comes_back_from_its_file(overhangs, tmp_path):
     overhangs.save(tmp_path / "posterior.nc")
     loaded = jb.load_posterior(tmp_path / "posterior.nc")
@@ -221,6 +223,7 @@ def test_what_a_run_is_of_changes_with_what_later_set_ups_have_from_the_rest_of_
     assert {name for name in first if first[name] != other[name]} == {"setups.long.structure.length_mm"}
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_the_report_has_a_section_for_each_set_up(overhangs):
     inputs = inputs_of(overhangs)
@@ -481,6 +484,7 @@ def test_a_curve_over_levels_is_of_the_usual_assembly_and_as_wide_as_the_scatter
     assert "usual assembly" not in alone.sentence
 
 
+@pytest.mark.whole
 def test_a_posterior_of_assemblies_comes_back_from_its_file(assemblies, tmp_path):
     assemblies.save(tmp_path / "draws.nc")
     loaded = jb.load_posterior(tmp_path / "draws.nc")

@@ -169,6 +169,7 @@ def test_walkers_that_have_all_met_end_a_run_without_a_verdict_and_no_start_is_s
             run_ensembles(gaussian, start, np.random.default_rng(1), SETTINGS)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(("limit", "fits"), [(100, 0), (590, 2), (1650, 5)])
 def test_all_stages_together_make_no_more_steps_than_allowed_and_progress_counts_them(limit, fits, monkeypatch):
     rng, told, fitted = np.random.default_rng(3), [], []

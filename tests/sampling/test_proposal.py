@@ -258,6 +258,7 @@ def test_forty_dimensions_are_drawn_within_few_steps():
     np.testing.assert_allclose(drawn[:, 1:].std(axis=0), 1.0, atol=0.1)
 
 
+@pytest.mark.whole
 def test_a_case_of_many_unknowns_has_as_many_walkers_as_they_need_unless_it_states_them():
     stated = six_joints()
     assert stated.sampler.walkers == 96

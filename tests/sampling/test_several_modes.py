@@ -108,6 +108,7 @@ def test_a_run_has_the_shares_of_the_modes(efficiency):
     assert (theta[..., 0] < 4).mean() == pytest.approx(SHARE, abs=0.02)
 
 
+@pytest.mark.whole
 def test_a_proposal_is_fitted_anew_to_the_draws_of_each_mode():
     starts = [(np.array([4.0, -4.0]), 0.01 * np.eye(2)), (np.array([-4.0, 4.0]), 0.01 * np.eye(2))]
     rng = np.random.default_rng(4)
@@ -141,6 +142,7 @@ def test_walkers_that_never_leave_their_mode_cannot_have_converged():
     assert diagnose(one_mode, None, modes=modes).modes_tau == 0.0
 
 
+@pytest.mark.whole
 def test_a_run_whose_walkers_cannot_jump_goes_on_to_its_end_and_has_not_converged():
     offset = np.array([0.5, 0.5])
 

@@ -59,6 +59,7 @@ def uniform(rng):
     return rng.integers(0, DRAWS + 1)
 
 
+@pytest.mark.whole
 def test_quantities_are_those_that_the_prior_leaves_open(kept):
     assert kept[1].names == ("k11", "k12", "k22", DENSITY)
     signed = 'joint.parametrisation = "signed"\n'
@@ -79,6 +80,7 @@ def test_a_log_density_is_ranked_only_where_both_cases_have_the_same_coordinates
     assert data_sets.quantity_names(here, small_case().problem) == ("k11", "k12", "k22")
 
 
+@pytest.mark.whole
 def test_a_data_set_depends_on_seed_and_number_alone(kept):
     job = driver._job(small_case(), None, SETTINGS, None)
     again, other = analyse(job, 3), analyse(dataclasses.replace(job, seed=2), 3)
@@ -210,6 +212,7 @@ def test_a_data_set_of_other_quantities_is_passed_over_and_one_that_failed_is_ke
     assert kept_data_sets(file, head, 3)[0].rank == (7, 7, 7)
 
 
+@pytest.mark.whole
 def test_an_analysis_that_fails_is_counted_and_not_left_out(monkeypatch):
     def sometimes(problem, **options):
         if sometimes.count % 2:
@@ -354,6 +357,7 @@ def test_a_calibration_near_the_data_has_a_directory_and_a_report_of_its_own(tmp
     assert "from the priors of" not in page
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
 def test_the_exit_code_tells_whether_the_analysis_is_calibrated(tmp_path, monkeypatch, passed, code):
     monkeypatch.chdir(tmp_path)

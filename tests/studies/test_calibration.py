@@ -116,6 +116,7 @@ def test_coverage_comes_with_what_so_few_cases_can_tell():
     assert found.interval95 == pytest.approx((0.7513, 0.9987), abs=1e-4)  # Clopper and Pearson's table
 
 
+@pytest.mark.whole
 def test_the_words_of_a_finding_name_what_is_wrong():
     def above(rng, mean, sd):
         return right(rng, mean + 0.5 * sd, sd)

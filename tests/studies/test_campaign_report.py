@@ -78,6 +78,7 @@ def copy(reported, tmp_path):
     return shutil.copytree(reported, tmp_path / reported.name)
 
 
+@pytest.mark.whole
 def test_the_directory_holds_report_and_numbers_and_nothing_is_left_behind(reported):
     directory = reported
     assert {file.name for file in directory.iterdir()} == FILES
@@ -202,6 +203,7 @@ def test_a_second_report_is_the_same_and_replaces_the_first(copy):
     assert {file.name for file in copy.iterdir()} == FILES
 
 
+@pytest.mark.whole
 def test_the_ranking_counts_joints_from_the_softest_up(findings):
     (ranking,) = (section for section in campaign_sections(findings) if section.identifier == "ranking")
     tables = [block for block in ranking.blocks if isinstance(block, Table)]
@@ -247,6 +249,7 @@ def test_few_joints_give_a_report_without_a_population(tmp_path, joints):
     assert "Too few joints" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("short_population")
 def test_posteriors_that_cannot_be_read_are_named(tmp_path):
     rows, theta = campaign_rows(8, draws=60)
@@ -309,6 +312,7 @@ def test_a_coupling_of_either_sign_is_charted_by_its_coordinate(tmp_path):
     assert (tmp_path / "figures" / "control-rho.svg").is_file()
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("short_population")
 def test_draws_at_an_end_of_the_prior_are_told(tmp_path):
     rows, theta = campaign_rows(6, draws=100)

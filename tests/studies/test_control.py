@@ -21,6 +21,7 @@ def test_scatter_is_that_of_the_joints_without_the_errors_of_their_estimates():
     assert np.mean([one.centre for one in charts]) == pytest.approx(3.0, abs=0.01)
 
 
+@pytest.mark.whole
 def test_so_many_joints_lie_beyond_their_limits_as_is_stated():
     beyond = np.mean([control_chart(*estimates(300, seed)).exceeds_limits.mean() for seed in range(100)])
     assert beyond == pytest.approx(0.0027, abs=0.0015)

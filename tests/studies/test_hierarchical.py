@@ -63,6 +63,7 @@ def inferred(toy):
     return hierarchical_posterior(toy.draws, toy.prior)
 
 
+@pytest.mark.whole
 def test_population_is_that_of_joints_integrated_out_by_hand(toy, inferred):
     phi, weight = toy.exact()
     mean = weight @ phi
@@ -113,6 +114,7 @@ def test_the_stated_monte_carlo_error_is_that_of_other_draws():
     assert np.sqrt((ratio**2).mean()) == pytest.approx(1, abs=0.6)
 
 
+@pytest.mark.whole
 def test_joints_about_which_nothing_is_known_leave_the_population_as_it_is(toy, inferred):
     rng = np.random.default_rng(4)
     flat = rng.uniform([16.0, 8.0], [28.0, 20.0], size=(10, 1500, 2))

@@ -197,6 +197,7 @@ def test_a_noise_law_is_estimated_from_the_variance(cheap_case):
     assert noisy.relative == pytest.approx(0.008, rel=0.1)
 
 
+@pytest.mark.whole
 def test_simulated_noise_has_the_stated_variance_and_none_without_a_generator(cheap_case):
     candidate = accelerometer(cheap_case, "3:y")
     exact = candidate.problem(cheap_case.problem, TRUTH)
@@ -254,6 +255,7 @@ def test_an_accelerometer_with_mass_loads_the_structure_and_a_hammer_does_not():
     assert by_name["hammer 3:y"].structure is case.problem.test.structure
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("own", [0.0, 15.0])
 def test_an_added_mass_is_exactly_known_beside_an_uncertain_beam_and_accelerometer(own):
     base = edited(

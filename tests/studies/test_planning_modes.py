@@ -70,6 +70,7 @@ def test_its_information_is_that_of_two_tests_less_that_of_one(text):
     assert not found[:3].any()
 
 
+@pytest.mark.whole
 def test_beside_modes_candidates_are_ratios_at_further_dofs_the_free_structure_and_set_ups():
     candidates = named(FREQUENCIES + PLAN + SHORT)
     assert list(candidates) == ["2:y", "6:y", "free", "short"]

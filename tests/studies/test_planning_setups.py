@@ -246,6 +246,7 @@ def test_a_set_up_that_cannot_be_is_refused_in_one_line(table, message):
     assert "\n" not in text
 
 
+@pytest.mark.whole
 def test_a_plan_simulates_proposed_set_ups_and_sets_of_them(cheap_posterior):
     """The cheap posterior knows its beam exactly; a set-up has an own density and overhang beside it."""
     text = PLANNED.split("[plan]")[1].replace(
@@ -263,6 +264,7 @@ def test_a_plan_simulates_proposed_set_ups_and_sets_of_them(cheap_posterior):
     assert "the set-up heavy (accelerometer_mass_g" in " ".join(one.words for one in plan.measurements)
 
 
+@pytest.mark.whole
 def test_the_first_look_ranks_the_set_ups_of_the_shipped_case_as_the_table_does():
     """physics: with mid-span and 150 mm, with mid-span, with four overhangs, with 200 mm, with 2 kg at the tip."""
     case = jb.load_case(CONFIGS / "next_setup.toml")

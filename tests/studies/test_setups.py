@@ -198,6 +198,7 @@ def test_files_of_set_ups_make_a_campaigns_case_and_stay_inside(tmp_path):
         read_cases([case_file])
 
 
+@pytest.mark.whole
 def test_cases_whose_set_ups_have_joints_of_their_own_say_why_they_are_in_no_population(tmp_path):
     for key, case in (("own", case_of(TORQUES, OWN)), ("shared", case_of(TORQUES))):
         posterior_of(case).save(tmp_path / f"{key}.nc")
