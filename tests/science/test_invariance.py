@@ -128,9 +128,7 @@ WITHOUT_VOLUME = {
 }
 
 
-@pytest.mark.parametrize(
-    ("move", "name"), in_turn(WITHOUT_VOLUME, ["gaussian-1", "gaussian-3", "student-t", "banana"])
-)
+@pytest.mark.parametrize(("move", "name"), in_turn(WITHOUT_VOLUME, ["gaussian-1", "gaussian-3", "student-t", "banana"]))
 def test_a_move_without_the_volume_of_its_coordinates_is_caught(move, name):
     target = TARGETS[name]
     assert smallest_level(moved(target, WITHOUT_VOLUME[move](target)).theta, target) < LEVEL / 1e3
