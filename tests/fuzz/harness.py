@@ -19,12 +19,12 @@ from types import TracebackType
 from typing import Self
 
 from tests.fuzz.target import Target
-from tests.fuzz.worker import LIMIT_SECONDS, Verdict, load_target
+from tests.fuzz.worker import Verdict, load_target
 
 _ROOT = Path(__file__).resolve().parents[2]
 #: An input that neither ends nor computes, s; and one that a busy machine has not let compute.
 _IDLE_SECONDS, _WALL_SECONDS = 30.0, 300.0
-_KILL_SECONDS = 1.5 * LIMIT_SECONDS  # of computing: those between are told slow by the worker itself
+_KILL = 1.5  # times the target's computing time: those between are told slow by the worker itself
 _LOOK_SECONDS = 0.5
 _MINIMISE_SECONDS, _MINIMISE_ATTEMPTS = 15.0, 300
 _KEPT_OF_A_KIND = 3
@@ -106,7 +106,7 @@ class Attacker:
                 continue
             wall, spent = time.monotonic() - begun, self._spent() - spent_before
             idle = wall > _IDLE_SECONDS and spent < 0.01 * wall
-            if not patient and (spent > _KILL_SECONDS or idle or wall > _WALL_SECONDS):
+            if not patient and (spent > _KILL * self.target.seconds or idle or wall > _WALL_SECONDS):
                 return "hang"
         line, _, self._buffer = self._buffer.partition(b"\n")
         return json.loads(line)
@@ -128,7 +128,7 @@ class Attacker:
         assert self._process is not None
         code = self._end()
         name = signal.Signals(-code).name if code < 0 else f"exit status {code}"
-        where = name if kind == "crash" else f"more than {_KILL_SECONDS:g} s of computing, or no end"
+        where = name if kind == "crash" else f"more than {_KILL * self.target.seconds:g} s of computing, or no end"
         return Verdict(kind, f"{where}\n{self._printed()}", where)
 
     def _end(self) -> int:

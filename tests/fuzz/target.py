@@ -10,7 +10,7 @@ class Target:
     """A reader under attack; one instance in the module `tests.fuzz.targets.<module>`, listed there in `TARGETS`.
 
     `attempt` may raise nothing but errors of the package, print nothing, warn of nothing, leave no file behind in the
-    temporary directory, the working directory or beside its input, and end within five seconds of computing.
+    temporary directory, the working directory or beside its input, and end within `seconds` of computing.
     """
 
     #: Of this target on the command line, and of its directory in the corpus.
@@ -19,6 +19,8 @@ class Target:
     suffix = ""
     #: Address space of the process that attempts, bytes; what the package needs to start counts as well.
     memory = 6 * 2**30
+    #: Computing time of one input, with that of the processes that it started and waited for.
+    seconds = 5.0
     #: Inputs after which the process is replaced by a fresh one.
     patience = 20_000
 

@@ -28,6 +28,7 @@ class Misbehaving(Target):
     name = "misbehaving"
     suffix = ".txt"
     memory = 2 * 2**30
+    seconds = 1.0
 
     def seeds(self):
         return [b"fine"]
@@ -66,7 +67,7 @@ class Misbehaving(Target):
                 pass
         if text == "linger":
             begun = time.process_time()
-            while time.process_time() - begun < 5.2:
+            while time.process_time() - begun < 1.2:
                 pass
 
 
@@ -104,7 +105,7 @@ def test_each_misdeed_is_seen_and_the_next_input_is_judged_afresh(attacker, text
 
 @pytest.mark.science
 @pytest.mark.parametrize(("text", "kind"), [("compute", "hang"), ("linger", "slow")])
-def test_what_takes_more_than_five_seconds_of_computing_is_a_fault(attacker, text, kind):
+def test_what_computes_longer_than_its_target_may_is_a_fault(attacker, text, kind):
     assert attacker.attempt(text.encode()).kind == kind
     assert attacker.attempt(b"fine").kind == "accepted"
 

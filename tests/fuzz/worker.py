@@ -16,9 +16,6 @@ from pathlib import Path
 from jointbayes.errors import JointBayesError
 from tests.fuzz.target import Target
 
-#: Computing time of one input, with that of the processes that it started and waited for.
-LIMIT_SECONDS = 5.0
-
 
 @dataclass(frozen=True)
 class Verdict:
@@ -111,7 +108,7 @@ def judge(target: Target, path: Path, root: Path) -> Verdict:
     if sum(os.fstat(stream).st_size for stream in (1, 2)) > printed:
         text = (root / "printed").read_text(errors="replace")[printed // 2 :]
         return Verdict("printed", text, verdict.kind)
-    if spent > LIMIT_SECONDS:
+    if spent > target.seconds:
         return Verdict("slow", f"{spent:.1f} s of computing", verdict.kind)
     return verdict
 

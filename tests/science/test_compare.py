@@ -77,7 +77,7 @@ def test_evidences_of_springs_agree_with_quadrature(cases, found, case, hypothes
     assert evidence.error < 0.01
 
 
-@pytest.mark.science
+@pytest.mark.long  # .ci/run has that of the same case in test_evidence.py
 def test_the_evidence_of_the_full_joint_agrees_with_nested_sampling(cases, found):
     problem = cases[SHORT].problem
     rng = np.random.default_rng(5)

@@ -12,7 +12,7 @@ from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import NormalScores, SamplerSettings, fit_proposal, run_ensembles
 from jointbayes.sampling.diagnostics import autocorrelation_time
 from jointbayes.workflow import find_map
-from tests.conftest import on_paper_elements
+from tests.conftest import first_in_ci, on_paper_elements
 
 pytestmark = pytest.mark.science
 
@@ -50,6 +50,7 @@ def test_draws_from_the_prior_give_the_same_evidence(measured):
     assert abs(likelihood.mean() - 1) < 4 * error < 0.4
 
 
+@pytest.mark.parametrize("measured", first_in_ci(sorted(KNOWN, reverse=True), 1), indirect=True)
 def test_nested_sampling_gives_the_same_evidence(measured):
     case, found, _ = measured
     log_posterior = case.problem.log_posterior

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.science
 
 #: Fewer lines, and walkers that are enough for three stiffnesses.
 STEPS = {"main": 10.0, "small rod": 60.0, "tube": 4.0, "bar": 12.0}
-EACH = 4
+EACH = 3
 #: A sample this improbable is no chance.
 IMPROBABLE = 1e-3
 

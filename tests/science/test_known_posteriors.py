@@ -7,6 +7,7 @@ from scipy import stats
 from jointbayes.sampling import Proposal, SamplerSettings, fit_proposal, run_ensembles
 from jointbayes.sampling.diagnostics import autocorrelation_time
 from jointbayes.sampling.distributions import StudentT
+from tests.conftest import first_in_ci
 from tests.science.known_densities import TARGETS
 
 pytestmark = pytest.mark.science
@@ -17,7 +18,7 @@ FULL = SamplerSettings(ENSEMBLES, WALKERS)
 SHORTER = SamplerSettings(ENSEMBLES, WALKERS, tau_factor=20.0)
 
 
-def sampled(target, seed, start=None, proposal=None, settings=FULL):
+def sampled(target, seed, start=None, proposal=None, settings=SHORTER):
     rng = np.random.default_rng(seed)
     start = target.exact(ENSEMBLES * WALKERS, rng) if start is None else start
     start = start.reshape(ENSEMBLES, WALKERS, -1)
@@ -48,9 +49,14 @@ def smallest_p_value(draws, target):
     return min(float(stats.kstest(thinned[..., k].ravel(), marginal).pvalue) for k, marginal in pairs)
 
 
-@pytest.mark.parametrize("name", TARGETS)
-def test_sampler_reproduces_a_known_posterior(name):
-    draws = sampled(TARGETS[name], seed=11)
+@pytest.mark.parametrize("settings", first_in_ci([SHORTER, FULL], 1), ids=["shorter", "full"])
+@pytest.mark.parametrize(
+    # along a banana these moves are slow: .ci/run has it with the proposals below
+    "name",
+    [pytest.param(name, marks=[pytest.mark.long] * (name == "banana")) for name in TARGETS],
+)
+def test_sampler_reproduces_a_known_posterior(name, settings):
+    draws = sampled(TARGETS[name], seed=11, settings=settings)
     assert worst_moment_error(draws, TARGETS[name]) < 4.0
     assert smallest_p_value(draws, TARGETS[name]) > 1e-3
 
@@ -67,7 +73,7 @@ def test_a_fitted_proposal_changes_no_posterior(name):
     target = TARGETS[name]
     inside = target.exact(1, np.random.default_rng(14))[0]
     proposal = fit_proposal(target.log_density, [None], [(inside, 0.3 * target.covariance)], np.random.default_rng(15))
-    draws = sampled(target, seed=16, proposal=proposal, settings=SHORTER)
+    draws = sampled(target, seed=16, proposal=proposal)
     assert worst_moment_error(draws, target) < 4.0
     assert smallest_p_value(draws, target) > 1e-3
 
@@ -77,7 +83,9 @@ def test_both_modes_and_their_weights_are_found_from_a_start_that_knows_neither(
     rng = np.random.default_rng(17)
     # fitted to the left mode alone, of which it knows the width
     left = Proposal(StudentT(np.array([-3.0, 0.0]), np.eye(2), 5.0), efficiency=0.6, evaluations=0)
-    draws = sampled(target, seed=18, start=4.0 * rng.normal(size=(ENSEMBLES * WALKERS, 2)), proposal=left)
+    draws = sampled(
+        target, seed=18, start=4.0 * rng.normal(size=(ENSEMBLES * WALKERS, 2)), proposal=left, settings=FULL
+    )
     right = (draws[..., :1] > 0.0).astype(float)
     error = np.sqrt(0.7 * 0.3 * autocorrelation_time(right)[0] / right.size)
     expected = 1.0 - target.marginals[0](np.zeros(1))[0]
@@ -89,6 +97,6 @@ def test_a_banana_is_explored_though_the_proposal_covers_a_corner_of_it():
     target = TARGETS["banana"]
     corner = Proposal(StudentT(np.zeros(2), 0.04 * np.eye(2), 5.0), efficiency=0.25, evaluations=0)
     start = 0.3 * np.random.default_rng(19).normal(size=(ENSEMBLES * WALKERS, 2))
-    draws = sampled(target, seed=20, start=start, proposal=corner, settings=SHORTER)
+    draws = sampled(target, seed=20, start=start, proposal=corner)
     assert worst_moment_error(draws, target) < 4.0
     assert smallest_p_value(draws, target) > 1e-3

@@ -4,15 +4,20 @@ import numpy as np
 import pytest
 from benchmarks.modal_fit import analyse, table
 from benchmarks.virtual_modal_tests import KINDS, beam_roots, beam_shapes, simulate
+from scipy import stats
+
+from tests.conftest import first_in_ci
 
 
 @pytest.mark.science
-def test_no_mode_is_invented_and_none_missed_that_stands_clear():
-    outcomes = [analyse(index) for index in range(20, 50)]
+@pytest.mark.parametrize("count", first_in_ci([10, 30], 1))
+def test_no_mode_is_invented_and_none_missed_that_stands_clear(count):
+    outcomes = [analyse(index) for index in range(20, 20 + count)]
     assert [outcome.invented for outcome in outcomes if outcome.invented] == []
     assert [outcome.missed + outcome.named for outcome in outcomes if outcome.missed + outcome.named] == []
     scores = np.abs(np.concatenate([outcome.frequency_scores for outcome in outcomes]))
-    assert 0.90 < np.mean(scores < 2) < 0.995  # of about 190: 95 % to within 1.6 %
+    # of about 190, or 60: neither fewer nor more than by chance
+    assert stats.binomtest(int((scores < 2).sum()), scores.size, 2 * stats.norm.cdf(2) - 1).pvalue > 1e-3
     assert scores.max() < 5
     assert all(kind in table(outcomes) for kind in KINDS)
 

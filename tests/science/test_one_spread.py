@@ -10,7 +10,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout, Paragraph, Table
-from tests.conftest import CONFIGS
+from tests.conftest import CONFIGS, TO_CONVERGE, first_in_ci
 
 pytestmark = pytest.mark.science
 
@@ -20,10 +20,10 @@ NAMES = ("k11", "k12", "k22")
 CASES = ("clamped_beam", "clamped_beam_frequencies")
 
 
-@pytest.fixture(scope="module", params=CASES)
+@pytest.fixture(scope="module", params=first_in_ci(CASES, 1))
 def written(request):
     case = jb.load_case(CONFIGS / f"{request.param}.toml")
-    posterior = jb.sample(case, seed=1)
+    posterior = jb.sample(case, seed=1, settings=TO_CONVERGE)
     inputs = ReportInputs(posterior)
     return posterior, build_report(inputs, datetime.date(2026, 1, 5)), inputs.summary.to_json()
 

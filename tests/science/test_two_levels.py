@@ -7,6 +7,7 @@ from benchmarks import two_levels
 import jointbayes as jb
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.sections.several_setups import curve_section
+from tests.conftest import first_in_ci
 
 pytestmark = pytest.mark.docs
 
@@ -66,13 +67,14 @@ def test_damping_of_a_joint_that_triples_is_found_where_its_stiffness_hardly_cha
 
 
 @pytest.mark.science
+@pytest.mark.parametrize("count", first_in_ci([2, 5], 1))
 @pytest.mark.parametrize("kind", two_levels.KINDS)
-def test_a_change_of_5_percent_is_found_by_a_model_wrong_by_half_a_percent_and_none_where_there_is_none(kind):
-    rows = [two_levels.analysed(kind, index) for index in range(1, 6)]
+def test_a_change_of_5_percent_is_found_by_a_model_wrong_by_half_a_percent_and_none_where_there_is_none(kind, count):
+    rows = [two_levels.analysed(kind, index) for index in range(1, count + 1)]
     data = two_levels.summary(kind, rows)
     assert data["not_converged"] == 0
-    assert data["shown"] == (5 if kind == "5 % stiffer" else 0)
-    assert data["held"] >= 4  # all five in 77 % of such samples, four or five in 98 %
+    assert data["shown"] == (count if kind == "5 % stiffer" else 0)
+    assert data["held"] >= count - 1  # all five in 77 % of such samples, four or five in 98 %
 
 
 def test_both_kinds_are_of_the_same_beams_and_the_model_alone_has_a_mesh():

@@ -6,12 +6,11 @@ One data set each; benchmarks/wrong_model.py has the long study, docs/wrong-mode
 import pytest
 from benchmarks.wrong_model import WRONGS, analyse
 
-from tests.conftest import first_in_ci
+#: .ci/run has the same of a small case, in tests/posterior/test_modes_answer.py.
+pytestmark = [pytest.mark.science, pytest.mark.long]
 
-pytestmark = pytest.mark.science
 
-
-@pytest.mark.parametrize("wrong", first_in_ci(WRONGS, 1))
+@pytest.mark.parametrize("wrong", WRONGS)
 def test_nothing_is_identified_where_the_truth_is_far_outside(wrong):
     outcome = analyse(wrong, 1)
     assert outcome.believed == "modes"
