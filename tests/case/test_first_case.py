@@ -89,6 +89,7 @@ def test_the_noise_of_a_file_without_coherence_is_what_a_modal_fit_leaves(tmp_pa
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_a_newcomer_has_a_report_after_three_commands(tmp_path):
     path = answered(tmp_path, "tip.csv")
     assert "Report: " in typed("run", path, "--out", tmp_path / "out")

@@ -10,7 +10,7 @@ from jointbayes.joint import Joints
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.studies.data_sets import simulated_problem
 from tests.case.test_setups import BASE
-from tests.conftest import TABLE_3, TO_CONVERGE, plain_reports, shipped_text
+from tests.conftest import FEW_STEPS, TABLE_3, plain_reports, shipped_text
 
 MATERIAL = """
 [uncertain]
@@ -116,7 +116,7 @@ def test_what_the_bar_tells_free_is_what_its_uncertain_material_took_from_the_st
 
 @pytest.mark.science
 def test_a_run_with_a_free_set_up_is_told_and_written(tmp_path, two):
-    posterior = jb.sample(two, seed=1, settings=TO_CONVERGE)
+    posterior = jb.sample(two, seed=1, settings=FEW_STEPS)
     assert posterior.estimate.iteration.setup == "clamped"
     with plain_reports():
         jb.write_report(posterior, tmp_path / "run")

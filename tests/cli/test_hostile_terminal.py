@@ -61,7 +61,8 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+# `run` prints what `sample` and `report` do
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name == "run")) for name in COMMANDS])
 def test_no_name_steers_the_terminal(name, place):
     arguments, codes = COMMANDS[name]
     code, got = on_terminal(arguments, place)

@@ -14,7 +14,7 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import CheckpointError
 from jointbayes.report.run_directory import room_of_run
 from jointbayes.sampling import SamplerSettings, UnfinishedRun, checkpoint
-from tests.conftest import CONFIGS, cheap_frequencies_text, edited
+from tests.conftest import CONFIGS, cheap_frequencies_text, edited, first_in_ci
 
 EVERY_BLOCK = "import jointbayes.sampling.checkpoint as c; c.SECONDS_BETWEEN = 0.0; c._TIMES_THE_COST = 0\n"
 #: The command line; it sends itself a signal when the sampler has come so far, as a user or a batch system does.
@@ -50,9 +50,7 @@ def config(tmp_path, monkeypatch):
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize(
-    ("number", "status"), [pytest.param(signal.SIGINT, 130, marks=pytest.mark.science), (signal.SIGTERM, 143)]
-)
+@pytest.mark.parametrize(("number", "status"), first_in_ci([(signal.SIGTERM, 143), (signal.SIGINT, 130)], 1))
 def test_a_run_stopped_by_a_signal_says_how_to_go_on_and_goes_on_to_the_same_bits(config, tmp_path, number, status):
     done = program(tmp_path, STOPPED.format(signal=int(number)), "sample", config.name, "--out", "x.nc", "--seed", "2")
     assert done.returncode == status, done.stderr
@@ -235,6 +233,7 @@ def test_too_little_room_is_found_before_any_work(config, tmp_path, monkeypatch)
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_killed_runs_come_to_the_same_posterior_and_leave_nothing(tmp_path):
     # a process of its own: the runs are forks of it, and this one has threads
     done = subprocess.run(
@@ -250,7 +249,7 @@ def test_killed_runs_come_to_the_same_posterior_and_leave_nothing(tmp_path):
 
 @pytest.mark.science
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="this system has no /proc")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", first_in_ci([signal.SIGKILL, signal.SIGTERM, signal.SIGINT], 1))
 def test_no_worker_outlives_its_run(config, tmp_path, number):
     text = config.read_text(encoding="utf-8")
     config.write_text(text.replace("walkers = 8", "walkers = 8\nprocesses = 2"), encoding="utf-8")

@@ -68,7 +68,8 @@ def test_draws_of_the_prior_have_that_density_and_stay_inside():
 
 
 @pytest.mark.parametrize(
-    ("truth", "noise", "draws"), [(0.06, 0.02, 100_000), pytest.param(0.02, 0.1, 400_000, marks=pytest.mark.science)]
+    ("truth", "noise", "draws"),
+    [(0.06, 0.02, 100_000), pytest.param(0.02, 0.1, 400_000, marks=(pytest.mark.science, pytest.mark.long))],
 )
 def test_the_scatter_of_five_assemblies_is_that_of_a_direct_posterior(truth, noise, draws):
     """Normal data of each: μ is integrated out by hand, τ over a grid. Here: weighted draws about the data, then τ."""

@@ -7,6 +7,7 @@ import pytest
 
 from jointbayes.measurement.records import FrfRecord, TimeRecord
 from jointbayes.measurement.warnings.collector import find_warnings
+from tests.conftest import first_in_ci
 
 NEW = {"leakage", "excitation_ends", "mains", "level_dependence", "mass_loading", "truncated_ring_down"}
 
@@ -153,8 +154,9 @@ def test_clean_files_are_silent():
 
 
 @pytest.mark.science
-def test_clean_files_are_silent_over_many_structures():
-    assert false_alarms(range(12, 400)) == {}
+@pytest.mark.parametrize("end", first_in_ci([80, 400], 1))
+def test_clean_files_are_silent_over_many_structures(end):
+    assert false_alarms(range(12, end)) == {}
 
 
 def test_uneven_lines_of_any_kind_are_judged_or_not_but_never_an_error():

@@ -9,7 +9,7 @@ from jointbayes.joint import Joint
 from jointbayes.measurement import FrfData
 from jointbayes.measurement.rotations import Rotation, joint_frf_set, replace_stations
 from jointbayes.structure import BeamMaterial, FrameBody, FrameRecipe, LossFactor, Member, Section
-from tests.conftest import CLAMP, pair_matrix, rod
+from tests.conftest import CLAMP, first_in_ci, pair_matrix, rod
 
 LINES = np.linspace(30.0, 800.0, 40)
 SPACING = 0.383 / 40
@@ -124,7 +124,7 @@ def test_a_rotation_measured_and_derived_is_refused():
 
 
 @pytest.mark.science
-@pytest.mark.parametrize("axis", range(3), ids="xyz")
+@pytest.mark.parametrize("axis", first_in_ci(range(3), 1), ids="xyz")
 def test_the_sign_of_a_rotation_is_that_of_a_rod_along_any_axis(axis):
     lines = np.array([60.0, 350.0])
     far, near = (tuple(length * (i == axis) for i in range(3)) for length in (0.3, 0.299))

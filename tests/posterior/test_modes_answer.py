@@ -130,6 +130,7 @@ def test_a_joint_whose_only_test_shows_no_mode_leaves_the_answer_to_the_frfs(mea
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_an_exact_model_that_nobody_says_is_exact_has_the_wider_answer_of_its_modes(measured):
     inputs = ReportInputs(measured)
     answer = inputs.knowledge.modes

@@ -103,6 +103,7 @@ def test_what_is_said_beside_the_solutions_knows_of_both(portal):
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_two_solutions_stay_two_with_other_inputs_uncertain(portal):
     run, freed = effect_of_uncertain_inputs(portal, portal.case.workshop_problem)
     assert freed.known

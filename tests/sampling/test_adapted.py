@@ -264,6 +264,7 @@ def errors_of_ends(seed):
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_ends_of_intervals_scatter_as_stated_where_the_proposal_never_saw_the_tail():
     errors = np.array([errors_of_ends(seed) for seed in range(2)])
     # 4 figures of standard deviation 1; without the stages that explore the lower end is 30 stated errors off

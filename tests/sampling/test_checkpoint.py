@@ -12,7 +12,7 @@ import pytest
 
 from jointbayes.errors import CheckpointError, WriteError
 from jointbayes.own_directory import OwnDirectory
-from jointbayes.sampling import Proposal, SamplerSettings, StudentT, UnfinishedRun, run_adapted
+from jointbayes.sampling import Proposal, SamplerSettings, StudentT, UnfinishedRun, run_adapted, sampler
 from jointbayes.sampling import checkpoint as checkpoints
 from jointbayes.sampling.coordinate_maps import Identity
 from tests.sampling.test_adapted import exact, filament, of_one_half
@@ -99,7 +99,26 @@ def same(one, other):
     assert proposal.efficiency == other_proposal.efficiency
 
 
+def test_a_run_of_several_stages_goes_on_to_the_same_bits(tmp_path, monkeypatch):
+    def about_the_draws(_density, _systems, _proposal, draws, rng):
+        return Proposal(StudentT(draws.mean(axis=0) + 1e-3 * rng.normal(size=3), np.cov(draws.T), 5.0), 0.4, 0)
+
+    monkeypatch.setattr(sampler, "_refitted", about_the_draws)  # a mixture is dear to fit
+    monkeypatch.setattr(sampler, "_EXPLORING", (20, 20, 20, 20))
+    monkeypatch.setattr(sampler, "_STAGES", (30,))
+    rng = np.random.default_rng(3)
+    slow = Proposal(StudentT(np.zeros(3), 0.01 * np.eye(3), 5.0), 0.4, 0), exact(4 * 8, rng).reshape(4, 8, 3)
+    options = {"density": filament, "settings": SETTINGS}
+    chains, proposal = run(slow, **options)
+    assert chains.discarded >= 80
+    killed(slow, tmp_path / "run", 80, **options)  # at the end of a stage
+    with pytest.raises(Killed):  # after the first block of the next
+        resumed(slow, tmp_path / "run", progress=killed_after(90), **options)
+    same(resumed(slow, tmp_path / "run", **options), (chains, proposal))
+
+
 @pytest.mark.science
+@pytest.mark.long
 def test_a_run_that_fits_its_proposal_anew_goes_on_to_the_same_bits(tmp_path):
     rng = np.random.default_rng(3)
     slow = of_one_half(rng), exact(4 * 24, rng).reshape(4, 24, 3)

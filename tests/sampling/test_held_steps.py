@@ -96,6 +96,7 @@ def test_tau_of_every_so_many_steps_is_in_steps():
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_what_is_held_does_not_grow_with_the_steps(monkeypatch):
     monkeypatch.setattr("jointbayes.sampling.chains.MOST_HELD", 200)
     memory = {}

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jointbayes.studies.campaign.control import FALSE_ALARM, control_chart, outlier_limit
+from tests.conftest import first_in_ci
 
 ERROR = 0.1
 
@@ -38,7 +39,7 @@ def test_joints_that_are_all_alike_have_no_scatter():
 
 
 @pytest.mark.science
-@pytest.mark.parametrize("joints", [12, 200])
+@pytest.mark.parametrize("joints", first_in_ci([12, 200], 1))
 def test_of_campaigns_without_outliers_the_stated_share_has_any(joints):
     limit = outlier_limit(joints, 1)
     alarms = [(np.abs(control_chart(*estimates(joints, s)).score) > limit).any() for s in range(400)]
