@@ -65,7 +65,7 @@ mutants: $(VENV)/.stamp-test  ## single wrong lines put into a copy of the tree 
 	$(BIN)/python -m tests.mutants $(MUTANTS)
 
 science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies against known truths: hours
-	$(BIN)/python -m pytest -n auto --dist worksteal -m science
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "science or long"
 	$(BIN)/python -m benchmarks.mode_found
 	$(BIN)/python -m benchmarks.random_frames
 	$(BIN)/python -m benchmarks.many_joints modes

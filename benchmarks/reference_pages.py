@@ -23,13 +23,13 @@ CASE_FILE = Path(__file__).resolve().parents[1] / "docs" / "case-file.md"
 def command_line() -> str:
     """Every command with its arguments and options, as `--help` says it."""
     lines = ["# Command line", "", _NOTE, "", "Made from the program: the same as `jointbayes COMMAND --help`.", ""]
-    lines += [*_paragraphs(main), *_options(main, click.Context(main, info_name="jointbayes"))]
+    lines += [*_paragraphs(main), *_options(main, click.Context(main, info_name="jointbayes", **main.context_settings))]
     lines += ["| Command | What it does |", "|---|---|"]
     lines += [
         f"| [`{name}`](#jointbayes-{name}) | {_escaped(_cell(c.get_short_help_str(200)))} |" for name, c in _commands()
     ]
     for name, command in _commands():
-        context = click.Context(command, info_name=f"jointbayes {name}")
+        context = click.Context(command, info_name=f"jointbayes {name}", **main.context_settings)
         usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
         lines += ["", f"## jointbayes {name}", "", "```text", usage, "```", "", *_paragraphs(command)]
         lines += _options(command, context)

@@ -29,6 +29,7 @@ def leak_files(_):
     kept.append(open("/dev/null"))  # noqa: SIM115 (left open on purpose)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("work", "what"), [(leak_objects, "objects"), (leak_memory, "memory_kb"), (leak_files, "files")]
 )

@@ -61,6 +61,7 @@ def carried_out(tmp_path):
     return carry_out
 
 
+@pytest.mark.long
 def test_a_noise_model_is_chosen_by_a_case_inferred_and_stored(carried_out):
     text = cheap_text().replace(*FEW) + '\n[noise]\ndistribution = "floor"\n'
     said = carried_out(
@@ -131,6 +132,7 @@ def test_a_file_format_is_told_and_read(carried_out):
     )
 
 
+@pytest.mark.long
 def test_a_section_of_the_report_is_printed(carried_out):
     text = cheap_text().replace(*FEW)
     said = carried_out(

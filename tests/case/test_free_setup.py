@@ -114,6 +114,7 @@ def test_what_the_bar_tells_free_is_what_its_uncertain_material_took_from_the_st
     assert sds[2] < 2 * sds[0]
 
 
+@pytest.mark.long
 @pytest.mark.science
 def test_a_run_with_a_free_set_up_is_told_and_written(tmp_path, two):
     posterior = jb.sample(two, seed=1, settings=FEW_STEPS)

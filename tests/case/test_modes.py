@@ -170,6 +170,7 @@ def test_a_coordinate_that_is_no_logarithm_has_a_uniform_prior_alone():
         parse_case(text)
 
 
+@pytest.mark.long
 @pytest.mark.science
 def test_a_case_of_modes_goes_from_its_text_to_its_report_and_back(tmp_path):
     text = edited(BASE + ZEROS, ("[122.0, nan]", "[122.0, 755.0]"), ("[-0.61, nan]", "[-0.61, -0.5]"))

@@ -237,6 +237,7 @@ def test_an_offset_of_the_joint_is_a_rigid_link_of_the_measured_body():
     assert error_of_peak(by_joint.receptance(K_PAIR)[0], by_body.receptance(K_PAIR)[0]) < 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.science
 def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies():
     """Against Monte Carlo: bodies with drawn errors, coupled one by one by the dense reference formula."""

@@ -29,6 +29,7 @@ def test_every_kept_file_is_taken_or_refused_in_one_line(reader, target):
     attempted(reader, target)
 
 
+@pytest.mark.long
 @pytest.mark.science
 @pytest.mark.parametrize("name", _LARGE)
 def test_every_kept_case_and_posterior_is_taken_or_refused_in_one_line(name):

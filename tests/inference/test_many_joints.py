@@ -139,6 +139,7 @@ def test_joints_and_prior_of_other_sizes_are_refused_in_one_line():
         jb.Problem(structure=rod(), joint=Joint(("1:y", "1:rz")), data=problem.test.data, prior=problem.prior)
 
 
+@pytest.mark.long
 @pytest.mark.science
 def test_two_joints_are_found_where_one_sensor_between_them_listens():
     joints = [PLACES["left"], PLACES["right"]]

@@ -83,6 +83,7 @@ def by_kind(joints) -> dict[str, SimplerJoint]:
     return {one.kind: one for one in joints}
 
 
+@pytest.mark.long
 @pytest.mark.whole
 def test_a_rigid_joint_is_excluded_by_data_that_bound_each_stiffness_from_below(bounded, of_bounded):
     assert {bounded.identifiability(k).verdict for k in ("k11", "k22")} == {"bounded below"}

@@ -142,6 +142,7 @@ def test_a_chain_too_short_for_an_effective_size_is_reported_with_a_dash(wrong, 
     assert all(row[-2:] == ("–", "–") for row in numbers.rows)
 
 
+@pytest.mark.long
 @pytest.mark.whole
 def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, gathered, monkeypatch):
     for name in ("k11", "k12", "k22"):

@@ -153,6 +153,7 @@ def test_a_model_that_is_stated_to_be_exact_and_explains_the_frfs_keeps_their_an
     assert measured.identifiability("k22").verdict == "identified"
 
 
+@pytest.mark.long
 @pytest.mark.science
 def test_a_wrong_model_that_explains_the_frfs_is_sure_of_a_wrong_joint_and_the_modes_are_believed(longer):
     assert longer.check.explains
@@ -165,6 +166,7 @@ def test_a_wrong_model_that_explains_the_frfs_is_sure_of_a_wrong_joint_and_the_m
     assert low < TABLE_3[2] < high
 
 
+@pytest.mark.long
 @pytest.mark.science
 def test_a_wrong_model_that_does_not_explain_the_frfs_has_the_verdicts_of_the_modes_on_page_one(heavier, inputs):
     assert not heavier.check.explains

@@ -29,6 +29,7 @@ def storeys():
     return jb.sample(jb.load_case(CONFIGS / "two_storeys.toml"), seed=1, settings=TO_CONVERGE)
 
 
+@pytest.mark.long
 @pytest.mark.science
 def test_no_stiffness_that_differs_between_the_feet_is_identified(portal):
     assert portal.converged
@@ -43,6 +44,7 @@ def test_no_stiffness_that_differs_between_the_feet_is_identified(portal):
         assert known.verdict_reason.count("with probability 0.") == 2
 
 
+@pytest.mark.long
 @pytest.mark.science
 def test_the_terminal_page_one_and_the_summary_say_it(portal, capsys):
     from jointbayes.cli.common import print_summary

@@ -111,6 +111,7 @@ def test_a_hostile_pdf_shows_text_and_has_no_action(written):
     assert "root:x:0" not in text
 
 
+@pytest.mark.long
 def test_a_hostile_campaign_runs_nothing_and_asks_for_nothing(tmp_path):
     with beacons() as (port, asked):
         text = in_page(port).replace("\x00", "")

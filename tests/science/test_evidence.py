@@ -50,6 +50,7 @@ def test_draws_from_the_prior_give_the_same_evidence(measured):
     assert abs(likelihood.mean() - 1) < 4 * error < 0.4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("measured", first_in_ci(sorted(KNOWN, reverse=True), 1), indirect=True)
 def test_nested_sampling_gives_the_same_evidence(measured):
     case, found, _ = measured

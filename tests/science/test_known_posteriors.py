@@ -93,6 +93,7 @@ def test_both_modes_and_their_weights_are_found_from_a_start_that_knows_neither(
     assert worst_moment_error(draws, target) < 4.0
 
 
+@pytest.mark.long
 def test_a_banana_is_explored_though_the_proposal_covers_a_corner_of_it():
     target = TARGETS["banana"]
     corner = Proposal(StudentT(np.zeros(2), 0.04 * np.eye(2), 5.0), efficiency=0.25, evaluations=0)

@@ -63,6 +63,7 @@ def texts(report):
     return [b.text for b in report.blocks() if isinstance(b, Paragraph | Callout)]
 
 
+@pytest.mark.long
 def test_every_combination_in_the_summary_has_the_spread_of_its_own_draws(written):
     posterior, _, summary = written
     directions = summary["identifiability"]["directions"]

@@ -17,6 +17,7 @@ def found():
     return [repetition(index, JOINTS) for index in range(CAMPAIGNS)]
 
 
+@pytest.mark.long
 def test_mean_and_scatter_are_those_of_the_population(found):
     scores = np.array([one.score for one in found])
     assert np.abs(scores).max() < 3.9  # of 24 normal ones, in 499 of 500 samples

@@ -153,6 +153,7 @@ def test_the_time_left_is_that_of_all_that_may_follow(monkeypatch):
     assert sorted(len(one.posteriors) for one in outcome.values()) == [2, 5, 5, 5]
 
 
+@pytest.mark.long
 @pytest.mark.science
 def test_the_command_that_was_interrupted_says_what_is_kept_and_goes_on(made, tmp_path, monkeypatch):
     monkeypatch.setattr("jointbayes.studies.planning.make_plan.FIRST", 3)

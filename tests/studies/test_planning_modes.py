@@ -159,6 +159,7 @@ def test_a_forecast_is_what_sampling_both_measurements_finds(noise, name):
     assert spread == pytest.approx(np.log(found.values("k22")).std(), rel=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.science
 def test_a_plan_of_modes_ranks_them():
     plan = jb.plan(case_of(FREQUENCIES + PLAN), simulations=9)

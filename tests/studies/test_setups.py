@@ -158,6 +158,7 @@ def campaign(tmp_path, table, base=SEVERAL):
     return CliRunner().invoke(main, [*command, "--out", str(tmp_path / "out")])
 
 
+@pytest.mark.long
 @pytest.mark.science
 def test_a_campaign_of_cases_with_set_ups_samples_each_as_by_itself_and_has_a_population(tmp_path):
     columns = "key,data.truth.k22,data.noise.seed,setups.short.structure.length_mm"
