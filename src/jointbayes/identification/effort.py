@@ -1,6 +1,6 @@
 """A search for the mode that goes on by itself where its result does not explain the data, and what it says then."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -50,7 +50,7 @@ def first_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[
 
 
 def _named(
-    reconstructed: Sequence[Array], matched: Sequence[Array], screened: Sequence[Array], before: str = ""
+    reconstructed: Iterable[Array], matched: Iterable[Array], screened: Iterable[Array], before: str = ""
 ) -> dict[str, Array]:
     kinds = {"reconstructed joint motion": reconstructed, "natural frequencies": matched, "screened draw": screened}
     return {f"{before}{kind} {i}": theta for kind, few in kinds.items() for i, theta in enumerate(few, 1)}
