@@ -146,8 +146,7 @@ class ModeSearch:
             density = self._posterior(theta)
             highest = np.argsort(-density, kind="stable")[:_IMAGES]
             theta = theta[highest[np.isfinite(density[highest])]]
-            if len(theta):
-                self._climb_from(theta)
+            self._climb_from(theta)
 
     def climb_moved(self) -> None:
         """Climb from the best mode with one coordinate of the joint moved elsewhere, as long as that leads higher.
@@ -168,7 +167,9 @@ class ModeSearch:
             gained = self.best[1] - density > GAIN
 
     def _climb_from(self, theta: Array, weights: Sequence[Array] = ()) -> None:
-        """Climb from points, shape (n, d), that are no new starts."""
+        """Climb from points, shape (n, d), that are no new starts; there may be none."""
+        if not len(theta):
+            return
         rough = self._climbed(theta, weights)
         density = self._posterior(rough)
         self._refine_distinct([(rough[i], float(density[i])) for i in np.flatnonzero(np.isfinite(density))])
