@@ -1,11 +1,14 @@
 """The paper's beam and joint, and the cases of the repository."""
 
+import fcntl
+import pickle
 import re
 import signal
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -42,6 +45,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Measure what the tests cost."""
     config.pluginmanager.register(Cost())
 
+
+Made = TypeVar("Made")
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)  # Table 1
@@ -164,6 +169,23 @@ def judged_as(again: Posterior, posterior: Posterior) -> Posterior:
 @pytest.fixture(scope="session")
 def configs() -> Path:
     return CONFIGS
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Callable[[str, Callable[[], Made]], Made]:
+    """Makes something that takes seconds in the first process that asks for it; the others read it."""
+
+    def made_once(name: str, make: Callable[[], Made]) -> Made:
+        if worker_id == "master":
+            return make()
+        kept = tmp_path_factory.getbasetemp().parent / f"{name}.pickle"
+        with kept.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not kept.exists():
+                kept.write_bytes(pickle.dumps(make()))
+            return pickle.loads(kept.read_bytes())
+
+    return made_once
 
 
 def best_of(

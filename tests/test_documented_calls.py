@@ -71,6 +71,7 @@ def spindle_and_tool() -> dict[str, object]:
 
 
 @pytest.mark.science
+@pytest.mark.usefixtures("plain_reports")
 @pytest.mark.parametrize(
     "page", [pytest.param(page, id=page.name) for page in PAGES if blocks(page) and page.name not in ELSEWHERE]
 )
@@ -97,7 +98,7 @@ FILLED_IN = {
 
 
 @pytest.mark.science
-@pytest.mark.usefixtures("plain_reports")
+@pytest.mark.usefixtures("plain_reports", "rough_proposals")
 def test_every_call_in_a_line_of_text_is_run(clone):
     case = jb.load_case("configs/two_storeys.toml")
     torques = jb.case_from_text("torques", OWN + TORQUES).problem

@@ -1,6 +1,6 @@
 """What can differ by the version of Python or of a package: imports, the loops once, each command once.
 
-`.ci/run` runs these and the others marked `version` again with a second Python.
+`.ci/run` runs these with its second Python, and the others marked `version` again.
 """
 
 import importlib
@@ -16,7 +16,7 @@ import jointbayes
 from jointbayes.cli.commands import main
 from tests.conftest import CONFIGS, cheap_text, edited
 
-pytestmark = [pytest.mark.version, pytest.mark.whole]
+pytestmark = [pytest.mark.version, pytest.mark.whole, pytest.mark.second]
 
 SMALL = edited(
     cheap_text(),

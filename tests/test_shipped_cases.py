@@ -22,7 +22,7 @@ CASES = numbers.shipped()
 RECORD = json.loads(numbers.RECORD.read_text(encoding="utf-8"))
 RUN = [name for name, path in CASES.items() if "run" in numbers.claims(path)]
 #: FRFs synthetic and measured, modes with shapes, of a rotor and in blocks; CI leaves the others to `make science`.
-SAMPLE = ("clamped_beam", "measured_stations", "two_storeys_shape", "rotor_bearings", "two_machines")
+SAMPLE = ("clamped_beam", "two_storeys_shape", "two_machines")
 #: Draws differ on another machine or with another version of a package: median and ends of the interval then scatter by
 #: a few per cent of its width, the end of a long tail by more.
 SAME = 0.2

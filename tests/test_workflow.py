@@ -19,7 +19,7 @@ from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.posterior.stored_problem import problem_from
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
-from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text
+from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
 
 LINES = np.arange(20.0, 1500.0, 10.0)
 TRUTH = np.array([2e7, 5e5, 2e4])
@@ -260,16 +260,30 @@ def test_a_replaced_problem_is_saved_as_it_was_sampled(tmp_path):
     assert "prior of ln k11: Normal(mean=22.0, sd=0.5)" in (tmp_path / "run" / "report.html").read_text("utf-8")
 
 
-@pytest.mark.docs
-def test_the_page_on_problems_without_files_runs_as_it_stands(tmp_path, monkeypatch):
+def run_page_without_files(*changes):
     page = (CONFIGS.parent / "docs" / "without-files.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^```python\n(.*?)^```", edited(page, *changes), re.MULTILINE | re.DOTALL)
     assert len(blocks) == 5
-    monkeypatch.chdir(tmp_path)
     names = {}
     for block in blocks:
         exec(compile(block, "without-files.md", "exec"), names)
-    rod = jb.load_posterior("rod.nc")
+    return names, jb.load_posterior("rod.nc")
+
+
+@pytest.mark.docs
+@pytest.mark.usefixtures("plain_reports", "rough_proposals")
+def test_the_page_on_problems_without_files_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names, rod = run_page_without_files(("walkers=32", "walkers=32, max_steps=200"))
+    assert rod.problem.names == names["again"].problem.names == ("k11", "k12", "k22")
+    assert (tmp_path / "reports" / "rod" / "report.pdf").is_file()
+
+
+@pytest.mark.docs
+@pytest.mark.long
+def test_the_page_on_problems_without_files_runs_as_it_stands(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names, rod = run_page_without_files()
     low, high = rod.interval("k22", 0.999)
     assert rod.converged
     assert low < 2e4 < high

@@ -175,6 +175,7 @@ class TestChoice:
         assert drawn.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.3)
 
     @pytest.mark.science
+    @pytest.mark.long
     @pytest.mark.parametrize(
         "quadrature", first_in_ci([Quadrature(-100.0, 1e-3, np.full((1, 2), 0.5), np.zeros(1), 9), None], 1)
     )

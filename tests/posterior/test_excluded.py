@@ -122,6 +122,7 @@ def test_twice_the_fall_of_the_log_likelihood_is_held_against_the_limit(joint, m
 
 
 @pytest.mark.whole
+@pytest.mark.long
 def test_a_joint_that_is_rigid_is_not_excluded(bounded):
     rigid = two_lengths(exact(RIGID)).problem
     posterior = replace(bounded, problem=rigid, estimate=replace(bounded.estimate, theta=bounded.theta[0]))

@@ -157,6 +157,7 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, g
 
 
 @pytest.mark.whole
+@pytest.mark.long
 def test_what_all_else_known_would_give_is_what_sampling_that_case_gives(of_uncertain, cheap_posterior):
     # the same data, and a case of its own in which length and gain are exactly known
     known = next(row for row in of_uncertain.knowledge.freed if not row.uncertain)

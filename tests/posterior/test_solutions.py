@@ -74,6 +74,7 @@ def test_the_terminal_page_one_and_the_summary_say_it(portal, capsys):
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_the_sensor_that_would_tell_the_feet_apart_is_one_that_does(portal):
     """With a sensor across the beam's middle too the mirror image no longer fits: its FRF has the other sign."""
     assert "A sensor at mid:y with the force at mid:x would tell them apart" in portal.solutions.sentence

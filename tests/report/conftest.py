@@ -95,8 +95,12 @@ def campaign(directory):
 
 
 @pytest.fixture(scope="session")
-def reports(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory):
+def reports(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory, once):
     """Reports of nine kinds by name; nobody may change them."""
+    return once("reports", lambda: nine_reports(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory))
+
+
+def nine_reports(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory):
     frame = edited(
         shipped_text("portal_frame"),
         ('"lowA:x", "lowC:x", ', ""),

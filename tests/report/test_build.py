@@ -347,6 +347,7 @@ def test_the_report_is_the_same_for_the_same_posterior(whole, cheap_posterior):
 
 
 @pytest.mark.whole
+@pytest.mark.long
 def test_a_report_on_natural_frequencies_builds_and_renders(frequency_posterior):
     report = report_of(frequency_posterior)
     said = [paragraph.text for paragraph in of_kind(report.blocks(), Paragraph)]

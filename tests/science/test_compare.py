@@ -37,6 +37,7 @@ def found(comparison):
     return {(c.case, c.hypothesis): c for c in comparison.candidates}
 
 
+@pytest.mark.long
 def test_the_measured_frequencies_speak_for_360_mm_and_two_plain_springs(comparison):
     assert (comparison.best.case, comparison.best.hypothesis) == (SHORT, "springs")
     assert comparison.best.at_edge == ()

@@ -36,6 +36,7 @@ def judged(sample):
     return exact_page.coverage_summary(sample)
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_of_an_exact_beam(judged):
     assert judged["failed"] == []
     for name, row in judged["stiffness"].items():
@@ -43,10 +44,12 @@ def test_intervals_hold_the_truth_of_an_exact_beam(judged):
         assert row["wrong_identified"] == 0, name
 
 
+@pytest.mark.long
 def test_intervals_that_miss_three_of_four_truths_would_be_noticed(judged):
     assert stats.binom.cdf(judged["count"] // 4, judged["count"], 0.95) < IMPROBABLE
 
 
+@pytest.mark.long
 def test_every_run_of_the_sample_converges_and_explains_the_data(judged):
     assert judged["converged"] == judged["mode_agrees"] == judged["count"]
     # the check is wrong in one of twenty by its own level

@@ -7,6 +7,7 @@ from scipy import stats
 
 from jointbayes.frf import Ports
 from jointbayes.identification import refine
+from tests.conftest import first_in_ci
 
 pytestmark = pytest.mark.science
 
@@ -45,11 +46,14 @@ def test_the_best_fit_is_better_than_the_truth_by_as_much_as_four_parameters_are
 
 @pytest.mark.parametrize(
     ("study", "index", "verdicts"),
-    [
-        ("yielding", 1, {"identified", "weakly identified"}),
-        ("dashpot", 1, {"identified"}),
-        ("stiff", 1, {"not identified", "bounded above"}),
-    ],
+    first_in_ci(
+        [
+            ("stiff", 1, {"not identified", "bounded above"}),
+            ("yielding", 1, {"identified", "weakly identified"}),
+            ("dashpot", 1, {"identified"}),
+        ],
+        1,
+    ),
 )
 def test_the_verdict_says_whether_the_damping_is_known(study, index, verdicts):
     posterior, truth = analyse(study, index)

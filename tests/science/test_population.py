@@ -18,18 +18,21 @@ def found():
 
 
 @pytest.mark.long
+@pytest.mark.long
 def test_mean_and_scatter_are_those_of_the_population(found):
     scores = np.array([one.score for one in found])
     assert np.abs(scores).max() < 3.9  # of 24 normal ones, in 499 of 500 samples
     assert np.abs(scores.mean(axis=0)).max() < 3.2 / np.sqrt(CAMPAIGNS)
 
 
+@pytest.mark.long
 def test_the_joints_errors_are_no_part_of_the_scatter(found):
     # the error of k11 is as large as its scatter: left in, the scatter would be 1.4 times as large
     ratio = np.exp(np.mean([np.log([ends[1] for ends in one.scatter]) for one in found], axis=0)) / SCATTER
     assert ratio == pytest.approx(1, abs=0.25)
 
 
+@pytest.mark.long
 def test_posteriors_are_good_enough_to_be_reweighted(found):
     assert min(one.least_effective for one in found) > 300
     assert max(one.monte_carlo for one in found) < 0.3
@@ -47,6 +50,7 @@ def test_draws_of_a_joint_have_the_density_of_its_posterior():
     assert (draws.std(axis=0) / SCATTER > [0.5, 0.2, 0.05]).all()
 
 
+@pytest.mark.long
 def test_the_same_repetition_is_the_same_and_others_share_no_joint(found):
     again = repetition(1, JOINTS)
     assert again.score == found[1].score

@@ -52,6 +52,7 @@ walkers = 16
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_damping_of_a_joint_that_triples_is_found_where_its_stiffness_hardly_changes():
     case = jb.case_from_text("lap", LAP_JOINT)
     posterior = jb.sample(case, settings=case.sampler.for_one_of_many())

@@ -191,6 +191,7 @@ def test_estimates_are_drawn_together_and_narrower_given_the_others(findings):
 
 
 @pytest.mark.whole
+@pytest.mark.long
 def test_a_second_report_is_the_same_and_replaces_the_first(copy):
     before = {name: (copy / name).read_bytes() for name in ("report.html", "report.pdf", "summary.json", "joints.csv")}
     for old in ("ranking-old.svg", "mine.svg"):

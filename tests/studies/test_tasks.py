@@ -358,6 +358,7 @@ def test_task_on_dask_writes_netcdf_as_anywhere_else(cluster):
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_dask_worker_with_a_task_that_hangs_is_restarted(cluster):
     found = by_key(run_tasks(hang_some, numbered(4, (2,)), scheduler=cluster.scheduler_address, attempts=1, seconds=2))
     assert found["task 2"].error == "took longer than the 2 s allowed"
