@@ -11,16 +11,16 @@ import pytest
 from scipy import optimize
 
 import jointbayes as jb
+from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Uniform
 from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.identifiability import WEAK_RATIO, assess
 from jointbayes.posterior.knowledge import _profiles
-from jointbayes.posterior.likelihood_region import LikelihoodRegion
-from jointbayes.posterior.profile import profile_likelihood
+from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
 from jointbayes.posterior.rounding import factor as ratio_in_words
 from jointbayes.posterior.rounding import rounded, rounded_interval
-from jointbayes.posterior.verdicts import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LEAST_EXCLUDED, verdict_lines
+from jointbayes.posterior.verdicts import LEAST_EXCLUDED, verdict_lines
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.report.sections.lead import _accuracy
 from tests.conftest import CONFIGS, PAIR, TO_CONVERGE
@@ -124,10 +124,11 @@ def test_an_end_is_open_where_another_coordinate_can_make_up_for_it():
 def test_limits_at_the_end_of_a_thin_curved_ridge_are_those_of_the_profile():
     """Three frequencies of three unknowns: to the far end steps as wide as all draws do not lead."""
     posterior = jb.sample(jb.load_case(CONFIGS / "clamped_beam_frequencies_360mm.toml"), seed=1, settings=TO_CONVERGE)
-    profile = profile_likelihood(posterior.problem, posterior.estimate.theta, "k22")
+    region, index = posterior.likelihood_region, posterior.stiffness_names.index("k22")
+    profile, found = region.profile("k22"), region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)
     assert not profile.open_above
-    found = posterior.likelihood_region.limits(posterior.stiffness_names.index("k22"), FALL_TWO_SIDED, FALL_PRINTED)
-    assert np.log(found[0]) == pytest.approx(profile.interval, abs=2e-3)
+    assert np.log(found[0]) == pytest.approx(profile.interval, abs=1e-9)
+    assert heights_at(region, posterior.problem.names.index("k22"), profile) == pytest.approx(-FALL_TWO_SIDED, abs=1e-3)
     assert found[1][0] < found[0][0] < found[0][1] < found[1][1]
 
 
@@ -192,28 +193,44 @@ def test_limits_of_a_coupling_that_is_no_coordinate_equal_a_search_over_a_grid()
     assert high >= k12.max()
 
 
+def heights_at(region, at, profile) -> np.ndarray:
+    """ln L over its maximum of the best joints with a coordinate held at its limits, by the rest of its profile."""
+    others = profile.theta[~np.isin(profile.value, profile.interval)]
+    assert len(others) == len(profile.theta) - 2
+    best = np.concatenate([region._best_at(at, end, others) for end in profile.interval])
+    return region._height(best) - region.greatest
+
+
 def test_limits_equal_the_ends_of_profiles(cheap_posterior):
-    for name in PAIR.stiffness_names:
-        profile = profile_likelihood(cheap_posterior.problem, cheap_posterior.estimate.theta, name)
-        limits = cheap_posterior.likelihood_region.limits(
-            PAIR.stiffness_names.index(name), FALL_TWO_SIDED, FALL_PRINTED
-        )
-        assert np.log(limits[0]) == pytest.approx(profile.interval, abs=1e-3 * np.ptp(profile.interval))
+    for index, name in enumerate(PAIR.stiffness_names):
+        region = cheap_posterior.likelihood_region
+        profile, (limits, _) = region.profile(name), region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)
+        assert np.log(limits) == pytest.approx(profile.interval, abs=1e-9)
+        assert heights_at(region, index, profile) == pytest.approx(-FALL_TWO_SIDED, abs=1e-4)
 
 
 def test_the_likelihood_limits_of_the_report_are_those_of_the_verdicts(cheap_posterior):
-    limits = {"k11": (2e9, math.nan), "k12": (2.9e7, 7e7), "k22": (math.nan, 1.6e6)}
+    for profile in _profiles(cheap_posterior):
+        verdict = cheap_posterior.identifiability(profile.name)
+        if verdict.verdict != "identified":
+            assert profile.interval == pytest.approx(np.log(verdict.likelihood95), abs=1e-12)
+            assert not profile.open_below | profile.open_above
+    assert [profile.name for profile in _profiles(cheap_posterior)] == list(PAIR.stiffness_names)
 
-    def of_index(index, _fall, _printed):
-        return limits[PAIR.stiffness_names[index]], (math.nan, math.nan)
 
-    changed = with_cached(cheap_posterior, likelihood_region=SimpleNamespace(limits=of_index))
-    low, high = cheap_posterior.problem.prior.support
-    for index, profile in enumerate(_profiles(changed.problem, changed)):
-        expected = limits[profile.name]
-        assert (profile.open_below, profile.open_above) == tuple(np.isnan(expected))
-        ends = np.where(np.isnan(expected), (low[index], high[index]), np.log(expected))
-        assert profile.interval == pytest.approx(tuple(ends))
+def test_a_profile_is_open_where_the_limits_are():
+    known, sd = math.log(1e7), 0.4
+    high = known + 0.3
+    cut = Uniform(math.log(1e5), high)
+    problem = springs(
+        lambda theta: -0.5 * ((theta[:, 0] - known) / sd) ** 2, cut, Uniform(math.log(1e5), math.log(1e9))
+    )
+    region = LikelihoodRegion(problem, problem.draws())
+    profile, (limits, _) = region.profile("kx"), region.limits(0, FALL_TWO_SIDED, FALL_PRINTED)
+    assert (profile.open_below, profile.open_above) == tuple(np.isnan(limits)) == (False, True)
+    assert profile.interval == pytest.approx((math.log(limits[0]), high), abs=1e-6)
+    with pytest.raises(ModelError, match="no residual depends on ky"):
+        region.profile("ky")
 
 
 # ---- what is printed

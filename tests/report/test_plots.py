@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 import jointbayes as jb
+from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.setup_summary import setup_summaries
 from jointbayes.report import drawing, plots
 from jointbayes.report.inputs import SetupInputs
@@ -178,9 +179,8 @@ def test_frequencies_are_refused_before_anything_is_computed(cheap_posterior, mo
 
 
 def test_many_panels_stand_in_rows_of_four(cheap_posterior, monkeypatch):
-    monkeypatch.setattr(
-        plots, "profile_likelihood", lambda *_: SimpleNamespace(on_axis=("k", np.arange(3.0), -np.ones(3)))
-    )
+    profile = SimpleNamespace(on_axis=("k", np.arange(3.0), -np.ones(3)))
+    monkeypatch.setattr(LikelihoodRegion, "profile", lambda *_: profile)
     pyplot.switch_backend("Agg")
     try:
         panels = jb.plot_profiles(cheap_posterior, *"abcdef")

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,9 @@ from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
 from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences, simpler_joints
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict
+from jointbayes.posterior.limits import ProfileLikelihood
 from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.next_step import NextStep, next_step
-from jointbayes.posterior.profile import ProfileLikelihood, profile_likelihood
 from jointbayes.posterior.rounding import join_unit, rounded_interval
 from jointbayes.posterior.uncertain_inputs import (
     UncertainInputsRow,
@@ -24,7 +25,7 @@ from jointbayes.posterior.uncertain_inputs import (
     effect_of_uncertain_inputs,
     listed,
 )
-from jointbayes.posterior.verdicts import FALL_PRINTED, FALL_TWO_SIDED, IF_MODEL_RIGHT, MOST_UNKNOWNS, JudgedPosterior
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, JudgedPosterior
 
 #: Verdicts that say something, best first.
 RANK: dict[Verdict, int] = {
@@ -342,7 +343,7 @@ def gather_knowledge(
             _wider_prior_draws(posterior),
             problem.parametrisation,
         ),
-        kept.profiles if kept else _profiles(problem, posterior),
+        kept.profiles if kept else _profiles(posterior),
         rows,
         kept.assumed if kept else assumed_beyond(problem, freed),
         simpler_joints(posterior) if simpler is None else simpler,
@@ -363,24 +364,9 @@ def _wider_prior_draws(posterior: JudgedPosterior) -> tuple[Array, Array] | None
     return (wide.prior.values(wide.theta) if wide.reliable else drawn), drawn
 
 
-def _profiles(problem: Problem, posterior: JudgedPosterior) -> tuple[ProfileLikelihood, ...]:
+def _profiles(posterior: JudgedPosterior) -> tuple[ProfileLikelihood, ...]:
     profiles = []
-    for name in problem.parametrisation.names:
-        try:
-            profile = profile_likelihood(problem, posterior.estimate.theta, name)
-        except ModelError:
-            continue  # no residual depends on it: its prior is all there is, and the verdict says so
-        if name in posterior.stiffness_names and len(problem.names) <= MOST_UNKNOWNS:
-            profile = _replace_limits(profile, posterior)
-        profiles.append(profile)
+    for name in posterior.problem.parametrisation.names:
+        with suppress(ModelError):  # no residual depends on it: its prior is all there is, and the verdict says so
+            profiles.append(posterior.likelihood_region.profile(name))
     return tuple(profiles)
-
-
-def _replace_limits(profile: ProfileLikelihood, posterior: JudgedPosterior) -> ProfileLikelihood:
-    """A profile of a stiffness with the limits that its verdict has, which know of every mode."""
-    index = posterior.stiffness_names.index(profile.name)
-    limits, _ = posterior.likelihood_region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)
-    is_open = np.isnan(limits)
-    support = np.array(posterior.problem.prior.support)[:, posterior.problem.names.index(profile.name)]
-    low, high = np.where(is_open, support, np.log(limits)).tolist()
-    return replace(profile, interval=(low, high), open_below=bool(is_open[0]), open_above=bool(is_open[1]))

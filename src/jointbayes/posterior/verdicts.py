@@ -18,13 +18,12 @@ from dataclasses import replace
 from functools import cached_property, partial
 
 import numpy as np
-from scipy.special import chdtri
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, ratio_of, verdict_by_rule
-from jointbayes.posterior.likelihood_region import LikelihoodRegion
+from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
 from jointbayes.posterior.rounding import join_unit, number, rounded
 from jointbayes.posterior.solutions import Solutions
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach, widen_posterior
@@ -38,9 +37,6 @@ LEAST_EXCLUDED = 0.1
 NO_VALID_VALUE = "no valid value, as the model does not fit the data"
 IF_MODEL_RIGHT = "if the model fitted the data"
 
-#: Fall of ln L, half a quantile of χ² with one degree of freedom, to limits at 95 % of two sides and of one side, and
-#: to those that are printed.
-FALL_TWO_SIDED, FALL_ONE_SIDED, FALL_PRINTED = (float(chdtri(1, p)) / 2 for p in (0.05, 0.10, 0.025))
 #: Longest line of a verdict on a terminal.
 MOST_CHARACTERS = 200
 #: Of more unknowns no likelihood-ratio limits are sought: each would take seconds.

@@ -17,7 +17,6 @@ from jointbayes.identification import IterationHistory
 from jointbayes.inference import Problem
 from jointbayes.measurement import ModeData
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.profile import profile_likelihood
 from jointbayes.posterior.rounding import engineering, join_unit
 from jointbayes.posterior.setup_summary import frequency_summary
 from jointbayes.report import drawing
@@ -191,7 +190,7 @@ def plot_profiles(posterior: Posterior, *names: str, axes: AxesArray | None = No
         If there is no such coordinate, or no data depend on one.
     """
     names = names or _of(posterior).problem.parametrisation.names
-    profiles = [profile_likelihood(_of(posterior).problem, posterior.estimate.theta, name) for name in names]
+    profiles = [_of(posterior).likelihood_region.profile(name) for name in names]
     axes = _axes(axes, 2.4, len(names), sharey=True)
     drawing.draw_profiles(axes, [profile.on_axis for profile in profiles])
     return axes
