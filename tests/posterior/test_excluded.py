@@ -10,17 +10,18 @@ from scipy import stats
 
 import jointbayes as jb
 from jointbayes.cli.common import print_summary
-from jointbayes.inference import Uniform
+from jointbayes.inference import JointPrior, Uniform
+from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import gather_knowledge
 from jointbayes.posterior.excluded import (
     LEVEL,
     SimplerJoint,
-    _greatest,
     exclusion_sentences,
     known_by_bounds,
     simpler_joints,
 )
 from jointbayes.posterior.identifiability import assess
+from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.rounding import rounded, rounded_interval
 from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
 from jointbayes.report import ReportInputs
@@ -219,23 +220,17 @@ def test_of_a_run_that_did_not_converge_nothing_is_excluded(bounded):
     assert gather_knowledge(failed).bounds_sentence == ""
 
 
-def test_every_mode_is_climbed_from(monkeypatch):
+def test_every_mode_is_climbed_from():
     """About the second mode the draws fit worse than about the first, while its best joint fits better."""
-    theta = np.concatenate([np.linspace(-1, 1, 40), [10.0]])[:, None]
+    x = np.concatenate([np.linspace(-1, 1, 40), np.linspace(9.98, 10.02, 20)])
 
-    def log_likelihood(_posterior, points, _put):
-        x = points[:, 0]
-        return np.where(x < 5, -3 - x**2, -50 * (x - 10.5) ** 2)
+    def log_likelihood(theta):
+        return np.where(theta[:, 0] < 5, -3 - theta[:, 0] ** 2, -50 * (theta[:, 0] - 10.5) ** 2)
 
-    monkeypatch.setattr("jointbayes.posterior.excluded._log_likelihood", log_likelihood)
-    modes = tuple((np.array([x]), np.eye(1) / 100) for x in (0.0, 10.0))
-    posterior = SimpleNamespace(
-        estimate=SimpleNamespace(starts_for_draws=modes),
-        solutions=SimpleNamespace(nearest=lambda points: (points[:, 0] > 5).astype(int)),
-        problem=SimpleNamespace(prior=SimpleNamespace(all_marginals=(Uniform(-20.0, 20.0),))),
-    )
-    assert log_likelihood(None, theta, None).argmax() < 40
-    assert _greatest(posterior, {}, theta) == pytest.approx(0.0, abs=1e-6)
+    prior = JointPrior(parametrisation_named("springs", ("x",)), (Uniform(-20.0, 20.0),))
+    problem = SimpleNamespace(prior=prior, log_likelihood=log_likelihood)
+    assert log_likelihood(x[:, None]).argmax() < 40
+    assert LikelihoodRegion(problem, x[:, None], (x > 5).astype(int)).greatest == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.usefixtures("plain_reports")

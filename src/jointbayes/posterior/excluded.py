@@ -19,19 +19,16 @@ from typing import Literal
 import numpy as np
 from scipy.special import chdtri
 
-from jointbayes.arrays import Array
 from jointbayes.joint.parametrisation import RIGID
 from jointbayes.posterior.identifiability import CERTAINTY
+from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.rounding import likelihood_ratio
 from jointbayes.posterior.verdicts import JudgedPosterior
 
 #: Probability that the likelihood ratio of a joint that is so exceeds the limit.
 LEVEL = 1e-3
-_TRIED = 100  # draws of the run among which a first point is looked for
-_REACH = 30.0  # standard deviations of the draws, within which is searched
-_STEP = 1e-4  # of a standard deviation of the draws, for differences
+_TRIED = 100  # draws of the run from the best of which is climbed
 _LARGEST = 1e9  # of a ratio
-_WORST = -1e250  # in place of ln L = −∞, for the search
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,18 +81,23 @@ def simpler_joints(posterior: JudgedPosterior) -> tuple[SimplerJoint, ...]:
     simpler = []
     modes = [posterior.estimate.theta, posterior.mode_theta, *(mode.theta for mode in posterior.estimate.modes[1:])]
     theta = np.vstack([*modes, posterior.thinned(_TRIED)])
+    solution = posterior.solutions.nearest(theta)
+
+    def greatest(put: dict[int, float]) -> float:
+        return LikelihoodRegion(problem.log_posterior, theta, solution, put).greatest
+
     for joint in known_by_bounds(posterior):
         rows = [i for i, q in enumerate(problem.quantities) if q.name.rpartition(".")[0] == joint]
         couplings = [i for i in rows if problem.quantities[i].may_be_negative]
         springs = [i for i in rows if i not in couplings]
-        best = float(_log_likelihood(posterior, theta, {}).max())
+        best = greatest({})
         values: list[tuple[Literal["rigid", "absent", "uncoupled"], dict[int, float]]] = [
             ("rigid", dict.fromkeys(springs, RIGID) | dict.fromkeys(couplings, 0.0)),
             ("absent", dict.fromkeys(rows, 0.0)),
         ]
         values += [("uncoupled", dict.fromkeys(couplings, 0.0))] if couplings else []
         for kind, put in values:
-            worse = 2 * (best - _greatest(posterior, put, theta))
+            worse = 2 * (best - greatest(put))
             limit = float(chdtri(len(put), LEVEL))
             simpler.append(SimplerJoint(joint, kind, float(np.clip(worse, 0.0, _LARGEST)), limit))
     return tuple(simpler)
@@ -112,49 +114,3 @@ def exclusion_sentences(joints: tuple[SimplerJoint, ...]) -> tuple[str, ...]:
             if kinds:
                 sentences.append(f"The data {words} that {what} is {' or '.join(kinds)}.")
     return tuple(sentences)
-
-
-def _log_likelihood(posterior: JudgedPosterior, theta: Array, put: dict[int, float]) -> Array:
-    """ln L with these stiffnesses in place of those of θ, shape (n,), and the prior of uncertain quantities."""
-    problem = posterior.problem
-    prior = problem.prior
-    stiffness = prior.values(theta)
-    for column, value in put.items():
-        stiffness[:, column] = value
-    matrix = problem.parametrisation.matrix(stiffness)
-    total = np.array(problem.log_posterior.likelihood.log_likelihood(matrix, prior.factors(theta)))
-    first = len(prior.marginals)
-    for i, marginal in enumerate(prior.all_marginals[first:], first):
-        total += marginal.log_density(theta[:, i])
-    return np.where(np.isfinite(total), total, _WORST)
-
-
-def _greatest(posterior: JudgedPosterior, put: dict[int, float], theta: Array) -> float:
-    """The greatest of it within the priors, searched for from the best of these points about each mode."""
-    tried = _log_likelihood(posterior, theta, put)
-    if np.ptp(tried) <= 1e-9 * max(1.0, abs(float(tried.max()))):
-        return float(tried.max())  # nothing else matters
-    starts, nearest = posterior.estimate.starts_for_draws, posterior.solutions.nearest(theta)
-    greatest = [float(tried.max())]
-    for mode, (_, covariance) in enumerate(starts):
-        about = np.where(nearest == mode, tried, -np.inf)
-        spread = theta.std(axis=0) if len(starts) == 1 else np.sqrt(np.diag(covariance))
-        greatest.append(_climbed(posterior, put, theta[int(about.argmax())], np.maximum(spread, 1e-8)))
-    return max(greatest)
-
-
-def _climbed(posterior: JudgedPosterior, put: dict[int, float], start: Array, scale: Array) -> float:
-    """The greatest of it that a climb from one point, shape (d,), reaches in steps of this scale, shape (d,)."""
-    from scipy.optimize import minimize
-
-    low, high = np.array([marginal.support for marginal in posterior.problem.prior.all_marginals]).T
-    bounds = list(zip(*(np.clip((end - start) / scale, -_REACH, _REACH).tolist() for end in (low, high)), strict=True))
-    steps = _STEP * np.vstack([np.eye(len(start)), -np.eye(len(start))])
-
-    def cost(x: Array) -> tuple[float, Array]:
-        points = np.clip(start + scale * np.vstack([x, x + steps]), low, high)
-        values = _log_likelihood(posterior, points, put)
-        up, down = np.split(values[1:], 2)
-        return -float(values[0]), -(up - down) / (2 * _STEP)
-
-    return -float(minimize(cost, np.zeros(len(start)), jac=True, method="L-BFGS-B", bounds=bounds).fun)
