@@ -147,6 +147,14 @@ def test_no_point_of_the_profile_can_be_bettered(cheap_posterior):
         assert (problem.log_posterior(around) - constant <= ratio + 1e-6).all()
 
 
+def test_a_limit_below_zero_is_found_from_draws_above_zero():
+    problem = linear()
+    theta = np.random.default_rng(5).normal(CENTRE, [0.05, 0.05, 0.05, 0.01, 1.0], (4000, 5))
+    profile = LikelihoodRegion(problem, theta[theta[:, 3] > 0]).profile("youngs_modulus")
+    assert profile.interval == pytest.approx(problem.profile("youngs_modulus").interval, abs=1e-6)
+    assert profile.interval[0] < -0.005
+
+
 def test_unknown_and_unseen_coordinates_are_refused():
     with pytest.raises(ModelError, match="found coordinate 'k13'"):
         linear().profile("k13")

@@ -164,6 +164,10 @@ class LikelihoodRegion:
         """A quantity of the joint, or after all of these a coordinate, shape (n,), of θ, shape (n, d)."""
         return np.column_stack([self._prior.values(theta), theta])[:, index]
 
+    def _column(self, coordinate: int) -> int:
+        """Place of a coordinate after all quantities."""
+        return len(self._prior.parametrisation.quantities) + coordinate
+
     def limits(self, index: int, fall: float, fall_printed: float) -> tuple[Ends, Ends]:
         """Least and greatest value of a quantity where ln L has fallen from its maximum by no more than so much.
 
@@ -180,7 +184,9 @@ class LikelihoodRegion:
             One pair for each fall, in the quantity's unit. Where the prior's support ends before ln L has fallen so
             far, the first has NaN, and the second the farthest that the support allows.
         """
-        near, far = self._points(index, fall, fall_printed)
+        name, names = self._prior.parametrisation.stiffness_names[index], self._prior.names
+        # where a quantity is a coordinate, its logarithm, that is sought, as for its profile
+        near, far = self._points(self._column(names.index(name)) if name in names else index, fall, fall_printed)
         low, high = np.where(self._is_above(near, fall), math.nan, self._of(index, near)).tolist()
         low_printed, high_printed = self._of(index, far).tolist()
         return (low, high), (low_printed, high_printed)
@@ -198,7 +204,7 @@ class LikelihoodRegion:
             raise ModelError(
                 f"profile: found coordinate {name!r}; expected one of {', '.join(names)}; correct the name"
             )
-        at, stiffnesses = names.index(name), parametrisation.stiffness_names
+        at = names.index(name)
         across = np.repeat(self._top[None], 5, axis=0)
         across[:, at] = np.linspace(self._low[at], self._high[at], len(across))
         with np.errstate(all="ignore"):
@@ -207,8 +213,7 @@ class LikelihoodRegion:
                     f"profile: found that no residual depends on {name}; expected a coordinate that the model predicts "
                     "with; profile another one"
                 )
-        index = stiffnesses.index(name) if name in stiffnesses else len(stiffnesses) + at
-        near, far = self._points(index, FALL_TWO_SIDED, FALL_PRINTED)
+        near, far = self._points(self._column(at), FALL_TWO_SIDED, FALL_PRINTED)
         is_open, top, (first, last) = self._is_above(near, FALL_TWO_SIDED), self._top, far[:, at]
         ends = [self._bettered(end, at) for end in far[is_open]]  # whatever fits well enough has led to an open end
         known = np.array([top, *near[~is_open], *far[~is_open], *ends])
@@ -289,9 +294,7 @@ class LikelihoodRegion:
         """
         size, margin = root.shape[1], 2 * _STEP * self._prior.sd
         steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
-        drawn = np.ones(2) if index is None else self._of(index, self._draws)
-        measure = np.log if (drawn > 0).all() else np.asarray  # what of a quantity is sought: its logarithm, or itself
-        spread = float(measure(drawn).std()) or 1.0
+        spread = 1.0 if index is None else float(self._of(index, self._draws).std()) or 1.0
 
         @lru_cache(maxsize=4)
         def both(key: bytes) -> tuple[Array, Array]:
@@ -300,7 +303,7 @@ class LikelihoodRegion:
             theta = np.clip(theta, self._low - margin, self._high + margin)  # a step may lead to where no model is
             sought = heights = self._height(theta)
             if index is not None:
-                sought = sign * measure(self._of(index, theta)) / spread + _HIGHER * heights
+                sought = sign * self._of(index, theta) / spread + _HIGHER * heights
             pair = np.stack([heights, sought])
             return pair[:, 0], (pair[:, 1 : size + 1] - pair[:, size + 1 :]) / (2 * _STEP)
 
