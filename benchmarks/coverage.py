@@ -40,7 +40,7 @@ def row_of(index: int, analyse: Callable[[int], tuple[Posterior, Mapping[str, fl
     """Analyse a data set: `analyse` gives its posterior and the truth by name; `judged` is whose verdict is kept."""
     began = time.process_time()
     posterior, truth = analyse(index)
-    known = posterior.identifiability(judged)
+    known = posterior.verdict(judged)
     return Row(
         index,
         tuple(truth),

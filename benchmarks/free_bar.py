@@ -93,7 +93,7 @@ def analysed(kind: str, index: int) -> dict[str, Any]:
     began = time.process_time()
     case = case_of(kind, index)
     posterior = jb.sample(case, seed=index, settings=case.sampler.for_one_of_many())
-    said = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
+    said = {name: posterior.verdict(name) for name in posterior.stiffness_names}
     stiffness = {
         name: {"verdict": one.verdict, "reason": one.verdict_reason, "interval95": list(one.interval95)}
         for name, one in said.items()

@@ -68,7 +68,7 @@ def analysed(centre: str, index: int) -> dict[str, Any]:
     began = time.process_time()
     case, truth = case_of(centre, index)
     posterior = jb.sample(case, seed=index, settings=SETTINGS)
-    stiffness = {name: _said(posterior.identifiability(name), true) for name, true in truth.items()}
+    stiffness = {name: _said(posterior.verdict(name), true) for name, true in truth.items()}
     return {
         "index": index,
         "converged": posterior.converged,

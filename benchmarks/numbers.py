@@ -101,10 +101,7 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
         more |= gallery.KEPT[name](left / "posterior.nc") if name in gallery.KEPT else {}
         checked = command(Path(folder), "check", str(path)) if "check" in claims(path) else None
     known, known_truth = summary["identifiability"] or {}, truth(path)
-    parameters, answers = summary["parameters"], summary["answers"]
-    if answers:  # of measured FRFs: the one to believe
-        believed = answers[answers["believed"]]["parameters"]
-        parameters = {k: entry | believed[k] for k, entry in parameters.items()}
+    parameters = summary["parameters"]
     return {
         "config": fingerprint(path),
         "title": spec["title"],

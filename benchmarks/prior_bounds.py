@@ -81,7 +81,7 @@ def main() -> None:
             except JointBayesError as error:
                 print(f"{one.name}: refused: {error}", flush=True)
                 continue
-            wrong += posterior.identifiability(one.stiffness).verdict in ("identified", "weakly identified")
+            wrong += posterior.verdict(one.stiffness).verdict in ("identified", "weakly identified")
             print(f"{one.name}:", *verdict_lines(posterior, one.stiffness), flush=True)
     print(f"{wrong} of {count} call a stiffness identified that its prior excludes")
 

@@ -132,7 +132,7 @@ def row(name: str, seed: int) -> dict[str, Any]:
     seconds = time.process_time() - began
     modes = posterior.estimate.modes
     expected = expected_shares(case.problem, [(mode.theta, mode.covariance) for mode in modes])
-    verdicts = [posterior.identifiability(q) for q in posterior.stiffness_names]
+    verdicts = [posterior.verdict(q) for q in posterior.stiffness_names]
     return {
         "case": name,
         "seed": seed,

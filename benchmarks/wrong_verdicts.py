@@ -109,7 +109,7 @@ def analyse(
     case = replace(case, problem=made, stated=made, setups=(replace(setup, data=data),))
     posterior = jb.sample(case, seed=index, settings=settings or case.sampler)
     exact = gather_knowledge(posterior).exact
-    known = {name: posterior.identifiability(name) for name in truth}
+    known = {name: posterior.verdict(name) for name in truth}
     missed = []
     for name, value in truth.items():
         low, high = posterior.interval(name, 0.999)

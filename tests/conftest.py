@@ -24,7 +24,7 @@ from jointbayes.inference import ErrorSizes, Likelihood, LogPosterior, Problem, 
 from jointbayes.joint import AnyJoint, Joint, LogStiffness
 from jointbayes.measurement import Data
 from jointbayes.posterior import Posterior, knowledge
-from jointbayes.report import ReportInputs, figures, inputs
+from jointbayes.report import ReportInputs, figures
 from jointbayes.sampling import SamplerSettings, distribution_fit
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.workflow import sample
@@ -130,7 +130,7 @@ def without_stages(told: str) -> list[str]:
 
 @contextmanager
 def plain_reports() -> Iterator[None]:
-    """Reports with blank figures, without profiles, freed inputs, modes' answers and doubts of numbers.
+    """Reports with blank figures, without profiles, freed inputs and doubts of numbers.
 
     A third of the price and less: for claims about none of these.
     """
@@ -139,7 +139,6 @@ def plain_reports() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "svg", lambda *_: blank)
         patch.setattr(knowledge, "_profiles", lambda *_: ())
-        patch.setattr(inputs, "ask_modes", lambda _: None)
         patch.setattr(case, "find_numbering", lambda _: None)
         patch.setattr(knowledge, "effect_of_uncertain_inputs", lambda posterior, *_: effect(posterior))
         yield

@@ -6,11 +6,6 @@ from benchmarks.size import ROOT, code_lines, longest_functions
 SRC = ROOT / "src"
 
 
-def test_no_module_has_more_than_400_lines():
-    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in SRC.rglob("*.py")}
-    assert {str(path): length for path, length in lengths.items() if length > 400} == {}
-
-
 def test_no_function_has_more_than_60_lines():
     assert longest_functions(SRC) == []
 

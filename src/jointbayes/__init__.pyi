@@ -86,7 +86,6 @@ from jointbayes.studies.comparison_report import Comparison as Comparison
 from jointbayes.studies.planning.make_plan import plan as plan
 from jointbayes.studies.planning.plan_report import Plan as Plan
 from jointbayes.studies.reference_check import check_posterior as check_posterior
-from jointbayes.workflow import ask_modes as ask_modes
 from jointbayes.workflow import find_map as find_map
 from jointbayes.workflow import identify as identify
 from jointbayes.workflow import load_posterior as load_posterior

@@ -3,6 +3,7 @@
 import os
 import time
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,11 +24,11 @@ from jointbayes.identification import (
     sensitivity_iteration,
     why_not_iterated,
 )
-from jointbayes.inference import ErrorSizes, Problem
+from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
+from jointbayes.posterior.decision import decide
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
-from jointbayes.posterior.modes_answer import ModesAnswer, is_of_measured_frfs, modes_answer, modes_problem
 from jointbayes.posterior.run_record import sampler_figures
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.posterior.stored_problem import run_fingerprint
@@ -49,6 +50,8 @@ from jointbayes.sampling import (
 
 #: What is analysed: a case, the path of its file, or a problem.
 Analysed = AnyCase | Problem
+#: What measured FRFs are taken as: by their modes with an error of the model where that is usual, or as exact.
+TakenAs = Literal["usual", "exact"]
 
 _PRIOR_DRAWS = 8000
 _PAIR = 2  # DOFs of a joint whose compliance a linear fit gives
@@ -194,8 +197,14 @@ def sample(
     progress: ProgressCallback | bool | None = None,
     checkpoint: str | os.PathLike[str] | UnfinishedRun | None = None,
     resume: bool = False,
+    take_as: TakenAs | None = None,
 ) -> Posterior:
-    """Draw from the posterior.
+    """Draw from the posterior of what the data are taken as, which is decided before anything is drawn.
+
+    Measured FRFs of a case are analysed by the modes that they show, with an error of the model in each, and with
+    material, length and damping as uncertain as in a workshop where the case neither states their uncertainty nor
+    declares them exact; see `jointbayes.posterior.decision.decide` for when they are analysed as they are. What was
+    decided, and why, is in ``.problem.premises``. Computed data, typed-in modes and a problem are analysed as stated.
 
     Parameters
     ----------
@@ -213,6 +222,10 @@ def sample(
         default none. It stays when the run is finished: remove it once the posterior is saved.
     resume
         Go on with what is in that directory; the draws are those of a run that was never interrupted, bit for bit.
+    take_as
+        ``"exact"`` analyses measured FRFs within their noise and the model as exact, but for what the case calls
+        uncertain; ``"usual"`` decides of a problem's FRFs as of a case's. By default what is usual of a case, and a
+        problem as it is stated.
 
     Returns
     -------
@@ -231,9 +244,11 @@ def sample(
     """
     tell = callback_of(progress)
     require(settings, SamplerSettings | None, "settings: found", "jb.SamplerSettings(walkers=…), or None; make it")
+    expected = '"usual", "exact" or None; choose one'
+    require(take_as, str | None, "take_as: found", expected, lambda given: given in (None, "usual", "exact"))
     if checkpoint is not None and not isinstance(checkpoint, UnfinishedRun):
         with UnfinishedRun(checkpoint, resume=resume, progress=tell) as unfinished:
-            return sample(case, settings=settings, seed=seed, progress=tell, checkpoint=unfinished)
+            return sample(case, settings=settings, seed=seed, progress=tell, checkpoint=unfinished, take_as=take_as)
     problem, whole = _problem_and_case(case)
     for test in problem.tests:
         test.data.require_enough()
@@ -242,8 +257,36 @@ def sample(
     settings = settings or (SamplerSettings().for_dimension(dimension) if whole is None else whole.sampler)
     settings.require_dimension(dimension)
     if checkpoint is not None:
-        checkpoint.begin(run_fingerprint(problem, whole, seed, settings))
+        checkpoint.begin(run_fingerprint(problem, whole, seed, settings) | {"take_as": take_as or ""})
     estimate = _found_mode(whole or problem, seed, tell, checkpoint)
+    if take_as == "usual" or (take_as is None and whole is not None):
+        answered = _decided(problem, whole, estimate, seed)
+        if answered is not problem:
+            if whole is not None:
+                whole = replace(whole, problem=answered, stated=whole.stated and answered)
+            tell(Progress("premises", f"{answered.premises.reason}: its modes are analysed"))
+            fallback = settings.for_dimension(len(answered.names))
+            return sample_quickly(answered, seed=seed, case=whole, settings=fallback, progress=tell, keeper=checkpoint)
+    return _by_ensembles(problem, whole, seed, settings, estimate, tell, checkpoint)
+
+
+def _decided(problem: Problem, case: Case | None, estimate: MapEstimate, seed: int) -> Problem:
+    """The problem whose posterior is the answer."""
+    freed = None if case is None else case.workshop_problem
+    sizes = None if case is None else case.model_error
+    return decide(problem, estimate, seed, sizes=sizes, freed=freed, assumed=assumed_beyond(problem, freed))
+
+
+def _by_ensembles(
+    problem: Problem,
+    case: Case | None,
+    seed: int,
+    settings: SamplerSettings,
+    estimate: MapEstimate,
+    tell: ProgressCallback,
+    checkpoint: UnfinishedRun | None,
+) -> Posterior:
+    """Draws by ensembles of walkers, which the checkpoint keeps."""
     tell(Progress("preparing the sampling"))
     log_posterior = problem.log_posterior
     modes, systems = estimate.starts_for_draws, coordinate_systems(problem)
@@ -265,7 +308,7 @@ def sample(
         quantities=judged_quantities(problem.prior),
         keeper=checkpoint,
     )
-    return _posterior(problem, whole, seed, settings, estimate, proposal, chains)
+    return _posterior(problem, case, seed, settings, estimate, proposal, chains)
 
 
 def _found_mode(
@@ -316,57 +359,32 @@ def _posterior(
     return Posterior(problem, tree, estimate, *mode, record, case)
 
 
-def sample_quickly(problem: Problem, *, seed: int, progress: ProgressCallback | bool | None = None) -> Posterior:
-    """Draw from a posterior by importance where that settles, as of few data with an error of the model; else `sample`.
+def sample_quickly(
+    problem: Problem,
+    *,
+    seed: int,
+    case: Case | None = None,
+    settings: SamplerSettings | None = None,
+    progress: ProgressCallback | bool | None = None,
+    keeper: UnfinishedRun | None = None,
+) -> Posterior:
+    """Draw by importance where that settles, as of few data with an error of the model; else by walkers.
 
     It is a thin curved sheet, with places that a fitted proposal hardly reaches: a walker waits long there.
     """
-    d, began = len(problem.names), time.perf_counter()
-    settings = SamplerSettings().for_dimension(d).for_one_of_many()
+    d, began, tell = len(problem.names), time.perf_counter(), callback_of(progress)
+    settings = settings or SamplerSettings().for_dimension(d).for_one_of_many()
     estimate = find_map(problem, seed=seed, progress=progress)
+    tell(Progress("sampling"))
     density, starts, systems = problem.log_posterior, estimate.starts_for_draws, coordinate_systems(problem)
     rng, images = _generator(seed, _PROPOSAL), Images.from_problem(problem).matrices
     proposal = fit_each_mode(density, systems, starts, images, rng)
     rng, quantities = _generator(seed, _STEPS), judged_quantities(problem.prior)
     drawn = released_draws(density, systems, np.zeros((0, d)), rng, quantities, proposal=proposal, modes=len(starts))
     if drawn is None:
-        return sample(problem, settings=settings, seed=seed, progress=progress)
+        return _by_ensembles(problem, case, seed, settings, estimate, tell, keeper)
     chains = independent_chains(density, *drawn, time.perf_counter() - began)
-    return _posterior(problem, None, seed, settings, estimate, proposal, chains)
-
-
-def ask_modes(
-    posterior: Posterior, sizes: ErrorSizes | None = None, *, progress: ProgressCallback | bool | None = None
-) -> ModesAnswer | None:
-    """What the modes say that measured FRFs show, the model being a little wrong in each, and nobody's data exact.
-
-    Young's modulus, density and length are as uncertain as in a workshop where the case neither states their
-    uncertainty nor declares them exact.
-
-    Parameters
-    ----------
-    posterior
-        Of measured FRFs.
-    sizes
-        Of the model's errors; by default the case's ``[noise.model_error]``, or 0.3 % of a natural frequency, known to
-        a factor of 3.
-    progress
-        As in `sample`.
-
-    Returns
-    -------
-    ModesAnswer
-        None where FRFs were computed, show no mode, or are of a structure that has none: one with a measured body.
-    """
-    if not is_of_measured_frfs(posterior.problem):
-        return None
-    case = posterior.case
-    stated, freed = (None, None) if case is None else (case.model_error, case.workshop_problem)
-    asked = modes_problem(posterior, sizes or stated or ErrorSizes(), freed)
-    if asked is None:
-        return None
-    of_modes = sample_quickly(asked.problem, seed=posterior.record.seed, progress=progress)
-    return modes_answer(posterior, of_modes, asked, assumed_beyond(posterior.problem, freed))
+    return _posterior(problem, case, seed, settings, estimate, proposal, chains)
 
 
 @one_blas_thread()

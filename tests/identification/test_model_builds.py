@@ -10,7 +10,7 @@ import jointbayes as jb
 from jointbayes.frf import modal
 from jointbayes.identification.numbering import find_numbering
 from jointbayes.inference import ErrorSizes
-from jointbayes.posterior.modes_answer import modes_problem
+from jointbayes.posterior.decision import modes_problem
 from jointbayes.structure import Structure
 
 BODY = """
@@ -73,10 +73,7 @@ def asked():
     case = jb.case_from_text("soft", FRF)
     problem = case.problem.with_test(data=replace(case.problem.test.data, synthetic=False))
     truth = np.concatenate([problem.parametrisation.coordinates(SOFT), problem.prior.mean[2:]])
-    posterior = SimpleNamespace(
-        problem=problem, estimate=SimpleNamespace(theta=truth, modes=()), record=SimpleNamespace(seed=1)
-    )
-    return modes_problem(posterior, ErrorSizes(), case.workshop_problem).problem
+    return modes_problem(problem, SimpleNamespace(theta=truth, modes=()), 1, ErrorSizes(), case.workshop_problem)
 
 
 def test_modes_of_a_soft_joint_take_no_eigen_solution_for_each_draw(asked, counted):

@@ -66,7 +66,7 @@ def test_a_file_of_fewer_draws_holds_some_of_them_and_gives_nearly_the_same_verd
         assert np.isin(back.values(name), cheap_posterior.values(name)).all()
         assert back.values(name).shape[0] == cheap_posterior.values(name).shape[0]  # of every walker
         assert back.interval(name) == pytest.approx(cheap_posterior.interval(name), rel=0.2)
-        assert back.identifiability(name).verdict == cheap_posterior.identifiability(name).verdict
+        assert back.verdict(name).verdict == cheap_posterior.verdict(name).verdict
     assert np.array_equal(back.log_density, small.log_density)
 
 

@@ -87,7 +87,7 @@ def by_kind(joints) -> dict[str, SimplerJoint]:
 @pytest.mark.long
 @pytest.mark.whole
 def test_a_rigid_joint_is_excluded_by_data_that_bound_each_stiffness_from_below(bounded, of_bounded):
-    assert {bounded.identifiability(k).verdict for k in ("k11", "k22")} == {"bounded below"}
+    assert {bounded.verdict(k).verdict for k in ("k11", "k22")} == {"bounded below"}
     assert known_by_bounds(bounded) == ("",)
     joints = by_kind(of_bounded.knowledge.simpler)
     # nothing else is uncertain: the likelihood of a rigid joint is one number
@@ -166,7 +166,7 @@ def test_the_flexibility_at_a_lever_arm_is_named_where_each_stiffness_is_bounded
     k = np.array([[TABLE_3[0], TABLE_3[1]], [TABLE_3[1], TABLE_3[2]]])
     true = np.array([1, arm]) @ np.linalg.solve(k, np.array([1, arm]))
     assert first.interval95[0] < true < first.interval95[1]
-    assert first.ratio < 3 < min(bounded.identifiability(n).ratio for n in ("k11", "k22"))
+    assert first.ratio < 3 < min(bounded.verdict(n).ratio for n in ("k11", "k22"))
 
 
 def test_terminal_page_one_and_summary_say_what_is_excluded(stated, capsys):

@@ -146,7 +146,7 @@ def test_a_chain_too_short_for_an_effective_size_is_reported_with_a_dash(wrong, 
 @pytest.mark.whole
 def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, gathered, monkeypatch):
     for name in ("k11", "k12", "k22"):
-        assert repr(gathered.freed[0].known[name]) == repr(uncertain.identifiability(name))  # NaN is not itself
+        assert repr(gathered.freed[0].known[name]) == repr(uncertain.verdict(name))  # NaN is not itself
     assert gathered.freed[0].source == "this run"
     # of a case that assumes nothing there are no further rows
     monkeypatch.setattr(
@@ -163,7 +163,7 @@ def test_what_all_else_known_would_give_is_what_sampling_that_case_gives(of_unce
     known = next(row for row in of_uncertain.knowledge.freed if not row.uncertain)
     assert known.source == "importance sampling"
     for name in ("k11", "k12", "k22"):
-        alone = cheap_posterior.identifiability(name)
+        alone = cheap_posterior.verdict(name)
         assert known.known[name].sd_log == pytest.approx(alone.sd_log, rel=0.12)
         low, high = alone.interval95
         assert known.known[name].interval95 == pytest.approx((low, high), abs=0.1 * (high - low))
@@ -177,8 +177,8 @@ def test_freeing_what_a_case_takes_as_known_gives_what_sampling_it_uncertain_giv
     run, freed = effect_of_uncertain_inputs(cheap_posterior, case.problem)
     assert (run.uncertain, freed.uncertain) == ((), ("gain",))
     for name in ("k11", "k12", "k22"):
-        assert freed.known[name].sd_log == pytest.approx(sampled.identifiability(name).sd_log, rel=0.15)
-        assert freed.verdict[name] == sampled.identifiability(name).verdict
+        assert freed.known[name].sd_log == pytest.approx(sampled.verdict(name).sd_log, rel=0.15)
+        assert freed.verdict[name] == sampled.verdict(name).verdict
 
 
 BOUNDS_OF_K11 = (
@@ -340,7 +340,7 @@ def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs,
     assert max(map(len, lines)) <= 200
     assert only_if in str(inputs.summary)
     print_summary(posterior)  # without a report nobody looked
-    assert "These verdicts take Young's modulus, density, length and damping ratio as exact" in capsys.readouterr().out
+    assert "The verdicts take Young's modulus, density, length and damping ratio as exact" in capsys.readouterr().out
 
 
 @pytest.mark.whole

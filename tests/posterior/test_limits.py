@@ -211,7 +211,7 @@ def test_limits_equal_the_ends_of_profiles(cheap_posterior):
 
 def test_the_likelihood_limits_of_the_report_are_those_of_the_verdicts(cheap_posterior):
     for profile in _profiles(cheap_posterior):
-        verdict = cheap_posterior.identifiability(profile.name)
+        verdict = cheap_posterior.verdict(profile.name)
         if verdict.verdict != "identified":
             assert profile.interval == pytest.approx(np.log(verdict.likelihood95), abs=1e-12)
             assert not profile.open_below | profile.open_above
@@ -249,14 +249,14 @@ def with_limits(posterior: Posterior, at95: tuple[float, float], printed: tuple[
 
 def test_what_is_printed_is_the_more_cautious_end(cheap_posterior):
     for index, name in enumerate(("k11", "k12")):
-        known = cheap_posterior.identifiability(name)
+        known = cheap_posterior.verdict(name)
         at95, printed = cheap_posterior.likelihood_region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)
         assert known.verdict != "identified"
         assert known.likelihood95 == at95
         assert known.interval95 == cheap_posterior.interval(name)
         assert known.printed95 == (min(known.interval95[0], printed[0]), max(known.interval95[1], printed[1]))
         assert known.printed_by_likelihood == tuple(np.not_equal(known.printed95, known.interval95))
-    identified = cheap_posterior.identifiability("k22")
+    identified = cheap_posterior.verdict("k22")
     assert identified.verdict == "identified"
     assert np.isnan([identified.likelihood95, identified.printed95]).all()
     assert identified.interval() == rounded_interval(identified.interval95, identified.interval95_error)
@@ -266,7 +266,7 @@ def test_what_is_printed_is_the_more_cautious_end(cheap_posterior):
 def test_the_reason_states_the_ratio_of_the_printed_ends(cheap_posterior, wider):
     low, high = cheap_posterior.interval("k12")
     changed = with_limits(cheap_posterior, (low, high), (low / wider, high))
-    known = changed.identifiability("k12")
+    known = changed.verdict("k12")
     assert known.verdict == "weakly identified"
     printed = known.printed95[1] / known.printed95[0]
     assert printed == pytest.approx(wider * high / low)
@@ -278,10 +278,10 @@ def test_the_reason_states_the_ratio_of_the_printed_ends(cheap_posterior, wider)
 def test_of_many_unknowns_and_without_verdict_no_limits_are_sought(cheap_posterior, monkeypatch):
     monkeypatch.setattr(verdicts, "MOST_UNKNOWNS", 2)
     lost = with_cached(cheap_posterior, likelihood_region=None)
-    assert np.isnan(lost.identifiability("k11").printed95).all()
+    assert np.isnan(lost.verdict("k11").printed95).all()
     monkeypatch.undo()
     failed = dataclasses.replace(lost, record=dataclasses.replace(lost.record, converged=False))
-    assert np.isnan(failed.identifiability("k11").printed95).all()
+    assert np.isnan(failed.verdict("k11").printed95).all()
 
 
 def test_each_end_says_where_it_comes_from(cheap_posterior):
@@ -294,7 +294,7 @@ def test_each_end_says_where_it_comes_from(cheap_posterior):
         ((low / 2, high * 2), "both ends by likelihood ratio"),
     ):
         changed = with_limits(cheap_posterior, (low, high), printed)
-        known, line = changed.identifiability("k12"), " ".join(verdict_lines(changed, "k12"))
+        known, line = changed.verdict("k12"), " ".join(verdict_lines(changed, "k12"))
         assert known.prior_volume == ""
         drawn = rounded_interval(known.interval95, known.interval95_error, " to ")
         if words:
@@ -313,21 +313,21 @@ def test_the_volume_speaks_beyond_a_tenth_of_the_interval(cheap_posterior, share
     for sign in (-1, 1):
         moved = low * (high / low) ** (sign * share)
         changed = with_limits(cheap_posterior, (moved, high), (low, high))
-        said = changed.identifiability("k12").prior_volume
-        lower = changed.identifiability("k12").interval().split(" … ")[0]
+        said = changed.verdict("k12").prior_volume
+        lower = changed.verdict("k12").interval().split(" … ")[0]
         assert bool(said) == speaks
         assert said in " ".join(verdict_lines(changed, "k12"))
         if speaks:
             ends = f"lower end {lower} by the draws, {rounded(moved)} by the likelihood alone"
             assert said == f"part of this rests on the prior: {ends}"
             assert f"{said.capitalize()}." in verdict_sentences(changed.summary())
-    none = with_limits(cheap_posterior, (low, math.nan), (low, 2 * high)).identifiability("k12")
+    none = with_limits(cheap_posterior, (low, math.nan), (low, 2 * high)).verdict("k12")
     drawn = rounded(high, none.interval95_error[1])
     assert none.prior_volume.endswith(f"upper end {drawn} by the draws, not limited by the data alone")
     assert none.source.startswith("(upper end as far as the priors reach; 95 % credible interval ")
-    both = with_limits(cheap_posterior, (low / 2, math.nan), (low / 2, 2 * high)).identifiability("k12")
+    both = with_limits(cheap_posterior, (low / 2, math.nan), (low / 2, 2 * high)).verdict("k12")
     assert both.source.startswith("(lower end by likelihood ratio, upper end as far as the priors reach; ")
-    neither = with_limits(cheap_posterior, (math.nan, math.nan), (low / 2, 2 * high)).identifiability("k12")
+    neither = with_limits(cheap_posterior, (math.nan, math.nan), (low / 2, 2 * high)).verdict("k12")
     assert neither.source.startswith("(both ends as far as the priors reach; ")
 
 
@@ -356,7 +356,7 @@ def test_a_one_sided_limit_is_the_more_cautious_one(cheap_posterior):
         drawn = float(np.quantile(cheap_posterior.values("k22"), probability))
         for factor in (0.5, 2.0):
             found = bounded(cheap_posterior, side, (drawn * factor,) * 2, (drawn * factor,) * 2)
-            known = found.identifiability("k22")
+            known = found.verdict("k22")
             assert known.verdict == f"bounded {side}"
             assert found.likelihood_region.falls == [FALL_ONE_SIDED]
             assert known.limit95 == drawn
@@ -376,7 +376,7 @@ def test_a_limit_that_the_likelihood_does_not_set_is_none(cheap_posterior):
     prior = cheap_posterior.prior_values("k22")
     for share, verdict in ((0.5, "not identified"), (1.5, "bounded below")):
         limit = float(np.quantile(prior, share * LEAST_EXCLUDED))
-        known = bounded(cheap_posterior, "below", (limit, math.nan), (limit, 1e8)).identifiability("k22")
+        known = bounded(cheap_posterior, "below", (limit, math.nan), (limit, 1e8)).verdict("k22")
         assert known.verdict == verdict
         assert bool(known.limit) == (verdict == "bounded below")
         assert ("by likelihood the data exclude 5 % of the prior" in known.verdict_reason) == (share < 1)
@@ -386,7 +386,7 @@ def test_a_limit_that_the_likelihood_does_not_set_is_none(cheap_posterior):
 
 def test_the_summary_has_both_intervals_and_what_is_printed(cheap_posterior):
     for name, entry in json.loads(json.dumps(cheap_posterior.summary().to_json()))["parameters"].items():
-        known = cheap_posterior.identifiability(name)
+        known = cheap_posterior.verdict(name)
         assert tuple(entry["interval95"]) == known.interval95
         for key in ("likelihood95", "printed95"):
             ends = getattr(known, key)
@@ -394,4 +394,4 @@ def test_the_summary_has_both_intervals_and_what_is_printed(cheap_posterior):
         assert entry["printed_by_likelihood"] == list(known.printed_by_likelihood)
         assert entry["prior_volume"] == known.prior_volume
     table = str(cheap_posterior.summary())
-    assert f"({cheap_posterior.identifiability('k11').interval()})" in table
+    assert f"({cheap_posterior.verdict('k11').interval()})" in table

@@ -14,7 +14,7 @@ from tests.conftest import of_case
 
 @pytest.fixture(scope="module")
 def judged(cheap_posterior):
-    return {name: cheap_posterior.identifiability(name) for name in cheap_posterior.stiffness_names}
+    return {name: cheap_posterior.verdict(name) for name in cheap_posterior.stiffness_names}
 
 
 def test_the_best_gain_is_that_of_finite_differences_of_the_frfs(cheap_posterior, judged):
@@ -69,7 +69,7 @@ def test_with_more_uncertain_the_forecast_names_it_and_promises_less(cheap_poste
 
 
 def test_of_natural_frequencies_further_modes_are_proposed(frequency_posterior):
-    judged = {name: frequency_posterior.identifiability(name) for name in frequency_posterior.stiffness_names}
+    judged = {name: frequency_posterior.verdict(name) for name in frequency_posterior.stiffness_names}
     step = next_step(frequency_posterior, None, judged)
     assert step.words == "modes 4 and 5"
     assert step.sd_after < step.sd_before

@@ -45,7 +45,7 @@ def test_where_the_noise_counts_the_verdicts_are_as_ever(posterior):
 @pytest.mark.usefixtures("plain_reports")
 def test_where_the_noise_is_ignored_verdicts_summary_and_report_say_so(posterior, ignoring):
     for name in ignoring.stiffness_names:
-        known = ignoring.identifiability(name)
+        known = ignoring.verdict(name)
         assert "the noise of the measured body spindle is ignored, so that the interval is too narrow" in (
             known.verdict_reason
         )

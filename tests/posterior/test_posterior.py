@@ -69,7 +69,7 @@ def test_intervals_are_equal_tailed(cheap_posterior):
         assert np.mean(values > high) == pytest.approx(0.1, abs=1 / values.size)
         wide = cheap_posterior.interval(name)
         assert wide[0] < low < high < wide[1]
-        assert wide == pytest.approx(cheap_posterior.identifiability(name).interval95, rel=1e-12)
+        assert wide == pytest.approx(cheap_posterior.verdict(name).interval95, rel=1e-12)
     for impossible in (0.0, 1.0, 95.0, np.nan):
         with pytest.raises(ModelError, match="between 0 and 1"):
             cheap_posterior.interval("k12", impossible)
@@ -369,8 +369,8 @@ PARAMETER_KEYS = {
 KEYS = {
     "schema_version", "case", "seed", "converged", "reason", "no_verdict", "parameters", "map",
     "natural_frequencies_hz", "fit", "sampler", "versions", "data_sha256", "measurement", "setups", "nuisances",
-    "check", "identifiability", "mesh", "measured_bodies", "warnings", "modes", "solutions", "left_out", "answers",
-    "homogeneity", "assemblies",
+    "check", "identifiability", "mesh", "measured_bodies", "warnings", "modes", "solutions", "left_out",
+    "homogeneity", "assemblies", "premises", "model_error",
 }  # fmt: skip
 
 
@@ -392,7 +392,7 @@ def test_the_summary_has_exactly_the_documented_keys_and_is_strict_json(cheap_po
 
 def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
     summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json()
-    assert (summary["schema_version"], summary["case"], summary["seed"]) == (2, "cheap", 1)
+    assert (summary["schema_version"], summary["case"], summary["seed"]) == (3, "cheap", 1)
     assert (summary["converged"], summary["reason"]) == (True, cheap_posterior.reason)
     for i, name in enumerate(PAIR.stiffness_names):
         p, values = summary["parameters"][name], cheap_posterior.values(name)
@@ -403,7 +403,7 @@ def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
         prior = cheap_posterior.prior_values(name)
         assert p["prior_interval95"] == np.quantile(prior, [0.025, 0.975]).tolist()
         assert p["contraction"] == pytest.approx(1 - np.log(values).var() / np.log(prior).var())
-        assert p["verdict"] == cheap_posterior.identifiability(name).verdict
+        assert p["verdict"] == cheap_posterior.verdict(name).verdict
         assert 0.99 < p["r_hat"] == cheap_posterior.record.r_hat[name] < 1.01
         assert 400 < p["ess_bulk"] < 2 * values.size
         assert 400 < p["ess_tail"] != p["ess_bulk"]

@@ -6,12 +6,13 @@ from dataclasses import replace
 import pytest
 
 from jointbayes.identification.map_estimate import SearchEffort
+from jointbayes.inference import Premises, UsedMode
+from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, ModeError, PairFit
 from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences
 from jointbayes.posterior.homogeneity import Homogeneity
 from jointbayes.posterior.identifiability import verdict_by_rule
-from jointbayes.posterior.model_errors import MeshCheck
-from jointbayes.posterior.modes_answer import ModesAnswer, UsedMode
+from jointbayes.posterior.model_errors import InferredError, MeshCheck
 from jointbayes.posterior.run_record import RunRecord
 from jointbayes.posterior.verdicts import MOST_CHARACTERS
 
@@ -23,7 +24,8 @@ DIAGNOSIS = Diagnosis((ModeError(100.0, 98.0, 1.2),), (PairFit("1:y", "1:y", 0.9
 EFFORT = SearchEffort(squares=20.0, limit=1.2, starts=40, agreeing=17, rounds=1)
 MESH = MeshCheck("paper", 10, 1, 0.5, 0.1, {"k11": 0.2}, False, False)
 SAME = Homogeneity("loose", "tight", 50, 1.0, 0.5, (), (), None)
-MODES = ModesAnswer({}, (UsedMode("", 1, 120.0, 0.1),), (), (0.01, 0.005, 0.02), True, "why")
+ERROR = InferredError(0.01, 0.005, 0.02, 0.003)
+MODES = Premises("why", None, ("length to 0.5 %",), (UsedMode("", 1, 120.0, 0.1),))
 
 
 def told(reason: str, *, converged: bool = True) -> str:
@@ -58,8 +60,12 @@ def told(reason: str, *, converged: bool = True) -> str:
         (DIAGNOSIS.sentence, replace(DIAGNOSIS, remedy="Look.").sentence, ("correlation is 0.9.", "is 0.9. Look.")),
         (MESH.sentence, replace(MESH, error_sd=0.7, shift_sd={"k11": 0.3}).sentence, ("than 0.5 sta", "than 0.7 sta")),
         (SAME.sentence, replace(SAME, chi2_per_value=4.0, lines_p_value=0.0).sentence, ("are equal", "by 2 times")),
-        (MODES.basis, replace(MODES, model_error=(0.02, 0.01, 0.03)).basis, ("about 1 % (0.5 to 2 %)", "about 2 %")),
-        (MODES.sentence, replace(MODES, believed=False).sentence, ("of the modes: why", "of the FRFs: why")),
+        (ERROR.words, replace(ERROR, median=0.02, high=0.03).words, ("about 1 % (up to 2 %)", "about 2 % (up to 3 %)")),
+        (
+            " ".join(premises_sentences(MODES, ERROR)),
+            " ".join(premises_sentences(replace(MODES, reason="so", assumed=("density to 1 %",)), None)),
+            ("reason: why. The model misses each by about 1 %", "reason: so. Assumed, as nobody stated it: density"),
+        ),
         (
             " ".join(exclusion_sentences((SimplerJoint("", "rigid", 2 * math.log(30.0), 5.0),))),
             " ".join(exclusion_sentences((SimplerJoint("", "rigid", 2 * math.log(3.0), 5.0),))),

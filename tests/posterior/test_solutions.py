@@ -36,7 +36,7 @@ def test_no_stiffness_that_differs_between_the_feet_is_identified(portal):
     assert portal.solutions.shares == pytest.approx([0.5, 0.5], abs=0.05)
     low, high = study.FEET
     for index, name in enumerate(portal.stiffness_names):
-        known = portal.identifiability(name)
+        known = portal.verdict(name)
         assert known.verdict == "not identified"
         assert known.verdict_reason.startswith("two solutions: ")
         values = [float(part.split()[0]) for part in known.verdict_reason.removeprefix("two solutions: ").split(" or ")]
@@ -88,7 +88,7 @@ def test_the_sensor_that_would_tell_the_feet_apart_is_one_that_does(portal):
 
 def test_two_storeys_of_the_same_two_frequencies_are_two_solutions(storeys):
     assert storeys.converged
-    assert storeys.identifiability("first.kx").verdict_reason.startswith("two solutions: 1.4")
+    assert storeys.verdict("first.kx").verdict_reason.startswith("two solutions: 1.4")
     assert "An FRF at 2:x would tell them apart" in storeys.solutions.sentence
     assert known_by_bounds(storeys) == ()
 
@@ -97,7 +97,7 @@ def test_two_storeys_of_the_same_two_frequencies_are_two_solutions(storeys):
 def test_what_is_said_beside_the_solutions_knows_of_both(portal):
     region = portal.likelihood_region
     for index, name in enumerate(portal.stiffness_names):
-        known = portal.identifiability(name)
+        known = portal.verdict(name)
         assert np.isfinite(known.likelihood95).all()
         assert known.prior_volume == ""
         mirrored = region.limits((index + 3) % 6, FALL_TWO_SIDED, FALL_PRINTED)
@@ -138,7 +138,7 @@ def test_solutions_of_a_run_that_did_not_converge_have_no_probabilities(storeys)
     assert sentence.startswith("Two solutions explain the data (their probabilities are not settled, as the sampler")
     assert "(probability" not in sentence
     assert sentence.partition("): ")[2] == storeys.solutions.sentence.partition("): ")[2] != ""
-    assert "probability" not in failed.identifiability("first.kx").verdict_reason
+    assert "probability" not in failed.verdict("first.kx").verdict_reason
 
 
 def test_a_posterior_with_one_mode_has_one_solution(cheap_posterior):

@@ -95,7 +95,7 @@ def test_each_end_has_its_own_digits_and_a_factor_near_one_shows_its_excess():
 
 
 def test_errors_of_median_and_ends_are_of_the_size_that_the_effective_draws_allow(cheap_posterior):
-    known = cheap_posterior.identifiability("k22")
+    known = cheap_posterior.verdict("k22")
     values = cheap_posterior.values("k22")
     errors = (known.interval95_error[0], known.median_error, known.interval95_error[1])
     for probability, error in zip((0.025, 0.5, 0.975), errors, strict=True):
@@ -113,7 +113,7 @@ def test_a_run_that_did_not_converge_has_no_verdict(cheap_posterior):
     record = dataclasses.replace(cheap_posterior.record, converged=False)
     failed = dataclasses.replace(cheap_posterior, record=record)
     for name in PAIR.stiffness_names:
-        known = failed.identifiability(name)
+        known = failed.verdict(name)
         assert (known.verdict, known.verdict_reason) == ("no verdict", "the calculation has not settled")
         assert " ".join(verdict_lines(failed, name)).endswith(": no verdict (the calculation has not settled)")
 
@@ -128,8 +128,8 @@ def test_a_run_without_a_verdict_names_the_bound_that_its_draws_reach(cheap_post
     record = dataclasses.replace(cheap_posterior.record, converged=False)
     failed = dataclasses.replace(cheap_posterior, problem=problem, record=record)
     bound = f"its draws reach the prior's upper bound {number(math.exp(high))} N·m/rad"
-    assert failed.identifiability("k22").verdict_reason == f"the calculation has not settled; {bound}"
-    assert failed.identifiability("k11").verdict_reason == "the calculation has not settled"
+    assert failed.verdict("k22").verdict_reason == f"the calculation has not settled; {bound}"
+    assert failed.verdict("k11").verdict_reason == "the calculation has not settled"
 
 
 @pytest.mark.parametrize(
@@ -143,11 +143,11 @@ def test_a_run_whose_mode_is_elsewhere_has_no_verdict(cheap_posterior, gain, wor
         mode_theta=cheap_posterior.estimate.theta + sd * np.array([0.0, 2.5, 0.0]),
         mode_log_density=cheap_posterior.estimate.log_posterior + gain,
     )
-    known = moved.identifiability("k22")
+    known = moved.verdict("k22")
     assert known.verdict == "no verdict"
     assert words in known.verdict_reason
     assert not known.if_model_right
-    assert unexplained(moved).identifiability("k22").verdict == "no verdict"
+    assert unexplained(moved).verdict("k22").verdict == "no verdict"
 
 
 # ---- a model that does not explain the data
@@ -156,7 +156,7 @@ def test_a_run_whose_mode_is_elsewhere_has_no_verdict(cheap_posterior, gain, wor
 def test_verdicts_of_a_model_that_does_not_explain_the_data_are_conditional(cheap_posterior):
     wrong = unexplained(cheap_posterior)
     for name, verdict in zip(PAIR.stiffness_names, ("not identified", "weakly identified", "identified"), strict=True):
-        known, before = wrong.identifiability(name), cheap_posterior.identifiability(name)
+        known, before = wrong.verdict(name), cheap_posterior.verdict(name)
         assert known.verdict == before.verdict == verdict
         assert not before.if_model_right
         assert known.if_model_right == (verdict != "not identified")
@@ -283,7 +283,7 @@ def test_mass_beyond_a_bound_makes_a_one_sided_limit(cheap_posterior):
     for share, verdict in ((BEYOND - 0.01, "identified"), (BEYOND + 0.01, "bounded below")):
         theta[:, 2] = cheap_posterior.theta[:4000, 2]
         theta[: round(share * 4000), 2] = high + 0.1
-        known = widened_by(cheap_posterior, theta).identifiability("k22")
+        known = widened_by(cheap_posterior, theta).verdict("k22")
         assert known.verdict == verdict
         assert math.isfinite(known.limit95) == (verdict == "bounded below")
     values = cheap_posterior.values("k22")
@@ -298,11 +298,11 @@ def test_mass_beyond_a_bound_makes_a_one_sided_limit(cheap_posterior):
 def test_mass_beyond_the_lower_bound_bounds_above_and_beyond_both_identifies_nothing(cheap_posterior):
     theta = cheap_posterior.theta[:4000].copy()
     theta[:400, 2] = cheap_posterior.problem.prior.marginals[2].low - 0.1
-    known = widened_by(cheap_posterior, theta).identifiability("k22")
+    known = widened_by(cheap_posterior, theta).verdict("k22")
     assert known.verdict == "bounded above"
     assert known.limit95 == np.quantile(cheap_posterior.values("k22"), 0.95)
     theta[400:800, 2] = cheap_posterior.problem.prior.marginals[2].high + 0.1
-    known = widened_by(cheap_posterior, theta).identifiability("k22")
+    known = widened_by(cheap_posterior, theta).verdict("k22")
     assert known.verdict == "not identified"
     assert "limit it on both sides" in known.verdict_reason
 
@@ -316,7 +316,7 @@ def test_a_limit_that_the_prior_gives_by_itself_is_no_finding(cheap_posterior, s
     drawn = tree["prior"].to_dataset()["k22"]
     below = np.arange(drawn.size) < (LEAST_EXCLUDED + share) * drawn.size
     tree["prior/k22"] = drawn.copy(data=np.where(below, limit / 2, limit * 20.0)[None])
-    known = widened_by(dataclasses.replace(cheap_posterior, tree=tree), theta).identifiability("k22")
+    known = widened_by(dataclasses.replace(cheap_posterior, tree=tree), theta).verdict("k22")
     assert known.verdict == verdict
     assert ("the data exclude only 9 % of the prior" in known.verdict_reason) == (verdict == "not identified")
 
@@ -325,13 +325,13 @@ def test_a_verdict_that_wider_priors_change_becomes_the_less_certain_one_and_say
     theta = cheap_posterior.theta[:4000].copy()
     middle = np.median(theta[:, 2])
     theta[:, 2] = middle + 20 * (theta[:, 2] - middle)
-    known = widened_by(cheap_posterior, theta).identifiability("k22")
+    known = widened_by(cheap_posterior, theta).verdict("k22")
     assert known.verdict != "identified"
     assert known.verdict_reason.startswith("rests on the prior: identified with the priors as stated, ")
     theta = cheap_posterior.theta[:4000].copy()
     middle = np.median(theta[:, 0])
     theta[:, 0] = middle + 0.05 * (theta[:, 0] - middle)
-    known = widened_by(cheap_posterior, theta).identifiability("k11")
+    known = widened_by(cheap_posterior, theta).verdict("k11")
     assert known.verdict == "not identified"
     assert known.verdict_reason.startswith(
         "rests on the prior: not identified with the priors as stated, identified wi"
@@ -340,18 +340,18 @@ def test_a_verdict_that_wider_priors_change_becomes_the_less_certain_one_and_say
 
 def test_a_stiffness_that_moves_away_under_wider_priors_is_judged_by_both_intervals(cheap_posterior):
     theta = cheap_posterior.theta[:4000] - np.array([0.0, 0.0, 5.0])
-    known = widened_by(cheap_posterior, theta).identifiability("k22")
+    known = widened_by(cheap_posterior, theta).verdict("k22")
     assert known.verdict == "not identified"
     assert "rests on the prior: its median goes from " in known.verdict_reason
 
 
 def test_wider_priors_that_could_not_be_drawn_leave_nothing_identified(cheap_posterior):
     lost = widened_by(cheap_posterior, cheap_posterior.theta[:4000], reliable=False)
-    known = lost.identifiability("k22")
+    known = lost.verdict("k22")
     assert known.verdict == "not identified"
     assert known.verdict_reason.startswith("it may rest on the prior: with priors a decade wider")
     same = widened_by(cheap_posterior, cheap_posterior.theta[:4000])
-    assert repr(same.identifiability("k22")) == repr(cheap_posterior.identifiability("k22"))  # NaN is not itself
+    assert repr(same.verdict("k22")) == repr(cheap_posterior.verdict("k22"))  # NaN is not itself
 
 
 @pytest.mark.science
@@ -363,7 +363,7 @@ def test_a_stiffness_beyond_its_prior_is_never_identified(wanted):
     # on one machine or another the same seed takes other draws, of which some need many steps
     settings = dataclasses.replace(TO_CONVERGE, max_steps=20_000)
     posterior = sample(case_from_text("beyond", one.text), seed=1, settings=settings)
-    known = posterior.identifiability(one.stiffness)
+    known = posterior.verdict(one.stiffness)
     assert known.verdict in ("bounded below", "bounded above", "not identified")
     assert "bound" in " ".join(verdict_lines(posterior, one.stiffness))
 

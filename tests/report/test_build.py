@@ -16,7 +16,6 @@ import xarray as xr
 import jointbayes.report.sections
 from jointbayes.case.case import case_from_text
 from jointbayes.posterior import summarise
-from jointbayes.posterior.modes_answer import ModesAnswer, UsedMode
 from jointbayes.report import Figure, ReportInputs, build_report, figures, render_html, render_pdf
 from jointbayes.report.contents import APPENDIX, PAGES
 from jointbayes.report.line_plot import FrfPlot
@@ -98,7 +97,7 @@ def test_the_headline_says_in_one_line_what_is_known(whole, cheap_posterior):
     )
     low, high = cheap_posterior.interval("k22")
     assert float(found[1]) == pytest.approx(100 * (high - low) / (high + low), rel=0.06)  # two digits
-    low, high = cheap_posterior.identifiability("k12").printed95
+    low, high = cheap_posterior.verdict("k12").printed95
     assert float(found[2]) == pytest.approx(high / low, rel=0.01)
 
 
@@ -125,25 +124,6 @@ def _page_one(report):
         [str(getattr(block, "text", "")) + str(getattr(block, "rows", "")) + str(getattr(block, "lights", ""))
          for block in report.lead]
     )  # fmt: skip
-
-
-@pytest.mark.usefixtures("plain_reports")
-def test_where_the_modes_answer_no_page_takes_the_frfs_answer_for_it(cheap_inputs, monkeypatch):
-    """Draws that are not to be used are marked as that, judge no published value, and add no verdict."""
-    monkeypatch.setattr(type(cheap_inputs.posterior), "at_prior_edge", ("k11",))
-    reports = []
-    for believed in (False, True):
-        posterior = cheap_inputs.posterior
-        known = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
-        modes = ModesAnswer(known, (UsedMode("", 1, 121.5, 0.01),), (), (0.003, 0.001, 0.01), believed, "so it is")
-        inputs = ReportInputs(of_case(posterior, reference=TABLE_3, reference_source="Table 3"))
-        inputs.__dict__["knowledge"] = dataclasses.replace(cheap_inputs.knowledge, modes=modes)
-        reports.append(build_report(inputs, DATE))
-    for said in ("published values agree", "best fit lies on the edge of the prior of k11", "Combinations of the"):
-        texts = [" ".join(str(block) for block in report.blocks()) for report in reports]
-        assert [said in text for text in texts] == [True, False], said
-    (caption,) = (b.caption for b in reports[1].blocks() if getattr(b, "identifier", "") == "corner")
-    assert "by the FRFs alone, whose answer is not to be used" in caption
 
 
 @pytest.mark.whole

@@ -11,8 +11,6 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import ModelError
 from jointbayes.measurement.formats import iter_records
 from jointbayes.measurement.records import FrfRecord, ModeRecord
-from jointbayes.posterior.knowledge import KeptKnowledge
-from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.report.export import FILES, central_joint, export
 from jointbayes.report.fe_cards import PROGRAMS
 
@@ -90,7 +88,7 @@ def test_matlab_has_modes_and_joint_by_name(cheap_posterior, tmp_path):
     medians = np.median(cheap_posterior.stiffness, axis=0)
     np.testing.assert_allclose(file["joint"]["stiffness"], [medians[:2], medians[1:]], rtol=1e-14)
     assert list(file["joint"]["names"]) == ["k11", "k12", "k22"]
-    assert list(file["joint"]["verdict"]) == [cheap_posterior.identifiability(n).verdict for n in ("k11", "k12", "k22")]
+    assert list(file["joint"]["verdict"]) == [cheap_posterior.verdict(n).verdict for n in ("k11", "k12", "k22")]
     intervals = [cheap_posterior.interval(name) for name in ("k11", "k12", "k22")]
     np.testing.assert_allclose(file["joint"]["interval95"], intervals, rtol=1e-12)
 
@@ -103,7 +101,7 @@ def test_cards_say_median_interval_and_verdict(cheap_posterior, tmp_path, progra
     text = (tmp_path / "a").read_text(encoding="ascii")
     said = " ".join(line.lstrip("$*! ") for line in text.splitlines())
     for name, factor, unit in (("k11", 1e-3, "N/mm"), ("k12", 1.0, "N"), ("k22", 1e3, "N*mm/rad")):
-        known = cheap_posterior.identifiability(name)
+        known = cheap_posterior.verdict(name)
         factor, unit = (factor, unit) if units != "SI" else (1.0, unit.replace("mm", "m"))
         verdict = known.verdict if "identified" in known.verdict and known.verdict[0] != "n" else known.verdict.upper()
         assert f"{name} = {known.median * factor:.10g} {unit}, 95 % interval " in said
@@ -131,24 +129,6 @@ def test_where_no_joint_has_the_medians_the_mode_is_written(cheap_posterior, mon
     theta, of = central_joint(cheap_posterior)
     assert of.startswith("joint mode")
     assert theta is cheap_posterior.mode_theta
-
-
-def test_the_answer_of_the_modes_is_written_where_it_is_to_be_believed(cheap_posterior, tmp_path):
-    known = {name: cheap_posterior.identifiability(name) for name in cheap_posterior.stiffness_names}
-    wider = {
-        n: replace(k, median=1.01 * k.median, interval95=(1e5, 3e11), printed95=(1e5, 3e11)) for n, k in known.items()
-    }
-    for believed in (True, False):
-        modes = ModesAnswer(wider, (), (), (0.003, 0.001, 0.01), believed, "the model does not explain the FRFs")
-        kept = KeptKnowledge((), (), (), None, modes)
-        posterior = replace(cheap_posterior, _kept_knowledge=kept)
-        said = export(posterior, tmp_path / f"{believed}.bdf", "nastran")
-        text = (tmp_path / f"{believed}.bdf").read_text(encoding="ascii")
-        assert ("modes' answer" in text) == ("modes' answer" in said[0]) == believed
-        assert ("95 % interval 1e+05 to 3e+11" in text) == believed
-        theta, _ = central_joint(posterior)
-        expected = [(1.01 if believed else 1) * k.median for k in known.values()]
-        np.testing.assert_allclose(posterior.problem.prior.values(theta), expected, rtol=1e-6)
 
 
 def test_data_without_frfs_have_modes_and_no_table(frequency_posterior, tmp_path):

@@ -5,7 +5,6 @@ import json
 import re
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -343,14 +342,6 @@ def test_the_curve_is_a_table_and_a_figure_of_each_quantity(torques, overhangs):
     tables = [block for block in section.blocks if isinstance(block, Table)]
     assert [row[0] for row in tables[2].rows] == ["5", "10", "20"]
     assert curve_section(inputs_of(overhangs)) is None
-
-
-def test_the_curve_of_an_answer_that_is_not_believed_says_nothing_of_a_change(torques):
-    inputs = inputs_of(torques)
-    modes = SimpleNamespace(reason="the model does not explain the FRFs within their noise")
-    inputs.__dict__["summary"] = dataclasses.replace(inputs.summary, knowledge=SimpleNamespace(believed_modes=modes))
-    (said, *_) = [block.text for block in curve_section(inputs).blocks if isinstance(block, Paragraph)]
-    assert "nothing is said of a change, for the model does not explain the FRFs within their noise" in said
 
 
 def test_levels_whose_data_are_equal_show_no_change(torques):

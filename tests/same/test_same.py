@@ -122,9 +122,21 @@ def test_draws_of_another_arithmetic_may_differ_but_not_words_verdicts_and_inter
         Difference(far, "1517900.0", "1530000.0")
     ]
     assert judged(RECORD, elsewhere(changed(*K22, "verdict", to="bounded below")))[0]
-    for path, value in (((*K22, "verdict"), "not identified"), (("summary", "converged"), False),
-                        (("report", 0), "The model does NOT explain the data.")):  # fmt: skip
+    for path, value in (
+        ((*K22, "verdict"), "not identified"),
+        (("report", 0), "The model does NOT explain the data."),
+    ):
         assert len(differences(RECORD, elsewhere(changed(*path, to=value)))) == 1
+
+
+def test_by_another_arithmetic_a_short_run_may_settle_or_not_but_its_intervals_are_the_same():
+    unsettled = changed("summary", "converged", to=False)
+    unsettled["summary"]["parameters"]["k22"]["verdict"] = "no verdict"
+    assert len(differences(RECORD, unsettled)) == 2
+    assert differences(RECORD, elsewhere(unsettled)) == []
+    unsettled["summary"]["parameters"]["k22"]["median"] = 1.53e6
+    (far,) = differences(RECORD, elsewhere(unsettled))
+    assert far.where == "summary.parameters.k22.median (draws of two arithmetics)"
 
 
 def test_by_another_arithmetic_few_sentences_may_have_other_words():

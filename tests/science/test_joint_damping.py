@@ -59,7 +59,7 @@ def test_the_verdict_says_whether_the_damping_is_known(study, index, verdicts):
     posterior, truth = analyse(study, index)
     assert posterior.converged
     assert posterior.check.explains
-    known = posterior.identifiability(STUDIES[study].damping)
+    known = posterior.verdict(STUDIES[study].damping)
     assert known.verdict in verdicts, known
     for name, value in truth.items():
         low, high = posterior.interval(name, 0.999)

@@ -57,6 +57,7 @@ def test_the_same_repetition_is_the_same_and_others_share_no_joint(found):
     assert len({one.score for one in found}) == CAMPAIGNS
 
 
+@pytest.mark.long
 def test_the_page_says_what_was_found(found):
     data = summary(found)
     text = section(data)

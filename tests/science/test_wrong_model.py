@@ -1,4 +1,4 @@
-"""A wrong model: the FRFs are sure of a wrong joint, the modes hold the true one, and are the answer believed.
+"""A wrong model: its FRFs are sure of a wrong joint, the answer by their modes holds the true one.
 
 One data set each; benchmarks/wrong_model.py has the long study, docs/wrong-model.md what it found.
 """
@@ -6,13 +6,13 @@ One data set each; benchmarks/wrong_model.py has the long study, docs/wrong-mode
 import pytest
 from benchmarks.wrong_model import WRONGS, analyse
 
-#: .ci/run has the same of a small case, in tests/posterior/test_modes_answer.py.
+#: .ci/run has the same of a small case, in tests/posterior/test_decision.py.
 pytestmark = [pytest.mark.science, pytest.mark.long]
 
 
 @pytest.mark.parametrize("wrong", WRONGS)
 def test_nothing_is_identified_where_the_truth_is_far_outside(wrong):
     outcome = analyse(wrong, 1)
-    assert outcome.believed == "modes"
+    assert outcome.taken_as == "modes"
     assert outcome.false == ()
     assert len(outcome.frfs) < len(outcome.modes)

@@ -15,7 +15,7 @@ def test_what_the_check_cannot_see_the_freed_inputs_do():
     outcome, posterior = analyse(WRONGS[0], 0.10, LOW, 1, TO_CONVERGE)
     assert outcome.explains
     assert "ky" in outcome.missed
-    assert posterior.identifiability("ky").verdict == "identified"
+    assert posterior.verdict("ky").verdict == "identified"
     condition = "identified only if Young's modulus, density, length and damping ratio are exact"
     assert outcome.verdicts == {"ky": condition, "krz": condition}
     assert outcome.false == ()

@@ -137,11 +137,15 @@ class Case:
         warnings: list[InputWarning] = []
         texts = setup_texts(self.source)
         specs = [(name, spec) for name, spec in parse_setups(self.source).items() if not spec.leaves_out(name)]
+        if len(self.problem.tests) < len(specs):  # a test whose FRFs show no mode says nothing to an answer of modes
+            analysed = {test.name for test in self.problem.tests}
+            specs = [(name, spec) for name, spec in specs if name in analysed]
         for (name, spec), problem in zip(specs, self.problem.parts, strict=False):
-            measured = problem.test.data
+            measured = problem.test.data.shown_frfs or problem.test.data
             warnings += input_warnings(spec, texts[name], measured.band_hz)
             warnings += sign_warnings(measured.provenance, texts[name])
-            warnings += numbering_warnings(find_numbering(problem), texts[name], measured.provenance is not None)
+            numbering = None if problem.test.data.shown_frfs else find_numbering(problem)  # of FRFs it was decided
+            warnings += numbering_warnings(numbering, texts[name], measured.provenance is not None)
         for setup in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
             warnings += truth_warnings(setup.spec, setup.source, prior_of([setup])[0])
         return tuple(dict.fromkeys(warnings))
@@ -156,9 +160,10 @@ class Case:
         """The same problem, but with material, length and damping as uncertain as in a workshop.
 
         E to 2 %, density to 1 %, length to 0.5 %, damping free within a decade either way; what the case itself calls
-        uncertain stays as it says. None where the problem is not the text's, or was not built from it.
+        uncertain stays as it says. None where the problem is not the text's, or was not built from it, and of an answer
+        of modes, which allows for all that already.
         """
-        if self.problem is not self.stated or not self.setups:
+        if self.problem is not self.stated or not self.setups or self.problem.premises.of_modes:
             return None
         ratios = (setup.spec.structure.damping.values.get("damping_ratio", ()) for setup in self.setups)
         largest = max(chain.from_iterable(ratios), default=0.0)
@@ -262,6 +267,8 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
     if stated and not needs_files(specs):
         texts, data = setup_texts(source), {test.name: test.data for test in (*problem.left_out, *problem.tests)}
         for name, spec in specs.items():  # what is left out of the data of a set-up is out of them already
+            if name not in data:  # its FRFs show no mode, and the answer is that of modes
+                continue
             whole = spec.model_copy(update={"left_out": LeftOutSpec(setups=spec.left_out.setups)})
             setups = (*setups, _setup(name, CaseHome(Path(), texts[name]), whole, data[name]))
     return Case(problem.name, source, first_joined(specs.values()), problem, problem if stated else None, setups)

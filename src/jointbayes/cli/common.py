@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from jointbayes.case.case_text import InputWarning
     from jointbayes.posterior import Knowledge, Posterior
     from jointbayes.sampling import UnfinishedRun
+    from jointbayes.workflow import TakenAs
 
 NOT_MATCHED = 1
 CASES_FAILED = 1
@@ -31,6 +32,11 @@ OUTPUT_CLOSED = 141  # the same with SIGPIPE
 
 seed_option = click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the run; by default the case's.")
 resume_option = click.option("--resume", is_flag=True, help="Go on with a run that was interrupted or killed.")
+take_as_option = click.option(
+    "--take-as",
+    type=click.Choice(["usual", "exact"]),
+    help="What measured FRFs are taken as: by their modes with an error of the model, or within their noise.",
+)
 config_argument = click.argument("config", type=click.Path(path_type=Path))
 
 
@@ -82,7 +88,12 @@ def load(config: Path) -> "Case":
     return case
 
 
-def draw(case: "Case", seed: int | None, checkpoint: "UnfinishedRun | None" = None) -> "Posterior":
+def draw(
+    case: "Case",
+    seed: int | None,
+    checkpoint: "UnfinishedRun | None" = None,
+    take_as: "TakenAs | None" = None,
+) -> "Posterior":
     """Sample a case with progress on standard error."""
     from jointbayes.posterior.homogeneity import compare_setups
     from jointbayes.workflow import sample as draw
@@ -90,12 +101,12 @@ def draw(case: "Case", seed: int | None, checkpoint: "UnfinishedRun | None" = No
     for comparison in compare_setups(case.problem):
         say(comparison.sentence)
     with show_progress() as progress:
-        return draw(case, seed=seed, progress=progress, checkpoint=checkpoint)
+        return draw(case, seed=seed, progress=progress, checkpoint=checkpoint, take_as=take_as)
 
 
 @contextmanager
 def unfinished(
-    command: str, config: Path, out: Path | None, target: Path, seed: int | None, *, resume: bool
+    command: str, config: Path, out: Path | None, target: Path, seed: int | None, take_as: str | None, *, resume: bool
 ) -> "Iterator[UnfinishedRun]":
     """Keep a run beside its target while it is made; the line that is printed where it is stopped says how to go on."""
     from jointbayes.sampling import UnfinishedRun
@@ -103,6 +114,7 @@ def unfinished(
     words = ["jointbayes", command, str(config)]
     words += [] if out is None else ["--out", str(out)]
     words += [] if seed is None else ["--seed", str(seed)]
+    words += [] if take_as is None else ["--take-as", take_as]
     again = shlex.join([*words, "--resume"])
     place = target.with_name(f"{target.name}.unfinished")
     with UnfinishedRun(
@@ -124,29 +136,21 @@ def unfinished(
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
     """Print convergence, verdicts, and what may be wrong with them."""
     from jointbayes.posterior.assemblies import assembly_scatters
-    from jointbayes.posterior.modes_answer import is_of_measured_frfs
-    from jointbayes.posterior.uncertain_inputs import taken_as_exact
     from jointbayes.posterior.verdicts import verdict_lines
 
     say(posterior.record.headline)
-    modes = knowledge.believed_modes if knowledge else None
-    for line in (*modes.lines(), modes.sentence) if modes else ():
-        say(line)
-    for name in () if modes else posterior.stiffness_names:
+    for name in posterior.stiffness_names:
         exact = knowledge.exact.get(name) if knowledge else None
         beside = (exact.condition, exact.words_if_uncertain) if exact else ()
         for line in verdict_lines(posterior, name, *beside):
             say(line)
-    bounds = knowledge.bounds_sentences if knowledge and not modes else ()
+    for line in posterior.assumptions if knowledge is None else posterior.premises_sentences:
+        say(line)
+    bounds = knowledge.bounds_sentences if knowledge else ()
     for line in (*bounds, *posterior.solutions.sentences):
         say(line)
     for scatter in assembly_scatters(posterior) if posterior.converged else ():
         say(scatter.sentence)
-    if knowledge is None and is_of_measured_frfs(posterior.problem):
-        say("These verdicts take the model as exact: the report gives the answer of the modes that the FRFs show.")
-    freed = posterior.case.workshop_problem if posterior.case and knowledge is None else None
-    if taken := taken_as_exact(posterior.problem, freed):
-        say(f"These verdicts take {taken} as exact: the report shows what is known with them uncertain.")
     if posterior.estimate.sentence:
         say(posterior.estimate.sentence)
     for errors_of in (posterior.mesh, posterior.noise_of_bodies):

@@ -18,6 +18,7 @@ from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
     from jointbayes.posterior import Posterior
+    from jointbayes.workflow import TakenAs
 
 
 @open_option
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
 @common.outside_option
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
 @common.seed_option
+@common.take_as_option
 @common.resume_option
-def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> None:
+def run(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | None", *, resume: bool) -> None:
     """Identify, sample and write the report of a case file.
 
     \b
@@ -44,8 +46,8 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
     target = out or Path("reports") / case.name
     require_writable(target, room=room_of_run(case.problem, case.sampler, report=True))
     require_outside(target)
-    with common.unfinished("run", config, out, target, seed, resume=resume) as kept:
-        posterior = common.draw(case, seed, kept)
+    with common.unfinished("run", config, out, target, seed, take_as, resume=resume) as kept:
+        posterior = common.draw(case, seed, kept, take_as)
         inputs = ReportInputs(posterior)
         try:
             with draws_kept(posterior, target, kept.path) as draws:
@@ -126,9 +128,10 @@ def identify(config: Path, *, paper: bool) -> None:
 @common.outside_option
 @click.option("--out", type=click.Path(path_type=Path), help="Posterior file; by default <case name>.nc.")
 @common.seed_option
+@common.take_as_option
 @common.resume_option
 @force_option
-def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> None:
+def sample(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | None", *, resume: bool) -> None:
     """Sample a case and write the draws, without a report.
 
     \b
@@ -143,8 +146,8 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
     target = out or Path(f"{case.name}.nc")
     require_free(target, "--out", posterior=True)
     require_room(target, room_of_run(case.problem, case.sampler, report=False))
-    with common.unfinished("sample", config, out, target, seed, resume=resume) as kept:
-        posterior = common.draw(case, seed, kept)
+    with common.unfinished("sample", config, out, target, seed, take_as, resume=resume) as kept:
+        posterior = common.draw(case, seed, kept, take_as)
         require_free(target, "--out", posterior=True)  # once more: hours may have passed
         save_draws(posterior, target)
         manner().written = target

@@ -21,6 +21,8 @@ from jointbayes.inference.noise.gaussian import ScaledNoise as ScaledNoise
 from jointbayes.inference.noise.model_error import ModelErrorNoise as ModelErrorNoise
 from jointbayes.inference.noise.proportional import ProportionalNoise as ProportionalNoise
 from jointbayes.inference.noise.student_t import StudentNoise as StudentNoise
+from jointbayes.inference.premises import Premises as Premises
+from jointbayes.inference.premises import UsedMode as UsedMode
 from jointbayes.inference.prior import JointPrior as JointPrior
 from jointbayes.inference.prior import Nuisance as Nuisance
 from jointbayes.inference.problem import Problem as Problem

@@ -14,11 +14,14 @@ from jointbayes.frf import AnyStructure, NaturalFrequencies
 from jointbayes.inference.likelihood_base import ResidualKind
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import NoiseModel
+from jointbayes.inference.premises import Premises
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.test import Test, arranged, columns_of_names, likelihood_of, own_name, require_own_bodies
 from jointbayes.inference.tests_likelihood import Sharing, Term, TestsLikelihood
 from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, joints_of
 from jointbayes.measurement import Data
+
+_AS_STATED = Premises()
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -44,6 +47,8 @@ class Problem:
     left_out
         Tests of the same joints, or further data of the tests under the same names, that do not enter the likelihood:
         `Posterior.predict_left_out` predicts them.
+    premises
+        What is taken for granted beyond that; by default nothing.
     structure, joint, data, noise, residual_kind
         Those of a lone test, see `Test`, in place of `tests`; several joints in a sequence, each with a name.
 
@@ -60,6 +65,7 @@ class Problem:
     extra_log_likelihood: ExtraLogLikelihood | None
     name: str
     left_out: tuple[Test, ...]
+    premises: Premises
 
     def __init__(
         self,
@@ -75,6 +81,7 @@ class Problem:
         noise: NoiseModel | None = None,
         residual_kind: ResidualKind = "complex",
         left_out: Iterable[Test] = (),
+        premises: Premises = _AS_STATED,
     ) -> None:
         tests = tuple(tests) if isinstance(tests, Iterable) else (tests,)
         for test in tests:
@@ -105,7 +112,7 @@ class Problem:
             prior = replace(prior, parametrisation=parametrisation)
         if initial is not None:
             parametrisation.check(initial)
-        values = (tests, prior, initial, extra_log_likelihood, name, tuple(left_out))
+        values = (tests, prior, initial, extra_log_likelihood, name, tuple(left_out), premises)
         for field, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, field.name, value)
 

@@ -86,6 +86,11 @@ class Data(ABC):
         return None
 
     @property
+    def shown_frfs(self) -> "FrfData | None":
+        """The measured FRFs, also where the data are the modes that were read off them."""
+        return self.frfs
+
+    @property
     def modes(self) -> "ModalData | None":
         """The natural frequencies, with what else is known of modes, if that is what the data are."""
         return None

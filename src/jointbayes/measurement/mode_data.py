@@ -9,7 +9,7 @@ import numpy as np
 
 from jointbayes.arrays import Array, Flags, convert_fields
 from jointbayes.errors import MeasurementError, array_of, printable
-from jointbayes.measurement.data import Match, ModalData
+from jointbayes.measurement.data import FrfData, Match, ModalData
 from jointbayes.measurement.mode_values import (
     Antiresonances,
     ModalConstants,
@@ -46,6 +46,8 @@ class ModeData(ModalData):
         Antiresonances of drive points.
     constants
         Modal constants.
+    read_off
+        The measured FRFs that show these modes, if they were read off any: to be seen beside what is predicted.
 
     Raises
     ------
@@ -69,6 +71,7 @@ class ModeData(ModalData):
     provenance: Provenance | None = None
     zeros: Antiresonances | None = None
     constants: ModalConstants | None = None
+    read_off: FrfData | None = None
 
     def __post_init__(self) -> None:
         what = "eigenvalues" if self.eigenvalues else "natural frequencies"
@@ -97,6 +100,11 @@ class ModeData(ModalData):
                 f'modes: found match = "{self.match}"{"" if self.shapes else " without shapes"}; expected "number", or '
                 '"shape" where shapes are given; correct it'
             )
+
+    @property
+    def shown_frfs(self) -> FrfData | None:
+        """The FRFs that these modes were read off."""
+        return self.read_off
 
     def __repr__(self) -> str:
         listed = ", ".join(f"{f:.4g}" for f in self.frequency_hz)

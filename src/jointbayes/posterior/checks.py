@@ -7,7 +7,7 @@ remedy: the table is `jointbayes.posterior.checks`.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy import special
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.inference import NoiseModel
+from jointbayes.inference import NoiseModel, Problem
 from jointbayes.inference.noise.base import Absorbed, residuals_of_values, squares_of, values_of_residuals
 from jointbayes.posterior.rounding import number, p_value_in_words, told_apart
 from jointbayes.posterior.whiteness import LAGS, Whiteness, lag_sd, portmanteau, replicated_portmanteau
@@ -272,6 +272,16 @@ class PredictiveCheck:
             f"One value deviates by {self.largest:.1f} standard deviations (line {self.largest_at[0] + 1}): "
             f"inspect it{other}."
         )
+
+
+def check_part(part: Problem, theta: Array, rng: np.random.Generator) -> PredictiveCheck:
+    """The check of the data of one test at draws θ, shape (n, d), of its problem."""
+    likelihood, test = part.log_posterior.likelihood, part.test
+    hyper, z = likelihood.hyper(part.prior.factors(theta)), part.log_posterior.standardised(theta)
+    if test.data.frfs is not None:
+        return replace(check_frfs(likelihood.noise, z, hyper, rng), setup=test.name)
+    absorbs: Absorbed = "nothing" if test.data.modes is None else "frequencies"
+    return replace(check_frequencies(np.asarray(z.real), likelihood.noise, hyper, rng, absorbs), setup=test.name)
 
 
 def check_frfs(

@@ -12,20 +12,20 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, require_count, require_probability
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
-from jointbayes.inference import Problem
-from jointbayes.inference.noise.base import Absorbed
+from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.notebook_view import frf_svg, paragraph_html, table_html
 from jointbayes.posterior.arviz_groups import arviz_tree
-from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
+from jointbayes.posterior.checks import PredictiveCheck, check_part
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
-from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
-from jointbayes.posterior.prediction import FrfPrediction, LeftOut, predict_frf, predict_left_out
+from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
+from jointbayes.posterior.prediction import FrfPrediction, LeftOut, frfs_as_measured, predict_frf, predict_left_out
 from jointbayes.posterior.rounding import join_unit
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import to_arviz
 from jointbayes.posterior.summary_tables import value_rows
 
 _KERNEL_DRAWS = 4000
+_SIZES, _STREAM = 8000, 7  # draws that the size of the model's error is told from, and their random numbers
 _INTERVAL = "95 % credible interval"  # not what a summary prints, where the likelihood may move an end
 _MOST_SHOWN = 9  # quantities, where a posterior is printed
 #: Draws whose residuals are checked; fewer where these are millions, among which draws make no difference.
@@ -67,16 +67,24 @@ class PosteriorDraws:
     def __repr__(self) -> str:
         rows = [f"{name}: median {median}, {_INTERVAL} {join_unit(*ends)}" for name, median, *ends in self._rows]
         more = f"and {len(rows) - _MOST_SHOWN} more" if len(rows) > _MOST_SHOWN else ""
-        return "\n  ".join(filter(None, [self._title, *rows[:_MOST_SHOWN], more, self.estimate.sentence]))
+        return "\n  ".join(filter(None, [self._title, *rows[:_MOST_SHOWN], more, *self._remarks]))
 
     def _repr_html_(self) -> str:
-        part = next((part for part in self.problem.parts if part.test.data.frfs), None)
+        part = next((part for part in self.problem.parts if part.test.data.shown_frfs), None)
         drawing = ""
-        if part is not None and part.test.data.frfs is not None:
-            frf, best = part.test.data.frfs.frf, part.log_posterior.predicted(self.estimate.theta)[0]
+        if part is not None and part.test.data.shown_frfs is not None:
+            frf, theta = part.test.data.shown_frfs.frf, self.estimate.theta[None]
+            ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+            factors, values = part.prior.factors(theta), part.prior.values(theta)
+            best = frfs_as_measured(part, ports, frf.quantity, values, factors)[0]
             drawing = frf_svg(frf.frequency_hz, {"measured": frf.values[:, 0, 0], "MAP": best[:, 0, 0]})
-        drawing += paragraph_html(self.estimate.sentence)
+        drawing += "".join(map(paragraph_html, self._remarks))
         return table_html(self._title, ("Quantity", "Median", _INTERVAL, "Unit"), self._rows, drawing)
+
+    @property
+    def _remarks(self) -> tuple[str, ...]:
+        """What stands below the numbers where a posterior is printed."""
+        return (self.estimate.sentence,)
 
     @property
     def _title(self) -> str:
@@ -221,14 +229,21 @@ class PosteriorDraws:
     def _check(self, number: int, part: Problem) -> PredictiveCheck:
         likelihood = part.log_posterior.likelihood
         theta = self.thinned(min(_CHECK_DRAWS, max(_FEWEST_CHECKED, _CHECKED_VALUES // likelihood.n_data)))
-        hyper = likelihood.hyper(part.prior.factors(theta))
-        z = part.log_posterior.standardised(theta)
-        rng = np.random.default_rng([self.record.seed, 2, *([number] if number else [])])
-        if part.test.data.frfs is not None:
-            return replace(check_frfs(likelihood.noise, z, hyper, rng), setup=part.test.name)
-        absorbs: Absorbed = "nothing" if part.test.data.modes is None else "frequencies"
-        check = check_frequencies(np.asarray(z.real), likelihood.noise, hyper, rng, absorbs)
-        return replace(check, setup=part.test.name)
+        return check_part(part, theta, np.random.default_rng([self.record.seed, 2, *([number] if number else [])]))
+
+    @cached_property
+    def model_error(self) -> InferredError | None:
+        """The model's error in natural frequencies as it was inferred; None where there is no place for one."""
+        prior, likelihood = self.problem.prior, self.problem.log_posterior.likelihood
+        laws = (test.noise.shares for test in self.problem.tests if test.noise is not None)
+        law = next((law for law in laws if isinstance(law, ErrorSizes)), None)
+        if law is None:
+            return None
+        rng, theta = np.random.default_rng([self.record.seed, _STREAM]), self.thinned(_SIZES)
+        size = likelihood.draw_error_size(law, prior.matrix(theta), prior.factors(theta), rng)
+        assert size is not None
+        low, middle, high = np.quantile(size, [0.025, 0.5, 0.975]).tolist()
+        return InferredError(middle, low, high, law.frequency)
 
     @cached_property
     def mesh(self) -> MeshCheck | None:
@@ -306,7 +321,7 @@ class PosteriorDraws:
             If the data are natural frequencies and no lines are given, or a DOF does not exist.
         """
         part = self.problem.part(setup)
-        frf = None if part.test.data.frfs is None else part.test.data.frfs.frf
+        frf = None if part.test.data.shown_frfs is None else part.test.data.shown_frfs.frf
         if ports is None:
             if frf is None:
                 words = part.test.data.words

@@ -66,7 +66,7 @@ def known_by_bounds(posterior: JudgedPosterior) -> tuple[str, ...]:
     verdicts: dict[str, list[str]] = {}
     for quantity in posterior.problem.quantities:
         if quantity.role == "stiffness" and quantity.name not in posterior.solutions.split:
-            verdict = posterior.identifiability(quantity.name).verdict
+            verdict = posterior.verdict(quantity.name).verdict
             verdicts.setdefault(quantity.name.rpartition(".")[0], []).append(verdict)
     if any("no verdict" in each for each in verdicts.values()):
         return ()

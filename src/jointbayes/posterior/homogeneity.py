@@ -16,7 +16,7 @@ from jointbayes.inference import Problem, Test
 from jointbayes.inference.problem import is_one_structure
 from jointbayes.measurement import Data, FrfData
 from jointbayes.measurement.provenance import MeasuredMode
-from jointbayes.posterior.modes_answer import FARTHEST, resonances_of
+from jointbayes.posterior.decision import FARTHEST, resonances_of
 from jointbayes.posterior.rounding import number
 
 #: Probability with which two equal set-ups are called different: by their lines, and by their modes.
@@ -130,8 +130,8 @@ def compare_tests(first: Test, second: Test) -> Homogeneity | None:
     if not is_one_structure(first, second):
         return None
     lines = None
-    if first.data.frfs is not None and second.data.frfs is not None:
-        lines = _compare_lines(first.data.frfs, second.data.frfs)
+    if first.data.shown_frfs is not None and second.data.shown_frfs is not None:
+        lines = _compare_lines(first.data.shown_frfs, second.data.shown_frfs)
     values, chi2, lines_p, largest = lines or (0, None, None, ())
     shifts = _compare_modes(first.data, second.data)
     if lines is None and not shifts:
@@ -175,8 +175,8 @@ def _compare_lines(first: FrfData, second: FrfData) -> tuple[int, float, float, 
 @lru_cache(maxsize=8)  # they hold the data
 def _modes_of(data: Data) -> tuple[tuple[int | None, MeasuredMode], ...]:
     """Modes that data state, or that FRFs show, each with its number where it is stated; NaN for what is unknown."""
-    if data.frfs is not None:
-        return tuple((None, mode) for mode in resonances_of(data.frfs))
+    if data.shown_frfs is not None:
+        return tuple((None, mode) for mode in resonances_of(data.shown_frfs))
     if data.modes is None:
         return ()
     damping = getattr(data.modes, "damping", None)

@@ -1,7 +1,7 @@
 """What the data say beyond the draws: does the model explain them, what is known of the joint, and resting on what."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -16,7 +16,6 @@ from jointbayes.posterior.directions import NamedDirection, name_directions, sum
 from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences, simpler_joints
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict
 from jointbayes.posterior.limits import ProfileLikelihood
-from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.next_step import NextStep, next_step
 from jointbayes.posterior.rounding import join_unit, rounded_interval
 from jointbayes.posterior.uncertain_inputs import (
@@ -25,7 +24,7 @@ from jointbayes.posterior.uncertain_inputs import (
     effect_of_uncertain_inputs,
     listed,
 )
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, JudgedPosterior
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, MOST_UNKNOWNS, JudgedPosterior
 
 #: Verdicts that say something, best first.
 RANK: dict[Verdict, int] = {
@@ -160,13 +159,12 @@ def _interval(assessment: Identifiability) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptKnowledge:
-    """What took time to find, kept with the draws; the last three are unknown to older files."""
+    """What took time to find, kept with the draws; the last two are unknown to older files."""
 
     profiles: tuple[ProfileLikelihood, ...]
     freed: tuple[UncertainInputsRow, ...]
     assumed: tuple[str, ...]
     simpler: tuple[SimplerJoint, ...] | None = None
-    modes: ModesAnswer | None = None
     next_steps: tuple[NextStep, ...] | None = None  # one or none
 
 
@@ -190,8 +188,6 @@ class Knowledge:
         own.
     simpler
         Whether a rigid, absent or uncoupled joint is excluded, of each that is known by bounds at most.
-    modes
-        What the modes say that measured FRFs show; None where the data are no such FRFs.
     next_step
         A forecast of what to measure next, with all else as in a workshop where `workshop` is not None; None where
         nothing that was looked at would help, the draws have not converged, or the model does not explain the data.
@@ -203,24 +199,18 @@ class Knowledge:
     freed: tuple[UncertainInputsRow, ...]
     assumed: tuple[str, ...]
     simpler: tuple[SimplerJoint, ...] = ()
-    modes: ModesAnswer | None = None
     next_step: NextStep | None = None
 
     @property
     def kept(self) -> KeptKnowledge:
         """What took time to find, as `Posterior.save` keeps it."""
         steps = () if self.next_step is None else (self.next_step,)
-        return KeptKnowledge(self.profiles, self.freed, self.assumed, self.simpler, self.modes, steps)
+        return KeptKnowledge(self.profiles, self.freed, self.assumed, self.simpler, steps)
 
     @property
     def workshop(self) -> Mapping[str, Identifiability] | None:
         """What is known of each stiffness with all else as in a workshop; None where the run takes nothing as exact."""
         return known_in_workshop(self.freed)
-
-    @property
-    def believed_modes(self) -> ModesAnswer | None:
-        """The answer of the modes where it is the one to believe."""
-        return self.modes if self.modes is not None and self.modes.believed else None
 
     @property
     def exact(self) -> dict[str, ExactInputs]:
@@ -304,9 +294,7 @@ class Knowledge:
         }
 
 
-def gather_knowledge(
-    posterior: JudgedPosterior, freed: Problem | None = None, ask_modes: Callable[[], ModesAnswer | None] | None = None
-) -> Knowledge:
+def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -> Knowledge:
     """Check and examine a posterior.
 
     Parameters
@@ -317,19 +305,16 @@ def gather_knowledge(
         The same problem with more quantities uncertain, for the table of what freeing them does where the posterior's
         own problem takes all as exactly known; by default that of its case, if it has one, with what was kept with the
         draws.
-    ask_modes
-        Samples what the modes of measured FRFs say, where that is not kept with the draws: `workflow.ask_modes`.
     """
     problem = posterior.problem
     kept: KeptKnowledge | None = posterior._kept_knowledge if freed is None else None
     steps = kept.next_steps if kept else None
     if freed is None and steps is None and posterior.case is not None:
         freed = posterior.case.workshop_problem
-    assessments = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
+    assessments = {name: posterior.verdict(name) for name in posterior.stiffness_names}
     simpler = None if kept is None else kept.simpler
     rows = kept.freed if kept else effect_of_uncertain_inputs(posterior, freed)
-    modes = kept.modes if kept and kept.modes else ask_modes() if ask_modes else None
-    if steps is None and all(check.explains for check in posterior.checks) and not (modes and modes.believed):
+    if steps is None and all(check.explains for check in posterior.checks):
         workshop = known_in_workshop(rows)
         step = next_step(posterior, freed if workshop else None, workshop or assessments)
     else:
@@ -347,7 +332,6 @@ def gather_knowledge(
         rows,
         kept.assumed if kept else assumed_beyond(problem, freed),
         simpler_joints(posterior) if simpler is None else simpler,
-        modes,
         step,
     )
 
@@ -365,7 +349,9 @@ def _wider_prior_draws(posterior: JudgedPosterior) -> tuple[Array, Array] | None
 
 
 def _profiles(posterior: JudgedPosterior) -> tuple[ProfileLikelihood, ...]:
-    profiles = []
+    profiles: list[ProfileLikelihood] = []
+    if len(posterior.problem.names) > MOST_UNKNOWNS:
+        return ()
     for name in posterior.problem.parametrisation.names:
         with suppress(ModelError):  # no residual depends on it: its prior is all there is, and the verdict says so
             profiles.append(posterior.likelihood_region.profile(name))

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from jointbayes.arrays import Array
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports, quantity_factor
 from jointbayes.identification import refine
 from jointbayes.inference import Problem
+from jointbayes.posterior.rounding import number
 from jointbayes.reproducibility import one_blas_thread
 
 #: Largest error of a prediction that noise hides, in standard deviations of that line.
@@ -30,6 +31,50 @@ _EXACT = 1e-3  # of the stated noise: data with smaller residuals have none
 DOUBTFUL = 0.3
 #: Mean square of A_ab − A_ba over what their errors allow from which on a body is not what its variances say.
 NOT_RECIPROCAL = 2.0
+
+
+#: Errors of natural frequencies, as fractions, up to which a model is as good as models usually are, and up to which it
+#: may be one of the structure at all, see docs/noise.md; of a model that is stated to be worse, in its own measure.
+USUAL_ERROR, LARGEST_ERROR = 0.01, 0.03
+NEGLIGIBLE_ERROR = 1e-4  # which no test can tell from none
+
+ErrorGrade = Literal["negligible", "usual", "large", "impossible"]
+
+
+@dataclass(frozen=True, slots=True)
+class InferredError:
+    """The model's error in a natural frequency, as a fraction, as the data show it.
+
+    Parameters
+    ----------
+    median, low, high
+        Of its posterior: the middle, and the ends of the 95 % interval.
+    stated
+        Median of its prior.
+    """
+
+    median: float
+    low: float
+    high: float
+    stated: float
+
+    @property
+    def grade(self) -> ErrorGrade:
+        """How good such a model is: residuals are small beside any error that is inferred."""
+        if self.high < NEGLIGIBLE_ERROR:
+            return "negligible"
+        if self.median <= max(USUAL_ERROR, self.stated):
+            return "usual"
+        return "large" if self.median <= max(LARGEST_ERROR, 3 * self.stated) else "impossible"
+
+    @property
+    def words(self) -> str:
+        """Such as ``"about 0.3 % (up to 0.9 %)"``."""
+        return f"about {number(100 * self.median, 2)} % (up to {number(100 * self.high, 2)} %)"
+
+    def as_json(self) -> dict[str, Any]:
+        """What ``model_error`` of ``summary.json`` holds."""
+        return {"median": self.median, "interval95": [self.low, self.high], "grade": self.grade}
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,12 +13,12 @@ from jointbayes.errors import ModelError, require_count, require_probability
 from jointbayes.inference import Level, Test
 from jointbayes.inference.test import own_name
 from jointbayes.posterior.assemblies import usual_assemblies
+from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import BestDraw, FileRecord
 from jointbayes.posterior.homogeneity import compare_tests
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.knowledge import Knowledge
-from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.storage import log_prior_of_joint, write_tree
 from jointbayes.posterior.stored_problem import add_problem
 from jointbayes.posterior.summary import (
@@ -29,6 +29,7 @@ from jointbayes.posterior.summary import (
     stiffness_summary,
     summarise,
 )
+from jointbayes.posterior.uncertain_inputs import taken_as_exact
 from jointbayes.posterior.verdicts import JudgedPosterior, reasons_for_no_verdict
 from jointbayes.reproducibility import one_blas_thread
 
@@ -238,10 +239,20 @@ class Posterior(JudgedPosterior):
     """Draws from the posterior of a joint's stiffnesses; built as `PosteriorDraws` is."""
 
     @property
-    def believed_modes(self) -> ModesAnswer | None:
-        """The answer of the modes of measured FRFs, if it is kept with the draws and to be believed, not theirs."""
-        kept = self._kept_knowledge
-        return kept.modes if kept and kept.modes and kept.modes.believed else None
+    def _remarks(self) -> tuple[str, ...]:
+        return (*self.assumptions, *super()._remarks)
+
+    @property
+    def premises_sentences(self) -> tuple[str, ...]:
+        """What the answer rests on where measured FRFs are analysed by their modes; none of data taken as stated."""
+        return premises_sentences(self.problem.premises, self.model_error)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """The same, and what the verdicts take as exact that a workshop does not know exactly."""
+        taken = "" if self.case is None else taken_as_exact(self.problem, self.case.workshop_problem)
+        exact = f"The verdicts take {taken} as exact: the report shows what is known with them uncertain."
+        return (*self.premises_sentences, *([exact] if taken else []))
 
     @one_blas_thread()
     def summary(self, knowledge: Knowledge | None = None) -> Summary:
@@ -253,7 +264,14 @@ class Posterior(JudgedPosterior):
             What `gather_knowledge` found of it, for the section on what is identifiable; by default without.
         """
         warnings = () if self.case is None else tuple(map(str, self.case.warnings))
-        return summarise(self, self.problem.first_guess.tolist(), self.measured_frequencies_hz, knowledge, warnings)
+        return summarise(
+            self,
+            self.problem.first_guess.tolist(),
+            self.measured_frequencies_hz,
+            knowledge,
+            warnings,
+            self.assumptions if knowledge is None else self.premises_sentences,
+        )
 
     def curve(self, name: str, probability: float = 0.95) -> Curve:
         """A quantity over the levels of the set-ups: its median and interval at each.

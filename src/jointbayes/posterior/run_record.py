@@ -130,7 +130,8 @@ def bodies_of(problem: Problem) -> dict[str, MeasuredBody]:
 
 def data_sha256(problem: Problem) -> str:
     """Fingerprint of the numbers that were analysed: data and measured bodies of all set-ups."""
-    arrays: list[NDArray[Any]] = [array for part in problem.parts for array in part.test.data.arrays.values()]
+    measured = [part.test.data.shown_frfs or part.test.data for part in problem.parts]
+    arrays: list[NDArray[Any]] = [array for data in measured for array in data.arrays.values()]
     for body in bodies_of(problem).values():
         arrays += body.arrays
     return sha256_of(arrays)

@@ -9,14 +9,14 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.frf import MeasuredFile
+from jointbayes.inference import Premises
 from jointbayes.posterior.assemblies import ScatterSummary, assembly_scatters
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.homogeneity import Homogeneity, compare_setups
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.knowledge import ExactInputs, Knowledge
-from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies
-from jointbayes.posterior.modes_answer import known_json
+from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
 from jointbayes.posterior.prediction import LeftOut, left_out_json, sentence_of_left_out
 from jointbayes.posterior.rounding import align_columns, json_ready, number, rounded
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
@@ -35,7 +35,7 @@ from jointbayes.posterior.verdicts import JudgedPosterior, mode_sentence, reason
 from jointbayes.sampling.diagnostics import effective_sizes
 
 #: Raised when a reader of the older form would misread the newer one.
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 Interval = tuple[float, float]
 
@@ -136,6 +136,11 @@ class Summary:
         and natural frequencies above are then those of all data, of the set-up that fits worst, and of the first.
     homogeneity, assemblies
         Whether set-ups of one structure measured the same, and how much a joint scatters between its assemblies.
+    premises, model_error
+        What the answer takes for granted; and the model's error in natural frequencies as it was inferred, None where
+        there is no place for one.
+    assumptions
+        The same in sentences, and what the verdicts take as exact where nobody asked what is known without that.
     """
 
     record: RunRecord
@@ -159,6 +164,9 @@ class Summary:
     setups: Mapping[str, SetupSummary]
     homogeneity: tuple[Homogeneity, ...]
     assemblies: tuple[ScatterSummary, ...]
+    premises: Premises
+    model_error: InferredError | None
+    assumptions: tuple[str, ...]
 
     def __str__(self) -> str:
         record, fit = self.record, self.fit
@@ -191,6 +199,7 @@ class Summary:
             *([f"    {sentence_of_left_out(self.left_out)}"] if self.left_out else []),
             *([] if self.measured_bodies is None else [f"    {self.measured_bodies.sentence}"]),
             *(f"    {line}" for line in (self.solutions, *(each.sentence for each in self.assemblies)) if line),
+            *(f"    {line}" for line in self.assumptions),
             *(f"    No verdict: {reason}" for reason in self.no_verdict),
             *(f"    Warning: {warning}" for warning in self.warnings),
         ]
@@ -204,15 +213,6 @@ class Summary:
     def to_dataframe(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
         """A pandas.DataFrame with a row for each stiffness and each other uncertain quantity, in its unit."""
         return quantity_frame(self.to_json())
-
-    def _answers_json(self) -> dict[str, Any] | None:
-        """Both answers of measured FRFs, that of the FRFs in the form of the other."""
-        modes = None if self.knowledge is None else self.knowledge.modes
-        if modes is None:
-            return None
-        frfs = {"parameters": known_json({name: p.known for name, p in self.parameters.items()})}
-        believed = "modes" if modes.believed else "frfs"
-        return {"believed": believed, "reason": modes.reason, "frfs": frfs, "modes": modes.as_json()}
 
     def to_json(self) -> dict[str, Any]:
         """What ``summary.json`` holds: no NaN or infinity, ``None`` where a number does not exist."""
@@ -238,7 +238,8 @@ class Summary:
             "measured_bodies": None if bodies is None else bodies.as_json() | {"files": files},
             "identifiability": None if self.knowledge is None else self.knowledge.as_json(),
             "left_out": left_out_json(self.left_out),
-            "answers": self._answers_json(),
+            "model_error": None if self.model_error is None else self.model_error.as_json(),
+            "premises": asdict(self.premises),
             "sampler": record.sampler,
             "versions": record.versions,
             "data_sha256": self.data_sha256,
@@ -256,6 +257,7 @@ def summarise(
     measured_frequencies_hz: Sequence[float] | None = None,
     knowledge: Knowledge | None = None,
     warnings: Sequence[str] = (),
+    assumptions: Sequence[str] = (),
 ) -> Summary:
     """Summarise a posterior.
 
@@ -271,6 +273,8 @@ def summarise(
         What `gather_knowledge` found; without it only the check of the model is made here.
     warnings
         What in the case is probably a slip, see `Case.warnings`.
+    assumptions
+        What the answer takes for granted, in sentences.
     """
     estimate, problem = posterior.estimate, posterior.problem
     setups = setup_summaries(posterior, initial, measured_frequencies_hz)
@@ -310,17 +314,15 @@ def summarise(
         setups=setups,
         homogeneity=compare_setups(problem),
         assemblies=assembly_scatters(posterior),
+        premises=problem.premises,
+        model_error=posterior.model_error,
+        assumptions=tuple(assumptions),
     )
 
 
 def _with_knowledge(stiffness: StiffnessSummary, name: str, knowledge: Knowledge | None) -> StiffnessSummary:
-    """With what its verdict rests on; and without a verdict where the answer to believe is another one."""
-    if knowledge is None:
-        return stiffness
-    if (modes := knowledge.believed_modes) is not None:
-        known = replace(stiffness.known, verdict="no verdict", verdict_reason=modes.reason, if_model_right=False)
-        return replace(stiffness, known=known)
-    return replace(stiffness, exact=knowledge.exact.get(name))
+    """With what its verdict rests on."""
+    return stiffness if knowledge is None else replace(stiffness, exact=knowledge.exact.get(name))
 
 
 def _interval95(values: Array) -> Interval:
@@ -334,7 +336,7 @@ def stiffness_summary(posterior: JudgedPosterior, index: int, name: str) -> Stif
     ess_bulk, ess_tail = effective_sizes(np.log(values) if (values > 0).all() else values)
     return StiffnessSummary(
         unit=posterior.unit(name),
-        known=posterior.identifiability(name),
+        known=posterior.verdict(name),
         map=float(posterior.estimate.values[index]),
         mode=posterior.mode[name],
         mean=float(values.mean()),

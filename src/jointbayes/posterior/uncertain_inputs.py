@@ -105,7 +105,7 @@ def effect_of_uncertain_inputs(
     every = uncertain_quantities(problem)
     if not every:
         return ()
-    run = UncertainInputsRow(present, "this run", {n: posterior.identifiability(n) for n in posterior.stiffness_names})
+    run = UncertainInputsRow(present, "this run", {n: posterior.verdict(n) for n in posterior.stiffness_names})
     if "no verdict" in map(str, run.verdict.values()):
         return ()
     rng = np.random.default_rng([posterior.record.seed, 3])

@@ -74,7 +74,7 @@ class JudgedPosterior(PosteriorDraws):
         theta = np.vstack([*modes, self.thinned(_REGION_DRAWS)])
         return LikelihoodRegion(self.problem.log_posterior, theta, self.solutions.nearest(theta))
 
-    def identifiability(self, name: str) -> Identifiability:
+    def verdict(self, name: str) -> Identifiability:
         """Median, 95 % interval with errors, and verdict with its reason, see `jointbayes.posterior.verdicts`.
 
         Raises
@@ -109,6 +109,8 @@ def reasons_for_no_verdict(posterior: PosteriorDraws) -> tuple[str, ...]:
         misfit = f"it misses them by {number(size, 2)} times their noise"
         misfit = misfit if level == "above" else "the misfit follows a pattern along frequency"
         reasons.append(f"the model does not explain the measured data: {misfit}")
+    if posterior.model_error is not None and posterior.model_error.grade == "impossible":
+        reasons.append(f"the model misses the natural frequencies by {posterior.model_error.words}")
     return tuple(reasons)
 
 
@@ -180,7 +182,7 @@ def verdict_lines(posterior: JudgedPosterior, name: str, condition: str = "", be
 
     `condition` follows the verdict, and `beside` the reason, see `ExactInputs`.
     """
-    assessment = posterior.identifiability(name)
+    assessment = posterior.verdict(name)
     words = verdict_text(assessment.verdict, if_model_right=assessment.if_model_right, condition=condition)
     return lines_of(name, assessment, posterior.unit(name), words, beside)
 

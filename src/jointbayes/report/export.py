@@ -20,7 +20,7 @@ from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.formats.write import arrays_of
 from jointbayes.measurement.records import FrfRecord, ModeRecord, dof_label, parse_dof
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
+from jointbayes.posterior.identifiability import CERTAINTY
 from jointbayes.posterior.verdicts import lines_of, verdict_text
 from jointbayes.report.fe_cards import PROGRAMS, JointElement, Units, ascii_lines, fe_cards, joint_element
 from jointbayes.reproducibility import one_blas_thread
@@ -83,7 +83,7 @@ def export(
         elements, rigid = _elements(part, stiffness, units, numbers)
         write_whole_file(target, fe_cards(form, elements, [*said, *rigid], units, first_id).encode())
         return (f"Cards for {form} of the {of}: {part.test.joints}",)
-    frfs = () if part.test.data.frfs is None else _frfs(posterior, setup)
+    frfs = () if part.test.data.shown_frfs is None else _frfs(posterior, setup)
     modes = _modes(posterior, part, theta, numbers)
     if not frfs and (form == "csv" or not modes):
         raise ModelError(
@@ -103,25 +103,12 @@ def export(
 
 
 def central_joint(posterior: Posterior) -> tuple[Array, str]:
-    """θ, shape (d,), at the medians of all quantities, and what it is; the joint mode where no joint has them.
-
-    The medians are those of the answer to believe: of measured FRFs it may be that of their modes.
-    """
+    """θ, shape (d,), at the medians of all quantities, and what it is; the joint mode where no joint has them."""
     prior, medians = posterior.problem.prior, np.median(posterior.stiffness, axis=0)
-    believed = posterior.believed_modes
-    if believed is not None:
-        medians = np.array([believed.known[name].median for name in posterior.stiffness_names])
     if not prior.parametrisation.describes(medians):
         return posterior.mode_theta, "joint mode (no passive joint has the medians)"
     rest = [float(n.coordinate(np.median(posterior.values(n.name)))) for n in prior.nuisances]
-    of = "joint of the medians of the modes' answer, which is to be believed" if believed else "joint of the medians"
-    return np.concatenate([prior.parametrisation.coordinates(medians), rest]), of
-
-
-def _known(posterior: Posterior, name: str) -> Identifiability:
-    """What is known of a stiffness, by the answer to believe."""
-    believed = posterior.believed_modes
-    return posterior.identifiability(name) if believed is None else believed.known[name]
+    return np.concatenate([prior.parametrisation.coordinates(medians), rest]), "joint of the medians"
 
 
 def _frfs(posterior: Posterior, setup: str | None) -> tuple[FrfRecord, ...]:
@@ -199,7 +186,7 @@ def _joint_lines(posterior: Posterior, part: Problem, theta: Array, units: Units
     for quantity, value in zip(part.parametrisation.quantities, part.prior.values(theta), strict=True):
         if not quantity.places:
             continue
-        known, si_unit = _known(posterior, quantity.name), posterior.unit(quantity.name)
+        known, si_unit = posterior.verdict(quantity.name), posterior.unit(quantity.name)
         factor, unit = _IN_MM.get(si_unit, (1.0, si_unit)) if units == "mm-N-t" else (1.0, si_unit)
         ends = (p if np.isfinite(p) else d for p, d in zip(known.printed95, known.interval95, strict=True))
         low, high = (f"{end * factor:.4g}" for end in ends)
@@ -217,7 +204,7 @@ def _blocks(
 ) -> dict[str, dict[str, Any]]:
     """Modes and joint as named arrays; of the modes the names are those that pyOMA made usual."""
     names = [quantity.name for quantity in part.parametrisation.quantities if quantity.places]
-    known = [_known(posterior, name) for name in names]
+    known = [posterior.verdict(name) for name in names]
     joint = {
         "stiffness": stiffness,
         "dofs": [dof for joint in _joints(part) for dof in joint.dofs],

@@ -31,13 +31,13 @@ def frf_curves(
     posterior
         Of all set-ups.
     problem
-        The part of its problem whose data they are.
+        The part of its problem whose data they are, or whose modes were read off them.
     frf
         The measured FRFs, or some of them.
     pairs
         Output and input of those that are wanted; by default all.
     """
-    data = problem.test.data.frfs
+    data = problem.test.data.shown_frfs
     assert data is not None
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     band = posterior.predict_frf(ports, setup=problem.test.name or None)

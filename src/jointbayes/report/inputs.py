@@ -1,7 +1,7 @@
 """What every section of a report is written from."""
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 from jointbayes.arrays import Array
 from jointbayes.inference import Problem
@@ -9,7 +9,6 @@ from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
 from jointbayes.posterior.setup_summary import SetupSummary
 from jointbayes.posterior.summary import Summary
 from jointbayes.report.markup import foreign
-from jointbayes.workflow import ask_modes
 
 
 @dataclass(frozen=True)
@@ -51,8 +50,8 @@ class ReportInputs:
 
     @cached_property
     def knowledge(self) -> Knowledge:
-        """Check of the model, directions, profiles, effect of uncertain inputs, what modes of FRFs say, next step."""
-        return gather_knowledge(self.posterior, ask_modes=partial(ask_modes, self.posterior))
+        """Check of the model, directions, profiles, effect of uncertain inputs, next step."""
+        return gather_knowledge(self.posterior)
 
     @cached_property
     def summary(self) -> Summary:

@@ -60,9 +60,9 @@ def _of(posterior: Posterior) -> Posterior:
 
 def _measured_frfs(problem: Problem) -> FrfSet:
     data = problem.test.data
-    if data.frfs is None:
+    if data.shown_frfs is None:
         raise ModelError(f"figure: found {data.words}; expected FRFs; draw plot_frequencies or plot_intervals instead")
-    return data.frfs.frf
+    return data.shown_frfs.frf
 
 
 def plot_frf(
@@ -121,6 +121,11 @@ def plot_residuals(posterior: Posterior, *, setup: str | None = None, ax: Axes |
         If the data are no FRFs, or there is no such set-up.
     """
     part = _of(posterior).problem.part(setup)
+    if part.test.data.frfs is None and part.test.data.shown_frfs is not None:
+        raise ModelError(
+            "figure: found the modes of FRFs as data, not these; expected FRFs analysed line by line; draw plot_frf, "
+            'or the posterior of jb.sample(case, take_as="exact")'
+        )
     lines, (ax,) = _measured_frfs(part).frequency_hz, _axes(ax, 2.4)
     drawing.draw_squares_by_line(ax, lines, posterior.checks[posterior.problem.parts.index(part)].chi2_by_line)
     return ax

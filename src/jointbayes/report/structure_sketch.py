@@ -136,7 +136,7 @@ class _Places:
 
     def sensors(self) -> Iterator[Mark]:
         """Forces and measured motions of FRFs."""
-        measured = self._test.data.frfs
+        measured = self._test.data.shown_frfs
         if measured is None:
             return
         inputs, outputs = measured.frf.inputs, measured.frf.outputs

@@ -1,7 +1,7 @@
 """A body without its joints, as forward models, search, checks and report see it: by its motions, never by matrices."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -131,8 +131,11 @@ class Body(ABC):
         """The same body at all factors 1, with nothing uncertain and every mode that there is."""
         return self
 
-    def with_certain_damping(self) -> "Body":
-        """The same body without the uncertain quantities of its damping: they move no natural frequency."""
+    def with_certain_damping(self, factors: Mapping[str, float]) -> "Body":
+        """The same body without the uncertain quantities of its damping: they move no natural frequency.
+
+        They are held at these factors, by name, 1 where none is given.
+        """
         return self
 
     @property

@@ -150,9 +150,12 @@ class UncertainBody(Body):
         """The same of much richer elements; solved anew for each row of factors, or interpolated as ever."""
         return type(self)(self.recipe.reference, self.ranges, exact=solved)
 
-    def with_certain_damping(self) -> Self:
-        """The same, its damping taken for certain."""
-        return replace(self, ranges={name: ends for name, ends in self.ranges.items() if not is_damping(name)})
+    def with_certain_damping(self, factors: Mapping[str, float]) -> Self:
+        """The same, its damping taken for certain, at these factors."""
+        certain = {name: factors.get(name, 1.0) for name in self.ranges if is_damping(name)}
+        ranges = {name: ends for name, ends in self.ranges.items() if name not in certain}
+        recipe = replace(self.recipe, damping=self.recipe.damping.scaled(certain))  # type: ignore[type-var]
+        return replace(self, recipe=recipe, ranges=ranges)
 
     def structure(self, factors: Array) -> Structure:
         """Structure at factors (q,), assembled anew."""

@@ -32,13 +32,10 @@ def fit_section(inputs: SetupInputs) -> ReportSection:
     taken_up = ", without what the noise model takes up" if summary.check.absorbs in ("outliers", "size") else ""
     said = (summary.check.sentence, f"{text}{taken_up}. {summary.check.advice}".rstrip())
     blocks: list[Block] = [Paragraph(foreign(words)) for words in said]
-    data = inputs.problem.test.data.frfs
-    if data is None:
-        blocks += _correlations(summary.diagnosis)
-    else:
-        of_frfs = _frf_figures(inputs.posterior, inputs.problem, data, summary.diagnosis)
-        residuals, tables = _residuals(data, summary.check), _correlations(summary.diagnosis)
-        blocks += [*of_frfs[:_FIRST], residuals, *tables, *of_frfs[_FIRST:]]
+    data, shown = inputs.problem.test.data.frfs, inputs.problem.test.data.shown_frfs
+    of_frfs = [] if shown is None else _frf_figures(inputs.posterior, inputs.problem, shown, summary.diagnosis)
+    residuals = [] if data is None else [_residuals(data, summary.check)]
+    blocks += [*of_frfs[:_FIRST], *residuals, *_correlations(summary.diagnosis), *of_frfs[_FIRST:]]
     blocks.append(Paragraph(f"**For the statistician.** {foreign(summary.check.figures)}"))
     return ReportSection("fit", "Measured and predicted", tuple(blocks))
 
@@ -92,7 +89,8 @@ def _frf_figures(posterior: Posterior, problem: Problem, data: FrfData, diagnosi
         )
         blocks.append(Paragraph(text))
     share = 1.0 if len(shown) == 1 else _SHARE_OF_SEVERAL
-    blocks += (_figure(plot, share) for plot in frf_curves(posterior, problem, frf, shown))
+    fitted = problem.test.data.frfs is not None
+    blocks += (_figure(plot, share, fitted=fitted) for plot in frf_curves(posterior, problem, frf, shown))
     return blocks
 
 
@@ -102,19 +100,21 @@ def _shown(frf: FrfSet, diagnosis: Diagnosis) -> set[tuple[str, str]]:
     if len(every) <= MOST_FIGURES:
         return set(every)
     highest = every[int(np.abs(frf.values).max(axis=0).argmax())]
-    worst = [(p.output, p.input) for p in sorted(diagnosis.pairs, key=lambda p: p.correlation)]
+    worst = [(p.output, p.input) for p in sorted(diagnosis.pairs, key=lambda p: p.correlation)] or every
     return {highest, *[pair for pair in worst if pair != highest][: MOST_FIGURES - 1]}
 
 
-def _figure(plot: FrfPlot, share: float) -> Figure:
+def _figure(plot: FrfPlot, share: float, *, fitted: bool) -> Figure:
     title = f"{plot.quantity} {foreign('/'.join(plot.pair))}"
     first, last = plot.frequency_hz[[0, -1]]
     misfit = f"{np.sqrt(np.mean(plot.misfit**2)):#.3g}"
+    said = f"The MAP misses this FRF by {misfit} times the stated noise (1 is expected)."
+    if not fitted:
+        said = "Its modes were fitted, not its lines: between them and in height it need not agree."
     measured = plot.curves[0].name
     return Figure(
         f"frf-{plot.place[0]}-{plot.place[1]}",
-        f"The {title}: {measured}, first guess of the joint, and MAP with the 95 % band of the posterior. The MAP "
-        f"misses this FRF by {misfit} times the stated noise (1 is expected).",
+        f"The {title}: {measured}, first guess of the joint, and MAP with the 95 % band of the posterior. {said}",
         f"Magnitude and phase of the {title}, {first:g} to {last:g} Hz: {measured}, first guess, MAP and 95 % band.",
         figures.frf_overlay(plot, share),
         plot,

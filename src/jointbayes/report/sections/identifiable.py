@@ -5,13 +5,12 @@ import numpy as np
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.identifiability import Verdict
-from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.rounding import factor, interval, number, rounded_interval
 from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
 from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.markup import coordinate_labels, kind_of, readable
+from jointbayes.report.markup import coordinate_labels, foreign, kind_of, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
 from jointbayes.sampling import END_TOLERANCE
 
@@ -22,9 +21,8 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     """Which combinations are known, correlations, and what the verdicts rest on: all of it from draws."""
     knowledge = inputs.knowledge
     blocks: list[Block] = freed_blocks(knowledge) if knowledge.freed else []
-    blocks += [] if knowledge.modes is None else _both_answers(inputs, knowledge.modes)
-    if knowledge.believed_modes is not None:  # what the draws say of combinations is not to be used either
-        return ReportSection("known", "What is known, and what it assumes", tuple(blocks))
+    if premises := inputs.posterior.premises_sentences:
+        blocks.insert(0, Paragraph(foreign(" ".join(premises))))
     if knowledge.bounds_sentence:
         blocks.append(Paragraph(f"**{knowledge.bounds_sentence}**"))
     blocks.append(Paragraph(f"**{knowledge.directions_sentence}**"))
@@ -43,21 +41,6 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     )
     blocks.append(_correlations(inputs.posterior))
     return ReportSection("known", "What is known, and what it assumes", tuple(blocks))
-
-
-def _both_answers(inputs: ReportInputs, modes: ModesAnswer) -> list[Block]:
-    """What FRFs and modes say of each stiffness, side by side."""
-    rows = []
-    for name, of_modes in modes.known.items():
-        of_frfs = inputs.summary.parameters[name].known
-        pairs = ((known.limit or known.interval(), known.verdict) for known in (of_frfs, of_modes))
-        rows.append((name, of_modes.unit, *(cell for pair in pairs for cell in pair)))
-    note = (
-        "The FRFs' intervals take the model as exact, those of the modes have a place for its error in each natural "
-        f"frequency. {modes.basis}"
-    )
-    head = ("Stiffness", "Unit", "FRFs, 95 % interval", "Verdict", "Modes, 95 % interval", "Verdict")
-    return [Paragraph(f"**{modes.sentence}**"), Table("Two answers", head, tuple(rows), note=note, align=None)]
 
 
 def _verdict(verdict: Verdict, *, explained: bool) -> str:

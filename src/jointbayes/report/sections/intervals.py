@@ -4,7 +4,6 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.modes_answer import ModesAnswer
 from jointbayes.posterior.rounding import contraction, fixed, interval, number
 from jointbayes.posterior.summary import Summary
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
@@ -19,7 +18,7 @@ _MOST_IN_CORNER = 6  # coordinates of a figure in which each can be read
 def posterior_section(inputs: ReportInputs) -> ReportSection:
     """Marginals, pairs, prior and the full table."""
     posterior, reference = inputs.posterior, inputs.reference
-    modes, blocks = inputs.knowledge.believed_modes, list[Block]()
+    blocks = list[Block]()
     labels, draws, prior, published, mode = corner_values(posterior)
     widest = np.sort(np.argsort(-draws.std(axis=0))[:_MOST_IN_CORNER])
     point = None if published is None else published[widest]
@@ -27,21 +26,20 @@ def posterior_section(inputs: ReportInputs) -> ReportSection:
     svg = figures.corner_plot(*of_widest)
     marks = "mode (orange, solid)"
     few = f" The {len(widest)} of {len(labels)} that are known least." if len(widest) < len(labels) else ""
-    of_frfs = "" if modes is None else ", by the FRFs alone, whose answer is not to be used"
     if published is not None:
         marks += f", published values (green, dashed; {inputs.reference_source})"
     blocks.append(
         Figure(
             "corner",
-            f"Posterior of the logarithms{of_frfs}: marginals and pairs with contours of 39, 68 and 95 % of the draws; "
+            f"Posterior of the logarithms: marginals and pairs with contours of 39, 68 and 95 % of the draws; "
             f"prior (grey, dotted), {marks}.{few}",
             "Corner plot of the posterior of the joint stiffnesses with prior density, mode and published values.",
             svg,
         )
     )
     blocks.append(_table(inputs))
-    blocks.append(Paragraph(verdict_sentences(inputs.summary) if modes is None else _reasons_of_modes(modes)))
-    if reference is not None and modes is None:
+    blocks.append(Paragraph(verdict_sentences(inputs.summary)))
+    if reference is not None:
         level = posterior.region_level(reference)
         agree = "agree" if level <= 0.95 else "do NOT agree"
         blocks.append(
@@ -127,12 +125,6 @@ def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
         "What else was uncertain",
         (Table("Other uncertain quantities", head, rows, note=note),),
     )
-
-
-def _reasons_of_modes(modes: ModesAnswer) -> str:
-    """The verdicts of the modes that measured FRFs show, with the reason of each."""
-    each = (f"**{name}**: {known.verdict} ({known.verdict_reason})." for name, known in modes.known.items())
-    return f"{modes.basis} {' '.join(each)}"
 
 
 def verdict_sentences(summary: Summary) -> str:

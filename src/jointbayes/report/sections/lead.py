@@ -68,19 +68,17 @@ def _stops(inputs: ReportInputs) -> list[Block]:
     if not posterior.converged:
         reason = posterior.reason.removeprefix("not converged ")
         return [Callout("bad", f"**Do not use these numbers: the calculation has not settled.** {reason}.")]
-    if summary.no_verdict and inputs.knowledge.believed_modes is None:
+    if summary.no_verdict:
         return [Callout("bad", f"**No stiffness can be stated**: {'; '.join(summary.no_verdict)}.")]
     return []
 
 
 def _answers(inputs: ReportInputs) -> list[_Answer]:
     """The answer as the run has it and, where it takes anything as exact, with all else as in a workshop."""
-    modes = inputs.knowledge.believed_modes
-    if modes is not None:
-        return [_Answer(_WORKSHOP if modes.assumed else "All else as stated", modes.known)]
-    run = _Answer("All else exact", {name: p.known for name, p in inputs.summary.parameters.items()})
-    if uncertain_quantities(inputs.posterior.problem):
-        run = _Answer("All else as stated", run.known)
+    problem = inputs.posterior.problem
+    stated = "All else as stated" if uncertain_quantities(problem) else "All else exact"
+    title = _WORKSHOP if problem.premises.assumed else stated
+    run = _Answer(title, {name: p.known for name, p in inputs.summary.parameters.items()})
     workshop = inputs.knowledge.workshop
     if workshop is None:
         return [run]
@@ -175,31 +173,32 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
 
 def _note(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     problem, knowledge = inputs.posterior.problem, inputs.knowledge
-    modes = knowledge.believed_modes
+    premises = problem.premises
     words = ["Median, in brackets the 95 % interval."]
     if any(any(known.printed_by_likelihood) for answer in answers for known in answer.known.values()):
         words.append(
             f"An end that rests on the prior is given by likelihood ratio{', but in a workshop' * (len(answers) > 1)}."
         )
-    assumed = modes.assumed if modes is not None else knowledge.assumed if inputs.knowledge.workshop else ()
+    assumed = premises.assumed or (knowledge.assumed if knowledge.workshop else ())
     if assumed:
         words.append(f"As in a workshop: {', '.join(assumed)}, assumed as nobody stated them.")
-    if stated := uncertain_quantities(problem):
-        words.append(f"Uncertain as the case states: {listed([readable(name) for name in stated])}.")
-    elif len(answers) == 1 and modes is None:
+    uncertain = [readable(name) for name in uncertain_quantities(problem)]
+    if stated := [name for name in uncertain if not any(word.startswith(f"{name} to ") for word in premises.assumed)]:
+        words.append(f"Uncertain as the case states: {listed(stated)}.")
+    elif len(answers) == 1 and not assumed:
         words.append("All else, such as material, dimensions and masses, is taken as exact.")
     return " ".join(words)
 
 
 def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     """What keeps the answer from being better, the most important first."""
-    summary, modes = inputs.summary, inputs.knowledge.believed_modes
+    summary, premises = inputs.summary, inputs.posterior.problem.premises
     if not inputs.posterior.converged:
         return "The calculation: nothing can be said before it has settled."
     parts, exonerated = [], ""
-    if modes is not None:
-        parts.append(f"{modes.reason[0].upper()}{modes.reason[1:]}, so the answer is that of their modes.")
-    elif summary.no_verdict:
+    if premises.reason:
+        parts.append(f"{premises.reason[0].upper()}{premises.reason[1:]}, so the answer is that of their modes.")
+    if summary.no_verdict:
         parts.append("The model: intervals of a model that misses the data are too narrow.")
     if len(answers) == 2 and (taken := quantities_taken_as_exact(inputs.knowledge.freed)):
         run, workshop = sorted(answers, key=lambda answer: answer.title == _WORKSHOP)
@@ -255,12 +254,12 @@ def _next(inputs: ReportInputs) -> str:
         return foreign(" ".join(worst.diagnosis.advice))
     if inputs.posterior.solutions.advice:
         return foreign(inputs.posterior.solutions.advice)
-    if inputs.knowledge.believed_modes is not None:
-        return (
-            "More natural frequencies and antiresonances would narrow the answer of the modes: a wider band, or a "
-            "force and a sensor at a second point. No forecast is made for them."
-        )
     step = inputs.knowledge.next_step
+    if step is None and inputs.posterior.problem.premises.of_modes:
+        return (
+            "Natural frequencies and antiresonances beyond those measured, by a wider band or by a force and a sensor "
+            "at a second point. Two more modes alone would not tell much more."
+        )
     if step is None:
         return (
             "None of what was looked at, one more sensor, more averages or further modes, would tell much more. "

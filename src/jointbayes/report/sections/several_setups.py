@@ -87,12 +87,9 @@ def curve_section(inputs: ReportInputs) -> ReportSection | None:
     curves = curves_of(inputs.posterior)
     if not curves:
         return None
-    of, knowledge = curves[0].of, inputs.summary.knowledge
-    modes = knowledge.believed_modes if knowledge else None
+    of = curves[0].of
     blocks: list[Block] = []
     for i, curve in enumerate(curves, 1):
-        if modes is not None:
-            curve = replace(curve, unjudged=f"{modes.reason}; ask the modes of each level, as measured_frequencies")
         blocks.append(Paragraph(foreign(curve.sentence)))
         blocks += [_table(inputs, curve), _figure(i, curve)]
     damping = inputs.posterior.problem.parametrisation.damped

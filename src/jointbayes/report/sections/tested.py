@@ -55,9 +55,10 @@ def _sentence(part: Problem, structure: str) -> str:
     level = (
         "" if test.level is None else f", {foreign(test.level.name)} {test.level.value:g} {foreign(test.level.unit)}"
     )
-    frfs, modes = test.data.frfs, test.data.modes
+    frfs, modes = test.data.shown_frfs, test.data.modes
     if frfs is not None:
-        return f"{name}{_frfs(frfs)}{level}."
+        seen = "" if modes is None else f"; analysed by the {modes.frequency_hz.size} modes that they show"
+        return f"{name}{_frfs(frfs)}{level}{seen}."
     if modes is not None:
         spread = 100 * float(np.median(modes.sd_hz / modes.frequency_hz))
         low, high = modes.band_hz

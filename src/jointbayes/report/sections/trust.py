@@ -2,7 +2,7 @@
 
 import math
 
-from jointbayes.posterior.modes_answer import ModesAnswer
+from jointbayes.posterior.model_errors import InferredError
 from jointbayes.posterior.rounding import number
 from jointbayes.posterior.setup_summary import SetupSummary
 from jointbayes.posterior.summary import Summary
@@ -10,7 +10,8 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Light, Lights
 
-_LEAST_ERROR = 1e-4  # of a frequency
+#: What to look at where natural frequencies are off by more than usual.
+DOUBTS = "length, modulus, the place of the clamp's edge, and the numbers of the modes"
 
 
 def lights_of(inputs: ReportInputs) -> Lights:
@@ -26,7 +27,7 @@ def _calculation(inputs: ReportInputs) -> Light:
     if not posterior.mode_agrees:
         text = f"The search missed the best fit: it lies {number(posterior.mode_distance, 2)} standard deviations away."
         return Light(name, "bad", text)
-    if posterior.at_prior_edge and inputs.knowledge.believed_modes is None:
+    if posterior.at_prior_edge and not posterior.problem.premises.of_modes:
         text = f"The best fit lies on the edge of the prior of {foreign(', '.join(posterior.at_prior_edge))}: widen it."
         return Light(name, "caution", text)
     if summary.mesh is not None and not summary.mesh.within:
@@ -35,7 +36,7 @@ def _calculation(inputs: ReportInputs) -> Light:
 
 
 def _model(inputs: ReportInputs) -> Light:
-    summary, modes = inputs.summary, inputs.knowledge.believed_modes
+    summary = inputs.summary
     name, worst = "Model", worst_setup(summary)
     of_test = f" of test {foreign(worst.check.setup)}" if worst.check.setup else ""
     bodies = summary.measured_bodies
@@ -43,14 +44,25 @@ def _model(inputs: ReportInputs) -> Light:
         return Light(name, "bad" if bodies.ignored else "caution", foreign(bodies.sentence))
     if not worst.check.explains:
         misfit = f"{_misfit(worst)} {worst.diagnosis.measure}".strip()
-        if modes is not None:
-            text = f"Misses the FRFs{of_test}; the answer allows for that. {_error_of(modes)}"
-            return Light(name, "caution", text.strip())
         return Light(name, "bad", f"Does not explain the data{of_test}. {misfit}")
     if worst.check.finding == "noise overstated":
         return Light(name, "caution", f"Explains the data{of_test}, with noise stated too large. {_misfit(worst)}")
     of_all = f" of all {len(summary.setups)} tests" if len(summary.setups) > 1 else ""
+    if summary.model_error is not None:
+        return _by_its_error(summary.model_error, of_all)
     return Light(name, "good", f"Explains the data{of_all}. {_misfit(worst)}")
+
+
+def _by_its_error(error: InferredError, of_all: str) -> Light:
+    """Of a model whose error was inferred its size says how good it is: residuals are small beside any such size."""
+    off, cause = f"natural frequencies are off by {error.words}", f"Check {DOUBTS}."
+    if error.grade == "negligible":
+        return Light("Model", "good", f"Explains the modes{of_all}.")
+    if error.grade == "usual":
+        return Light("Model", "good", f"Explains the modes{of_all}. Its {off}, as is usual.")
+    if error.grade == "large":
+        return Light("Model", "caution", f"Its {off}, more than usual. {cause}")
+    return Light("Model", "bad", f"Its {off}: it is no model of this structure. {cause}")
 
 
 def worst_setup(summary: Summary) -> SetupSummary:
@@ -63,14 +75,6 @@ def _misfit(setup: SetupSummary) -> str:
     check = setup.check
     misfit, low, high = (f"{math.sqrt(square):#.3g}" for square in (check.chi2_per_line, *check.chi2_band))
     return f"Misfit {misfit} times the noise; noise alone gives {low} to {high}."
-
-
-def _error_of(modes: ModesAnswer) -> str:
-    """The model's error in natural frequencies; empty below `_LEAST_ERROR`, which no test could tell from none."""
-    middle, _, high = modes.model_error
-    if high < _LEAST_ERROR:
-        return ""
-    return f"Its natural frequencies are off by about {number(100 * middle, 2)} % (up to {number(100 * high, 2)} %)."
 
 
 def _data(inputs: ReportInputs) -> Light:

@@ -1,0 +1,48 @@
+"""What an answer takes for granted: which data it is of and why, an error of the model, what nobody stated."""
+
+from dataclasses import dataclass
+
+from jointbayes.inference.noise.base import ErrorSizes
+
+
+@dataclass(frozen=True, slots=True)
+class UsedMode:
+    """A measured resonance and the mode of the model that it is compared with, from 1.
+
+    Or an antiresonance of the drive point `held`, and the mode of the model with that DOF held.
+    """
+
+    setup: str
+    number: int
+    frequency_hz: float
+    sd_hz: float
+    held: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Premises:
+    """What a problem takes for granted, beyond what its data, priors and noise say themselves.
+
+    Parameters
+    ----------
+    reason
+        Why measured FRFs are analysed by the modes that they show, a sentence without full stop; empty of a problem
+        that is analysed as it is stated.
+    model_error
+        Sizes of the model's error in each of these modes; None where the model is taken as exact.
+    assumed
+        What is as uncertain as in a workshop because nobody stated it, in words, one for each quantity.
+    modes, left_out
+        The modes that are used, and sentences on resonances that are not.
+    """
+
+    reason: str = ""
+    model_error: ErrorSizes | None = None
+    assumed: tuple[str, ...] = ()
+    modes: tuple[UsedMode, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def of_modes(self) -> bool:
+        """Whether the answer is that of the modes that measured FRFs show."""
+        return bool(self.modes)

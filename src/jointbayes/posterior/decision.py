@@ -1,0 +1,303 @@
+"""What measured FRFs are analysed as, decided before anything is drawn: by the modes that they show, or as they are.
+
+An FRF at a good signal-to-noise ratio states each resonance to a few parts in 10⁵, a model of a real structure misses
+it by parts in 10³. The likelihood of the FRFs then takes the model's error for the joint. That of the modes has a place
+for it, see `jointbayes.inference.ModelErrorNoise`, and so the wider, truer intervals.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from jointbayes.arrays import Array
+from jointbayes.errors import JointBayesError
+from jointbayes.frf import AnyStructure, HeldFrequencies
+from jointbayes.identification import MapEstimate
+from jointbayes.inference import ErrorSizes, ModelErrorNoise, Premises, Problem, Test, UsedMode
+from jointbayes.inference.test import likelihood_of, own_name
+from jointbayes.measurement import Antiresonances, FrfData, ModeData, Observed
+from jointbayes.measurement.modal_fit import identify_modes, identify_zeros
+from jointbayes.measurement.provenance import MeasuredMode
+from jointbayes.posterior.checks import PredictiveCheck, check_part
+from jointbayes.posterior.model_errors import InferredError
+from jointbayes.posterior.rounding import number
+
+#: A resonance that no predicted mode comes closer to than this, as a fraction, is compared with none.
+FARTHEST = 0.1
+_DRAWS = 300  # of the prior, at which modes are counted besides the MAP
+_MORE = 8  # modes of the model above the number of resonances
+_LOOKS, _STREAM = 200, 7  # points about the best fit at which it is checked, and their random numbers
+_SPREAD = 0.02  # of frequencies: errors well below it count by their square, those above hardly more
+
+
+def decide(
+    problem: Problem,
+    estimate: MapEstimate,
+    seed: int,
+    *,
+    sizes: ErrorSizes | None = None,
+    freed: Problem | None = None,
+    assumed: tuple[str, ...] = (),
+) -> Problem:
+    """The problem whose posterior is the answer: of measured FRFs that of the modes they show, with the model's error.
+
+    FRFs of a structure that is modelled throughout are analysed as they are only where they show no mode, or where the
+    error of the model is stated to be smaller than what their noise leaves open of the frequencies and the best fit
+    passes the check. Whatever is not of measured FRFs is analysed as it is stated.
+
+    Parameters
+    ----------
+    problem
+        As it is stated.
+    estimate
+        Its MAP: says, with draws of the prior, which mode of the model a resonance is.
+    seed
+        Of these draws, and of the check.
+    sizes
+        Of the model's errors; by default 0.3 % of a natural frequency, known to a factor of 3.
+    freed
+        The same problem with more quantities uncertain, for which the answer is then to allow.
+    assumed
+        What is uncertain in it that nobody stated, in words.
+
+    Returns
+    -------
+    Problem
+        `problem` itself, or one of modes whose `premises` say why.
+    """
+    sizes = sizes or ErrorSizes()
+    of_modes = modes_problem(problem, estimate, seed, sizes, freed)
+    if of_modes is None:
+        return problem
+    reason = why_by_modes(sizes, of_modes.premises.modes, lambda: check_best_fit(problem, estimate, seed))
+    if not reason:
+        return problem
+    return replace(of_modes, premises=replace(of_modes.premises, reason=reason, assumed=assumed))
+
+
+def why_by_modes(sizes: ErrorSizes, used: Sequence[UsedMode], checked: Callable[[], Sequence[PredictiveCheck]]) -> str:
+    """Why measured FRFs are analysed by their modes, a sentence without full stop; empty where as they are.
+
+    Parameters
+    ----------
+    sizes
+        Of the model's errors, as stated.
+    used
+        The modes that the FRFs show.
+    checked
+        Gives the check of the best fit to the FRFs, if it comes to that.
+    """
+    stated, smallest = sizes.frequency, min(mode.sd_hz / mode.frequency_hz for mode in used if not mode.held)
+    if stated > smallest:
+        return (
+            f"the model may miss a natural frequency by {number(100 * stated, 2)} %, and the noise of the FRFs alone "
+            f"leaves open {number(100 * smallest, 2)} %"
+        )
+    return (
+        "" if all(check.explains for check in checked()) else "the model does not explain the FRFs within their noise"
+    )
+
+
+def check_best_fit(problem: Problem, estimate: MapEstimate, seed: int) -> list[PredictiveCheck]:
+    """The check of each test at points about the best fit, drawn from its Laplace approximation."""
+    rng = np.random.default_rng([seed, _STREAM])
+    theta = np.vstack(
+        [estimate.theta, rng.multivariate_normal(estimate.theta, estimate.covariance, _LOOKS, check_valid="ignore")]
+    )
+    possible = theta[np.isfinite(problem.log_posterior(theta))]
+    return [check_part(part, possible, rng) for part in problem.parts]
+
+
+def modes_problem(
+    problem: Problem, estimate: MapEstimate, seed: int, sizes: ErrorSizes, freed: Problem | None = None
+) -> Problem | None:
+    """The problem with the modes that its measured FRFs show in the place of these, see `decide`.
+
+    Returns
+    -------
+    Problem
+        Its `premises` list the modes. None where FRFs were computed, show no mode, or are of a structure that has none:
+        one with a measured body; and where those of the only test of a joint show none.
+    """
+    answered = freed or problem
+    if not is_of_measured_frfs(problem) or problem.extra_log_likelihood is not None:
+        return None
+    tests, used, left_out = [], list[UsedMode](), list[str]()
+    names = [nuisance.name for nuisance in problem.prior.nuisances]
+    found = dict(zip(names, problem.prior.factors(estimate.theta).tolist(), strict=True))
+    for part, test in zip(problem.parts, answered.tests, strict=True):
+        frfs = test.data.frfs
+        if frfs is None:
+            tests.append(test)
+            continue
+        resonances, tried = resonances_of(frfs), _tried(part, estimate, seed)
+        numbers, far = _numbers(part, tried, np.array([mode.frequency_hz for mode in resonances]))
+        left_out += [_far_in_words(test, resonances[place]) for place in far]
+        modes = [mode for place, mode in enumerate(resonances) if place not in far]
+        if modes:
+            of_test = _used(test, modes, numbers)
+            of_test += [zero for dof, fit in _zeros(frfs).items() for zero in _held_modes(part, tried, dof, fit)]
+            tests.append(replace(_test_of_modes(test, of_test, sizes), structure=_certainly_damped(test, found)))
+            used += of_test
+    if not used:
+        return None
+    premises = Premises(model_error=sizes, modes=tuple(used), left_out=tuple(left_out))
+    unseen = tuple(replace(test, structure=_certainly_damped(test, found)) for test in answered.left_out)
+    of_modes = _with_tests(replace(answered, left_out=unseen), tests, premises)
+    return of_modes if all(quantity.places for quantity in of_modes.quantities) else None
+
+
+def is_of_measured_frfs(problem: Problem) -> bool:
+    """Whether FRFs of a structure that is modelled throughout are among the data, and none was computed."""
+    frfs = [test.data.frfs for test in problem.tests if test.data.frfs is not None]
+    modelled = not any(test.measured_bodies for test in problem.tests)
+    return bool(frfs) and modelled and not any(data.synthetic for data in frfs)
+
+
+def resonances_of(frfs: FrfData) -> Sequence[MeasuredMode]:
+    """Modes that FRFs show; those that were found as they were read."""
+    if frfs.provenance is not None:
+        return frfs.provenance.modes
+    accelerance = frfs.converted("accelerance")
+    try:
+        return identify_modes(accelerance.frf, accelerance.variance)
+    except JointBayesError:  # too few lines
+        return ()
+
+
+def _zeros(frfs: FrfData) -> Mapping[str, Sequence[MeasuredMode]]:
+    """Antiresonances of each drive point that FRFs show."""
+    accelerance = frfs.converted("accelerance")
+    try:
+        return {dof: fit.modes for dof, fit in identify_zeros(accelerance.frf, accelerance.variance).items()}
+    except JointBayesError:  # too few lines
+        return {}
+
+
+def _numbers(part: Problem, tried: tuple[Array, Array], measured_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...]]:
+    """Number of the mode that each resonance is, and the places of resonances that are none of the model's."""
+    count = min(part.test.most_modes, len(measured_hz) + _MORE)
+    if not count or not len(measured_hz):
+        return np.empty(0, dtype=np.intp), tuple(range(len(measured_hz)))
+    stiffness, factors = tried
+    return _nearest(measured_hz, part.natural_frequencies_hz(stiffness, count, factors))
+
+
+def _held_modes(
+    part: Problem, tried: tuple[Array, Array], dof: str, zeros: Sequence[MeasuredMode]
+) -> Sequence[UsedMode]:
+    """Antiresonances of a drive point with the number of each; those that are none of the model's are left out."""
+    count = min(part.test.most_modes - 1, len(zeros) + _MORE)
+    if count < 1 or not zeros or dof in part.test.joints.labels:
+        return []
+    stiffness, factors = tried
+    held = HeldFrequencies(part.test.structures, part.test.joints, (dof,) * count, range(1, count + 1))
+    predicted_hz = held.frequency_hz(part.parametrisation.matrix(stiffness), part.structural(factors))
+    numbers, far = _nearest(np.array([zero.frequency_hz for zero in zeros]), predicted_hz)
+    near = [zero for place, zero in enumerate(zeros) if place not in far]
+    return [replace(mode, held=dof) for mode in _used(part.test, near, numbers)]
+
+
+def _tried(part: Problem, estimate: MapEstimate, seed: int) -> tuple[Array, Array]:
+    """Stiffnesses and factors at the MAP, other modes and draws of the prior: where the modes are counted."""
+    prior = part.prior
+    modes = [estimate.theta, *(mode.theta for mode in estimate.modes)]
+    theta = np.vstack([*modes, prior.sample(np.random.default_rng(seed), _DRAWS)])
+    return prior.values(theta), prior.factors(theta)
+
+
+def _nearest(measured_hz: Array, predicted_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...]]:
+    """Number of each measured frequency among the predicted ones, shape (n, count), and places of those that are none.
+
+    Counted at the one of n points whose natural frequencies are nearest.
+    """
+    best, least = None, math.inf
+    for row in predicted_hz:
+        away = np.abs(np.log(measured_hz[:, None] / row))
+        cost = np.log1p((away / _SPREAD) ** 2)
+        places, numbers = scipy.optimize.linear_sum_assignment(cost)
+        if (total := float(cost[places, numbers].sum())) < least:
+            best, least = (places, numbers, away[places, numbers]), total
+    assert best is not None
+    places, numbers, away = best
+    near = away <= FARTHEST
+    return numbers[near] + 1, tuple(sorted({*range(len(measured_hz))} - {*places[near].tolist()}))
+
+
+def _used(test: Test, modes: Sequence[MeasuredMode], numbers: NDArray[np.intp]) -> list[UsedMode]:
+    return [
+        UsedMode(test.name, int(number), mode.frequency_hz, mode.frequency_sd_hz)
+        for number, mode in zip(numbers, modes, strict=True)
+    ]
+
+
+def _far_in_words(test: Test, mode: MeasuredMode) -> str:
+    where = f" of set-up {test.name}" if test.name else ""
+    return (
+        f"The resonance at {number(mode.frequency_hz, 4)} Hz{where} is not used: the model has no mode within "
+        f"{100 * FARTHEST:g} % of it."
+    )
+
+
+def _test_of_modes(test: Test, used: Sequence[UsedMode], sizes: ErrorSizes) -> Test:
+    """The test with modes and antiresonances as data, with errors of the model in each."""
+    modes = sorted((mode for mode in used if not mode.held), key=lambda mode: mode.number)
+    held = [mode for mode in used if mode.held]
+    zeros = (
+        Antiresonances(tuple(z.held for z in held), _observed(held), tuple(z.number for z in held)) if held else None
+    )
+    data = ModeData(
+        _observed(modes),
+        numbers=tuple(mode.number for mode in modes),
+        provenance=test.data.provenance,
+        zeros=zeros,
+        read_off=test.data.frfs,
+    )
+    noise = ModelErrorNoise.of(data, sizes)
+    return replace(test, data=data, noise=noise, residual_kind="complex")
+
+
+def _certainly_damped(test: Test, found: Mapping[str, float]) -> AnyStructure:
+    """Its structure with the damping that was found: unknowns that no datum sees keep draws from settling."""
+    if test.measured_bodies:
+        return test.structure
+    named = {name: own_name(test.name, name, found) for name in test.structures.names}
+    return test.structures.with_certain_damping({name: found[own] for name, own in named.items() if own is not None})
+
+
+def _observed(modes: Sequence[UsedMode]) -> Observed:
+    return Observed(np.array([mode.frequency_hz for mode in modes]), np.array([mode.sd_hz for mode in modes]))
+
+
+def _with_tests(problem: Problem, tests: Sequence[Test], premises: Premises) -> Problem:
+    """The problem of other tests, with what of all that is uncertain they and those left out depend on."""
+    nuisances, every = problem.prior.nuisances, (*tests, *problem.left_out)
+    names = [nuisance.name for nuisance in nuisances]
+    used = {own_name(test.name, name, names) for test in every for name in likelihood_of(test.data, test).names}
+    prior = replace(problem.prior, nuisances=tuple(n for n in nuisances if n.name in used))
+    return Problem(tests, prior, problem.initial, name=problem.name, left_out=problem.left_out, premises=premises)
+
+
+def premises_sentences(premises: Premises, model_error: InferredError | None) -> tuple[str, ...]:
+    """What an answer of modes rests on, with the model's error as it was inferred; none of data taken as stated."""
+    if not premises.of_modes:
+        return ()
+    where = {mode.held: _frequencies(premises.modes, mode.held) for mode in premises.modes}
+    zeros = "".join(f", and the antiresonances of {held} at {text} Hz" for held, text in where.items() if held)
+    sentences = [
+        f"The answer is that of the modes that the FRFs show at {where['']} Hz{zeros}.",
+        f"The reason: {premises.reason}.",
+    ]
+    if model_error is not None:
+        sentences.append(f"The model misses each by {model_error.words}, as inferred.")
+    if premises.assumed:
+        sentences.append(f"Assumed, as nobody stated it: {', '.join(premises.assumed)}.")
+    return (*sentences, *premises.left_out)
+
+
+def _frequencies(modes: Sequence[UsedMode], held: str) -> str:
+    return ", ".join(number(mode.frequency_hz, 4) for mode in modes if mode.held == held)

@@ -1,0 +1,250 @@
+"""What measured FRFs are analysed as: by their modes, with an error of the model, or as they are."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+import jointbayes as jb
+from jointbayes.case.case import case_from_text
+from jointbayes.errors import CaseError
+from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Uniform
+from jointbayes.joint import PlainSprings
+from jointbayes.measurement import ModeData, Observed
+from jointbayes.posterior.decision import (
+    UsedMode,
+    check_best_fit,
+    decide,
+    is_of_measured_frfs,
+    modes_problem,
+    why_by_modes,
+)
+from jointbayes.posterior.model_errors import InferredError
+from jointbayes.workflow import sample_quickly
+from tests.conftest import CLAMP, TABLE_3, cheap_text, edited, pair_matrix, rod
+
+EXACT = ErrorSizes(frequency=1e-9)
+
+
+def as_measured(posterior, **changes):
+    """The same posterior of FRFs that nobody computed."""
+    data = replace(posterior.problem.test.data, synthetic=False)
+    problem = posterior.problem.with_test(**({"data": data} | changes))
+    return replace(posterior, problem=problem, case=None)
+
+
+@pytest.fixture(scope="module")
+def measured(cheap_posterior):
+    return as_measured(cheap_posterior)
+
+
+def of_another_truth(cheap_case, line):
+    """Analysed as ever, of measured FRFs that this line of the truth makes."""
+    text = edited(cheap_text(), ("k11 = 5.05e9", f"{line}\nk11 = 5.05e9"))
+    data = case_from_text("another", text).problem.test.data
+    problem = cheap_case.problem.with_test(data=replace(data, synthetic=False))
+    return replace(cheap_case, problem=problem, stated=problem, setups=())
+
+
+def asked_of(posterior, sizes):
+    """The problem of the modes that its FRFs show."""
+    return modes_problem(posterior.problem, posterior.estimate, posterior.record.seed, sizes)
+
+
+def test_the_modes_of_the_model_are_numbered_as_they_are(measured):
+    asked = asked_of(measured, ErrorSizes())
+    predicted = measured.problem.natural_frequencies_hz(TABLE_3, 4)[0]
+    resonances, zeros = asked.premises.modes[:3], asked.premises.modes[3:]
+    assert [mode.number for mode in resonances] == [1, 2, 3]
+    for mode in resonances:
+        assert abs(mode.frequency_hz / predicted[mode.number - 1] - 1) < 0.002
+    body = rod(elements=20)
+    clamped, clamp, tip = body.stiffness.copy(), body.index(CLAMP.labels), body.index(("21:y",))
+    clamped[np.ix_(clamp, clamp)] += pair_matrix(TABLE_3)
+    kept = np.delete(np.arange(body.n_dofs), tip)
+    squares = linalg.eigh(clamped[np.ix_(kept, kept)], body.mass[np.ix_(kept, kept)], eigvals_only=True)
+    of_held = np.sqrt(squares[:4]) / (2 * np.pi)
+    assert [(mode.number, mode.held) for mode in zeros] == [(1, "5:y"), (2, "5:y")]
+    for zero in zeros:
+        assert abs(zero.frequency_hz / of_held[zero.number - 1] - 1) < 0.002
+    assert asked.test.data.zeros.dofs == ("5:y", "5:y")
+    assert asked.test.data.shown_frfs is measured.problem.test.data
+    assert asked.premises.left_out == ()
+    assert asked.names == measured.problem.names
+
+
+def test_a_mode_that_was_not_seen_leaves_the_numbers_of_the_others(measured):
+    data = measured.problem.test.data
+    asked = asked_of(as_measured(measured, data=replace(data.split([(0.0, 400.0)])[0], synthetic=False)), EXACT)
+    assert [mode.number for mode in asked.premises.modes if not mode.held] == [2, 3]
+
+
+def test_a_resonance_that_the_model_does_not_have_is_named_and_not_used(measured):
+    frf = measured.problem.test.data.frf
+    ripple = 3e-6 / (1 - (frf.frequency_hz / 1500) ** 2 + 0.02j * frf.frequency_hz / 1500)
+    data = replace(measured.problem.test.data, frf=replace(frf, values=frf.values + ripple[:, None, None]))
+    asked = asked_of(as_measured(measured, data=replace(data, synthetic=False)), ErrorSizes())
+    (left_out,) = asked.premises.left_out
+    assert left_out.startswith("The resonance at 150") or left_out.startswith("The resonance at 149")
+    assert [mode.number for mode in asked.premises.modes if not mode.held] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("computed", ["synthetic", "modes"])
+def test_computed_frfs_and_typed_modes_are_analysed_as_they_are(computed, cheap_posterior, frequency_posterior):
+    posterior = cheap_posterior if computed == "synthetic" else frequency_posterior
+    assert not is_of_measured_frfs(posterior.problem)
+    assert decide(posterior.problem, posterior.estimate, 1) is posterior.problem
+
+
+def test_a_joint_whose_only_test_shows_no_mode_leaves_the_answer_to_the_frfs(measured):
+    test, prior = measured.problem.test, measured.problem.prior
+    dark = replace(test.data.split([(200.0, 600.0)])[1], synthetic=False)  # between two resonances
+    tests = [replace(test, name="seen"), replace(test, name="dark", data=dark)]
+    both = jb.JointPrior(jb.blocks_of(dict.fromkeys(("seen", "dark"), prior.parametrisation)), prior.marginals * 2)
+    estimate = SimpleNamespace(theta=np.tile(measured.estimate.theta, 2), modes=())
+    assert modes_problem(jb.Problem(tests, both), estimate, 1, ErrorSizes()) is None
+    one_joint = modes_problem(jb.Problem(tests, prior), measured.estimate, 1, ErrorSizes())
+    assert {mode.setup for mode in one_joint.premises.modes} == {"seen"}
+
+
+def test_a_model_that_nobody_says_is_exact_is_given_an_error(measured):
+    decided = decide(measured.problem, measured.estimate, 1)
+    assert decided.premises.of_modes
+    assert "the model may miss a natural frequency by 0.3 %, and the noise of the FRFs" in decided.premises.reason
+    assert decided.premises.model_error == ErrorSizes()
+
+
+def test_a_model_that_is_stated_to_be_exact_is_where_it_explains_the_frfs_and_only_there(measured, cheap_case):
+    assert decide(measured.problem, measured.estimate, 1, sizes=EXACT) is measured.problem
+    heavier = of_another_truth(cheap_case, "accelerometer_mass_g = 20.0")
+    decided = decide(heavier.problem, jb.find_map(heavier), 1, sizes=EXACT)
+    assert decided.premises.reason == "the model does not explain the FRFs within their noise"
+
+
+def test_the_best_fit_is_checked_as_the_draws_are(measured):
+    (at_best,) = check_best_fit(measured.problem, measured.estimate, 1)
+    assert at_best.explains
+    assert at_best.chi2_per_line == pytest.approx(measured.check.chi2_per_line, rel=0.01)
+
+
+@pytest.mark.whole
+def test_a_posterior_of_modes_is_kept_with_the_frfs_that_show_them(cheap_case, tmp_path):
+    of_modes = jb.sample(of_another_truth(cheap_case, "length_mm = 383.5"), seed=1)
+    of_modes.save(tmp_path / "posterior.nc")
+    again = jb.load_posterior(tmp_path / "posterior.nc")
+    assert again.problem.premises == of_modes.problem.premises
+    frfs = again.problem.test.data.shown_frfs.frf
+    np.testing.assert_array_equal(frfs.values, of_modes.problem.test.data.shown_frfs.frf.values)
+    for name, truth in zip(of_modes.stiffness_names, TABLE_3, strict=True):
+        assert again.interval(name) == of_modes.interval(name)
+        low, high = of_modes.interval(name)
+        assert low < truth < high, name
+    assert of_modes.model_error.grade == "usual"
+
+
+@pytest.mark.science
+def test_the_frfs_of_a_wrong_model_are_sure_of_a_wrong_joint_and_their_modes_hold_the_true_one(cheap_case):
+    longer = of_another_truth(cheap_case, "length_mm = 383.5")
+    settings = jb.SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.05)
+    exact = jb.sample(longer, settings=settings, seed=1, take_as="exact")
+    assert exact.check.explains
+    assert exact.verdict("k22").verdict == "identified"
+    assert exact.interval("k22")[1] < 0.9 * TABLE_3[2]
+    assert not exact.problem.premises.of_modes
+    low, high = jb.sample(longer, seed=1).interval("k22")
+    assert low < TABLE_3[2] < high
+
+
+def test_how_measured_frfs_are_taken_has_two_words(cheap_case):
+    with pytest.raises(jb.ModelError, match='take_as: found \'extact\'; expected "usual", "exact" or None'):
+        jb.sample(cheap_case, take_as="extact")
+
+
+def test_what_nobody_stated_is_as_uncertain_as_in_a_workshop_and_what_is_declared_exact_is_exact(cheap_posterior):
+    data = replace(cheap_posterior.problem.test.data, synthetic=False)
+    declared = case_from_text("cheap", f'{cheap_text()}\n[uncertain]\nexact = ["density", "length"]\n')
+    for case, names in ((None, {"youngs_modulus", "density", "length"}), (declared, {"youngs_modulus"})):
+        stated = case or case_from_text("cheap", cheap_text())
+        freed = stated.workshop_problem.with_test(data=data)
+        problem = as_measured(cheap_posterior).problem
+        asked = modes_problem(problem, cheap_posterior.estimate, 1, ErrorSizes(), freed)
+        assert names <= set(asked.names)
+        assert not {"density", "length"} - names & set(asked.names)
+        assert [mode.number for mode in asked.premises.modes if not mode.held] == [1, 2, 3]
+
+
+def test_what_is_declared_exact_has_no_prior_beside():
+    text = edited(
+        cheap_text(),
+        ("[data.noise]", "[uncertain]\nexact = ['density']\n[uncertain.density]\nsd_percent = 1.0\n[data.noise]"),
+    )
+    with pytest.raises(
+        CaseError, match=r'uncertain\.exact: found "density", whose prior \[uncertain\.density\] states'
+    ):
+        case_from_text("twice", text)
+
+
+@pytest.mark.science
+def test_quick_draws_of_two_springs_in_a_thin_sheet_have_the_quantiles_of_a_grid():
+    data = ModeData(Observed(np.array([116.8, 726.5]), np.array([0.02, 0.1])))
+    prior = JointPrior(PlainSprings(), (Uniform(18.0, 26.0), Uniform(11.0, 19.0)))
+    test = jb.Test("clamped", rod(), CLAMP, data, ModelErrorNoise.of(data, ErrorSizes()))
+    problem = jb.Problem([test], prior)
+    quick = sample_quickly(problem, seed=1)
+    # the middles of cells, which the prior's edges bound
+    axes = 18.0 + 8.0 * (np.arange(80) + 0.5) / 80, 12.2 + 2.0 * (np.arange(1500) + 0.5) / 1500
+    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+    density = np.concatenate([problem.log_posterior(rows) for rows in np.array_split(points, 200)])
+    mass = np.exp(density - density.max()).reshape(80, 1500)
+    for column, axis in enumerate(axes):
+        share = mass.sum(axis=1 - column) / mass.sum()
+        below = np.cumsum(share) - share / 2
+        for probability in (0.025, 0.5, 0.975):
+            drawn = float((quick.theta[:, column] <= np.interp(probability, below, axis)).mean())
+            assert abs(drawn - probability) < 4 * math.sqrt(probability * (1 - probability) / len(quick.theta))
+
+
+@pytest.mark.parametrize(
+    ("stated", "explains", "reason"),
+    [
+        # the best of three resonances has an sd of 2⁻¹⁰ of it; that of the antiresonance does not count
+        (2**-10, True, ""),
+        (
+            np.nextafter(2**-10, 1),
+            True,
+            "may miss a natural frequency by 0.098 %, and the noise of the FRFs alone leaves",
+        ),
+        (2**-9, True, "may miss a natural frequency by 0.2 %, and the noise of the FRFs alone leaves open 0.098 %"),
+        (1e-9, False, "the model does not explain the FRFs within their noise"),
+        (1e-9, True, ""),
+    ],
+)
+def test_frfs_are_analysed_by_modes_where_their_noise_is_below_the_models_error_or_they_are_not_explained(
+    stated, explains, reason
+):
+    seen = [(64.0, 2**-3, ""), (256.0, 2**-2, ""), (512.0, 2.0, ""), (32.0, 2**-20, "5:y")]
+    used = tuple(UsedMode("", i, hz, sd, held) for i, (hz, sd, held) in enumerate(seen, 1))
+    checks = [SimpleNamespace(explains=True), SimpleNamespace(explains=explains)]
+    why = why_by_modes(ErrorSizes(frequency=stated), used, lambda: checks)
+    assert bool(why) == bool(reason)
+    assert reason in why
+
+
+@pytest.mark.parametrize(
+    ("median", "stated", "grade"),
+    [
+        (0.01, 0.003, "usual"),
+        (np.nextafter(0.01, 1), 0.003, "large"),
+        (0.03, 0.003, "large"),
+        (np.nextafter(0.03, 1), 0.003, "impossible"),
+        (0.02, 0.02, "usual"),  # no worse than it is stated to be
+        (0.06, 0.02, "large"),
+        (0.0601, 0.02, "impossible"),
+    ],
+)
+def test_an_inferred_error_of_the_model_has_a_grade(median, stated, grade):
+    assert InferredError(median, median / 2, 2 * median, stated).grade == grade
+    assert InferredError(median, 0.0, 0.9e-4, stated).grade == "negligible"
