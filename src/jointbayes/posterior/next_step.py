@@ -83,7 +83,7 @@ def next_step(
     freed
         The same problem with more quantities uncertain, in which the forecast is then made.
     judged
-        What is known of each stiffness by the answer to believe.
+        What is known of each stiffness.
 
     Returns
     -------
