@@ -149,7 +149,7 @@ def test_a_run_that_has_not_settled_says_so_before_anything_else(whole, cheap_po
     assert light(whole, "Calculation").kind == "good"
     error = max(
         max(p.interval95_error) / (p.interval95[1] - p.interval95[0])
-        for p in map(cheap_posterior.identifiability, cheap_posterior.stiffness_names)
+        for p in map(cheap_posterior.verdict, cheap_posterior.stiffness_names)
     )
     said = re.fullmatch(
         r"Settled: the ends of each 95 % interval are good to (\S+) % of the interval's width\.",

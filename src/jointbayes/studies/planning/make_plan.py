@@ -110,7 +110,8 @@ def plan(
         if posterior is None:
             tell(Progress("sampling the present posterior"))
             kept_run = target and target / "present"
-            posterior = sample(case, seed=seed, progress=progress, checkpoint=kept_run, resume=True)
+            # candidates are weighed within the likelihood of the case's own data
+            posterior = sample(case, seed=seed, progress=progress, checkpoint=kept_run, resume=True, take_as="exact")
         truth = None if joint is None else assumed_truth(problem, posterior.mode_theta, joint)
         simulator = Simulator(
             problem, parameter, posterior.theta, coordinate_systems(problem), np.random.default_rng([seed, 7]),
