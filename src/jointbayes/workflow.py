@@ -267,7 +267,16 @@ def sample(
             tell(Progress("premises", f"{answered.premises.reason}: its modes are analysed"))
             fallback = settings.for_dimension(len(answered.names))
             return sample_quickly(answered, seed=seed, case=whole, settings=fallback, progress=tell, keeper=checkpoint)
-    return _by_ensembles(problem, whole, seed, settings, estimate, tell, checkpoint)
+    tell(Progress("preparing the sampling"))
+    proposal = _fitted_proposal(problem, estimate, seed)
+    return _by_ensembles(problem, whole, seed, settings, estimate, proposal, tell, checkpoint)
+
+
+def _fitted_proposal(problem: Problem, estimate: MapEstimate, seed: int) -> Proposal:
+    """A proposal about each mode of a posterior and its images."""
+    images = Images.from_problem(problem).matrices
+    systems, starts = coordinate_systems(problem), estimate.starts_for_draws
+    return fit_each_mode(problem.log_posterior, systems, starts, images, _generator(seed, _PROPOSAL))
 
 
 def _decided(problem: Problem, case: Case | None, estimate: MapEstimate, seed: int) -> Problem:
@@ -283,16 +292,12 @@ def _by_ensembles(
     seed: int,
     settings: SamplerSettings,
     estimate: MapEstimate,
+    proposal: Proposal,
     tell: ProgressCallback,
     checkpoint: UnfinishedRun | None,
 ) -> Posterior:
     """Draws by ensembles of walkers, which the checkpoint keeps."""
-    tell(Progress("preparing the sampling"))
-    log_posterior = problem.log_posterior
-    modes, systems = estimate.starts_for_draws, coordinate_systems(problem)
-    proposal = fit_each_mode(
-        log_posterior, systems, modes, Images.from_problem(problem).matrices, _generator(seed, _PROPOSAL)
-    )
+    log_posterior, modes = problem.log_posterior, estimate.starts_for_draws
     start = starting_walkers(modes, problem.prior.log_density, settings, _generator(seed, _WALKERS), proposal.shares)
     least = estimate.log_posterior - _NO_DRAW
     start = replace_far_walkers(start, log_posterior, least, proposal, _generator(seed, _FAR_WALKERS))
@@ -303,7 +308,7 @@ def _by_ensembles(
         _generator(seed, _STEPS),
         settings,
         tell,
-        systems=systems,
+        systems=coordinate_systems(problem),
         proposal=proposal,
         quantities=judged_quantities(problem.prior),
         keeper=checkpoint,
@@ -376,13 +381,12 @@ def sample_quickly(
     settings = settings or SamplerSettings().for_dimension(d).for_one_of_many()
     estimate = find_map(problem, seed=seed, progress=progress)
     tell(Progress("sampling"))
-    density, starts, systems = problem.log_posterior, estimate.starts_for_draws, coordinate_systems(problem)
-    rng, images = _generator(seed, _PROPOSAL), Images.from_problem(problem).matrices
-    proposal = fit_each_mode(density, systems, starts, images, rng)
+    proposal = _fitted_proposal(problem, estimate, seed)
+    density, systems, modes = problem.log_posterior, coordinate_systems(problem), len(estimate.starts_for_draws)
     rng, quantities = _generator(seed, _STEPS), judged_quantities(problem.prior)
-    drawn = released_draws(density, systems, np.zeros((0, d)), rng, quantities, proposal=proposal, modes=len(starts))
+    drawn = released_draws(density, systems, np.zeros((0, d)), rng, quantities, proposal=proposal, modes=modes)
     if drawn is None:
-        return _by_ensembles(problem, case, seed, settings, estimate, tell, keeper)
+        return _by_ensembles(problem, case, seed, settings, estimate, proposal, tell, keeper)
     chains = independent_chains(density, *drawn, time.perf_counter() - began)
     return _posterior(problem, case, seed, settings, estimate, proposal, chains)
 

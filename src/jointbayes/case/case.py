@@ -144,8 +144,7 @@ class Case:
             measured = problem.test.data.shown_frfs or problem.test.data
             warnings += input_warnings(spec, texts[name], measured.band_hz)
             warnings += sign_warnings(measured.provenance, texts[name])
-            numbering = None if problem.test.data.shown_frfs else find_numbering(problem)  # of FRFs it was decided
-            warnings += numbering_warnings(numbering, texts[name], measured.provenance is not None)
+            warnings += numbering_warnings(find_numbering(problem), texts[name], measured.provenance is not None)
         for setup in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
             warnings += truth_warnings(setup.spec, setup.source, prior_of([setup])[0])
         return tuple(dict.fromkeys(warnings))

@@ -48,8 +48,8 @@ def find_numbering(problem: Problem) -> Renumbered | None:
         One test.
     """
     measured, prior = problem.test.data.modes, problem.prior
-    if measured is None or measured.match == "shape" or not prior.marginals:
-        return None
+    if measured is None or measured.match == "shape" or measured.shown_frfs or not prior.marginals:
+        return None  # modes that were read off FRFs were numbered by the model
     numbers, most = np.array(measured.numbers), problem.test.most_modes
     draws = np.tile(prior.mean, (_DRAWS, 1))
     joint = len(prior.marginals)

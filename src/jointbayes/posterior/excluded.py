@@ -86,11 +86,14 @@ def simpler_joints(posterior: JudgedPosterior) -> tuple[SimplerJoint, ...]:
     def greatest(put: dict[int, float]) -> float:
         return LikelihoodRegion(problem.log_posterior, theta, solution, put).greatest
 
-    for joint in known_by_bounds(posterior):
+    joints = known_by_bounds(posterior)
+    if not joints:
+        return ()
+    best = greatest({})
+    for joint in joints:
         rows = [i for i, q in enumerate(problem.quantities) if q.name.rpartition(".")[0] == joint]
         couplings = [i for i in rows if problem.quantities[i].may_be_negative]
         springs = [i for i in rows if i not in couplings]
-        best = greatest({})
         values: list[tuple[Literal["rigid", "absent", "uncoupled"], dict[int, float]]] = [
             ("rigid", dict.fromkeys(springs, RIGID) | dict.fromkeys(couplings, 0.0)),
             ("absent", dict.fromkeys(rows, 0.0)),
