@@ -264,7 +264,8 @@ def sample(
         if answered is not problem:
             if whole is not None:
                 whole = replace(whole, problem=answered, stated=whole.stated and answered)
-            tell(Progress("premises", f"{answered.premises.reason}: its modes are analysed"))
+            if answered.premises.reason:
+                tell(Progress("premises", f"{answered.premises.reason}: its modes are analysed"))
             fallback = settings.for_dimension(len(answered.names))
             return sample_quickly(answered, seed=seed, case=whole, settings=fallback, progress=tell, keeper=checkpoint)
     tell(Progress("preparing the sampling"))

@@ -342,6 +342,9 @@ error_factor = 2.5
 damping_error = 0.25
 shape_error = 0.06
 constant_error = 0.12
+edge_error = 0.02
+spring_error = 0.004
+spring_factor = 8.0
 """
 SETTINGS = """
 [identification]

@@ -125,7 +125,8 @@ def model_error_of(spec: NoiseModelSpec) -> ErrorSizes | None:
     e = spec.model_error
     if e is None:
         return None
-    return ErrorSizes(e.frequency_error, e.error_factor, e.damping_error, e.shape_error, e.constant_error)
+    single = e.frequency_error, e.error_factor, e.damping_error, e.shape_error, e.constant_error
+    return ErrorSizes(*single, e.edge_error, e.spring_error, e.spring_factor)
 
 
 def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Data:

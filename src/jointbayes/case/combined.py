@@ -43,7 +43,7 @@ DEFAULT_LOSS = 1e-4, 1.0
 DEFAULT_DASHPOT_FACTORS = 1e-6, 100.0
 
 #: How well material and length are known in a workshop, where the case takes them as exactly known.
-WORKSHOP_SD_PERCENT = {"youngs_modulus": 2.0, "density": 1.0, "length": 0.5}
+WORKSHOP_SD_PERCENT = {"youngs_modulus": 3.0, "density": 1.0, "length": 0.5}
 _ACCELEROMETER_SD_PERCENT = 5.0
 _ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot be the same mode
 

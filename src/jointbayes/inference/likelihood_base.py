@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.inference.noise.base import NoiseModel, Residuals
-from jointbayes.joint import AnyJointMatrix
+from jointbayes.joint import AnyJointMatrix, joint_matrix_of
 
 ResidualKind = Literal["complex", "log_magnitude"]
 
@@ -207,8 +207,12 @@ class Likelihood(ABC):
     def draw_error_size(
         self, law: Hashable, matrices: AnyJointMatrix, factors: ArrayLike, rng: np.random.Generator
     ) -> Array | None:
-        """Size of errors that are `NoiseModel.shares`, shape (batch,), drawn given the data; None where none are."""
+        """Sizes of errors that are `NoiseModel.shares`, shape (batch, q), drawn given the data; None where none are."""
         return None
+
+    def shift_of_edges(self, law: Hashable, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
+        """Mean of the place of each clamp's edge, in its standard deviations, shape (batch, edges)."""
+        return np.empty((len(joint_matrix_of(matrices)), 0))
 
     def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint, in units of the noise that the data show."""

@@ -1,6 +1,6 @@
 """The likelihood of several tests together, each with joints and uncertain quantities of its own or shared ones."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -177,13 +177,20 @@ class TestsLikelihood(Likelihood):
     def draw_error_size(
         self, law: Hashable, matrices: AnyJointMatrix, factors: ArrayLike, rng: np.random.Generator
     ) -> Array | None:
-        """Size of errors of the model, shape (batch,), drawn given what is left of the data."""
+        """Sizes of errors of the model, shape (batch, q), drawn given what is left of the data."""
+        found = next(self._of_law(law), None)
+        return None if found is None else found[0].draw_size(rng, self._compared(found[1], matrices, factors))
+
+    def shift_of_edges(self, law: Hashable, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
+        """Mean of the place of each clamp's edge, in its standard deviations, shape (batch, edges)."""
+        each = [noise.shift_of_edges(self._compared(terms, matrices, factors)) for noise, terms in self._of_law(law)]
+        return np.hstack(each) if each else np.empty((len(joint_matrix_of(matrices)), 0))
+
+    def _of_law(self, law: Hashable) -> Iterator[tuple[Any, tuple[Term, ...]]]:
+        """Noise models of tests that share errors by this law, with their tests."""
         alone = ((term.likelihood.noise, (term,)) for term in self._alone)
         groups = [(group.noise, self._terms_of(group)) for group in self.sharing]
-        for noise, terms in (*groups, *alone):
-            if noise.shares == law:
-                return noise.draw_size(rng, self._compared(terms, matrices, factors))
-        return None
+        return ((noise, terms) for noise, terms in (*groups, *alone) if noise.shares == law)
 
     def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint."""

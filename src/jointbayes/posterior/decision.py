@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.frf import AnyStructure, HeldFrequencies
-from jointbayes.identification import MapEstimate
+from jointbayes.identification import MapEstimate, refine_where_possible
 from jointbayes.inference import ErrorSizes, ModelErrorNoise, Premises, Problem, Test, UsedMode
+from jointbayes.inference.common_errors import with_common_errors
 from jointbayes.inference.test import likelihood_of, own_name
 from jointbayes.measurement import Antiresonances, FrfData, ModeData, Observed
 from jointbayes.measurement.modal_fit import identify_modes, identify_zeros
@@ -31,6 +32,7 @@ FARTHEST = 0.1
 _DRAWS = 300  # of the prior, at which modes are counted besides the MAP
 _MORE = 8  # modes of the model above the number of resonances
 _LOOKS, _STREAM = 200, 7  # points about the best fit at which it is checked, and their random numbers
+_PASSES = 2  # of what edge and springs do, each at the best joint with what the one before found
 _SPREAD = 0.02  # of frequencies: errors well below it count by their square, those above hardly more
 
 
@@ -72,11 +74,30 @@ def decide(
     sizes = sizes or ErrorSizes()
     of_modes = modes_problem(problem, estimate, seed, sizes, freed)
     if of_modes is None:
-        return problem
+        return _with_common_errors(problem, estimate.theta)
     reason = why_by_modes(sizes, of_modes.premises.modes, lambda: check_best_fit(problem, estimate, seed))
     if not reason:
         return problem
-    return replace(of_modes, premises=replace(of_modes.premises, reason=reason, assumed=assumed))
+    of_modes = replace(of_modes, premises=replace(of_modes.premises, reason=reason, assumed=assumed))
+    return _with_common_errors(of_modes, _carried_over(problem, estimate.theta, of_modes))
+
+
+def _with_common_errors(problem: Problem, theta: Array) -> Problem:
+    """The problem with what a clamp's edge and springs do to its modes, at the best joint once more with these."""
+    if not any(isinstance(test.noise, ModelErrorNoise) for test in problem.tests):
+        return problem
+    for _ in range(_PASSES):
+        theta, _ = refine_where_possible(problem.log_posterior, theta)
+        problem = with_common_errors(problem, theta)
+    return problem
+
+
+def _carried_over(problem: Problem, theta: Array, other: Problem) -> Array:
+    """The same joint as a point of another problem of it; what is uncertain there alone at the middle of its prior."""
+    known, moved = dict(zip(problem.names, theta, strict=True)), other.prior.mean.copy()
+    for place, name in enumerate(other.names):
+        moved[place] = known.get(name, moved[place])
+    return moved
 
 
 def why_by_modes(sizes: ErrorSizes, used: Sequence[UsedMode], checked: Callable[[], Sequence[PredictiveCheck]]) -> str:

@@ -25,6 +25,8 @@ from jointbayes.posterior.storage import to_arviz
 from jointbayes.posterior.summary_tables import value_rows
 
 _KERNEL_DRAWS = 4000
+#: Quantities that move all modes alike.
+_OF_ALL_MODES = ("youngs_modulus", "density", "length", "length_offset")
 _SIZES, _STREAM = 8000, 7  # draws that the size of the model's error is told from, and their random numbers
 _INTERVAL = "95 % credible interval"  # not what a summary prints, where the likelihood may move an end
 _MOST_SHOWN = 9  # quantities, where a posterior is printed
@@ -240,10 +242,20 @@ class PosteriorDraws:
         if law is None:
             return None
         rng, theta = np.random.default_rng([self.record.seed, _STREAM]), self.thinned(_SIZES)
-        size = likelihood.draw_error_size(law, prior.matrix(theta), prior.factors(theta), rng)
-        assert size is not None
-        low, middle, high = np.quantile(size, [0.025, 0.5, 0.975]).tolist()
-        return InferredError(middle, low, high, law.frequency)
+        matrices, factors = prior.matrix(theta), prior.factors(theta)
+        sizes = likelihood.draw_error_size(law, matrices, factors, rng)
+        assert sizes is not None
+        low, middle, high = np.quantile(sizes[:, 0], [0.025, 0.5, 0.975]).tolist()
+        away = (self.theta.reshape(-1, len(prior.names)).mean(axis=0) - prior.mean) / prior.sd
+        shifts = {
+            nuisance.name: float(shift)
+            for nuisance, shift in zip(prior.nuisances, away[len(prior.marginals) :], strict=True)
+            if nuisance.name.rpartition(".")[2] in _OF_ALL_MODES
+        }
+        edges = likelihood.shift_of_edges(law, matrices, factors).mean(axis=0)
+        if edges.size:
+            shifts["edge"] = float(max(edges, key=abs))
+        return InferredError(middle, low, high, law.frequency, float(np.median(sizes[:, 1])), shifts)
 
     @cached_property
     def mesh(self) -> MeshCheck | None:

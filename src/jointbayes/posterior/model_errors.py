@@ -1,7 +1,7 @@
 """What errors of the model do to a result: its elements beside much richer ones, and the noise of measured bodies."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -36,45 +36,102 @@ NOT_RECIPROCAL = 2.0
 #: Errors of natural frequencies, as fractions, up to which a model is as good as models usually are, and up to which it
 #: may be one of the structure at all, see docs/noise.md; of a model that is stated to be worse, in its own measure.
 USUAL_ERROR, LARGEST_ERROR = 0.01, 0.03
+#: The same of what springs to ground that are not modelled do to the lowest frequency, and of the shifts of length,
+#: modulus, density and clamp's edge, in standard deviations of their priors.
+USUAL_SPRING, LARGEST_SPRING = 0.02, 0.10
+USUAL_SHIFT, LARGEST_SHIFT = 1.5, 2.0
 NEGLIGIBLE_ERROR = 1e-4  # which no test can tell from none
 
 ErrorGrade = Literal["negligible", "usual", "large", "impossible"]
+#: What to look at where natural frequencies are off by more than usual.
+DOUBTS = "length, modulus, the place of the clamp's edge, and the numbers of the modes"
 
 
 @dataclass(frozen=True, slots=True)
 class InferredError:
-    """The model's error in a natural frequency, as a fraction, as the data show it.
+    """The model's error in natural frequencies, as fractions, as the data show it.
 
     Parameters
     ----------
     median, low, high
-        Of its posterior: the middle, and the ends of the 95 % interval.
+        Of the posterior of an error in each mode for itself: the middle, and the ends of the 95 % interval.
     stated
         Median of its prior.
+    spring
+        Posterior median of what springs to ground that are not modelled do to the lowest frequency.
+    shifts
+        By how many standard deviations of their priors what moves all modes alike is off, by the name of the quantity,
+        ``"edge"`` of the place of a clamp's.
     """
 
     median: float
     low: float
     high: float
     stated: float
+    spring: float = 0.0
+    shifts: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def grade(self) -> ErrorGrade:
-        """How good such a model is: residuals are small beside any error that is inferred."""
-        if self.high < NEGLIGIBLE_ERROR:
-            return "negligible"
-        if self.median <= max(USUAL_ERROR, self.stated):
-            return "usual"
-        return "large" if self.median <= max(LARGEST_ERROR, 3 * self.stated) else "impossible"
+        """How good such a model is: residuals are small beside any error that is inferred. The worst of three."""
+        shift = max(map(abs, self.shifts.values()), default=0.0)
+        ends = (
+            (self.median, max(USUAL_ERROR, self.stated), max(LARGEST_ERROR, 3 * self.stated)),
+            (self.spring, USUAL_SPRING, LARGEST_SPRING),
+            (shift, USUAL_SHIFT, LARGEST_SHIFT),
+        )
+        if any(size > largest for size, _, largest in ends):
+            return "impossible"
+        if any(size > usual for size, usual, _ in ends):
+            return "large"
+        return "negligible" if self.high < NEGLIGIBLE_ERROR else "usual"
 
     @property
     def words(self) -> str:
         """Such as ``"about 0.3 % (up to 0.9 %)"``."""
         return f"about {number(100 * self.median, 2)} % (up to {number(100 * self.high, 2)} %)"
 
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What is more than usual, in phrases; empty where nothing is."""
+        found = []
+        if self.median > max(USUAL_ERROR, self.stated):
+            found.append(f"natural frequencies are off by {self.words}, each for itself")
+        if self.spring > USUAL_SPRING:
+            found.append(
+                f"something moves the lowest frequency by about {number(100 * self.spring, 2)} % as an unmodelled "
+                "spring or a joint that softens does"
+            )
+        name, shift = max(self.shifts.items(), key=lambda item: abs(item[1]), default=("", 0.0))
+        if abs(shift) > USUAL_SHIFT:
+            found.append(f"the {_in_words(name)} is off by {number(abs(shift), 2)} times its uncertainty")
+        return tuple(found)
+
+    @property
+    def causes(self) -> str:
+        """What to look at where anything is more than usual."""
+        looks = []
+        if self.spring > USUAL_SPRING:
+            looks.append("for a cable, a support or a joint that softens with level")
+        if self.median > max(USUAL_ERROR, self.stated) or any(abs(s) > USUAL_SHIFT for s in self.shifts.values()):
+            looks.append(DOUBTS)
+        return f"Look {' and at '.join(looks)}." if looks[:1] != [DOUBTS] else f"Check {DOUBTS}."
+
     def as_json(self) -> dict[str, Any]:
         """What ``model_error`` of ``summary.json`` holds."""
-        return {"median": self.median, "interval95": [self.low, self.high], "grade": self.grade}
+        return {
+            "median": self.median,
+            "interval95": [self.low, self.high],
+            "spring": self.spring,
+            "shifts": dict(self.shifts),
+            "grade": self.grade,
+        }
+
+
+def _in_words(quantity: str) -> str:
+    own, _, name = quantity.rpartition(".")
+    words = {"youngs_modulus": "Young's modulus", "edge": "place of the clamp's edge"}.get(name, name.replace("_", " "))
+    return f"{words} of {own}" if own else words
 
 
 @dataclass(frozen=True, slots=True)

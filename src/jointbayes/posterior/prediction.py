@@ -165,7 +165,7 @@ def _errors_of_size_shown(
     noise, prior = part.log_posterior.likelihood.noise, problem.prior
     likelihood, law = problem.log_posterior.likelihood, noise.shares
     size = None if law is None else likelihood.draw_error_size(law, prior.matrix(theta), prior.factors(theta), rng)
-    return None if size is None else noise.draw(rng, size[:, None], part.log_posterior.likelihood.n_data, 1)
+    return None if size is None else noise.draw(rng, size, part.log_posterior.likelihood.n_data, 1)
 
 
 def replicate(problem: Problem, part: Problem, theta: Array, rng: np.random.Generator) -> NDArray[Any]:

@@ -110,7 +110,7 @@ def reasons_for_no_verdict(posterior: PosteriorDraws) -> tuple[str, ...]:
         misfit = misfit if level == "above" else "the misfit follows a pattern along frequency"
         reasons.append(f"the model does not explain the measured data: {misfit}")
     if posterior.model_error is not None and posterior.model_error.grade == "impossible":
-        reasons.append(f"the model misses the natural frequencies by {posterior.model_error.words}")
+        reasons.append(f"the model is none of this structure: {' and '.join(posterior.model_error.findings)}")
     return tuple(reasons)
 
 

@@ -208,14 +208,21 @@ _OF_EACH = "as a fraction of it, a number above 0"
 _ERROR_FACTOR = Field(gt=1, description="the factor by which that may be wrong, a number above 1", examples=[3.0])
 
 
+_EDGE_ERROR = "the error of the place of a clamp's edge as a fraction of the overhang"
+_SPRING_ERROR = "the usual effect on the lowest frequency of springs to ground that are not modelled, as a fraction"
+
+
 class ModelErrorSpec(Spec):
-    """Errors of the model in each mode, shared by tests of one structure; that of frequencies is a parameter."""
+    """Errors of the model in modes, shared by tests of one structure; those of frequencies and springs are unknown."""
 
     frequency_error: Annotated[float, positive(f"the usual error of a frequency {_OF_EACH}", 0.003)] = 0.003
     error_factor: Annotated[float, _ERROR_FACTOR] = 3.0
     damping_error: Annotated[float, positive(f"the error of a damping ratio {_OF_EACH}", 0.3)] = 0.3
     shape_error: Annotated[float, positive("the error of a component of a shape, 1 at its reference", 0.05)] = 0.05
     constant_error: Annotated[float, positive(f"the error of a modal constant {_OF_EACH}", 0.1)] = 0.1
+    edge_error: Annotated[float, not_negative(_EDGE_ERROR, 0.01)] = 0.01
+    spring_error: Annotated[float, not_negative(_SPRING_ERROR, 0.003)] = 0.003
+    spring_factor: Annotated[float, _ERROR_FACTOR] = 10.0
 
 
 _RESIDUALS = key_field('"complex" (H itself) or "log_magnitude" (ln |H|, without the phase)', "complex")
@@ -230,7 +237,7 @@ _SCALE_LOW = Field(
 )
 _SCALE_HIGH = Field(ge=1, description="the largest factor on the noise, a number of at least 1", examples=[10.0])
 _MODEL_ERROR = Field(
-    description="errors of the model in modes: frequency_error, error_factor, those of damping, shapes and constants"
+    description="errors of the model in modes: of each for itself, of a clamp's edge, of springs that are not modelled"
 )
 
 

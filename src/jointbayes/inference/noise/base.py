@@ -42,11 +42,16 @@ class ErrorSizes:
         Of a component of a mode shape, which is 1 at the reference.
     constant
         Of a modal constant, as a fraction of it.
+    edge
+        Of the place where a clamp's edge holds, as a fraction of the overhang: one for all modes; 0 leaves it out.
+    spring, spring_factor
+        Of what a spring to ground anywhere does to the lowest natural frequency, as a fraction of it, with a
+        log-normal prior: the median, and the factor by which it may be larger or smaller; a median of 0 leaves it out.
 
     Raises
     ------
     ModelError
-        If one is not a finite number above zero, or the factor not above 1.
+        If one is not a finite number above zero, edge and spring not below it, or a factor not above 1.
     """
 
     frequency: float = 0.003
@@ -54,11 +59,18 @@ class ErrorSizes:
     damping: float = 0.3
     shape: float = 0.05
     constant: float = 0.1
+    edge: float = 0.01
+    spring: float = 0.003
+    spring_factor: float = 10.0
 
     def __post_init__(self) -> None:
         for name in ("frequency", "damping", "shape", "constant"):
             check_positive("model error", name, getattr(self, name))
-        check_positive("model error", "factor above 1, less 1,", self.factor - 1)
+        for name in ("edge", "spring"):
+            if getattr(self, name):
+                check_positive("model error", f"{name}, which may be 0,", getattr(self, name))
+        for name in ("factor", "spring_factor"):
+            check_positive("model error", f"{name} above 1, less 1,", getattr(self, name) - 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,8 +211,12 @@ class NoiseModel(ABC):
         raise NotImplementedError
 
     def draw_size(self, rng: np.random.Generator, z: Residuals) -> Array:
-        """Size of the errors that `shares` is about, shape (n,), drawn given residuals (n, lines, pairs)."""
+        """Sizes of the errors that `shares` is about, shape (n, q), drawn given residuals (n, lines, pairs)."""
         raise NotImplementedError
+
+    def shift_of_edges(self, z: Residuals) -> Array:
+        """Mean of the place of each clamp's edge given residuals, in its standard deviations, shape (n, edges)."""
+        return np.empty((len(z), 0))
 
     def fitted_to(self, data: FrfData, parts: int) -> Self:
         """The same law for the lines and values of another measurement, with residuals of so many parts."""

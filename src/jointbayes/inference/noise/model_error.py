@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar, Self
 
@@ -21,9 +21,9 @@ from jointbayes.inference.noise.base import (
 from jointbayes.inference.prior import Nuisance
 from jointbayes.measurement import Data, ModalData
 
-#: Sizes of the error of a frequency over which is integrated, in standard deviations of the prior of its logarithm:
-#: of a factor of 3 the steps are small beside what twenty frequencies leave open of the size.
-_NODES = np.linspace(-5.0, 5.0, 41)
+#: Sizes over which is integrated, in standard deviations of the prior of their logarithm: of a factor of 3 the steps
+#: are small beside what twenty frequencies leave open of the size; a spring's effect shows to a factor at best.
+_NODES, _SPRING_NODES = np.linspace(-5.0, 5.0, 41), np.linspace(-3.0, 3.0, 19)
 
 
 def noise_of(sizes: ErrorSizes, data: ModalData) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
@@ -35,13 +35,15 @@ def noise_of(sizes: ErrorSizes, data: ModalData) -> tuple[NoiseModel, tuple[Nuis
 class ModelErrorNoise(NoiseModel):
     """The stated errors of measured modes, and an error of the model in each value that repeats in every test.
 
-    With r the residuals over their standard deviations, E r rᵀ = 1 + Σ_k a_k a_kᵀ. Here k runs over the frequencies,
-    antiresonances, damping ratios, components of shapes and modal constants, and a_k holds the size of the model's
-    error in k, over the standard deviation, at each place where k was measured: in repetitions, or in several tests of
-    one structure. That of a frequency, also of an antiresonance, is s times it, with s unknown; the others are of known
-    size. What an error does to several tests alike is no evidence of a change of the joint between them. All is in
-    closed form: the covariance is turned once, so that it is diagonal for every s, and the density is the mean over the
-    log-normal prior of s. Sampled, s and the residuals would make a funnel where there are as many stiffnesses as
+    With r the residuals over their standard deviations, E r rᵀ = 1 + Σ_k a_k a_kᵀ + e eᵀ + a² B Bᵀ. Here k runs over
+    the frequencies, antiresonances, damping ratios, components of shapes and modal constants, and a_k holds the size of
+    the model's error in k, over the standard deviation, at each place where k was measured: in repetitions, or in
+    several tests of one structure. That of a frequency, also of an antiresonance, is s times it, with s unknown; the
+    others are of known size. e is what a clamp's edge does that is not where it is modelled, B Bᵀ what springs to
+    ground do that nobody modelled, of unknown size a: see `jointbayes.inference.common_errors`. What an error does to
+    several tests alike is no evidence of a change of the joint between them. All is in closed form: for each a the
+    covariance is turned once, so that it is diagonal for every s, and the density is the mean over the log-normal
+    priors of s and a. Sampled, they and the residuals would make a funnel where there are as many stiffnesses as
     frequencies.
 
     Parameters
@@ -54,6 +56,13 @@ class ModelErrorNoise(NoiseModel):
         What the errors are fractions of, over the standard deviations: values, of eigenvalues twice, of shapes 1; (m,).
     sizes
         Of the errors.
+    edges
+        What one standard deviation of the place of each clamp's edge does to the residuals, shape (m, edges); by
+        default there is none.
+    springs
+        What springs do to them that move the lowest frequency, together, by its value, shape (m, places).
+    clamp
+        Which clamp the edge is that of: tests of one clamp have one.
 
     References
     ----------
@@ -65,6 +74,9 @@ class ModelErrorNoise(NoiseModel):
     quantity: tuple[str, ...]
     relative: Array
     sizes: ErrorSizes
+    edges: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    springs: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    clamp: str = ""
 
     names: ClassVar[tuple[str, ...]] = ()
     takes_white_residuals: ClassVar[bool] = False
@@ -72,6 +84,9 @@ class ModelErrorNoise(NoiseModel):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "relative", read_only(self.relative))
+        for name in ("edges", "springs"):
+            given = np.asarray(getattr(self, name))
+            object.__setattr__(self, name, read_only(given if given.size else np.zeros((len(self.relative), 0))))
 
     @classmethod
     def of(cls, data: ModalData, sizes: ErrorSizes) -> Self:
@@ -84,7 +99,7 @@ class ModelErrorNoise(NoiseModel):
         return cls(1, names, unit / data.sd, sizes)
 
     def fitted_to(self, data: Data, parts: int) -> Self:
-        """The same law for the values of another measurement."""
+        """The same law for the values of another measurement, without what edge and springs do to these."""
         if data.modes is None:
             raise ModelError(f"model error of modes: found {data.words}; expected modes")
         return type(self).of(data.modes, self.sizes)
@@ -96,77 +111,141 @@ class ModelErrorNoise(NoiseModel):
 
     def shared(self, noises: "Sequence[ModelErrorNoise]", bodies: Sequence[int]) -> "ModelErrorNoise":
         """The model of several tests, one after the other, with one size s; errors are those of one body."""
-        pairs = zip(noises, bodies, strict=True)
-        quantity = tuple(f"{name} of body {body}" for noise, body in pairs for name in noise.quantity)
-        return replace(self, quantity=quantity, relative=np.concatenate([noise.relative for noise in noises]))
+        pairs = list(zip(noises, bodies, strict=True))
+        clamps = [next(other.clamp or str(of) for other, of in pairs if of == body) for _, body in pairs]
+        return replace(
+            self,
+            quantity=tuple(f"{name} of body {body}" for noise, body in pairs for name in noise.quantity),
+            relative=np.concatenate([noise.relative for noise in noises]),
+            edges=_side_by_side([noise.edges for noise in noises], clamps),
+            springs=_side_by_side([noise.springs for noise in noises], bodies),
+        )
 
     @cached_property
-    def _turned(self) -> tuple[Array, Array, float]:
-        """W (m, m), g (m,) and ln det W with W (1 + F + s² G) Wᵀ = 1 + s² diag(g), of the errors F of known size."""
+    def _known(self) -> Array:
+        """Size of the error of each value that is known, shape (m,); 0 of those that are s."""
+        known = {"damping": self.sizes.damping, "shape": self.sizes.shape, "constant": self.sizes.constant}
+        return np.array([known.get(name.split()[0], 0.0) for name in self.quantity])
+
+    @cached_property
+    def _spring_sizes(self) -> tuple[Array, Array]:
+        """Sizes a and ln of their prior weights, shape (A,): 0 alone where there is no spring."""
+        if not self.springs.any():
+            return np.zeros(1), np.zeros(1)
+        weight = np.exp(-0.5 * _SPRING_NODES**2)
+        return self.sizes.spring * self.sizes.spring_factor**_SPRING_NODES, np.log(weight / weight.sum())
+
+    @cached_property
+    def _turned(self) -> tuple[Array, Array, Array]:
+        """W (A, m, m), g (A, m) and ln det W (A,) of each a, with W (1 + F + s² G) Wᵀ = 1 + s² diag(g).
+
+        F are the errors of known size, with that a.
+        """
         same = np.equal.outer(self.quantity, self.quantity)
         repeated = np.where(same, np.outer(self.relative, self.relative), 0.0)
-        known = {"damping": self.sizes.damping, "shape": self.sizes.shape, "constant": self.sizes.constant}
-        size = np.array([known.get(name.split()[0], 0.0) for name in self.quantity])
-        lower = np.linalg.cholesky(np.eye(len(same)) + np.outer(size, size) * repeated)
-        inverse = np.linalg.inv(lower)
-        frequency = size == 0
-        growth, turn = np.linalg.eigh(inverse @ (np.outer(frequency, frequency) * repeated) @ inverse.T)
-        return turn.T @ inverse, np.maximum(growth, 0.0), -float(np.log(np.diag(lower)).sum())
+        known = np.eye(len(same)) + np.outer(self._known, self._known) * repeated + self.edges @ self.edges.T
+        size = self._spring_sizes[0][:, None, None]
+        lower = np.linalg.cholesky(known + size**2 * (self.springs @ self.springs.T))
+        inverse, frequency = np.linalg.inv(lower), self._known == 0
+        of_frequencies = np.outer(frequency, frequency) * repeated
+        growth, turn = np.linalg.eigh(inverse @ of_frequencies @ inverse.swapaxes(1, 2))
+        log_det = -np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
+        return turn.swapaxes(1, 2) @ inverse, np.maximum(growth, 0.0), log_det
 
     @cached_property
     def _by_node(self) -> tuple[Array, Array]:
-        """Of each s the precision of turned residuals (k, m), and ln of prior weight and peak density (k,)."""
+        """Of each a and s the precision of turned residuals (A, k, m), and ln of prior weight and peak (A, k)."""
         size = self.sizes.frequency * self.sizes.factor**_NODES
-        variance = 1.0 + size[:, None] ** 2 * self._turned[1]
+        variance = 1.0 + size[:, None] ** 2 * self._turned[1][:, None, :]
         weight = np.exp(-0.5 * _NODES**2)
-        return 1 / variance, np.log(weight / weight.sum()) - 0.5 * np.log(variance).sum(axis=1)
+        log_weight = np.log(weight / weight.sum()) + (self._spring_sizes[1] + self._turned[2])[:, None]
+        return 1 / variance, log_weight - 0.5 * np.log(variance).sum(axis=2)
 
-    def _by_size(self, z: Residuals) -> tuple[Array, Array]:
-        """Turned residuals (n, m), and ln of prior times likelihood of each size s, (n, k)."""
-        turned = z[:, :, 0] @ self._turned[0].T
+    def _by_size(self, z: Residuals) -> Array:
+        """Logarithm of prior times likelihood of each pair of sizes, shape (n, A, k)."""
+        turned = z[:, :, 0] @ self._turned[0].swapaxes(1, 2)
         precision, peak = self._by_node
-        return turned, peak - turned**2 @ precision.T
+        return np.moveaxis(peak[:, None, :] - turned**2 @ precision.swapaxes(1, 2), 0, 1)
 
     def log_likelihood(self, z: Residuals, hyper: ArrayLike) -> Array:
         """ln L (n,) of residuals (n, m, 1), without the constant; −inf where a residual is not finite."""
         with np.errstate(all="ignore"):
-            _, by_size = self._by_size(z)
+            by_size = self._by_size(z).reshape(len(z), self._by_node[1].size)
             most = by_size.max(axis=1)
-            return finite_or_impossible(self._turned[2] + most + np.log(np.exp(by_size - most[:, None]).sum(axis=1)))
+            return finite_or_impossible(most + np.log(np.exp(by_size - most[:, None]).sum(axis=1)))
 
-    def _given(self, z: Residuals) -> tuple[Array, Array]:
-        """Turned residuals (n, m), and the probability of each size s given them, (n, k)."""
-        with np.errstate(invalid="ignore"):
-            turned, by_size = self._by_size(z)
-            share = np.exp(by_size - by_size.max(axis=1, keepdims=True))
-            return turned, share / share.sum(axis=1, keepdims=True)
+    def _given(self, z: Residuals) -> Array:
+        """The probability of each pair of sizes given residuals, shape (n, A, k); that of the prior if not finite."""
+        by_size = self._by_size(np.where(np.isfinite(z).all(axis=(1, 2), keepdims=True), z, 0.0))
+        share = np.exp(by_size - by_size.max(axis=(1, 2), keepdims=True))
+        return np.asarray(share / share.sum(axis=(1, 2), keepdims=True))
+
+    def _precision(self, share: Array) -> Array:
+        """Mean precision of residuals over the sizes that all of them leave, shape (n, m, m)."""
+        of_turned = np.einsum("nak,aki->nai", share, self._by_node[0])
+        turn = self._turned[0]
+        return np.asarray(np.einsum("nai,aip,aiq->npq", of_turned, turn, turn, optimize=True))
 
     def scores(self, z: Residuals, hyper: ArrayLike) -> Residuals:
-        """Turned residuals, each times the root of its mean precision over the sizes s that all of them leave."""
-        turned, share = self._given(z)
-        return (turned * np.sqrt(share @ self._by_node[0]))[:, :, None]
+        """Residuals turned by a root of their mean precision over the sizes that all of them leave."""
+        return np.asarray(np.einsum("npq,np->nq", self._root(self._given(z)), z[:, :, 0])[:, :, None])
 
     def whiten(self, z: Residuals, hyper: ArrayLike) -> Residuals:
         """Residuals and their derivatives (k, m, 1) by the precision of the former: ∇ ln L is then −Jᵀe."""
-        _, share = self._given(z[:1])
-        return (z[:, :, 0] @ self._turned[0].T * np.sqrt(share @ self._by_node[0]))[:, :, None]
+        (root,) = self._root(self._given(z[:1]))
+        return np.asarray((z[:, :, 0] @ root)[:, :, None])
+
+    def _root(self, share: Array) -> Array:
+        """R (n, m, m) with R Rᵀ the mean precision: of turned residuals, which without springs are independent."""
+        turn = self._turned[0][len(self._turned[0]) // 2]
+        back = np.linalg.inv(turn)
+        return np.asarray(turn.T @ np.linalg.cholesky(back.T @ self._precision(share) @ back))
 
     def draw(self, rng: np.random.Generator, hyper: ArrayLike, lines: int, pairs: int) -> Residuals:
-        """Replicated residuals, shape (n, m, 1), one for each row of `hyper`: (n, 1) of that size, (n, 0) of any."""
-        size = np.atleast_2d(np.asarray(hyper, dtype=float))
-        if not size.shape[1]:
-            size = self.sizes.frequency * self.sizes.factor ** rng.standard_normal((len(size), 1))
-        turned = math.sqrt(0.5) * rng.standard_normal((len(size), lines)) * np.sqrt(1.0 + size**2 * self._turned[1])
-        return np.linalg.solve(self._turned[0], turned.T).T[:, :, None]
+        """Replicated residuals, shape (n, m, 1), one for each row of `hyper`: (n, 2) of these sizes, (n, 0) of any."""
+        sizes = np.atleast_2d(np.asarray(hyper, dtype=float))
+        n = len(sizes)
+        if not sizes.shape[1]:
+            medians, factors = (self.sizes.frequency, self.sizes.spring), (self.sizes.factor, self.sizes.spring_factor)
+            sizes = np.array(medians) * np.array(factors) ** rng.standard_normal((n, 2))
+        each, place = np.unique(self.quantity, return_inverse=True)
+        own = np.where(self._known > 0, self._known, sizes[:, :1]) * self.relative
+        errors = rng.standard_normal((n, lines)) + own * rng.standard_normal((n, len(each)))[:, place]
+        errors += rng.standard_normal((n, self.edges.shape[1])) @ self.edges.T
+        errors += sizes[:, 1:] * (rng.standard_normal((n, self.springs.shape[1])) @ self.springs.T)
+        return math.sqrt(0.5) * errors[:, :, None]
 
     def draw_size(self, rng: np.random.Generator, z: Residuals) -> Array:
-        """Size s of the error of a frequency, as a fraction, shape (n,), drawn given each of residuals (n, m, 1)."""
-        _, share = self._given(z)
-        node = (share.cumsum(axis=1) < rng.random((len(share), 1))).sum(axis=1).clip(max=len(_NODES) - 1)
-        within = (_NODES[1] - _NODES[0]) * (rng.random(len(share)) - 0.5)
-        return np.asarray(self.sizes.frequency * self.sizes.factor ** (_NODES[node] + within))
+        """Sizes s of the error of a frequency and a of springs, as fractions, (n, 2), given residuals (n, m, 1)."""
+        share = self._given(z)
+        flat = share.reshape(len(share), share.shape[1] * share.shape[2])
+        node = (flat.cumsum(axis=1) < rng.random((len(flat), 1))).sum(axis=1).clip(max=flat.shape[1] - 1)
+        spring, frequency = np.divmod(node, len(_NODES))
+        within = (_NODES[1] - _NODES[0]) * (rng.random(len(flat)) - 0.5)
+        sizes = self.sizes.frequency * self.sizes.factor ** (_NODES[frequency] + within)
+        between = (_SPRING_NODES[1] - _SPRING_NODES[0]) * (rng.random(len(flat)) - 0.5)
+        return np.column_stack([sizes, self._spring_sizes[0][spring] * self.sizes.spring_factor**between])
+
+    def shift_of_edges(self, z: Residuals) -> Array:
+        """Mean of the place of each clamp's edge given residuals (n, m, 1), in its standard deviations, (n, edges)."""
+        residuals = math.sqrt(2) * z[:, :, 0]  # z = r/(√2 sd)
+        return np.asarray(np.einsum("npq,np,qe->ne", self._precision(self._given(z)), residuals, self.edges))
 
     def words(self, values: Mapping[str, float], z: Residuals) -> tuple[str, ...]:
         """The size of the error that residuals at draws show, in a sentence."""
-        size = np.median(self.draw_size(np.random.default_rng(0), z))
+        size = np.median(self.draw_size(np.random.default_rng(0), z)[:, 0])
         return (f"The model's error in a natural frequency was inferred as {100 * size:.2g} %.",)
+
+
+def _side_by_side(blocks: Sequence[Array], owners: Sequence[object]) -> Array:
+    """Columns of several tests, one below the other; those of one owner are one effect, others stand beside it."""
+    columns = dict.fromkeys(owner for owner, block in zip(owners, blocks, strict=True) if block.shape[1])
+    width = {o: max(b.shape[1] for other, b in zip(owners, blocks, strict=True) if other == o) for o in columns}
+    first = dict(zip(columns, np.cumsum([0, *width.values()]).tolist(), strict=False))
+    whole = np.zeros((sum(map(len, blocks)), sum(width.values())))
+    row = 0
+    for owner, block in zip(owners, blocks, strict=True):
+        if block.shape[1]:
+            whole[row : row + len(block), first[owner] : first[owner] + block.shape[1]] = block
+        row += len(block)
+    return whole

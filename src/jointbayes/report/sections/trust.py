@@ -10,9 +10,6 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Light, Lights
 
-#: What to look at where natural frequencies are off by more than usual.
-DOUBTS = "length, modulus, the place of the clamp's edge, and the numbers of the modes"
-
 
 def lights_of(inputs: ReportInputs) -> Lights:
     """Calculation, model and data."""
@@ -55,14 +52,15 @@ def _model(inputs: ReportInputs) -> Light:
 
 def _by_its_error(error: InferredError, of_all: str) -> Light:
     """Of a model whose error was inferred its size says how good it is: residuals are small beside any such size."""
-    off, cause = f"natural frequencies are off by {error.words}", f"Check {DOUBTS}."
     if error.grade == "negligible":
         return Light("Model", "good", f"Explains the modes{of_all}.")
     if error.grade == "usual":
-        return Light("Model", "good", f"Explains the modes{of_all}. Its {off}, as is usual.")
+        text = f"Explains the modes{of_all}. Its natural frequencies are off by {error.words}, as is usual."
+        return Light("Model", "good", text)
+    found = " and ".join(error.findings)
     if error.grade == "large":
-        return Light("Model", "caution", f"Its {off}, more than usual. {cause}")
-    return Light("Model", "bad", f"Its {off}: it is no model of this structure. {cause}")
+        return Light("Model", "caution", f"More than usual: {found}. {error.causes}")
+    return Light("Model", "bad", f"It is no model of this structure: {found}. {error.causes}")
 
 
 def worst_setup(summary: Summary) -> SetupSummary:

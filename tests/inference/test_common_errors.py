@@ -1,0 +1,152 @@
+"""What a clamp's edge and springs do to all modes: against a longer beam, a real spring and dense normal densities."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+import jointbayes as jb
+from jointbayes.case.case import case_from_text
+from jointbayes.inference import ErrorSizes, ModelErrorNoise
+from jointbayes.inference.common_errors import with_common_errors
+from jointbayes.joint import Joints
+from jointbayes.measurement import Antiresonances, FrequencyData, ModeData, Observed
+
+STIFFNESS = np.array([2e7, 3e4])
+LENGTH = 0.3
+BEAM = """
+title = "A beam of 300 mm"
+structure = { length_mm = LENGTH, section = { shape = "rectangle", width_mm = 30.0, height_mm = 16.0 }, \
+youngs_modulus_gpa = 210.0, density_kg_m3 = 7850.0, damping = { law = "modal", ratio = 0.01 } }
+joint = { kind = "springs", dofs = ["1:y", "1:rz"] }
+prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e9 }
+prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e6 }
+uncertain.length.sd_percent = 0.5
+noise.model_error = {}
+data = { kind = "natural_frequencies", frequencies_hz = [100.0, 500.0, 1500.0], sd_relative = 0.0001 }
+"""
+
+
+def problem_of(length=LENGTH, data=None, **sizes):
+    problem = case_from_text("beam", BEAM.replace("LENGTH", f"{1000 * length:g}")).problem
+    data = problem.test.data if data is None else data
+    return problem.with_test(data=data, noise=ModelErrorNoise.of(data, ErrorSizes(**sizes)))
+
+
+def modes_and_zeros(numbers=(1, 2, 4)):
+    """Modes but the third, and two antiresonances of the tip, near those of the beam."""
+    hz = 100.0 * np.array(numbers) ** 2
+    zeros = Antiresonances(("11:y", "11:y"), Observed(np.array([300.0, 900.0]), np.array([0.1, 0.2])), (1, 2))
+    return ModeData(Observed(hz, 1e-4 * hz), numbers=numbers, zeros=zeros)
+
+
+def theta_of(problem):
+    return np.concatenate([np.log(STIFFNESS), problem.prior.mean[2:]])
+
+
+def log_values(problem, theta):
+    return np.log(problem.log_posterior.predicted(theta)[0])
+
+
+@pytest.mark.parametrize("data", [None, modes_and_zeros()])
+def test_the_edge_does_what_a_longer_overhang_does(data):
+    problem = problem_of(data=data)
+    found = with_common_errors(problem, theta_of(problem)).test.noise
+    longer, shorter = (log_values(other, theta_of(other)) for other in map(problem_of, (0.3003, 0.2997), [data] * 2))
+    by_length = 0.01 * (longer - shorter) / 0.002
+    predicted_over_sd = problem.log_posterior.predicted(theta_of(problem))[0] / problem.test.data.sd
+    assert found.edges[:, 0] / predicted_over_sd == pytest.approx(by_length, rel=2e-3)
+
+
+@pytest.mark.parametrize("data", [None, modes_and_zeros()])
+def test_springs_do_what_a_real_one_does(data):
+    problem = problem_of(data=data)
+    theta = theta_of(problem)
+    found = with_common_errors(problem, theta).test.noise
+    of_springs = found.springs / found.relative[:, None]
+    assert (of_springs[0] ** 2).sum() == pytest.approx(1.0)  # a is what all of them do to the lowest frequency
+
+    spring, beam = 10.0, problem.test.structures
+    joints = Joints((jb.Joint(("1:y", "1:rz"), name="clamp"), jb.Joint(("11:y",), name="spring")))
+    matrices = np.zeros((2, 3, 3))
+    matrices[:, [0, 1], [0, 1]] = STIFFNESS
+    matrices[1, 2, 2] = spring
+    numbers = max(problem.test.data.numbers)
+    model = jb.frf.NaturalFrequencies(beam, joints, numbers)
+    without, on_spring = np.log(model.frequency_hz(matrices, np.ones((2, 1))))
+    change = (on_spring - without)[np.array(problem.test.data.numbers) - 1]
+    tip = of_springs[: len(change), -1]  # places are in order, and the tip is the last
+    assert tip / tip[0] == pytest.approx(change / change[0], rel=1e-3)
+    assert np.abs(of_springs[len(change) :, -1]).max(initial=0.0) == pytest.approx(0.0, abs=1e-6)  # held there
+
+
+def test_neither_is_there_where_it_is_left_out_or_there_is_no_clamp():
+    problem = problem_of(edge=0.0, spring=0.0)
+    noise = with_common_errors(problem, theta_of(problem)).test.noise
+    assert noise.edges.shape == noise.springs.shape == (3, 0)
+    middle = problem_of()
+    middle = middle.with_test(joints=jb.Joint(("6:y", "6:rz")))  # held in the middle it has two overhangs
+    assert with_common_errors(middle, theta_of(middle)).test.noise.edges.shape == (3, 0)
+
+
+def test_a_clamp_of_two_overhangs_has_one_edge_in_mm():
+    one = problem_of()
+    tests = [replace(problem_of(length).test, name=f"{1000 * length:g}") for length in (0.3, 0.2)]
+    both = with_common_errors(replace(one, tests=tuple(tests)), theta_of(one))
+    first, second = (test.noise for test in both.tests)
+    alone = [with_common_errors(problem, theta_of(problem)).test.noise for problem in (one, problem_of(0.2))]
+    assert first.edges == pytest.approx(alone[0].edges * 0.25 / 0.3)  # 1 % of their mean, 2.5 mm
+    assert second.edges == pytest.approx(alone[1].edges * 0.25 / 0.2)
+    (group,) = both.log_posterior.likelihood.sharing
+    assert group.noise.edges[:, 0] == pytest.approx(np.concatenate([first.edges[:, 0], second.edges[:, 0]]))
+    assert group.noise.springs.shape == (6, 2 * first.springs.shape[1])  # a spring of each rig
+
+
+SIZES = ErrorSizes(frequency=0.004, factor=2.0, edge=0.01, spring=0.01, spring_factor=3.0)
+DATA = FrequencyData([11.9, 30.8, 70.0], [0.05, 0.1, 0.2])
+EDGES, SPRINGS = np.array([[-4.0], [-5.0], [-7.0]]), np.array([[300.0, 20.0], [60.0, 150.0], [10.0, 30.0]])
+
+
+def dense(noise, s, a):
+    size = s * noise.relative
+    return np.eye(3) + np.diag(size**2) + noise.edges @ noise.edges.T + a**2 * noise.springs @ noise.springs.T
+
+
+def test_the_density_is_the_mean_of_dense_normal_ones_over_both_sizes():
+    noise = replace(ModelErrorNoise.of(DATA, SIZES), edges=EDGES, springs=SPRINGS)
+    for residual in ([0.5, -1.0, 0.3], [9.0, 3.0, -2.0], [-12.0, -16.0, -20.0]):
+
+        def density(v, u, residual=residual):
+            covariance = dense(noise, SIZES.frequency * SIZES.factor**u, SIZES.spring * SIZES.spring_factor**v)
+            value = stats.multivariate_normal(cov=covariance).pdf(residual)
+            return stats.norm.pdf(u) * stats.norm.pdf(v) * value
+
+        exact = math.log(integrate.dblquad(density, -5, 5, -3, 3, epsrel=1e-4)[0] / (2 * stats.norm.cdf(3) - 1))
+        z = np.array(residual)[None, :, None] / math.sqrt(2)
+        found = noise.log_likelihood(z, ())[0] - 1.5 * math.log(2 * math.pi)
+        assert found == pytest.approx(exact, abs=0.01)
+
+
+def test_replicated_residuals_have_the_covariance_of_edge_and_springs_and_scores_are_white():
+    noise = replace(ModelErrorNoise.of(DATA, SIZES), edges=EDGES, springs=SPRINGS)
+    rng = np.random.default_rng(5)
+    drawn = math.sqrt(2) * noise.draw(rng, np.tile([0.004, 0.02], (100_000, 1)), 3, 1)[:, :, 0]
+    assert drawn.T @ drawn / len(drawn) == pytest.approx(dense(noise, 0.004, 0.02), rel=0.03, abs=0.3)
+    z = noise.draw(rng, np.empty((20_000, 0)), 3, 1)
+    squares = 2 * (noise.scores(z, ()) ** 2).mean(axis=(0, 2))
+    assert squares.mean() == pytest.approx(1.0, abs=0.03)
+    assert squares == pytest.approx(1.0, abs=0.12)
+
+
+def test_what_moves_all_modes_is_found_again():
+    noise = replace(ModelErrorNoise.of(DATA, SIZES), edges=EDGES, springs=100 * np.array([[3.0], [0.5], [0.1]]))
+    rng = np.random.default_rng(6)
+    moved = {"edge": 2.0 * EDGES[:, 0], "spring": 0.1 * noise.springs[:, 0]}
+    z = np.array([np.zeros(3), moved["edge"], moved["spring"]])[:, :, None] / math.sqrt(2)
+    none, edge, _ = noise.shift_of_edges(z)[:, 0]
+    assert none == pytest.approx(0.0, abs=1e-12)
+    assert 1.2 < edge < 2.0  # drawn towards the prior
+    sizes = [np.median(noise.draw_size(rng, np.repeat(each[None], 4000, axis=0))[:, 1]) for each in z]
+    assert sizes[0] < SIZES.spring < 0.05 < sizes[2] < 0.2
