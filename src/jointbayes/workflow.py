@@ -201,10 +201,11 @@ def sample(
 ) -> Posterior:
     """Draw from the posterior of what the data are taken as, which is decided before anything is drawn.
 
-    Measured FRFs of a case are analysed by the modes that they show, with an error of the model in each, and with
-    material, length and damping as uncertain as in a workshop where the case neither states their uncertainty nor
-    declares them exact; see `jointbayes.posterior.decision.decide` for when they are analysed as they are. What was
-    decided, and why, is in ``.problem.premises``. Computed data, typed-in modes and a problem are analysed as stated.
+    Measured FRFs of a case are analysed by the modes that they show, and these as typed-in ones are: with an error of
+    the model in each, and with material, length and damping as uncertain as in a workshop where the case neither states
+    their uncertainty nor declares them exact; see `jointbayes.posterior.decision.decide` for when FRFs are analysed as
+    they are. What was decided, and why, is in ``.problem.premises``. Computed data, a case that declares its model
+    exact, and a problem are analysed as stated.
 
     Parameters
     ----------
@@ -265,7 +266,7 @@ def sample(
             if whole is not None:
                 whole = replace(whole, problem=answered, stated=whole.stated and answered)
             if answered.premises.reason:
-                tell(Progress("premises", f"{answered.premises.reason}: its modes are analysed"))
+                tell(Progress("premises", answered.premises.decision))
             fallback = settings.for_dimension(len(answered.names))
             return sample_quickly(answered, seed=seed, case=whole, settings=fallback, progress=tell, keeper=checkpoint)
     tell(Progress("preparing the sampling"))
@@ -282,6 +283,8 @@ def _fitted_proposal(problem: Problem, estimate: MapEstimate, seed: int) -> Prop
 
 def _decided(problem: Problem, case: Case | None, estimate: MapEstimate, seed: int) -> Problem:
     """The problem whose posterior is the answer."""
+    if case is not None and case.model_is_exact:
+        return problem
     freed = None if case is None else case.workshop_problem
     sizes = None if case is None else case.model_error
     return decide(problem, estimate, seed, sizes=sizes, freed=freed, assumed=assumed_beyond(problem, freed))

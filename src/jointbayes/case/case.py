@@ -158,15 +158,20 @@ class Case:
     def workshop_problem(self) -> Problem | None:
         """The same problem, but with material, length and damping as uncertain as in a workshop.
 
-        E to 2 %, density to 1 %, length to 0.5 %, damping free within a decade either way; what the case itself calls
+        E to 3 %, density to 1 %, length to 0.5 %, damping free within a decade either way; what the case itself calls
         uncertain stays as it says. None where the problem is not the text's, or was not built from it, and of an answer
-        of modes, which allows for all that already.
+        that was decided, which allows for all that already.
         """
-        if self.problem is not self.stated or not self.setups or self.problem.premises.of_modes:
+        if self.problem is not self.stated or not self.setups or self.problem.premises.reason:
             return None
         ratios = (setup.spec.structure.damping.values.get("damping_ratio", ()) for setup in self.setups)
         largest = max(chain.from_iterable(ratios), default=0.0)
         return problem_of([setup.with_workshop_uncertainty(largest) for setup in self.setups], self.name)
+
+    @property
+    def model_is_exact(self) -> bool:
+        """Whether every set-up of the case declares its model to be exact."""
+        return bool(self.setups) and all("model" in setup.spec.uncertain.exact for setup in self.setups)
 
     @property
     def model_error(self) -> ErrorSizes | None:

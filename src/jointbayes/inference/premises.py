@@ -26,14 +26,13 @@ class Premises:
     Parameters
     ----------
     reason
-        Why measured FRFs are analysed by the modes that they show, a sentence without full stop; empty of a problem
-        that is analysed as it is stated.
+        Why the problem is not analysed as it is stated, a sentence without full stop; empty where it is.
     model_error
         Sizes of the model's error in each of these modes; None where the model is taken as exact.
     assumed
         What is as uncertain as in a workshop because nobody stated it, in words, one for each quantity.
     modes, left_out
-        The modes that are used, and sentences on resonances that are not.
+        The modes that measured FRFs show and that are used, and sentences on resonances that are not.
     """
 
     reason: str = ""
@@ -46,3 +45,9 @@ class Premises:
     def of_modes(self) -> bool:
         """Whether the answer is that of the modes that measured FRFs show."""
         return bool(self.modes)
+
+    @property
+    def decision(self) -> str:
+        """What follows from the reason, in a sentence without full stop; empty where the problem is as stated."""
+        then = "so the answer is that of their modes" if self.of_modes else "so the usual error of the model is added"
+        return f"{self.reason}, {then}" if self.reason else ""

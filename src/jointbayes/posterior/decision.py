@@ -1,4 +1,4 @@
-"""What measured FRFs are analysed as, decided before anything is drawn: by the modes that they show, or as they are.
+"""What measured data are analysed as, decided before anything is drawn: FRFs by the modes they show, or as they are.
 
 An FRF at a good signal-to-noise ratio states each resonance to a few parts in 10⁵, a model of a real structure misses
 it by parts in 10³. The likelihood of the FRFs then takes the model's error for the joint. That of the modes has a place
@@ -29,6 +29,8 @@ from jointbayes.posterior.rounding import number
 
 #: A resonance that no predicted mode comes closer to than this, as a fraction, is compared with none.
 FARTHEST = 0.1
+#: Why typed-in modes are not analysed as they are stated.
+TYPED = "the errors stated of the modes are those of their measurement, and no model is exact"
 _DRAWS = 300  # of the prior, at which modes are counted besides the MAP
 _MORE = 8  # modes of the model above the number of resonances
 _LOOKS, _STREAM = 200, 7  # points about the best fit at which it is checked, and their random numbers
@@ -45,11 +47,12 @@ def decide(
     freed: Problem | None = None,
     assumed: tuple[str, ...] = (),
 ) -> Problem:
-    """The problem whose posterior is the answer: of measured FRFs that of the modes they show, with the model's error.
+    """The problem whose posterior is the answer: that of modes, typed in or shown by FRFs, with the model's error.
 
     FRFs of a structure that is modelled throughout are analysed as they are only where they show no mode, or where the
     error of the model is stated to be smaller than what their noise leaves open of the frequencies and the best fit
-    passes the check. Whatever is not of measured FRFs is analysed as it is stated.
+    passes the check. What is stated of typed-in modes are the errors of their measurement, so that the model's come on
+    top. Computed FRFs are analysed as they are stated.
 
     Parameters
     ----------
@@ -72,14 +75,39 @@ def decide(
         `problem` itself, or one of modes whose `premises` say why.
     """
     sizes = sizes or ErrorSizes()
-    of_modes = modes_problem(problem, estimate, seed, sizes, freed)
+    typed = _with_usual_errors(problem, sizes, freed, assumed)
+    of_modes = modes_problem(problem, estimate, seed, sizes, freed if typed is problem else typed)
     if of_modes is None:
-        return _with_common_errors(problem, estimate.theta)
+        return _with_common_errors(typed, _carried_over(problem, estimate.theta, typed))
     reason = why_by_modes(sizes, of_modes.premises.modes, lambda: check_best_fit(problem, estimate, seed))
     if not reason:
         return problem
     of_modes = replace(of_modes, premises=replace(of_modes.premises, reason=reason, assumed=assumed))
     return _with_common_errors(of_modes, _carried_over(problem, estimate.theta, of_modes))
+
+
+def _with_usual_errors(problem: Problem, sizes: ErrorSizes, freed: Problem | None, assumed: tuple[str, ...]) -> Problem:
+    """The problem, with all else as in a workshop, whose typed-in modes have errors of the model; itself without such.
+
+    Modes whose noise is of unknown size have a place for it already.
+    """
+    if all(test.data.modes is None for test in problem.tests):
+        return problem
+    answered = freed or problem
+    tests, left_out = (
+        tuple(_with_usual_error(test, sizes) for test in some) for some in (answered.tests, answered.left_out)
+    )
+    if not assumed and all(test is stated for test, stated in zip(tests, answered.tests, strict=True)):
+        return problem
+    return replace(answered, tests=tests, left_out=left_out, premises=Premises(TYPED, sizes, assumed))
+
+
+def _with_usual_error(test: Test, sizes: ErrorSizes) -> Test:
+    """The test with errors of the model in its modes, where these have errors of their measurement and no others."""
+    modes = test.data.modes
+    if modes is None or not (test.noise is None or test.noise.as_stated):
+        return test
+    return replace(test, noise=ModelErrorNoise.of(modes, sizes))
 
 
 def _with_common_errors(problem: Problem, theta: Array) -> Problem:
@@ -305,14 +333,15 @@ def _with_tests(problem: Problem, tests: Sequence[Test], premises: Premises) -> 
 
 def premises_sentences(premises: Premises, model_error: InferredError | None) -> tuple[str, ...]:
     """What an answer of modes rests on, with the model's error as it was inferred; none of data taken as stated."""
-    if not premises.of_modes:
+    if not premises.reason:
         return ()
     where = {mode.held: _frequencies(premises.modes, mode.held) for mode in premises.modes}
     zeros = "".join(f", and the antiresonances of {held} at {text} Hz" for held, text in where.items() if held)
-    sentences = [
-        f"The answer is that of the modes that the FRFs show at {where['']} Hz{zeros}.",
-        f"The reason: {premises.reason}.",
-    ]
+    sentences = [f"The reason: {premises.reason}."]
+    if premises.of_modes:
+        sentences.insert(0, f"The answer is that of the modes that the FRFs show at {where['']} Hz{zeros}.")
+    else:
+        sentences = ["The answer allows for an error of the model in each mode.", *sentences]
     if model_error is not None:
         sentences.append(f"The model misses each by {model_error.words}, as inferred.")
     if premises.assumed:

@@ -345,7 +345,7 @@ class BodyUncertainSpec(Spec):
 
 
 _BODIES = Field(description="a table for each body of a frame, as [uncertain.bodies.tool.density]", max_length=100)
-_Usual = Literal["youngs_modulus", "density", "length", "damping_ratio", "accelerometer_mass"]
+_Usual = Literal["model", "youngs_modulus", "density", "length", "damping_ratio", "accelerometer_mass"]
 _EXACT = key_field(f"a list of what is exactly known indeed, of {', '.join(get_args(_Usual))}", ["density"])
 
 

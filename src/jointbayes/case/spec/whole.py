@@ -203,6 +203,11 @@ class CaseSpec(Spec):
         yield from rules.uncertain_findings(self.uncertain, self.structure, self.data)
         yield from rules.truth_findings(self.structure, self.data)
         yield from rules.noise_findings(self.noise, self.data)
+        if "model" in self.uncertain.exact and self.noise.model_error is not None:
+            fault = 'found "model", whose errors [noise.model_error] states'
+            yield Finding(
+                ("uncertain", "exact", self.uncertain.exact.index("model")), fault, "one of the two", "remove one"
+            )
         yield from rules.left_out_findings(
             self.left_out, self.data, self.noise, list(self.setups), self.all_joints.values()
         )

@@ -197,7 +197,7 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
         return "The calculation: nothing can be said before it has settled."
     parts, exonerated = [], ""
     if premises.reason:
-        parts.append(f"{premises.reason[0].upper()}{premises.reason[1:]}, so the answer is that of their modes.")
+        parts.append(f"{premises.decision[0].upper()}{premises.decision[1:]}.")
     if summary.no_verdict:
         parts.append("The model: intervals of a model that misses the data are too narrow.")
     if len(answers) == 2 and (taken := quantities_taken_as_exact(inputs.knowledge.freed)):
