@@ -36,6 +36,10 @@ MATERIAL = (
 )
 
 
+#: Sizes of the model's error whose keys are named otherwise.
+ERROR_KEYS = {"factor": "error_factor", "spring_factor": "spring_factor"}
+
+
 def of_structures() -> list[tuple[str, str, Value]]:
     """Lines of the tables of structures."""
     lines: list[tuple[str, str, Value]] = [
@@ -250,8 +254,8 @@ def of_data() -> list[tuple[str, str, Value]]:
         *((f"noise.scale_{end}_factor", f"nuisance.noise_scale.prior.{end}", math.log) for end in ("low", "high")),
         ("left_out.modes[*]", "left_out.modes[{0}]", 1),
         ("left_out.bands_hz[*][*]", "left_out.bands_hz[{0}][{1}]", 1),
-        *((f"noise.model_error.{'error_factor' if name == 'factor' else f'{name}_error'}", f"{place}.{name}", 1)
-          for name in ("factor", "frequency", "damping", "shape", "constant")
+        *((f"noise.model_error.{ERROR_KEYS.get(name, f'{name}_error')}", f"{place}.{name}", 1)
+          for name in (*ERROR_KEYS, "frequency", "damping", "shape", "constant", "edge", "spring")
           for place in ("noise.sizes", "model_error")),
     ]  # fmt: skip
 

@@ -387,7 +387,7 @@ def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(chea
     assert freed[-1]["freed"] == ["youngs_modulus", "density", "length", "damping_ratio"]
     text = " ".join(b.text for b in built.blocks() if isinstance(b, Paragraph))
     said = (
-        "Young's modulus to 2 %, density to 1 %, length to 0.5 %, damping ratio to between 0.1 and 10 times the stated"
+        "Young's modulus to 3 %, density to 1 %, length to 0.5 %, damping ratio to between 0.1 and 10 times the stated"
     )
     assert f"assumes that everything but the joint is exactly known. The effect of usual uncertainties ({said})" in text
     assert said in (CONFIGS.parent / "docs" / "uncertain.md").read_text(encoding="utf-8").replace("\n> ", " ")
@@ -400,9 +400,9 @@ def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(chea
 
 
 def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):
-    assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 2 %"
-    monkeypatch.setitem(combined.WORKSHOP_SD_PERCENT, "youngs_modulus", 3.0)
     assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 3 %"
+    monkeypatch.setitem(combined.WORKSHOP_SD_PERCENT, "youngs_modulus", 4.0)
+    assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 4 %"
 
 
 @pytest.fixture(scope="module")
