@@ -51,6 +51,7 @@ joint = { kind = "springs", dofs = ["1:y", "1:rz"], own = true }
 prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e11 }
 prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e8 }
 noise.model_error = {}
+uncertain.exact = ["youngs_modulus", "density", "length"]
 setups.low.level = 10.0
 setups.high.level = 20.0
 """

@@ -261,7 +261,7 @@ def sample(
         checkpoint.begin(run_fingerprint(problem, whole, seed, settings) | {"take_as": take_as or ""})
     estimate = _found_mode(whole or problem, seed, tell, checkpoint)
     if take_as == "usual" or (take_as is None and whole is not None):
-        answered = _decided(problem, whole, estimate, seed)
+        answered = answered_problem(problem, whole, estimate, seed)
         if answered is not problem:
             if whole is not None:
                 whole = replace(whole, problem=answered, stated=whole.stated and answered)
@@ -281,7 +281,7 @@ def _fitted_proposal(problem: Problem, estimate: MapEstimate, seed: int) -> Prop
     return fit_each_mode(problem.log_posterior, systems, starts, images, _generator(seed, _PROPOSAL))
 
 
-def _decided(problem: Problem, case: Case | None, estimate: MapEstimate, seed: int) -> Problem:
+def answered_problem(problem: Problem, case: Case | None, estimate: MapEstimate, seed: int) -> Problem:
     """The problem whose posterior is the answer."""
     if case is not None and case.model_is_exact:
         return problem

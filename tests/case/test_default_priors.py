@@ -69,10 +69,36 @@ def own(case: Case) -> dict[str, float]:
     guesses = case.problem.initial
     for name, marginal, guess in zip(case.problem.names, case.problem.prior.marginals, guesses, strict=True):
         low, high = np.exp(marginal.support)
-        assert high / low == pytest.approx(1e7)
-        assert guess == pytest.approx(1e4 * low)
-        found[name] = 10 * low
+        assert high / low == pytest.approx(1e8)
+        assert guess == pytest.approx(1e5 * low)
+        found[name] = 100 * low
     return found
+
+
+ANGLE = RING.replace('["a", "b", "c", "a"]', '["a", "b", "c"]')
+THICK = BEAM.replace("height_mm = 5.0", "height_mm = 60.0")
+
+
+@pytest.mark.parametrize(
+    ("structure", "dofs", "end"),
+    [
+        (BEAM, ("1:y", "1:rz"), "11:y"),
+        (BEAM, ("1:z", "1:ry"), "11:z"),
+        (THICK, ("1:y", "1:rz"), "11:y"),
+        (BEAM, ("4:y", "4:rz"), "11:y"),
+        (ANGLE, ("a:x", "a:y", "a:rz"), "c:x"),
+        (RING, ("a:y", "a:rz"), "c:x"),
+    ],
+)
+def test_the_structure_without_its_joint_and_on_a_rigid_one_are_inside_the_default_range(structure, dofs, end):
+    problem = springs(structure, dofs, end).problem
+    low, high = np.exp(np.array([marginal.support for marginal in problem.prior.marginals]).T)
+    rigid_modes = problem.test.structures.at(problem.test.joints.labels, 1.0).rigid_motions(np.array([0])).shape[1]
+    joints = np.array([low * 1e-6, low, high, high * 1e3])
+    none, softest, stiffest, rigid = problem.natural_frequencies_hz(joints, rigid_modes + 4)
+    elastic = slice(rigid_modes, None)
+    assert softest[elastic] == pytest.approx(none[elastic], rel=0.003)
+    assert stiffest == pytest.approx(rigid, rel=0.003)
 
 
 def test_each_direction_of_a_beam_has_the_bending_of_its_own_plane():
@@ -93,7 +119,7 @@ def test_a_short_member_at_the_joint_does_not_make_a_body_stiff():
     for name, size, truth in (("taper.ky", bending / 0.09**3, 6e8), ("taper.krz", bending / 0.09, 1.2e6)):
         low, high = np.exp(prior[name].support)
         assert high == pytest.approx(1e6 * size)
-        assert 0.05 * 0.1 * size < low <= 0.1 * size * (1 + 1e-9)  # the first mode of all is below
+        assert 0.05 * 0.01 * size < low <= 0.01 * size * (1 + 1e-9)  # the first mode of all is below
         assert low < truth < high / 10
 
 
@@ -160,7 +186,7 @@ def test_a_joint_far_softer_than_its_structure_is_inside_the_default_range(coupl
     first = case.problem.test.data.frequency_hz[0]
     assert first == pytest.approx(0.88, abs=0.01)
     spring = 50 * (2 * np.pi * first) ** 2
-    assert low == pytest.approx(0.1 * (coupling if 0.1 * coupling < spring else spring))
+    assert low == pytest.approx(0.01 * (coupling if 0.01 * coupling < spring else spring))
     assert low < 2e3 / 2
     assert high == pytest.approx(1e6 * coupling)
 
@@ -172,7 +198,7 @@ def test_a_mass_that_nothing_holds_takes_its_range_from_the_measured_frequency()
     problem = case_from_text("loose", text).problem
     low, high = np.exp(problem.prior.marginals[0].support)
     spring = 15.0 * (2 * np.pi * problem.test.data.frequency_hz[0]) ** 2
-    assert (low, high) == pytest.approx((0.1 * spring, 1e6 * spring))
+    assert (low, high) == pytest.approx((0.01 * spring, 1e6 * spring))
 
 
 def test_a_case_knows_which_priors_no_one_stated():

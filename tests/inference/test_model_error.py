@@ -114,6 +114,7 @@ prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e11 }
 prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e8 }
 data = { kind = "natural_frequencies", frequencies_hz = [FIRST], sd_relative = 0.0002 }
 noise.model_error = { frequency_error = 0.004, error_factor = 2.0 }
+uncertain.exact = ["youngs_modulus", "density", "length"]
 setups.low.level = 10.0
 setups.high.level = 20.0
 setups.high.data.frequencies_hz = [SECOND]

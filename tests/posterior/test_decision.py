@@ -15,6 +15,7 @@ from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Unifor
 from jointbayes.joint import PlainSprings
 from jointbayes.measurement import ModeData, Observed
 from jointbayes.posterior.decision import (
+    TYPED,
     UsedMode,
     check_best_fit,
     decide,
@@ -23,8 +24,8 @@ from jointbayes.posterior.decision import (
     why_by_modes,
 )
 from jointbayes.posterior.model_errors import InferredError
-from jointbayes.workflow import sample_quickly
-from tests.conftest import CLAMP, TABLE_3, cheap_text, edited, pair_matrix, rod
+from jointbayes.workflow import answered_problem, sample_quickly
+from tests.conftest import CLAMP, CONFIGS, TABLE_3, cheap_text, edited, pair_matrix, rod
 
 EXACT = ErrorSizes(frequency=1e-9)
 
@@ -92,11 +93,9 @@ def test_a_resonance_that_the_model_does_not_have_is_named_and_not_used(measured
     assert [mode.number for mode in asked.premises.modes if not mode.held] == [1, 2, 3]
 
 
-@pytest.mark.parametrize("computed", ["synthetic", "modes"])
-def test_computed_frfs_and_typed_modes_are_analysed_as_they_are(computed, cheap_posterior, frequency_posterior):
-    posterior = cheap_posterior if computed == "synthetic" else frequency_posterior
-    assert not is_of_measured_frfs(posterior.problem)
-    assert decide(posterior.problem, posterior.estimate, 1) is posterior.problem
+def test_computed_frfs_are_analysed_as_they_are(cheap_posterior):
+    assert not is_of_measured_frfs(cheap_posterior.problem)
+    assert decide(cheap_posterior.problem, cheap_posterior.estimate, 1) is cheap_posterior.problem
 
 
 def test_a_joint_whose_only_test_shows_no_mode_leaves_the_answer_to_the_frfs(measured):
@@ -156,6 +155,33 @@ def test_the_frfs_of_a_wrong_model_are_sure_of_a_wrong_joint_and_their_modes_hol
     assert not exact.problem.premises.of_modes
     low, high = jb.sample(longer, seed=1).verdict("k22").printed95
     assert low < TABLE_3[2] < high
+
+
+TYPED_CASE = """
+extends = "clamped_beam_frequencies_360mm.toml"
+title = "Three frequencies"
+structure = { elements = 4 }
+"""
+
+
+@pytest.mark.parametrize(
+    ("exact", "error", "uncertain"),
+    [
+        ('["model", "youngs_modulus", "density", "length"]', False, ()),
+        ('["model"]', False, ()),
+        ('["youngs_modulus", "density", "length"]', True, ()),
+        ('["density"]', True, ("youngs_modulus", "length")),
+        ("[]", True, ("youngs_modulus", "density", "length")),
+    ],
+)
+def test_typed_frequencies_have_an_error_of_the_model_unless_it_is_declared_exact(exact, error, uncertain):
+    case = case_from_text("typed", f"{TYPED_CASE}uncertain.exact = {exact}\n", directory=CONFIGS)
+    estimate = jb.find_map(case, seed=1)
+    answered = answered_problem(case.problem, case, estimate, 1)
+    assert isinstance(answered.test.noise, ModelErrorNoise) == error
+    assert tuple(nuisance.name for nuisance in answered.prior.nuisances) == uncertain
+    assert (answered.premises.reason == TYPED) == error
+    assert not answered.premises.of_modes
 
 
 def test_how_measured_frfs_are_taken_has_two_words(cheap_case):
