@@ -392,7 +392,22 @@ def sample_quickly(
     if drawn is None:
         return _by_ensembles(problem, case, seed, settings, estimate, proposal, tell, keeper)
     chains = independent_chains(density, *drawn, time.perf_counter() - began)
-    return _posterior(problem, case, seed, settings, estimate, proposal, chains)
+    return _posterior(problem, case, seed, settings, _with_best_draw(problem, estimate, chains), proposal, chains)
+
+
+def _with_best_draw(problem: Problem, estimate: MapEstimate, chains: Chains) -> MapEstimate:
+    """The estimate, or a higher mode that the best of independent draws leads to: those lie wherever the density does.
+
+    Walkers would wait for long at a mode that the search missed, and say nothing of it.
+    """
+    best = chains.theta[np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)]
+    theta, height = refine_where_possible(problem.log_posterior, best)
+    if height <= estimate.log_posterior:
+        return estimate
+    search = ModeSearch(problem.log_posterior)
+    known = {f"mode {number}": mode.theta for number, mode in enumerate(estimate.modes, 1)}
+    search.climb({"best draw": theta, "search": estimate.theta} | known)
+    return replace(search.estimate(), starts=estimate.starts, effort=estimate.effort, iteration=estimate.iteration)
 
 
 @one_blas_thread()
