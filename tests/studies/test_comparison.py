@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ import pytest
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import CaseError, ModelError
 from jointbayes.joint import RIGID
+from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import Evidence
-from jointbayes.studies.compare import HYPOTHESES, compare, hypothesis_problem, require_same_data
+from jointbayes.studies.compare import HYPOTHESES, _answered, _data_of, compare, hypothesis_problem, require_same_data
 from jointbayes.studies.comparison import (
     PriorEdge,
     WeighedModel,
@@ -110,6 +112,28 @@ def test_what_else_is_uncertain_stays_so_under_every_hypothesis():
     for hypothesis in HYPOTHESES:
         assert hypothesis_problem(problem, hypothesis).names[-1] == "youngs_modulus"
     assert hypothesis_problem(problem, "rigid").names == ("youngs_modulus",)
+
+
+@pytest.mark.whole
+def test_measured_frfs_are_weighed_by_the_modes_that_all_cases_have_a_place_for(cheap_case):
+    data = replace(cheap_case.problem.test.data, synthetic=False)
+    cases = []
+    for name, length in (("true", "383.0"), ("short", "300.0")):
+        case = case_from_text(name, edited(cheap_text(), ("length_mm = 383.0", f"length_mm = {length}")))
+        problem = case.problem.with_test(data=data)
+        cases.append(replace(case, problem=problem, stated=problem, setups=()))
+    assert _data_of(cases[0].problem) == _data_of(cases[1].problem)
+    true, short = _answered(cases, 1, lambda _: None).values()
+    used = [{mode.resonance for mode in problem.premises.modes} for problem in (true, short)]
+    assert used[0] == used[1] != set()
+    np.testing.assert_array_equal(np.sort(true.test.data.values), np.sort(short.test.data.values))
+    few = set(sorted(used[0])[:2])
+    of_few = only_modes(true, few)
+    assert {mode.resonance for mode in of_few.premises.modes} == few
+    assert of_few.test.data.values.size == 2
+    assert of_few.test.data.shown_frfs is data
+    with pytest.raises(ModelError, match="found no resonance near a mode of every model"):
+        only_modes(true, {("", "", 1.0)})
 
 
 def test_a_rigid_joint_has_the_likelihood_itself_as_evidence(cases, comparison):

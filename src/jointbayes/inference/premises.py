@@ -18,6 +18,11 @@ class UsedMode:
     sd_hz: float
     held: str = ""
 
+    @property
+    def resonance(self) -> tuple[str, str, float]:
+        """What was measured, whatever mode of a model it is compared with."""
+        return self.setup, self.held, self.frequency_hz
+
 
 @dataclass(frozen=True, slots=True)
 class Premises:

@@ -6,7 +6,7 @@ for it, see `jointbayes.inference.ModelErrorNoise`, and so the wider, truer inte
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.errors import JointBayesError
+from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.frf import AnyStructure, HeldFrequencies
 from jointbayes.identification import MapEstimate, refine_where_possible
 from jointbayes.inference import ErrorSizes, ModelErrorNoise, Premises, Problem, Test, UsedMode
@@ -200,6 +200,31 @@ def modes_problem(
     return of_modes if all(quantity.places for quantity in of_modes.quantities) else None
 
 
+def only_modes(problem: Problem, resonances: Collection[tuple[str, str, float]]) -> Problem:
+    """The problem of modes with these of those that its FRFs show, by `UsedMode.resonance`.
+
+    Raises
+    ------
+    ModelError
+        If a test has none of them.
+    """
+    used = [mode for mode in problem.premises.modes if mode.resonance in resonances]
+    tests = []
+    for test in problem.tests:
+        of_test = [mode for mode in used if mode.setup == test.name]
+        if any(mode.setup == test.name for mode in problem.premises.modes):
+            if all(mode.held for mode in of_test):
+                raise ModelError(
+                    f"modes: found no resonance {f'of set-up {test.name} ' if test.name else ''}near a mode of every "
+                    f"model; expected one within {100 * FARTHEST:g} %; leave a case out"
+                )
+            assert isinstance(test.noise, ModelErrorNoise)
+            test = _test_of_modes(test, of_test, test.noise.sizes)
+        tests.append(test)
+    modes = _with_tests(problem, tests, replace(problem.premises, modes=tuple(used)))
+    return _with_common_errors(modes, modes.prior.mean)
+
+
 def is_of_measured_frfs(problem: Problem) -> bool:
     """Whether FRFs of a structure that is modelled throughout are among the data, and none was computed."""
     frfs = [test.data.frfs for test in problem.tests if test.data.frfs is not None]
@@ -304,7 +329,7 @@ def _test_of_modes(test: Test, used: Sequence[UsedMode], sizes: ErrorSizes) -> T
         numbers=tuple(mode.number for mode in modes),
         provenance=test.data.provenance,
         zeros=zeros,
-        read_off=test.data.frfs,
+        read_off=test.data.shown_frfs,
     )
     noise = ModelErrorNoise.of(data, sizes)
     return replace(test, data=data, noise=noise, residual_kind="complex")

@@ -13,13 +13,14 @@ from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
 from jointbayes.joint import HYPOTHESES, Parametrisation, joint_under_hypothesis
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.coordinates import coordinate_systems
+from jointbayes.posterior.decision import is_of_measured_frfs, only_modes
 from jointbayes.posterior.evidence import evidence
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Start
 from jointbayes.studies.comparison import PriorEdge, WeighedModel, leave_one_out
 from jointbayes.studies.comparison_report import Comparison
-from jointbayes.workflow import find_map
+from jointbayes.workflow import answered_problem, find_map
 
 _KEPT = 2000  # posterior draws, for what the evidence does not need
 _EDGE = 0.05  # of a prior's interval
@@ -86,6 +87,9 @@ def compare(
 ) -> Comparison:
     """Weigh the hypotheses of cases that hold the same data against each other.
 
+    They are weighed by what a run of each case is analysed as, see `jointbayes.sample`: measured FRFs by the modes that
+    they show, with the error of the model; of several cases by the modes that all of them have a place for.
+
     Parameters
     ----------
     cases
@@ -114,13 +118,14 @@ def compare(
     require_same_data(given)
     seed = given[0].spec.sampling.seed if seed is None else seed
     tell, began = callback_of(progress), time.monotonic()
+    answered = _answered(given, seed, tell)
     pairs = [(case, hypothesis) for case in given for hypothesis in case.spec.compare.hypotheses]
     candidates: list[WeighedModel] = []
     for done, (case, hypothesis) in enumerate(pairs):
         text, elapsed = f"now {hypothesis} in {case.name}", time.monotonic() - began
         tell(Progress("weighing", text, done=done, total=len(pairs), unit="candidates", elapsed_seconds=elapsed))
         try:
-            candidates.append(_candidate(case, hypothesis, seed))
+            candidates.append(_candidate(case, answered[case.name], hypothesis, seed))
         except CaseError:
             raise
         except JointBayesError as error:
@@ -154,10 +159,30 @@ def _data_of(problem: Problem) -> tuple[object, ...]:
     return data_sha256(problem), *layouts
 
 
-def _candidate(case: Case, hypothesis: str, seed: int) -> WeighedModel:
+def _answered(cases: Sequence[Case], seed: int, tell: ProgressCallback) -> dict[str, Problem]:
+    """What each case is analysed as, by its name: of measured FRFs the modes that all cases have a place for."""
+    answered = {}
+    for case in cases:
+        problem = case.problem
+        if is_of_measured_frfs(problem) or any(test.data.modes is not None for test in problem.tests):
+            problem = answered_problem(problem, case, find_map(case, seed=seed, progress=tell), seed)
+        answered[case.name] = problem
+    each = [{mode.resonance for mode in problem.premises.modes} for problem in answered.values()]
+    if len({bool(used) for used in each}) > 1:
+        by = ", ".join(f"{name} by {'modes' if p.premises.of_modes else 'its FRFs'}" for name, p in answered.items())
+        raise CaseError(
+            f"compare: found cases that are analysed by other data: {by}; expected the same, because evidences of "
+            "different data cannot be compared; state the same [noise.model_error] in all"
+        )
+    shared = set.intersection(*each)
+    return {name: problem if used == shared else only_modes(problem, shared)
+            for (name, problem), used in zip(answered.items(), each, strict=True)}  # fmt: skip
+
+
+def _candidate(case: Case, answered: Problem, hypothesis: str, seed: int) -> WeighedModel:
     # one stream for each candidate, whatever else is compared
     rng = np.random.default_rng([seed, *case.name.encode(), 256 + list(HYPOTHESES).index(hypothesis)])
-    problem = hypothesis_problem(case.problem, hypothesis)
+    problem = hypothesis_problem(answered, hypothesis)
     starts: tuple[Start, ...] = ()
     mode = np.empty(0)
     if problem.names:
