@@ -13,6 +13,7 @@ import jointbayes as jb
 from jointbayes.case import combined
 from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
+from jointbayes.errors import ModelError
 from jointbayes.posterior import gather_knowledge
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import KeptKnowledge, effect_sentence, inputs_taken_as_exact
@@ -397,6 +398,23 @@ def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(chea
     found = cheap_case.workshop_problem.log_posterior.log_likelihood(whole)
     own = cheap_case.problem.log_posterior.log_likelihood(cheap_posterior.estimate.theta)
     np.testing.assert_allclose(found, own, rtol=1e-6)
+
+
+def test_other_premises_have_verdicts_and_draws_of_their_own_that_are_kept(cheap_posterior, cheap_inputs, tmp_path):
+    cheap_posterior.save(tmp_path / "posterior.nc", cheap_inputs.knowledge)
+    under = jb.load_posterior(tmp_path / "posterior.nc").under
+    (workshop,) = under.values()
+    assert list(under) == ["workshop"]
+    found = cheap_inputs.knowledge.freed[-1]
+    np.testing.assert_array_equal(workshop.draws, found.draws)
+    assert 1000 <= len(workshop.draws) <= 2000
+    for name, known in cheap_inputs.knowledge.workshop.items():
+        assert (workshop.known[name].row, workshop.verdict[name]) == (known.row, known.verdict)
+        np.testing.assert_allclose(np.log(workshop.interval(name)), np.log(known.interval95), atol=0.3)
+        narrow, wide = cheap_posterior.interval(name), workshop.interval(name, 0.999)
+        assert wide[0] < narrow[0] < narrow[1] < wide[1]
+    with pytest.raises(ModelError, match="under: found no draws of 'k33'; expected one of k11, k12, k22"):
+        workshop.interval("k33")
 
 
 def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):

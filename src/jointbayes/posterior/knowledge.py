@@ -294,6 +294,18 @@ class Knowledge:
         }
 
 
+def other_premises(posterior: JudgedPosterior) -> dict[str, UncertainInputsRow]:
+    """What is known under premises other than the run's, by name, with draws of its own.
+
+    ``"exact"`` is the row in which nothing but the joint is uncertain, ``"workshop"`` that in which all is so that the
+    case does not declare exact. A row is there where it can differ from the run, and settled.
+    """
+    kept: KeptKnowledge | None = posterior._kept_knowledge
+    freed = None if kept or posterior.case is None else posterior.case.workshop_problem
+    rows = kept.freed if kept else effect_of_uncertain_inputs(posterior, freed)
+    return {"workshop" if row.uncertain else "exact": row for row in rows[1:] if row.known}
+
+
 def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -> Knowledge:
     """Check and examine a posterior.
 

@@ -1,8 +1,9 @@
 """The posterior: draws that are judged, summed up, set in a row of a table or along the levels of tests, and kept."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -18,7 +19,7 @@ from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import BestDraw, FileRecord
 from jointbayes.posterior.homogeneity import compare_tests
 from jointbayes.posterior.identifiability import Identifiability
-from jointbayes.posterior.knowledge import Knowledge
+from jointbayes.posterior.knowledge import Knowledge, other_premises
 from jointbayes.posterior.storage import log_prior_of_joint, write_tree
 from jointbayes.posterior.stored_problem import add_problem
 from jointbayes.posterior.summary import (
@@ -29,7 +30,7 @@ from jointbayes.posterior.summary import (
     stiffness_summary,
     summarise,
 )
-from jointbayes.posterior.uncertain_inputs import taken_as_exact
+from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, taken_as_exact
 from jointbayes.posterior.verdicts import JudgedPosterior, reasons_for_no_verdict
 from jointbayes.reproducibility import one_blas_thread
 
@@ -253,6 +254,17 @@ class Posterior(JudgedPosterior):
         taken = "" if self.case is None else taken_as_exact(self.problem, self.case.workshop_problem)
         exact = f"The verdicts take {taken} as exact: the report shows what is known with them uncertain."
         return (*self.premises_sentences, *([exact] if taken else []))
+
+    @cached_property
+    @one_blas_thread()
+    def under(self) -> Mapping[str, UncertainInputsRow]:
+        """What is known under other premises, by name: ``posterior.under["workshop"].interval("k22")``.
+
+        ``"exact"`` with nothing but the joint uncertain, ``"workshop"`` with material, length and damping as in a
+        workshop where the case does not declare them exact; each where it can differ from the run. That of measured
+        FRFs within their noise is a run of its own, ``jb.sample(case, take_as="exact")``.
+        """
+        return other_premises(self)
 
     @one_blas_thread()
     def summary(self, knowledge: Knowledge | None = None) -> Summary:

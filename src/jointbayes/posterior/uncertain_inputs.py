@@ -8,13 +8,13 @@ them go step by step, else from a proposal fitted about its modes. Where this do
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.errors import JointBayesError
+from jointbayes.errors import JointBayesError, ModelError, require_probability
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem
 from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
 from jointbayes.posterior.fisher import fisher_information
@@ -37,6 +37,7 @@ from jointbayes.sampling import (
 Source = Literal["this run", "importance sampling", "short run", "none"]  # a short run: in files of before
 _DRAWS = 8000
 _PILOT = 2000
+_KEPT = 2000  # draws of a row, with the run
 #: Coordinates up to which those that the run takes as exact are let go step by step.
 _MOST_RELEASED = 10
 #: Efficiency of a proposal that will do to start from.
@@ -57,11 +58,33 @@ class UncertainInputsRow:
         Where the draws come from; ``"none"`` where there are none that can be trusted.
     known
         What the draws say of each stiffness, by name; empty where there are none.
+    draws
+        Independent draws of the stiffnesses, in the order of `known` and their units, shape (n, q), at most 2000; those
+        of the run itself are the posterior's.
     """
 
     uncertain: tuple[str, ...]
     source: Source
     known: Mapping[str, Identifiability]
+    draws: Array = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
+
+    def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
+        """Equal-tailed credible interval of a stiffness, in its unit.
+
+        Raises
+        ------
+        ModelError
+            If there is no such stiffness, or the row has no draws of its own.
+        """
+        require_probability(probability, "under: found")
+        if name not in self.known or not self.draws.size:
+            raise ModelError(
+                f"under: found no draws of {name!r}; expected one of {', '.join(self.known) or 'none'}, of a row that "
+                "settled; correct the name"
+            )
+        tail = (1 - probability) / 2
+        low, high = np.quantile(self.draws[:, list(self.known).index(name)], [tail, 1 - tail])
+        return float(low), float(high)
 
     @property
     def verdict(self) -> dict[str, Verdict]:
@@ -138,7 +161,8 @@ def _row(
         assessment = _judged(posterior, quantity.name, values, effective, wider)
         conditional = not posterior.check.explains and assessment.verdict != "not identified"
         assessments[quantity.name] = replace(assessment, unit=quantity.unit, if_model_right=conditional)
-    return UncertainInputsRow(uncertain, "importance sampling", assessments)
+    kept = problem.prior.values(theta[:: -(-len(theta) // _KEPT)])
+    return UncertainInputsRow(uncertain, "importance sampling", assessments, kept)
 
 
 def _judged(
