@@ -1,6 +1,7 @@
 """What measured FRFs are analysed as: by their modes, with an error of the model, or as they are."""
 
 import math
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -155,6 +156,25 @@ def test_the_frfs_of_a_wrong_model_are_sure_of_a_wrong_joint_and_their_modes_hol
     assert not exact.problem.premises.of_modes
     low, high = jb.sample(longer, seed=1).verdict("k22").printed95
     assert low < TABLE_3[2] < high
+
+
+@pytest.mark.whole
+def test_frfs_in_another_unit_are_named_and_their_modes_say_the_same(cheap_case):
+    text = cheap_text()
+    data = case_from_text("cheap", text).problem.test.data
+    answers = []
+    for factor in (1.0, 1000.0):
+        frf = replace(data.frf, values=factor * data.frf.values)
+        measured = replace(data, frf=frf, variance=factor**2 * data.variance, joint_frf=None, synthetic=False)
+        problem = cheap_case.problem.with_test(data=measured)
+        answers.append(jb.sample(replace(cheap_case, problem=problem, stated=problem, setups=()), seed=1))
+    right, wrong = answers
+    assert right.levels[""] == pytest.approx(1.0, rel=0.2)
+    assert not any("times as large" in sentence for sentence in right.premises_sentences)
+    assert wrong.levels[""] == pytest.approx(1000.0, rel=0.2)
+    assert re.search(r"The FRFs are (9\d\d|1[01]\d\d|1e3) times as large as", " ".join(wrong.premises_sentences))
+    numbers = [[mode.number for mode in answer.problem.premises.modes] for answer in answers]
+    assert numbers[0] == numbers[1]
 
 
 TYPED_CASE = """

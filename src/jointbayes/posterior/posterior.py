@@ -11,6 +11,7 @@ import xarray as xr
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, require_count, require_probability
+from jointbayes.frf import Ports
 from jointbayes.inference import Level, Test
 from jointbayes.inference.test import own_name
 from jointbayes.posterior.assemblies import usual_assemblies
@@ -20,6 +21,8 @@ from jointbayes.posterior.file_record import BestDraw, FileRecord
 from jointbayes.posterior.homogeneity import compare_tests
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.knowledge import Knowledge, other_premises
+from jointbayes.posterior.prediction import frfs_as_measured
+from jointbayes.posterior.rounding import number
 from jointbayes.posterior.storage import log_prior_of_joint, write_tree
 from jointbayes.posterior.stored_problem import add_problem
 from jointbayes.posterior.summary import (
@@ -35,6 +38,7 @@ from jointbayes.posterior.verdicts import JudgedPosterior, reasons_for_no_verdic
 from jointbayes.reproducibility import one_blas_thread
 
 _TINY = float(np.finfo(float).tiny)
+_FAR_LEVEL = 3.0  # that no damping of a best fit explains
 #: One cell of a table of cases; None where a number does not exist.
 Cell = str | float | int | bool | None
 
@@ -245,8 +249,29 @@ class Posterior(JudgedPosterior):
 
     @property
     def premises_sentences(self) -> tuple[str, ...]:
-        """What the answer rests on where measured FRFs are analysed by their modes; none of data taken as stated."""
-        return premises_sentences(self.problem.premises, self.model_error)
+        """What the answer rests on where it is not that of data as stated, and FRFs whose level it does not have."""
+        words = [
+            f"The FRFs{f' of set-up {setup}' if setup else ''} are {number(ratio, 2)} times as large as the answer "
+            "predicts: check unit and sensitivity of the channels, which natural frequencies do not show."
+            for setup, ratio in self.levels.items()
+            if not 1 / _FAR_LEVEL <= ratio <= _FAR_LEVEL
+        ]
+        return (*premises_sentences(self.problem.premises, self.model_error), *words)
+
+    @cached_property
+    def levels(self) -> dict[str, float]:
+        """Median of measured over predicted magnitude of the FRFs that modes were read off, by set-up."""
+        levels = {}
+        for part in self.problem.parts:
+            shown, data = part.test.data.shown_frfs, part.test.data
+            if shown is None or data.frfs is not None:
+                continue
+            frf, theta = shown.frf, self.estimate.theta[None]
+            ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+            values, factors = part.prior.values(theta), part.prior.factors(theta)
+            predicted = np.abs(frfs_as_measured(part, ports, frf.quantity, values, factors)[0])
+            levels[part.test.name] = float(np.median(np.abs(frf.values) / np.maximum(predicted, _TINY)))
+        return levels
 
     @property
     def assumptions(self) -> tuple[str, ...]:
