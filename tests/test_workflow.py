@@ -19,6 +19,7 @@ from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.posterior.stored_problem import problem_from
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
+from jointbayes.workflow import _with_best_draw
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
 
 LINES = np.arange(20.0, 1500.0, 10.0)
@@ -464,3 +465,14 @@ def test_settings_are_of_their_own_kind(frequency_case, settings):
 def test_progress_is_shown_by_what_can_be_called(frequency_case, run):
     with pytest.raises(jb.ModelError, match="progress: found 'yes'; expected True, None, or what is called with each"):
         run(frequency_case, progress="yes")
+
+
+def test_a_higher_mode_that_independent_draws_lead_to_is_taken(frequency_posterior):
+    problem, estimate = frequency_posterior.problem, frequency_posterior.estimate
+    theta = frequency_posterior.thinned(200)[None]
+    chains = SimpleNamespace(theta=theta, log_density=problem.log_posterior(theta[0])[None])
+    assert _with_best_draw(problem, estimate, chains) is estimate
+    missed = dataclasses.replace(estimate, theta=theta[0, 0], log_posterior=float(chains.log_density[0, 0]), modes=())
+    found = _with_best_draw(problem, missed, chains)
+    assert found.log_posterior == pytest.approx(estimate.log_posterior, abs=1e-6)
+    assert found.starts == missed.starts

@@ -56,6 +56,7 @@ TakenAs = Literal["usual", "exact"]
 _PRIOR_DRAWS = 8000
 _PAIR = 2  # DOFs of a joint whose compliance a linear fit gives
 _PRIOR_STARTS = 6
+_SAME_DENSITY = 1e-3  # of two points that are equally the mode
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
 #: Generators of `sample`: each has its own, so that a run goes on anywhere without what came before.
 _WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR = range(5)
@@ -402,7 +403,7 @@ def _with_best_draw(problem: Problem, estimate: MapEstimate, chains: Chains) -> 
     """
     best = chains.theta[np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)]
     theta, height = refine_where_possible(problem.log_posterior, best)
-    if height <= estimate.log_posterior:
+    if height <= estimate.log_posterior + _SAME_DENSITY:
         return estimate
     search = ModeSearch(problem.log_posterior)
     known = {f"mode {number}": mode.theta for number, mode in enumerate(estimate.modes, 1)}
