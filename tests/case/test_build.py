@@ -180,11 +180,11 @@ def test_without_priors_and_first_guess_the_beam_sets_their_scale():
     own = E * flat[3] / L ** np.array([3.0, 2.0, 1.0])  # bending along z
     np.testing.assert_allclose(case.problem.first_guess, [1e3 * own[0], 0.0, 0.0])
     bounds = np.array([(m.low, m.high) for m in case.problem.prior.marginals])
-    np.testing.assert_allclose(bounds, np.log(np.stack([0.01 * own, 1e6 * own], axis=1)))
+    np.testing.assert_allclose(bounds, np.log(np.stack([[0.1, 0.1, 0.01] * own, 1e6 * own], axis=1)))
     signed = edited(bare, ('parametrisation = "log" ', 'parametrisation = "signed" '))
     k11, k22, rho = jb.case_from_text("signed", signed).problem.prior.marginals
     own = E * SECTIONS["circle"][2] * (25 / 30) ** 4 / L ** np.array([3.0, 1.0])
-    np.testing.assert_allclose([k11.low, k22.high], np.log([0.01 * own[0], 1e6 * own[1]]))
+    np.testing.assert_allclose([k11.low, k22.high], np.log([0.1 * own[0], 1e6 * own[1]]))
     assert (rho.low, rho.high) == (-1.0, 1.0)
     centre = edited(bare, ('parametrisation = "log" ', 'parametrisation = "elastic_centre" '))
     _, arm, k22c = jb.case_from_text("centre", centre).problem.prior.marginals

@@ -173,7 +173,7 @@ def test_a_case_without_priors_takes_the_frames_own_stiffness():
     text = text_of(PORTAL, "3:y", "1:x", "")
     low, _ = jb.case_from_text("frame", text).problem.prior.marginals[0].support
     own = 2.1e11 * 0.04 * 0.02**3 / 12 / np.hypot(0.5, 0.4) ** 3  # about the weaker axis, in the box of the frame
-    assert low == pytest.approx(np.log(0.01 * own))
+    assert low == pytest.approx(np.log(0.1 * own))
 
 
 SPRINGS = """

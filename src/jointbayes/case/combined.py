@@ -31,14 +31,15 @@ from jointbayes.inference import (
     Uniform,
 )
 from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, blocks_of
-from jointbayes.joint.quantities import prefixed
+from jointbayes.joint.quantities import is_rotation_unit, prefixed
 from jointbayes.measurement import Data
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 
-#: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses. At the lower
-#: one no elastic frequency is further from that without a joint than a model's usual error, at the upper one from that
-#: of a rigid joint, so that both are inside: a spring of 0.1 EI/L would raise that of a free beam by 0.7 %.
-DEFAULT_PRIOR_FACTORS = 0.01, 1e6
+#: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses. At its lower
+#: one no spring moves an elastic frequency further from that without it than a model's usual error, at the upper ones
+#: all are that near those of a rigid joint, so that both are inside: 0.1 EI/L would raise that of a free beam by 0.7 %.
+DEFAULT_PRIOR_FACTORS = 0.1, 1e6
+DEFAULT_ROTATION_FACTORS = 0.01, 1e6
 DEFAULT_GUESS_FACTOR = 1e3
 #: Bounds of the default priors of a loss factor, and of a dashpot relative to the beam's own stiffness times a second.
 DEFAULT_LOSS = 1e-4, 1.0
@@ -260,9 +261,13 @@ def own_stiffnesses(joint: JointSpec, structure: StructureBase, body: Body, data
             for side in sides
         ]
         size = body.own_stiffness(sides[0][i], sides[0][j]) or min(springs)
-        beyond = shown.size and min(springs) < DEFAULT_PRIOR_FACTORS[0] * size
+        beyond = shown.size and min(springs) < _prior_factors(quantity.unit)[0] * size
         sizes[quantity.name] = OwnStiffness(size, min(springs) if beyond else size)
     return sizes
+
+
+def _prior_factors(unit: str) -> tuple[float, float]:
+    return DEFAULT_ROTATION_FACTORS if is_rotation_unit(unit) else DEFAULT_PRIOR_FACTORS
 
 
 def _default_marginal(axis: Coordinate, sizes: Mapping[str, OwnStiffness], length: float) -> Marginal:
@@ -272,7 +277,7 @@ def _default_marginal(axis: Coordinate, sizes: Mapping[str, OwnStiffness], lengt
             return Uniform(*np.log(DEFAULT_LOSS))
         return Uniform(*np.log([end * sizes[axis.quantity].size for end in DEFAULT_DASHPOT_FACTORS]))
     if axis.logarithmic:
-        low, high = DEFAULT_PRIOR_FACTORS
+        low, high = _prior_factors(axis.unit)
         return Uniform(*np.log([low * sizes[axis.quantity].softest, high * sizes[axis.quantity].size]))
     return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
 
