@@ -34,7 +34,14 @@ from jointbayes.posterior.verdicts import (
     verdict_lines,
     verdict_text,
 )
-from jointbayes.posterior.widened import DECADE, REACH, WidenedPosterior, bounds_within_reach, widened_prior
+from jointbayes.posterior.widened import (
+    DECADE,
+    REACH,
+    WidenedPosterior,
+    bounds_within_reach,
+    moved_beyond_bounds,
+    widened_prior,
+)
 from jointbayes.report import ReportInputs, render_html, render_pdf
 from jointbayes.report.markup import badge
 from jointbayes.report.model import Callout, Report, Table
@@ -271,6 +278,31 @@ def test_the_limits_of_rho_are_physics_and_no_bound_of_a_prior():
     assert not bounds_within_reach(prior, theta)
     narrow = dataclasses.replace(prior, marginals=(*prior.marginals[:2], Uniform(-1.0, 0.5)))
     assert bounds_within_reach(narrow, np.where(theta == 0.999, 0.499, theta))
+
+
+@pytest.mark.parametrize(("column", "end"), [(0, 0), (0, 1), (1, 1)])
+def test_draws_near_a_bound_within_reach_go_on_beyond_it_as_far_as_wider_priors_do(column, end):
+    prior = JointPrior(SignedCoupling(), (Uniform(-6.0, 6.0), Uniform(-6.0, 6.0), Uniform(-1.0, 1.0)))
+    theta = np.random.default_rng(1).normal(scale=0.2, size=(5000, 3))
+    assert moved_beyond_bounds(prior, theta) is not theta
+    assert np.array_equal(moved_beyond_bounds(prior, theta), theta)
+    theta[:, column] = np.linspace(-6.0, 0.0, 5000) if end == 0 else np.linspace(0.0, 6.0, 5000)
+    moved = moved_beyond_bounds(prior, theta)
+    assert np.array_equal(moved[:5000], theta)
+    beyond = moved[5000:]
+    low, high = widened_prior(prior).marginals[column].support
+    assert len(beyond) == pytest.approx(5000 * DECADE / 6, abs=2)
+    assert (beyond[:, column].min(), beyond[:, column].max()) == pytest.approx(
+        (low, low + DECADE) if end == 0 else (high - DECADE, high), abs=0.01
+    )
+    assert np.isin(np.delete(beyond, column, axis=1), np.delete(theta, column, axis=1)).all()
+
+
+def test_the_limits_of_rho_are_not_moved_beyond():
+    prior = JointPrior(SignedCoupling(), (Uniform(-6.0, 6.0), Uniform(-6.0, 6.0), Uniform(-0.5, 1.0)))
+    theta = np.column_stack([np.zeros((500, 2)), np.full(500, -0.499)])
+    assert moved_beyond_bounds(prior, theta)[500:, 2] == pytest.approx(np.full(500, -0.999))
+    assert len(moved_beyond_bounds(prior, -2 * theta)) == 500
 
 
 def test_a_posterior_far_from_all_bounds_is_not_drawn_again(cheap_posterior):

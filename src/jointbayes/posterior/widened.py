@@ -24,6 +24,7 @@ from jointbayes.sampling import (
     WeightedDraws,
     fit_each_mode,
     fit_proposal,
+    released_draws,
     run_ensembles,
 )
 
@@ -195,7 +196,7 @@ def widen(
 
 
 def _drawn_anew(posterior: PosteriorDraws, rng: np.random.Generator, wide: JointPrior) -> DrawsOfWorth:
-    """Importance draws from a proposal fitted to the wider posterior; a short run of the ensembles where they fail."""
+    """Importance draws from a proposal fitted to the wider posterior, once or in rounds; else of walkers."""
     problem = replace_prior(posterior.problem, wide)
     log_posterior, systems = problem.log_posterior, coordinate_systems(problem)
     ends = [refine(log_posterior, posterior.mode_theta)]
@@ -213,8 +214,29 @@ def _drawn_anew(posterior: PosteriorDraws, rng: np.random.Generator, wide: Joint
     weighted = WeightedDraws(*proposal.weighted_draws(log_posterior, rng, _DRAWS))
     if weighted.effective >= _LEAST_EFFECTIVE:
         return weighted.resample(rng, _DRAWS), weighted.effective, True
+    beyond = moved_beyond_bounds(posterior.problem.prior, posterior.theta)
+    adapted = released_draws(log_posterior, systems, beyond, rng, judged_quantities(wide), modes=max(1, len(modes)))
+    if adapted is not None:
+        return *adapted, True
     chains = _short_run(log_posterior, proposal, np.concatenate([weighted.theta, posterior.theta]), rng)
     return chains.draws().theta.reshape(-1, len(problem.names)), float(chains.ess.min()), chains.converged
+
+
+def moved_beyond_bounds(prior: JointPrior, theta: Array) -> Array:
+    """Draws θ, shape (n, d), and those near a bound within reach again, moved beyond it: (m, d), m ≥ n.
+
+    Where data say nothing a density goes on beyond its bound as it is before it, and a proposal that is fitted to draws
+    that end there reaches the rest hardly ever.
+    """
+    moved = [theta]
+    for name, side in bounds_within_reach(prior, theta):
+        column, end = prior.names.index(name), 0 if side == "lower" else 1
+        bound = prior.marginals[column].support[end]
+        step = widened_prior(prior).marginals[column].support[end] - bound
+        copies = theta[np.abs(theta[:, column] - bound) < abs(step)].copy()
+        copies[:, column] += step
+        moved.append(copies)
+    return np.concatenate(moved)
 
 
 def _short_run(log_posterior: LogPosterior, proposal: Proposal, around: Array, rng: np.random.Generator) -> Chains:
