@@ -15,7 +15,7 @@ import numpy as np
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import JointBayesError
-from jointbayes.posterior.verdicts import verdict_lines
+from jointbayes.posterior.verdicts import lines_of
 
 CASE = Path("configs/clamped_beam.toml")
 OUTPUTS = {"tip": '["11:y"]', "tip and mid-span": '["11:y", "6:y"]'}
@@ -82,7 +82,7 @@ def main() -> None:
                 print(f"{one.name}: refused: {error}", flush=True)
                 continue
             wrong += posterior.verdict(one.stiffness).verdict in ("identified", "weakly identified")
-            print(f"{one.name}:", *verdict_lines(posterior, one.stiffness), flush=True)
+            print(f"{one.name}:", *lines_of(one.stiffness, posterior.verdict(one.stiffness)), flush=True)
     print(f"{wrong} of {count} call a stiffness identified that its prior excludes")
 
 

@@ -15,7 +15,7 @@ from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
 from jointbayes.errors import ModelError
 from jointbayes.posterior import gather_knowledge
-from jointbayes.posterior.identifiability import assess
+from jointbayes.posterior.identifiability import NO_VALID_VALUE, assess
 from jointbayes.posterior.knowledge import KeptKnowledge, effect_sentence, inputs_taken_as_exact
 from jointbayes.posterior.rounding import rounded_interval
 from jointbayes.posterior.storage import typed_value
@@ -25,7 +25,6 @@ from jointbayes.posterior.uncertain_inputs import (
     assumed_words,
     effect_of_uncertain_inputs,
 )
-from jointbayes.posterior.verdicts import NO_VALID_VALUE
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.markup import badge, nuisance_label
 from jointbayes.report.model import Lights, Paragraph, Table
@@ -340,8 +339,10 @@ def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs,
     assert any(beside in line for line in lines)
     assert max(map(len, lines)) <= 200
     assert only_if in str(inputs.summary)
-    print_summary(posterior)  # without a report nobody looked
-    assert "The verdicts take Young's modulus, density, length and damping ratio as exact" in capsys.readouterr().out
+    print_summary(replace(posterior))  # without a report nobody looked
+    said = capsys.readouterr().out
+    assert f": {only_if.replace(' only', '')}\n" in said
+    assert "What is known with Young's modulus, density, length and damping ratio uncertain: posterior.under" in said
 
 
 @pytest.mark.whole
@@ -460,8 +461,8 @@ def test_uncertain_quantities_have_short_labels(name, label):
 def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
     text = json.dumps(asdict(gathered.kept), default=lambda array: array.tolist())
     kept = typed_value(KeptKnowledge, json.loads(text), "")
-    for name in ("_profiles", "effect_of_uncertain_inputs", "next_step"):
-        monkeypatch.setattr(f"jointbayes.posterior.knowledge.{name}", lambda *_: pytest.fail("found anew"))
+    for name in ("knowledge._profiles", "posterior.effect_of_uncertain_inputs", "knowledge.next_step"):
+        monkeypatch.setattr(f"jointbayes.posterior.{name}", lambda *_: pytest.fail("found anew"))
     again = gather_knowledge(judged_as(replace(uncertain, _kept_knowledge=kept), uncertain))
     assert repr(again.freed) == repr(gathered.freed)
     assert again.assumed == gathered.assumed

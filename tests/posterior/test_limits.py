@@ -20,7 +20,7 @@ from jointbayes.posterior.knowledge import _profiles
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
 from jointbayes.posterior.rounding import factor as ratio_in_words
 from jointbayes.posterior.rounding import rounded, rounded_interval
-from jointbayes.posterior.verdicts import LEAST_EXCLUDED, verdict_lines
+from jointbayes.posterior.verdicts import LEAST_EXCLUDED, lines_of
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.report.sections.lead import _accuracy
 from tests.conftest import CONFIGS, PAIR, TO_CONVERGE
@@ -294,7 +294,7 @@ def test_each_end_says_where_it_comes_from(cheap_posterior):
         ((low / 2, high * 2), "both ends by likelihood ratio"),
     ):
         changed = with_limits(cheap_posterior, (low, high), printed)
-        known, line = changed.verdict("k12"), " ".join(verdict_lines(changed, "k12"))
+        known, line = changed.verdict("k12"), " ".join(lines_of("k12", changed.verdict("k12")))
         assert known.prior_volume == ""
         drawn = rounded_interval(known.interval95, known.interval95_error, " to ")
         if words:
@@ -316,7 +316,7 @@ def test_the_volume_speaks_beyond_a_tenth_of_the_interval(cheap_posterior, share
         said = changed.verdict("k12").prior_volume
         lower = changed.verdict("k12").interval().split(" … ")[0]
         assert bool(said) == speaks
-        assert said in " ".join(verdict_lines(changed, "k12"))
+        assert said in " ".join(lines_of("k12", changed.verdict("k12")))
         if speaks:
             ends = f"lower end {lower} by the draws, {rounded(moved)} by the likelihood alone"
             assert said == f"part of this rests on the prior: {ends}"
@@ -368,7 +368,7 @@ def test_a_one_sided_limit_is_the_more_cautious_one(cheap_posterior):
             words = f"{limit} N·m/rad by likelihood ratio ({drawn_text} by the draws)"
             words = words if moved else f"{drawn_text} N·m/rad with 95 % probability"
             beyond = "above" if side == "below" else "below"
-            assert " ".join(verdict_lines(found, "k22")).startswith(f"k22: {beyond} {words}: bounded {side}")
+            assert " ".join(lines_of("k22", found.verdict("k22"))).startswith(f"k22: {beyond} {words}: bounded {side}")
             assert known.prior_volume.count("end") == 1
 
 

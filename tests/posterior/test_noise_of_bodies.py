@@ -13,7 +13,7 @@ from jointbayes.inference import Problem, Test
 from jointbayes.posterior import Posterior, data_sha256
 from jointbayes.posterior.model_errors import DOUBTFUL, noise_of_bodies
 from jointbayes.posterior.stored_problem import run_fingerprint
-from jointbayes.posterior.verdicts import verdict_lines
+from jointbayes.posterior.verdicts import lines_of
 from jointbayes.report.contents import build_report
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Lights, Table
@@ -37,7 +37,7 @@ def test_where_the_noise_counts_the_verdicts_are_as_ever(posterior):
     assert found is not None
     assert found.within
     assert "is propagated to first order" in found.sentence
-    assert "ignored" not in " ".join(verdict_lines(posterior, "k11"))
+    assert "ignored" not in " ".join(lines_of("k11", posterior.verdict("k11")))
     assert posterior.check.explains
     assert found.sentence in str(posterior.summary())
 

@@ -42,7 +42,9 @@ def test_a_number_alone_is_told_as_in_a_row_of_one():
 
 
 def test_a_median_and_the_ends_of_its_interval_are_told_alike():
-    known = Identifiability((99210.0, 100673.0), 1.01, 0.01, 0.99, "identified", "", 99936.0, 12.0, (40.0, 40.0))
+    known = Identifiability(
+        (99210.0, 100673.0), 1.01, 0.01, 0.99, "identified", "", 99936.0, 12.0, (40.0, 40.0), unit="N·m/rad"
+    )
     assert known.row == ("9.994e4", "9.921e4", "1.0067e5")
-    (line,) = lines_of("krz", known, "N·m/rad")
+    (line,) = lines_of("krz", known)
     assert line.startswith("krz: median 9.994e4 N·m/rad, 95 % credible interval 9.921e4 to 1.0067e5: identified")

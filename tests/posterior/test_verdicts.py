@@ -18,9 +18,12 @@ from jointbayes.posterior import Posterior, summarise
 from jointbayes.posterior.identifiability import (
     IDENTIFIED_RATIO,
     LEAST_CONTRACTION,
+    NO_VALID_VALUE,
     NOTHING,
     RULE,
     WEAK_RATIO,
+    ExactInputs,
+    Identifiability,
     Verdict,
     verdict_by_rule,
 )
@@ -28,11 +31,9 @@ from jointbayes.posterior.rounding import factor, number, rounded, rounded_inter
 from jointbayes.posterior.verdicts import (
     BEYOND,
     LEAST_EXCLUDED,
-    NO_VALID_VALUE,
+    lines_of,
     mode_sentence,
     reasons_for_no_verdict,
-    verdict_lines,
-    verdict_text,
 )
 from jointbayes.posterior.widened import (
     DECADE,
@@ -122,7 +123,7 @@ def test_a_run_that_did_not_converge_has_no_verdict(cheap_posterior):
     for name in PAIR.stiffness_names:
         known = failed.verdict(name)
         assert (known.verdict, known.verdict_reason) == ("no verdict", "the calculation has not settled")
-        assert " ".join(verdict_lines(failed, name)).endswith(": no verdict (the calculation has not settled)")
+        assert " ".join(lines_of(name, failed.verdict(name))).endswith(": no verdict (the calculation has not settled)")
 
 
 def test_a_run_without_a_verdict_names_the_bound_that_its_draws_reach(cheap_posterior):
@@ -169,18 +170,25 @@ def test_verdicts_of_a_model_that_does_not_explain_the_data_are_conditional(chea
         assert known.if_model_right == (verdict != "not identified")
     assert known.verdict_reason == f"if the model fitted the data: {before.verdict_reason}"
     assert ": no valid value, as the model does not fit the data (the upper end is " in " ".join(
-        verdict_lines(wrong, "k22")
+        lines_of("k22", wrong.verdict("k22"))
     )
+
+
+def judged(verdict, **more):
+    return Identifiability((1.0, 2.0), 2.0, 0.1, 0.9, verdict, "", 1.5, **more)
 
 
 @pytest.mark.parametrize("verdict", ["identified", "weakly identified", "bounded below", "bounded above"])
 def test_a_conditional_verdict_is_never_green(verdict):
-    plain = badge(verdict_text(verdict, if_model_right=False))
-    conditional = badge(verdict_text(verdict, if_model_right=True))
+    plain = badge(judged(verdict).words)
+    conditional = badge(judged(verdict, if_model_right=True).words)
     assert plain is not None
     assert conditional is not None
     assert (conditional.kind, conditional.symbol) == ("bad", "✗")
-    under = badge(verdict_text(verdict, if_model_right=False, condition=" only if length is exact"))
+    exact = judged(verdict, exact=ExactInputs(("length",), None))
+    assert exact.words == f"{verdict} only if length is exact"
+    under = badge(exact.words)
+    assert badge(dataclasses.replace(exact, exact=ExactInputs(("length",), None, looked_at=False)).words) == under
     assert (under.kind, under.symbol) == ("caution", "~")
     assert plain.kind == ("good" if verdict == "identified" else "caution")
     assert badge("no verdict").kind == "bad"
@@ -230,7 +238,7 @@ def test_nothing_is_green_where_the_model_does_not_explain_the_data(cheap_poster
 
 
 def test_every_verdict_is_a_badge_in_html_and_pdf():
-    texts = [verdict_text(one, if_model_right=flag) for one in get_args(Verdict) for flag in (False, True)]
+    texts = [judged(one, if_model_right=flag).words for one in get_args(Verdict) for flag in (False, True)]
     table = Table("Verdicts", ("Stiffness", "Verdict"), tuple((f"k{i}", text) for i, text in enumerate(texts)))
     report = Report("Clamp", "", (table,), (), datetime.date(2026, 1, 5), "0")
     page = render_html(report)
@@ -321,9 +329,10 @@ def test_mass_beyond_a_bound_makes_a_one_sided_limit(cheap_posterior):
     values = cheap_posterior.values("k22")
     assert known.limit95 == np.quantile(values, 0.05)
     assert known.verdict_reason.startswith("the prior's upper bound 1e8 N·m/rad limits it")
-    line = " ".join(verdict_lines(widened_by(cheap_posterior, theta), "k22"))
+    line = " ".join(lines_of("k22", widened_by(cheap_posterior, theta).verdict("k22")))
     drawn, limit = rounded(known.limit95, known.limit95_error), rounded(known.printed95[0])
-    words = f"k22: above {limit} N·m/rad by likelihood ratio ({drawn} by the draws): bounded below"
+    words = f"k22: above {limit} N·m/rad by likelihood ratio ({drawn} by the draws): {known.words}"
+    assert known.words.startswith("bounded below if ")
     assert line.startswith(f"{words} (the prior's upper bound 1e8")
 
 
@@ -383,7 +392,7 @@ def test_wider_priors_that_could_not_be_drawn_leave_nothing_identified(cheap_pos
     assert known.verdict == "not identified"
     assert known.verdict_reason.startswith("it may rest on the prior: with priors a decade wider")
     same = widened_by(cheap_posterior, cheap_posterior.theta[:4000])
-    assert repr(same.verdict("k22")) == repr(cheap_posterior.verdict("k22"))  # NaN is not itself
+    assert repr(same.verdict("k22")) == repr(with_cached(cheap_posterior).verdict("k22"))  # NaN is not itself
 
 
 @pytest.mark.science
@@ -397,7 +406,7 @@ def test_a_stiffness_beyond_its_prior_is_never_identified(wanted):
     posterior = sample(case_from_text("beyond", one.text), seed=1, settings=settings)
     known = posterior.verdict(one.stiffness)
     assert known.verdict in ("bounded below", "bounded above", "not identified")
-    assert "bound" in " ".join(verdict_lines(posterior, one.stiffness))
+    assert "bound" in " ".join(lines_of(one.stiffness, posterior.verdict(one.stiffness)))
 
 
 @pytest.mark.docs

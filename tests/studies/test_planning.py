@@ -26,6 +26,7 @@ from jointbayes.posterior.first_look import (
     worth_simulating,
 )
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
+from jointbayes.posterior.identifiability import listed
 from jointbayes.posterior.uncertain_inputs import taken_as_exact
 from jointbayes.sampling import WeightedDraws, fit_proposal
 from jointbayes.structure import BeamFamily
@@ -391,9 +392,9 @@ def test_a_plan_says_what_the_case_takes_as_exact():
     assert words in plan_lines(replace(found, exact="density and length"))
     stated = jb.case_from_text("case", shipped_text("clamped_beam"))
     exact = "Young's modulus, density, length and damping ratio"
-    assert taken_as_exact(stated.problem, stated.workshop_problem) == exact
-    assert taken_as_exact(stated.workshop_problem, stated.workshop_problem) == ""
-    assert taken_as_exact(stated.problem, None) == ""
+    assert listed(taken_as_exact(stated.problem, stated.workshop_problem)) == exact
+    assert taken_as_exact(stated.workshop_problem, stated.workshop_problem) == ()
+    assert taken_as_exact(stated.problem, None) == ()
 
 
 def test_nothing_is_recommended_that_does_not_help():

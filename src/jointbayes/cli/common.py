@@ -136,15 +136,13 @@ def unfinished(
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
     """Print convergence, verdicts, and what may be wrong with them."""
     from jointbayes.posterior.assemblies import assembly_scatters
-    from jointbayes.posterior.verdicts import verdict_lines
+    from jointbayes.posterior.verdicts import lines_of
 
     say(posterior.record.headline)
     for name in posterior.stiffness_names:
-        exact = knowledge.exact.get(name) if knowledge else None
-        beside = (exact.condition, exact.words_if_uncertain) if exact else ()
-        for line in verdict_lines(posterior, name, *beside):
+        for line in lines_of(name, posterior.verdict(name)):
             say(line)
-    for line in posterior.assumptions if knowledge is None else posterior.premises_sentences:
+    for line in posterior.assumptions:
         say(line)
     bounds = knowledge.bounds_sentences if knowledge else ()
     for line in (*bounds, *posterior.solutions.sentences):

@@ -29,6 +29,7 @@ from jointbayes.joint.combinations import (
 )
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
+    IF_MODEL_RIGHT,
     WEAK_RATIO,
     Identifiability,
     Verdict,
@@ -36,7 +37,6 @@ from jointbayes.posterior.identifiability import (
     verdict_by_rule,
 )
 from jointbayes.posterior.rounding import LARGEST_FACTOR, factor_in_words, rounded, rounded_interval
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 
 _NORMAL_95 = 1.959963984540054
 _MOST_TOLD = 4  # in a sentence
@@ -224,7 +224,8 @@ class _Search:
         assessment = assess(quantity.of(self._stiffness), quantity.of(self._prior))
         if self._wider is None:
             return assessment
-        wider = assess(*(quantity.of(draws) for draws in self._wider)).verdict
+        drawn, before = map(quantity.of, self._wider)
+        wider = assess(drawn, before).verdict
         if CERTAINTY.get(wider, 0) >= CERTAINTY.get(assessment.verdict, 0):
             return assessment
         reason = f"rests on the prior: {wider} with wider priors of the joint"

@@ -13,23 +13,18 @@ from jointbayes.errors import ModelError, require_count, require_probability
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import ErrorSizes, Problem
-from jointbayes.notebook_view import frf_svg, paragraph_html, table_html
 from jointbayes.posterior.arviz_groups import arviz_tree
 from jointbayes.posterior.checks import PredictiveCheck, check_part
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
-from jointbayes.posterior.prediction import FrfPrediction, LeftOut, frfs_as_measured, predict_frf, predict_left_out
-from jointbayes.posterior.rounding import join_unit
+from jointbayes.posterior.prediction import FrfPrediction, LeftOut, predict_frf, predict_left_out
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import to_arviz
-from jointbayes.posterior.summary_tables import value_rows
 
 _KERNEL_DRAWS = 4000
 #: Quantities that move all modes alike.
 _OF_ALL_MODES = ("youngs_modulus", "density", "length", "length_offset")
 _SIZES, _STREAM = 8000, 7  # draws that the size of the model's error is told from, and their random numbers
-_INTERVAL = "95 % credible interval"  # not what a summary prints, where the likelihood may move an end
-_MOST_SHOWN = 9  # quantities, where a posterior is printed
 #: Draws whose residuals are checked; fewer where these are millions, among which draws make no difference.
 _CHECK_DRAWS, _FEWEST_CHECKED, _CHECKED_VALUES = 200, 12, 25_000_000
 
@@ -65,36 +60,6 @@ class PosteriorDraws:
     case: SampledCase | None = None
     #: What `gather_knowledge` once found, as it was read with the draws.
     _kept_knowledge: Any = field(default=None, repr=False)
-
-    def __repr__(self) -> str:
-        rows = [f"{name}: median {median}, {_INTERVAL} {join_unit(*ends)}" for name, median, *ends in self._rows]
-        more = f"and {len(rows) - _MOST_SHOWN} more" if len(rows) > _MOST_SHOWN else ""
-        return "\n  ".join(filter(None, [self._title, *rows[:_MOST_SHOWN], more, *self._remarks]))
-
-    def _repr_html_(self) -> str:
-        part = next((part for part in self.problem.parts if part.test.data.shown_frfs), None)
-        drawing = ""
-        if part is not None and part.test.data.shown_frfs is not None:
-            frf, theta = part.test.data.shown_frfs.frf, self.estimate.theta[None]
-            ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
-            factors, values = part.prior.factors(theta), part.prior.values(theta)
-            best = frfs_as_measured(part, ports, frf.quantity, values, factors)[0]
-            drawing = frf_svg(frf.frequency_hz, {"measured": frf.values[:, 0, 0], "MAP": best[:, 0, 0]})
-        drawing += "".join(map(paragraph_html, self._remarks))
-        return table_html(self._title, ("Quantity", "Median", _INTERVAL, "Unit"), self._rows, drawing)
-
-    @property
-    def _remarks(self) -> tuple[str, ...]:
-        """What stands below the numbers where a posterior is printed."""
-        return (self.estimate.sentence,)
-
-    @property
-    def _title(self) -> str:
-        return f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"
-
-    @property
-    def _rows(self) -> list[tuple[str, str, str, str]]:
-        return value_rows({name: (self.by_ensemble(name), self.unit(name)) for name in map(str, self.draws.data_vars)})
 
     def to_dataframe(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
         """The draws as a pandas.DataFrame: a row for each chain and draw, a column for each quantity, in its unit."""

@@ -14,7 +14,7 @@ DOI 10.2307/2289471
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from scipy.special import chdtri
@@ -23,7 +23,9 @@ from jointbayes.joint.parametrisation import RIGID
 from jointbayes.posterior.identifiability import CERTAINTY
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.rounding import likelihood_ratio
-from jointbayes.posterior.verdicts import JudgedPosterior
+
+if TYPE_CHECKING:
+    from jointbayes.posterior.posterior import Posterior
 
 #: Probability that the likelihood ratio of a joint that is so exceeds the limit.
 LEVEL = 1e-3
@@ -58,7 +60,7 @@ class SimplerJoint:
         return self.ratio > self.limit
 
 
-def known_by_bounds(posterior: JudgedPosterior) -> tuple[str, ...]:
+def known_by_bounds(posterior: "Posterior") -> tuple[str, ...]:
     """Joints of which most stiffnesses are neither identified nor weakly identified, by name; none without verdicts.
 
     One that is not identified only because solutions differ in it is known by more than bounds.
@@ -73,7 +75,7 @@ def known_by_bounds(posterior: JudgedPosterior) -> tuple[str, ...]:
     return tuple(name for name, each in verdicts.items() if 2 * sum(v in CERTAINTY for v in each) < len(each))
 
 
-def simpler_joints(posterior: JudgedPosterior) -> tuple[SimplerJoint, ...]:
+def simpler_joints(posterior: "Posterior") -> tuple[SimplerJoint, ...]:
     """Rigid, absent and uncoupled joints in place of each that is known by bounds at most; none of damped joints."""
     problem = posterior.problem
     if problem.parametrisation.damped or problem.extra_log_likelihood is not None:

@@ -1,14 +1,17 @@
 """Which stiffness do the data determine? One documented rule, for draws of one stiffness."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.posterior.rounding import factor, factor_in_words, join_unit, rounded, rounded_interval, rounded_row
 
+#: Monte Carlo standard error of a quantile of draws at a probability.
+Error = Callable[[float], float]
 Verdict = Literal["identified", "weakly identified", "not identified", "bounded below", "bounded above", "no verdict"]
 
 #: Largest upper/lower ratio of the 95 % interval of an identified stiffness.
@@ -31,8 +34,58 @@ RULE = (
 )
 
 
+#: What is said in place of a verdict where the model does not explain the data, and what sentences open with there.
+NO_VALID_VALUE = "no valid value, as the model does not fit the data"
+IF_MODEL_RIGHT = "if the model fitted the data"
+
 #: How certain a verdict is; those that are not named, not at all.
 CERTAINTY: dict[Verdict, int] = {"identified": 2, "weakly identified": 1}
+
+
+@dataclass(frozen=True, slots=True)
+class ExactInputs:
+    """Inputs that a verdict takes as exact, and does not hold without.
+
+    Parameters
+    ----------
+    quantities
+        Their names.
+    freed
+        What is known with them uncertain; None where this could not be shown.
+    looked_at
+        Whether it was looked at what is known with them uncertain; where not the verdict may hold without them.
+    """
+
+    quantities: tuple[str, ...]
+    freed: "Identifiability | None"
+    looked_at: bool = True
+
+    @property
+    def condition(self) -> str:
+        """What follows the verdict."""
+        only = "only if" if self.looked_at else "if"
+        return f" {only} {listed(self.quantities)} {'are' if len(self.quantities) > 1 else 'is'} exact"
+
+    @property
+    def words_if_uncertain(self) -> str:
+        """The interval with them uncertain, in words."""
+        them = "them" if len(self.quantities) > 1 else "it"
+        if not self.looked_at:
+            return ""
+        if self.freed is None:
+            return f"what is known with {them} uncertain could not be shown"
+        limit, ends = self.freed.limit, rounded_interval(self.freed.interval95, self.freed.interval95_error, " to ")
+        return f"with {them} uncertain {limit or join_unit(ends, self.freed.unit)}, {self.freed.verdict}"
+
+    def as_json(self) -> dict[str, Any]:
+        """What ``parameters.<name>.only_if_exact`` of ``summary.json`` holds."""
+        freed = self.freed
+        return {
+            "quantities": list(self.quantities),
+            "interval95": None if freed is None else list(freed.interval95),
+            "limit95": None if freed is None else freed.limit95,
+            "verdict": None if freed is None else freed.verdict,
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +125,8 @@ class Identifiability:
     printed95
         What is printed, see `jointbayes.posterior.verdicts`: at each end the more cautious of draws and likelihood;
         NaN at the open end of a stiffness that is bounded, and where the draws alone are printed.
+    exact
+        Inputs that the verdict takes as exact and does not hold without; None where there are none such.
     """
 
     interval95: tuple[float, float]
@@ -89,6 +144,22 @@ class Identifiability:
     if_model_right: bool = False
     likelihood95: tuple[float, float] = _NO_ENDS
     printed95: tuple[float, float] = _NO_ENDS
+    exact: ExactInputs | None = None
+
+    @property
+    def plain_words(self) -> str:
+        """The verdict as it is printed where what it takes as exact is said already."""
+        return NO_VALID_VALUE if self.if_model_right else self.verdict
+
+    @property
+    def words(self) -> str:
+        """The verdict as it is printed, with the conditions it stands under."""
+        return self.plain_words + (self.exact.condition if self.exact and not self.if_model_right else "")
+
+    @property
+    def beside(self) -> str:
+        """What is known without what it takes as exact, in words; empty where that is nothing, or not known."""
+        return self.exact.words_if_uncertain if self.exact else ""
 
     @property
     def drawn95(self) -> tuple[float, float]:
@@ -208,12 +279,14 @@ def verdict_by_rule(ratio: float, contraction: float, printed: float | None = No
     return "not identified", f"{spread}, more than {WEAK_RATIO:g}"
 
 
-def assess(posterior: Array, prior: Array) -> Identifiability:
+def assess(posterior: Array, prior: Array, error: Error = lambda _: math.nan, unit: str = "") -> Identifiability:
     """Judge one stiffness from posterior and prior draws, any shapes, in the stiffness's unit.
 
     A stiffness is *identified* if the upper end of its 95 % interval is at most 1.25 times the lower end, *weakly
     identified* if at most 3 times, and otherwise *not identified*; it is not identified either if the variance of
     its logarithm has contracted by less than half from prior to posterior.
+
+    `error` gives the Monte Carlo standard error of the draws' quantile at a probability.
 
     Examples
     --------
@@ -231,4 +304,21 @@ def assess(posterior: Array, prior: Array) -> Identifiability:
         ratio, sd_log = math.inf, math.nan
         contraction = 1 - float(posterior.var() / prior.var())
     verdict, reason = verdict_by_rule(ratio, contraction)
-    return Identifiability((low, high), ratio, sd_log, contraction, verdict, reason, median)
+    return Identifiability(
+        (low, high),
+        ratio,
+        sd_log,
+        contraction,
+        verdict,
+        reason,
+        median,
+        median_error=error(0.5),
+        interval95_error=(error(0.025), error(0.975)),
+        unit=unit,
+    )
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence: ``"density, length and gain"``."""
+    readable = [name.replace("youngs", "Young's").replace("_", " ") for name in names]
+    return "".join(readable) if len(readable) < 2 else f"{', '.join(readable[:-1])} and {readable[-1]}"

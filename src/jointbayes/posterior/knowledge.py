@@ -1,127 +1,36 @@
 """What the data say beyond the draws: does the model explain them, what is known of the joint, and resting on what."""
 
-import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.inference import Problem
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
 from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences, simpler_joints
-from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict
+from jointbayes.posterior.identifiability import CERTAINTY, IF_MODEL_RIGHT, ExactInputs, Identifiability, listed
 from jointbayes.posterior.limits import ProfileLikelihood
 from jointbayes.posterior.next_step import NextStep, next_step
-from jointbayes.posterior.rounding import join_unit, rounded_interval
+from jointbayes.posterior.rounding import rounded_interval
 from jointbayes.posterior.uncertain_inputs import (
+    LARGEST_CHANGE,
+    RANK,
     UncertainInputsRow,
     assumed_beyond,
-    effect_of_uncertain_inputs,
-    listed,
+    inputs_taken_as_exact,
+    known_in_workshop,
+    quantities_taken_as_exact,
 )
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, MOST_UNKNOWNS, JudgedPosterior
+from jointbayes.posterior.verdicts import MOST_UNKNOWNS
 
-#: Verdicts that say something, best first.
-RANK: dict[Verdict, int] = {
-    "identified": 0, "weakly identified": 1, "bounded below": 2, "bounded above": 2, "not identified": 3,
-}  # fmt: skip
-#: An interval that is wider, or whose ends lie further out, by more than this share of its width is another one.
-LARGEST_CHANGE = 0.5
+if TYPE_CHECKING:
+    from jointbayes.posterior.posterior import Posterior
+
 _MOST_TOLD = 4  # stiffnesses in a sentence
 #: What ``summary.json`` holds of each combination.
 _OF_DIRECTION = ("quantity", "median", "interval95", "ratio", "sd_log", "verdict", "limit", "sentence")
-
-
-@dataclass(frozen=True, slots=True)
-class ExactInputs:
-    """What a verdict holds only with: quantities that the run takes as exactly known.
-
-    Parameters
-    ----------
-    quantities
-        Their names.
-    freed
-        What is known with them uncertain; None where that could not be shown.
-    """
-
-    quantities: tuple[str, ...]
-    freed: Identifiability | None
-
-    @property
-    def condition(self) -> str:
-        """What follows the verdict: ``" only if density and length are exact"``."""
-        return f" only if {listed(self.quantities)} {'are' if len(self.quantities) > 1 else 'is'} exact"
-
-    @property
-    def words_if_uncertain(self) -> str:
-        """The interval with them uncertain, in words."""
-        them = "them" if len(self.quantities) > 1 else "it"
-        if self.freed is None:
-            return f"what is known with {them} uncertain could not be shown"
-        limit, ends = self.freed.limit, rounded_interval(self.freed.interval95, self.freed.interval95_error, " to ")
-        return f"with {them} uncertain {limit or join_unit(ends, self.freed.unit)}, {self.freed.verdict}"
-
-    def as_json(self) -> dict[str, Any]:
-        """What ``parameters.<name>.only_if_exact`` of ``summary.json`` holds."""
-        freed = self.freed
-        return {
-            "quantities": list(self.quantities),
-            "interval95": None if freed is None else list(freed.interval95),
-            "limit95": None if freed is None else freed.limit95,
-            "verdict": None if freed is None else freed.verdict,
-        }
-
-
-def quantities_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> tuple[str, ...]:
-    """Names of what the run, the first row, takes as exact and another row does not."""
-    most = max((row.uncertain for row in rows), key=len, default=())
-    return tuple(name for name in most if name not in rows[0].uncertain)
-
-
-def known_in_workshop(rows: Sequence[UncertainInputsRow]) -> Mapping[str, Identifiability] | None:
-    """What is known with all uncertain that the run takes as exact; None where it takes nothing so, or nobody knows."""
-    return rows[-1].known or None if quantities_taken_as_exact(rows) else None
-
-
-def inputs_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> dict[str, ExactInputs]:
-    """The stiffnesses whose verdict holds only if what the run takes as exact is so, by name.
-
-    A verdict does where the run's interval is another one with these quantities uncertain, see `LARGEST_CHANGE`, where
-    its class is worse, its one-sided limit is weaker by a factor of 1.5, or where this could not be shown.
-    """
-    exact = quantities_taken_as_exact(rows)
-    if not exact:
-        return {}
-    run, most = rows[0], max(rows, key=lambda row: len(row.uncertain))
-    return {
-        name: ExactInputs(exact, most.known.get(name))
-        for name, assessment in run.known.items()
-        if assessment.verdict != "not identified" and (not most.known or _is_weaker(most.known[name], assessment))
-    }
-
-
-def _is_weaker(freed: Identifiability, run: Identifiability) -> bool:
-    """Whether less is known than the run says, beyond the Monte Carlo error of either."""
-    if RANK[freed.verdict] > RANK[run.verdict] or (freed.limit and run.limit and freed.verdict != run.verdict):
-        return True
-    if freed.limit and run.limit:
-        weaker = math.log(run.limit95 / freed.limit95) * (1 if run.verdict == "bounded below" else -1)
-        return weaker > math.log(1 + LARGEST_CHANGE)
-    low, high = run.interval95
-    ends = np.array([run.interval95, freed.interval95])
-    errors = np.nan_to_num(np.array([run.interval95_error, freed.interval95_error]))
-    median = freed.median
-    if (ends > 0).all() or (ends < 0).all():
-        errors, ends = errors / np.abs(ends), np.sort(np.log(np.abs(ends)), axis=1)
-    (low_run, high_run), (low_freed, high_freed) = ends
-    width, error = high_run - low_run, float(np.sqrt((errors**2).sum()))
-    change = max(high_freed - low_freed - width, low_run - low_freed, high_freed - high_run)
-    return bool(not low <= median <= high or change > max(LARGEST_CHANGE * width, 2 * error))
 
 
 def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
@@ -294,38 +203,17 @@ class Knowledge:
         }
 
 
-def other_premises(posterior: JudgedPosterior) -> dict[str, UncertainInputsRow]:
-    """What is known under premises other than the run's, by name, with draws of its own.
+def gather_knowledge(posterior: "Posterior") -> Knowledge:
+    """Check and examine a posterior; the seed of its run also replicates the data of the check.
 
-    ``"exact"`` is the row in which nothing but the joint is uncertain, ``"workshop"`` that in which all is so that the
-    case does not declare exact. A row is there where it can differ from the run, and settled.
+    What a workshop does not know exactly, for the table of what freeing it does, is that of its case, if it has one.
     """
     kept: KeptKnowledge | None = posterior._kept_knowledge
-    freed = None if kept or posterior.case is None else posterior.case.workshop_problem
-    rows = kept.freed if kept else effect_of_uncertain_inputs(posterior, freed)
-    return {"workshop" if row.uncertain else "exact": row for row in rows[1:] if row.known}
-
-
-def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -> Knowledge:
-    """Check and examine a posterior.
-
-    Parameters
-    ----------
-    posterior
-        The posterior; the seed of its run also replicates the data of the check.
-    freed
-        The same problem with more quantities uncertain, for the table of what freeing them does where the posterior's
-        own problem takes all as exactly known; by default that of its case, if it has one, with what was kept with the
-        draws.
-    """
-    problem = posterior.problem
-    kept: KeptKnowledge | None = posterior._kept_knowledge if freed is None else None
     steps = kept.next_steps if kept else None
-    if freed is None and steps is None and posterior.case is not None:
-        freed = posterior.case.workshop_problem
+    freed = posterior.case.workshop_problem if steps is None and posterior.case is not None else None
+    rows = posterior.rows
     assessments = {name: posterior.verdict(name) for name in posterior.stiffness_names}
     simpler = None if kept is None else kept.simpler
-    rows = kept.freed if kept else effect_of_uncertain_inputs(posterior, freed)
     if steps is None and all(check.explains for check in posterior.checks):
         workshop = known_in_workshop(rows)
         step = next_step(posterior, freed if workshop else None, workshop or assessments)
@@ -338,17 +226,17 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
             posterior.prior_stiffness,
             assessments,
             _wider_prior_draws(posterior),
-            problem.parametrisation,
+            posterior.problem.parametrisation,
         ),
         kept.profiles if kept else _profiles(posterior),
         rows,
-        kept.assumed if kept else assumed_beyond(problem, freed),
+        kept.assumed if kept else assumed_beyond(posterior.problem, freed),
         simpler_joints(posterior) if simpler is None else simpler,
         step,
     )
 
 
-def _wider_prior_draws(posterior: JudgedPosterior) -> tuple[Array, Array] | None:
+def _wider_prior_draws(posterior: "Posterior") -> tuple[Array, Array] | None:
     """Posterior and prior draws of the stiffnesses under wider priors; None where these change nothing.
 
     Where no draws were found that may be trusted the prior stands for the posterior: nothing is then known.
@@ -360,7 +248,7 @@ def _wider_prior_draws(posterior: JudgedPosterior) -> tuple[Array, Array] | None
     return (wide.prior.values(wide.theta) if wide.reliable else drawn), drawn
 
 
-def _profiles(posterior: JudgedPosterior) -> tuple[ProfileLikelihood, ...]:
+def _profiles(posterior: "Posterior") -> tuple[ProfileLikelihood, ...]:
     profiles: list[ProfileLikelihood] = []
     if len(posterior.problem.names) > MOST_UNKNOWNS:
         return ()

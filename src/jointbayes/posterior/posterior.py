@@ -1,8 +1,8 @@
 """The posterior: draws that are judged, summed up, set in a row of a table or along the levels of tests, and kept."""
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Self
 
@@ -10,19 +10,19 @@ import numpy as np
 import xarray as xr
 
 from jointbayes.arrays import Array
-from jointbayes.errors import ModelError, require_count, require_probability
+from jointbayes.errors import ModelError, require_count
 from jointbayes.frf import Ports
-from jointbayes.inference import Level, Test
-from jointbayes.inference.test import own_name
-from jointbayes.posterior.assemblies import usual_assemblies
+from jointbayes.notebook_view import frf_svg, paragraph_html, table_html
+from jointbayes.posterior.curves import Curve, curve_of
 from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import BestDraw, FileRecord
-from jointbayes.posterior.homogeneity import compare_tests
-from jointbayes.posterior.identifiability import Identifiability
-from jointbayes.posterior.knowledge import Knowledge, other_premises
+from jointbayes.posterior.identifiability import ExactInputs, Identifiability, listed
+from jointbayes.posterior.knowledge import Knowledge
+from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.prediction import frfs_as_measured
-from jointbayes.posterior.rounding import number
+from jointbayes.posterior.rounding import join_unit, number
+from jointbayes.posterior.solutions import Solutions
 from jointbayes.posterior.storage import log_prior_of_joint, write_tree
 from jointbayes.posterior.stored_problem import add_problem
 from jointbayes.posterior.summary import (
@@ -33,197 +33,23 @@ from jointbayes.posterior.summary import (
     stiffness_summary,
     summarise,
 )
-from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, taken_as_exact
-from jointbayes.posterior.verdicts import JudgedPosterior, reasons_for_no_verdict
+from jointbayes.posterior.summary_tables import STIFFNESS_HEAD, stiffness_row, value_rows
+from jointbayes.posterior.uncertain_inputs import (
+    UncertainInputsRow,
+    effect_of_uncertain_inputs,
+    inputs_taken_as_exact,
+    taken_as_exact,
+)
+from jointbayes.posterior.verdicts import judge_stiffness, line_of
+from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
 from jointbayes.reproducibility import one_blas_thread
 
 _TINY = float(np.finfo(float).tiny)
+_REGION_DRAWS = 4000
+_MOST_SHOWN = 9  # quantities, where a posterior is printed
 _FAR_LEVEL = 3.0  # that no damping of a best fit explains
 #: One cell of a table of cases; None where a number does not exist.
 Cell = str | float | int | bool | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Curve:
-    """A quantity at each level, in the order of the levels.
-
-    Parameters
-    ----------
-    name, unit
-        The quantity as a set-up calls it, ``"k11"`` or ``"clamp.k11"``, and its unit.
-    of
-        What the level is, with its unit; its value is that of the first set-up.
-    setups, quantities
-        Name of each set-up, and of its quantity: ``"loud.k11"``, or ``"k11"`` where it shares that.
-    level
-        Level of each set-up, shape (n,).
-    median, low, high
-        Median and ends of the interval, in the unit, each shape (n,).
-    probability
-        Inside the interval at each level.
-    pair
-        Places of the two levels that are compared: the lowest and the highest where the medians rise or fall
-        throughout, else those between which the quantity differs most clearly.
-    pairs
-        Number of pairs among which they were chosen: for all of them together the interval of the change holds.
-    relative
-        Whether the change is a ratio; of a quantity that may be negative it is a difference.
-    change
-        Median and ends of the interval of the quantity at the second of the levels over that at the first, or minus it.
-    unjudged
-        Why nothing is said of a change: that the run has no verdict; empty where it has.
-    of_usual
-        Whether it is the usual assembly at each of the two levels that is compared, about which set-ups scatter.
-    equal_data
-        Whether the data of the two are equal within their noise, so that they show no change.
-    """
-
-    name: str
-    unit: str
-    of: Level
-    setups: tuple[str, ...]
-    quantities: tuple[str, ...]
-    level: Array
-    median: Array
-    low: Array
-    high: Array
-    probability: float
-    pair: tuple[int, int]
-    pairs: int
-    relative: bool
-    change: tuple[float, float, float]
-    unjudged: str = ""
-    equal_data: bool = False
-    of_usual: bool = False
-
-    def __repr__(self) -> str:
-        return self.sentence
-
-    @property
-    def changes(self) -> bool:
-        """Whether a change is shown: the interval leaves none out, and the data differ by more than their noise."""
-        _, low, high = self.change
-        return not (self.unjudged or self.equal_data or low <= (1.0 if self.relative else 0.0) <= high)
-
-    @property
-    def sentence(self) -> str:
-        """Whether the quantity changes with the level, with its figures."""
-        middle, low, high = self.change
-        unit = f" {self.of.unit}" if self.of.unit else ""
-        first, second = (f"{self.level[place]:g}{unit}" for place in self.pair)
-        between = f"between {first} and {second}"
-        if self.unjudged:
-            return f"{self.name} {between}: nothing is said of a change, for {self.unjudged}."
-        least, quantity_unit = (1.0, "") if self.relative else (0.0, f" {self.unit}" if self.unit != "1" else "")
-        of = " of the usual assembly" if self.of_usual else ""
-        text = f"{self.name}{of} at {second} {'over' if self.relative else 'minus'} that at {first}"
-        held = f"{100 * self.probability:g} % credible interval"
-        if self.pairs > 1:
-            text += f", of {self.pairs} pairs of levels the one that differs most clearly"
-            held = f"{100 * self.probability:g} % credible interval for all pairs together"
-        text += f": median {middle:.4g}{quantity_unit}, {held} {low:.4g} to {high:.4g}{quantity_unit}"
-        if not self.changes:
-            why = ", for the data of the two are equal within their noise" if self.equal_data else ""
-            return f"{text}; no change {between} is shown{why}."
-        return f"{text}; it {'rises' if low > least else 'falls'} {between}."
-
-
-def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) -> Curve:
-    """The curve of one quantity.
-
-    Raises
-    ------
-    ModelError
-        If set-ups have no levels, or none has this quantity for itself.
-    """
-    require_probability(probability, "curve")
-    problem = posterior.problem
-    names = [*posterior.stiffness_names, *(nuisance.name for nuisance in problem.prior.nuisances)]
-    own_names = [(test, own_name(test.name, name, names)) for test in _sorted_by_level(problem.tests)]
-    named = [(test, quantity) for test, quantity in own_names if quantity is not None]
-    levels = {_value(test) for test, _ in named}
-    if len(levels) < 2 or not any(quantity != name for _, quantity in named):
-        what = (
-            f"{len(levels)} levels of set-ups with {name!r}" if len(levels) < 2 else f"{name!r} in no set-up of its own"
-        )
-        raise ModelError(
-            f"curve: found {what}; expected a quantity that is each set-up's own, and two levels at least; give the "
-            "set-ups levels that differ, and the joint own quantities"
-        )
-    values = np.stack([posterior.values(quantity).ravel() for _, quantity in named], axis=-1)
-    tail = (1 - probability) / 2
-    low, median, high = np.quantile(values, [tail, 0.5, 1 - tail], axis=0)
-    level = np.array([_value(test) for test, _ in named])
-    relative = all(_is_positive(posterior, quantity) for _, quantity in named)
-    usual = usual_assemblies(posterior, name, values, level)
-    pair, pairs, change = _change(values if usual is None else usual, level, relative=relative, tail=tail)
-    first = named[0][0].level
-    assert first is not None
-    compared = compare_tests(*(named[place][0] for place in pair))
-    unit, unjudged = posterior.unit(named[0][1]), "; ".join(reasons_for_no_verdict(posterior))
-    of, quantities = tuple(test.name for test, _ in named), tuple(quantity for _, quantity in named)
-    curve = (level, median, low, high, probability)
-    compared_as = (relative, change, unjudged, compared is not None and compared.equal, usual is not None)
-    return Curve(name, unit, first, of, quantities, *curve, pair, pairs, *compared_as)
-
-
-def _change(
-    values: Array, level: Array, *, relative: bool, tail: float
-) -> tuple[tuple[int, int], int, tuple[float, float, float]]:
-    """The pair of levels that is compared, the number among which it was chosen, and the change between them.
-
-    Parameters
-    ----------
-    values
-        Draws at each level, shape (draws, n).
-    level
-        Levels, rising, shape (n,).
-    relative
-        Whether the change is a ratio.
-    tail
-        Probability on either side of the interval, which is divided among the pairs that were looked at.
-    """
-    shown = np.log(values) if relative else values
-    steps = np.diff(np.median(shown, axis=0))
-    last = len(level) - 1
-    pairs = [(0, last)]
-    if (steps > 0).any() and (steps < 0).any():
-        pairs = [(i, j) for i in range(last) for j in range(i + 1, last + 1) if level[i] < level[j]]
-    # of many pairs one differs by chance: the interval is that of all pairs together (Bonferroni)
-    tail /= len(pairs)
-    changes = [np.quantile(shown[:, j] - shown[:, i], [0.5, tail, 1 - tail]) for i, j in pairs]
-    clearest = max(range(len(pairs)), key=lambda k: abs(changes[k][0]) / max(changes[k][2] - changes[k][1], _TINY))
-    i, j = pairs[clearest]
-    changed = values[:, j] / values[:, i] if relative else values[:, j] - values[:, i]
-    middle, low, high = np.quantile(changed, [0.5, tail, 1 - tail])
-    return (i, j), len(pairs), (float(middle), float(low), float(high))
-
-
-def _is_positive(posterior: PosteriorDraws, name: str) -> bool:
-    """Whether a quantity is above 0 whatever the data say, so that a ratio of two tells their change."""
-    problem = posterior.problem
-    logarithmic = {axis.quantity for axis in problem.parametrisation.axes if axis.logarithmic}
-    signed = {quantity.name for quantity in problem.quantities if quantity.may_be_negative}
-    return (name in logarithmic or name not in signed) and bool((posterior.values(name) > 0).all())
-
-
-def curves_of(posterior: PosteriorDraws) -> tuple[Curve, ...]:
-    """The curve of every quantity of the joints that set-ups with levels have for themselves."""
-    levels: dict[str, set[float]] = {}
-    for name in posterior.stiffness_names:
-        for test in _sorted_by_level(posterior.problem.tests):
-            if name.startswith(f"{test.name}."):
-                levels.setdefault(name.removeprefix(f"{test.name}."), set()).add(_value(test))
-    return tuple(curve_of(posterior, name) for name, values in levels.items() if len(values) > 1)
-
-
-def _sorted_by_level(setups: Sequence[Test]) -> list[Test]:
-    return sorted((test for test in setups if test.level is not None), key=_value)
-
-
-def _value(test: Test) -> float:
-    assert test.level is not None
-    return test.level.value
 
 
 def _columns(name: str, summary: StiffnessSummary | NuisanceSummary) -> dict[str, Cell]:
@@ -240,12 +66,113 @@ def _columns(name: str, summary: StiffnessSummary | NuisanceSummary) -> dict[str
     }
 
 
-class Posterior(JudgedPosterior):
-    """Draws from the posterior of a joint's stiffnesses; built as `PosteriorDraws` is."""
+class Posterior(PosteriorDraws):
+    """Draws from the posterior of a joint's stiffnesses, with a verdict on each; built as `PosteriorDraws` is."""
+
+    def has_default_prior(self, name: str) -> bool:
+        """Whether the range of a quantity is the default one, which the case does not state."""
+        return self.case is not None and name in self.case.default_priors
+
+    @cached_property
+    def solutions(self) -> Solutions:
+        """What each of several modes says; of one mode itself."""
+        return Solutions(self)
+
+    @cached_property
+    def widened(self) -> WidenedPosterior | None:
+        """The posterior with every prior of the joint a decade wider; None where that changes nothing."""
+        return widen_posterior(self)
+
+    @cached_property
+    def likelihood_region(self) -> LikelihoodRegion:
+        """Joints that fit nearly as well as the best, for likelihood-ratio limits, which it keeps once found."""
+        modes = [self.estimate.theta, self.mode_theta, *(mode.theta for mode in self.estimate.modes)]
+        theta = np.vstack([*modes, self.thinned(_REGION_DRAWS)])
+        return LikelihoodRegion(self.problem.log_posterior, theta, self.solutions.nearest(theta))
+
+    def verdict(self, name: str) -> Identifiability:
+        """Median, 95 % interval with errors, verdict with its reason and what it takes as exact.
+
+        Inputs that a workshop does not know exactly are looked at where `rows` are known: of a run that was kept, and
+        once `under` was asked. Else the verdict names them all.
+
+        Raises
+        ------
+        ModelError
+            If the joint's coordinates hold the stiffness rigid: there is nothing to judge.
+        """
+        if np.ptp(self.prior_values(name)) == 0:
+            raise ModelError(
+                f"posterior: found {name} held rigid; expected a joint whose stiffnesses are all uncertain, for "
+                "verdicts, summary and report; use draws, mode and intervals of the others"
+            )
+        return judge_stiffness(self, name, self._exact_inputs)
+
+    @cached_property
+    @one_blas_thread()
+    def rows(self) -> tuple[UncertainInputsRow, ...]:
+        """What is known with other quantities uncertain or exactly known; the first row is the run itself.
+
+        Empty where there is nothing to free, and where the run allows no verdict.
+        """
+        if self._kept_knowledge is not None:
+            rows: tuple[UncertainInputsRow, ...] = self._kept_knowledge.freed
+            return rows
+        return effect_of_uncertain_inputs(self, None if self.case is None else self.case.workshop_problem)
+
+    @property
+    def _exact_inputs(self) -> Mapping[str, ExactInputs]:
+        """What verdicts take as exact, by stiffness; of all the same where nobody looked at what is known without."""
+        if self._kept_knowledge is not None or "rows" in self.__dict__:
+            return inputs_taken_as_exact(self.rows)
+        taken = () if self.case is None else taken_as_exact(self.problem, self.case.workshop_problem)
+        unseen = ExactInputs(taken, None, looked_at=False)
+        return dict.fromkeys(self.stiffness_names, unseen) if taken else {}
+
+    def __repr__(self) -> str:
+        names = [*self._judged, *(nuisance.name for nuisance in self.problem.prior.nuisances)]
+        shown = [self._line(name) for name in names[:_MOST_SHOWN]]
+        more = f"and {len(names) - _MOST_SHOWN} more" if len(names) > _MOST_SHOWN else ""
+        return "\n  ".join(filter(None, [self._title, *shown, more, *self._remarks]))
+
+    def _repr_html_(self) -> str:
+        part = next((part for part in self.problem.parts if part.test.data.shown_frfs), None)
+        drawing = ""
+        if part is not None and part.test.data.shown_frfs is not None:
+            frf, theta = part.test.data.shown_frfs.frf, self.estimate.theta[None]
+            ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+            factors, values = part.prior.factors(theta), part.prior.values(theta)
+            best = frfs_as_measured(part, ports, frf.quantity, values, factors)[0]
+            drawing = frf_svg(frf.frequency_hz, {"measured": frf.values[:, 0, 0], "MAP": best[:, 0, 0]})
+        drawing += "".join(map(paragraph_html, self._remarks))
+        rows = [stiffness_row(name, self.verdict(name)) for name in self._judged]
+        rows += [(*row, "") for row in value_rows(self._nuisances)]
+        return table_html(self._title, STIFFNESS_HEAD, rows, drawing)
+
+    @property
+    def _title(self) -> str:
+        return f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"
+
+    @property
+    def _judged(self) -> list[str]:
+        """Names of the stiffnesses that are uncertain."""
+        return [name for name in self.stiffness_names if np.ptp(self.prior_values(name)) > 0]
+
+    @property
+    def _nuisances(self) -> dict[str, tuple[Array, str]]:
+        names = [nuisance.name for nuisance in self.problem.prior.nuisances]
+        return {name: (self.by_ensemble(name), self.unit(name)) for name in names}
+
+    def _line(self, name: str) -> str:
+        if name in self.stiffness_names:
+            return line_of(name, self.verdict(name))
+        ((_, median, *ends),) = value_rows({name: (self.by_ensemble(name), self.unit(name))})
+        return f"{name}: median {median}, 95 % credible interval {join_unit(*ends)}"
 
     @property
     def _remarks(self) -> tuple[str, ...]:
-        return (*self.assumptions, *super()._remarks)
+        """What stands below the numbers where a posterior is printed."""
+        return (*self.assumptions, self.estimate.sentence)
 
     @property
     def premises_sentences(self) -> tuple[str, ...]:
@@ -275,21 +202,22 @@ class Posterior(JudgedPosterior):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """The same, and what the verdicts take as exact that a workshop does not know exactly."""
-        taken = "" if self.case is None else taken_as_exact(self.problem, self.case.workshop_problem)
-        exact = f"The verdicts take {taken} as exact: the report shows what is known with them uncertain."
-        return (*self.premises_sentences, *([exact] if taken else []))
+        """The same, and where it was not looked at what is known without that which the verdicts take as exact."""
+        unseen = next((exact for exact in self._exact_inputs.values() if not exact.looked_at), None)
+        if unseen is None or not self.converged:
+            return self.premises_sentences
+        name = listed(unseen.quantities)
+        return (*self.premises_sentences, f"What is known with {name} uncertain: posterior.under, and the report.")
 
-    @cached_property
-    @one_blas_thread()
+    @property
     def under(self) -> Mapping[str, UncertainInputsRow]:
         """What is known under other premises, by name: ``posterior.under["workshop"].interval("k22")``.
 
         ``"exact"`` with nothing but the joint uncertain, ``"workshop"`` with material, length and damping as in a
-        workshop where the case does not declare them exact; each where it can differ from the run. That of measured
-        FRFs within their noise is a run of its own, ``jb.sample(case, take_as="exact")``.
+        workshop where the case does not declare them exact; each where it can differ from the run, and settled. That
+        of measured FRFs within their noise is a run of its own, ``jb.sample(case, take_as="exact")``.
         """
-        return other_premises(self)
+        return {"workshop" if row.uncertain else "exact": row for row in self.rows[1:] if row.known}
 
     @one_blas_thread()
     def summary(self, knowledge: Knowledge | None = None) -> Summary:
@@ -307,7 +235,7 @@ class Posterior(JudgedPosterior):
             self.measured_frequencies_hz,
             knowledge,
             warnings,
-            self.assumptions if knowledge is None else self.premises_sentences,
+            self.assumptions,
         )
 
     def curve(self, name: str, probability: float = 0.95) -> Curve:

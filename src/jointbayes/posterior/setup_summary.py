@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from jointbayes.inference import Level, Problem
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.run_record import data_sha256
-from jointbayes.posterior.verdicts import JudgedPosterior
+
+if TYPE_CHECKING:
+    from jointbayes.posterior.posterior import Posterior
 
 Interval = tuple[float, float]
 _LEAST_MODES, _MOST_MODES = 3, 12  # whose frequencies are told where none was measured, or as many as there are
@@ -63,7 +65,7 @@ class SetupSummary:
 
 
 def setup_summaries(
-    posterior: JudgedPosterior, initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None
+    posterior: "Posterior", initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None
 ) -> dict[str, SetupSummary]:
     """What is said of each set-up by its name; of a lone test by an empty one, with frequencies measured beside it."""
     tests = posterior.problem.tests
@@ -72,7 +74,7 @@ def setup_summaries(
 
 
 def _setup(
-    posterior: JudgedPosterior, number: int, initial: Sequence[float], measured_hz: Sequence[float] | None
+    posterior: "Posterior", number: int, initial: Sequence[float], measured_hz: Sequence[float] | None
 ) -> SetupSummary:
     part = posterior.problem.parts[number]
     measured = part.test.data
@@ -88,7 +90,7 @@ def _setup(
 
 
 def frequency_summary(
-    posterior: JudgedPosterior, problem: Problem, initial: Sequence[float], measured: Sequence[float] | None, seen: int
+    posterior: "Posterior", problem: Problem, initial: Sequence[float], measured: Sequence[float] | None, seen: int
 ) -> FrequencySummary:
     """Of as many modes as were measured, or as the FRFs show resonances."""
     theta, test = posterior.estimate.theta, problem.test

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.homogeneity import Homogeneity, compare_setups
 from jointbayes.posterior.identifiability import Identifiability
-from jointbayes.posterior.knowledge import ExactInputs, Knowledge
+from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
 from jointbayes.posterior.prediction import LeftOut, left_out_json, sentence_of_left_out
 from jointbayes.posterior.rounding import align_columns, json_ready, number, rounded
@@ -31,8 +31,11 @@ from jointbayes.posterior.setup_summary import (
 )
 from jointbayes.posterior.solutions import ModeSummary
 from jointbayes.posterior.summary_tables import quantity_frame, summary_html
-from jointbayes.posterior.verdicts import JudgedPosterior, mode_sentence, reasons_for_no_verdict, verdict_text
+from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
 from jointbayes.sampling.diagnostics import effective_sizes
+
+if TYPE_CHECKING:
+    from jointbayes.posterior.posterior import Posterior
 
 #: Raised when a reader of the older form would misread the newer one.
 SCHEMA_VERSION = 3
@@ -42,11 +45,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class StiffnessSummary:
-    """One stiffness: what its draws say, in `unit`, and how well they were drawn; NaN where a number does not exist.
-
-    `exact` are inputs that the verdict takes as exact and does not hold without; None where there are none such, or
-    nobody asked.
-    """
+    """One stiffness: what its draws say, in `unit`, and how well they were drawn; NaN where a number does not exist."""
 
     unit: str
     known: Identifiability
@@ -57,13 +56,11 @@ class StiffnessSummary:
     r_hat: float
     ess_bulk: float
     ess_tail: float
-    exact: ExactInputs | None = None
 
     @property
     def verdict(self) -> str:
         """The verdict as it is printed, with the conditions it stands under."""
-        condition = "" if self.exact is None else self.exact.condition
-        return verdict_text(self.known.verdict, if_model_right=self.known.if_model_right, condition=condition)
+        return self.known.words
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +249,7 @@ class Summary:
 
 
 def summarise(
-    posterior: JudgedPosterior,
+    posterior: "Posterior",
     initial: Sequence[float],
     measured_frequencies_hz: Sequence[float] | None = None,
     knowledge: Knowledge | None = None,
@@ -283,10 +280,7 @@ def summarise(
         record=posterior.record,
         warnings=tuple(warnings),
         no_verdict=reasons_for_no_verdict(posterior),
-        parameters={
-            name: _with_knowledge(stiffness_summary(posterior, i, name), name, knowledge)
-            for i, name in enumerate(posterior.stiffness_names)
-        },
+        parameters={name: stiffness_summary(posterior, i, name) for i, name in enumerate(posterior.stiffness_names)},
         nuisances={n.name: nuisance_summary(posterior, i) for i, n in enumerate(posterior.problem.prior.nuisances)},
         map=MapSummary(
             log_posterior=estimate.log_posterior,
@@ -320,17 +314,12 @@ def summarise(
     )
 
 
-def _with_knowledge(stiffness: StiffnessSummary, name: str, knowledge: Knowledge | None) -> StiffnessSummary:
-    """With what its verdict rests on."""
-    return stiffness if knowledge is None else replace(stiffness, exact=knowledge.exact.get(name))
-
-
 def _interval95(values: Array) -> Interval:
     low, high = np.quantile(values, [0.025, 0.975]).tolist()
     return low, high
 
 
-def stiffness_summary(posterior: JudgedPosterior, index: int, name: str) -> StiffnessSummary:
+def stiffness_summary(posterior: "Posterior", index: int, name: str) -> StiffnessSummary:
     """The numbers of the stiffness at one place."""
     values, r_hat = posterior.values(name), posterior.record.r_hat
     ess_bulk, ess_tail = effective_sizes(np.log(values) if (values > 0).all() else values)
@@ -347,7 +336,7 @@ def stiffness_summary(posterior: JudgedPosterior, index: int, name: str) -> Stif
     )
 
 
-def nuisance_summary(posterior: JudgedPosterior, index: int) -> NuisanceSummary:
+def nuisance_summary(posterior: "Posterior", index: int) -> NuisanceSummary:
     """The numbers of the uncertain quantity at one place."""
     prior = posterior.problem.prior
     nuisance = prior.nuisances[index]
@@ -386,7 +375,7 @@ def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
         "verdict": assessment.verdict,
         "verdict_reason": assessment.verdict_reason,
         "if_model_right": assessment.if_model_right,
-        "only_if_exact": None if p.exact is None else p.exact.as_json(),
+        "only_if_exact": None if assessment.exact is None else assessment.exact.as_json(),
         "limit95": assessment.limit95,
         "limit95_error": assessment.limit95_error,
         "likelihood95": assessment.likelihood95,

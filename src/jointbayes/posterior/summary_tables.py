@@ -10,7 +10,8 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.notebook_view import table_html
-from jointbayes.posterior.rounding import engineering, rounded
+from jointbayes.posterior.identifiability import Identifiability
+from jointbayes.posterior.rounding import engineering
 from jointbayes.sampling import INTERVAL, quantile_error
 
 if TYPE_CHECKING:
@@ -50,13 +51,17 @@ def _cells(row: Mapping[str, Any]) -> dict[str, Any]:
     return {name: math.nan if value is None else value for name, value in cells.items()}
 
 
+STIFFNESS_HEAD = ("Stiffness", "Median", "95 % interval", "Unit", "Verdict")
+
+
+def stiffness_row(name: str, known: Identifiability) -> tuple[str, ...]:
+    """What is printed of one stiffness, below `STIFFNESS_HEAD`."""
+    ends = known.limit.removesuffix(f" {known.unit}") or known.interval()
+    return name, known.row[0], f"{ends} {known.source}".strip(), known.unit, known.words
+
+
 def summary_html(text: str, parameters: "Mapping[str, StiffnessSummary]") -> str:
     """A table of the stiffnesses between the lines of a summary that are no table."""
-    rows = []
-    for name, p in parameters.items():
-        ends = p.known.limit.removesuffix(f" {p.unit}") or p.known.interval()
-        median = rounded(p.known.median, p.known.median_error)
-        rows.append((name, median, f"{ends} {p.known.source}".strip(), p.unit, p.verdict))
+    rows = [stiffness_row(name, p.known) for name, p in parameters.items()]
     title, _, *rest = (block.replace("]]\n", "\n", 1) for block in text.removeprefix("[[").split("\n[["))
-    head = ("Stiffness", "Median", "95 % interval", "Unit", "Verdict")
-    return table_html(title, head, rows, f"<pre>{escape(chr(10).join(rest))}</pre>")
+    return table_html(title, STIFFNESS_HEAD, rows, f"<pre>{escape(chr(10).join(rest))}</pre>")

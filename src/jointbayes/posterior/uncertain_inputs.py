@@ -9,21 +9,22 @@ them go step by step, else from a proposal fitted about its modes. Where this do
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from functools import partial
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, ModelError, require_probability
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem
+from jointbayes.joint import Quantity
 from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
 from jointbayes.posterior.fisher import fisher_information
-from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
+from jointbayes.posterior.identifiability import ExactInputs, Identifiability, Verdict, assess, listed
 from jointbayes.posterior.solutions import LEAST_SHARE
-from jointbayes.posterior.verdicts import JudgedPosterior, judge_with_wider_priors
+from jointbayes.posterior.verdicts import Finding, found_with_wider_priors, judge_stiffness
 from jointbayes.posterior.widened import WidenedPosterior, replace_prior, widen
 from jointbayes.sampling import (
-    INTERVAL,
     Coordinates,
     Proposal,
     Quantities,
@@ -34,7 +35,16 @@ from jointbayes.sampling import (
     released_draws,
 )
 
+if TYPE_CHECKING:
+    from jointbayes.posterior.posterior import Posterior
+
 Source = Literal["this run", "importance sampling", "short run", "none"]  # a short run: in files of before
+#: Verdicts that say something, best first.
+RANK: dict[Verdict, int] = {
+    "identified": 0, "weakly identified": 1, "bounded below": 2, "bounded above": 2, "not identified": 3,
+}  # fmt: skip
+#: An interval that is wider, or whose ends lie further out, by more than this share of its width is another one.
+LARGEST_CHANGE = 0.5
 _DRAWS = 8000
 _PILOT = 2000
 _KEPT = 2000  # draws of a row, with the run
@@ -98,15 +108,60 @@ def uncertain_quantities(problem: Problem) -> tuple[str, ...]:
     return tuple(n.name for n in problem.prior.nuisances[:count])
 
 
-def taken_as_exact(problem: Problem, freed: Problem | None) -> str:
-    """What is uncertain in a workshop and not in the problem, for a sentence; empty where nothing is."""
+def taken_as_exact(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
+    """Names of what is uncertain in a workshop and not in the problem."""
     stated, names = uncertain_quantities(problem), () if freed is None else uncertain_quantities(freed)
-    return listed([name for name in names if name not in stated])
+    return tuple(name for name in names if name not in stated)
 
 
-def effect_of_uncertain_inputs(
-    posterior: JudgedPosterior, freed: Problem | None = None
-) -> tuple[UncertainInputsRow, ...]:
+def quantities_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> tuple[str, ...]:
+    """Names of what the run, the first row, takes as exact and another row does not."""
+    most = max((row.uncertain for row in rows), key=len, default=())
+    return tuple(name for name in most if name not in rows[0].uncertain)
+
+
+def known_in_workshop(rows: Sequence[UncertainInputsRow]) -> Mapping[str, Identifiability] | None:
+    """What is known with all uncertain that the run takes as exact; None where it takes nothing so, or nobody knows."""
+    return rows[-1].known or None if quantities_taken_as_exact(rows) else None
+
+
+def inputs_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> dict[str, ExactInputs]:
+    """The stiffnesses whose verdict holds only if what the run takes as exact is so, by name.
+
+    A verdict does where the run's interval is another one with these quantities uncertain, see `LARGEST_CHANGE`, where
+    its class is worse, its one-sided limit is weaker by a factor of 1.5, or where this could not be shown.
+    """
+    exact = quantities_taken_as_exact(rows)
+    if not exact:
+        return {}
+    run, most = rows[0], max(rows, key=lambda row: len(row.uncertain))
+    return {
+        name: ExactInputs(exact, most.known.get(name))
+        for name, assessment in run.known.items()
+        if assessment.verdict != "not identified" and (not most.known or _is_weaker(most.known[name], assessment))
+    }
+
+
+def _is_weaker(freed: Identifiability, run: Identifiability) -> bool:
+    """Whether less is known than the run says, beyond the Monte Carlo error of either."""
+    if RANK[freed.verdict] > RANK[run.verdict] or (freed.limit and run.limit and freed.verdict != run.verdict):
+        return True
+    if freed.limit and run.limit:
+        weaker = math.log(run.limit95 / freed.limit95) * (1 if run.verdict == "bounded below" else -1)
+        return weaker > math.log(1 + LARGEST_CHANGE)
+    low, high = run.interval95
+    ends = np.array([run.interval95, freed.interval95])
+    errors = np.nan_to_num(np.array([run.interval95_error, freed.interval95_error]))
+    median = freed.median
+    if (ends > 0).all() or (ends < 0).all():
+        errors, ends = errors / np.abs(ends), np.sort(np.log(np.abs(ends)), axis=1)
+    (low_run, high_run), (low_freed, high_freed) = ends
+    width, error = high_run - low_run, float(np.sqrt((errors**2).sum()))
+    change = max(high_freed - low_freed - width, low_run - low_freed, high_freed - high_run)
+    return bool(not low <= median <= high or change > max(LARGEST_CHANGE * width, 2 * error))
+
+
+def effect_of_uncertain_inputs(posterior: "Posterior", freed: Problem | None = None) -> tuple[UncertainInputsRow, ...]:
     """What the verdicts rest on: the run, then other sets of uncertain quantities.
 
     Parameters
@@ -128,7 +183,7 @@ def effect_of_uncertain_inputs(
     every = uncertain_quantities(problem)
     if not every:
         return ()
-    run = UncertainInputsRow(present, "this run", {n: posterior.verdict(n) for n in posterior.stiffness_names})
+    run = UncertainInputsRow(present, "this run", {n: judge_stiffness(posterior, n) for n in posterior.stiffness_names})
     if "no verdict" in map(str, run.verdict.values()):
         return ()
     rng = np.random.default_rng([posterior.record.seed, 3])
@@ -138,7 +193,7 @@ def effect_of_uncertain_inputs(
 
 
 def _row(
-    posterior: JudgedPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
+    posterior: "Posterior", problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
 ) -> UncertainInputsRow:
     """Draws of the problem with only these quantities uncertain, and what they say, by the rule of a run."""
     part, modes = _Part(problem, uncertain), int((posterior.solutions.shares >= LEAST_SHARE).sum())
@@ -156,28 +211,34 @@ def _row(
         return (wide.sample(random, _DRAWS), 0.0, False) if anew is None else (*anew, True)
 
     wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew)
-    assessments = {}
-    for quantity, values in zip(problem.quantities, problem.prior.values(theta).T, strict=True):
-        assessment = _judged(posterior, quantity.name, values, effective, wider)
-        conditional = not posterior.check.explains and assessment.verdict != "not identified"
-        assessments[quantity.name] = replace(assessment, unit=quantity.unit, if_model_right=conditional)
-    kept = problem.prior.values(theta[:: -(-len(theta) // _KEPT)])
-    return UncertainInputsRow(uncertain, "importance sampling", assessments, kept)
+    values = problem.prior.values(theta)
+    known = {
+        quantity.name: _judged(posterior, quantity, column, effective, wider)
+        for quantity, column in zip(problem.quantities, values.T, strict=True)
+    }
+    return UncertainInputsRow(uncertain, "importance sampling", known, values[:: -(-len(theta) // _KEPT)])
 
 
 def _judged(
-    posterior: JudgedPosterior, name: str, values: Array, effective: float, wider: WidenedPosterior | None
+    posterior: "Posterior", quantity: Quantity, values: Array, effective: float, wider: WidenedPosterior | None
 ) -> Identifiability:
     """One stiffness by its draws and those under wider priors."""
-
-    def error(probability: float) -> float:
-        return quantile_spread(values, probability, effective)
-
-    assessment = assess(values, posterior.prior_values(name).ravel())
-    assessment = replace(assessment, median_error=error(0.5), interval95_error=(error(INTERVAL[0]), error(INTERVAL[1])))
-    if name in posterior.solutions.split:
-        return replace(assessment, verdict="not identified", verdict_reason="several solutions")
-    return assessment if wider is None else judge_with_wider_priors(posterior, wider, name, assessment, values, error)
+    error = partial(quantile_spread, values, effective=effective)
+    drawn = assess(values, posterior.prior_values(quantity.name).ravel(), error, quantity.unit)
+    finding = Finding(drawn.verdict, drawn.verdict_reason)
+    if quantity.name in posterior.solutions.split:
+        finding = Finding("not identified", "several solutions")
+    elif wider is not None:
+        finding = found_with_wider_priors(posterior, wider, quantity.name, drawn, values, error)
+    conditional = not posterior.check.explains and finding.verdict != "not identified"
+    return replace(
+        drawn,
+        verdict=finding.verdict,
+        verdict_reason=finding.verdict_reason,
+        limit95=finding.limit95,
+        limit95_error=finding.limit95_error,
+        if_model_right=conditional,
+    )
 
 
 class _Part:
@@ -226,7 +287,7 @@ class _Part:
         )
         return None if sample is None else (self.whole(sample[0]), sample[1])
 
-    def draws(self, posterior: JudgedPosterior, modes: int, rng: np.random.Generator) -> tuple[Array, float] | None:
+    def draws(self, posterior: "Posterior", modes: int, rng: np.random.Generator) -> tuple[Array, float] | None:
         """Draws of all coordinates, and how many independent ones they are worth; None where they do not settle.
 
         Where the run takes any of the coordinates as exact from its draws; else, and of several modes or many
@@ -245,7 +306,7 @@ class _Part:
             proposal = fit_proposal(self.log_density, systems, starts, rng, enough=_ENOUGH)
         return self.sample(np.zeros((0, len(self._names))), modes, rng, proposal=proposal)
 
-    def starts(self, posterior: JudgedPosterior) -> list[Array]:
+    def starts(self, posterior: "Posterior") -> list[Array]:
         """The likeliest point, shape (f,), among draws of each solution with what is held put at its stated value."""
         candidates = np.vstack([posterior.estimate.theta, posterior.thinned(_TRIED)])
         nearest = posterior.solutions.nearest(candidates)
@@ -293,9 +354,3 @@ def _prior_words(nuisance: Nuisance) -> str:
         return f"{name} to {100 * nuisance.prior.sd:g} %"
     low, high = (math.exp(end) for end in nuisance.prior.support)
     return f"{name} to between {low:.3g} and {high:.3g} times the stated"
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names in a sentence: ``"density, length and gain"``."""
-    readable = [name.replace("youngs", "Young's").replace("_", " ") for name in names]
-    return "".join(readable) if len(readable) < 2 else f"{', '.join(readable[:-1])} and {readable[-1]}"

@@ -13,81 +13,46 @@ limit have chosen the verdict as well, so that among joints with one verdict mor
 
 import math
 import textwrap
-from collections.abc import Callable
-from dataclasses import replace
-from functools import cached_property, partial
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.errors import ModelError
 from jointbayes.posterior.draws import PosteriorDraws
-from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, ratio_of, verdict_by_rule
-from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
+from jointbayes.posterior.identifiability import (
+    CERTAINTY,
+    IF_MODEL_RIGHT,
+    Error,
+    ExactInputs,
+    Identifiability,
+    Verdict,
+    assess,
+    ratio_of,
+    verdict_by_rule,
+)
+from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED
 from jointbayes.posterior.rounding import join_unit, number, rounded
-from jointbayes.posterior.solutions import Solutions
-from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach, widen_posterior
+from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
 
 #: Posterior mass beyond a stated bound, once priors are a decade wider, from which on the bound holds the stiffness.
 BEYOND = 0.025
 #: Least share of the prior that a one-sided 95 % limit must exclude to be a statement about the data.
 LEAST_EXCLUDED = 0.1
-#: What is said in place of a verdict where the model does not explain the data, and what sentences open with there.
-NO_VALID_VALUE = "no valid value, as the model does not fit the data"
-IF_MODEL_RIGHT = "if the model fitted the data"
-
 #: Longest line of a verdict on a terminal.
 MOST_CHARACTERS = 200
 #: Of more unknowns no likelihood-ratio limits are sought: each would take seconds.
 MOST_UNKNOWNS = 10
 
-Error = Callable[[float], float]
+if TYPE_CHECKING:
+    from jointbayes.posterior.posterior import Posterior
 
-_REGION_DRAWS = 4000
 _LIMIT: dict[Side, float] = {"upper": 0.05, "lower": 0.95}  # probability of the limit, by the bound opposite
 _SAME_DENSITY = 1e-3  # difference in log density of two points that are equally the mode, as `mode_agrees` has it
 _WIDER = "priors a decade wider on each side"
-
-
-class JudgedPosterior(PosteriorDraws):
-    """Draws with a verdict on each stiffness."""
-
-    def has_default_prior(self, name: str) -> bool:
-        """Whether the range of a quantity is the default one, which the case does not state."""
-        return self.case is not None and name in self.case.default_priors
-
-    @cached_property
-    def solutions(self) -> Solutions:
-        """What each of several modes says; of one mode itself."""
-        return Solutions(self)
-
-    @cached_property
-    def widened(self) -> WidenedPosterior | None:
-        """The posterior with every prior of the joint a decade wider; None where that changes nothing."""
-        return widen_posterior(self)
-
-    @cached_property
-    def likelihood_region(self) -> LikelihoodRegion:
-        """Joints that fit nearly as well as the best, for likelihood-ratio limits, which it keeps once found."""
-        modes = [self.estimate.theta, self.mode_theta, *(mode.theta for mode in self.estimate.modes)]
-        theta = np.vstack([*modes, self.thinned(_REGION_DRAWS)])
-        return LikelihoodRegion(self.problem.log_posterior, theta, self.solutions.nearest(theta))
-
-    def verdict(self, name: str) -> Identifiability:
-        """Median, 95 % interval with errors, and verdict with its reason, see `jointbayes.posterior.verdicts`.
-
-        Raises
-        ------
-        ModelError
-            If the joint's coordinates hold the stiffness rigid: there is nothing to judge.
-        """
-        if np.ptp(self.prior_values(name)) == 0:
-            raise ModelError(
-                f"posterior: found {name} held rigid; expected a joint whose stiffnesses are all uncertain, for "
-                "verdicts, summary and report; use draws, mode and intervals of the others"
-            )
-        return judge_stiffness(self, name)
 
 
 def reasons_for_no_verdict(posterior: PosteriorDraws) -> tuple[str, ...]:
@@ -114,7 +79,27 @@ def reasons_for_no_verdict(posterior: PosteriorDraws) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def judge_stiffness(posterior: JudgedPosterior, name: str) -> Identifiability:
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """The class of a stiffness with its reason, and the draws' limit of one that is bounded, with its error."""
+
+    verdict: Verdict
+    verdict_reason: str
+    limit95: float = math.nan
+    limit95_error: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class PrintedEnds:
+    """Likelihood-ratio limits, and the ends that are printed; NaN where none were sought."""
+
+    likelihood95: tuple[float, float] = (math.nan, math.nan)
+    printed95: tuple[float, float] = (math.nan, math.nan)
+
+
+def judge_stiffness(
+    posterior: "Posterior", name: str, exact: Mapping[str, ExactInputs] | None = None
+) -> Identifiability:
     """Median, interval with errors, and verdict of one stiffness or other quantity.
 
     Parameters
@@ -123,42 +108,51 @@ def judge_stiffness(posterior: JudgedPosterior, name: str) -> Identifiability:
         The posterior.
     name
         Of the quantity, as in its draws.
+    exact
+        What verdicts take as exact and do not hold without, by stiffness.
 
     Raises
     ------
     ModelError
         If there is no such quantity.
     """
-    assessment = assess(posterior.values(name), posterior.prior_values(name))
-    draws = posterior.by_ensemble(name)
-    low, high = (quantile_error(draws, probability) for probability in INTERVAL)
-    assessment = replace(assessment, median_error=quantile_error(draws, 0.5), interval95_error=(low, high))
-    reasons = (*reasons_for_no_verdict(posterior), *_moved_by_mesh(posterior, name))
-    if reasons:
+    error = partial(quantile_error, posterior.by_ensemble(name))
+    drawn = assess(posterior.values(name), posterior.prior_values(name), error, posterior.unit(name))
+    finding, ends = _found(posterior, name, drawn, error), PrintedEnds()
+    if finding.verdict not in ("no verdict", "identified") and name in posterior.stiffness_names:
+        finding, ends = _by_likelihood(posterior, name, drawn, finding)
+    reason = finding.verdict_reason
+    narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
+    if narrow and finding.verdict != "no verdict" and not posterior.solutions.reason(name):
+        reason = f"{reason}; {narrow}"
+    conditional = not posterior.check.explains and finding.verdict not in ("no verdict", "not identified")
+    return replace(
+        drawn,
+        verdict=finding.verdict,
+        verdict_reason=f"{IF_MODEL_RIGHT}: {reason}" if conditional else reason,
+        limit95=finding.limit95,
+        limit95_error=finding.limit95_error,
+        if_model_right=conditional,
+        likelihood95=ends.likelihood95,
+        printed95=ends.printed95,
+        exact=None if exact is None or finding.verdict in ("no verdict", "not identified") else exact.get(name),
+    )
+
+
+def _found(posterior: "Posterior", name: str, drawn: Identifiability, error: Error) -> Finding:
+    """What the draws say, after a look at all that may stand against it."""
+    if reasons := (*reasons_for_no_verdict(posterior), *_moved_by_mesh(posterior, name)):
         reach = bounds_within_reach(posterior.problem.prior, posterior.theta)
         at_bound = [_bound_in_words(posterior, name, side) for held, side in reach if held == name]
-        reasons += tuple(f"its draws reach {bound}" for bound in at_bound)
-        return replace(assessment, verdict="no verdict", verdict_reason="; ".join(reasons))
+        return Finding("no verdict", "; ".join([*reasons, *(f"its draws reach {bound}" for bound in at_bound)]))
     if solutions := posterior.solutions.reason(name):
-        assessment = replace(assessment, verdict="not identified", verdict_reason=solutions)
-        return _judge_by_likelihood(posterior, name, assessment) if name in posterior.stiffness_names else assessment
-    if name in posterior.stiffness_names:
-        if posterior.widened is not None:
-            assessment = judge_with_wider_priors(
-                posterior, posterior.widened, name, assessment, posterior.values(name), partial(quantile_error, draws)
-            )
-        assessment = _judge_by_likelihood(posterior, name, assessment)
-    narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
-    if narrow:
-        assessment = replace(assessment, verdict_reason=f"{assessment.verdict_reason}; {narrow}")
-    if not posterior.check.explains and assessment.verdict != "not identified":
-        assessment = replace(
-            assessment, if_model_right=True, verdict_reason=f"{IF_MODEL_RIGHT}: {assessment.verdict_reason}"
-        )
-    return assessment
+        return Finding("not identified", solutions)
+    if name in posterior.stiffness_names and posterior.widened is not None:
+        return found_with_wider_priors(posterior, posterior.widened, name, drawn, posterior.values(name), error)
+    return Finding(drawn.verdict, drawn.verdict_reason)
 
 
-def _moved_by_mesh(posterior: JudgedPosterior, name: str) -> tuple[str, ...]:
+def _moved_by_mesh(posterior: "Posterior", name: str) -> tuple[str, ...]:
     """That the elements of the model move a stiffness too far for a verdict, if they do."""
     mesh = posterior.mesh
     if mesh is None or not mesh.moves(name):
@@ -166,43 +160,29 @@ def _moved_by_mesh(posterior: JudgedPosterior, name: str) -> tuple[str, ...]:
     return (f"the mesh moves it by {abs(mesh.shift_sd[name]):.2g} posterior standard deviations",)
 
 
-def verdict_text(verdict: Verdict, *, if_model_right: bool, condition: str = "") -> str:
-    """The verdict as it is printed, with the conditions it stands under.
-
-    Examples
-    --------
-    >>> verdict_text("identified", if_model_right=True)
-    'no valid value, as the model does not fit the data'
-    """
-    return NO_VALID_VALUE if if_model_right else verdict + condition
-
-
-def verdict_lines(posterior: JudgedPosterior, name: str, condition: str = "", beside: str = "") -> list[str]:
-    """Median, 95 % credible interval and verdict of one stiffness with its reason, for the terminal.
-
-    `condition` follows the verdict, and `beside` the reason, see `ExactInputs`.
-    """
-    assessment = posterior.verdict(name)
-    words = verdict_text(assessment.verdict, if_model_right=assessment.if_model_right, condition=condition)
-    return lines_of(name, assessment, posterior.unit(name), words, beside)
-
-
-def lines_of(name: str, assessment: Identifiability, unit: str, words: str = "", beside: str = "") -> list[str]:
-    """The same of an assessment, with the verdict in other words if there are any; reasons of a long line below it."""
-    words = words or assessment.verdict
-    reasons = ["" if assessment.limit else assessment.source.strip("()")]
-    reasons += [assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: "), assessment.prior_volume, beside]
-    median = join_unit(assessment.row[0], unit)
+def line_of(name: str, assessment: Identifiability) -> str:
+    """Median, 95 % interval and verdict of one stiffness, on whatever surface."""
+    median = join_unit(assessment.row[0], assessment.unit)
     interval = f"95 % {'' if assessment.source else 'credible '}interval {assessment.interval(' to ')}"
-    text = f"{name}: {assessment.limit_in_words or f'median {median}, {interval}'}: {words}"
-    given = [reason for reason in reasons if reason]
+    return f"{name}: {assessment.limit_in_words or f'median {median}, {interval}'}: {assessment.words}"
+
+
+def lines_of(name: str, assessment: Identifiability) -> list[str]:
+    """The same with its reasons; those of a long line below it."""
+    reasons = ["" if assessment.limit else assessment.source.strip("()")]
+    reasons += [
+        assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: "),
+        assessment.prior_volume,
+        assessment.beside,
+    ]
+    text, given = line_of(name, assessment), [reason for reason in reasons if reason]
     line = f"{text} ({'; '.join(given)})"
     if len(line) <= MOST_CHARACTERS:
         return [line]
     return [text, *(f"    {part}" for reason in given for part in textwrap.wrap(reason, MOST_CHARACTERS - 4))]
 
 
-def mode_sentence(posterior: JudgedPosterior) -> str:
+def mode_sentence(posterior: "Posterior") -> str:
     """Why the joint mode lies outside a 95 % interval; empty where it does not."""
     outside = [name for name in posterior.stiffness_names if not _holds(posterior.interval(name), posterior.mode[name])]
     if not outside:
@@ -215,14 +195,14 @@ def _holds(interval: tuple[float, float], value: float) -> bool:
     return interval[0] <= value <= interval[1]
 
 
-def judge_with_wider_priors(
-    posterior: JudgedPosterior,
+def found_with_wider_priors(
+    posterior: "Posterior",
     wide: WidenedPosterior,
     name: str,
-    assessment: Identifiability,
+    drawn: Identifiability,
     values: Array,
     error: Error,
-) -> Identifiability:
+) -> Finding:
     """The verdict after a look at what wider priors make of it: never more certain, and every change has its reason.
 
     Parameters
@@ -233,7 +213,7 @@ def judge_with_wider_priors(
         Draws under wider priors.
     name
         Of the stiffness.
-    assessment
+    drawn
         What its draws say.
     values
         These draws, any shape.
@@ -244,43 +224,27 @@ def judge_with_wider_priors(
     beyond = wide.prior.values(wide.theta)[:, place]
     wider = assess(beyond, wide.prior.values(wide.prior_theta)[:, place])
     if not wide.reliable:
-        return _less_certain(
-            assessment, "not identified", f"it may rest on the prior: with {_WIDER} the calculation did not settle"
-        )
+        return Finding("not identified", f"it may rest on the prior: with {_WIDER} the calculation did not settle")
     low, high = posterior.problem.prior.bounds_of(name) or (-math.inf, math.inf)
     below, above = float((beyond < low).mean()), float((beyond > high).mean())
     if below > BEYOND and above > BEYOND:
         both = " and ".join(_bound_in_words(posterior, name, side) for side in ("lower", "upper"))
-        return replace(assessment, verdict="not identified", verdict_reason=f"{both} limit it on both sides")
+        return Finding("not identified", f"{both} limit it on both sides")
     if below > BEYOND or above > BEYOND:
-        side: Side = "upper" if above > BEYOND else "lower"
-        return _bounded(posterior, name, assessment, wider.verdict, side, values, error)
-    if not _holds(assessment.interval95, wider.median):
-        ends = [*assessment.interval95, *wider.interval95]
-        verdict, _ = verdict_by_rule(ratio_of((min(ends), max(ends))), assessment.contraction)
-        moved = f"its median goes from {rounded(assessment.median)} to {rounded(wider.median)} with {_WIDER}"
-        return replace(assessment, verdict=verdict, verdict_reason=f"rests on the prior: {moved}")
-    if _same_verdict(assessment, wider, _log_ratio_error(assessment, wider, beyond, wide.effective)):
-        return assessment
+        return _bounded(posterior, name, wider.verdict, "upper" if above > BEYOND else "lower", values, error)
+    if not _holds(drawn.interval95, wider.median):
+        ends = [*drawn.interval95, *wider.interval95]
+        verdict, _ = verdict_by_rule(ratio_of((min(ends), max(ends))), drawn.contraction)
+        moved = f"its median goes from {rounded(drawn.median)} to {rounded(wider.median)} with {_WIDER}"
+        return Finding(verdict, f"rests on the prior: {moved}")
+    if _same_verdict(drawn, wider, _log_ratio_error(drawn, wider, beyond, wide.effective)):
+        return Finding(drawn.verdict, drawn.verdict_reason)
     which = "default priors, which no one stated" if posterior.has_default_prior(name) else "priors as stated"
-    changed = f"rests on the prior: {assessment.verdict} with the {which}, {wider.verdict} with {_WIDER}"
-    return _less_certain(assessment, wider.verdict, changed)
+    worst = min(drawn.verdict, wider.verdict, key=lambda either: CERTAINTY.get(either, 0))
+    return Finding(worst, f"rests on the prior: {drawn.verdict} with the {which}, {wider.verdict} with {_WIDER}")
 
 
-def _less_certain(assessment: Identifiability, verdict: Verdict, reason: str) -> Identifiability:
-    worst = min(assessment.verdict, verdict, key=lambda either: CERTAINTY.get(either, 0))
-    return replace(assessment, verdict=worst, verdict_reason=reason)
-
-
-def _bounded(
-    posterior: JudgedPosterior,
-    name: str,
-    assessment: Identifiability,
-    wider: Verdict,
-    side: Side,
-    values: Array,
-    error: Error,
-) -> Identifiability:
+def _bounded(posterior: "Posterior", name: str, wider: Verdict, side: Side, values: Array, error: Error) -> Finding:
     """What the draws say of a stiffness that a bound of its prior holds: a 95 % limit to the other side.
 
     Draws that exclude next to nothing of the prior's draws give none.
@@ -289,38 +253,40 @@ def _bounded(
     limit, prior = float(np.quantile(values, _LIMIT[side])), posterior.prior_values(name)
     excluded = float(((prior < limit) if side == "upper" else (prior > limit)).mean())
     if excluded < LEAST_EXCLUDED:
-        reason += f", and the data exclude only {100 * excluded:.0f} % of the prior"
-        return replace(assessment, verdict="not identified", verdict_reason=reason)
+        return Finding("not identified", f"{reason}, and the data exclude only {100 * excluded:.0f} % of the prior")
     reason += f"; with {_WIDER} it would be {wider}" if wider in CERTAINTY else ""
-    verdict: Verdict = "bounded below" if side == "upper" else "bounded above"
-    assessment = replace(assessment, unit=posterior.unit(name), verdict=verdict, verdict_reason=reason)
-    return replace(assessment, limit95=limit, limit95_error=error(_LIMIT[side]))
+    return Finding("bounded below" if side == "upper" else "bounded above", reason, limit, error(_LIMIT[side]))
 
 
-def _judge_by_likelihood(posterior: JudgedPosterior, name: str, assessment: Identifiability) -> Identifiability:
-    """With what is printed: at each end the more cautious of what the draws and what the likelihood say."""
-    if assessment.verdict == "identified" or len(posterior.problem.names) > MOST_UNKNOWNS:
-        return assessment
-    bounded, index = math.isfinite(assessment.limit95), posterior.stiffness_names.index(name)
+def _by_likelihood(
+    posterior: "Posterior", name: str, drawn: Identifiability, finding: Finding
+) -> tuple[Finding, PrintedEnds]:
+    """What is printed: at each end the more cautious of what the draws and what the likelihood say.
+
+    A limit that excludes next to nothing of the prior by the likelihood is none.
+    """
+    if len(posterior.problem.names) > MOST_UNKNOWNS:
+        return finding, PrintedEnds()
+    bounded, index = math.isfinite(finding.limit95), posterior.stiffness_names.index(name)
     fall = FALL_ONE_SIDED if bounded else FALL_TWO_SIDED
     at95, (low, high) = posterior.likelihood_region.limits(index, fall, FALL_PRINTED)
-    low, high = min(assessment.drawn95[0], low), max(assessment.drawn95[1], high)
-    if bounded:
-        low, high = (low, math.nan) if assessment.verdict == "bounded below" else (math.nan, high)
-        prior = posterior.prior_values(name)
-        excluded = float(((prior < low) | (prior > high)).mean())
-        if excluded < LEAST_EXCLUDED:
-            few = f"by likelihood the data exclude {100 * excluded:.0f} % of the prior"
-            reason = f"{assessment.verdict_reason}, and {few}"
-            assessment = replace(assessment, verdict="not identified", verdict_reason=reason, limit95=math.nan)
-            return _judge_by_likelihood(posterior, name, assessment)
-    elif assessment.verdict_reason == verdict_by_rule(assessment.ratio, assessment.contraction)[1]:
-        _, reason = verdict_by_rule(assessment.ratio, assessment.contraction, ratio_of((low, high)))
-        assessment = replace(assessment, verdict_reason=reason)
-    return replace(assessment, unit=posterior.unit(name), likelihood95=at95, printed95=(low, high))
+    if not bounded:
+        ends = min(drawn.interval95[0], low), max(drawn.interval95[1], high)
+        if finding.verdict_reason == drawn.verdict_reason:
+            _, reason = verdict_by_rule(drawn.ratio, drawn.contraction, ratio_of(ends))
+            finding = replace(finding, verdict_reason=reason)
+        return finding, PrintedEnds(at95, ends)
+    low, high = min(finding.limit95, low), max(finding.limit95, high)
+    ends = (low, math.nan) if finding.verdict == "bounded below" else (math.nan, high)
+    prior = posterior.prior_values(name)
+    excluded = float(((prior < ends[0]) | (prior > ends[1])).mean())
+    if excluded >= LEAST_EXCLUDED:
+        return finding, PrintedEnds(at95, ends)
+    few = f"by likelihood the data exclude {100 * excluded:.0f} % of the prior"
+    return _by_likelihood(posterior, name, drawn, Finding("not identified", f"{finding.verdict_reason}, and {few}"))
 
 
-def _bound_in_words(posterior: JudgedPosterior, name: str, side: Side) -> str:
+def _bound_in_words(posterior: "Posterior", name: str, side: Side) -> str:
     """Such as "the prior's upper bound 1e8 N·m/rad"; what nobody stated is named as that."""
     bounds = posterior.problem.prior.bounds_of(name)
     assert bounds is not None

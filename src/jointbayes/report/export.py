@@ -21,7 +21,7 @@ from jointbayes.measurement.formats.write import arrays_of
 from jointbayes.measurement.records import FrfRecord, ModeRecord, dof_label, parse_dof
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import CERTAINTY
-from jointbayes.posterior.verdicts import lines_of, verdict_text
+from jointbayes.posterior.verdicts import lines_of
 from jointbayes.report.fe_cards import PROGRAMS, JointElement, Units, ascii_lines, fe_cards, joint_element
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.whole_file import whole_file, write_whole_file
@@ -190,10 +190,9 @@ def _joint_lines(posterior: Posterior, part: Problem, theta: Array, units: Units
         factor, unit = _IN_MM.get(si_unit, (1.0, si_unit)) if units == "mm-N-t" else (1.0, si_unit)
         ends = (p if np.isfinite(p) else d for p, d in zip(known.printed95, known.interval95, strict=True))
         low, high = (f"{end * factor:.4g}" for end in ends)
-        verdict = verdict_text(known.verdict, if_model_right=known.if_model_right)
-        verdict = verdict if known.verdict in CERTAINTY else verdict.upper()
+        verdict = known.words if known.verdict in CERTAINTY else known.words.upper()
         said.append(f"{quantity.name} = {value * factor:.10g} {unit}, 95 % interval {low} to {high}: {verdict}.")
-        said.append(f"In SI units: {'; '.join(map(str.strip, lines_of(quantity.name, known, si_unit)))}.")
+        said.append(f"In SI units: {'; '.join(map(str.strip, lines_of(quantity.name, known)))}.")
         if quantity.role != "stiffness":
             said.append(f"{quantity.name} IS DAMPING AND ON NO CARD.")
     return said

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from jointbayes.inference import Problem
-from jointbayes.posterior.identifiability import Verdict
-from jointbayes.posterior.verdicts import NO_VALID_VALUE
+from jointbayes.posterior.identifiability import NO_VALID_VALUE, Verdict
 from jointbayes.report.model import Kind
 
 #: Uncertain quantities in a sentence, and on an axis.
@@ -130,9 +129,9 @@ def badge(cell: str) -> Badge | None:
     >>> badge("5.05e9") is None
     True
     """
-    verdict, only_if, _ = cell.strip().partition(" only if ")
-    mark = _BADGES.get(verdict)
-    if mark is None or not only_if:
+    verdict, condition, _ = cell.strip().partition(" if ")
+    mark = _BADGES.get(verdict.removesuffix(" only"))
+    if mark is None or not condition:
         return mark
     return Badge("bad" if mark.kind == "bad" else "caution", "~")  # never a green tick under a condition
 

@@ -4,10 +4,9 @@ import numpy as np
 
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.directions import NamedDirection
-from jointbayes.posterior.identifiability import Verdict
+from jointbayes.posterior.identifiability import NO_VALID_VALUE, Verdict
 from jointbayes.posterior.rounding import factor, interval, number, rounded_interval
 from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
-from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, foreign, kind_of, readable
@@ -45,7 +44,7 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
 
 def _verdict(verdict: Verdict, *, explained: bool) -> str:
     """A verdict as on page one: what is not known is not known under any condition."""
-    return verdict_text(verdict, if_model_right=not explained and verdict not in ("not identified", "no verdict"))
+    return verdict if explained or verdict in ("not identified", "no verdict") else NO_VALID_VALUE
 
 
 def _figures(named: NamedDirection) -> tuple[str, str, str]:
@@ -98,10 +97,7 @@ def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ..
         return (uncertain, *("–" for _ in names), "–", "–")
     assessments = row.known
     intervals = (rounded_interval(assessments[name].interval95, assessments[name].interval95_error) for name in names)
-    verdicts = "; ".join(
-        f"{name} {verdict_text(assessments[name].verdict, if_model_right=assessments[name].if_model_right)}"
-        for name in names
-    )
+    verdicts = "; ".join(f"{name} {assessments[name].plain_words}" for name in names)
     return (uncertain, *intervals, verdicts, row.source)
 
 

@@ -4,9 +4,9 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.identifiability import IF_MODEL_RIGHT
 from jointbayes.posterior.rounding import contraction, fixed, interval, number
 from jointbayes.posterior.summary import Summary
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, readable
@@ -133,7 +133,7 @@ def verdict_sentences(summary: Summary) -> str:
     for name, p in summary.parameters.items():
         assessment = p.known
         reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-        reason += f"; {p.exact.words_if_uncertain}" if p.exact else ""
+        reason += f"; {assessment.beside}" if assessment.beside else ""
         limit = f" {assessment.limit_in_words}," if assessment.limit else ""
         ends = f" {assessment.source}" if assessment.source and not assessment.limit else ""
         volume = f" {assessment.prior_volume.capitalize()}." if assessment.prior_volume else ""

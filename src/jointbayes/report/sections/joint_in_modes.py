@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.inference import Problem
+from jointbayes.posterior.identifiability import IF_MODEL_RIGHT
 from jointbayes.posterior.rounding import number, signed
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Paragraph, ReportSection, Table

@@ -6,12 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, WEAK_RATIO, Identifiability, Verdict, ratio_of
-from jointbayes.posterior.knowledge import RANK, quantities_taken_as_exact
+from jointbayes.posterior.identifiability import (
+    IDENTIFIED_RATIO,
+    IF_MODEL_RIGHT,
+    WEAK_RATIO,
+    Identifiability,
+    Verdict,
+    listed,
+    ratio_of,
+)
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.posterior.rounding import engineering, factor, join_unit, number
-from jointbayes.posterior.uncertain_inputs import listed, uncertain_quantities
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, verdict_text
+from jointbayes.posterior.uncertain_inputs import RANK, quantities_taken_as_exact, uncertain_quantities
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of, readable
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
@@ -151,7 +157,7 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
         row = [f"**{foreign(name)}**, {_MEANING[unit]}" if (unit := unit_of(name)) in _MEANING else f"**{name}**"]
         for answer in answers:
             known = answer.known[name]
-            row += [answer_text(known, unit), verdict_text(known.verdict, if_model_right=known.if_model_right)]
+            row += [answer_text(known, unit), known.plain_words]
         rows.append(tuple(row))
         of_row = {kind_of(verdict) for verdict in row[2::2]}
         kinds.append(of_row.pop() if len(of_row) == 1 else "")  # no colour for two verdicts that differ

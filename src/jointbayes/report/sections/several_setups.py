@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from jointbayes.arrays import Array
-from jointbayes.posterior.posterior import Curve, curves_of
+from jointbayes.posterior.curves import Curve, curves_of
 from jointbayes.posterior.rounding import interval, number
-from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign, kind_of
@@ -129,7 +128,7 @@ def _table(inputs: ReportInputs, curve: Curve) -> Table:
     rows, kinds = [], []
     for i, (setup, name) in enumerate(zip(curve.setups, curve.quantities, strict=True)):
         assessment = inputs.summary.parameters[name].known
-        verdict = verdict_text(assessment.verdict, if_model_right=assessment.if_model_right)
+        verdict = assessment.words
         ends = interval((curve.low[i], curve.high[i]))
         rows.append((number(curve.level[i]), foreign(setup), number(curve.median[i]), ends, curve.unit, verdict))
         kinds.append(kind_of(verdict))

@@ -17,6 +17,7 @@ from jointbayes.posterior import Posterior
 from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.first_look import FirstLook, Linearised, Names, sets_of, worth_simulating
+from jointbayes.posterior.identifiability import listed
 from jointbayes.posterior.stored_problem import run_fingerprint
 from jointbayes.posterior.uncertain_inputs import taken_as_exact
 from jointbayes.progress import Progress, ProgressCallback, callback_of
@@ -137,9 +138,10 @@ def plan(
             data.sd_after if data.ranked else data.linearised.median,
         )
     )
+    exact = listed(taken_as_exact(case.problem, case.workshop_problem))
     return Plan(
         case.name, case.title, seed, parameter, simulator.now, tuple(planned), posterior.converged,
-        posterior.reason, truth is not None, left_out, case.text, taken_as_exact(case.problem, case.workshop_problem),
+        posterior.reason, truth is not None, left_out, case.text, exact,
     )  # fmt: skip
 
 

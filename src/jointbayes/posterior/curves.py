@@ -1,0 +1,200 @@
+"""A quantity over the levels of the set-ups: whether it changes, and by how much."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointbayes.arrays import Array
+from jointbayes.errors import ModelError, require_probability
+from jointbayes.inference import Level, Test
+from jointbayes.inference.test import own_name
+from jointbayes.posterior.assemblies import usual_assemblies
+from jointbayes.posterior.draws import PosteriorDraws
+from jointbayes.posterior.homogeneity import compare_tests
+from jointbayes.posterior.verdicts import reasons_for_no_verdict
+
+_TINY = float(np.finfo(float).tiny)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """A quantity at each level, in the order of the levels.
+
+    Parameters
+    ----------
+    name, unit
+        The quantity as a set-up calls it, ``"k11"`` or ``"clamp.k11"``, and its unit.
+    of
+        What the level is, with its unit; its value is that of the first set-up.
+    setups, quantities
+        Name of each set-up, and of its quantity: ``"loud.k11"``, or ``"k11"`` where it shares that.
+    level
+        Level of each set-up, shape (n,).
+    median, low, high
+        Median and ends of the interval, in the unit, each shape (n,).
+    probability
+        Inside the interval at each level.
+    pair
+        Places of the two levels that are compared: the lowest and the highest where the medians rise or fall
+        throughout, else those between which the quantity differs most clearly.
+    pairs
+        Number of pairs among which they were chosen: for all of them together the interval of the change holds.
+    relative
+        Whether the change is a ratio; of a quantity that may be negative it is a difference.
+    change
+        Median and ends of the interval of the quantity at the second of the levels over that at the first, or minus it.
+    unjudged
+        Why nothing is said of a change: that the run has no verdict; empty where it has.
+    of_usual
+        Whether it is the usual assembly at each of the two levels that is compared, about which set-ups scatter.
+    equal_data
+        Whether the data of the two are equal within their noise, so that they show no change.
+    """
+
+    name: str
+    unit: str
+    of: Level
+    setups: tuple[str, ...]
+    quantities: tuple[str, ...]
+    level: Array
+    median: Array
+    low: Array
+    high: Array
+    probability: float
+    pair: tuple[int, int]
+    pairs: int
+    relative: bool
+    change: tuple[float, float, float]
+    unjudged: str = ""
+    equal_data: bool = False
+    of_usual: bool = False
+
+    def __repr__(self) -> str:
+        return self.sentence
+
+    @property
+    def changes(self) -> bool:
+        """Whether a change is shown: the interval leaves none out, and the data differ by more than their noise."""
+        _, low, high = self.change
+        return not (self.unjudged or self.equal_data or low <= (1.0 if self.relative else 0.0) <= high)
+
+    @property
+    def sentence(self) -> str:
+        """Whether the quantity changes with the level, with its figures."""
+        middle, low, high = self.change
+        unit = f" {self.of.unit}" if self.of.unit else ""
+        first, second = (f"{self.level[place]:g}{unit}" for place in self.pair)
+        between = f"between {first} and {second}"
+        if self.unjudged:
+            return f"{self.name} {between}: nothing is said of a change, for {self.unjudged}."
+        least, quantity_unit = (1.0, "") if self.relative else (0.0, f" {self.unit}" if self.unit != "1" else "")
+        of = " of the usual assembly" if self.of_usual else ""
+        text = f"{self.name}{of} at {second} {'over' if self.relative else 'minus'} that at {first}"
+        held = f"{100 * self.probability:g} % credible interval"
+        if self.pairs > 1:
+            text += f", of {self.pairs} pairs of levels the one that differs most clearly"
+            held = f"{100 * self.probability:g} % credible interval for all pairs together"
+        text += f": median {middle:.4g}{quantity_unit}, {held} {low:.4g} to {high:.4g}{quantity_unit}"
+        if not self.changes:
+            why = ", for the data of the two are equal within their noise" if self.equal_data else ""
+            return f"{text}; no change {between} is shown{why}."
+        return f"{text}; it {'rises' if low > least else 'falls'} {between}."
+
+
+def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) -> Curve:
+    """The curve of one quantity.
+
+    Raises
+    ------
+    ModelError
+        If set-ups have no levels, or none has this quantity for itself.
+    """
+    require_probability(probability, "curve")
+    problem = posterior.problem
+    names = [*posterior.stiffness_names, *(nuisance.name for nuisance in problem.prior.nuisances)]
+    own_names = [(test, own_name(test.name, name, names)) for test in _sorted_by_level(problem.tests)]
+    named = [(test, quantity) for test, quantity in own_names if quantity is not None]
+    levels = {_value(test) for test, _ in named}
+    if len(levels) < 2 or not any(quantity != name for _, quantity in named):
+        what = (
+            f"{len(levels)} levels of set-ups with {name!r}" if len(levels) < 2 else f"{name!r} in no set-up of its own"
+        )
+        raise ModelError(
+            f"curve: found {what}; expected a quantity that is each set-up's own, and two levels at least; give the "
+            "set-ups levels that differ, and the joint own quantities"
+        )
+    values = np.stack([posterior.values(quantity).ravel() for _, quantity in named], axis=-1)
+    tail = (1 - probability) / 2
+    low, median, high = np.quantile(values, [tail, 0.5, 1 - tail], axis=0)
+    level = np.array([_value(test) for test, _ in named])
+    relative = all(_is_positive(posterior, quantity) for _, quantity in named)
+    usual = usual_assemblies(posterior, name, values, level)
+    pair, pairs, change = _change(values if usual is None else usual, level, relative=relative, tail=tail)
+    first = named[0][0].level
+    assert first is not None
+    compared = compare_tests(*(named[place][0] for place in pair))
+    unit, unjudged = posterior.unit(named[0][1]), "; ".join(reasons_for_no_verdict(posterior))
+    of, quantities = tuple(test.name for test, _ in named), tuple(quantity for _, quantity in named)
+    curve = (level, median, low, high, probability)
+    compared_as = (relative, change, unjudged, compared is not None and compared.equal, usual is not None)
+    return Curve(name, unit, first, of, quantities, *curve, pair, pairs, *compared_as)
+
+
+def _change(
+    values: Array, level: Array, *, relative: bool, tail: float
+) -> tuple[tuple[int, int], int, tuple[float, float, float]]:
+    """The pair of levels that is compared, the number among which it was chosen, and the change between them.
+
+    Parameters
+    ----------
+    values
+        Draws at each level, shape (draws, n).
+    level
+        Levels, rising, shape (n,).
+    relative
+        Whether the change is a ratio.
+    tail
+        Probability on either side of the interval, which is divided among the pairs that were looked at.
+    """
+    shown = np.log(values) if relative else values
+    steps = np.diff(np.median(shown, axis=0))
+    last = len(level) - 1
+    pairs = [(0, last)]
+    if (steps > 0).any() and (steps < 0).any():
+        pairs = [(i, j) for i in range(last) for j in range(i + 1, last + 1) if level[i] < level[j]]
+    # of many pairs one differs by chance: the interval is that of all pairs together (Bonferroni)
+    tail /= len(pairs)
+    changes = [np.quantile(shown[:, j] - shown[:, i], [0.5, tail, 1 - tail]) for i, j in pairs]
+    clearest = max(range(len(pairs)), key=lambda k: abs(changes[k][0]) / max(changes[k][2] - changes[k][1], _TINY))
+    i, j = pairs[clearest]
+    changed = values[:, j] / values[:, i] if relative else values[:, j] - values[:, i]
+    middle, low, high = np.quantile(changed, [0.5, tail, 1 - tail])
+    return (i, j), len(pairs), (float(middle), float(low), float(high))
+
+
+def _is_positive(posterior: PosteriorDraws, name: str) -> bool:
+    """Whether a quantity is above 0 whatever the data say, so that a ratio of two tells their change."""
+    problem = posterior.problem
+    logarithmic = {axis.quantity for axis in problem.parametrisation.axes if axis.logarithmic}
+    signed = {quantity.name for quantity in problem.quantities if quantity.may_be_negative}
+    return (name in logarithmic or name not in signed) and bool((posterior.values(name) > 0).all())
+
+
+def curves_of(posterior: PosteriorDraws) -> tuple[Curve, ...]:
+    """The curve of every quantity of the joints that set-ups with levels have for themselves."""
+    levels: dict[str, set[float]] = {}
+    for name in posterior.stiffness_names:
+        for test in _sorted_by_level(posterior.problem.tests):
+            if name.startswith(f"{test.name}."):
+                levels.setdefault(name.removeprefix(f"{test.name}."), set()).add(_value(test))
+    return tuple(curve_of(posterior, name) for name, values in levels.items() if len(values) > 1)
+
+
+def _sorted_by_level(setups: Sequence[Test]) -> list[Test]:
+    return sorted((test for test in setups if test.level is not None), key=_value)
+
+
+def _value(test: Test) -> float:
+    assert test.level is not None
+    return test.level.value
