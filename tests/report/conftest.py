@@ -23,7 +23,7 @@ from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.plan_report import Plan, PlannedMeasurement, build_plan_report
 from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulation
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
-from tests.conftest import TABLE_3, cheap_text, edited, of_case, shipped_text
+from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, of_case, shipped_text
 from tests.studies.campaign_directory import campaign_directory
 
 DATE = datetime.date(2026, 1, 5)
@@ -37,7 +37,7 @@ SAMPLER = {
 
 def made_up(name, text, joint):
     """A posterior of draws about a joint: only its pages matter here."""
-    case, rng = jb.case_from_text(name, text), np.random.default_rng(1)
+    case, rng = jb.case_from_text(name, text, directory=CONFIGS), np.random.default_rng(1)
     problem = case.problem
     middle = np.concatenate([problem.parametrisation.coordinates(joint), np.zeros(len(problem.prior.nuisances))])
     widths = np.concatenate([np.full(len(joint), 0.02), 0.3 * problem.prior.sd[len(joint) :]])
