@@ -19,7 +19,7 @@ from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.posterior.stored_problem import problem_from
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
-from jointbayes.workflow import _with_best_draw
+from jointbayes.workflow import _on_one_hill, _with_best_draw
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
 
 LINES = np.arange(20.0, 1500.0, 10.0)
@@ -476,3 +476,12 @@ def test_a_higher_mode_that_independent_draws_lead_to_is_taken(frequency_posteri
     found = _with_best_draw(problem, missed, chains)
     assert found.log_posterior == pytest.approx(estimate.log_posterior, abs=1e-6)
     assert found.starts == missed.starts
+
+
+@pytest.mark.parametrize(("dip", "same"), [(0.0, True), (0.8, True), (1.2, False)])
+def test_two_tops_are_one_mode_where_no_valley_between_them_holds_walkers_up(dip, same):
+    def log_posterior(theta):
+        return theta[:, 0] - dip * np.exp(-(((theta[:, 0] - 0.1) / 0.2) ** 2)) - 0.1 * (dip > 0)
+
+    problem = SimpleNamespace(log_posterior=log_posterior)
+    assert _on_one_hill(problem, np.array([0.0, 1.0]), 0.0, np.array([1.0, 1.0])) == same

@@ -57,6 +57,7 @@ _PRIOR_DRAWS = 8000
 _PAIR = 2  # DOFs of a joint whose compliance a linear fit gives
 _PRIOR_STARTS = 6
 _SAME_DENSITY = 1e-3  # of two points that are equally the mode
+_STEPS_UP, _SHALLOW = 21, 1.0  # on the way between two points that may be one mode; ln of a density's dip there
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
 #: Generators of `sample`: each has its own, so that a run goes on anywhere without what came before.
 _WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR = range(5)
@@ -353,7 +354,8 @@ def _posterior(
 ) -> Posterior:
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
     mode = refine_where_possible(problem.log_posterior, chains.theta[best])
-    if len(estimate.modes) > 1 and mode[1] < estimate.log_posterior:  # the best draw is at one of the others
+    # the best draw is at one of the others, or its climb fell short of the top
+    if mode[1] < estimate.log_posterior and (len(estimate.modes) > 1 or _on_one_hill(problem, *mode, estimate.theta)):
         mode = estimate.theta.copy(), estimate.log_posterior
     record = RunRecord(
         problem.name,
@@ -367,6 +369,12 @@ def _posterior(
     )
     tree = draws_tree(problem, chains.draws(), problem.prior.sample(_generator(seed, _PRIOR), _PRIOR_DRAWS))
     return Posterior(problem, tree, estimate, *mode, record, case)
+
+
+def _on_one_hill(problem: Problem, lower: Array, height: float, top: Array) -> bool:
+    """Whether the way from a point of this height up to another one crosses no valley that would hold walkers up."""
+    between = lower + np.linspace(0.0, 1.0, _STEPS_UP)[:, None] * (top - lower)
+    return bool((problem.log_posterior(between) >= height - _SHALLOW).all())
 
 
 def sample_quickly(
