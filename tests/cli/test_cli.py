@@ -193,7 +193,10 @@ def test_a_run_states_the_numbers_of_its_summary(finished):
         "searching for the best fit",
         "preparing the sampling",
         "sampling",
-        "checking the model, and what the verdicts rest on",
+        "checking the model",
+        *(f"judging: {name}" for name in ("k11", "k12", "k22")),
+        "looking at what is known under other premises",
+        "looking for the best next step, and for joints that the data rule out",
         "drawing figures",
         "writing HTML, PDF and draws",
     ]

@@ -38,6 +38,7 @@ _LEVEL = 0.95  # confidence of the limits of profiles
 _STEP = 1e-3
 #: By how much ln L may be below the wanted height at an end; above it by more the support ends first.
 _SLACK = 0.01
+_MOST_STEPS = 40  # of a climb: one that takes more goes to and fro on a thin ridge
 _HIGHER = 1e-4  # standard deviations of a quantity that one unit of ln L is worth: of equal ends the likeliest
 _EDGE = 1e-9  # of the support's width: at its very ends ρ is no positive definite joint
 _AT_EDGE = 1e-6  # the same of a point that a climb has led to its edge
@@ -131,6 +132,8 @@ class LikelihoodRegion:
         low, high = np.maximum(low, prior.mean - far), np.minimum(high, prior.mean + far)
         self._low, self._high = low + _EDGE * (high - low), high - _EDGE * (high - low)
         solution = np.zeros(len(theta), dtype=np.intp) if solution is None else solution
+        self._ends: dict[tuple[int, float, float], tuple[Array, Array]] = {}
+        self._climbs: dict[tuple[bytes, bytes, int | None, float, float], Array] = {}
         away, each = theta.copy(), [np.flatnonzero(solution == number) for number in np.unique(solution)]
         for rows in each:
             away[rows] -= theta[rows].mean(axis=0)
@@ -141,7 +144,6 @@ class LikelihoodRegion:
         self._tops = np.array([self._bettered(start) for start in best])
         heights = self._height(self._tops)
         self._top, self.greatest = self._tops[np.argmax(heights)], float(heights.max())
-        self._ends: dict[tuple[int, float, float], tuple[Array, Array]] = {}
 
     def _log_likelihood(self, theta: Array) -> Array:
         """ln L, shape (n,), of θ, shape (n, d)."""
@@ -292,14 +294,20 @@ class LikelihoodRegion:
 
         It goes in steps of the columns of `root`, shape (d, k), such as a Cholesky factor of a covariance.
         """
+        key = start.tobytes(), root.tobytes(), index, level, sign
+        if key not in self._climbs:  # ends that were stopped short are sought again, from the same draws among others
+            self._climbs[key] = self._climb(start, root, index, level, sign)
+        return self._climbs[key]
+
+    def _climb(self, start: Array, root: Array, index: int | None, level: float, sign: float) -> Array:
         size, margin = root.shape[1], 2 * _STEP * self._prior.sd
         steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
         spread = 1.0 if index is None else float(self._of(index, self._draws).std()) or 1.0
 
         @lru_cache(maxsize=4)
-        def both(key: bytes) -> tuple[Array, Array]:
+        def both(at: bytes) -> tuple[Array, Array]:
             """ln L and what is sought, shape (2,), and their slopes, shape (2, k)."""
-            theta = start + (np.frombuffer(key) + steps) @ root.T
+            theta = start + (np.frombuffer(at) + steps) @ root.T
             theta = np.clip(theta, self._low - margin, self._high + margin)  # a step may lead to where no model is
             sought = heights = self._height(theta)
             if index is not None:
@@ -325,7 +333,12 @@ class LikelihoodRegion:
             return -both(u.tobytes())[1][1]
 
         climb = optimize.minimize(
-            loss, np.zeros(size), jac=slope, method="SLSQP", constraints=constraints, options={"ftol": 1e-8}
+            loss,
+            np.zeros(size),
+            jac=slope,
+            method="SLSQP",
+            constraints=constraints,
+            options={"ftol": 1e-8, "maxiter": _MOST_STEPS},
         )
         return np.clip(start + root @ climb.x, self._low, self._high)
 

@@ -130,7 +130,7 @@ class Posterior(PosteriorDraws):
         return dict.fromkeys(self.stiffness_names, unseen) if taken else {}
 
     def __repr__(self) -> str:
-        names = [*self._judged, *(nuisance.name for nuisance in self.problem.prior.nuisances)]
+        names = [*self.judged_names, *(nuisance.name for nuisance in self.problem.prior.nuisances)]
         shown = [self._line(name) for name in names[:_MOST_SHOWN]]
         more = f"and {len(names) - _MOST_SHOWN} more" if len(names) > _MOST_SHOWN else ""
         return "\n  ".join(filter(None, [self._title, *shown, more, *self._remarks]))
@@ -145,7 +145,7 @@ class Posterior(PosteriorDraws):
             best = frfs_as_measured(part, ports, frf.quantity, values, factors)[0]
             drawing = frf_svg(frf.frequency_hz, {"measured": frf.values[:, 0, 0], "MAP": best[:, 0, 0]})
         drawing += "".join(map(paragraph_html, self._remarks))
-        rows = [stiffness_row(name, self.verdict(name)) for name in self._judged]
+        rows = [stiffness_row(name, self.verdict(name)) for name in self.judged_names]
         rows += [(*row, "") for row in value_rows(self._nuisances)]
         return table_html(self._title, STIFFNESS_HEAD, rows, drawing)
 
@@ -154,7 +154,7 @@ class Posterior(PosteriorDraws):
         return f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"
 
     @property
-    def _judged(self) -> list[str]:
+    def judged_names(self) -> list[str]:
         """Names of the stiffnesses that are uncertain."""
         return [name for name in self.stiffness_names if np.ptp(self.prior_values(name)) > 0]
 
