@@ -26,7 +26,7 @@ from jointbayes.posterior.decision import (
 )
 from jointbayes.posterior.model_errors import InferredError
 from jointbayes.workflow import answered_problem, sample_quickly
-from tests.conftest import CLAMP, CONFIGS, TABLE_3, cheap_text, edited, pair_matrix, rod
+from tests.conftest import CLAMP, CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, pair_matrix, rod
 
 EXACT = ErrorSizes(frequency=1e-9)
 
@@ -313,3 +313,22 @@ def test_springs_and_shifts_of_what_moves_all_modes_have_a_grade_and_are_named(s
     assert error.grade == grade
     assert found in " ".join(error.findings)
     assert bool(found) == bool(error.findings)
+
+
+@pytest.mark.whole
+def test_a_run_of_modes_of_which_the_first_was_not_measured_is_read_again(tmp_path):
+    text = """
+extends = "measured_stations.toml"
+remove = ["noise", "data.channels", "data.rotations", "reference"]
+title = "From the second mode on"
+structure = { elements = 4 }
+data.f_min_hz = 400.0
+data.channels = { "Point:11:Y+" = "5:y" }
+"""
+    case = case_from_text("from the second on", text, directory=CONFIGS)
+    posterior = jb.sample(case, seed=1, settings=TO_CONVERGE)
+    assert posterior.problem.premises.modes[0].number == 2
+    posterior.save(tmp_path / "posterior.nc")
+    again = jb.load_posterior(tmp_path / "posterior.nc")
+    assert again.interval("k22") == posterior.interval("k22")
+    assert again.case.workshop_problem is not None or posterior.case.workshop_problem is None
