@@ -5,6 +5,7 @@ import datetime
 import json
 import math
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,17 +15,19 @@ from jointbayes.case import combined
 from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
 from jointbayes.errors import ModelError
-from jointbayes.posterior import gather_knowledge
+from jointbayes.posterior import gather_knowledge, uncertain_inputs
 from jointbayes.posterior.identifiability import NO_VALID_VALUE, assess
-from jointbayes.posterior.knowledge import KeptKnowledge, effect_sentence, inputs_taken_as_exact
-from jointbayes.posterior.rounding import rounded_interval
+from jointbayes.posterior.knowledge import KeptKnowledge, effect_sentence
+from jointbayes.posterior.rounding import rounded, rounded_interval
 from jointbayes.posterior.storage import typed_value
 from jointbayes.posterior.uncertain_inputs import (
     UncertainInputsRow,
     assumed_beyond,
     assumed_words,
     effect_of_uncertain_inputs,
+    inputs_taken_as_exact,
 )
+from jointbayes.posterior.verdicts import Finding
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.markup import badge, nuisance_label
 from jointbayes.report.model import Lights, Paragraph, Table
@@ -472,3 +475,27 @@ def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(unc
         assert (one.interval, one.open_below, one.open_above) == (other.interval, other.open_below, other.open_above)
         np.testing.assert_array_equal(one.theta, other.theta)
         np.testing.assert_array_equal(one.log_ratio, other.log_ratio)
+
+
+@pytest.mark.parametrize(
+    ("side", "limit", "by_likelihood", "printed"),
+    [("below", 3e6, 2e6, 2e6), ("below", 3e6, 4e6, 3e6), ("above", 3e6, 2e6, 3e6), ("above", 3e6, 4e6, 4e6)],
+)
+def test_a_limit_under_other_premises_is_the_more_cautious_of_draws_and_likelihood(
+    cheap_posterior, monkeypatch, side, limit, by_likelihood, printed
+):
+    finding = Finding(f"bounded {side}", "the prior limits it", limit, 1e4)
+    monkeypatch.setattr(uncertain_inputs, "found_with_wider_priors", lambda *_: finding)
+    (quantity,) = (one for one in cheap_posterior.problem.quantities if one.name == "k22")
+    region = SimpleNamespace(limits=lambda *_: ((math.nan, math.nan), (by_likelihood, by_likelihood)))
+    values = cheap_posterior.values("k22").ravel()
+    known = uncertain_inputs._judged(cheap_posterior, quantity, values, 4000.0, object(), lambda: region)
+    assert known.verdict == f"bounded {side}"
+    assert known.printed_limit == printed
+    assert known.limit_in_words.startswith(f"{'above' if side == 'below' else 'below'} {rounded(printed)[0]}")
+    weaker = replace(known, printed95=(printed / 2, math.nan) if side == "below" else (math.nan, printed * 2))
+    run, row = (
+        UncertainInputsRow(names, "this run", {"k22": one}) for names, one in (((), known), (("length",), weaker))
+    )
+    assert list(inputs_taken_as_exact((run, row))) == ["k22"]
+    assert inputs_taken_as_exact((replace(run, known=row.known), replace(row, known=run.known))) == {}

@@ -186,6 +186,12 @@ class Identifiability:
         return between.join(self.row[1:])
 
     @property
+    def printed_limit(self) -> float:
+        """The one-sided limit as it is printed, in the unit; NaN where there is none."""
+        end = 0 if self.verdict == "bounded below" else 1
+        return self.printed95[end] if math.isfinite(self.limit95) and self.printed_by_likelihood[end] else self.limit95
+
+    @property
     def limit(self) -> str:
         """The one-sided limit of a stiffness that is bounded: ``"above 3.2e6 N·m/rad"``; empty where it has none."""
         if not math.isfinite(self.limit95):

@@ -7,9 +7,9 @@ them go step by step, else from a proposal fitted about its modes. Where this do
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -21,8 +21,16 @@ from jointbayes.joint import Quantity
 from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.identifiability import ExactInputs, Identifiability, Verdict, assess, listed
+from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.solutions import LEAST_SHARE
-from jointbayes.posterior.verdicts import Finding, found_with_wider_priors, judge_stiffness
+from jointbayes.posterior.verdicts import (
+    Finding,
+    PrintedEnds,
+    by_likelihood,
+    concluded,
+    found_with_wider_priors,
+    judge_stiffness,
+)
 from jointbayes.posterior.widened import WidenedPosterior, replace_prior, widen
 from jointbayes.sampling import (
     Coordinates,
@@ -47,6 +55,7 @@ RANK: dict[Verdict, int] = {
 LARGEST_CHANGE = 0.5
 _DRAWS = 8000
 _PILOT = 2000
+_REGION_DRAWS = 4000
 _KEPT = 2000  # draws of a row, with the run
 #: Coordinates up to which those that the run takes as exact are let go step by step.
 _MOST_RELEASED = 10
@@ -147,7 +156,7 @@ def _is_weaker(freed: Identifiability, run: Identifiability) -> bool:
     if RANK[freed.verdict] > RANK[run.verdict] or (freed.limit and run.limit and freed.verdict != run.verdict):
         return True
     if freed.limit and run.limit:
-        weaker = math.log(run.limit95 / freed.limit95) * (1 if run.verdict == "bounded below" else -1)
+        weaker = math.log(run.printed_limit / freed.printed_limit) * (1 if run.verdict == "bounded below" else -1)
         return weaker > math.log(1 + LARGEST_CHANGE)
     low, high = run.interval95
     ends = np.array([run.interval95, freed.interval95])
@@ -212,33 +221,33 @@ def _row(
 
     wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew)
     values = problem.prior.values(theta)
+    region = cache(lambda: LikelihoodRegion(problem.log_posterior, theta[:: -(-len(theta) // _REGION_DRAWS)]))
     known = {
-        quantity.name: _judged(posterior, quantity, column, effective, wider)
+        quantity.name: _judged(posterior, quantity, column, effective, wider, region)
         for quantity, column in zip(problem.quantities, values.T, strict=True)
     }
     return UncertainInputsRow(uncertain, "importance sampling", known, values[:: -(-len(theta) // _KEPT)])
 
 
 def _judged(
-    posterior: "Posterior", quantity: Quantity, values: Array, effective: float, wider: WidenedPosterior | None
+    posterior: "Posterior",
+    quantity: Quantity,
+    values: Array,
+    effective: float,
+    wider: WidenedPosterior | None,
+    region: Callable[[], LikelihoodRegion],
 ) -> Identifiability:
-    """One stiffness by its draws and those under wider priors."""
-    error = partial(quantile_spread, values, effective=effective)
-    drawn = assess(values, posterior.prior_values(quantity.name).ravel(), error, quantity.unit)
-    finding = Finding(drawn.verdict, drawn.verdict_reason)
-    if quantity.name in posterior.solutions.split:
+    """One stiffness by its draws, those under wider priors, and of one that is bounded by the likelihood."""
+    name, error = quantity.name, partial(quantile_spread, values, effective=effective)
+    drawn = assess(values, posterior.prior_values(name).ravel(), error, quantity.unit)
+    finding, ends = Finding(drawn.verdict, drawn.verdict_reason), PrintedEnds()
+    if name in posterior.solutions.split:
         finding = Finding("not identified", "several solutions")
     elif wider is not None:
-        finding = found_with_wider_priors(posterior, wider, quantity.name, drawn, values, error)
-    conditional = not posterior.check.explains and finding.verdict != "not identified"
-    return replace(
-        drawn,
-        verdict=finding.verdict,
-        verdict_reason=finding.verdict_reason,
-        limit95=finding.limit95,
-        limit95_error=finding.limit95_error,
-        if_model_right=conditional,
-    )
+        finding = found_with_wider_priors(posterior, wider, name, drawn, values, error)
+    if math.isfinite(finding.limit95):  # which no volume of a prior moves
+        finding, ends = by_likelihood(posterior, region, name, drawn, finding)
+    return concluded(drawn, finding, ends, explained=posterior.check.explains)
 
 
 class _Part:

@@ -13,7 +13,7 @@ limit have chosen the verdict as well, so that among joints with one verdict mor
 
 import math
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -33,7 +33,7 @@ from jointbayes.posterior.identifiability import (
     ratio_of,
     verdict_by_rule,
 )
-from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED
+from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
 from jointbayes.posterior.rounding import join_unit, number, rounded
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
@@ -120,22 +120,33 @@ def judge_stiffness(
     drawn = assess(posterior.values(name), posterior.prior_values(name), error, posterior.unit(name))
     finding, ends = _found(posterior, name, drawn, error), PrintedEnds()
     if finding.verdict not in ("no verdict", "identified") and name in posterior.stiffness_names:
-        finding, ends = _by_likelihood(posterior, name, drawn, finding)
+        finding, ends = by_likelihood(posterior, lambda: posterior.likelihood_region, name, drawn, finding)
     reason = finding.verdict_reason
     narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
     if narrow and finding.verdict != "no verdict" and not posterior.solutions.reason(name):
         reason = f"{reason}; {narrow}"
-    conditional = not posterior.check.explains and finding.verdict not in ("no verdict", "not identified")
+    finding = replace(finding, verdict_reason=reason)
+    return concluded(
+        drawn, finding, ends, None if exact is None else exact.get(name), explained=posterior.check.explains
+    )
+
+
+def concluded(
+    drawn: Identifiability, finding: Finding, ends: PrintedEnds, exact: ExactInputs | None = None, *, explained: bool
+) -> Identifiability:
+    """What draws say of a stiffness, with the class found, the ends to print, and the conditions it stands under."""
+    says = finding.verdict not in ("no verdict", "not identified")
+    conditional = says and not explained
     return replace(
         drawn,
         verdict=finding.verdict,
-        verdict_reason=f"{IF_MODEL_RIGHT}: {reason}" if conditional else reason,
+        verdict_reason=f"{IF_MODEL_RIGHT}: {finding.verdict_reason}" if conditional else finding.verdict_reason,
         limit95=finding.limit95,
         limit95_error=finding.limit95_error,
         if_model_right=conditional,
         likelihood95=ends.likelihood95,
         printed95=ends.printed95,
-        exact=None if exact is None or finding.verdict in ("no verdict", "not identified") else exact.get(name),
+        exact=exact if says else None,
     )
 
 
@@ -258,18 +269,19 @@ def _bounded(posterior: "Posterior", name: str, wider: Verdict, side: Side, valu
     return Finding("bounded below" if side == "upper" else "bounded above", reason, limit, error(_LIMIT[side]))
 
 
-def _by_likelihood(
-    posterior: "Posterior", name: str, drawn: Identifiability, finding: Finding
+def by_likelihood(
+    posterior: "Posterior", region: Callable[[], LikelihoodRegion], name: str, drawn: Identifiability, finding: Finding
 ) -> tuple[Finding, PrintedEnds]:
     """What is printed: at each end the more cautious of what the draws and what the likelihood say.
 
-    A limit that excludes next to nothing of the prior by the likelihood is none.
+    A limit that excludes next to nothing of the prior by the likelihood is none. `region` gives the joints that fit
+    nearly as well as the best, which takes seconds to find.
     """
     if len(posterior.problem.names) > MOST_UNKNOWNS:
         return finding, PrintedEnds()
     bounded, index = math.isfinite(finding.limit95), posterior.stiffness_names.index(name)
     fall = FALL_ONE_SIDED if bounded else FALL_TWO_SIDED
-    at95, (low, high) = posterior.likelihood_region.limits(index, fall, FALL_PRINTED)
+    at95, (low, high) = region().limits(index, fall, FALL_PRINTED)
     if not bounded:
         ends = min(drawn.interval95[0], low), max(drawn.interval95[1], high)
         if finding.verdict_reason == drawn.verdict_reason:
@@ -283,7 +295,9 @@ def _by_likelihood(
     if excluded >= LEAST_EXCLUDED:
         return finding, PrintedEnds(at95, ends)
     few = f"by likelihood the data exclude {100 * excluded:.0f} % of the prior"
-    return _by_likelihood(posterior, name, drawn, Finding("not identified", f"{finding.verdict_reason}, and {few}"))
+    return by_likelihood(
+        posterior, region, name, drawn, Finding("not identified", f"{finding.verdict_reason}, and {few}")
+    )
 
 
 def _bound_in_words(posterior: "Posterior", name: str, side: Side) -> str:
