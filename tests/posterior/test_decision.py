@@ -182,6 +182,24 @@ extends = "clamped_beam_frequencies_360mm.toml"
 title = "Three frequencies"
 structure = { elements = 4 }
 """
+SHAPES = "{ dofs = ['3:y'], reference = '5:y', components = [[0.5], [-0.4], [0.3]], sd = 0.05 }"
+
+
+@pytest.mark.parametrize(
+    ("exact", "more", "said"),
+    [
+        ("[]", "", "Young's modulus, density or length is further off"),
+        ('["density"]', "", "Young's modulus or length is further off"),
+        ('["youngs_modulus", "density", "length"]', "", ""),
+        ('["model"]', "", ""),
+        ("[]", f"data = {{ kind = 'modes', shapes = {SHAPES} }}", ""),
+    ],
+)
+def test_it_is_said_what_frequencies_alone_do_not_show(frequency_posterior, exact, more, said):
+    case = case_from_text("typed", f"{TYPED_CASE}{more}\nuncertain.exact = {exact}\n", directory=CONFIGS)
+    answered = answered_problem(case.problem, case, jb.find_map(case, seed=1), 1)
+    sentences = replace(frequency_posterior, problem=answered)._unseen
+    assert [said in sentence for sentence in sentences] == [True] * bool(said)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from jointbayes.posterior.storage import to_arviz
 
 _KERNEL_DRAWS = 4000
 #: Quantities that move all modes alike.
-_OF_ALL_MODES = ("youngs_modulus", "density", "length", "length_offset")
+OF_ALL_MODES = ("youngs_modulus", "density", "length", "length_offset")
 _SIZES, _STREAM = 8000, 7  # draws that the size of the model's error is told from, and their random numbers
 #: Draws whose residuals are checked; fewer where these are millions, among which draws make no difference.
 _CHECK_DRAWS, _FEWEST_CHECKED, _CHECKED_VALUES = 200, 12, 25_000_000
@@ -215,7 +215,7 @@ class PosteriorDraws:
         shifts = {
             nuisance.name: float(shift)
             for nuisance, shift in zip(prior.nuisances, away[len(prior.marginals) :], strict=True)
-            if nuisance.name.rpartition(".")[2] in _OF_ALL_MODES
+            if nuisance.name.rpartition(".")[2] in OF_ALL_MODES
         }
         edges = likelihood.shift_of_edges(law, matrices, factors).mean(axis=0)
         if edges.size:

@@ -12,10 +12,11 @@ import xarray as xr
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, require_count
 from jointbayes.frf import Ports
+from jointbayes.measurement import ModeData
 from jointbayes.notebook_view import frf_svg, paragraph_html, table_html
 from jointbayes.posterior.curves import Curve, curve_of
 from jointbayes.posterior.decision import premises_sentences
-from jointbayes.posterior.draws import PosteriorDraws
+from jointbayes.posterior.draws import OF_ALL_MODES, PosteriorDraws
 from jointbayes.posterior.file_record import BestDraw, FileRecord
 from jointbayes.posterior.identifiability import ExactInputs, Identifiability, listed
 from jointbayes.posterior.knowledge import Knowledge
@@ -183,7 +184,19 @@ class Posterior(PosteriorDraws):
             for setup, ratio in self.levels.items()
             if not 1 / _FAR_LEVEL <= ratio <= _FAR_LEVEL
         ]
-        return (*premises_sentences(self.problem.premises, self.model_error), *words)
+        return (*premises_sentences(self.problem.premises, self.model_error), *self._unseen, *words)
+
+    @property
+    def _unseen(self) -> tuple[str, ...]:
+        """What modes cannot show of inputs that move all of them alike, where no shape was measured."""
+        own = [nuisance.name.rpartition(".")[2] for nuisance in self.problem.prior.nuisances]
+        inputs = [name for name in OF_ALL_MODES if name in own]
+        data = [test.data for test in self.problem.tests]
+        shown = any(one.modes is None or (isinstance(one, ModeData) and one.shapes is not None) for one in data)
+        if not self.problem.premises.reason or not inputs or shown:
+            return ()
+        what = listed(inputs).replace(" and ", " or ")
+        return (f"Natural frequencies alone hardly show that {what} is further off than assumed: measure it.",)
 
     @cached_property
     def levels(self) -> dict[str, float]:
