@@ -147,7 +147,7 @@ def test_a_notebook_shows_all_blocks_of_a_summary_and_no_brackets(shown):
     assert "[[" not in html
     assert texts(html, "p")[0].startswith("Posterior of 'cheap'\n")
     (rest,) = texts(html, "pre")
-    assert re.match(r"Other quantities: .*\n    length:  384.2  mm  \(382 … 386\)\nFit at the MAP\n", rest)
+    assert re.match(r"Other quantities: .*\n    length:  384.2  mm  \(382 … 386\)\nData\n", rest)
     assert summary.to_dataframe().loc["length", ["unit", "low95", "prior_high95"]].tolist() == ["mm", 382.0, 386.0]
 
 

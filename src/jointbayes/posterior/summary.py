@@ -1,6 +1,5 @@
 """The numbers of a run: typed, as a table for people, and as `summary.json`, described in docs/summary-json.md."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -190,8 +189,8 @@ class Summary:
             *(f"    {line}" for line in align_columns(rows)),
             *(["[[Other quantities: median (95 % credible interval)]]"] if others else []),
             *(f"    {line}" for line in align_columns(others)),
-            "[[Fit at the MAP]]",
-            f"    {fit.n_data} values{synthetic}; misfit {number(math.sqrt(fit.chi2_per_line))} times the stated noise",
+            "[[Data]]",
+            f"    {fit.n_data} values{synthetic}",
             *(f"    {setup.check.sentence}" for setup in self.setups.values()),
             *([f"    {sentence_of_left_out(self.left_out)}"] if self.left_out else []),
             *([] if self.measured_bodies is None else [f"    {self.measured_bodies.sentence}"]),

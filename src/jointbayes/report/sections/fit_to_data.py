@@ -1,6 +1,5 @@
 """Measured and predicted data: whether the model explains them, where it does not, and the FRFs side by side."""
 
-import math
 
 import numpy as np
 
@@ -26,11 +25,8 @@ _FIRST = 2  # blocks on FRFs before the residuals and the tables
 
 def fit_section(inputs: SetupInputs) -> ReportSection:
     """Measured against predicted."""
-    summary, fit = inputs.summary, inputs.summary.fit
-    size = f"{math.sqrt(fit.chi2_per_line):#.3g}"
-    text = f"The best fit misses the {fit.n_data} values of the data by {size} times their stated noise"
-    taken_up = ", without what the noise model takes up" if summary.check.absorbs in ("outliers", "size") else ""
-    said = (summary.check.sentence, f"{text}{taken_up}. {summary.check.advice}".rstrip())
+    summary = inputs.summary
+    said = (summary.check.sentence, f"The data are {summary.fit.n_data} values. {summary.check.advice}".rstrip())
     blocks: list[Block] = [Paragraph(foreign(words)) for words in said]
     data, shown = inputs.problem.test.data.frfs, inputs.problem.test.data.shown_frfs
     of_frfs = [] if shown is None else _frf_figures(inputs.posterior, inputs.problem, shown, summary.diagnosis)
