@@ -354,8 +354,9 @@ def _posterior(
 ) -> Posterior:
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
     mode = refine_where_possible(problem.log_posterior, chains.theta[best])
-    # the best draw is at one of the others, or its climb fell short of the top
-    if mode[1] < estimate.log_posterior and (len(estimate.modes) > 1 or _on_one_hill(problem, *mode, estimate.theta)):
+    # the best draw is at one of the others, or its climb fell short of the top; one that failed says nothing
+    short = not np.array_equal(mode[0], chains.theta[best]) and _on_one_hill(problem, *mode, estimate.theta)
+    if mode[1] < estimate.log_posterior and (len(estimate.modes) > 1 or short):
         mode = estimate.theta.copy(), estimate.log_posterior
     record = RunRecord(
         problem.name,
