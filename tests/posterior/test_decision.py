@@ -198,7 +198,7 @@ SHAPES = "{ dofs = ['3:y'], reference = '5:y', components = [[0.5], [-0.4], [0.3
 def test_it_is_said_what_frequencies_alone_do_not_show(frequency_posterior, exact, more, said):
     case = case_from_text("typed", f"{TYPED_CASE}{more}\nuncertain.exact = {exact}\n", directory=CONFIGS)
     answered = answered_problem(case.problem, case, jb.find_map(case, seed=1), 1)
-    sentences = replace(frequency_posterior, problem=answered)._unseen
+    sentences = replace(frequency_posterior, problem=answered).unseen_inputs
     assert [said in sentence for sentence in sentences] == [True] * bool(said)
 
 

@@ -184,10 +184,10 @@ class Posterior(PosteriorDraws):
             for setup, ratio in self.levels.items()
             if not 1 / _FAR_LEVEL <= ratio <= _FAR_LEVEL
         ]
-        return (*premises_sentences(self.problem.premises, self.model_error), *self._unseen, *words)
+        return (*premises_sentences(self.problem.premises, self.model_error), *self.unseen_inputs, *words)
 
     @property
-    def _unseen(self) -> tuple[str, ...]:
+    def unseen_inputs(self) -> tuple[str, ...]:
         """What modes cannot show of inputs that move all of them alike, where no shape was measured."""
         own = [nuisance.name.rpartition(".")[2] for nuisance in self.problem.prior.nuisances]
         inputs = [name for name in OF_ALL_MODES if name in own]

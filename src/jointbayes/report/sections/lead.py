@@ -204,6 +204,7 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     parts, exonerated = [], ""
     if premises.reason:
         parts.append(f"{premises.decision[0].upper()}{premises.decision[1:]}.")
+    parts += inputs.posterior.unseen_inputs
     if summary.no_verdict:
         parts.append("The model: intervals of a model that misses the data are too narrow.")
     if len(answers) == 2 and (taken := quantities_taken_as_exact(inputs.knowledge.freed)):
