@@ -56,7 +56,12 @@ def test_a_thin_curved_sheet_is_followed_as_it_opens(seed):
     rng = np.random.default_rng(seed)
     systems = (Compliance(), NormalScores(LOW, HIGH))
     restraint = Restraint(np.array([2]), np.array([1.0]))
-    theta, effective = released_draws(curved_sheet, systems, restrained(rng), rng, JUDGED, restraint=restraint)
+    told: list[str] = []
+    theta, effective = released_draws(
+        curved_sheet, systems, restrained(rng), rng, JUDGED, restraint=restraint, tell=told.append
+    )
+    assert [line.partition(" of ")[0] for line in told] == [f"round {number}" for number in range(1, len(told) + 1)]
+    assert len(told) >= 2
     assert effective >= 400
     exact = np.random.default_rng(0)
     b = exact.uniform(-10.0, 6.0, 400_000)

@@ -1,7 +1,7 @@
 """Importance draws of a density that is far wider than a restrained one of which there are draws."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +70,7 @@ def released_draws(
     restraint: Restraint | None = None,
     proposal: Proposal | None = None,
     modes: int = 1,
+    tell: Callable[[str], object] = lambda _: None,
 ) -> tuple[Array, float] | None:
     """Draws of a density, of which some coordinates are narrowly restrained in the draws that there are.
 
@@ -98,6 +99,8 @@ def released_draws(
         From which the first draws without restraint come as well, in place of `theta`, if there is one.
     modes
         Number of modes of the density.
+    tell
+        Called with a sentence after each round without restraint.
 
     Returns
     -------
@@ -132,6 +135,7 @@ def released_draws(
             return None
         weighted = WeightedDraws(pool.theta, pool.log_weight)
         error, effective = interval_errors(quantities.values(weighted.theta), weighted.weight)
+        tell(f"round {number} of at most {_ROUNDS}, ends good to {100 * error:.2g} % of their intervals' width")
         settled = error <= END_TOLERANCE and effective >= _LEAST_EFFECTIVE and weighted.weight.max() <= _LARGEST_WEIGHT
         if settled and settled_before:
             return weighted.theta[resampled(weighted.weight, _HANDED_OUT, rng)], effective

@@ -1,6 +1,5 @@
 """Measured and predicted data: whether the model explains them, where it does not, and the FRFs side by side."""
 
-
 import numpy as np
 
 from jointbayes.frf import FrfSet
