@@ -4,7 +4,7 @@ In order: the draws are judged by `jointbayes.posterior.identifiability`; a stif
 different values is not identified, see `jointbayes.posterior.solutions`; the same posterior with every prior of the
 joint a decade wider says whether a bound of the prior holds the stiffness, or the verdict rests on the prior
 otherwise; a run that failed has none. Nor has one whose model does not explain measured data, which no structure's
-quite does: see `jointbayes.posterior.modes_answer`. Of computed data it makes the verdict conditional.
+quite does: see `jointbayes.posterior.decision`. Of computed data it makes the verdict conditional.
 
 What is printed beside every verdict but "identified" is, at each end, the more cautious of what the draws say and of
 the likelihood-ratio limit, which no volume of the prior moves. The level of the latter is 97.5 %: the data that set a

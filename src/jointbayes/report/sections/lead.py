@@ -182,9 +182,8 @@ def _note(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     premises = problem.premises
     words = ["Median, in brackets the 95 % interval."]
     if any(any(known.printed_by_likelihood) for answer in answers for known in answer.known.values()):
-        words.append(
-            f"An end that rests on the prior is given by likelihood ratio{', but in a workshop' * (len(answers) > 1)}."
-        )
+        where = ", in a workshop where it is one-sided" * (len(answers) > 1)
+        words.append(f"An end that rests on the prior is given by likelihood ratio{where}.")
     assumed = premises.assumed or (knowledge.assumed if knowledge.workshop else ())
     if assumed:
         words.append(f"As in a workshop: {', '.join(assumed)}, assumed as nobody stated them.")
