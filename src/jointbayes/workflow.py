@@ -355,8 +355,9 @@ def _posterior(
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
     mode = refine_where_possible(problem.log_posterior, chains.theta[best])
     # the best draw is at one of the others, or its climb fell short of the top; one that failed says nothing
-    short = not np.array_equal(mode[0], chains.theta[best]) and _on_one_hill(problem, *mode, estimate.theta)
-    if mode[1] < estimate.log_posterior and (len(estimate.modes) > 1 or short):
+    missing = estimate.log_posterior - mode[1]
+    short = missing > _SAME_DENSITY and not np.array_equal(mode[0], chains.theta[best])
+    if missing > 0 and (len(estimate.modes) > 1 or (short and _on_one_hill(problem, *mode, estimate.theta))):
         mode = estimate.theta.copy(), estimate.log_posterior
     record = RunRecord(
         problem.name,

@@ -38,7 +38,6 @@ _LEVEL = 0.95  # confidence of the limits of profiles
 _STEP = 1e-3
 #: By how much ln L may be below the wanted height at an end; above it by more the support ends first.
 _SLACK = 0.01
-_MOST_STEPS = 40  # of a climb: one that takes more goes to and fro on a thin ridge
 _HIGHER = 1e-4  # standard deviations of a quantity that one unit of ln L is worth: of equal ends the likeliest
 _EDGE = 1e-9  # of the support's width: at its very ends ρ is no positive definite joint
 _AT_EDGE = 1e-6  # the same of a point that a climb has led to its edge
@@ -333,12 +332,7 @@ class LikelihoodRegion:
             return -both(u.tobytes())[1][1]
 
         climb = optimize.minimize(
-            loss,
-            np.zeros(size),
-            jac=slope,
-            method="SLSQP",
-            constraints=constraints,
-            options={"ftol": 1e-8, "maxiter": _MOST_STEPS},
+            loss, np.zeros(size), jac=slope, method="SLSQP", constraints=constraints, options={"ftol": 1e-8}
         )
         return np.clip(start + root @ climb.x, self._low, self._high)
 
