@@ -395,3 +395,14 @@ def test_the_summary_has_both_intervals_and_what_is_printed(cheap_posterior):
         assert entry["prior_volume"] == known.prior_volume
     table = str(cheap_posterior.summary())
     assert f"({cheap_posterior.verdict('k11').interval()})" in table
+
+
+def test_no_climb_is_made_twice(cheap_posterior, monkeypatch):
+    theta = np.vstack([cheap_posterior.estimate.theta, cheap_posterior.thinned(400)])
+    region = LikelihoodRegion(cheap_posterior.problem.log_posterior, theta)
+    top = np.array([region._top, region._top])
+    found = region._extremes(2, FALL_PRINTED, top)
+    monkeypatch.setattr("scipy.optimize.minimize", lambda *_, **__: pytest.fail("climbed again"))
+    assert np.array_equal(region._extremes(2, FALL_PRINTED, top), found)
+    with pytest.raises(pytest.fail.Exception, match="climbed again"):
+        region._extremes(1, FALL_PRINTED, top)
