@@ -95,6 +95,7 @@ FILLED_IN = {
     'jb.calibrate(case, 1000).write("reports/mine")': 'jb.calibrate(case, 4).write("reports/mine")',
     "jb.calibrate(case, 1000, near=True)": "jb.calibrate(case, 4, near=True)",
     'posterior.interval("k11")': 'posterior.interval("loose.k11")',
+    'posterior.verdict("k22").words': 'posterior.verdict("loose.k22").words',
     'posterior.predict_frf(setup="short")': 'posterior.predict_frf(setup="loose")',
     'posterior.predict_natural_frequencies(setup="short")': 'posterior.predict_natural_frequencies(setup="loose")',
 }

@@ -96,6 +96,11 @@ class Data(ABC):
         return None
 
     @property
+    def shows_shapes(self) -> bool:
+        """Whether mode shapes are among the data."""
+        return False
+
+    @property
     def lowest_hz(self) -> tuple[float, ...] | None:
         """Natural frequencies that are the data, if they are the lowest, each of them, in rising order, Hz."""
         return None

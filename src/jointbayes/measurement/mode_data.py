@@ -140,6 +140,11 @@ class ModeData(ModalData):
         return self._mean[1]
 
     @property
+    def shows_shapes(self) -> bool:
+        """Whether mode shapes are among the data."""
+        return self.shapes is not None
+
+    @property
     def lowest_hz(self) -> tuple[float, ...] | None:
         """Natural frequencies, if they are the lowest, each of them, in rising order, Hz."""
         rising = bool((np.diff(self.frequency_hz) > 0).all())

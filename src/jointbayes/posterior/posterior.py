@@ -12,7 +12,6 @@ import xarray as xr
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, require_count
 from jointbayes.frf import Ports
-from jointbayes.measurement import ModeData
 from jointbayes.notebook_view import frf_svg, paragraph_html, table_html
 from jointbayes.posterior.curves import Curve, curve_of
 from jointbayes.posterior.decision import premises_sentences
@@ -191,9 +190,8 @@ class Posterior(PosteriorDraws):
         """What modes cannot show of inputs that move all of them alike, where no shape was measured."""
         own = [nuisance.name.rpartition(".")[2] for nuisance in self.problem.prior.nuisances]
         inputs = [name for name in OF_ALL_MODES if name in own]
-        data = [test.data for test in self.problem.tests]
-        shown = any(one.modes is None or (isinstance(one, ModeData) and one.shapes is not None) for one in data)
-        if not self.problem.premises.reason or not inputs or shown:
+        more = any(test.data.modes is None or test.data.shows_shapes for test in self.problem.tests)
+        if not self.problem.premises.reason or not inputs or more:
             return ()
         what = listed(inputs).replace(" and ", " or ")
         return (f"Natural frequencies alone hardly show that {what} is further off than assumed: measure it.",)
