@@ -66,14 +66,15 @@ class PosteriorTarget(Target):
     def _read(self, path: Path, report: Path | None) -> None:
         import jointbayes as jb
         from jointbayes.posterior import knowledge
+        from jointbayes.posterior import posterior as judged
 
         posterior = jb.load_posterior(path)
         json.dumps(posterior.summary().to_json(), allow_nan=False)
         if report is not None:
             # draws with other inputs free, and profiles, take a whole file's report beyond the limit of a damaged one
-            effect = knowledge.effect_of_uncertain_inputs
+            effect = judged.effect_of_uncertain_inputs
             with (
-                patch.object(knowledge, "effect_of_uncertain_inputs", lambda posterior, *_: effect(posterior)),
+                patch.object(judged, "effect_of_uncertain_inputs", lambda posterior, *_: effect(posterior)),
                 patch.object(knowledge, "_profiles", lambda *_: ()),
             ):
                 jb.write_report(posterior, report)
