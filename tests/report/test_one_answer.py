@@ -31,7 +31,6 @@ def signed_text():
     return text[:at] + RHO + text[end:]
 
 
-@pytest.fixture(scope="module")
 def by_modes(cheap_case):
     """Of measured FRFs of a beam half a millimetre longer than the one that is analysed."""
     return jb.sample(of_another_truth(cheap_case, "length_mm = 383.5"), seed=1)
@@ -49,7 +48,7 @@ def of_text(name, text):
 #: Runs of which every surface is read, each with the joint that its draws are about where it needs none of a sampler.
 RUNS = {
     "computed": lambda get: replace(get("cheap_posterior")),
-    "measured, by modes": lambda get: replace(get("by_modes")),
+    "measured, by modes": lambda get: by_modes(get("cheap_case")),
     "measured, as they are": lambda get: of_frfs(get("cheap_case")),
     "typed frequencies": lambda get: replace(get("frequency_posterior")),
     "typed modes with shapes": lambda _: of_text("shapes", shipped_text("two_storeys_shape")),
@@ -148,19 +147,10 @@ def test_every_surface_gives_the_same_numbers(kind, request, tmp_path, capsys):
     for premises, row in posterior.under.items():
         assert again.under[premises].interval(name) == pytest.approx(row.interval(name))
         assert row.interval(name) != posterior.interval(name)
-
-
-@pytest.mark.whole
-@pytest.mark.usefixtures("plain_reports")
-def test_measured_frfs_say_everywhere_what_they_are_analysed_as(by_modes, capsys):
-    inputs = ReportInputs(by_modes)
-    premises = by_modes.problem.premises
-    assert premises.of_modes
-    (first, reason, *_) = by_modes.premises_sentences
-    print_summary(by_modes, inputs.knowledge)
-    page = " ".join(map(str, build_report(inputs, DATE).blocks()))
-    for said in (capsys.readouterr().out, repr(by_modes), by_modes._repr_html_(), str(by_modes.summary()), page):
-        assert first in said
-        assert reason in said
-    assert inputs.summary.to_json()["premises"]["reason"] == premises.reason
-    assert "analysed by the 3 modes that they show" in page
+    if posterior.problem.premises.of_modes:
+        page = " ".join(map(str, report.blocks()))
+        for said in (printed, repr(posterior), posterior._repr_html_(), str(posterior.summary()), page):
+            assert all(sentence in said for sentence in posterior.premises_sentences[:2])
+        assert summary.to_json()["premises"]["reason"] == posterior.problem.premises.reason
+        assert "analysed by the 3 modes that they show" in page
+    assert posterior.problem.premises.of_modes == (kind == "measured, by modes")
