@@ -45,7 +45,7 @@ def of_text(name, text):
     return jb.sample(jb.case_from_text(name, text, directory=CONFIGS), seed=1, settings=TO_CONVERGE)
 
 
-#: Runs of which every surface is read, each with the joint that its draws are about where it needs none of a sampler.
+#: Runs of which every surface is read; of some the draws are made up about a joint, which costs no sampling.
 RUNS = {
     "computed": lambda get: replace(get("cheap_posterior")),
     "measured, by modes": lambda get: by_modes(get("cheap_case")),
@@ -60,7 +60,7 @@ RUNS = {
     "free structure": lambda _: made_up("bolts", shipped_text("lapped_beams"), (8e7, 3e8, 1.2e4)),
     "damped joint": lambda _: made_up("dampers", shipped_text("rotor_dampers"), (1e6, 3e3)),
 }
-#: What of a posterior gives a median, an interval or a verdict of a stiffness: `told_of` reads all of it.
+#: What of a posterior gives a median, an interval or a verdict of a stiffness: the test below reads all of it.
 READ = {
     "brief", "draws", "interval", "load", "repr", "repr_html", "save", "stiffness", "summary", "to_arviz",
     "to_dataframe", "under",
