@@ -3,7 +3,7 @@
 A bar hangs free, and is analysed as a beam with a clamp at its end: k11, k12 and k22 with default priors. The data are
 the closed-form natural frequencies of a free bar without shear and rotary inertia, which the model has (0.03 % in the
 first mode, 0.4 % in the fifth), with a scatter of 0.1 %: the first three, four or five that bend, in turn. They are
-analysed with `[noise.model_error]` as it is by default, counted rightly, from mode 3 of a bar that a soft joint lets
+analysed with `[uncertain.model_error]` by default, counted rightly, from mode 3 of a bar that a soft joint lets
 swing and rock, or from mode 1, as of a clamped beam; with modulus, density and length exact, as they are, or off by 2,
 1 and 0.3 % (one standard deviation) and uncertain by as much. Counted are verdicts, of which none may be "identified".
 
@@ -61,7 +61,7 @@ damping = { law = "modal", ratio = 0.01 }
 dofs = ["1:y", "1:rz"]
 parametrisation = "signed"
 
-[noise.model_error]
+[uncertain.model_error]
 """
 
 

@@ -4,7 +4,7 @@ The data are natural frequencies and antiresonances of `benchmarks.exact_beam`, 
 with the package: the beam of the main case with an error of 2 % in its modulus, 1 % in its density and 0.3 % in its
 length, with 20 g at mid-span of which the model knows nothing, on a joint with k11 of 1e7 to 1e11 N/m, k22 of 1e4 to
 1e7 N m/rad and any coupling up to 0.95. A test scatters by 0.05 %. It is analysed with modulus, density and length
-uncertain by as much and with `[noise.model_error]` as it is by default: from three frequencies, from four, and from
+uncertain by as much and with `[uncertain.model_error]` as it is by default: from three frequencies, from four, and from
 four and the first three antiresonances of the tip. Counted is how often the 95 % interval holds the true stiffness, and
 how wide it is. Intervals are those of the package's density by importance sampling, which needs a second where a run
 of the sampler takes half a minute.
@@ -114,7 +114,7 @@ def case_of(kind: str, index: int) -> tuple[jb.Case, dict[str, float]]:
     head = whole[: whole.index("# What is known before")].replace(
         'parametrisation = "log"', 'parametrisation = "signed"'
     )
-    text = f"{head}{_PRIOR}\n[noise.model_error]\n"
+    text = f"{head}{_PRIOR}\n[uncertain.model_error]\n"
     text += "".join(f"\n[uncertain.{name}]\nsd_percent = {100 * sd}\n" for name, sd in ERRORS.items())
     stated = f"sd_relative = {SCATTER}\nfrequencies_hz = "
     text += f'\n[data]\nkind = "modes"\n{stated}{frequency[:count].tolist()}\n'

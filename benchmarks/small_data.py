@@ -65,7 +65,8 @@ _TWICE = _CLAMP.replace("[120.0]", "[120.0, 762.0]").replace("[415.0]", "[415.0,
 
 #: Case texts by name.
 CASES = {
-    "two overhangs, two frequencies each": _TWICE.replace("JOINT", 'dofs = ["1:y", "1:rz"]') + "[noise.model_error]\n",
+    "two overhangs, two frequencies each": _TWICE.replace("JOINT", 'dofs = ["1:y", "1:rz"]')
+    + "[uncertain.model_error]\n",
     "two overhangs, two springs": _CLAMP.replace("JOINT", 'kind = "springs"\ndofs = ["1:y", "1:rz"]'),
     "two overhangs, k11 k12 k22": _CLAMP.replace("JOINT", 'dofs = ["1:y", "1:rz"]'),
     "strip as a frame": _STRIP,

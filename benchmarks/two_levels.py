@@ -4,7 +4,7 @@ The data are four natural frequencies of `benchmarks.exact_beam`, which has no m
 the beam of 360 mm on a spring with ky of 1e7 to 2e8 N/m and one with krz of 2e4 to 2e5 N m/rad, at two torques. The
 model misses each frequency by N(0, 0.5 %), alike at both; a test scatters by 0.02 %. In one half of the cases both
 springs are 5 % stiffer at the higher torque, in the other nothing changes. Each case is analysed as a user would, by
-`jb.sample` as in a campaign, with each level's springs its own and `[noise.model_error]` as it is by default. Counted
+`jb.sample` as in a campaign, with each level's springs its own and `[uncertain.model_error]` by default. Counted
 is how often `Posterior.curve` shows a change of krz, or of any spring, and how often its interval holds the truth.
 
 Part of `make science`. Outcomes are kept in build/two_levels as they come, one line of JSON each, so that a run that
@@ -50,7 +50,7 @@ level = { name = "torque", unit = "N m" }
 joint = { kind = "springs", dofs = ["1:y", "1:rz"], own = true }
 prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e11 }
 prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e8 }
-noise.model_error = {}
+uncertain.model_error = {}
 uncertain.exact = ["youngs_modulus", "density", "length"]
 setups.low.level = 10.0
 setups.high.level = 20.0

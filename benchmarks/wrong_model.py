@@ -62,7 +62,7 @@ prior.krz = {{ distribution = "log_uniform", low = 1e4, high = 5e5 }}
 uncertain.youngs_modulus.sd_percent = 3.0
 uncertain.density.sd_percent = 1.0
 uncertain.length.sd_percent = 0.5
-noise.model_error = {{}}
+uncertain.model_error = {{}}
 data = {{ kind = "natural_frequencies", frequencies_hz = [100.0, 500.0, 1500.0], sd_relative = 0.0001 }}
 """
 _MODES, _ZEROS, _SD, _TIP, _MIDDLE = 3, 2, 1e-4, "11:y", "6:y"

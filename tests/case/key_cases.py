@@ -336,7 +336,7 @@ MODES = [
         ("eigenvalues = [[5700.0, 2.1e5], [5800.0, 2.2e5]]\neigenvalue_sd = [60.0, 2000.0]", "", ENDS),
     )
 ]  # fmt: skip
-MODEL_ERROR = """[noise.model_error]
+MODEL_ERROR = """[uncertain.model_error]
 frequency_error = 0.004
 error_factor = 2.5
 damping_error = 0.25
@@ -407,7 +407,7 @@ CASES = [
     *(KeyCase(beam(0) + PAIR + read("8:y") + noise, keys="noise") for noise in NOISES),
     *(KeyCase(text.partition("[uncertain")[0], keys="data") for text in (*FREQUENCIES, MODES[0])),
     *(KeyCase(text, keys="data.modes.\\.eigen|uncertain") for text in MODES),
-    KeyCase(FREQUENCIES[0] + MODEL_ERROR, keys="noise"),
+    KeyCase(FREQUENCIES[0] + MODEL_ERROR, keys="uncertain"),
     KeyCase(f"{MODES[0].partition('[uncertain')[0]}[left_out]\nmodes = [2]\n", keys="left_out"),
     KeyCase(f"{WHOLE}[left_out]\nbands_hz = [[110.0, 205.0], [410.0, 520.0]]\n", keys="left_out"),
     *(

@@ -254,7 +254,7 @@ def of_data() -> list[tuple[str, str, Value]]:
         *((f"noise.scale_{end}_factor", f"nuisance.noise_scale.prior.{end}", math.log) for end in ("low", "high")),
         ("left_out.modes[*]", "left_out.modes[{0}]", 1),
         ("left_out.bands_hz[*][*]", "left_out.bands_hz[{0}][{1}]", 1),
-        *((f"noise.model_error.{ERROR_KEYS.get(name, f'{name}_error')}", f"{place}.{name}", 1)
+        *((f"uncertain.model_error.{ERROR_KEYS.get(name, f'{name}_error')}", f"{place}.{name}", 1)
           for name in (*ERROR_KEYS, "frequency", "damping", "shape", "constant", "edge", "spring")
           for place in ("noise.sizes", "model_error")),
     ]  # fmt: skip

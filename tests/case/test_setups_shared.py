@@ -13,7 +13,7 @@ from tests.case.test_structures import SPINDLE, text_of
 LONG_AND_HEARD = "\n[setups.long]\n" + HEARD
 PEAKS = '[data]\nkind = "natural_frequencies"\nfrequencies_hz = [121.5, 752.5]\nsd_relative = 0.0\nsd_hz = 0.5\n'
 HEARD_ALL = BASE.split("[data]")[0] + PEAKS
-INEXACT = "[noise.model_error]\nfrequency_error = 0.01\n"
+INEXACT = "[uncertain.model_error]\nfrequency_error = 0.01\n"
 
 
 def fault(text):
@@ -36,6 +36,10 @@ def test_priors_that_set_ups_do_not_share_may_differ():
     assert built(each).problem.names[3:] == ("a.density", "b.density")
     scales = "[noise]\nscale = 'sampled'\n[setups.a.noise]\n[setups.b.noise]\nscale_high_factor = 3.0\n"
     assert built(scales).problem.names[3:] == ("a.noise_scale", "b.noise_scale")
+    errors = parse_setups(
+        HEARD_ALL + INEXACT + "[setups.a]\n[setups.b.uncertain.model_error]\nfrequency_error = 0.02\n"
+    )
+    assert {name: spec.uncertain.model_error.frequency_error for name, spec in errors.items()} == {"a": 0.01, "b": 0.02}
 
 
 @pytest.mark.parametrize(
@@ -46,8 +50,8 @@ def test_priors_that_set_ups_do_not_share_may_differ():
             "noise",
         ),
         (
-            HEARD_ALL + INEXACT + "[setups.a]\n[setups.b.noise]\nown = false\nmodel_error.frequency_error = 0.02\n",
-            "noise.model_error",
+            HEARD_ALL + INEXACT + "[setups.a]\n[setups.b.uncertain.model_error]\nown = false\nfrequency_error = 0.02\n",
+            "uncertain.model_error",
         ),
     ],
 )

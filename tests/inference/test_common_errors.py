@@ -24,7 +24,7 @@ joint = { kind = "springs", dofs = ["1:y", "1:rz"] }
 prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e9 }
 prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e6 }
 uncertain.length.sd_percent = 0.5
-noise.model_error = {}
+uncertain.model_error = {}
 data = { kind = "natural_frequencies", frequencies_hz = [100.0, 500.0, 1500.0], sd_relative = 0.0001 }
 """
 

@@ -113,7 +113,7 @@ joint = { kind = "springs", dofs = ["1:y", "1:rz"], own = true }
 prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e11 }
 prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e8 }
 data = { kind = "natural_frequencies", frequencies_hz = [FIRST], sd_relative = 0.0002 }
-noise.model_error = { frequency_error = 0.004, error_factor = 2.0 }
+uncertain.model_error = { frequency_error = 0.004, error_factor = 2.0 }
 uncertain.exact = ["youngs_modulus", "density", "length"]
 setups.low.level = 10.0
 setups.high.level = 20.0
@@ -195,9 +195,9 @@ def test_simulated_data_of_two_levels_share_the_errors_that_the_likelihood_has_t
 def test_errors_of_the_model_need_modes_and_known_errors_of_measurement(tmp_path):
     frf = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
     with pytest.raises(
-        CaseError, match=r"noise\.model_error: found the model's errors in modes, where the data are computed FRFs"
+        CaseError, match=r"uncertain\.model_error: found the model's errors in modes, where the data are computed FRFs"
     ):
-        case_from_text("frf", frf + "\n[noise.model_error]\n")
+        case_from_text("frf", frf + "\n[uncertain.model_error]\n")
     modes = (CONFIGS / "two_storeys.toml").read_text(encoding="utf-8")
     with pytest.raises(CaseError, match=r"noise\.scale"):
-        case_from_text("modes", modes + '\n[noise]\nscale = "sampled"\n[noise.model_error]\n')
+        case_from_text("modes", modes + '\n[noise]\nscale = "sampled"\n[uncertain.model_error]\n')

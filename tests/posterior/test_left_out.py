@@ -41,7 +41,7 @@ sd_relative = 0.002
 [left_out]
 modes = [2, 3]
 """
-ERROR = "[noise.model_error]\nfrequency_error = 0.004\nerror_factor = 1.000001\n"
+ERROR = "[uncertain.model_error]\nfrequency_error = 0.004\nerror_factor = 1.000001\n"
 K = 1e5
 
 

@@ -33,7 +33,7 @@ def test_every_kind_measures_the_same_beam():
     np.testing.assert_array_equal(data[0].frequency_hz, data[1].frequency_hz[:3])
     assert data[2].zeros.dofs == ("11:y",) * 3
     assert (data[2].zeros.frequency.values > data[2].frequency_hz[:3]).all()  # each between two natural frequencies
-    assert all(case.spec.noise.model_error is not None for case, _ in cases.values())
+    assert all(case.spec.uncertain.model_error is not None for case, _ in cases.values())
 
 
 def row(index, truth, low, high):

@@ -30,7 +30,7 @@ sd_hz = 0.0
 PLAN = '\n[plan]\nparameter = "k22"\noutputs = ["2:y", "6:y"]\n'
 SHORT = "\n[plan.setups.short.structure]\nlength_mm = 200.0\n"
 TRUTH = np.array([np.log(2e9), np.log(1e7), np.log(3e5), 0.01, -0.004, 0.001])
-ERRORS = "[noise.model_error]\nfrequency_error = 0.002\nshape_error = 0.005\n"
+ERRORS = "[uncertain.model_error]\nfrequency_error = 0.002\nshape_error = 0.005\n"
 
 
 def case_of(text):

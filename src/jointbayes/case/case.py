@@ -176,7 +176,7 @@ class Case:
     @property
     def model_error(self) -> ErrorSizes | None:
         """Sizes of the model's errors in modes, where the case states them."""
-        return model_error_of(self.spec.noise)
+        return model_error_of(self.spec.uncertain)
 
     @cached_property
     def sampler(self) -> SamplerSettings:
@@ -318,7 +318,7 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
         tell("left_out")
         used, apart = (data, None) if spec.leaves_out(name) else split_data(data, spec.left_out)
         tell("noise")
-        noise, of_noise = noise_of(spec.noise, used)
+        noise, of_noise = noise_of(spec, used)
         bodies: tuple[MeasuredBody, ...] = ()
         if spec.bodies:
             tell("bodies")

@@ -40,7 +40,7 @@ _SYMBOLS = {
 _OF_DAMPING = {"zeta": ("modal", "ratio"), "eta": ("loss_factor", "loss_factor")}
 _MIDDLES = ("mean", "median", "value", "nominal")
 #: Keys of earlier versions, in whose place errors of the model are stated.
-_REMOVED = {("noise", "discrepancy"), ("uncertain", "mode_frequencies")}
+_REMOVED = {("noise", "discrepancy"), ("noise", "model_error"), ("uncertain", "mode_frequencies")}
 #: Texts that mean one of the allowed ones.
 _SYNONYMS = {"hysteretic": "loss_factor", "structural": "loss_factor"}
 
@@ -229,7 +229,7 @@ def _elsewhere(place: _Place, root: type[BaseModel]) -> str:
     if path[:-1] == ("joint",) and isinstance(place.value, Mapping):
         return f"one of several joints is a table [joints.{key}]"
     if path in _REMOVED:
-        return "it was removed: use [noise.model_error], an error of the model in each mode"
+        return "it was removed: use [uncertain.model_error], an error of the model in each mode"
     if path[:-1] == ("structure",) and key in _OF_DAMPING:
         return 'write {1} in [structure.damping] with law = "{0}"'.format(*_OF_DAMPING[key])
     if path[0] == "uncertain" and len(path) == 3 and key in _MIDDLES:

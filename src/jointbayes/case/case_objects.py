@@ -13,8 +13,8 @@ from jointbayes.case.case_text import CaseText, find_outside
 from jointbayes.case.spec.data_table import NoiseSpec, SyntheticFrfSpec
 from jointbayes.case.spec.fields import DataTable, KeyPath
 from jointbayes.case.spec.measured_table import ChannelSpec, MeasuredBodySpec, MeasuredSpec, VarianceSpec
-from jointbayes.case.spec.prior_tables import FactorPriorSpec
-from jointbayes.case.spec.settings_tables import LeftOutSpec, NoiseModelSpec
+from jointbayes.case.spec.prior_tables import FactorPriorSpec, UncertainSpec
+from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix, matrix_findings
 from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase
 from jointbayes.case.spec.whole import CaseSpec
@@ -105,8 +105,9 @@ def true_stiffness(spec: CaseSpec) -> Array:
     return np.array([_synthetic(spec).truth.stiffness_by_name[name] for name in spec.all_quantities])
 
 
-def noise_of(spec: NoiseModelSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
+def noise_of(case: CaseSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """Distribution of the residuals, and the priors of its parameters; its module has the name of the distribution."""
+    spec = case.noise
     complex_frf = data.frfs is not None and spec.residuals == "complex"
     choice = NoiseChoice(
         spec.scale,
@@ -114,13 +115,13 @@ def noise_of(spec: NoiseModelSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisan
         spec.scale_dof,
         spec.scale_guess,
         spec.dof,
-        model_error_of(spec),
+        model_error_of(case.uncertain),
     )
     module = import_module(f"jointbayes.inference.noise.{spec.distribution}")
     return module.noise_of(choice, 2 if complex_frf else 1, data)
 
 
-def model_error_of(spec: NoiseModelSpec) -> ErrorSizes | None:
+def model_error_of(spec: UncertainSpec) -> ErrorSizes | None:
     """Sizes of the model's errors in modes; None where none are stated."""
     e = spec.model_error
     if e is None:

@@ -64,7 +64,7 @@ _MODEL = (
 )
 _BOTH = f"Infer the size of the noise {_INFER}, and look for what the model lacks."
 _SD_LARGER = (
-    "State their standard deviations as large as they are, or allow for an error of the model ([noise.model_error])."
+    "State standard deviations as large as they are, or allow for an error of the model ([uncertain.model_error])."
 )
 _SD_SMALLER = "State their standard deviations as small as they are."
 

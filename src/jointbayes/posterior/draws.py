@@ -310,8 +310,8 @@ class PosteriorDraws:
     def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000, *, setup: str | None = None) -> Array:
         """Natural frequencies of posterior draws, shape (draws, count), Hz.
 
-        Those of the model: its own error, see ``[noise.model_error]``, is not in them. Of the set-up of that name, by
-        default the first.
+        Those of the model: its own error, see ``[uncertain.model_error]``, is not in them. Of the set-up of that name,
+        by default the first.
         """
         theta, prior = self.thinned(max_draws), self.problem.prior
         return self.problem.part(setup).natural_frequencies_hz(prior.values(theta), count, prior.factors(theta))

@@ -172,7 +172,7 @@ def _answered(cases: Sequence[Case], seed: int, tell: ProgressCallback) -> dict[
         by = ", ".join(f"{name} by {'modes' if p.premises.of_modes else 'its FRFs'}" for name, p in answered.items())
         raise CaseError(
             f"compare: found cases that are analysed by other data: {by}; expected the same, because evidences of "
-            "different data cannot be compared; state the same [noise.model_error] in all"
+            "different data cannot be compared; state the same [uncertain.model_error] in all"
         )
     shared = set.intersection(*each)
     return {name: problem if used == shared else only_modes(problem, shared)

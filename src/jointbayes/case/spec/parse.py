@@ -242,12 +242,11 @@ def _unlike_priors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding
         shared: dict[tuple[str, ...], object] = {
             quantity_table(name): prior for name, prior in spec.uncertain.given.items() if not prior.own
         }
-        if spec.noise.inferred and not spec.noise.own:
-            noise = spec.noise
-            if noise.scale == "sampled":
-                shared["noise",] = noise.scale_low_factor, noise.scale_high_factor
-            if noise.model_error is not None:
-                shared["noise", "model_error"] = noise.model_error
+        noise, error = spec.noise, spec.uncertain.model_error
+        if noise.scale == "sampled" and not noise.own:
+            shared["noise",] = noise.scale_low_factor, noise.scale_high_factor
+        if error is not None and not error.own:
+            shared[quantity_table("model_error")] = error
         for place, prior in shared.items():
             other, there = first.setdefault(place, (setup, prior))
             if prior != there:

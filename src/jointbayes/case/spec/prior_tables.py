@@ -349,8 +349,35 @@ _Usual = Literal["model", "youngs_modulus", "density", "length", "damping_ratio"
 _EXACT = key_field(f"a list of what is exactly known indeed, of {', '.join(get_args(_Usual))}", ["density"])
 
 
+_OF_EACH = "as a fraction of it, a number above 0"
+_ERROR_FACTOR = Field(gt=1, description="the factor by which that may be wrong, a number above 1", examples=[3.0])
+
+
+_EDGE_ERROR = "the error of the place of a clamp's edge as a fraction of the overhang"
+_SPRING_ERROR = "the usual effect on the lowest frequency of springs to ground that are not modelled, as a fraction"
+
+
+class ModelErrorSpec(Spec):
+    """Errors of the model in modes, shared by tests of one structure; those of frequencies and springs are unknown."""
+
+    frequency_error: Annotated[float, positive(f"the usual error of a frequency {_OF_EACH}", 0.003)] = 0.003
+    error_factor: Annotated[float, _ERROR_FACTOR] = 3.0
+    damping_error: Annotated[float, positive(f"the error of a damping ratio {_OF_EACH}", 0.3)] = 0.3
+    shape_error: Annotated[float, positive("the error of a component of a shape, 1 at its reference", 0.05)] = 0.05
+    constant_error: Annotated[float, positive(f"the error of a modal constant {_OF_EACH}", 0.1)] = 0.1
+    edge_error: Annotated[float, not_negative(_EDGE_ERROR, 0.01)] = 0.01
+    spring_error: Annotated[float, not_negative(_SPRING_ERROR, 0.003)] = 0.003
+    spring_factor: Annotated[float, _ERROR_FACTOR] = 10.0
+    own: Annotated[bool, OWN] = False
+
+
+_MODEL_ERROR = Field(
+    description="errors of the model in modes: of each for itself, of a clamp's edge, of springs that are not modelled"
+)
+
+
 class UncertainSpec(Spec):
-    """Uncertain quantities besides the joint, each with its prior; what is not named here is known exactly."""
+    """What is uncertain besides the joint, each quantity with its prior, and the model itself; and what is exact."""
 
     youngs_modulus: Annotated[FactorPriorSpec | None, _uncertain("Young's modulus")] = None
     density: Annotated[FactorPriorSpec | None, _uncertain("the density")] = None
@@ -366,11 +393,16 @@ class UncertainSpec(Spec):
     accelerometer_mass: Annotated[FactorPriorSpec | None, _uncertain("the mass of the accelerometers")] = None
     gain: Annotated[FactorPriorSpec | None, _uncertain("the gain of the measurement, 1 by itself")] = None
     bodies: Annotated[dict[str, BodyUncertainSpec], _BODIES] = {}  # noqa: RUF012 (pydantic copies it)
+    model_error: Annotated[ModelErrorSpec | None, _MODEL_ERROR] = None
     exact: Annotated[tuple[_Usual, ...], Strict(False), _EXACT] = ()
 
     def _findings(self) -> Iterator[Finding]:
-        for i, name in (pair for pair in enumerate(self.exact) if pair[1] in self.given):
-            fault = f'found "{name}", whose prior [uncertain.{name}] states'
+        stated = {**dict.fromkeys(self.given, "prior"), **({"model_error": "errors"} if self.model_error else {})}
+        for i, name in enumerate(self.exact):
+            key = "model_error" if name == "model" else name
+            if key not in stated:
+                continue
+            fault = f'found "{name}", whose {stated[key]} [uncertain.{key}] states'
             yield Finding(("exact", i), fault, "one of the two", "remove one")
 
     @property

@@ -8,7 +8,13 @@ from jointbayes.case.spec.data_table import DataSpec
 from jointbayes.case.spec.fields import Finding, KeyPath, listed, show_key
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table
 from jointbayes.case.spec.measured_table import MeasuredSpec
-from jointbayes.case.spec.prior_tables import NamedStiffnessSpec, PriorsSpec, UncertainSpec, quantity_table
+from jointbayes.case.spec.prior_tables import (
+    ModelErrorSpec,
+    NamedStiffnessSpec,
+    PriorsSpec,
+    UncertainSpec,
+    quantity_table,
+)
 from jointbayes.case.spec.settings_tables import LeftOutSpec, LevelSpec, NoiseModelSpec, PlanSpec, VirtualTestSpec
 from jointbayes.case.spec.structure_table import StructureBase
 from jointbayes.joint import COORDINATES
@@ -290,15 +296,17 @@ def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding
         yield Finding(("data", "truth", "damping_ratio"), fault, 'law = "modal"', "remove it or change the law")
 
 
-def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
+def noise_findings(noise: NoiseModelSpec, model_error: ModelErrorSpec | None, data: DataSpec) -> Iterator[Finding]:
     """Yield how residuals cannot be judged where the data are natural frequencies, or computed."""
     if data.frfs:
-        if noise.model_error is not None and data.synthetic is not None:
+        if model_error is not None and data.synthetic is not None:
             fault = "found the model's errors in modes, where the data are computed FRFs"
-            yield Finding(("noise", "model_error"), fault, "measured FRFs, modes or natural frequencies", "remove it")
+            yield Finding(
+                quantity_table("model_error"), fault, "measured FRFs, modes or natural frequencies", "remove it"
+            )
         return
-    if noise.model_error is not None and noise.scale != "known":
-        fault = f'found "{noise.scale}" with [noise.model_error], whose errors would take up the same misfit'
+    if model_error is not None and noise.scale != "known":
+        fault = f'found "{noise.scale}" with [uncertain.model_error], whose errors would take up the same misfit'
         yield Finding(("noise", "scale"), fault, '"known"', "remove one of the two")
     reasons = {
         "residuals": "but natural frequencies have neither magnitude nor phase",

@@ -204,27 +204,6 @@ class PlanSpec(Spec):
     added_mass_g: Annotated[Positive | None, _ADDED_MASS] = None
 
 
-_OF_EACH = "as a fraction of it, a number above 0"
-_ERROR_FACTOR = Field(gt=1, description="the factor by which that may be wrong, a number above 1", examples=[3.0])
-
-
-_EDGE_ERROR = "the error of the place of a clamp's edge as a fraction of the overhang"
-_SPRING_ERROR = "the usual effect on the lowest frequency of springs to ground that are not modelled, as a fraction"
-
-
-class ModelErrorSpec(Spec):
-    """Errors of the model in modes, shared by tests of one structure; those of frequencies and springs are unknown."""
-
-    frequency_error: Annotated[float, positive(f"the usual error of a frequency {_OF_EACH}", 0.003)] = 0.003
-    error_factor: Annotated[float, _ERROR_FACTOR] = 3.0
-    damping_error: Annotated[float, positive(f"the error of a damping ratio {_OF_EACH}", 0.3)] = 0.3
-    shape_error: Annotated[float, positive("the error of a component of a shape, 1 at its reference", 0.05)] = 0.05
-    constant_error: Annotated[float, positive(f"the error of a modal constant {_OF_EACH}", 0.1)] = 0.1
-    edge_error: Annotated[float, not_negative(_EDGE_ERROR, 0.01)] = 0.01
-    spring_error: Annotated[float, not_negative(_SPRING_ERROR, 0.003)] = 0.003
-    spring_factor: Annotated[float, _ERROR_FACTOR] = 10.0
-
-
 _RESIDUALS = key_field('"complex" (H itself) or "log_magnitude" (ln |H|, without the phase)', "complex")
 #: Each is a module of `jointbayes.inference.noise`.
 Distribution = Literal["gaussian", "student_t", "proportional"]
@@ -236,9 +215,6 @@ _SCALE_LOW = Field(
     gt=0, le=1, description="the smallest factor on the noise, a number above 0 and at most 1", examples=[0.1]
 )
 _SCALE_HIGH = Field(ge=1, description="the largest factor on the noise, a number of at least 1", examples=[10.0])
-_MODEL_ERROR = Field(
-    description="errors of the model in modes: of each for itself, of a clamp's edge, of springs that are not modelled"
-)
 
 
 class NoiseModelSpec(Spec):
@@ -258,13 +234,12 @@ class NoiseModelSpec(Spec):
     scale_high_factor: Annotated[float, _SCALE_HIGH] = 10.0
     scale_dof: Annotated[Positive, positive("the degrees of freedom of the prior of the squared factor", 4.0)] = 4.0
     scale_guess: Annotated[Positive, positive("the guess of the factor on the noise", 1.0)] = 1.0
-    model_error: Annotated[ModelErrorSpec | None, _MODEL_ERROR] = None
     own: Annotated[bool, OWN] = False
 
     @property
     def inferred(self) -> bool:
         """Whether parameters of the noise are sampled."""
-        return self.scale == "sampled" or self.distribution == "proportional" or self.model_error is not None
+        return self.scale == "sampled" or self.distribution == "proportional"
 
     def _findings(self) -> Iterator[Finding]:
         yield from not_above(self.scale_low_factor, self.scale_high_factor, "scale_low_factor", "scale_high_factor", "")

@@ -95,7 +95,8 @@ class CaseSpec(Spec):
         PriorsSpec | None, Field(description="a table for the prior of each parameter, as [prior.k11]")
     ] = None
     uncertain: Annotated[
-        UncertainSpec, Field(description="a table for each uncertain quantity, as [uncertain.length]")
+        UncertainSpec,
+        Field(description="a table for each uncertain quantity, as [uncertain.length]"),
     ] = UncertainSpec()
     data: DataSpec
     noise: Annotated[NoiseModelSpec, Field(description="how residuals are judged")] = NoiseModelSpec()
@@ -202,12 +203,7 @@ class CaseSpec(Spec):
                 yield from rules.stiffness_names_findings(loc, stated, self.all_quantities, lone_pair=lone_pair)
         yield from rules.uncertain_findings(self.uncertain, self.structure, self.data)
         yield from rules.truth_findings(self.structure, self.data)
-        yield from rules.noise_findings(self.noise, self.data)
-        if "model" in self.uncertain.exact and self.noise.model_error is not None:
-            fault = 'found "model", whose errors [noise.model_error] states'
-            yield Finding(
-                ("uncertain", "exact", self.uncertain.exact.index("model")), fault, "one of the two", "remove one"
-            )
+        yield from rules.noise_findings(self.noise, self.uncertain.model_error, self.data)
         yield from rules.left_out_findings(
             self.left_out, self.data, self.noise, list(self.setups), self.all_joints.values()
         )
@@ -243,6 +239,7 @@ class CaseSpec(Spec):
                 *(joint_table(name) for name, joint in self.all_joints.items() if joint.own),
                 *(quantity_table(name) for name, prior in self.uncertain.given.items() if prior.own),
                 *([("noise",)] if self.noise.own else []),
+                *([quantity_table("model_error")] if (error := self.uncertain.model_error) and error.own else []),
             ]
             for table in owned:
                 fault, expected = "found true in a case of one test", "several, as [setups.long]"

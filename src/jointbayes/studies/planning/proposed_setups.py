@@ -60,7 +60,7 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
     recipe = recipe_of(spec.structure, spec.data, first.data)
     joint = joints_of(spec.joint_objects)
     joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
-    noise, of_noise = noise_of(spec.noise, first.data)
+    noise, of_noise = noise_of(spec, first.data)
     return CaseSetup(name, text, spec, recipe, (), joint, first.data, noise, of_noise)
 
 
