@@ -75,7 +75,7 @@ def test_limits_of_a_correlated_gaussian_are_those_of_its_marginals():
             assert np.log(ends) == pytest.approx([centre[index] - reach, centre[index] + reach], abs=2e-3)
 
 
-def test_a_climb_that_stops_short_of_the_limit_and_of_every_edge_goes_on(monkeypatch):
+def test_climbs_that_stop_short_of_the_limit_are_gone_on_with(monkeypatch):
     centre, sd = np.log([2e7, 5e6]), 0.2
     problem = springs(lambda theta: -0.5 * (((theta - centre) / sd) ** 2).sum(axis=1))
     region = LikelihoodRegion(problem, problem.draws())
@@ -83,11 +83,46 @@ def test_a_climb_that_stops_short_of_the_limit_and_of_every_edge_goes_on(monkeyp
 
     def stopped(*arguments, options, **more):
         calls.append(1)
-        return minimize(*arguments, options=options | ({"maxiter": 1} if len(calls) <= 6 else {}), **more)
+        return minimize(*arguments, options=options | ({"maxiter": 1} if len(calls) <= 4 else {}), **more)
 
     monkeypatch.setattr(optimize, "minimize", stopped)
     limits, _ = region.limits(0, FALL_TWO_SIDED, FALL_PRINTED)
     assert np.log(limits) == pytest.approx([centre[0] - Z95 * sd, centre[0] + Z95 * sd], abs=2e-3)
+
+
+def test_limits_of_a_likelihood_that_is_far_narrower_than_its_draws_are_its_own():
+    """The best fit is a thin spike, in which hardly a draw lies: steps as wide as these lead nowhere."""
+    spike, bulk = np.log([2e7, 5e6]), np.log([6e6, 4e6])
+    along, across = 0.1, 0.002
+
+    def log_of(theta):
+        turned = (theta - spike) @ np.array([[1.0, 1.0], [1.0, -1.0]]) / math.sqrt(2)
+        high = 5.0 - 0.5 * ((turned / (along, across)) ** 2).sum(axis=1)
+        return np.logaddexp(high, -0.5 * (((theta - bulk) / 1.2) ** 2).sum(axis=1))
+
+    draws = np.vstack([np.random.default_rng(3).normal(bulk, 1.2, (2000, 2)), spike])
+    for index in (0, 1):
+        found = LikelihoodRegion(springs(log_of), draws).limits(index, FALL_TWO_SIDED, FALL_PRINTED)
+        for ends, fall in zip(found, (FALL_TWO_SIDED, FALL_PRINTED), strict=True):
+            reach = math.sqrt(2 * fall) * math.hypot(along, across) / math.sqrt(2)
+            assert np.log(ends) == pytest.approx([spike[index] - reach, spike[index] + reach], abs=2e-3)
+
+
+def test_limits_of_a_coupling_that_spans_decades_are_found_at_either_sign():
+    """A k12 below zero does harm at once, one above it hardly at all: one end is a few newtons, the other millions."""
+    signed = parametrisation_named("signed")
+    prior = JointPrior(signed, (Uniform(0.0, 25.0), Uniform(-4.0, 21.0), Uniform(-1.0, 1.0)))
+    place, sd, newtons = np.array([12.0, 8.0]), 4.0, 5.0
+
+    def log_of(theta):
+        above, k12 = np.maximum(theta[:, :2] - place, 0.0), signed.values(theta)[:, 1]
+        return -0.5 * ((above / sd) ** 2).sum(axis=1) - 0.5 * (np.minimum(k12, 0.0) / newtons) ** 2
+
+    found = Stated(prior, log_of).limits(1)
+    for ends, fall in zip(found, (FALL_TWO_SIDED, FALL_PRINTED), strict=True):
+        reach = math.sqrt(2 * fall)
+        high = math.exp(place.mean() + reach * sd / math.sqrt(2))  # with ρ at one
+        assert ends == pytest.approx([-reach * newtons, high], rel=2e-3)
 
 
 def test_limits_on_an_open_ridge_are_those_of_the_flexibility_that_was_measured():
@@ -395,14 +430,3 @@ def test_the_summary_has_both_intervals_and_what_is_printed(cheap_posterior):
         assert entry["prior_volume"] == known.prior_volume
     table = str(cheap_posterior.summary())
     assert f"({cheap_posterior.verdict('k11').interval()})" in table
-
-
-def test_no_climb_is_made_twice(cheap_posterior, monkeypatch):
-    theta = np.vstack([cheap_posterior.estimate.theta, cheap_posterior.thinned(400)])
-    region = LikelihoodRegion(cheap_posterior.problem.log_posterior, theta)
-    top = np.array([region._top, region._top])
-    found = region._extremes(2, FALL_PRINTED, top)
-    monkeypatch.setattr("scipy.optimize.minimize", lambda *_, **__: pytest.fail("climbed again"))
-    assert np.array_equal(region._extremes(2, FALL_PRINTED, top), found)
-    with pytest.raises(pytest.fail.Exception, match="climbed again"):
-        region._extremes(1, FALL_PRINTED, top)

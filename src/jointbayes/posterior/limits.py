@@ -40,11 +40,11 @@ _STEP = 1e-3
 _SLACK = 0.01
 _HIGHER = 1e-4  # standard deviations of a quantity that one unit of ln L is worth: of equal ends the likeliest
 _EDGE = 1e-9  # of the support's width: at its very ends ρ is no positive definite joint
-_AT_EDGE = 1e-6  # the same of a point that a climb has led to its edge
 _FARTHEST = 40.0  # prior standard deviations from its mean
 _FAR_DRAWS = 10  # for each unknown, of which the covariance at an end is worth a try
 _WORST = -1e9  # in place of a log likelihood that is not finite
 _POINTS = 7  # of a profile from its top to an end
+_AGAIN, _GAIN = 6, 1e-3  # climbs from where another has ended, while they gain so much of a standard deviation
 _CLOSE = 20  # draws among which a profile looks for where to climb from
 
 
@@ -132,7 +132,6 @@ class LikelihoodRegion:
         self._low, self._high = low + _EDGE * (high - low), high - _EDGE * (high - low)
         solution = np.zeros(len(theta), dtype=np.intp) if solution is None else solution
         self._ends: dict[tuple[int, float, float], tuple[Array, Array]] = {}
-        self._climbs: dict[tuple[bytes, bytes, int | None, float, float], Array] = {}
         away, each = theta.copy(), [np.flatnonzero(solution == number) for number in np.unique(solution)]
         for rows in each:
             away[rows] -= theta[rows].mean(axis=0)
@@ -253,8 +252,6 @@ class LikelihoodRegion:
         key = index, fall, fall_printed
         if key not in self._ends:
             near = self._extremes(index, fall, np.array([self._top, self._top]))
-            if any(self._stopped_short(end, fall) for end in near):
-                near = self._extremes(index, fall, near)
             self._ends[key] = near, self._extremes(index, fall_printed, near)
         return self._ends[key]
 
@@ -262,16 +259,9 @@ class LikelihoodRegion:
         """Whether ln L has not fallen so far at extremes, shape (n, d)."""
         return self._height(ends) > self.greatest - fall + _SLACK
 
-    def _stopped_short(self, end: Array, fall: float) -> bool:
-        """Whether that is so although the support does not end there: the climb did."""
-        edges = [np.abs(end - self._low), np.abs(self._high - end)] / (self._high - self._low)
-        cones = [cone.normal(end.size) @ end for cone in self._prior.parametrisation.cones]
-        at_edge = edges.min() < _AT_EDGE or max(cones, default=-1.0) > -_AT_EDGE
-        return bool(not at_edge and self._is_above(end[None], fall)[0])
-
     def _extremes(self, index: int, fall: float, near: Array) -> Array:
         """Points θ, shape (2, d), with the least and the greatest value, from one near each and the farthest draws."""
-        level = self.greatest - fall
+        level, spread = self.greatest - fall, float(self._of(index, self._draws).std())
         inside = self._draws[self._heights >= level]
         ends = []
         for sign, first in zip((-1.0, 1.0), near, strict=True):
@@ -281,10 +271,33 @@ class LikelihoodRegion:
             local = farthest[-max(_FAR_DRAWS * starts.shape[1], len(farthest) // 20) :]
             roots = [self._root, *([_root(local)] if len(local) >= _FAR_DRAWS * starts.shape[1] else [])]
             climbs = [self._climbed(start, root, index, level, sign) for start in starts for root in roots]
-            reached = np.array([*starts, *climbs])
-            allowed = reached[(self._height(reached) >= level - _SLACK) & self._prior.feasible(reached)]
-            ends.append(allowed[np.argmax(sign * self._of(index, allowed))])
+            end = self._farthest(np.array([*starts, *climbs]), index, level, sign)
+            for _ in range(_AGAIN):
+                # of few draws there, or none, only the likelihood's own curvature says how it lies
+                reached = self._climbed(end, self._root_at(end), index, level, sign)
+                before, end = end, self._farthest(np.array([end, reached]), index, level, sign)
+                if abs(np.diff(self._of(index, np.array([before, end])))[0]) <= _GAIN * spread:
+                    break
+            ends.append(end)
         return np.array(ends)
+
+    def _farthest(self, reached: Array, index: int, level: float, sign: float) -> Array:
+        """Of points, shape (n, d), that with the greatest value among those that are high enough."""
+        allowed = reached[(self._height(reached) >= level - _SLACK) & self._prior.feasible(reached)]
+        farthest: Array = allowed[np.argmax(sign * self._of(index, allowed))]
+        return farthest
+
+    def _root_at(self, theta: Array) -> Array:
+        """Root of the covariance by the curvature of ln L at a point, no wider anywhere than that of all draws."""
+        step = _STEP * self._root
+        pairs = np.array([[step.T[i] + step.T, step.T[i] - step.T] for i in range(step.shape[1])])  # (k, 2, k, d)
+        around = np.clip(theta + np.concatenate([pairs, -pairs], axis=1), self._low, self._high)
+        height = self._height(around.reshape(-1, theta.size)).reshape(around.shape[:-1])
+        if height.min() <= _WORST:  # beyond a cone there is no joint
+            return self._root
+        bent = (height[:, 1] + height[:, 3] - height[:, 0] - height[:, 2]) / (2 * _STEP) ** 2
+        values, vectors = np.linalg.eigh((bent + bent.T) / 2)
+        return np.asarray(self._root @ vectors / np.sqrt(np.maximum(values, 1.0)))
 
     def _climbed(
         self, start: Array, root: Array, index: int | None = None, level: float = 0.0, sign: float = 1.0
@@ -293,15 +306,18 @@ class LikelihoodRegion:
 
         It goes in steps of the columns of `root`, shape (d, k), such as a Cholesky factor of a covariance.
         """
-        key = start.tobytes(), root.tobytes(), index, level, sign
-        if key not in self._climbs:  # ends that were stopped short are sought again, from the same draws among others
-            self._climbs[key] = self._climb(start, root, index, level, sign)
-        return self._climbs[key]
-
-    def _climb(self, start: Array, root: Array, index: int | None, level: float, sign: float) -> Array:
         size, margin = root.shape[1], 2 * _STEP * self._prior.sd
         steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
-        spread = 1.0 if index is None else float(self._of(index, self._draws).std()) or 1.0
+        place, spread = index or 0, 1.0
+        size_there = float(np.abs(self._of(place, start[None]))[0]) or 1.0
+
+        def measure(theta: Array) -> Array:
+            """What is sought; of what may span decades at either sign nearly the logarithm, which is straighter."""
+            value = self._of(place, theta)
+            return value if place >= self._column(0) else np.arcsinh(value / size_there)
+
+        if index is not None:
+            spread = float(measure(self._draws).std()) or 1.0
 
         @lru_cache(maxsize=4)
         def both(at: bytes) -> tuple[Array, Array]:
@@ -310,7 +326,7 @@ class LikelihoodRegion:
             theta = np.clip(theta, self._low - margin, self._high + margin)  # a step may lead to where no model is
             sought = heights = self._height(theta)
             if index is not None:
-                sought = sign * self._of(index, theta) / spread + _HIGHER * heights
+                sought = sign * measure(theta) / spread + _HIGHER * heights
             pair = np.stack([heights, sought])
             return pair[:, 0], (pair[:, 1 : size + 1] - pair[:, size + 1 :]) / (2 * _STEP)
 
