@@ -13,7 +13,7 @@ from jointbayes.errors import CaseError
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
 from jointbayes.measurement import Antiresonances, FrequencyData, ModalConstants, ModeData, ModeShapes, Observed
 from jointbayes.studies.data_sets import simulated_problem
-from tests.conftest import CONFIGS
+from tests.conftest import CONFIGS, edited
 
 SIZES = ErrorSizes(frequency=0.004, factor=2.0, damping=0.25, shape=0.04, constant=0.15)
 KNOWN = SIZES.damping, SIZES.shape, SIZES.constant
@@ -199,5 +199,10 @@ def test_errors_of_the_model_need_modes_and_known_errors_of_measurement(tmp_path
     ):
         case_from_text("frf", frf + "\n[uncertain.model_error]\n")
     modes = (CONFIGS / "two_storeys.toml").read_text(encoding="utf-8")
+    with pytest.raises(
+        CaseError, match=r'uncertain\.exact: found "model", whose errors \[uncertain\.model_error\] states'
+    ):
+        case_from_text("modes", modes + "\n[uncertain.model_error]\n")
+    modes = edited(modes, ('exact = ["model"]', "exact = []"))
     with pytest.raises(CaseError, match=r"noise\.scale"):
         case_from_text("modes", modes + '\n[noise]\nscale = "sampled"\n[uncertain.model_error]\n')
