@@ -527,14 +527,3 @@ def test_a_stated_set_of_what_is_no_candidate_is_refused_in_one_line(value, foun
     assert message.startswith("cheap:")
     assert f"plan.together: {found}" in message
     assert "\n" not in message
-
-
-@pytest.mark.whole
-def test_measured_frfs_are_planned_by_what_they_say_line_by_line():
-    case = jb.case_from_text("measured", planned_text())
-    data, (setup,) = replace(case.problem.test.data, synthetic=False), case.setups
-    problem = case.problem.with_test(data=data)
-    case = replace(case, problem=problem, stated=problem, setups=(replace(setup, data=data),))
-    planned = jb.plan(case, seed=3, simulations=1)
-    assert planned.now.sd == pytest.approx(0.3, rel=0.9)
-    assert {one.candidates[0].name for one in planned.measurements} >= {"3:y"}

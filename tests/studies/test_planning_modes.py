@@ -14,7 +14,7 @@ from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.simulator import WithFurther
 from tests.case.test_free_setup import MATERIAL, TWO
 from tests.case.test_setups import BASE
-from tests.conftest import CONFIGS, edited
+from tests.conftest import CONFIGS, cheap_text, edited
 
 FREQUENCIES = (
     BASE.partition("[data]")[0]
@@ -171,3 +171,23 @@ def test_a_plan_of_modes_ranks_them():
 def test_of_masses_whose_place_nobody_knows_ratios_are_to_the_last():
     storeys = {candidate.name: candidate for candidate in candidates_of(jb.load_case(CONFIGS / "two_storeys.toml"))}
     assert storeys["1:x"].reference == "2:x"
+
+
+@pytest.mark.science
+def test_measured_frfs_are_planned_by_the_modes_that_a_run_answers_by():
+    """Sensors, the free structure, a shorter bar; of a model half a millimetre short averages say nothing."""
+    text = cheap_text() + '\n[plan]\nparameter = "k22"\noutputs = ["2:y", "3:y"]\n' + SHORT
+    case, longer = case_of(text), case_of(edited(text, ("k11 = 5.05e9", "length_mm = 383.5\nk11 = 5.05e9")))
+    data = replace(longer.problem.test.data, synthetic=False)
+    problem, setup = case.problem.with_test(data=data), replace(case.setups[0], data=data)
+    measured = replace(case, problem=problem, stated=problem, setups=(setup,))
+    posterior = jb.sample(measured, seed=1)
+    plan = jb.plan(measured, posterior, simulations=0)
+    assert plan.now.verdict == posterior.verdict("k22").verdict
+    made = {candidate.name: candidate for one in plan.measurements for candidate in one.candidates}
+    assert set(made) == {"2:y", "3:y", "free", "short"}
+    for candidate in made.values():
+        further = candidate.problem(posterior.problem, posterior.mode_theta).test
+        assert further.data.modes is not None
+        assert further.structures.names == ("youngs_modulus", "density", "length")
+        assert further.noise.sizes == posterior.problem.test.noise.sizes

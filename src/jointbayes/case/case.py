@@ -164,9 +164,13 @@ class Case:
         """
         if self.problem is not self.stated or not self.setups or self.problem.premises.reason:
             return None
+        return problem_of([setup.with_workshop_uncertainty(self.largest_damping) for setup in self.setups], self.name)
+
+    @property
+    def largest_damping(self) -> float:
+        """Largest damping ratio of all set-ups, which a factor on all of them has to leave below 1."""
         ratios = (setup.spec.structure.damping.values.get("damping_ratio", ()) for setup in self.setups)
-        largest = max(chain.from_iterable(ratios), default=0.0)
-        return problem_of([setup.with_workshop_uncertainty(largest) for setup in self.setups], self.name)
+        return max(chain.from_iterable(ratios), default=0.0)
 
     @property
     def model_is_exact(self) -> bool:

@@ -5,7 +5,7 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +56,8 @@ def plan(
     ----------
     case
         Case with FRFs or modes, or the path of its file; its `[plan]` names the stiffness to be known best, and the
-        candidates.
+        candidates. Measured FRFs of which a run answers by their modes are planned by these: further measurements then
+        count by the modes that they would show, with the error of the model.
     posterior
         Posterior of the case; by default it is sampled.
     seed
@@ -91,16 +92,10 @@ def plan(
     """
     case = require_case(case)
     tell = callback_of(progress)
-    bodies = [(part.test.name, body.name) for part in case.problem.parts for body in part.test.measured_bodies]
-    if bodies:
-        setup, name = bodies[0]
-        source = {test.name: test.source for test in case.setups}.get(setup, case.source)
-        expected = "a modelled structure, for FRFs of a body say nothing of other lines and DOFs"
-        words = "found a measured body", expected, "plan with a model of it"
-        raise CaseError(source.fault(("bodies", name), *words))
+    _require_modelled(case)
     candidates = {c.name: c for c in candidates_of(case)}
-    if posterior is not None and posterior.problem.names != case.problem.names:
-        raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")
+    if posterior is not None:
+        _require_posterior_of(case, posterior)
     seed, parameter = case.spec.sampling.seed if seed is None else seed, case.plan_parameter
     problem, settings = case.problem, case.spec.plan
     joint = None if assume is None else stated_joint(case.name, problem, assume)
@@ -111,8 +106,11 @@ def plan(
         if posterior is None:
             tell(Progress("sampling the present posterior"))
             kept_run = target and target / "present"
-            # candidates are weighed within the likelihood of the case's own data
-            posterior = sample(case, seed=seed, progress=progress, checkpoint=kept_run, resume=True, take_as="exact")
+            posterior = sample(case, seed=seed, progress=progress, checkpoint=kept_run, resume=True)
+        if posterior.problem.premises.reason:  # further measurements count as what the present ones are taken as
+            case = replace(case, problem=posterior.problem)
+            candidates = {c.name: c for c in candidates_of(case)}
+            problem, stated = case.problem, _stated_sets(case, candidates)
         truth = None if joint is None else assumed_truth(problem, posterior.mode_theta, joint)
         simulator = Simulator(
             problem, parameter, posterior.theta, coordinate_systems(problem), np.random.default_rng([seed, 7]),
@@ -139,10 +137,29 @@ def plan(
         )
     )
     exact = listed(taken_as_exact(case.problem, case.workshop_problem))
+    now = replace(simulator.now, verdict=posterior.verdict(parameter).verdict)
     return Plan(
-        case.name, case.title, seed, parameter, simulator.now, tuple(planned), posterior.converged,
+        case.name, case.title, seed, parameter, now, tuple(planned), posterior.converged,
         posterior.reason, truth is not None, left_out, case.text, exact,
     )  # fmt: skip
+
+
+def _require_modelled(case: Case) -> None:
+    bodies = [(part.test.name, body.name) for part in case.problem.parts for body in part.test.measured_bodies]
+    if bodies:
+        setup, name = bodies[0]
+        source = {test.name: test.source for test in case.setups}.get(setup, case.source)
+        expected = "a modelled structure, for FRFs of a body say nothing of other lines and DOFs"
+        words = "found a measured body", expected, "plan with a model of it"
+        raise CaseError(source.fault(("bodies", name), *words))
+
+
+def _require_posterior_of(case: Case, posterior: Posterior) -> None:
+    as_stated = not posterior.problem.premises.reason  # else it allows for inputs that the case does not
+    each = posterior.problem, case.problem
+    found, expected = (one.names if as_stated else one.parametrisation.stiffness_names for one in each)
+    if found != expected:
+        raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")
 
 
 def _stated_sets(case: Case, candidates: Mapping[str, Candidate]) -> tuple[Names, ...]:

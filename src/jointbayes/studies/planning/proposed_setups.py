@@ -60,8 +60,16 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
     recipe = recipe_of(spec.structure, spec.data, first.data)
     joint = joints_of(spec.joint_objects)
     joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
-    noise, of_noise = noise_of(spec, first.data)
-    return CaseSetup(name, text, spec, recipe, (), joint, first.data, noise, of_noise)
+    premises = case.problem.premises
+    if not premises.reason:
+        return CaseSetup(name, text, spec, recipe, (), joint, first.data, *noise_of(spec, first.data))
+    # measured as what the present data are taken as, and as uncertain as they are
+    data = next((test.data for test in case.problem.tests if test.name == first.name), case.problem.tests[0].data)
+    if premises.of_modes:  # which do not see the damping
+        certain = spec.uncertain.model_copy(update={"damping_ratio": None, "loss_factor": None})
+        spec = spec.model_copy(update={"uncertain": certain})
+    setup = CaseSetup(name, text, spec, recipe, (), joint, data, noise_of(spec, data)[0], ())
+    return setup.with_workshop_uncertainty(case.largest_damping) if premises.assumed else setup
 
 
 def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
