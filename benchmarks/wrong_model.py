@@ -92,7 +92,7 @@ def analyse(wrong: str, beam: str, index: int) -> Outcome:
     truth = np.exp(rng.uniform(np.log([2e7, 2e4]), np.log([5e8, 2.5e5])))
     data = _measured(case, wrong, truth, rng)
     problem = case.problem.with_test(data=data, noise=ModelErrorNoise.of(data, ErrorSizes()))
-    posterior = jb.sample(problem, seed=index, take_as="usual")
+    posterior = jb.sample(problem, seed=index, premises="usual")
     held, outside, identified, widths = [], [], [], []
     for name, value in zip(posterior.stiffness_names, truth, strict=True):
         verdict = posterior.verdict(name)

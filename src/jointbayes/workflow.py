@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -24,7 +25,7 @@ from jointbayes.identification import (
     sensitivity_iteration,
     why_not_iterated,
 )
-from jointbayes.inference import Problem
+from jointbayes.inference import Premises, Problem
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.decision import decide
@@ -52,6 +53,8 @@ from jointbayes.sampling import (
 Analysed = AnyCase | Problem
 #: What measured FRFs are taken as: by their modes with an error of the model where that is usual, or as exact.
 TakenAs = Literal["usual", "exact"]
+#: What is said of an answer that takes measured data so where that is not usual.
+AS_ASKED = "As was asked, the data are taken within their noise and the model as exact."
 
 _PRIOR_DRAWS = 8000
 _PAIR = 2  # DOFs of a joint whose compliance a linear fit gives
@@ -199,7 +202,7 @@ def sample(
     progress: ProgressCallback | bool | None = None,
     checkpoint: str | os.PathLike[str] | UnfinishedRun | None = None,
     resume: bool = False,
-    take_as: TakenAs | None = None,
+    premises: TakenAs | Mapping[str, object] | None = None,
 ) -> Posterior:
     """Draw from the posterior of what the data are taken as, which is decided before anything is drawn.
 
@@ -225,10 +228,11 @@ def sample(
         default none. It stays when the run is finished: remove it once the posterior is saved.
     resume
         Go on with what is in that directory; the draws are those of a run that was never interrupted, bit for bit.
-    take_as
-        ``"exact"`` analyses measured FRFs within their noise and the model as exact, but for what the case calls
-        uncertain; ``"usual"`` decides of a problem's FRFs as of a case's. By default what is usual of a case, and a
-        problem as it is stated.
+    premises
+        What the answer takes for granted. ``"exact"`` analyses data within their noise and the model as exact, but for
+        what the case calls uncertain; a mapping stands in the place of the case's `[uncertain]`, as
+        ``{"exact": ["density"], "model_error": {"frequency_error": 0.01}}``; ``"usual"`` decides of a problem as of a
+        case. By default what is usual of a case, and a problem as it is stated.
 
     Returns
     -------
@@ -247,11 +251,18 @@ def sample(
     """
     tell = callback_of(progress)
     require(settings, SamplerSettings | None, "settings: found", "jb.SamplerSettings(walkers=…), or None; make it")
-    expected = '"usual", "exact" or None; choose one'
-    require(take_as, str | None, "take_as: found", expected, lambda given: given in (None, "usual", "exact"))
+    expected = '"usual", "exact", a table as [uncertain], or None; choose one'
+    named = (None, "usual", "exact")
+    require(premises, str | Mapping | None, "premises: found", expected, lambda x: isinstance(x, Mapping) or x in named)
+    if isinstance(premises, Mapping):
+        if isinstance(case, Problem):
+            raise ModelError(
+                "premises: found a table for a problem, which has none; expected a case; use problem.with_premises(…)"
+            )
+        case, premises = require_case(case).with_uncertain(premises), None
     if checkpoint is not None and not isinstance(checkpoint, UnfinishedRun):
         with UnfinishedRun(checkpoint, resume=resume, progress=tell) as unfinished:
-            return sample(case, settings=settings, seed=seed, progress=tell, checkpoint=unfinished, take_as=take_as)
+            return sample(case, settings=settings, seed=seed, progress=tell, checkpoint=unfinished, premises=premises)
     problem, whole = _problem_and_case(case)
     for test in problem.tests:
         test.data.require_enough()
@@ -260,9 +271,9 @@ def sample(
     settings = settings or (SamplerSettings().for_dimension(dimension) if whole is None else whole.sampler)
     settings.require_dimension(dimension)
     if checkpoint is not None:
-        checkpoint.begin(run_fingerprint(problem, whole, seed, settings) | {"take_as": take_as or ""})
+        checkpoint.begin(run_fingerprint(problem, whole, seed, settings) | {"premises": premises or ""})
     estimate = _found_mode(whole or problem, seed, tell, checkpoint)
-    if take_as == "usual" or (take_as is None and whole is not None):
+    if premises == "usual" or (premises is None and whole is not None):
         answered = answered_problem(problem, whole, estimate, seed)
         if answered is not problem:
             if whole is not None:
@@ -271,9 +282,16 @@ def sample(
                 tell(Progress("premises", answered.premises.decision))
             fallback = settings.for_dimension(len(answered.names))
             return sample_quickly(answered, seed=seed, case=whole, settings=fallback, progress=tell, keeper=checkpoint)
+    elif whole is not None and not (whole.model_is_exact or _are_computed(problem)):
+        problem = replace(problem, premises=Premises(asked=AS_ASKED))
+        whole = replace(whole, problem=problem, stated=whole.stated and problem)
     tell(Progress("preparing the sampling"))
     proposal = _fitted_proposal(problem, estimate, seed)
     return _by_ensembles(problem, whole, seed, settings, estimate, proposal, tell, checkpoint)
+
+
+def _are_computed(problem: Problem) -> bool:
+    return all(test.data.frfs is not None and test.data.frfs.synthetic for test in problem.tests)
 
 
 def _fitted_proposal(problem: Problem, estimate: MapEstimate, seed: int) -> Proposal:

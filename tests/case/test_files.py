@@ -351,7 +351,7 @@ def test_stations_find_the_joint_and_a_rotation_by_coarse_differences_does_not(c
 def run(tmp_path_factory) -> tuple[jb.Posterior, Path]:
     folder = tmp_path_factory.mktemp("run")
     stored(virtual(), folder / "tip.npz")
-    posterior = jb.sample(loaded(folder, TIP), seed=1, settings=SMALL, take_as="exact")
+    posterior = jb.sample(loaded(folder, TIP), seed=1, settings=SMALL, premises="exact")
     posterior.save(folder / "posterior.nc")
     return posterior, folder
 
@@ -403,7 +403,7 @@ def test_draws_of_named_set_ups_are_loaded_without_their_files(names, tmp_path, 
     (tmp_path / "files").mkdir()
     stored(virtual(), tmp_path / "files" / "tip.npz")
     data = TIP + "".join(f"[setups.{name}]\n" for name in names)
-    posterior = jb.sample(loaded(tmp_path / "files", data), seed=1, settings=FEWEST, take_as="exact")
+    posterior = jb.sample(loaded(tmp_path / "files", data), seed=1, settings=FEWEST, premises="exact")
     saved_and_moved(posterior, tmp_path, monkeypatch)
 
 
@@ -414,7 +414,7 @@ def test_draws_of_matrices_in_files_are_loaded_without_these(tmp_path, monkeypat
     np.save(tmp_path / "files" / "K.npy", np.array([[2e5, -1e4], [-1e4, 1e3]]))
     text = text_of(MATRICES, "1:y", "1:y").replace("[[2e5, -1e4], [-1e4, 1e3]]", '"K.npy"')
     (tmp_path / "files" / "case.toml").write_text(text)
-    posterior = jb.sample(jb.load_case(tmp_path / "files" / "case.toml"), seed=1, settings=FEWEST, take_as="exact")
+    posterior = jb.sample(jb.load_case(tmp_path / "files" / "case.toml"), seed=1, settings=FEWEST, premises="exact")
     assert len(posterior.summary().natural_frequencies_hz.map) == 2  # all that there are
     saved_and_moved(posterior, tmp_path, monkeypatch)
 

@@ -98,7 +98,7 @@ def test_evidence_and_posterior_of_its_size_are_those_of_a_grid(spoilt):
 @pytest.mark.long
 def test_an_error_that_coherence_does_not_see_is_found_and_the_joint_with_it(spoilt):
     settings = SamplerSettings(walkers=32, max_steps=10_000, tau_factor=20, end_tolerance=0.05)
-    posterior = sample(spoilt, seed=1, settings=settings, take_as="exact")
+    posterior = sample(spoilt, seed=1, settings=settings, premises="exact")
     assert posterior.converged
     low, high = posterior.interval("proportional_error", 0.99)
     assert low < ERROR < high
@@ -114,7 +114,7 @@ def test_gaussian_noise_as_stated_is_refused_by_the_check_of_the_same_data(spoil
     prior = replace(spoilt.problem.prior, nuisances=())
     stated = replace(spoilt, problem=replace(spoilt.problem, prior=prior).with_test(noise=None))
     settings = SamplerSettings(walkers=16, max_steps=600, tau_factor=20, end_tolerance=0.1)
-    assert not sample(stated, seed=1, settings=settings, take_as="exact").check.explains
+    assert not sample(stated, seed=1, settings=settings, premises="exact").check.explains
 
 
 def test_natural_frequencies_are_refused():

@@ -12,7 +12,7 @@ from scipy import linalg
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import CaseError
-from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Uniform
+from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Premises, Uniform
 from jointbayes.joint import PlainSprings
 from jointbayes.measurement import ModeData, Observed
 from jointbayes.posterior.decision import (
@@ -150,7 +150,7 @@ def test_a_posterior_of_modes_is_kept_with_the_frfs_that_show_them(cheap_case, t
 def test_the_frfs_of_a_wrong_model_are_sure_of_a_wrong_joint_and_their_modes_hold_the_true_one(cheap_case):
     longer = of_another_truth(cheap_case, "length_mm = 383.5")
     settings = jb.SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.05)
-    exact = jb.sample(longer, settings=settings, seed=1, take_as="exact")
+    exact = jb.sample(longer, settings=settings, seed=1, premises="exact")
     assert exact.check.explains
     assert exact.verdict("k22").verdict == "identified"
     assert exact.interval("k22")[1] < 0.9 * TABLE_3[2]
@@ -223,9 +223,38 @@ def test_typed_frequencies_have_an_error_of_the_model_unless_it_is_declared_exac
     assert not answered.premises.of_modes
 
 
+def test_premises_may_be_another_table_of_what_is_uncertain(cheap_case):
+    """As if the case stated it, with the same messages; a problem states its priors itself."""
+    case = case_from_text("typed", f'{TYPED_CASE}uncertain.exact = ["model", "length"]\n', directory=CONFIGS)
+    table = {"exact": ["density"], "length": {"sd_percent": 1.0}, "model_error": {"frequency_error": 0.01}}
+    answered = answered_problem(case.problem, case, jb.find_map(case, seed=1), 1)
+    other = case.with_uncertain(table)
+    of_other = answered_problem(other.problem, other, jb.find_map(other, seed=1), 1)
+    assert answered is case.problem
+    assert {nuisance.name for nuisance in of_other.prior.nuisances} == {"youngs_modulus", "length"}
+    assert of_other.test.noise.sizes == ErrorSizes(frequency=0.01)
+    with pytest.raises(jb.CaseError, match=r"typed:\d+: uncertain.lenght: unknown table"):
+        jb.sample(case, premises={"lenght": {"sd_percent": 1.0}})
+    with pytest.raises(jb.ModelError, match="premises: found a table for a problem, which has none"):
+        jb.sample(cheap_case.problem, premises={})
+
+
+def test_the_errors_of_a_model_are_put_on_and_taken_off_a_problem(cheap_case):
+    problem = case_from_text("typed", TYPED_CASE, directory=CONFIGS).problem
+    premises = Premises(model_error=ErrorSizes(frequency=0.02), asked="As I was told.")
+    wrong = problem.with_premises(premises)
+    assert wrong.premises == premises
+    assert wrong.test.noise.sizes == premises.model_error
+    theta = problem.prior.mean[None]
+    right = wrong.with_premises(Premises())
+    assert right.log_posterior(theta) == problem.log_posterior(theta)
+    assert wrong.log_posterior(theta) > problem.log_posterior(theta)  # which is far from the data
+    assert cheap_case.problem.with_premises(premises).test.noise is cheap_case.problem.test.noise  # of FRFs it has none
+
+
 def test_how_measured_frfs_are_taken_has_two_words(cheap_case):
-    with pytest.raises(jb.ModelError, match='take_as: found \'extact\'; expected "usual", "exact" or None'):
-        jb.sample(cheap_case, take_as="extact")
+    with pytest.raises(jb.ModelError, match='premises: found \'extact\'; expected "usual", "exact", a table as'):
+        jb.sample(cheap_case, premises="extact")
 
 
 def test_what_nobody_stated_is_as_uncertain_as_in_a_workshop_and_what_is_declared_exact_is_exact(cheap_posterior):
@@ -338,7 +367,7 @@ def test_springs_and_shifts_of_what_moves_all_modes_have_a_grade_and_are_named(s
 def test_a_run_of_modes_of_which_the_first_was_not_measured_is_read_again(tmp_path):
     text = """
 extends = "measured_stations.toml"
-remove = ["noise", "data.channels", "data.rotations", "reference"]
+remove = ["uncertain.model_error", "data.channels", "data.rotations", "reference"]
 title = "From the second mode on"
 structure = { elements = 4 }
 data.f_min_hz = 400.0

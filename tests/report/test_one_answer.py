@@ -14,6 +14,7 @@ from jointbayes.posterior.verdicts import line_of
 from jointbayes.report import ReportInputs, build_report, figures, render_html, render_pdf
 from jointbayes.report.export import central_joint
 from jointbayes.report.sections.lead import answer_text
+from jointbayes.workflow import AS_ASKED
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
 from tests.conftest import CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, shipped_text
 from tests.posterior.test_decision import of_another_truth
@@ -38,7 +39,7 @@ def by_modes(cheap_case):
 
 def of_frfs(cheap_case):
     """The same FRFs as they are, which the beam does not explain."""
-    return jb.sample(of_another_truth(cheap_case, "length_mm = 383.5"), seed=1, settings=TO_CONVERGE, take_as="exact")
+    return jb.sample(of_another_truth(cheap_case, "length_mm = 383.5"), seed=1, settings=TO_CONVERGE, premises="exact")
 
 
 def of_text(name, text):
@@ -147,10 +148,12 @@ def test_every_surface_gives_the_same_numbers(kind, request, tmp_path, capsys):
     for premises, row in posterior.under.items():
         assert again.under[premises].interval(name) == pytest.approx(row.interval(name))
         assert row.interval(name) != posterior.interval(name)
-    if posterior.problem.premises.of_modes:
-        page = " ".join(map(str, report.blocks()))
+    page = " ".join(map(str, report.blocks()))
+    if posterior.problem.premises.of_modes or posterior.problem.premises.asked:
         for said in (printed, repr(posterior), posterior._repr_html_(), str(posterior.summary()), page):
             assert all(sentence in said for sentence in posterior.premises_sentences[:2])
+    assert (posterior.problem.premises.asked == AS_ASKED) == (kind == "measured, as they are")
+    if posterior.problem.premises.of_modes:
         assert summary.to_json()["premises"]["reason"] == posterior.problem.premises.reason
         assert "analysed by the 3 modes that they show" in page
     assert posterior.problem.premises.of_modes == (kind == "measured, by modes")

@@ -169,7 +169,7 @@ def test_near_the_data_a_posterior_is_that_of_both_data_sets(text, monkeypatch):
 def test_near_the_data_truths_are_draws_of_the_posterior_whatever_their_number(monkeypatch):
     theta, seeds = np.arange(30.0).reshape(10, 3), []
 
-    def sample(case, *, seed, progress, take_as):
+    def sample(case, *, seed, progress, premises):
         seeds.append(seed)
         return SimpleNamespace(theta=theta, converged=case.name != "bad", reason="too short", problem=case.problem)
 

@@ -1,7 +1,7 @@
 """A case: the TOML file turned into structure, joint, data and prior, with the settings of the run."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -38,7 +38,7 @@ from jointbayes.case.spec.joint_table import joint_table
 from jointbayes.case.spec.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import fault_line
+from jointbayes.case.toml_text import fault_line, toml_text
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, require
 from jointbayes.frf import MeasuredBody
 from jointbayes.identification.numbering import find_numbering
@@ -171,6 +171,25 @@ class Case:
         """Largest damping ratio of all set-ups, which a factor on all of them has to leave below 1."""
         ratios = (setup.spec.structure.damping.values.get("damping_ratio", ()) for setup in self.setups)
         return max(chain.from_iterable(ratios), default=0.0)
+
+    def with_uncertain(self, table: Mapping[str, object]) -> "Case":
+        """The same case with another table `[uncertain]`, which says what its answer takes for granted.
+
+        What set-ups state of their own stays. Its files are read again.
+
+        Parameters
+        ----------
+        table
+            As in a case file, such as ``{"exact": ["density"], "length": {"sd_percent": 1.0}}``.
+
+        Raises
+        ------
+        CaseError
+            If something in the table is wrong, or a file cannot be read.
+        """
+        file = Path(self.source.name)
+        text = toml_text({**self.source.data, "uncertain": table})
+        return _build(self.name, case_text(text, file.name), file.parent, None, allow_outside=True)
 
     @property
     def model_is_exact(self) -> bool:

@@ -101,7 +101,7 @@ def draw(
     for comparison in compare_setups(case.problem):
         say(comparison.sentence)
     with show_progress() as progress:
-        return draw(case, seed=seed, progress=progress, checkpoint=checkpoint, take_as=take_as)
+        return draw(case, seed=seed, progress=progress, checkpoint=checkpoint, premises=take_as)
 
 
 @contextmanager

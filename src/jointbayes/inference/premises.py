@@ -38,6 +38,8 @@ class Premises:
         What is as uncertain as in a workshop because nobody stated it, in words, one for each quantity.
     modes, left_out
         The modes that measured FRFs show and that are used, and sentences on resonances that are not.
+    asked
+        What somebody asked for instead of what is usual, a sentence; empty where nobody did.
     """
 
     reason: str = ""
@@ -45,6 +47,7 @@ class Premises:
     assumed: tuple[str, ...] = ()
     modes: tuple[UsedMode, ...] = ()
     left_out: tuple[str, ...] = ()
+    asked: str = ""
 
     @property
     def of_modes(self) -> bool:

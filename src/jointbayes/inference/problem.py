@@ -150,6 +150,16 @@ class Problem:
         """The problem of one test with other fields of it."""
         return replace(self, tests=(replace(self.test, **changes),))  # type: ignore[arg-type]
 
+    def with_premises(self, premises: Premises) -> "Problem":
+        """The problem that takes other things for granted: the model as exact, or with these errors in each mode.
+
+        What is uncertain besides the joint is said by the priors, in a case by its table `[uncertain]`.
+        """
+        tests, left_out = (
+            tuple(test.with_model_error(premises.model_error) for test in some) for some in (self.tests, self.left_out)
+        )
+        return replace(self, tests=tests, left_out=left_out, premises=premises)
+
     @cached_property
     def parts(self) -> tuple["Problem", ...]:
         """A problem of the same unknowns for each test, with its data alone; this one itself if it is of one."""

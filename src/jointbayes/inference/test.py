@@ -20,7 +20,8 @@ from jointbayes.frf import (
 )
 from jointbayes.frf.measured_body import substructures
 from jointbayes.inference.likelihood_base import Likelihood, ResidualKind
-from jointbayes.inference.noise.base import NoiseModel
+from jointbayes.inference.noise.base import ErrorSizes, NoiseModel
+from jointbayes.inference.noise.model_error import ModelErrorNoise
 from jointbayes.joint import AnyJoint, Block, Blocks, Joints, Parametrisation, joints_of
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Data
@@ -106,6 +107,13 @@ class Test:
         require(self.data, Data, "problem: found as data", "data with their noise; of FRFs jb.FrfData(frf, variance)")
         require(self.noise, NoiseModel | None, "problem: found as noise", "a noise model of jointbayes.inference")
         object.__setattr__(self, "joints", joints_of(self.joints))
+
+    def with_model_error(self, sizes: ErrorSizes | None) -> "Test":
+        """The same with errors of the model in its modes, or without any; itself where its data are FRFs."""
+        modes = self.data.modes
+        if modes is None:
+            return self
+        return replace(self, noise=None if sizes is None else ModelErrorNoise.of(modes, sizes))
 
     def __repr__(self) -> str:
         return f"{f'{self.name}: ' if self.name else ''}{self.structure!r}; {self.data!r}"

@@ -104,10 +104,7 @@ def _with_usual_errors(problem: Problem, sizes: ErrorSizes, freed: Problem | Non
 
 def _with_usual_error(test: Test, sizes: ErrorSizes) -> Test:
     """The test with errors of the model in its modes, where these have errors of their measurement and no others."""
-    modes = test.data.modes
-    if modes is None or not (test.noise is None or test.noise.as_stated):
-        return test
-    return replace(test, noise=ModelErrorNoise.of(modes, sizes))
+    return test.with_model_error(sizes) if test.noise is None or test.noise.as_stated else test
 
 
 def _with_common_errors(problem: Problem, theta: Array) -> Problem:
@@ -331,8 +328,7 @@ def _test_of_modes(test: Test, used: Sequence[UsedMode], sizes: ErrorSizes) -> T
         zeros=zeros,
         read_off=test.data.shown_frfs,
     )
-    noise = ModelErrorNoise.of(data, sizes)
-    return replace(test, data=data, noise=noise, residual_kind="complex")
+    return replace(test, data=data, residual_kind="complex").with_model_error(sizes)
 
 
 def _certainly_damped(test: Test, found: Mapping[str, float]) -> AnyStructure:
@@ -357,9 +353,9 @@ def _with_tests(problem: Problem, tests: Sequence[Test], premises: Premises) -> 
 
 
 def premises_sentences(premises: Premises, model_error: InferredError | None) -> tuple[str, ...]:
-    """What an answer of modes rests on, with the model's error as it was inferred; none of data taken as stated."""
+    """What an answer of modes rests on, with the model's error as it was inferred; of data as stated what was asked."""
     if not premises.reason:
-        return ()
+        return (premises.asked,) if premises.asked else ()
     where = {mode.held: _frequencies(premises.modes, mode.held) for mode in premises.modes}
     zeros = "".join(f", and the antiresonances of {held} at {text} Hz" for held, text in where.items() if held)
     sentences = [f"The reason: {premises.reason}."]

@@ -226,7 +226,7 @@ class Posterior(PosteriorDraws):
 
         ``"exact"`` with nothing but the joint uncertain, ``"workshop"`` with material, length and damping as in a
         workshop where the case does not declare them exact; each where it can differ from the run, and settled. That
-        of measured FRFs within their noise is a run of its own, ``jb.sample(case, take_as="exact")``.
+        of measured FRFs within their noise is a run of its own, ``jb.sample(case, premises="exact")``.
         """
         return {"workshop" if row.uncertain else "exact": row for row in self.rows[1:] if row.known}
 

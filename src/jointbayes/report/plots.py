@@ -124,7 +124,7 @@ def plot_residuals(posterior: Posterior, *, setup: str | None = None, ax: Axes |
     if part.test.data.frfs is None and part.test.data.shown_frfs is not None:
         raise ModelError(
             "figure: found the modes of FRFs as data, not these; expected FRFs analysed line by line; draw plot_frf, "
-            'or the posterior of jb.sample(case, take_as="exact")'
+            'or the posterior of jb.sample(case, premises="exact")'
         )
     lines, (ax,) = _measured_frfs(part).frequency_hz, _axes(ax, 2.4)
     drawing.draw_squares_by_line(ax, lines, posterior.checks[posterior.problem.parts.index(part)].chi2_by_line)

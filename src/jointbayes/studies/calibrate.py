@@ -179,7 +179,7 @@ def _job(
 
 def _truths_near(case: Analysed, n: int, seed: int, tell: ProgressCallback) -> Array:
     """Draws θ (n, d) of the posterior of a case as it is run; the first of them are the same for every n."""
-    posterior = sample(case, seed=seed, progress=tell, take_as="exact")  # sets are analysed so as well
+    posterior = sample(case, seed=seed, progress=tell, premises="exact")  # sets are analysed so as well
     if not posterior.converged:
         raise SamplingError(
             f"calibrate: found that the posterior of {posterior.problem.name}, of which truths are drawn, has not "

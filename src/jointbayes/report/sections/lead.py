@@ -203,6 +203,7 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     parts, exonerated = [], ""
     if premises.reason:
         parts.append(f"{premises.decision[0].upper()}{premises.decision[1:]}.")
+    parts += [premises.asked] if premises.asked else []
     parts += inputs.posterior.unseen_inputs
     if summary.no_verdict:
         parts.append("The model: intervals of a model that misses the data are too narrow.")
