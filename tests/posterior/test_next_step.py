@@ -1,11 +1,14 @@
 """The forecast of what to measure next, against differences of the model's own FRFs and against a run with the data."""
 
+import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from jointbayes.frf import Ports
+from jointbayes.posterior.first_look import FirstLook
 from jointbayes.posterior.identifiability import ratio_of
 from jointbayes.posterior.next_step import next_step, spread_in_words
 from jointbayes.posterior.prediction import frfs_as_measured
@@ -73,6 +76,16 @@ def test_of_natural_frequencies_further_modes_are_proposed(frequency_posterior):
     step = next_step(frequency_posterior, None, judged)
     assert step.words == "modes 4 and 5"
     assert step.sd_after < step.sd_before
+
+
+@pytest.mark.parametrize(("after", "said"), [(math.log(9.99) / 1.96, True), (math.log(10.01) / 1.96, False)])
+def test_a_forecast_of_hardly_anything_is_none(cheap_posterior, judged, monkeypatch, after, said):
+    def linearised(_look, names):
+        return SimpleNamespace(names=names, median=after if names else 9.0)
+
+    monkeypatch.setattr(FirstLook, "linearised", linearised)
+    step = next_step(cheap_posterior, None, judged)
+    assert (step is not None) == said
 
 
 def test_the_sentence_has_its_figures_and_says_that_it_is_a_forecast(cheap_posterior, judged):

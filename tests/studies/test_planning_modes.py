@@ -112,6 +112,15 @@ def test_what_the_body_left_uncertain_is_what_the_candidates_take_out():
     assert sds["2:y"]["k11"] < 0.5 * before["k11"]
 
 
+def test_a_first_look_counts_errors_of_the_model_at_their_usual_size():
+    """Data that fit exactly would say that the model has none: three frequencies of a free bar tell E by so much."""
+    text = FREQUENCIES + ERRORS
+    case, (free,) = case_of(text + PLAN), [one for name, one in named(text + PLAN).items() if name == "free"]
+    at = case.problem.names.index("youngs_modulus")
+    found = measurement_information(free, case.problem, TRUTH)[at, at]
+    assert found == pytest.approx(3 * 0.5**2 / (0.002**2 + 0.002**2), rel=0.01)
+
+
 def test_keys_of_frfs_are_refused_beside_modes():
     with pytest.raises(
         CaseError, match=r"plan\.averages_factor: found it beside natural frequencies; expected data of"
@@ -187,7 +196,7 @@ def test_measured_frfs_are_planned_by_the_modes_that_a_run_answers_by():
     made = {candidate.name: candidate for one in plan.measurements for candidate in one.candidates}
     assert set(made) == {"2:y", "3:y", "free", "short"}
     for candidate in made.values():
-        further = candidate.problem(posterior.problem, posterior.mode_theta).test
+        further = candidate.problem(posterior.problem, posterior.mode_theta, np.random.default_rng(1)).test
         assert further.data.modes is not None
         assert further.structures.names == ("youngs_modulus", "density", "length")
         assert further.noise.sizes == posterior.problem.test.noise.sizes

@@ -1,11 +1,11 @@
 """Further modes that could be measured: of the structure free, and their ratios at one more sensor."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.inference import Problem
+from jointbayes.inference import ModelErrorNoise, Problem
 from jointbayes.measurement import ModalData, ModeData, ModeShapes, Observed
 from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.prediction import replace_values, simulated_values
@@ -15,6 +15,7 @@ RELATIVE_CALIBRATION = 0.01
 _NODE = 0.01  # ratios below this are not known better than one of this size
 #: Standard deviation of natural frequencies beside a ratio of which nothing is to be said, as a fraction.
 _UNKNOWN = 1e3
+_KNOWN = 1 + 1e-6  # factor by which the size of an error may be larger where it is known
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -45,7 +46,7 @@ class ModalCandidate(Candidate):
         exact = _of_data(there, self._measured(np.ones(2 * len(self.numbers)))).log_posterior.predicted(point)[0]
         there = _of_data(there, self._measured(exact))
         if rng is None:
-            return there
+            return _with_usual_errors(there)
         values = simulated_values(there, point, rng)
         if self.dof:
             values[: len(self.numbers)] = exact[: len(self.numbers)]
@@ -67,6 +68,15 @@ def _of_data(problem: Problem, data: ModeData) -> Problem:
     if noise is not None:
         noise = noise.fitted_to(data, noise.parts)  # type: ignore[arg-type]  # that of modes takes modes
     return problem.with_test(data=data, noise=noise)
+
+
+def _with_usual_errors(problem: Problem) -> Problem:
+    """With errors of the model as large as they usually are: data that fit exactly would say that there are none."""
+    noise = problem.test.noise
+    if not isinstance(noise, ModelErrorNoise):
+        return problem
+    test = problem.test.with_model_error(replace(noise.sizes, factor=_KNOWN))
+    return problem.with_test(noise=test.noise)
 
 
 def scatter(modes: ModalData) -> float:

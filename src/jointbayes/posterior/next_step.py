@@ -29,8 +29,9 @@ _DRAWS = 5
 _HALF_WIDTH, _SMALL = 1.96, 0.2
 #: A measurement that makes the standard deviation less than so many times smaller is not worth its price.
 _LEAST_GAIN = 1.15
-#: Standard deviation of ln k beyond which nothing is known of a stiffness.
-_LARGEST = 3.0
+#: Standard deviations of ln k beyond which nothing is known of a stiffness, and up to which a forecast is worth a word:
+#: a factor of 10 either way.
+_LARGEST, _WORTH_SAYING = 3.0, math.log(10.0) / 1.96
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +107,7 @@ def next_step(
             best = min((look.linearised((name,)) for name in candidates), key=lambda look: look.median)
         except (JointBayesError, np.linalg.LinAlgError):
             continue
-        if best.median <= _LARGEST and before > _LEAST_GAIN * best.median:
+        if best.median <= _WORTH_SAYING and before > _LEAST_GAIN * best.median:
             names = tuple(name for name in problem.names if name not in posterior.problem.names)
             return NextStep(wanted, candidates[best.names[0]].words, before, best.median, names)
     return None
