@@ -83,7 +83,7 @@ def test_climbs_that_stop_short_of_the_limit_are_gone_on_with(monkeypatch):
 
     def stopped(*arguments, options, **more):
         calls.append(1)
-        return minimize(*arguments, options=options | ({"maxiter": 1} if len(calls) <= 4 else {}), **more)
+        return minimize(*arguments, options=options | ({"maxiter": 1} if len(calls) <= 2 else {}), **more)
 
     monkeypatch.setattr(optimize, "minimize", stopped)
     limits, _ = region.limits(0, FALL_TWO_SIDED, FALL_PRINTED)

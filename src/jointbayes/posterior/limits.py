@@ -267,13 +267,14 @@ class LikelihoodRegion:
         for sign, first in zip((-1.0, 1.0), near, strict=True):
             farthest = inside[np.argsort(sign * self._of(index, inside))]
             starts = np.array([first, *farthest[-1:]])
-            # at the end of a curved ridge it is far thinner, and elsewhere directed, than all draws are
-            local = farthest[-max(_FAR_DRAWS * starts.shape[1], len(farthest) // 20) :]
-            roots = [self._root, *([_root(local)] if len(local) >= _FAR_DRAWS * starts.shape[1] else [])]
-            climbs = [self._climbed(start, root, index, level, sign) for start in starts for root in roots]
+            # at the end of a curved ridge the region is far thinner, and elsewhere directed, than all draws are: the
+            # draws near it say how it lies, and where there are few the likelihood's own curvature
+            few = _FAR_DRAWS * starts.shape[1]
+            local = farthest[-max(few, len(farthest) // 20) :]
+            roots = [_root(local) if len(local) >= few else self._root_at(start) for start in starts]
+            climbs = [self._climbed(start, root, index, level, sign) for start, root in zip(starts, roots, strict=True)]
             end = self._farthest(np.array([*starts, *climbs]), index, level, sign)
             for _ in range(_AGAIN):
-                # of few draws there, or none, only the likelihood's own curvature says how it lies
                 reached = self._climbed(end, self._root_at(end), index, level, sign)
                 before, end = end, self._farthest(np.array([end, reached]), index, level, sign)
                 if abs(np.diff(self._of(index, np.array([before, end])))[0]) <= _GAIN * spread:
