@@ -292,7 +292,8 @@ class LikelihoodRegion:
         """Root of the covariance by the curvature of ln L at a point, no wider anywhere than that of all draws."""
         step = _STEP * self._root
         pairs = np.array([[step.T[i] + step.T, step.T[i] - step.T] for i in range(step.shape[1])])  # (k, 2, k, d)
-        around = np.clip(theta + np.concatenate([pairs, -pairs], axis=1), self._low, self._high)
+        margin = 2 * _STEP * self._prior.sd
+        around = np.clip(theta + np.concatenate([pairs, -pairs], axis=1), self._low - margin, self._high + margin)
         height = self._height(around.reshape(-1, theta.size)).reshape(around.shape[:-1])
         if height.min() <= _WORST:  # beyond a cone there is no joint
             return self._root
