@@ -25,6 +25,7 @@ from jointbayes.joint import AnyJoint, Joint, LogStiffness
 from jointbayes.measurement import Data
 from jointbayes.posterior import Posterior, knowledge
 from jointbayes.posterior import posterior as posterior_module
+from jointbayes.posterior.storage import imported_arviz
 from jointbayes.report import ReportInputs, figures
 from jointbayes.sampling import SamplerSettings, distribution_fit
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
@@ -36,6 +37,8 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:  # under nohup
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+imported_arviz()  # before the tests do: at the first import of a day two processes may be in each other's way
 
 # Hypothesis would fail an example that takes 0.2 s on the clock, which on a busy machine any does.
 settings.register_profile("no clock", deadline=None, suppress_health_check=[HealthCheck.too_slow])

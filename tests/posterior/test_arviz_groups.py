@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
 from jointbayes.inference import IntegratedScale
+from jointbayes.posterior import storage
 from jointbayes.posterior.arviz_groups import fold_chains
 from jointbayes.sampling.diagnostics import effective_sizes, split_r_hat
 from tests.report.test_setups import BASE, CLAMP_EDGE, HEARD, TWO, posterior_of
@@ -23,6 +24,20 @@ pytestmark = pytest.mark.version
 @pytest.fixture(scope="module")
 def groups(cheap_posterior):
     return cheap_posterior.to_arviz(megabytes=20)
+
+
+def test_arviz_is_imported_again_where_another_process_took_its_file_of_the_day(monkeypatch):
+    asked = []
+
+    def imported(name):
+        asked.append(name)
+        if len(asked) < 3:
+            raise FileNotFoundError("daily_warning.tmp")
+        return az
+
+    monkeypatch.setattr(storage, "import_module", imported)
+    assert storage.imported_arviz() is az
+    assert asked == ["arviz"] * 3
 
 
 def names_of(groups):

@@ -67,6 +67,7 @@ def test_a_calibration_of_set_ups_needs_data_of_the_same_set_ups():
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_a_case_with_set_ups_is_calibrated():
     """Two data sets: the machinery, not the coverage."""
     narrow = BASE.replace("low = 1e8, high = 1e12", "low = 1e9, high = 2e10")

@@ -7,7 +7,9 @@ import math
 import os
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import MISSING, fields, is_dataclass
+from importlib import import_module
 from importlib.metadata import version
 from types import ModuleType, NoneType, UnionType
 from typing import Annotated, Any, Literal, NoReturn, Union, get_args, get_origin, get_type_hints, is_typeddict
@@ -30,18 +32,26 @@ REMEDY = "sample again, or take another copy of the file"
 _WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
 _SHOWN = 60  # characters of a wrong value in a message
 _NOTHING = object()
+_TRIES = 3  # to import ArviZ
 
 
-def _arviz() -> ModuleType:
+def imported_arviz() -> ModuleType:
+    """ArviZ, without what it announces.
+
+    0.23 announces 1.0 once a day and keeps the day in a file, by a temporary one whose name all processes share: where
+    two begin the day at the same moment one of them does not find it.
+    """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # 0.23 announces 1.0 at every import
-        import arviz
-    return arviz
+        warnings.simplefilter("ignore", FutureWarning)
+        for _ in range(_TRIES):
+            with suppress(FileNotFoundError):
+                return import_module("arviz")
+        return import_module("arviz")
 
 
 def to_arviz(tree: xr.DataTree) -> Any:  # noqa: ANN401 (InferenceData or DataTree, by ArviZ version)
     """Return the tree as the installed ArviZ wants it: InferenceData before 1.0, the DataTree itself from 1.0 on."""
-    return tree if int(version("arviz").split(".")[0]) >= 1 else _arviz().from_datatree(tree)
+    return tree if int(version("arviz").split(".")[0]) >= 1 else imported_arviz().from_datatree(tree)
 
 
 def loo_pointwise(log_likelihood: Array, efficiency: float) -> tuple[Array, ...]:
@@ -58,7 +68,7 @@ def loo_pointwise(log_likelihood: Array, efficiency: float) -> tuple[Array, ...]
     tree = xr.DataTree.from_dict({"/log_likelihood": values})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of large Pareto shapes, which are returned
-        loo = _arviz().loo(to_arviz(tree), pointwise=True, reff=efficiency)
+        loo = imported_arviz().loo(to_arviz(tree), pointwise=True, reff=efficiency)
     each = loo.elpd_i if hasattr(loo, "elpd_i") else loo.loo_i
     return np.asarray(each, dtype=float).ravel(), np.asarray(loo.pareto_k, dtype=float).ravel()
 
