@@ -19,6 +19,7 @@ pytestmark = pytest.mark.science
 REASON = "NOT CHECKED: playwright is not installed to look at pages in a browser"
 VIEWS = ("Magnitude", "Linear", "dB", "Phase", "Real", "Imaginary", "Nyquist")
 WIDTHS = (360, 768, 1280, 2560)
+LIKE_MAIN = ("uncertain", "frequencies")  # of the same sections
 NAMES = ("main", "uncertain", "set-ups", "frequencies", "frame", "comparison", "plan", "calibration", "campaign")
 
 
@@ -81,7 +82,9 @@ def seen(page):
         page.wait_for_timeout(20)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long) if name in LIKE_MAIN else name for name in NAMES]
+)
 def test_every_page_fits_every_screen_and_passes_axe(name, pages, opened):
     axe = pytest.importorskip("axe_playwright_python", reason="NOT CHECKED: axe-playwright-python is not installed")
     source = (Path(axe.__file__).parent / "axe.min.js").read_text(encoding="utf-8")

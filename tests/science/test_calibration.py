@@ -73,7 +73,8 @@ def precise_frequencies(extra=""):
     return small_case(extra, text=text)
 
 
-@pytest.mark.parametrize("extra", first_in_ci(["", ("[uncertain.model_error]\n",)], 1))
+@pytest.mark.long
+@pytest.mark.parametrize("extra", ["", "[uncertain.model_error]\n"])
 def test_near_the_data_a_right_analysis_is_calibrated(extra):
     found = jb.calibrate(precise_frequencies(extra), FEW, near=True, seed=3, workers=2)
     assert found.passed, found.verdict
