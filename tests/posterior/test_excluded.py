@@ -134,7 +134,8 @@ def test_a_joint_that_is_rigid_is_not_excluded(bounded):
     assert not joints["rigid"].excluded
 
 
-@pytest.mark.whole
+@pytest.mark.science
+@pytest.mark.long
 def test_what_else_is_uncertain_is_fitted_anew(bounded, of_bounded, monkeypatch):
     fixed = by_kind(of_bounded.knowledge.simpler)["rigid"]
     uncertain = two_lengths(exact(TABLE_3), "\n[uncertain.youngs_modulus]\nsd_percent = 1.0\n").problem

@@ -94,6 +94,7 @@ def test_two_storeys_of_the_same_two_frequencies_are_two_solutions(storeys):
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_what_is_said_beside_the_solutions_knows_of_both(portal):
     region = portal.likelihood_region
     for index, name in enumerate(portal.stiffness_names):

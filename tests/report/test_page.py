@@ -19,7 +19,7 @@ pytestmark = pytest.mark.science
 REASON = "NOT CHECKED: playwright is not installed to look at pages in a browser"
 VIEWS = ("Magnitude", "Linear", "dB", "Phase", "Real", "Imaginary", "Nyquist")
 WIDTHS = (360, 768, 1280, 2560)
-LIKE_MAIN = ("uncertain", "frequencies")  # of the same sections
+LIKE_MAIN = ("uncertain", "set-ups", "frequencies")  # of the same sections
 NAMES = ("main", "uncertain", "set-ups", "frequencies", "frame", "comparison", "plan", "calibration", "campaign")
 
 

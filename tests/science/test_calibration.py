@@ -82,6 +82,7 @@ def test_near_the_data_a_right_analysis_is_calibrated(extra):
     assert min(one.p_value for one in found.quantities) > 0.01
 
 
+@pytest.mark.long
 def test_near_the_data_one_process_or_two_give_the_same():
     case, settings = precise_frequencies(), jb.SamplerSettings(walkers=16, check_every=20, max_steps=40)
     options = {"near": True, "settings": settings}
