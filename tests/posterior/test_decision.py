@@ -130,6 +130,7 @@ def test_the_best_fit_is_checked_as_the_draws_are(measured):
     assert at_best.chi2_per_line == pytest.approx(measured.check.chi2_per_line, rel=0.01)
 
 
+@pytest.mark.science
 @pytest.mark.long
 def test_a_posterior_of_modes_is_kept_with_the_frfs_that_show_them(cheap_case, tmp_path):
     of_modes = jb.sample(of_another_truth(cheap_case, "length_mm = 383.5"), seed=1)
@@ -159,6 +160,7 @@ def test_the_frfs_of_a_wrong_model_are_sure_of_a_wrong_joint_and_their_modes_hol
     assert low < TABLE_3[2] < high
 
 
+@pytest.mark.science
 @pytest.mark.long
 def test_frfs_in_another_unit_are_named_and_their_modes_say_the_same(cheap_case):
     text = cheap_text()

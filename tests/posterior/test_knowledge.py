@@ -126,6 +126,7 @@ def test_what_helps_is_said_where_the_misfit_is(wrong, of_wrong):
     assert captions["FRFs of data and best fit"].rows[0][0] == "5:y/5:y"
 
 
+@pytest.mark.whole
 def test_a_model_that_explains_them_says_so_with_its_figures(of_cheap):
     built, summary = of_cheap
     assert summary["check"]["explains"]

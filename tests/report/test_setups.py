@@ -246,6 +246,7 @@ def test_the_report_has_a_section_for_each_set_up(overhangs):
 
 
 @pytest.mark.usefixtures("plain_reports")
+@pytest.mark.whole
 def test_page_one_says_whether_all_set_ups_are_explained(overhangs):
     blocks = lead(inputs_of(overhangs))
     (lights,) = (block for block in blocks if isinstance(block, Lights))
