@@ -216,7 +216,7 @@ def test_modes_swing_until_they_are_stopped_and_not_for_who_wants_no_motion(page
 
 def test_numbers_picture_and_comments_leave_the_page(pages, opened, reports, tmp_path):
     with opened(pages["main"]) as page:
-        figure = page.locator("#frf-0-0")
+        figure = drawn(page, "frf-0-0")  # before it is, a button of it may not listen yet
 
         def saved(button):
             with page.expect_download() as download:
