@@ -54,6 +54,7 @@ def of_blas():
 
 
 @pytest.mark.science
+@pytest.mark.long  # `make same` is run with one and with two threads besides
 def test_data_density_and_draws_are_those_of_one_thread_with_any_number():
     assert len(digests("clamped_beam_uncertain", _DENSITY)) == 1
 

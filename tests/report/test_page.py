@@ -19,7 +19,7 @@ pytestmark = pytest.mark.science
 REASON = "NOT CHECKED: playwright is not installed to look at pages in a browser"
 VIEWS = ("Magnitude", "Linear", "dB", "Phase", "Real", "Imaginary", "Nyquist")
 WIDTHS = (360, 768, 1280, 2560)
-LIKE_MAIN = ("uncertain", "set-ups", "frequencies")  # of the same sections
+LIKE_MAIN = ("uncertain", "set-ups", "frequencies", "frame")  # of the same sections
 NAMES = ("main", "uncertain", "set-ups", "frequencies", "frame", "comparison", "plan", "calibration", "campaign")
 
 
@@ -266,8 +266,6 @@ def test_figures_wait_for_the_reader(pages, opened):
         assert waiting > 0
         seen(page)
         assert page.locator(".paper:has(script.plot):not([data-drawn])").count() == 0
-        first = page.evaluate("performance.getEntriesByType('paint')[0].startTime")
-        assert first < 10_000  # ms; 0.1 to 0.3 s on an idle machine
 
 
 def test_dark_is_dark_and_on_a_phone_the_verdict_comes_first(pages, opened):

@@ -69,7 +69,7 @@ def test_damping_of_a_joint_that_triples_is_found_where_its_stiffness_hardly_cha
 
 @pytest.mark.science
 @pytest.mark.parametrize("count", first_in_ci([2, 5], 1))
-@pytest.mark.parametrize("kind", two_levels.KINDS)
+@pytest.mark.parametrize("kind", first_in_ci(list(two_levels.KINDS), 1))
 def test_a_change_of_5_percent_is_found_by_a_model_wrong_by_half_a_percent_and_none_where_there_is_none(kind, count):
     rows = [two_levels.analysed(kind, index) for index in range(1, count + 1)]
     data = two_levels.summary(kind, rows)
