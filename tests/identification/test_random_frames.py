@@ -9,7 +9,7 @@ from benchmarks.random_frames import search
 from tests.conftest import first_in_ci
 
 
-@pytest.mark.parametrize("seed", first_in_ci([57, 77, 20, 21, 0, 5], 4))
+@pytest.mark.parametrize("seed", [77, 20, pytest.param(57, marks=pytest.mark.science), *first_in_ci([21, 0, 5], 1)])
 def test_the_mode_of_a_frame_of_four_to_eight_springs_is_found(seed):
     found = search(seed)
     assert found.found, found
