@@ -138,6 +138,7 @@ dofs = ["nose:y", "nose:rz"]
 """
 
 
+@pytest.mark.whole
 def test_a_joint_that_names_the_measured_body_first_has_the_default_priors_of_the_modelled_one():
     swapped = SWAPPED + 'against = ["holder.flange:y", "holder.flange:rz"]\n'
     usual = 'extends = "spindle_measured.toml"\nremove = ["joints.taper.prior"]\n'
@@ -214,6 +215,7 @@ def test_a_case_knows_which_priors_no_one_stated():
     assert load_case(CONFIGS / "spindle_tool.toml").default_priors == frozenset()
 
 
+@pytest.mark.whole
 def test_a_limit_set_by_a_default_range_is_not_called_the_users():
     """A joint so stiff that the data say no more than that: the upper end of the range is nobody's statement."""
     both = hung(8e3, 5e8)

@@ -356,6 +356,7 @@ def test_an_interrupted_run_leaves_nothing_and_says_so(tmp_path, monkeypatch):
 # ---- other commands
 
 
+@pytest.mark.whole
 def test_identify_prints_the_best_fit_and_the_iteration_where_it_is_asked_for(tmp_path):
     config = tmp_path / "clamp.toml"
     config.write_text(cheap_text(), encoding="utf-8")
@@ -400,6 +401,7 @@ def with_reference(text, *changes):
     return text[:at] + edited(text[at:], *changes)
 
 
+@pytest.mark.whole
 def test_check_prints_what_does_not_match_and_exits_1(tmp_path, monkeypatch, cheap_posterior):
     monkeypatch.setattr("jointbayes.workflow.sample", lambda *_arguments, **_options: cheap_posterior)
     config = tmp_path / "clamp.toml"

@@ -331,6 +331,7 @@ def test_what_a_run_killed_after_its_posterior_leaves_goes_with_the_next(config,
     assert jb.load_posterior("x.nc").theta.tobytes() == draws
 
 
+@pytest.mark.whole
 def test_a_report_removes_the_unfinished_run_of_its_draws_and_no_other(
     tmp_path, monkeypatch, frequency_posterior, cheap_posterior
 ):

@@ -24,6 +24,7 @@ def attempted(attacker, target):
         assert verdict.right, f"{path.name}: {verdict.kind}: {verdict.where}\n{verdict.text}"
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("target", files.TARGETS, ids=lambda target: target.name)
 def test_every_kept_file_is_taken_or_refused_in_one_line(reader, target):
     attempted(reader, target)

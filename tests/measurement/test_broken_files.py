@@ -85,6 +85,7 @@ def big_files():
     }
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", big_files())
 def test_memory_is_bounded_by_three_times_the_file(tmp_path, name):
     path = tmp_path / "measurement"

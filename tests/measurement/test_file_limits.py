@@ -195,6 +195,7 @@ def structs(n):
     sum(1 for _ in records_of_tree(tree, {}, "."))
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("work", [join, same_names, histories, units_again, structs])
 def test_time_does_not_grow_with_the_square_of_the_number(tmp_path, monkeypatch, work):
     monkeypatch.chdir(tmp_path)

@@ -26,7 +26,7 @@ LIST = Path(__file__).with_name("mutants.toml")
 #: What of the tree the tests need; numba's and Python's caches are copied with it, and valid by their times.
 _COPIED = ("src", "tests", "benchmarks", "configs", "docs", "pyproject.toml", "README.md", "Makefile")
 #: Marks of the tests that `make test` runs: it is these that must see a fault.
-_MARKS = "not science and not docs"
+_MARKS = "not science and not docs and not whole"
 _TEST_SECONDS, _MOST_SECONDS = 600, 1800  # of one test, which takes a few, and of all that are run together
 _EXITS = {0: "survived", 1: "killed", 2: "does not import", 4: "names no test", 5: "runs no test"}
 

@@ -163,6 +163,7 @@ def test_only_a_test_that_fails_kills(code, printed, outcome):
     assert judge(code, printed) == outcome
 
 
+@pytest.mark.whole
 def test_pytest_runs_the_tests_of_a_copy_on_the_code_of_that_copy(tree):
     os.utime(tree / "src/thing.py", (1e9, 1e9))  # as in a tree that was not written this very second
     code, printed = run_tests(tree, ["tests/test_thing.py"], unmutated=True)

@@ -106,6 +106,7 @@ def test_four_chains_hold_every_draw_and_agree_with_the_summary(cheap_posterior)
     assert float(az.rhat(whole["posterior"]["k11"].values)) == pytest.approx(r_hat, abs=2e-3)
 
 
+@pytest.mark.whole
 def test_each_draw_has_its_own_density_and_place(cheap_posterior, groups):
     stats = groups["sample_stats"]
     walker, step = stats["walker"].values, stats["step"].values
@@ -170,6 +171,7 @@ def away_from_data(groups, data):
     return np.mean(away**2 / data.variance.ravel())
 
 
+@pytest.mark.whole
 def test_several_tests_have_a_variable_each():
     groups = posterior_of(jb.case_from_text("overhangs", BASE + CLAMP_EDGE + TWO + HEARD)).to_arviz()
     names = set(groups["observed_data"].data_vars)
@@ -202,6 +204,7 @@ def test_natural_frequencies_are_named(frequency_posterior):
         assert whole[group]["data"]["quantity"].values.tolist() == ["frequency 1", "frequency 2", "frequency 3"]
 
 
+@pytest.mark.whole
 @pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto:UserWarning")
 @pytest.mark.parametrize("name", ["cheap_posterior", "frequency_posterior"])
 def test_leave_one_out_pit_finds_the_data_of_each_likelihood(name, request):
@@ -215,6 +218,7 @@ def test_leave_one_out_pit_finds_the_data_of_each_likelihood(name, request):
         assert pit.mean() == pytest.approx(0.5, abs=4 / np.sqrt(12 * pit.size))
 
 
+@pytest.mark.whole
 def test_a_chain_has_a_thousand_draws_at_most_unless_more_are_asked_for(cheap_posterior):
     length = cheap_posterior.log_density.size // 4
     assert length > 1200

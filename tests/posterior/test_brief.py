@@ -53,6 +53,7 @@ def test_the_misfit_p_value_falls_below_its_level_where_there_is_a_misfit(reques
     assert 0 <= check.misfit_p_value <= 1
 
 
+@pytest.mark.whole
 def test_a_file_of_fewer_draws_holds_some_of_them_and_gives_nearly_the_same_verdicts(cheap_posterior, tmp_path):
     small = cheap_posterior.with_fewer_draws(2000)
     small.save(tmp_path / "small.nc")

@@ -86,6 +86,7 @@ def of_cheap(cheap_inputs):
     return report(cheap_inputs)
 
 
+@pytest.mark.whole
 def test_a_model_that_does_not_explain_the_data_leads_the_report(of_wrong):
     built, summary = of_wrong
     assert not summary["check"]["explains"]
@@ -301,6 +302,7 @@ def test_a_one_sided_limit_is_compared_as_one():
         assert (inputs_taken_as_exact((above, bounded(("length",), limit, "bounded above"))) == {}) == holds
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("computed", [True, False])
 def test_of_what_was_measured_page_one_gives_the_answer_of_a_workshop_first(computed, cheap_inputs):
     inputs = ReportInputs(cheap_inputs.posterior)
@@ -313,6 +315,7 @@ def test_of_what_was_measured_page_one_gives_the_answer_of_a_workshop_first(comp
     assert ", ".join(inputs.knowledge.assumed) in table.note
 
 
+@pytest.mark.whole
 def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs, of_cheap, capsys):
     inputs, posterior = cheap_inputs, cheap_inputs.posterior
     built, summary = of_cheap

@@ -32,6 +32,7 @@ def ignoring() -> Posterior:
     return sample(data_set("ignored", 1), seed=1, settings=SETTINGS)
 
 
+@pytest.mark.whole
 def test_where_the_noise_counts_the_verdicts_are_as_ever(posterior):
     found = posterior.noise_of_bodies
     assert found is not None

@@ -86,6 +86,7 @@ def test_the_sensor_that_would_tell_the_feet_apart_is_one_that_does(portal):
     assert len(jb.find_map(problem).modes) == 1
 
 
+@pytest.mark.whole
 def test_two_storeys_of_the_same_two_frequencies_are_two_solutions(storeys):
     assert storeys.converged
     assert storeys.verdict("first.kx").verdict_reason.startswith("two solutions: 1.4")

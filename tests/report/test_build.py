@@ -69,6 +69,7 @@ def section(report, identifier):
     return next(s for s in report.sections if s.identifier == identifier)
 
 
+@pytest.mark.whole
 def test_page_one_has_the_summary_s_numbers_in_engineering_units(whole, cheap_posterior):
     summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json()
     answer = of_kind(whole.blocks(), Table)[0]
@@ -355,6 +356,7 @@ def test_a_report_without_published_values_names_none(cheap_posterior):
     assert "published" not in said.lower()
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 @pytest.mark.parametrize("k12", [0.0, -3.44e7])
 def test_a_published_coupling_that_has_no_logarithm_is_no_obstacle(cheap_posterior, k12):

@@ -78,6 +78,7 @@ def test_the_measured_curve_lies_on_that_of_the_map_and_in_its_band(fitted):
     assert np.median(high / low) < 1.1
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_the_first_guess_differs_from_the_map_by_the_joint_alone(fitted):
     curves = drawn(fitted, tuple(fitted.estimate.values))

@@ -87,6 +87,7 @@ def test_the_line_goes_on_to_the_report_even_from_names_with_blanks(config, monk
     assert (config.parent / "my report" / "report.pdf").is_file()
 
 
+@pytest.mark.whole
 def test_the_draws_are_on_disk_before_anything_is_drawn(config, monkeypatch, frequency_posterior):
     seen = []
 
@@ -99,6 +100,7 @@ def test_the_draws_are_on_disk_before_anything_is_drawn(config, monkeypatch, fre
     assert seen == [frequency_posterior.theta.tobytes()]
 
 
+@pytest.mark.whole
 def test_an_interrupted_report_says_that_the_draws_are_kept(config, monkeypatch):
     monkeypatch.setattr("jointbayes.report.run_directory.render_html", failing(KeyboardInterrupt()))
     result = cli("run", config, "--out", "out")
@@ -178,6 +180,7 @@ def test_a_report_from_a_file_names_that_file_and_makes_no_other(config, monkeyp
     assert not list((config.parent / "reports").iterdir())
 
 
+@pytest.mark.whole
 def test_python_gets_the_same_with_the_cause_behind_it(config, monkeypatch, frequency_posterior):
     cause = IndexError("here")
     monkeypatch.setattr("jointbayes.report.run_directory.build_report", failing(cause))

@@ -376,6 +376,7 @@ def dom_in_browser(source, tmp_path):
     return Page(subprocess.run(command, capture_output=True, check=True, timeout=120).stdout.decode())
 
 
+@pytest.mark.whole
 def test_policy_lets_the_plots_draw_in_a_browser(tmp_path):
     page = dom_in_browser(render_html(report()), tmp_path)
     assert any("uplot" in attributes.get("class", "").split() for _, attributes in page.elements)
@@ -383,6 +384,7 @@ def test_policy_lets_the_plots_draw_in_a_browser(tmp_path):
     assert [attributes for attributes in page.all("div") if attributes.get("data-drawn") == "true"]
 
 
+@pytest.mark.whole
 def test_policy_stops_a_script_that_came_with_the_data_in_a_browser(tmp_path):
     intruder = "<script>document.body.append(document.createElement('canvas'))</script></body>"
     page = dom_in_browser(render_html(report(interactive=False)).replace("</body>", intruder), tmp_path)

@@ -334,6 +334,7 @@ def test_a_run_without_verdict_says_nothing_of_a_change(torques):
     assert sentence == "k22 between 5 N m and 20 N m: nothing is said of a change, for the calculation has not settled."
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_the_curve_is_a_table_and_a_figure_of_each_quantity(torques, overhangs):
     section = curve_section(inputs_of(torques))

@@ -181,6 +181,7 @@ def test_a_stage_that_is_damaged_is_made_again(begin, undisturbed, tmp_path, dam
     assert told == []
 
 
+@pytest.mark.whole
 def test_any_flipped_bit_of_a_stage_is_survived(begin, short, tmp_path):
     killed(begin, tmp_path / "run", 50, settings=SHORT)
     whole, rng = (tmp_path / "run" / "stage-0.npz").read_bytes(), np.random.default_rng(5)

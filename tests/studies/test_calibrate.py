@@ -90,6 +90,7 @@ def test_a_data_set_depends_on_seed_and_number_alone(kept):
     assert len({one.truth for one in kept[1].data_sets}) == COUNT
 
 
+@pytest.mark.whole
 def test_a_rank_is_the_share_of_draws_below_the_truth(kept):
     for one in kept[1].data_sets:
         for truth, rank, low, high in zip(one.truth, one.rank, one.low, one.high, strict=True):
@@ -246,6 +247,7 @@ def test_not_one_posterior_is_an_error_in_a_line():
         Calibration("case", "", 1, ("k11",), (DataSet(0, 0.0, error="on purpose"),))
 
 
+@pytest.mark.whole
 def test_right_analyses_fail_no_more_often_than_stated():
     # independent quantities are the worst case of the bound: 0 to 5 failures of 100 hold all but 1 in 2000 of the cases
     assert sum(not synthetic(uniform, count=30, seed=i).passed for i in range(100)) <= 5

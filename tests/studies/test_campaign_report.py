@@ -90,6 +90,7 @@ def test_the_directory_holds_report_and_numbers_and_nothing_is_left_behind(repor
     assert (directory / "report.html").stat().st_size < 5_000_000
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("blank_charts")
 def test_a_population_that_has_not_converged_is_red_on_page_one_flagged_and_exit_3(
     copy, monkeypatch, summary, findings, capsys

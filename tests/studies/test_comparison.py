@@ -136,6 +136,7 @@ def test_measured_frfs_are_weighed_by_the_modes_that_all_cases_have_a_place_for(
         only_modes(true, {("", "", 1.0)})
 
 
+@pytest.mark.whole
 def test_a_rigid_joint_has_the_likelihood_itself_as_evidence(cases, comparison):
     rigid = comparison.candidates[0]
     likelihood = cases[0].problem.log_posterior.likelihood
@@ -163,6 +164,7 @@ def test_candidates_come_case_by_case_and_the_best_is_that_of_the_largest_eviden
     assert comparison.words(comparison.best) == "best"
 
 
+@pytest.mark.whole
 def test_the_same_seed_gives_the_same_evidence_whatever_else_is_compared(cases, comparison):
     alone = compare(cases[1:], seed=3)
     assert [c.evidence.log_z for c in alone.candidates] == [c.evidence.log_z for c in comparison.candidates[2:]]

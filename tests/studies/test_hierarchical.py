@@ -83,6 +83,7 @@ def test_likelihood_is_the_closed_form_up_to_a_constant(toy):
     assert (found - found[0]) - (exact - exact[0]) == pytest.approx(0, abs=0.8)
 
 
+@pytest.mark.whole
 def test_a_joint_given_the_others_is_that_of_the_closed_form(toy, inferred):
     phi, weight = toy.exact(4000)
     variance = 1 / (1 / toy.error**2 + np.exp(-2 * phi[:, None, 2:]))

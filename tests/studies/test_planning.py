@@ -105,6 +105,7 @@ def simulator_about_the_truth(case, quantity, truths=6):
     return Simulator(problem, quantity, draws, coordinate_systems(problem), rng, truths=truths)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("quantity", ["k11", "k12", "k22"])
 def test_simulated_repetitions_halve_the_variance_where_the_posterior_is_gaussian(quantity):
     """With the joint itself measured all three stiffnesses are known to a part in a hundred or better."""
@@ -119,6 +120,7 @@ def test_simulated_repetitions_halve_the_variance_where_the_posterior_is_gaussia
     assert found.median / simulator.now.sd == pytest.approx(math.sqrt(0.5), rel=0.06)
 
 
+@pytest.mark.whole
 def test_reweighting_and_importance_sampling_find_the_same_posterior(cheap_case, cheap_posterior, monkeypatch):
     problem = cheap_case.problem
     candidate = repeated(problem, 2.0)
@@ -499,6 +501,7 @@ def test_the_command_exits_with_3_where_the_present_draws_have_not_converged(tmp
     assert "No recommendation: the calculation for the data in hand has not settled." in result.stdout
 
 
+@pytest.mark.whole
 def test_sets_that_a_plan_states_are_simulated_beside_single_candidates(cheap_posterior):
     stated = planned_text(
         ('"5:rz"]\n', '"5:rz"]\ntogether = [["5:rz", "3:y"], ["4 × averages", "3:y"], ["3:y", "5:rz"]]\n')

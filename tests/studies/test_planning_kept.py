@@ -72,6 +72,7 @@ def test_a_plan_that_was_interrupted_goes_on_and_is_the_same(cheap_posterior, ma
     assert len(made) == len(all_made) + 1
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("options", "part"),
     [
