@@ -344,7 +344,7 @@ def planned(converged=True, **simulations):
         )
         for letter, candidate in zip("abc", candidates, strict=False)
     ]
-    measurements.sort(key=lambda one: (not one.ranked, one.sd_after if one.ranked else one.linearised.median))
+    measurements.sort(key=lambda one: one.rank)
     now = SimulatedPosterior(1.0, "not identified", 1e4, "reweighting")
     return Plan("made up", "Made up", 1, "k12", now, tuple(measurements), converged, "why")
 
@@ -420,6 +420,14 @@ def test_those_whose_range_overlaps_that_of_the_first_are_simulated_further():
     }  # fmt: skip
     assert could_come_first(found) == [("a",), ("b",)]
     assert could_come_first({("d",): simulated(None, 0.1)}) == []
+
+
+def test_the_best_simulated_comes_first_and_what_was_only_looked_at_last():
+    found = planned(a=simulated(0.3, 0.5), b=simulated(0.1, 0.2))  # of the third a first look of 0.001
+    assert [one.names for one in found.measurements] == [("2:y",), ("1:y",), ("3:y",)]
+    assert [one.ranked for one in found.measurements] == [True, True, False]
+    (later,) = (replace(one, linearised=Linearised(("5:y",), np.array([0.002]))) for one in found.measurements[2:])
+    assert later.rank > found.measurements[2].rank
 
 
 @pytest.mark.whole

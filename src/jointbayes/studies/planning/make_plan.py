@@ -130,12 +130,7 @@ def plan(
         PlannedMeasurement(tuple(candidates[name] for name in estimate.names), estimate, simulated.get(estimate.names))
         for estimate in (*chosen, *others)
     ]
-    planned.sort(
-        key=lambda data: (
-            not data.ranked,
-            data.sd_after if data.ranked else data.linearised.median,
-        )
-    )
+    planned.sort(key=lambda data: data.rank)
     exact = listed(taken_as_exact(case.problem, case.workshop_problem))
     now = replace(simulator.now, verdict=posterior.verdict(parameter).verdict)
     return Plan(

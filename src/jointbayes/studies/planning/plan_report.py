@@ -77,6 +77,11 @@ class PlannedMeasurement:
         """Median simulated standard deviation; NaN where it is not ranked."""
         return self.simulation.median if self.simulation is not None and self.simulation.valid else math.nan
 
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """What measurements are sorted by: simulated ones by their simulations, then the others by the first look."""
+        return (not self.ranked, self.sd_after if self.ranked else self.linearised.median)
+
     def as_json(self) -> dict[str, Any]:
         """One entry of `plan.json`."""
         return {
