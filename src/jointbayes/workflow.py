@@ -28,7 +28,7 @@ from jointbayes.identification import (
 from jointbayes.inference import Premises, Problem
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
-from jointbayes.posterior.decision import decide
+from jointbayes.posterior.decision import decide, is_of_measured_frfs
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
 from jointbayes.posterior.run_record import sampler_figures
 from jointbayes.posterior.storage import draws_tree
@@ -299,6 +299,14 @@ def _fitted_proposal(problem: Problem, estimate: MapEstimate, seed: int) -> Prop
     images = Images.from_problem(problem).matrices
     systems, starts = coordinate_systems(problem), estimate.starts_for_draws
     return fit_each_mode(problem.log_posterior, systems, starts, images, _generator(seed, _PROPOSAL))
+
+
+def answered_case(case: Case, seed: int, tell: ProgressCallback) -> Problem:
+    """The problem whose posterior a run of a case gives; where nothing is decided there is no search for the mode."""
+    problem = case.problem
+    if is_of_measured_frfs(problem) or any(test.data.modes is not None for test in problem.tests):
+        return answered_problem(problem, case, find_map(case, seed=seed, progress=tell), seed)
+    return problem
 
 
 def answered_problem(problem: Problem, case: Case | None, estimate: MapEstimate, seed: int) -> Problem:

@@ -9,10 +9,12 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.cli.common import print_summary
+from jointbayes.measurement.formats import iter_records
 from jointbayes.posterior.summary_tables import stiffness_row
 from jointbayes.posterior.verdicts import line_of
 from jointbayes.report import ReportInputs, build_report, figures, render_html, render_pdf
-from jointbayes.report.export import central_joint
+from jointbayes.report.export import central_joint, export
+from jointbayes.report.line_plot import FrfPlot
 from jointbayes.report.sections.lead import answer_text
 from jointbayes.workflow import AS_ASKED
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
@@ -93,6 +95,24 @@ def test_a_new_surface_of_a_posterior_is_read_or_says_nothing_of_a_stiffness():
     assert {name for name in public if not name.startswith("_")} == (READ - {"load", "repr", "repr_html"}) | SILENT
 
 
+def require_figures_that_agree(posterior, report, path):
+    """What the figure of an FRF holds, which the page saves as CSV, is what `export` writes and Python predicts."""
+    plots = [plot for block in report.blocks() if isinstance(plot := getattr(block, "plot", None), FrfPlot)]
+    has_frfs = all(test.data.shown_frfs is not None for test in posterior.problem.tests)
+    assert bool(plots) == has_frfs
+    if not has_frfs or len(posterior.problem.tests) > 1:  # of several the page tells which by its heading
+        return
+    export(posterior, path, "csv")
+    written = {(record.response, record.reference): record.values for record in iter_records(path)}
+    for plot in plots:
+        output, input_ = plot.pair
+        median = next(curve.values for curve in plot.curves if curve.name == "median")
+        low, high = plot.band
+        for name, values in {"median": median, "lower end of 95 %": low, "upper end of 95 %": high}.items():
+            np.testing.assert_allclose(abs(values), abs(written[f"{output} {name}", input_]), rtol=1e-9, err_msg=name)
+        np.testing.assert_allclose(median, written[f"{output} median", input_], rtol=1e-9)
+
+
 @pytest.mark.whole
 @pytest.mark.usefixtures("plain_figures")
 @pytest.mark.parametrize("kind", list(RUNS))
@@ -148,6 +168,7 @@ def test_every_surface_gives_the_same_numbers(kind, request, tmp_path, capsys):
     for premises, row in posterior.under.items():
         assert again.under[premises].interval(name) == pytest.approx(row.interval(name))
         assert row.interval(name) != posterior.interval(name)
+    require_figures_that_agree(posterior, report, tmp_path / "frfs.csv")
     page = " ".join(map(str, report.blocks()))
     if posterior.problem.premises.of_modes or posterior.problem.premises.asked:
         for said in (printed, repr(posterior), posterior._repr_html_(), str(posterior.summary()), page):

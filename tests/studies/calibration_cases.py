@@ -47,6 +47,9 @@ FREQUENCIES = re.sub(
     TEXT,
 )
 
+#: The same, taken for what they are: without an error of the model, and with nothing as uncertain as in a workshop.
+EXACT = FREQUENCIES + '\n[uncertain]\nexact = ["model", "youngs_modulus", "density", "length"]\n'
+
 
 def small_case(extra="", name="small", text=TEXT):
     """The case, with further tables."""

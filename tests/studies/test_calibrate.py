@@ -27,7 +27,9 @@ from jointbayes.studies.calibration import (
 )
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, analyse
 from jointbayes.studies.study_directory import append_line
-from tests.studies.calibration_cases import FREQUENCIES, Here, small_case, write_case
+from jointbayes.workflow import sample_quickly
+from tests.posterior.test_decision import of_another_truth
+from tests.studies.calibration_cases import EXACT, FREQUENCIES, Here, small_case, write_case
 
 SETTINGS = jb.SamplerSettings(walkers=16, check_every=20, max_steps=40)
 COUNT = 4
@@ -82,7 +84,7 @@ def test_a_log_density_is_ranked_only_where_both_cases_have_the_same_coordinates
 
 @pytest.mark.whole
 def test_a_data_set_depends_on_seed_and_number_alone(kept):
-    job = driver._job(small_case(), None, SETTINGS, None)
+    job = driver._job(small_case(), None, SETTINGS, None, print)
     again, other = analyse(job, 3), analyse(dataclasses.replace(job, seed=2), 3)
     assert again.rank == kept[1].data_sets[3].rank
     assert again.truth == kept[1].data_sets[3].truth
@@ -144,12 +146,12 @@ def analysed_near(case, index, monkeypatch):
         raise ModelError("seen")
 
     monkeypatch.setattr(data_sets, "sample", sample)
-    job = driver._job(case, None, SETTINGS, None)
+    job = driver._job(case, None, SETTINGS, None, print)
     analyse(dataclasses.replace(job, truths=np.tile(job.source.prior.mean, (index + 1, 1))), index)
     return sampled[0]
 
 
-@pytest.mark.parametrize("text", [small_case().text, FREQUENCIES])
+@pytest.mark.parametrize("text", [small_case().text, EXACT])
 def test_near_the_data_a_posterior_is_that_of_both_data_sets(text, monkeypatch):
     # of Gaussian noise two measurements are one: their mean, with half the variance
     case = small_case(text=text)
@@ -170,7 +172,7 @@ def test_near_the_data_a_posterior_is_that_of_both_data_sets(text, monkeypatch):
 def test_near_the_data_truths_are_draws_of_the_posterior_whatever_their_number(monkeypatch):
     theta, seeds = np.arange(30.0).reshape(10, 3), []
 
-    def sample(case, *, seed, progress, premises):
+    def sample(case, *, seed, progress):
         seeds.append(seed)
         return SimpleNamespace(theta=theta, converged=case.name != "bad", reason="too short", problem=case.problem)
 
@@ -305,14 +307,41 @@ def test_the_table_of_ranks_has_a_row_for_every_data_set_failed_or_not():
 def test_a_job_is_sent_without_what_was_computed_from_it():
     case = small_case()
     case.problem.log_posterior(case.problem.prior.mean)
-    packed = driver._packed(driver._job(case, None, SETTINGS, None))
+    packed = driver._packed(driver._job(case, None, SETTINGS, None, print))
     assert "log_posterior" not in vars(pickle.loads(packed).analysis)
 
 
 def test_natural_frequencies_are_calibrated_as_well():
-    found = calibrated(1, case=small_case(text=FREQUENCIES))
+    found = calibrated(1, case=small_case(text=EXACT))
     assert found.failed == 0
     assert all(len(one.rank) == len(found.names) for one in found.data_sets)
+    assert found.names == ("k11", "k12", "k22", DENSITY)
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize("kind", ["typed", "measured"])
+def test_what_is_calibrated_is_what_a_run_answers_by(kind, monkeypatch, cheap_case):
+    """With an error of the model, all else as in a workshop; of measured FRFs by their modes; drawn as a run draws."""
+    case = small_case(text=FREQUENCIES) if kind == "typed" else of_another_truth(cheap_case, "length_mm = 383.5")
+    drawn = []
+
+    def quickly(*of, **how):
+        drawn.append(sample_quickly(*of, **how))
+        return drawn[-1]
+
+    monkeypatch.setattr(data_sets, "sample_quickly", quickly)
+    found = calibrated(1, case=case, seed=3)
+    assert found.failed == 0, found.data_sets[0].error
+    freed = ("youngs_modulus", "density", "length") if kind == "typed" else ()  # the other case declares them exact
+    assert set(found.names) == {"k11", "k12", "k22", *freed, DENSITY}
+    (posterior,) = drawn
+    run = jb.sample(case, seed=3)
+    assert posterior.problem.premises == run.problem.premises
+    (test,), (its,) = posterior.problem.tests, run.problem.tests
+    assert test.noise.sizes == its.noise.sizes
+    assert test.data.modes.numbers == its.data.modes.numbers
+    assert (test.data.modes.values != its.data.modes.values).all()
+    np.testing.assert_allclose(test.data.modes.values, its.data.modes.values, rtol=0.5)
 
 
 @pytest.mark.parametrize(

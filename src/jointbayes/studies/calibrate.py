@@ -26,7 +26,7 @@ from jointbayes.studies.calibration import A_CALIBRATION, Calibration
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, Job, analyse_packed, require_simulable
 from jointbayes.studies.study_directory import append_line, kept_lines
 from jointbayes.studies.tasks import run_tasks
-from jointbayes.workflow import Analysed, sample
+from jointbayes.workflow import Analysed, answered_case, sample
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -55,7 +55,8 @@ def calibrate(
     Truths are drawn from the case's own priors, of the joint and of all else that is uncertain, and data from its own
     likelihood at its own lines; each data set is analysed as the case's would be, from the search for the mode to the
     draws, and the truth is ranked among the draws. If prior, likelihood and sampler are right the ranks are uniform,
-    for every quantity, whatever the data.
+    for every quantity, whatever the data. Where a run answers by the modes of measured FRFs, or with errors of the
+    model, so does each data set.
 
     Parameters
     ----------
@@ -113,9 +114,9 @@ def calibrate(
     if data_from is not None and not isinstance(data_from, Problem):
         data_from = require_case(data_from, "a case, a problem")
     source = case if data_from is None else data_from
-    job = _job(case, data_from, settings, seed)
-    engine = {"workers": workers, "scheduler": scheduler, "executor": executor}
     tell = callback_of(progress)
+    job = _job(case, data_from, settings, seed, tell)
+    engine = {"workers": workers, "scheduler": scheduler, "executor": executor}
     head = {} if directory is None else fingerprint(case, source, job.settings, job.seed, near=near)
     with nullcontext() if directory is None else OwnDirectory(directory, A_CALIBRATION) as locked:
         file = None if locked is None else locked.path / KEPT
@@ -160,15 +161,20 @@ def _done(
 
 
 def _job(
-    case: Case | Problem, data_from: Case | Problem | None, settings: SamplerSettings | None, seed: int | None
+    case: Case | Problem,
+    data_from: Case | Problem | None,
+    settings: SamplerSettings | None,
+    seed: int | None,
+    tell: ProgressCallback,
 ) -> Job:
-    analysis, sampler, own_seed = _parts(case)
-    source = analysis if data_from is None else _parts(data_from)[0]
-    require_simulable(analysis, source)
+    stated, sampler, own_seed = _parts(case)
+    require_simulable(stated, stated if data_from is None else _parts(data_from)[0])
+    seed = own_seed if seed is None else seed
     # without what was computed from them so far, which every worker would be sent
-    analysis = replace(analysis)
-    source = analysis if data_from is None else replace(source)
-    job = Job(analysis, source, settings or sampler.for_one_of_many(), own_seed if seed is None else seed)
+    analysis = replace(_answered(case, seed, tell))
+    source = analysis if data_from is None else replace(_answered(data_from, seed, tell))
+    require_simulable(analysis, source)  # once more: by which modes two measured FRFs are analysed may differ
+    job = Job(analysis, source, settings or sampler.for_one_of_many(), seed)
     if not set(job.names) - {DENSITY}:
         raise ModelError(
             f"calibrate: found no quantity that {analysis.name} leaves open{'' if data_from is None else ' in both'}; "
@@ -179,7 +185,7 @@ def _job(
 
 def _truths_near(case: Analysed, n: int, seed: int, tell: ProgressCallback) -> Array:
     """Draws θ (n, d) of the posterior of a case as it is run; the first of them are the same for every n."""
-    posterior = sample(case, seed=seed, progress=tell, premises="exact")  # sets are analysed so as well
+    posterior = sample(case, seed=seed, progress=tell)
     if not posterior.converged:
         raise SamplingError(
             f"calibrate: found that the posterior of {posterior.problem.name}, of which truths are drawn, has not "
@@ -192,6 +198,11 @@ def _parts(case: Case | Problem) -> tuple[Problem, SamplerSettings, int]:
     if isinstance(case, Problem):
         return case, SamplerSettings().for_dimension(len(case.prior.names)), 1
     return case.problem, case.sampler, case.spec.sampling.seed
+
+
+def _answered(case: Case | Problem, seed: int, tell: ProgressCallback) -> Problem:
+    """What a run would answer by: of a problem itself."""
+    return case if isinstance(case, Problem) else answered_case(case, seed, tell)
 
 
 def _packed(job: Job) -> bytes:

@@ -13,14 +13,14 @@ from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
 from jointbayes.joint import HYPOTHESES, Parametrisation, joint_under_hypothesis
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.posterior.decision import is_of_measured_frfs, only_modes
+from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import evidence
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Start
 from jointbayes.studies.comparison import PriorEdge, WeighedModel, leave_one_out
 from jointbayes.studies.comparison_report import Comparison
-from jointbayes.workflow import answered_problem, find_map
+from jointbayes.workflow import answered_case, find_map
 
 _KEPT = 2000  # posterior draws, for what the evidence does not need
 _EDGE = 0.05  # of a prior's interval
@@ -161,12 +161,7 @@ def _data_of(problem: Problem) -> tuple[object, ...]:
 
 def _answered(cases: Sequence[Case], seed: int, tell: ProgressCallback) -> dict[str, Problem]:
     """What each case is analysed as, by its name: of measured FRFs the modes that all cases have a place for."""
-    answered = {}
-    for case in cases:
-        problem = case.problem
-        if is_of_measured_frfs(problem) or any(test.data.modes is not None for test in problem.tests):
-            problem = answered_problem(problem, case, find_map(case, seed=seed, progress=tell), seed)
-        answered[case.name] = problem
+    answered = {case.name: answered_case(case, seed, tell) for case in cases}
     each = [{mode.resonance for mode in problem.premises.modes} for problem in answered.values()]
     if len({bool(used) for used in each}) > 1:
         by = ", ".join(f"{name} by {'modes' if p.premises.of_modes else 'its FRFs'}" for name, p in answered.items())
