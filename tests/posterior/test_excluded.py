@@ -155,7 +155,8 @@ def test_what_else_is_uncertain_is_fitted_anew(bounded, of_bounded, monkeypatch)
     assert freed.ratio < fixed.ratio - 1
 
 
-@pytest.mark.whole
+@pytest.mark.science
+@pytest.mark.long
 def test_the_flexibility_at_a_lever_arm_is_named_where_each_stiffness_is_bounded(bounded, of_bounded):
     first = of_bounded.knowledge.directions[0]
     arm = float(re.fullmatch(r"flexibility at a lever arm of ([\d.]+) mm \(m/N\)", first.quantity)[1]) / 1000

@@ -125,6 +125,7 @@ def test_solutions_of_a_model_that_fails_do_not_explain_the_data(storeys):
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_wider_priors_are_drawn_about_every_solution(portal):
     wide = widened_prior(portal.problem.prior)
     theta, effective, reliable = _drawn_anew(portal, np.random.default_rng(1), wide)
