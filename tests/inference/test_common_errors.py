@@ -5,14 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import integrate, stats
+from scipy import integrate, linalg, stats
+from scipy.interpolate import CubicSpline
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
 from jointbayes.inference.common_errors import with_common_errors
 from jointbayes.joint import Joints
-from jointbayes.measurement import Antiresonances, FrequencyData, ModeData, Observed
+from jointbayes.measurement import Antiresonances, FrequencyData, ModeData, ModeShapes, Observed
 
 STIFFNESS = np.array([2e7, 3e4])
 LENGTH = 0.3
@@ -29,8 +30,9 @@ data = { kind = "natural_frequencies", frequencies_hz = [100.0, 500.0, 1500.0], 
 """
 
 
-def problem_of(length=LENGTH, data=None, **sizes):
-    problem = case_from_text("beam", BEAM.replace("LENGTH", f"{1000 * length:g}")).problem
+def problem_of(length=LENGTH, data=None, height=16.0, **sizes):
+    text = BEAM.replace("LENGTH", f"{1000 * length:g}").replace("height_mm = 16.0", f"height_mm = {height}")
+    problem = case_from_text("beam", text).problem
     data = problem.test.data if data is None else data
     return problem.with_test(data=data, noise=ModelErrorNoise.of(data, ErrorSizes(**sizes)))
 
@@ -80,6 +82,91 @@ def test_springs_do_what_a_real_one_does(data):
     tip = of_springs[: len(change), -1]  # places are in order, and the tip is the last
     assert tip / tip[0] == pytest.approx(change / change[0], rel=1e-3)
     assert np.abs(of_springs[len(change) :, -1]).max(initial=0.0) == pytest.approx(0.0, abs=1e-6)  # held there
+
+
+TIP, THIN = "11:y", 4.0  # mm high: shear does hardly anything
+
+
+def fine(length, spring=0.0, numbers=(1, 2, 4), elements=120, at=None):
+    """Frequencies and, of the first modes, motions along a beam of my own: Euler-Bernoulli, (x, modes).
+
+    Cubic elements, shear-stiff; a spring to ground at the distance `at` from the free end.
+    """
+    modulus, density, width, height = 210e9, 7850.0, 0.030, THIN / 1000
+    bending, mass, h = modulus * width * height**3 / 12, density * width * height, length / elements
+    own_k = (
+        bending
+        / h**3
+        * np.array(
+            [
+                [12, 6 * h, -12, 6 * h],
+                [6 * h, 4 * h * h, -6 * h, 2 * h * h],
+                [-12, -6 * h, 12, -6 * h],
+                [6 * h, 2 * h * h, -6 * h, 4 * h * h],
+            ]
+        )
+    )
+    own_m = (
+        mass
+        * h
+        / 420
+        * np.array(
+            [
+                [156, 22 * h, 54, -13 * h],
+                [22 * h, 4 * h * h, 13 * h, -3 * h * h],
+                [54, 13 * h, 156, -22 * h],
+                [-13 * h, -3 * h * h, -22 * h, 4 * h * h],
+            ]
+        )
+    )
+    stiffness, inertia = np.zeros((2, 2 * elements + 2, 2 * elements + 2))
+    for first in range(0, 2 * elements, 2):
+        stiffness[first : first + 4, first : first + 4] += own_k
+        inertia[first : first + 4, first : first + 4] += own_m
+    stiffness[[0, 1], [0, 1]] += STIFFNESS
+    if spring:
+        place = round((length - at) / h)
+        stiffness[2 * place, 2 * place] += spring
+    squares, motions = linalg.eigh(stiffness, inertia, subset_by_index=(0, max(numbers) - 1))
+    places = np.linspace(0.0, length, elements + 1)
+    return np.sqrt(squares) / (2 * np.pi), CubicSpline(places, motions[::2])
+
+
+def with_shapes(numbers=(1, 2, 4), reference=TIP):
+    """The same modes with two components of each shape."""
+    dofs = tuple(dof for dof in ("4:y", "9:y", TIP) if dof != reference)
+    shapes = ModeShapes(dofs, reference, Observed(np.array([[0.2, 0.7], [-0.7, 0.5], [0.6, -0.5]]), 0.01))
+    return replace(modes_and_zeros(numbers), zeros=None, shapes=shapes)
+
+
+def ratios(motion, length, dofs, reference, numbers=(1, 2, 4)):
+    """Of the numbered modes, at places as far from the free end as those of 300 mm are, (modes, dofs)."""
+    of_free_end = {dof: 0.3 - 0.03 * (int(dof.split(":")[0]) - 1) for dof in (*dofs, reference)}
+    at = {dof: motion(length - away)[np.array(numbers) - 1] for dof, away in of_free_end.items()}
+    return np.stack([at[dof] / at[reference] for dof in dofs], axis=1)
+
+
+@pytest.mark.parametrize("reference", [TIP, "9:y"])
+def test_the_edge_leaves_sensors_where_they_are(reference):
+    data = with_shapes(reference=reference)
+    problem = problem_of(data=data, height=THIN)
+    found = with_common_errors(problem, theta_of(problem)).test.noise.edges[3:, 0].reshape(3, 2) * 0.01
+    longer, shorter = (ratios(fine(length)[1], length, data.shapes.dofs, reference) for length in (0.3015, 0.2985))
+    assert found == pytest.approx(longer - shorter, rel=0.01, abs=1e-4)
+
+
+@pytest.mark.parametrize("reference", [TIP, "9:y"])
+def test_a_spring_changes_shapes_as_a_real_one_does(reference):
+    data, spring, away = with_shapes(reference=reference), 20.0, 0.15
+    problem = problem_of(data=data, height=THIN)
+    noise = with_common_errors(problem, theta_of(problem)).test.noise
+    (hz, plain), (moved_hz, moved) = fine(0.3), fine(0.3, spring, at=away)
+    change = (ratios(motion, 0.3, data.shapes.dofs, reference) for motion in (moved, plain))
+    change = next(change) - next(change)
+    relative = moved_hz[0] / hz[0] - 1
+    middle = noise.springs[:, 4]  # points 2 to 11 in order: 6 is 150 mm from the free end
+    scale = relative / (middle[0] / noise.relative[0])
+    assert middle[3:].reshape(3, 2) * 0.01 * scale == pytest.approx(change, rel=0.02, abs=1e-6)
 
 
 def test_neither_is_there_where_it_is_left_out_or_there_is_no_clamp():

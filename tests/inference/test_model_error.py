@@ -22,7 +22,7 @@ KNOWN = SIZES.damping, SIZES.shape, SIZES.constant
 MODES = ModeData(
     Observed(np.array([[12.0, 31.0], [12.1, 31.2]]), np.array([0.05, 0.1])),
     Observed(np.array([[0.01, 0.02], [0.012, np.nan]]), np.array([0.001, 0.002])),
-    ModeShapes(("1:x",), "2:x", Observed(np.array([[[0.6], [-1.6]], [[0.61], [np.nan]]]), np.array([[0.02], [0.03]]))),
+    ModeShapes(("1:x",), "2:x", Observed(np.array([[[0.2], [-1.6]], [[0.21], [np.nan]]]), np.array([[0.02], [0.03]]))),
     zeros=Antiresonances("2:x", Observed(np.array([[8.0, 20.0], [8.1, np.nan]]), 0.04)),
     constants=ModalConstants(("1:x",), ("2:x",), Observed(np.array([[0.4], [-0.9]]), 0.05)),
 )
@@ -36,12 +36,15 @@ def covariance(error, *tests):
     # (2πf)² moves by twice the share by which f does
     values = np.concatenate([data.values * (2 if data is EIGENVALUES else 1) for data in tests])
     size = dict(zip(("damping", "shape", "constant"), KNOWN, strict=True)) | {"frequency": error, "zero": error}
+    # a component of a shape is off by a fraction of itself, or of 0.3 where it is less
+    least = [0.3 if name.startswith("shape") else 0.0 for name in names]
+    values = np.maximum(np.abs(values), least)
     dense = np.diag(np.concatenate([data.sd for data in tests]) ** 2)
     for i, first in enumerate(names):
         for j, second in enumerate(names):
             if first == second:
                 kind = first.split()[0]
-                dense[i, j] += size[kind] ** 2 * (1.0 if kind == "shape" else values[i] * values[j])
+                dense[i, j] += size[kind] ** 2 * values[i] * values[j]
     return dense
 
 

@@ -2,12 +2,14 @@
 
 Both move every mode in a pattern of its own, which the errors of single modes cannot follow: the edge as the length of
 the overhang does, a spring where the modes move at it, d ln f = φ²/(2 ω²) per N/m with φ in modes of unit modal mass.
+Shapes follow: a spring mixes the modes, and sensors stay where they are on the body when its clamp's edge is elsewhere.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf import AssembledShapes
@@ -16,9 +18,13 @@ from jointbayes.inference.noise.model_error import ModelErrorNoise
 from jointbayes.inference.problem import Problem
 from jointbayes.inference.test import Test, own_name
 from jointbayes.joint import RIGID, Joint, Joints
+from jointbayes.measurement import ModalData
 
 _PLACES = 12  # of a structure, at which a spring is tried
 _STEP = 1e-4  # of the length
+_AXES = "xyz"
+_SAME = 1e-6  # of eigenvalues: modes so close are turned by anything, not mixed
+_MORE = 10  # modes above the highest measured one, of which a spring mixes the shapes
 _STRAIGHT = 1e-6  # of its length, that a straight body's points may lie off a line
 
 
@@ -38,7 +44,7 @@ def with_common_errors(problem: Problem, theta: Array) -> Problem:
     parts = [part for part in (*problem.parts, *problem.left_out_parts) if part.test.data.modes is not None]
     parts = [part for part in parts if isinstance(part.test.noise, ModelErrorNoise)]
     clamps = [", ".join(quantity.name for quantity in part.quantities if quantity.places) for part in parts]
-    overhangs = [_overhang(part.test) for part in parts]
+    overhangs = [_overhang(part.test)[0] for part in parts]
     noises = {}
     for part, clamp, overhang in zip(parts, clamps, overhangs, strict=True):
         noise = part.test.noise
@@ -54,31 +60,92 @@ def with_common_errors(problem: Problem, theta: Array) -> Problem:
     return replace(problem, tests=tests, left_out=left_out) if noises else problem
 
 
-def _overhang(test: Test) -> float:
-    """Length of a straight body that one joint holds at its end, m; 0 of any other."""
+def has_edge(part: Problem) -> bool:
+    """Whether the modes of a test have a place for an edge of its clamp that is not where it is modelled."""
+    return bool(_overhang(part.test)[0]) and _length_of(part) is not None
+
+
+def _length_of(part: Problem) -> int | None:
+    """Place of the factor on its length among those of a test's quantities; None where there is none."""
+    names = [nuisance.name for nuisance in part.prior.nuisances]
+    length = own_name(part.test.name, "length", names)
+    return None if length is None else names.index(length)
+
+
+def _overhang(test: Test) -> tuple[float, Array]:
+    """Length of a straight body that one joint holds at its end, m, and the vector to its free one; 0 of any other."""
     body = test.structures
     places, held = ([body.position(label) for label in some] for some in (_places(test), test.joints.labels))
     if not held or not places or any(place is None for place in (*places, *held)):
-        return 0.0
+        return 0.0, np.zeros(3)
     offsets = np.array(places, dtype=float) - np.array(held[0], dtype=float)
     away = np.linalg.norm(offsets, axis=1)
     longest = float(away.max())
     along = offsets @ offsets[away.argmax()] / longest if longest else away
     is_straight = bool((np.abs(along - away) <= _STRAIGHT * longest).all())
-    return longest if is_straight and len(set(held)) == 1 else 0.0
+    return (longest if is_straight and len(set(held)) == 1 else 0.0), offsets[away.argmax()]
 
 
 def _edge(part: Problem, theta: Array, size: float) -> Array:
     """What a change of the overhang by this fraction does to the residuals, shape (m, 1); (m, 0) without a length."""
-    prior, likelihood = part.prior, part.log_posterior.likelihood
-    names = [nuisance.name for nuisance in prior.nuisances]
-    length = own_name(part.test.name, "length", names)
+    prior, likelihood, length = part.prior, part.log_posterior.likelihood, _length_of(part)
     if length is None or not size:
         return np.empty((likelihood.n_data, 0))
     steps = np.repeat(prior.factors(theta[None]), 2, axis=0)
-    steps[:, names.index(length)] *= (1 + _STEP, 1 - _STEP)
+    steps[:, length] *= (1 + _STEP, 1 - _STEP)
     longer, shorter = likelihood.standardised(prior.matrix(np.vstack([theta, theta])), steps)
-    return (size * (longer - shorter) / (2 * _STEP))[:, None]
+    of_length = (longer - shorter) / (2 * _STEP)
+    return (size * (of_length + _of_sensors_left_behind(part, theta)))[:, None]
+
+
+def _of_sensors_left_behind(part: Problem, theta: Array) -> Array:
+    """What residuals of shapes change beside those of a longer body, whose sensors are moved in proportion, (m,).
+
+    With another edge they stay as far from the free end as they were: per change of the overhang, as a fraction of it,
+    they are further from the edge by their distance from the free end, and move more by that times the slope there.
+    """
+    test, data = part.test, part.test.data.modes
+    assert data is not None
+    change = np.zeros(len(data.values))
+    dofs, components = _components(data)
+    if not components:
+        return change
+    slopes = [_slope(test, dof) for dof in dofs]
+    turning = tuple(dict.fromkeys(label for terms in slopes for label in terms))
+    stiffness, factors, numbers = _joint_and_numbers(part, theta)
+    modal = AssembledShapes(test.structures, test.joints, int(max(numbers)), (*dofs, *turning))
+    motions = modal.modes(stiffness, factors).shapes[0]
+    for row, place, dof, reference in components:
+        motion = motions[numbers[place] - 1]
+        turns = dict(zip(turning, motion[len(dofs) :], strict=True))
+        moved = np.array(
+            [
+                _from_free_end(test, label) * sum(factor * turns[turn] for turn, factor in terms.items())
+                for label, terms in zip(dofs, slopes, strict=True)
+            ]
+        )
+        change[row] = _of_ratio(motion, moved, dof, reference) / data.sd[row]
+    return change
+
+
+def _slope(test: Test, dof: str) -> Mapping[str, float]:
+    """Rotations whose sum, with these factors, is how a motion grows along a straight body: (ω × t)·e."""
+    point, _, direction = dof.rpartition(":")
+    end = _overhang(test)[1]
+    if direction not in _AXES:
+        return {}
+    turns = np.cross(np.eye(3), end / np.linalg.norm(end))[:, _AXES.index(direction)]
+    terms = {f"{point}:r{axis}": float(turn) for axis, turn in zip(_AXES, turns, strict=True) if abs(turn) > _STRAIGHT}
+    return {label: factor for label, factor in terms.items() if label in test.structures.labels}
+
+
+def _from_free_end(test: Test, dof: str) -> float:
+    """Distance of a sensor of a straight body from its free end, m."""
+    place, root = (test.structures.position(label) for label in (dof, test.joints.labels[0]))
+    assert place is not None
+    assert root is not None
+    longest, end = _overhang(test)
+    return longest - float((np.array(place) - np.array(root)) @ end) / longest
 
 
 def _springs(part: Problem, noise: ModelErrorNoise, theta: Array) -> Array:
@@ -88,25 +155,34 @@ def _springs(part: Problem, noise: ModelErrorNoise, theta: Array) -> Array:
     places = _places(test)
     if not noise.sizes.spring or not places:
         return np.empty((len(data.values), 0))
-    matrix, factors = part.prior.matrix(theta[None]), part.structural(part.prior.factors(theta[None]))
-    model, numbers = modal_model(data, test.structures, test.joints), np.array(data.numbers)
-    if isinstance(model, ModePrediction):
-        numbers = model.matched(matrix, factors)[1][0] + 1
+    stiffness, factors, numbers = _joint_and_numbers(part, theta)
     of_mode = dict(zip(map(str, data.numbers), numbers.tolist(), strict=True))
-    effect = np.zeros((len(data.values), len(places)))
-    stiffness = matrix.batch.stiffness
+    change = np.zeros((len(data.values), len(places)))
     free = _relative_effect(test, test.joints, stiffness, factors, places, max(numbers))
     for row, name in enumerate(data.value_names):
         kind, number, *of = name.split()
         if kind in ("frequency", "eigenvalue"):
-            effect[row] = free[of_mode[number] - 1]
+            change[row] = free[of_mode[number] - 1] * noise.relative[row]
         elif kind == "zero":
             held = Joints((*_named(test), Joint((of[-1],), name="held")))
             rigid = np.pad(stiffness, ((0, 0), (0, 1), (0, 1)))
             rigid[:, -1, -1] = RIGID
-            effect[row] = _relative_effect(test, held, rigid, factors, places, int(number))[int(number) - 1]
+            effect = _relative_effect(test, held, rigid, factors, places, int(number))[int(number) - 1]
+            change[row] = effect * noise.relative[row]
+    change += _mixtures(part, theta, places)
     lowest = np.linalg.norm(free[min(numbers) - 1])
-    return np.asarray(effect * noise.relative[:, None] / lowest) if lowest else effect[:, :0]
+    return np.asarray(change / lowest) if lowest else change[:, :0]
+
+
+def _joint_and_numbers(part: Problem, theta: Array) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Matrices of one joint (1, r, r), factors on the structure (1, q), and numbers of the modes compared (n,)."""
+    data, test = part.test.data.modes, part.test
+    assert data is not None
+    matrix, factors = part.prior.matrix(theta[None]), part.structural(part.prior.factors(theta[None]))
+    model, numbers = modal_model(data, test.structures, test.joints), np.array(data.numbers)
+    if isinstance(model, ModePrediction):
+        numbers = model.matched(matrix, factors)[1][0] + 1
+    return matrix.batch.stiffness, factors, numbers
 
 
 def _relative_effect(
@@ -115,6 +191,45 @@ def _relative_effect(
     """d ln f of the lowest modes per N/m of a spring at each place, shape (count, places), m/N."""
     modal = AssembledShapes(test.structures, joints, count, places).modes(stiffness, factors)
     return np.asarray(modal.shapes[0] ** 2 / (2 * (2 * np.pi * modal.frequency_hz[0, :, None]) ** 2))
+
+
+def _mixtures(part: Problem, theta: Array, places: Sequence[str]) -> Array:
+    """What a spring of 1 N/m at each place does to residuals of shapes, shape (m, places); zero in all others.
+
+    It mixes the modes: δφ = Σ φₛ φₛ(p) φ(p)/(λ − λₛ) over the other elastic ones.
+    """
+    data = part.test.data.modes
+    assert data is not None
+    change, (dofs, components) = np.zeros((len(data.values), len(places))), _components(data)
+    if not components:
+        return change
+    stiffness, factors, numbers = _joint_and_numbers(part, theta)
+    count = min(int(max(numbers)) + _MORE, part.test.most_modes)
+    modal = AssembledShapes(part.test.structures, part.test.joints, count, (*dofs, *places)).modes(stiffness, factors)
+    squares, motions = (2 * np.pi * modal.frequency_hz[0]) ** 2, modal.shapes[0]
+    for row, place, dof, reference in components:
+        own = numbers[place] - 1
+        gap: Array = squares[own] - squares
+        share = np.divide(1.0, gap, out=np.zeros_like(gap), where=np.abs(gap) > _SAME * squares[own])
+        at_springs = motions[:, len(dofs) :]
+        moved = (share * motions[:, : len(dofs)].T) @ (at_springs * at_springs[own])
+        change[row] = _of_ratio(motions[own], moved, dof, reference) / data.sd[row]
+    return change
+
+
+def _components(data: ModalData) -> tuple[tuple[str, ...], Sequence[tuple[int, int, int, int]]]:
+    """DOFs of shapes; and of each component its row among all values, and the places of mode, DOF and reference."""
+    split = [(row, name.split()) for row, name in enumerate(data.value_names)]
+    shapes = [(row, int(of[0]), of[1], of[-1]) for row, (kind, *of) in split if kind == "shape"]
+    dofs = tuple(dict.fromkeys(label for *_, dof, reference in shapes for label in (dof, reference)))
+    place, mode = ({name: i for i, name in enumerate(names)} for names in (dofs, data.numbers))
+    return dofs, [(row, mode[number], place[dof], place[reference]) for row, number, dof, reference in shapes]
+
+
+def _of_ratio(motion: Array, change: Array, dof: int, reference: int) -> Array:
+    """Change of the ratio of two motions by the changes of both."""
+    ratio = motion[dof] / motion[reference]
+    return np.asarray((change[dof] - ratio * change[reference]) / motion[reference])
 
 
 def _named(test: Test) -> tuple[Joint, ...]:

@@ -6,10 +6,21 @@ from jointbayes.inference.noise.base import ErrorSizes
 
 
 @dataclass(frozen=True, slots=True)
+class UsedRatio:
+    """How much a DOF moves in a mode over what the reference does, as measured, and its standard deviation."""
+
+    dof: str
+    reference: str
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True)
 class UsedMode:
     """A measured resonance and the mode of the model that it is compared with, from 1.
 
-    Or an antiresonance of the drive point `held`, and the mode of the model with that DOF held.
+    Or an antiresonance of the drive point `held`, and the mode of the model with that DOF held. With a resonance may
+    come `ratios` of motions of sensors.
     """
 
     setup: str
@@ -17,6 +28,7 @@ class UsedMode:
     frequency_hz: float
     sd_hz: float
     held: str = ""
+    ratios: tuple[UsedRatio, ...] = ()
 
     @property
     def resonance(self) -> tuple[str, str, float]:

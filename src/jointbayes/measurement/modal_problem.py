@@ -250,6 +250,17 @@ class ModalProblem:
         amplitudes = np.array([fit.amplitudes for fit in self._linear(poles)])
         return np.asarray(amplitudes[:, : poles.size] + 1j * amplitudes[:, poles.size :])
 
+    def in_phase(self, poles: ComplexArray) -> tuple[Array, Array]:
+        """In-phase amplitudes of each pole and their standard deviations, with the poles as given, (frfs, poles).
+
+        Widened by what the fit leaves of each FRF, where that is more than its noise.
+        """
+        fits, few = self._linear(poles), slice(poles.size)
+        freedom = max(1, 2 * self.omega.size - 2 * poles.size - _REST_COLUMNS)
+        misfit = np.array([max(1.0, float(fit.residual @ fit.residual) / freedom) for fit in fits])
+        variance = np.array([np.diag(fit.inverse)[few] for fit in fits])
+        return np.array([fit.amplitudes[few] for fit in fits]), np.sqrt(variance * misfit[:, None])
+
     def gain_by_line(self, poles: ComplexArray, pole: int) -> Array:
         """At which lines one of the poles makes χ² smaller, shape (lines,), before any climb."""
         total = np.zeros(self.omega.size)

@@ -26,6 +26,7 @@ from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.posterior.checks import PredictiveCheck, check_part
 from jointbayes.posterior.model_errors import InferredError
 from jointbayes.posterior.rounding import number
+from jointbayes.posterior.used_ratios import measured_ratios, shapes_of, with_ratios
 
 #: A resonance that no predicted mode comes closer to than this, as a fraction, is compared with none.
 FARTHEST = 0.1
@@ -175,7 +176,8 @@ def modes_problem(
     tests, used, left_out = [], list[UsedMode](), list[str]()
     names = [nuisance.name for nuisance in problem.prior.nuisances]
     found = dict(zip(names, problem.prior.factors(estimate.theta).tolist(), strict=True))
-    for part, test in zip(problem.parts, answered.tests, strict=True):
+    for part, answered_part in zip(problem.parts, answered.parts, strict=True):
+        test = answered_part.test
         frfs = test.data.frfs
         if frfs is None:
             tests.append(test)
@@ -183,9 +185,12 @@ def modes_problem(
         resonances, tried = resonances_of(frfs), _tried(part, estimate, seed)
         numbers, far = _numbers(part, tried, np.array([mode.frequency_hz for mode in resonances]))
         left_out += [_far_in_words(test, resonances[place]) for place in far]
-        modes = [mode for place, mode in enumerate(resonances) if place not in far]
-        if modes:
-            of_test = _used(test, modes, numbers)
+        kept = [place for place in range(len(resonances)) if place not in far]
+        if kept:
+            ratios = measured_ratios(answered_part, resonances, kept, sizes)
+            of_test = _used(test, [resonances[place] for place in kept], numbers)
+            of_test, not_believed = with_ratios(part, tried, ratios, of_test)
+            left_out += [not_believed] if not_believed else []
             of_test += [zero for dof, fit in _zeros(frfs).items() for zero in _held_modes(part, tried, dof, fit)]
             tests.append(replace(_test_of_modes(test, of_test, sizes), structure=_certainly_damped(test, found)))
             used += of_test
@@ -324,6 +329,7 @@ def _test_of_modes(test: Test, used: Sequence[UsedMode], sizes: ErrorSizes) -> T
     data = ModeData(
         _observed(modes),
         numbers=tuple(mode.number for mode in modes),
+        shapes=shapes_of(modes),
         provenance=test.data.provenance,
         zeros=zeros,
         read_off=test.data.shown_frfs,
@@ -358,9 +364,11 @@ def premises_sentences(premises: Premises, model_error: InferredError | None) ->
         return (premises.asked,) if premises.asked else ()
     where = {mode.held: _frequencies(premises.modes, mode.held) for mode in premises.modes}
     zeros = "".join(f", and the antiresonances of {held} at {text} Hz" for held, text in where.items() if held)
+    dofs = dict.fromkeys(dof for mode in premises.modes for r in mode.ratios for dof in (r.dof, r.reference))
+    ratios = f", and the ratios of the motions of {', '.join(dofs)} in them" if dofs else ""
     sentences = [f"The reason: {premises.reason}."]
     if premises.of_modes:
-        sentences.insert(0, f"The answer is that of the modes that the FRFs show at {where['']} Hz{zeros}.")
+        sentences.insert(0, f"The answer is that of the modes that the FRFs show at {where['']} Hz{zeros}{ratios}.")
     else:
         sentences = ["The answer allows for an error of the model in each mode.", *sentences]
     if model_error is not None:

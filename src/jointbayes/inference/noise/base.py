@@ -39,7 +39,7 @@ class ErrorSizes:
     damping
         Of a damping ratio, as a fraction of it.
     shape
-        Of a component of a mode shape, which is 1 at the reference.
+        Of a component of a mode shape, which is 1 at the reference, as a fraction of it, or of 0.3 where it is less.
     constant
         Of a modal constant, as a fraction of it.
     edge
