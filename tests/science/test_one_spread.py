@@ -154,12 +154,12 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run_as_page_one_
     assert cells[4] == "; ".join(f"{name} {verdict}" for name, verdict in verdicts.items())
 
 
-def test_no_spread_is_wider_than_the_prior_that_it_includes(written):
+def test_no_spread_is_wider_than_any_within_the_range_of_the_prior(written):
     posterior, _, summary = written
     for row in summary["identifiability"]["freed"]:
         for name, sd in row["sd_log"].items():
-            if sd is not None:
-                assert sd < 1.1 * np.log(np.abs(posterior.prior_values(name))).std()
+            if sd is not None:  # no distribution between two ends has a larger one than half of what lies between them
+                assert sd < np.ptp(np.log(np.abs(posterior.prior_values(name)))) / 2
 
 
 def test_nothing_in_the_report_is_linearised(written):
