@@ -9,7 +9,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
-from jointbayes.inference import ErrorSizes, UsedMode, UsedRatio
+from jointbayes.inference import ErrorSizes, UsedMode
 from jointbayes.measurement.modal_ratios import MotionRatio
 from jointbayes.posterior.decision import modes_problem, premises_sentences
 from jointbayes.posterior.used_ratios import FARTHEST_RATIO, shapes_of, with_ratios
@@ -79,31 +79,31 @@ def test_a_sensor_that_is_turned_round_is_named_and_not_used(measured):
 @pytest.mark.parametrize("away", [FARTHEST_RATIO - 0.01, FARTHEST_RATIO + 0.01])
 @pytest.mark.parametrize("small", [False, True])
 def test_ratios_are_believed_up_to_a_third_of_them(measured, away, small):
-    tried = np.exp(np.log(TRUTH))[None], measured.prior.factors(_at_truth(measured))
+    tried = TRUTH[None], measured.prior.factors(_at_truth(measured))
     mode = next(m for m in by_modes(measured).premises.modes if m.ratios)
     model = jb.frf.AssembledShapes(measured.test.structures, measured.test.joints, 1, ("6:y", "11:y", "2:y"))
     middle, tip, root = model.modes(np.diag(TRUTH), np.ones((1, 1))).shapes[0, 0]
     true = root / tip if small else middle / tip
     value = true - away * 0.3 if small else true / (1 + away)
-    ratio = MotionRatio(0, "2:y" if small else "6:y", "11:y", float(value), 0.001)
-    used, why = with_ratios(measured, tried, [ratio], [replace(mode, ratios=())])
+    ratio = MotionRatio("2:y" if small else "6:y", "11:y", float(value), 0.001)
+    used, why = with_ratios(measured, tried, [[ratio]], [replace(mode, ratios=())])
     assert bool(used[0].ratios) == (away < FARTHEST_RATIO) == (not why)
 
 
 def test_the_nearest_of_the_joints_tried_counts(measured):
-    ratio = MotionRatio(0, "6:y", "11:y", 5.0, 0.001)
-    near = MotionRatio(0, "6:y", "11:y", 0.34, 0.001)
+    ratio = MotionRatio("6:y", "11:y", 5.0, 0.001)
+    near = MotionRatio("6:y", "11:y", 0.34, 0.001)
     values = np.array([[1e7, 1e4], TRUTH])
     tried = values, np.ones((2, 1))
     mode = UsedMode("", 1, 100.0, 0.1)
-    assert with_ratios(measured, tried, [ratio], [mode])[1]
-    assert not with_ratios(measured, tried, [near], [mode])[1]
-    assert with_ratios(measured, tried, [near, ratio], [mode])[1]  # all of them must be near at one joint
+    assert with_ratios(measured, tried, [[ratio]], [mode])[1]
+    assert not with_ratios(measured, tried, [[near]], [mode])[1]
+    assert with_ratios(measured, tried, [[near, ratio]], [mode])[1]  # all of them must be near at one joint
 
 
 def test_shapes_have_a_reference_of_each_mode_and_holes():
-    first = UsedMode("", 1, 100.0, 0.1, ratios=(UsedRatio("6:y", "11:y", 0.3, 0.01),))
-    second = UsedMode("", 2, 600.0, 0.1, ratios=(UsedRatio("11:y", "6:y", -0.9, 0.02),))
+    first = UsedMode("", 1, 100.0, 0.1, ratios=(MotionRatio("6:y", "11:y", 0.3, 0.01),))
+    second = UsedMode("", 2, 600.0, 0.1, ratios=(MotionRatio("11:y", "6:y", -0.9, 0.02),))
     third = UsedMode("", 3, 1500.0, 0.1)
     shapes = shapes_of([first, second, third])
     assert shapes.dofs == ("6:y", "11:y")

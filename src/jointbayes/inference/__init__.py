@@ -23,7 +23,6 @@ from jointbayes.inference.noise.proportional import ProportionalNoise as Proport
 from jointbayes.inference.noise.student_t import StudentNoise as StudentNoise
 from jointbayes.inference.premises import Premises as Premises
 from jointbayes.inference.premises import UsedMode as UsedMode
-from jointbayes.inference.premises import UsedRatio as UsedRatio
 from jointbayes.inference.prior import JointPrior as JointPrior
 from jointbayes.inference.prior import Nuisance as Nuisance
 from jointbayes.inference.problem import Problem as Problem

@@ -44,7 +44,7 @@ def with_common_errors(problem: Problem, theta: Array) -> Problem:
     parts = [part for part in (*problem.parts, *problem.left_out_parts) if part.test.data.modes is not None]
     parts = [part for part in parts if isinstance(part.test.noise, ModelErrorNoise)]
     clamps = [", ".join(quantity.name for quantity in part.quantities if quantity.places) for part in parts]
-    overhangs = [_overhang(part.test)[0] for part in parts]
+    overhangs = [float(np.linalg.norm(_overhang(part.test))) for part in parts]
     noises = {}
     for part, clamp, overhang in zip(parts, clamps, overhangs, strict=True):
         noise = part.test.noise
@@ -62,7 +62,7 @@ def with_common_errors(problem: Problem, theta: Array) -> Problem:
 
 def has_edge(part: Problem) -> bool:
     """Whether the modes of a test have a place for an edge of its clamp that is not where it is modelled."""
-    return bool(_overhang(part.test)[0]) and _length_of(part) is not None
+    return bool(_overhang(part.test).any()) and _length_of(part) is not None
 
 
 def _length_of(part: Problem) -> int | None:
@@ -72,18 +72,18 @@ def _length_of(part: Problem) -> int | None:
     return None if length is None else names.index(length)
 
 
-def _overhang(test: Test) -> tuple[float, Array]:
-    """Length of a straight body that one joint holds at its end, m, and the vector to its free one; 0 of any other."""
+def _overhang(test: Test) -> Array:
+    """From the one joint that holds a straight body at its end to its free end, shape (3,), m; 0 of any other body."""
     body = test.structures
     places, held = ([body.position(label) for label in some] for some in (_places(test), test.joints.labels))
     if not held or not places or any(place is None for place in (*places, *held)):
-        return 0.0, np.zeros(3)
+        return np.zeros(3)
     offsets = np.array(places, dtype=float) - np.array(held[0], dtype=float)
     away = np.linalg.norm(offsets, axis=1)
-    longest = float(away.max())
-    along = offsets @ offsets[away.argmax()] / longest if longest else away
+    end, longest = offsets[away.argmax()], float(away.max())
+    along = offsets @ end / longest if longest else away
     is_straight = bool((np.abs(along - away) <= _STRAIGHT * longest).all())
-    return (longest if is_straight and len(set(held)) == 1 else 0.0), offsets[away.argmax()]
+    return end if is_straight and len(set(held)) == 1 else np.zeros(3)
 
 
 def _edge(part: Problem, theta: Array, size: float) -> Array:
@@ -110,7 +110,9 @@ def _of_sensors_left_behind(part: Problem, theta: Array) -> Array:
     dofs, components = _components(data)
     if not components:
         return change
-    slopes = [_slope(test, dof) for dof in dofs]
+    end = _overhang(test)
+    slopes = [_slope(test, dof, end) for dof in dofs]
+    from_free_end = [_from_free_end(test, dof, end) for dof in dofs]
     turning = tuple(dict.fromkeys(label for terms in slopes for label in terms))
     stiffness, factors, numbers = _joint_and_numbers(part, theta)
     modal = AssembledShapes(test.structures, test.joints, int(max(numbers)), (*dofs, *turning))
@@ -118,20 +120,15 @@ def _of_sensors_left_behind(part: Problem, theta: Array) -> Array:
     for row, place, dof, reference in components:
         motion = motions[numbers[place] - 1]
         turns = dict(zip(turning, motion[len(dofs) :], strict=True))
-        moved = np.array(
-            [
-                _from_free_end(test, label) * sum(factor * turns[turn] for turn, factor in terms.items())
-                for label, terms in zip(dofs, slopes, strict=True)
-            ]
-        )
+        slope = [sum(factor * turns[turn] for turn, factor in terms.items()) for terms in slopes]
+        moved = np.multiply(from_free_end, slope)
         change[row] = _of_ratio(motion, moved, dof, reference) / data.sd[row]
     return change
 
 
-def _slope(test: Test, dof: str) -> Mapping[str, float]:
+def _slope(test: Test, dof: str, end: Array) -> Mapping[str, float]:
     """Rotations whose sum, with these factors, is how a motion grows along a straight body: (ω × t)·e."""
     point, _, direction = dof.rpartition(":")
-    end = _overhang(test)[1]
     if direction not in _AXES:
         return {}
     turns = np.cross(np.eye(3), end / np.linalg.norm(end))[:, _AXES.index(direction)]
@@ -139,12 +136,12 @@ def _slope(test: Test, dof: str) -> Mapping[str, float]:
     return {label: factor for label, factor in terms.items() if label in test.structures.labels}
 
 
-def _from_free_end(test: Test, dof: str) -> float:
+def _from_free_end(test: Test, dof: str, end: Array) -> float:
     """Distance of a sensor of a straight body from its free end, m."""
     place, root = (test.structures.position(label) for label in (dof, test.joints.labels[0]))
     assert place is not None
     assert root is not None
-    longest, end = _overhang(test)
+    longest = float(np.linalg.norm(end))
     return longest - float((np.array(place) - np.array(root)) @ end) / longest
 
 
@@ -169,7 +166,7 @@ def _springs(part: Problem, noise: ModelErrorNoise, theta: Array) -> Array:
             rigid[:, -1, -1] = RIGID
             effect = _relative_effect(test, held, rigid, factors, places, int(number))[int(number) - 1]
             change[row] = effect * noise.relative[row]
-    change += _mixtures(part, theta, places)
+    change += _mixtures(test, data, stiffness, factors, numbers, places)
     lowest = np.linalg.norm(free[min(numbers) - 1])
     return np.asarray(change / lowest) if lowest else change[:, :0]
 
@@ -193,19 +190,18 @@ def _relative_effect(
     return np.asarray(modal.shapes[0] ** 2 / (2 * (2 * np.pi * modal.frequency_hz[0, :, None]) ** 2))
 
 
-def _mixtures(part: Problem, theta: Array, places: Sequence[str]) -> Array:
+def _mixtures(
+    test: Test, data: ModalData, stiffness: Array, factors: Array, numbers: NDArray[np.intp], places: Sequence[str]
+) -> Array:
     """What a spring of 1 N/m at each place does to residuals of shapes, shape (m, places); zero in all others.
 
     It mixes the modes: δφ = Σ φₛ φₛ(p) φ(p)/(λ − λₛ) over the other elastic ones.
     """
-    data = part.test.data.modes
-    assert data is not None
     change, (dofs, components) = np.zeros((len(data.values), len(places))), _components(data)
     if not components:
         return change
-    stiffness, factors, numbers = _joint_and_numbers(part, theta)
-    count = min(int(max(numbers)) + _MORE, part.test.most_modes)
-    modal = AssembledShapes(part.test.structures, part.test.joints, count, (*dofs, *places)).modes(stiffness, factors)
+    count = min(int(max(numbers)) + _MORE, test.most_modes)
+    modal = AssembledShapes(test.structures, test.joints, count, (*dofs, *places)).modes(stiffness, factors)
     squares, motions = (2 * np.pi * modal.frequency_hz[0]) ** 2, modal.shapes[0]
     for row, place, dof, reference in components:
         own = numbers[place] - 1

@@ -3,16 +3,7 @@
 from dataclasses import dataclass
 
 from jointbayes.inference.noise.base import ErrorSizes
-
-
-@dataclass(frozen=True, slots=True)
-class UsedRatio:
-    """How much a DOF moves in a mode over what the reference does, as measured, and its standard deviation."""
-
-    dof: str
-    reference: str
-    value: float
-    sd: float
+from jointbayes.measurement.modal_ratios import MotionRatio
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +19,7 @@ class UsedMode:
     frequency_hz: float
     sd_hz: float
     held: str = ""
-    ratios: tuple[UsedRatio, ...] = ()
+    ratios: tuple[MotionRatio, ...] = ()
 
     @property
     def resonance(self) -> tuple[str, str, float]:

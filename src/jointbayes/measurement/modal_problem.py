@@ -75,7 +75,7 @@ class ModalProblem:
 
         def poles_at(x: Array) -> ComplexArray:
             shift, log_growth = x.reshape(2, -1)
-            return _pole(
+            return pole_of(
                 np.maximum(centre + width * shift, centre / 2), np.minimum(width / centre * np.exp(log_growth), 0.9)
             )
 
@@ -205,7 +205,7 @@ class ModalProblem:
                 worst.append(int(line))
             if len(worst) == 4:
                 break
-        return np.concatenate([_pole(self.omega[worst], np.full(len(worst), zeta)) for zeta in _TRIED_DAMPING])
+        return np.concatenate([pole_of(self.omega[worst], np.full(len(worst), zeta)) for zeta in _TRIED_DAMPING])
 
     def _drop_idle(self, poles: ComplexArray, price: float) -> ComplexArray:
         while poles.size:
@@ -401,7 +401,8 @@ def _gaps(poles: ComplexArray) -> tuple[Array, Array]:
     )
 
 
-def _pole(omega_r: Array, zeta: Array) -> ComplexArray:
+def pole_of(omega_r: Array, zeta: Array) -> ComplexArray:
+    """λ = ω_r (−ζ + j√(1 − ζ²)) of natural frequencies, rad/s, and damping ratios, any shape."""
     return omega_r * (-zeta + 1j * np.sqrt(1 - zeta**2))
 
 

@@ -1,13 +1,13 @@
 """How much sensors move beside each other in the modes that measured FRFs show: ratios of residues, with noise."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.frf import FrfSet
-from jointbayes.measurement.modal_problem import ModalProblem
+from jointbayes.measurement.modal_problem import ModalProblem, pole_of
 from jointbayes.measurement.provenance import MeasuredMode
 
 _DIRECTIONS = ("x", "y", "z")
@@ -19,22 +19,19 @@ class MotionRatio:
 
     Parameters
     ----------
-    mode
-        Place of the mode among those that were found, from 0.
     dof, reference
         Labels; the reference is what moves most in that mode.
     value, sd
         The ratio, and the standard deviation that the noise of the FRFs leaves it.
     """
 
-    mode: int
     dof: str
     reference: str
     value: float
     sd: float
 
 
-def identify_ratios(frf: FrfSet, variance: Array, modes: Sequence[MeasuredMode]) -> tuple[MotionRatio, ...]:
+def identify_ratios(frf: FrfSet, variance: Array, modes: Sequence[MeasuredMode]) -> tuple[tuple[MotionRatio, ...], ...]:
     """Ratios of the motions of sensors in each mode, from the residues of a modal model with these poles.
 
     Sensors that turn are left out: their ratio to one that moves has a unit. Of a roving hammer, where one sensor stays
@@ -52,7 +49,7 @@ def identify_ratios(frf: FrfSet, variance: Array, modes: Sequence[MeasuredMode])
     Returns
     -------
     tuple
-        Of each mode and each DOF but its reference; empty where fewer than two DOFs move.
+        Of each mode those of each DOF but its reference; empty where fewer than two DOFs move.
 
     References
     ----------
@@ -61,29 +58,19 @@ def identify_ratios(frf: FrfSet, variance: Array, modes: Sequence[MeasuredMode])
     across = [i for i, dof in enumerate(frf.outputs) if dof.rpartition(":")[2] in _DIRECTIONS]
     along = [i for i, dof in enumerate(frf.inputs) if dof.rpartition(":")[2] in _DIRECTIONS]
     if not modes or not across or not along or max(len(across), len(along)) < 2:
-        return ()
+        return ((),) * len(modes)
     values, sd = frf.values[:, across][:, :, along], np.sqrt(variance[:, across][:, :, along])
-    lines, poles = len(values), np.array([_pole(mode) for mode in modes])
+    lines, poles = len(values), pole_of(*np.array([(2 * np.pi * m.frequency_hz, m.damping_ratio) for m in modes]).T)
     problem = ModalProblem(frf.frequency_hz, values.reshape(lines, -1), 1 / sd.reshape(lines, -1), frf.quantity)
     amplitude, error = (part.T.reshape(len(modes), *values.shape[1:]) for part in problem.in_phase(poles))
     dofs = [frf.outputs[i] for i in across]
     if len(dofs) < 2:
         amplitude, error, dofs = amplitude.swapaxes(1, 2), error.swapaxes(1, 2), [frf.inputs[i] for i in along]
-    return tuple(
-        MotionRatio(mode, dofs[dof], dofs[reference], *ratio)
-        for mode, (size, spread) in enumerate(zip(amplitude, error, strict=True))
-        for reference, ratios in [_ratios(size, spread)]
-        for dof, ratio in ratios.items()
-    )
+    return tuple(_ratios(dofs, *of_mode) for of_mode in zip(amplitude, error, strict=True))
 
 
-def _pole(mode: MeasuredMode) -> complex:
-    zeta = mode.damping_ratio
-    return complex(2 * np.pi * mode.frequency_hz * (-zeta + 1j * np.sqrt(1 - zeta**2)))
-
-
-def _ratios(amplitude: Array, sd: Array) -> tuple[int, Mapping[int, tuple[float, float]]]:
-    """Place of what moves most, and of every other row its ratio to that with its standard deviation.
+def _ratios(dofs: Sequence[str], amplitude: Array, sd: Array) -> tuple[MotionRatio, ...]:
+    """Ratios of every row to that of what moves most, with their standard deviations.
 
     Amplitudes have one row for each DOF that moves, and one column for each force, which moves all rows in proportion:
     the ratio of two rows is the mean of those of each column, weighted by their errors.
@@ -94,5 +81,5 @@ def _ratios(amplitude: Array, sd: Array) -> tuple[int, Mapping[int, tuple[float,
     variance = (sd**2 + (ratio * below_sd) ** 2) / below**2
     weight = 1 / variance
     mean, spread = (ratio * weight).sum(axis=1) / weight.sum(axis=1), weight.sum(axis=1) ** -0.5
-    others = [row for row in range(len(amplitude)) if row != reference]
-    return reference, {row: (float(mean[row]), float(spread[row])) for row in others}
+    each = zip(dofs, mean.tolist(), spread.tolist(), strict=True)
+    return tuple(MotionRatio(dof, dofs[reference], *ratio) for dof, *ratio in each if dof != dofs[reference])

@@ -12,19 +12,20 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.frf import AssembledShapes
-from jointbayes.inference import ErrorSizes, Problem, UsedMode, UsedRatio
+from jointbayes.inference import ErrorSizes, Problem, UsedMode
 from jointbayes.inference.common_errors import has_edge
+from jointbayes.inference.noise.model_error import LEAST_COMPONENT
 from jointbayes.measurement import ModeShapes, Observed
 from jointbayes.measurement.modal_ratios import MotionRatio, identify_ratios
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.posterior.rounding import number
 
 #: Ratios that no joint brings the model closer to than this, as a fraction of them or of 0.3, are not used.
-FARTHEST_RATIO, _LEAST = 0.3, 0.3
+FARTHEST_RATIO = 0.3
 
 
 def with_ratios(
-    part: Problem, tried: tuple[Array, Array], ratios: Sequence[MotionRatio], used: Sequence[UsedMode]
+    part: Problem, tried: tuple[Array, Array], ratios: Sequence[Sequence[MotionRatio]], used: Sequence[UsedMode]
 ) -> tuple[list[UsedMode], str]:
     """Modes of a test with ratios of motions in them; and why there are none where they are not believed.
 
@@ -35,33 +36,31 @@ def with_ratios(
     tried
         Stiffnesses (n, d) and factors (n, q), of which the nearest counts.
     ratios, used
-        What was measured, and the mode of the model that each mode is.
+        What was measured in each mode, and the mode of the model that it is.
 
     Returns
     -------
     modes, left_out : list, str
         The same modes; a sentence, empty where ratios are used or there are none.
     """
-    if not ratios:
+    each = [(mode.number, ratio) for mode, of_mode in zip(used, ratios, strict=True) for ratio in of_mode]
+    if not each:
         return list(used), ""
-    if (nearest := _nearest(part, tried, ratios, [mode.number for mode in used])) > FARTHEST_RATIO:
-        dofs = ", ".join(dict.fromkeys(dof for ratio in ratios for dof in (ratio.dof, ratio.reference)))
+    dofs = tuple(dict.fromkeys(dof for _, ratio in each for dof in (ratio.dof, ratio.reference)))
+    if (nearest := _nearest(part, tried, each, dofs)) > FARTHEST_RATIO:
         where = f" of set-up {part.test.name}" if part.test.name else ""
         return list(used), (
-            f"How much {dofs}{where} move beside each other is not used: the nearest model misses it by "
+            f"How much {', '.join(dofs)}{where} move beside each other is not used: the nearest model misses it by "
             f"{number(100 * nearest, 2)} %, and {100 * FARTHEST_RATIO:g} % is allowed; look at signs, gains and places "
             "of the sensors."
         )
-    return [
-        replace(mode, ratios=tuple(UsedRatio(r.dof, r.reference, r.value, r.sd) for r in ratios if r.mode == place))
-        for place, mode in enumerate(used)
-    ], ""
+    return [replace(mode, ratios=tuple(of_mode)) for mode, of_mode in zip(used, ratios, strict=True)], ""
 
 
 def measured_ratios(
     part: Problem, resonances: Sequence[MeasuredMode], kept: Sequence[int], sizes: ErrorSizes
-) -> tuple[MotionRatio, ...]:
-    """Ratios of motions in those resonances of a test of FRFs that are kept, numbered among these.
+) -> Sequence[Sequence[MotionRatio]]:
+    """Ratios of motions in each of those resonances of a test of FRFs that are kept.
 
     Parameters
     ----------
@@ -72,28 +71,31 @@ def measured_ratios(
     sizes
         Of the model's errors.
     """
-    frfs = part.test.data.frfs
+    frfs, none = part.test.data.frfs, [()] * len(kept)
     if frfs is None or not sizes.edge or not has_edge(part):
-        return ()
+        return none
     accelerance = frfs.converted("accelerance")
     try:
         ratios = identify_ratios(accelerance.frf, accelerance.variance, resonances)
     except (JointBayesError, np.linalg.LinAlgError):  # too few lines for so many modes
-        return ()
-    return tuple(replace(ratio, mode=kept.index(ratio.mode)) for ratio in ratios if ratio.mode in kept)
+        return none
+    return [ratios[place] for place in kept]
 
 
-def _nearest(part: Problem, tried: tuple[Array, Array], ratios: Sequence[MotionRatio], numbers: Sequence[int]) -> float:
+def _nearest(
+    part: Problem, tried: tuple[Array, Array], each: Sequence[tuple[int, MotionRatio]], dofs: tuple[str, ...]
+) -> float:
     """Largest error of any ratio, as a fraction of it or of 0.3, at the joint where that is least."""
-    dofs = tuple(dict.fromkeys(dof for ratio in ratios for dof in (ratio.dof, ratio.reference)))
     stiffness, factors = tried
-    model = AssembledShapes(part.test.structures, part.test.joints, max(numbers), dofs)
+    modes = np.array([number_of for number_of, _ in each]) - 1
+    model = AssembledShapes(part.test.structures, part.test.joints, int(modes.max()) + 1, dofs)
     shapes = model.modes(part.parametrisation.matrix(stiffness), part.structural(factors)).shapes
-    modes = np.array([numbers[ratio.mode] - 1 for ratio in ratios])
-    at, below = (np.array([dofs.index(getattr(ratio, end)) for ratio in ratios]) for end in ("dof", "reference"))
-    values = np.array([ratio.value for ratio in ratios])
+    at, below = np.array([(dofs.index(ratio.dof), dofs.index(ratio.reference)) for _, ratio in each]).T
+    values = np.array([ratio.value for _, ratio in each])
     with np.errstate(divide="ignore", invalid="ignore"):
-        error = np.abs(shapes[:, modes, at] / shapes[:, modes, below] - values) / np.maximum(np.abs(values), _LEAST)
+        error = np.abs(shapes[:, modes, at] / shapes[:, modes, below] - values) / np.maximum(
+            np.abs(values), LEAST_COMPONENT
+        )
     return float(np.nanmin(error.max(axis=1), initial=np.inf))
 
 

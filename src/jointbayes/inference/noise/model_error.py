@@ -22,7 +22,7 @@ from jointbayes.inference.prior import Nuisance
 from jointbayes.measurement import Data, ModalData
 
 #: Errors of a component of a shape are a fraction of it, or of this where it is less: near a node they do not vanish.
-_LEAST_COMPONENT = 0.3
+LEAST_COMPONENT = 0.3
 #: Sizes over which is integrated, in standard deviations of the prior of their logarithm: of a factor of 3 the steps
 #: are small beside what twenty frequencies leave open of the size; a spring's effect shows to a factor at best.
 _NODES, _SPRING_NODES = np.linspace(-5.0, 5.0, 41), np.linspace(-3.0, 3.0, 19)
@@ -96,7 +96,7 @@ class ModelErrorNoise(NoiseModel):
         """The model of measured modes."""
         kinds = [name.split()[0] for name in data.value_names]
         size = np.abs(data.values)
-        unit = np.where(np.equal(kinds, "shape"), np.maximum(size, _LEAST_COMPONENT), size)
+        unit = np.where(np.equal(kinds, "shape"), np.maximum(size, LEAST_COMPONENT), size)
         unit = unit * np.where(np.equal(kinds, "eigenvalue"), 2, 1)
         names = tuple(name.replace("eigenvalue", "frequency") for name in data.value_names)
         return cls(1, names, unit / data.sd, sizes)
