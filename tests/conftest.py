@@ -142,7 +142,7 @@ def plain_reports() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "svg", lambda *_: blank)
         patch.setattr(knowledge, "_profiles", lambda *_: ())
-        patch.setattr(case, "find_numbering", lambda _: None)
+        patch.setattr(case, "find_numbering", lambda *_: None)
         # not kept with a posterior that other tests share: what they ask of it is whole
         patch.setattr(Posterior, "rows", property(posterior_module.effect_of_uncertain_inputs))
         patch.setattr(Posterior, "_exact_inputs", property(lambda _: {}))

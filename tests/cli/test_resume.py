@@ -43,7 +43,7 @@ def names(folder):
 @pytest.fixture
 def config(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda _: None)  # looked for at each reading of a case
+    monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda *_: None)  # looked for at each reading of a case
     path = tmp_path / "clamp.toml"
     path.write_text(edited(cheap_frequencies_text(), ("max_steps = 20000", "max_steps = 200")), encoding="utf-8")
     return path

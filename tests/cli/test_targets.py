@@ -94,7 +94,7 @@ def prepared(tmp_path_factory, cheap_posterior: Posterior):
 def user(prepared, tmp_path, monkeypatch) -> Path:
     place = tmp_path / "user"
     shutil.copytree(prepared, place, symlinks=True)
-    monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda _: None)  # looked for at each reading of a case
+    monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda *_: None)  # looked for at each reading of a case
     monkeypatch.chdir(place)
     return place
 

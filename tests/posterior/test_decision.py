@@ -15,13 +15,17 @@ from jointbayes.errors import CaseError
 from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Premises, Uniform
 from jointbayes.joint import PlainSprings
 from jointbayes.measurement import ModeData, Observed
+from jointbayes.measurement.mode_data import renumbered
 from jointbayes.posterior.decision import (
     TYPED,
     UsedMode,
+    _moved,
+    _numbered_by_evidence,
     check_best_fit,
     decide,
     is_of_measured_frfs,
     modes_problem,
+    premises_sentences,
     why_by_modes,
 )
 from jointbayes.posterior.model_errors import InferredError
@@ -78,6 +82,15 @@ def test_the_modes_of_the_model_are_numbered_as_they_are(measured):
     assert asked.names == measured.problem.names
 
 
+def test_zeros_are_counted_where_the_resonances_are(measured):
+    """At a soft joint of the prior zeros are as near with one more below them: there the resonances are not."""
+    soft = measured.problem.prior.parametrisation.coordinates([4.4e5, 3.5e4, 2.8e3])
+    far = replace(measured.estimate, theta=np.asarray(soft), modes=())
+    for estimate in (measured.estimate, far):
+        asked = modes_problem(measured.problem, estimate, 1, ErrorSizes())
+        assert [mode.number for mode in asked.premises.modes] == [1, 2, 3, 1, 2]
+
+
 def test_a_mode_that_was_not_seen_leaves_the_numbers_of_the_others(measured):
     data = measured.problem.test.data
     asked = asked_of(as_measured(measured, data=replace(data.split([(0.0, 400.0)])[0], synthetic=False)), EXACT)
@@ -92,6 +105,42 @@ def test_a_resonance_that_the_model_does_not_have_is_named_and_not_used(measured
     (left_out,) = asked.premises.left_out
     assert left_out.startswith("The resonance at 150") or left_out.startswith("The resonance at 149")
     assert [mode.number for mode in asked.premises.modes if not mode.held] == [1, 2, 3]
+
+
+def test_modes_of_frfs_are_counted_by_what_is_most_probable_and_zeros_with_them(measured):
+    asked = asked_of(measured, ErrorSizes())
+    wrong = replace(
+        asked.with_test(data=renumbered(asked.test.data, 1)).with_premises(asked.premises),
+        premises=replace(asked.premises, modes=tuple(_moved(mode, "", 1) for mode in asked.premises.modes)),
+    )
+    again = _numbered_by_evidence(wrong)
+    assert [mode.number for mode in wrong.premises.modes] == [2, 3, 4, 2, 3]
+    assert again.premises.modes == asked.premises.modes
+    assert again.test.data.numbers == (1, 2, 3)
+    assert again.test.data.zeros.numbers == (1, 2)
+    assert again.test.noise.quantity == asked.test.noise.quantity
+    (sentence,) = again.premises.numbering
+    assert sentence.startswith("The natural frequencies fit far better as those of modes 1, 2, 3 than of modes 2, 3, 4")
+    assert sentence in premises_sentences(replace(again.premises, reason="why"), None)
+    assert asked.premises.numbering == ()
+
+
+def test_typed_modes_that_are_others_are_named_and_their_model_is_none_of_the_structure():
+    text = f"{TYPED_CASE}data.frequencies_hz = [1060.0, 2740.0, 5000.0]\nuncertain.exact = ['density']\n"
+    right = case_from_text("typed", TYPED_CASE, directory=CONFIGS)
+    exact = right.problem.natural_frequencies_hz(TABLE_3, 5)[0]
+    typed = ", ".join(f"{hz:.2f}" for hz in exact[2:])
+    case = case_from_text("typed", text.replace("1060.0, 2740.0, 5000.0", typed), directory=CONFIGS)
+    answered = answered_problem(case.problem, case, jb.find_map(case, seed=1), 1)
+    words = answered.premises.misnumbered
+    assert words.startswith("fit far better as those of modes 3, 4, 5 than of modes 1, 2, 3")
+    assert answered.test.data.numbers == (1, 2, 3)  # as they were stated
+    error = InferredError(0.003, 0.001, 0.009, 0.003, misnumbered=words)
+    assert error.grade == "impossible"
+    assert error.findings[0] == f"natural frequencies {words}"
+    assert error.causes == "Check the numbers of the modes."
+    found = answered_problem(right.problem, right, jb.find_map(right, seed=1), 1)
+    assert found.premises.misnumbered == ""
 
 
 def test_computed_frfs_are_analysed_as_they_are(cheap_posterior):

@@ -87,7 +87,7 @@ def plain_figures(monkeypatch):
         figures, "svg", lambda *_: '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
     )
     monkeypatch.setattr("jointbayes.posterior.knowledge._profiles", lambda *_: ())
-    monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda _: None)
+    monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda *_: None)
 
 
 def test_a_new_surface_of_a_posterior_is_read_or_says_nothing_of_a_stiffness():

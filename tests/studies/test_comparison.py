@@ -371,7 +371,7 @@ def test_compare_prints_the_table_and_the_winner_and_leaves_a_whole_directory(tm
 
 
 def test_bad_input_is_refused_in_one_line_before_anything_is_computed(tmp_path, monkeypatch):
-    monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda _: None)  # looked for at each reading of a case
+    monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda *_: None)  # looked for at each reading of a case
     case = write(tmp_path, "case.toml", frequencies_text())
     other = write(tmp_path, "other.toml", frequencies_text(("120.0, 762.0", "121.0, 762.0")))
     run = tmp_path / "run"

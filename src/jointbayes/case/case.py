@@ -144,7 +144,9 @@ class Case:
             measured = problem.test.data.shown_frfs or problem.test.data
             warnings += input_warnings(spec, texts[name], measured.band_hz)
             warnings += sign_warnings(measured.provenance, texts[name])
-            warnings += numbering_warnings(find_numbering(problem), texts[name], measured.provenance is not None)
+            if problem.test.data.shown_frfs is None:  # modes that FRFs show were numbered as the answer was decided
+                doubt = find_numbering(problem, None if self.model_is_exact else self.model_error or ErrorSizes())
+                warnings += numbering_warnings(doubt, texts[name], measured.provenance is not None)
         for setup in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
             warnings += truth_warnings(setup.spec, setup.source, prior_of([setup])[0])
         return tuple(dict.fromkeys(warnings))

@@ -235,18 +235,13 @@ def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: boo
     if doubt is None:
         return ()
     loc = ("data", "file") if from_files else ("data", "frequencies_hz")
-    squares = (
-        f"squared residuals of {doubt.better_squares:.3g} and {doubt.stated_squares:.3g} standard deviations in all, "
-        "the joint fitted anew for each"
-    )
-    better_fit = "found natural frequencies that fit far better"
+    oddity = f"found natural frequencies that {doubt.words}"
     if doubt.rad_per_s:
-        oddity = f"{better_fit} divided by 2π, as if they were in rad/s: {squares}"
-        return text.warnings([Finding(loc, oddity, "natural frequencies in Hz", "divide them by 2π")])
-    stated, better = (", ".join(map(str, numbers)) for numbers in (doubt.stated, doubt.better))
-    oddity = f"{better_fit} as those of modes {better} than of modes {stated}: {squares}"
+        return text.warnings([Finding(loc, oddity, "natural frequencies in Hz", "divide them by 2π if they are not")])
     expected = "modes counted from the lowest one, those included in which the structure moves rigidly on a soft joint"
-    remedy = f'if a lower one was left out, write kind = "modes" with numbers = [{better}]'
+    remedy = f'if they are these, write kind = "modes" with numbers = [{", ".join(map(str, doubt.other))}]'
+    if not doubt.better:
+        remedy += "; look below and between them for modes that were missed, or add a second sensor"
     return text.warnings([Finding(loc, oddity, expected, remedy)])
 
 

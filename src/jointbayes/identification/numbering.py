@@ -1,105 +1,183 @@
-"""Whether measured natural frequencies fit far better as those of other modes, or in another unit, than is stated."""
+"""Whether measured natural frequencies are as probably those of other modes, or in another unit, than is stated."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
-from jointbayes.inference import Problem
+from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Problem, Uniform
 from jointbayes.measurement import ModalData
+from jointbayes.measurement.mode_data import renumbered
 
 #: Modes that the first measured one may be away from its stated number.
 SHIFTS = (*range(-3, 0), *range(1, 7))
-#: A numbering is doubted where another one has a sum of squares lower by this, and by this factor.
-LEAST_GAIN, LEAST_FACTOR = 20.0, 4.0
-_DRAWS, _CLIMBS, _STEP = 300, 3, 1e-4
-_RAD_PER_S = 1 / (2 * math.pi)  # Hz
-_FAR = 1e6  # a residual where a joint outside the prior has no natural frequency
+#: ln of the Bayes factor from which on one of two numberings is taken, 150 to 1, and within which both are named.
+SURE = 5.0
+RAD_PER_S = 1 / (2 * math.pi)  # Hz
+_DRAWS, _CLIMBS, _MOST_STEPS = 300, 2, 30
+_WEIGHED = 2  # the numberings nearest to the measured frequencies whose evidence is compared with that of the stated
+_SPREAD = 0.02  # of frequencies: errors well below it count by their square, those above hardly more
+_AT_END = 1e-3  # standard deviations of the prior within which a coordinate counts as at an end of its range
 
 
 @dataclass(frozen=True, slots=True)
 class Renumbered:
-    """A numbering that fits better than the stated one: both, and the sums of squared residuals over their sd.
+    """A numbering that explains the data as well as the stated one, or better: both, and ln of the Bayes factor.
 
     With `rad_per_s` it is the stated numbering of frequencies that were divided by 2π.
     """
 
     stated: tuple[int, ...]
-    better: tuple[int, ...]
-    stated_squares: float
-    better_squares: float
+    other: tuple[int, ...]
+    log_bayes_factor: float
     rad_per_s: bool = False
 
+    @property
+    def better(self) -> bool:
+        """Whether the other one is sure to be the right one of the two."""
+        return self.log_bayes_factor > SURE
 
-def find_numbering(problem: Problem) -> Renumbered | None:
-    """Look for a numbering that fits natural frequencies far better than the stated one; None where none does.
+    @property
+    def words(self) -> str:
+        """What was found, after "natural frequencies that": ``"fit far better as those of modes 3, 4 than …"``."""
+        stated, other = (", ".join(map(str, numbers)) for numbers in (self.stated, self.other))
+        odds = f"ln of the Bayes factor {self.log_bayes_factor:.3g}"
+        if self.rad_per_s:
+            as_well = "fit far better" if self.better else "fit about as well"
+            return f"{as_well} divided by 2π, as if they were in rad/s: {odds}"
+        if self.better:
+            return f"fit far better as those of modes {other} than of modes {stated}: {odds}"
+        return f"fit about as well as those of modes {other} as of modes {stated}: {odds}"
 
-    For each shift of all numbers, and for frequencies that are 2π times too high, the joint is fitted anew, within its
-    prior and from the best of draws of it, with what else is uncertain at its middle. Default priors follow the
-    measured frequencies: of frequencies in rad/s the springs may be softer by (2π)².
+
+def find_numbering(problem: Problem, sizes: ErrorSizes | None = None) -> Renumbered | None:
+    """Look for a numbering under which measured natural frequencies are as probable as under the stated one.
+
+    The probability of the data is that of the joint and all else that is uncertain, with the model's error, integrated
+    by Laplace's method from the best of draws of the prior. Default priors follow the measured frequencies: of
+    frequencies in rad/s the springs are softer by (2π)².
 
     Parameters
     ----------
     problem
         One test.
+    sizes
+        Of the model's errors in modes that are stated without any; None takes the model as exact.
+
+    Returns
+    -------
+    Renumbered
+        The most probable other numbering; None where the stated one is sure.
+
+    References
+    ----------
+    Kass, R. E., Raftery, A. E. (1995). Bayes factors. Journal of the American Statistical Association 90(430), 773-795.
+    DOI 10.1080/01621459.1995.10476572
     """
     measured, prior = problem.test.data.modes, problem.prior
-    if measured is None or measured.match == "shape" or measured.shown_frfs or not prior.marginals:
-        return None  # modes that were read off FRFs were numbered by the model
-    numbers, most = np.array(measured.numbers), problem.test.most_modes
-    draws = np.tile(prior.mean, (_DRAWS, 1))
-    joint = len(prior.marginals)
-    draws[:, :joint] = prior.sample(np.random.default_rng(0), _DRAWS)[:, :joint]
-    try:
-        stated = _least_squares(problem, measured, numbers, draws)
-        if stated < LEAST_GAIN:
+    if measured is None or measured.match == "shape" or not prior.marginals:
+        return None
+    with np.errstate(all="ignore"):  # of joints far from any that fits
+        try:
+            nearest = _nearest_first(problem, measured)[:_WEIGHED]
+            if not nearest:
+                return None
+            stated = _log_evidence(problem, measured, (0, 1.0), sizes)
+            gains = {other: _log_evidence(problem, measured, other, sizes) - stated for other in nearest}
+        except (JointBayesError, ArithmeticError, ValueError, np.linalg.LinAlgError):  # the run itself will say it
             return None
-        possible = [shift for shift in SHIFTS if numbers.min() + shift >= 1 and numbers.max() + shift <= most]
-        each = {shift: _least_squares(problem, measured, numbers + shift, draws) for shift in possible}
-        each[0] = _least_squares(problem, measured, numbers, draws, _RAD_PER_S)
-    except (JointBayesError, ArithmeticError, np.linalg.LinAlgError):  # the run itself will say it
+    (shift, unit_hz), gain = max(gains.items(), key=lambda item: item[1])
+    as_many = len(measured.values) <= len(prior.marginals)  # numbers as many joints fit, whatever modes they are of
+    if not gain >= (SURE if as_many else -SURE):
         return None
-    best = min(each, key=lambda shift: each[shift])
-    if stated - each[best] < LEAST_GAIN or each[best] * LEAST_FACTOR > stated:
-        return None
-    return Renumbered(tuple(numbers.tolist()), tuple((numbers + best).tolist()), stated, each[best], best == 0)
+    other = tuple(number + shift for number in measured.numbers)
+    return Renumbered(measured.numbers, other, gain, unit_hz != 1)
 
 
-def _least_squares(
-    problem: Problem, measured: ModalData, numbers: NDArray[np.int_], draws: Array, unit_hz: float = 1.0
+def _nearest_first(problem: Problem, measured: ModalData) -> list[tuple[int, float]]:
+    """Other numberings, by shift and unit in Hz, the one first that some joint of the prior brings nearest."""
+    numbers, prior = np.array(measured.numbers), problem.prior
+    most, least = problem.test.most_modes, min(int(name.split()[1]) for name in measured.value_names)  # zeros as well
+    possible = [(shift, 1.0) for shift in SHIFTS if least + shift >= 1 and numbers.max() + shift <= most]
+    count = int(numbers.max()) + max((shift for shift, _ in possible), default=0)
+    if measured.shown_frfs is None and all(name.startswith("frequency") for name in measured.value_names):
+        possible.append((0, RAD_PER_S))
+    away = {}
+    for unit_hz in {unit for _, unit in possible}:
+        softer = _in_unit(prior, unit_hz)
+        theta = softer.sample(np.random.default_rng(0), _DRAWS)
+        predicted = problem.natural_frequencies_hz(softer.values(theta), count, softer.factors(theta))
+        for shift, unit in possible:
+            if unit == unit_hz:
+                ratio = np.log(predicted[:, numbers + shift - 1] / (unit * measured.frequency_hz))
+                away[shift, unit] = float(np.nanmin(np.log1p((ratio / _SPREAD) ** 2).sum(axis=1)))
+    return sorted(away, key=lambda other: away[other])
+
+
+def _in_unit(prior: JointPrior, unit_hz: float) -> JointPrior:
+    """The prior that follows the frequencies in this unit: ranges of stiffnesses moved by its square."""
+    if unit_hz == 1:
+        return prior
+    moved = 2 * math.log(unit_hz)
+    marginals = tuple(
+        Uniform(marginal.low + moved, marginal.high + moved)
+        if axis.logarithmic and isinstance(marginal, Uniform)
+        else marginal
+        for axis, marginal in zip(prior.parametrisation.axes, prior.marginals, strict=True)
+    )
+    return replace(prior, marginals=marginals)
+
+
+def _log_evidence(
+    problem: Problem, measured: ModalData, numbering: tuple[int, float], sizes: ErrorSizes | None
 ) -> float:
-    """Sum of squared residuals of the best joint, for modes of these numbers, climbing from the best of draws."""
-    prior = problem.prior
-    joint = len(prior.marginals)
-    rest, scale = draws[0, joint:], np.maximum([marginal.sd for marginal in prior.marginals], 1e-12)
-    softer = np.array([2 * math.log(unit_hz) * axis.logarithmic for axis in prior.parametrisation.axes])
-    low, high = np.array([marginal.support for marginal in prior.marginals]).T
-    low, high = (low + softer) / scale, high / scale
-    draws = np.vstack([draws, draws + np.append(softer, 0 * rest)]) if softer.any() else draws
+    """ln of the probability density of the measured values, as modes of other numbers or in another unit."""
+    shift, unit_hz = numbering
+    test = replace(problem.test, data=renumbered(measured, shift, unit_hz))
+    if isinstance(test.noise, ModelErrorNoise):
+        test = test.with_model_error(test.noise.sizes)
+    elif sizes is not None and (test.noise is None or test.noise.as_stated):
+        test = test.with_model_error(sizes)
+    weighed = replace(problem, tests=(test,), prior=_in_unit(problem.prior, unit_hz))
+    at_best = max(_log_evidence_about(weighed, theta) for theta in _climbed(weighed))
+    return at_best + len(measured.values) * math.log(unit_hz)
 
-    def residuals(theta: Array) -> Array:
-        stiffness, factors = prior.values(theta), prior.factors(theta)
-        predicted = problem.natural_frequencies_hz(stiffness, int(numbers.max()), factors)[:, numbers - 1]
-        return np.nan_to_num(
-            (measured.frequency_hz - predicted / unit_hz) / measured.sd_hz, nan=_FAR, posinf=_FAR, neginf=-_FAR
-        )
 
-    def fit(x: Array) -> Array:
-        return residuals(np.concatenate([x * scale, rest])[None])[0]
+def _log_evidence_about(problem: Problem, theta: Array) -> float:
+    """ln ∫ p(y|θ) p(θ) dθ about a mode by Laplace's method; half of it along what lies at an end of its range."""
+    prior, (low, high) = problem.prior, problem.prior.support
+    slope = problem.log_posterior.data_residuals(theta)[1] * prior.sd
+    # a flat prior counts as a normal one of its width: along what the data do not see its volume is right to 1.4
+    _, log_det = np.linalg.slogdet(np.eye(theta.size) + slope.T @ slope)
+    at_end = np.minimum(theta - low, high - theta) < _AT_END * prior.sd
+    volume = np.log(math.sqrt(2 * math.pi) * prior.sd).sum() - log_det / 2 - math.log(2) * at_end.sum()
+    return float(problem.log_posterior(theta[None])[0] + volume)
+
+
+def _climbed(problem: Problem) -> Iterator[Array]:
+    """Yield modes of the posterior, climbed to from the best draws of the prior."""
+    log_posterior, prior = problem.log_posterior, problem.prior
+    scale, (low, high) = prior.sd, prior.support
+    draws = prior.sample(np.random.default_rng(0), _DRAWS)
+    best = np.argsort(np.nan_to_num(log_posterior(draws), nan=-np.inf))[::-1][:_CLIMBS]
+
+    def residual(x: Array) -> Array:
+        return log_posterior.residuals(x * scale)[0]
 
     def slope(x: Array) -> Array:
-        moved = np.stack([x, *(x + _STEP * np.eye(joint))]) * scale
-        values = residuals(np.hstack([moved, np.tile(rest, (joint + 1, 1))]))
-        return (values[1:] - values[0]).T / _STEP
+        return log_posterior.residuals(x * scale)[1] * scale
 
-    start = (residuals(draws) ** 2).sum(axis=1)
-    least = float(start.min())
-    for row in np.argsort(start)[:_CLIMBS]:
-        x = np.clip(draws[row, :joint] / scale, low + _STEP, high - _STEP)
-        fitted = scipy.optimize.least_squares(fit, x, slope, bounds=(low, high), max_nfev=30)
-        least = min(least, 2 * float(fitted.cost))
-    return least
+    for row in best:
+        start = np.clip(draws[row], low + _AT_END * scale, high - _AT_END * scale) / scale
+        try:
+            fitted = scipy.optimize.least_squares(
+                residual, start, slope, bounds=(low / scale, high / scale), max_nfev=_MOST_STEPS
+            )
+        except ValueError:  # no finite residuals there
+            yield start * scale
+        else:
+            yield fitted.x * scale

@@ -41,6 +41,10 @@ class Premises:
         What is as uncertain as in a workshop because nobody stated it, in words, one for each quantity.
     modes, left_out
         The modes that measured FRFs show and that are used, and sentences on resonances that are not.
+    numbering
+        Sentences on modes that are as probably others of the model, or more probably.
+    misnumbered
+        How typed-in modes fit far better as others, in a phrase; empty where they do not.
     asked
         What somebody asked for instead of what is usual, a sentence; empty where nobody did.
     """
@@ -50,6 +54,8 @@ class Premises:
     assumed: tuple[str, ...] = ()
     modes: tuple[UsedMode, ...] = ()
     left_out: tuple[str, ...] = ()
+    numbering: tuple[str, ...] = ()
+    misnumbered: str = ""
     asked: str = ""
 
     @property

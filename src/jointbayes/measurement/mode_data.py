@@ -275,6 +275,25 @@ class ModeData(ModalData):
 
 
 @singledispatch
+def renumbered(data: ModalData, shift: int, unit_hz: float = 1.0) -> ModeData:
+    """The same measurement as that of modes whose numbers are higher by `shift`, its frequencies in another unit.
+
+    Between two modes of a drive point lies one antiresonance: their numbers are higher by as much.
+    """
+    numbers = tuple(number + shift for number in data.numbers)
+    frequency = Observed(data.frequency_hz * unit_hz, data.sd_hz * unit_hz)
+    return ModeData(frequency, numbers=numbers, provenance=data.provenance)
+
+
+@renumbered.register
+def _renumbered_table(data: ModeData, shift: int, unit_hz: float = 1.0) -> ModeData:
+    numbers = tuple(number + shift for number in data.numbers)
+    frequency = Observed(data.frequency.values * unit_hz, data.frequency.sd * unit_hz)
+    zeros = data.zeros and replace(data.zeros, numbers=tuple(number + shift for number in data.zeros.numbers))
+    return replace(data, frequency=frequency, numbers=numbers, zeros=zeros)
+
+
+@singledispatch
 def split_modes(data: ModalData, numbers: Sequence[int]) -> tuple[ModeData, ModeData]:
     """The modes but some, with the antiresonances, and these, by their numbers; each with all that was measured of it.
 

@@ -5,7 +5,6 @@ it by parts in 10³. The likelihood of the FRFs then takes the model's error for
 for it, see `jointbayes.inference.ModelErrorNoise`, and so the wider, truer intervals.
 """
 
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
@@ -17,11 +16,13 @@ from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.frf import AnyStructure, HeldFrequencies
 from jointbayes.identification import MapEstimate, refine_where_possible
+from jointbayes.identification.numbering import Renumbered, find_numbering
 from jointbayes.inference import ErrorSizes, ModelErrorNoise, Premises, Problem, Test, UsedMode
 from jointbayes.inference.common_errors import with_common_errors
 from jointbayes.inference.test import likelihood_of, own_name
 from jointbayes.measurement import Antiresonances, FrfData, ModeData, Observed
 from jointbayes.measurement.modal_fit import identify_modes, identify_zeros
+from jointbayes.measurement.mode_data import renumbered
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.posterior.checks import PredictiveCheck, check_part
 from jointbayes.posterior.model_errors import InferredError
@@ -100,7 +101,13 @@ def _with_usual_errors(problem: Problem, sizes: ErrorSizes, freed: Problem | Non
     )
     if not assumed and all(test is stated for test, stated in zip(tests, answered.tests, strict=True)):
         return problem
-    return replace(answered, tests=tests, left_out=left_out, premises=Premises(TYPED, sizes, assumed))
+    premises = Premises(TYPED, sizes, assumed)
+    for part in replace(answered, tests=tests).parts:
+        if (doubt := find_numbering(part)) is not None:
+            premises = replace(premises, numbering=(*premises.numbering, _doubt_in_words(part.test, doubt)))
+            if doubt.better and not premises.misnumbered:
+                premises = replace(premises, misnumbered=doubt.words)
+    return replace(answered, tests=tests, left_out=left_out, premises=premises)
 
 
 def _with_usual_error(test: Test, sizes: ErrorSizes) -> Test:
@@ -183,7 +190,8 @@ def modes_problem(
             tests.append(test)
             continue
         resonances, tried = resonances_of(frfs), _tried(part, estimate, seed)
-        numbers, far = _numbers(part, tried, np.array([mode.frequency_hz for mode in resonances]))
+        zeros = {dof: fit for dof, fit in _zeros(frfs).items() if fit and dof not in test.joints.labels}
+        (numbers, far), *of_zeros = _counted(part, tried, resonances, zeros)
         left_out += [_far_in_words(test, resonances[place]) for place in far]
         kept = [place for place in range(len(resonances)) if place not in far]
         if kept:
@@ -191,7 +199,9 @@ def modes_problem(
             of_test = _used(test, [resonances[place] for place in kept], numbers)
             of_test, not_believed = with_ratios(part, tried, ratios, of_test)
             left_out += [not_believed] if not_believed else []
-            of_test += [zero for dof, fit in _zeros(frfs).items() for zero in _held_modes(part, tried, dof, fit)]
+            for (dof, fit), (numbers, far) in zip(zeros.items(), of_zeros, strict=True):
+                near = [zero for place, zero in enumerate(fit) if place not in far]
+                of_test += [replace(mode, held=dof) for mode in _used(test, near, numbers)]
             tests.append(replace(_test_of_modes(test, of_test, sizes), structure=_certainly_damped(test, found)))
             used += of_test
     if not used:
@@ -199,7 +209,33 @@ def modes_problem(
     premises = Premises(model_error=sizes, modes=tuple(used), left_out=tuple(left_out))
     unseen = tuple(replace(test, structure=_certainly_damped(test, found)) for test in answered.left_out)
     of_modes = _with_tests(replace(answered, left_out=unseen), tests, premises)
-    return of_modes if all(quantity.places for quantity in of_modes.quantities) else None
+    return _numbered_by_evidence(of_modes) if all(quantity.places for quantity in of_modes.quantities) else None
+
+
+def _numbered_by_evidence(problem: Problem) -> Problem:
+    """The problem of modes that FRFs show with the numbers that are the most probable; doubts are named."""
+    tests, premises = [], problem.premises
+    for part in problem.parts:
+        test, modes = part.test, part.test.data.modes
+        doubt = find_numbering(part) if modes is not None and modes.shown_frfs is not None else None
+        if modes is not None and doubt is not None:
+            premises = replace(premises, numbering=(*premises.numbering, _doubt_in_words(test, doubt)))
+            if doubt.better:
+                shift = doubt.other[0] - doubt.stated[0]
+                test = replace(test, data=renumbered(modes, shift)).with_model_error(premises.model_error)
+                premises = replace(premises, modes=tuple(_moved(mode, test.name, shift) for mode in premises.modes))
+        tests.append(test)
+    return replace(problem, tests=tuple(tests), premises=premises)
+
+
+def _moved(mode: UsedMode, setup: str, shift: int) -> UsedMode:
+    """The mode with a number higher by `shift` where it is of that set-up."""
+    return replace(mode, number=mode.number + shift) if mode.setup == setup else mode
+
+
+def _doubt_in_words(test: Test, doubt: Renumbered) -> str:
+    where = f" of set-up {test.name}" if test.name else ""
+    return f"The natural frequencies{where} {doubt.words}."
 
 
 def only_modes(problem: Problem, resonances: Collection[tuple[str, str, float]]) -> Problem:
@@ -254,28 +290,29 @@ def _zeros(frfs: FrfData) -> Mapping[str, Sequence[MeasuredMode]]:
         return {}
 
 
-def _numbers(part: Problem, tried: tuple[Array, Array], measured_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...]]:
-    """Number of the mode that each resonance is, and the places of resonances that are none of the model's."""
-    count = min(part.test.most_modes, len(measured_hz) + _MORE)
-    if not count or not len(measured_hz):
-        return np.empty(0, dtype=np.intp), tuple(range(len(measured_hz)))
-    stiffness, factors = tried
-    return _nearest(measured_hz, part.natural_frequencies_hz(stiffness, count, factors))
+def _counted(
+    part: Problem,
+    tried: tuple[Array, Array],
+    resonances: Sequence[MeasuredMode],
+    zeros: Mapping[str, Sequence[MeasuredMode]],
+) -> list[tuple[NDArray[np.intp], tuple[int, ...]]]:
+    """Numbers of the resonances among the model's modes, and places of those that are none; the same of each `zeros`.
 
-
-def _held_modes(
-    part: Problem, tried: tuple[Array, Array], dof: str, zeros: Sequence[MeasuredMode]
-) -> Sequence[UsedMode]:
-    """Antiresonances of a drive point with the number of each; those that are none of the model's are left out."""
-    count = min(part.test.most_modes - 1, len(zeros) + _MORE)
-    if count < 1 or not zeros or dof in part.test.joints.labels:
-        return []
+    All are counted at one point: a mode more below the first resonance is one more below the first antiresonance.
+    """
     stiffness, factors = tried
-    held = HeldFrequencies(part.test.structures, part.test.joints, (dof,) * count, range(1, count + 1))
-    predicted_hz = held.frequency_hz(part.parametrisation.matrix(stiffness), part.structural(factors))
-    numbers, far = _nearest(np.array([zero.frequency_hz for zero in zeros]), predicted_hz)
-    near = [zero for place, zero in enumerate(zeros) if place not in far]
-    return [replace(mode, held=dof) for mode in _used(part.test, near, numbers)]
+    count = min(part.test.most_modes, len(resonances) + _MORE)
+    if not count or not resonances:
+        return [(np.empty(0, dtype=np.intp), tuple(range(len(resonances))))]
+    predicted_hz = part.natural_frequencies_hz(stiffness, count, factors)
+    nearest = int(np.argmin([_matched(resonances, row)[2] for row in predicted_hz]))
+    counted = [_matched(resonances, predicted_hz[nearest])[:2]]
+    matrix, structural = part.parametrisation.matrix(stiffness[[nearest]]), part.structural(factors[[nearest]])
+    for dof, fit in zeros.items():
+        numbers = range(1, max(min(part.test.most_modes - 1, len(fit) + _MORE), 0) + 1)
+        held = HeldFrequencies(part.test.structures, part.test.joints, (dof,) * len(numbers), numbers)
+        counted.append(_matched(fit, held.frequency_hz(matrix, structural)[0])[:2])
+    return counted
 
 
 def _tried(part: Problem, estimate: MapEstimate, seed: int) -> tuple[Array, Array]:
@@ -286,22 +323,15 @@ def _tried(part: Problem, estimate: MapEstimate, seed: int) -> tuple[Array, Arra
     return prior.values(theta), prior.factors(theta)
 
 
-def _nearest(measured_hz: Array, predicted_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...]]:
-    """Number of each measured frequency among the predicted ones, shape (n, count), and places of those that are none.
-
-    Counted at the one of n points whose natural frequencies are nearest.
-    """
-    best, least = None, math.inf
-    for row in predicted_hz:
-        away = np.abs(np.log(measured_hz[:, None] / row))
-        cost = np.log1p((away / _SPREAD) ** 2)
-        places, numbers = scipy.optimize.linear_sum_assignment(cost)
-        if (total := float(cost[places, numbers].sum())) < least:
-            best, least = (places, numbers, away[places, numbers]), total
-    assert best is not None
-    places, numbers, away = best
-    near = away <= FARTHEST
-    return numbers[near] + 1, tuple(sorted({*range(len(measured_hz))} - {*places[near].tolist()}))
+def _matched(modes: Sequence[MeasuredMode], predicted_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...], float]:
+    """Numbers of measured frequencies among predicted ones, places of those that are none, and how far all are."""
+    measured_hz = np.array([mode.frequency_hz for mode in modes])
+    away = np.abs(np.log(measured_hz[:, None] / predicted_hz))
+    cost = np.log1p((away / _SPREAD) ** 2)
+    places, numbers = scipy.optimize.linear_sum_assignment(cost)
+    near = away[places, numbers] <= FARTHEST
+    far = tuple(sorted({*range(len(measured_hz))} - {*places[near].tolist()}))
+    return numbers[near] + 1, far, float(cost[places, numbers].sum())
 
 
 def _used(test: Test, modes: Sequence[MeasuredMode], numbers: NDArray[np.intp]) -> list[UsedMode]:
@@ -375,7 +405,7 @@ def premises_sentences(premises: Premises, model_error: InferredError | None) ->
         sentences.append(f"The model misses each by {model_error.words}, as inferred.")
     if premises.assumed:
         sentences.append(f"Assumed, as nobody stated it: {', '.join(premises.assumed)}.")
-    return (*sentences, *premises.left_out)
+    return (*sentences, *premises.left_out, *premises.numbering)
 
 
 def _frequencies(modes: Sequence[UsedMode], held: str) -> str:

@@ -220,7 +220,8 @@ class PosteriorDraws:
         edges = likelihood.shift_of_edges(law, matrices, factors).mean(axis=0)
         if edges.size:
             shifts["edge"] = float(max(edges, key=abs))
-        return InferredError(middle, low, high, law.frequency, float(np.median(sizes[:, 1])), shifts)
+        spring, misnumbered = float(np.median(sizes[:, 1])), self.problem.premises.misnumbered
+        return InferredError(middle, low, high, law.frequency, spring, shifts, misnumbered)
 
     @cached_property
     def mesh(self) -> MeshCheck | None:

@@ -62,6 +62,8 @@ class InferredError:
     shifts
         By how many standard deviations of their priors what moves all modes alike is off, by the name of the quantity,
         ``"edge"`` of the place of a clamp's.
+    misnumbered
+        How the natural frequencies fit far better as those of other modes, in a phrase; empty where they do not.
     """
 
     median: float
@@ -70,6 +72,7 @@ class InferredError:
     stated: float
     spring: float = 0.0
     shifts: Mapping[str, float] = field(default_factory=dict)
+    misnumbered: str = ""
 
     @property
     def grade(self) -> ErrorGrade:
@@ -80,7 +83,7 @@ class InferredError:
             (self.spring, USUAL_SPRING, LARGEST_SPRING),
             (shift, USUAL_SHIFT, LARGEST_SHIFT),
         )
-        if any(size > largest for size, _, largest in ends):
+        if self.misnumbered or any(size > largest for size, _, largest in ends):
             return "impossible"
         if any(size > usual for size, usual, _ in ends):
             return "large"
@@ -94,7 +97,7 @@ class InferredError:
     @property
     def findings(self) -> tuple[str, ...]:
         """What is more than usual, in phrases; empty where nothing is."""
-        found = []
+        found = [f"natural frequencies {self.misnumbered}"] if self.misnumbered else []
         if self.median > max(USUAL_ERROR, self.stated):
             found.append(f"natural frequencies are off by {self.words}, each for itself")
         if self.spring > USUAL_SPRING:
@@ -110,6 +113,8 @@ class InferredError:
     @property
     def causes(self) -> str:
         """What to look at where anything is more than usual."""
+        if self.misnumbered:
+            return "Check the numbers of the modes."
         looks = []
         if self.spring > USUAL_SPRING:
             looks.append("for a cable, a support or a joint that softens with level")
@@ -124,6 +129,7 @@ class InferredError:
             "interval95": [self.low, self.high],
             "spring": self.spring,
             "shifts": dict(self.shifts),
+            "misnumbered": self.misnumbered,
             "grade": self.grade,
         }
 
