@@ -19,6 +19,8 @@ from jointbayes.identification import (
     ModeSearch,
     compliance_start,
     first_starts,
+    largest_squares,
+    on_fewer_lines,
     part_to_iterate,
     refine_where_possible,
     search_further,
@@ -137,7 +139,8 @@ def find_map(
     are images of the modes: like joints exchanged, couplings reflected. `MapEstimate.starts` says which of them reached
     the mode, `MapEstimate.modes` what other modes there are.
     Where the best mode does not explain the data while starts disagree, the search goes on with more starts:
-    `MapEstimate.effort` and `MapEstimate.sentence` say how far and what follows.
+    `MapEstimate.effort` and `MapEstimate.sentence` say how far and what follows. FRFs of far more lines than resolve
+    their resonances are searched on some of these, and the modes found are climbed on all.
 
     Parameters
     ----------
@@ -162,7 +165,8 @@ def find_map(
     guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
     problem.parametrisation.check(guess)
     starts: dict[str, Array] = {"first guess": guess}
-    for part in problem.parts:
+    searched = on_fewer_lines(problem)
+    for part in searched.parts:
         own, frfs = part.parametrisation, part.test.data.frfs
         if frfs is None or part.test.joints.size != _PAIR or own.unused or own.damped:
             continue
@@ -178,12 +182,23 @@ def find_map(
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
     count = len(problem.prior.marginals)
     starts |= problem.parametrisation.limiting_joints(problem.prior.mean[:count], problem.prior.sd[:count])
-    search = ModeSearch(problem.log_posterior, tell)
-    further = first_starts(problem, seed, rng)
+    search = ModeSearch(searched.log_posterior, tell)
+    further = first_starts(searched, seed, rng)
     search.climb_stiffnesses(starts)
     search.climb(further)
-    effort = search_further(search, problem, seed, tell)
-    return replace(search.estimate(), effort=effort, iteration=iteration)
+    effort = search_further(search, searched, seed, tell)
+    estimate = replace(search.estimate(), effort=effort, iteration=iteration)
+    return estimate if searched is problem else _on_all_lines(problem, estimate)
+
+
+def _on_all_lines(problem: Problem, estimate: MapEstimate) -> MapEstimate:
+    """The estimate with its modes climbed on all lines of the problem."""
+    search = ModeSearch(problem.log_posterior)
+    search.climb({f"mode {number}": mode.theta for number, mode in enumerate(estimate.modes, 1)})
+    total, count = problem.log_posterior.typical_squares(search.best[0])
+    assert estimate.effort is not None
+    effort = replace(estimate.effort, squares=total / count, limit=largest_squares(count))
+    return replace(search.estimate(), starts=estimate.starts, effort=effort, iteration=estimate.iteration)
 
 
 def _seed(case: Case | None, seed: int | None) -> int:

@@ -6,12 +6,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.inference import ErrorSizes, UsedMode
 from jointbayes.measurement.modal_ratios import MotionRatio
 from jointbayes.posterior.decision import modes_problem, premises_sentences
+from jointbayes.posterior.stored_problem import PROBLEM_GROUP, add_problem, problem_from
 from jointbayes.posterior.used_ratios import FARTHEST_RATIO, shapes_of, with_ratios
 
 TRUTH = np.array([4e7, 6e4])
@@ -53,6 +55,20 @@ def test_ratios_of_measured_frfs_are_data_beside_the_frequencies(measured):
         assert values[name] == pytest.approx(predicted[name], abs=0.02)
     (sentence, *_) = premises_sentences(replace(found.premises, reason="it is measured"), None)
     assert re.search(r"and the ratios of the motions of (6:y, 11:y|11:y, 6:y) in them\.$", sentence)
+
+
+def test_an_answer_with_ratios_is_kept_in_a_file(measured):
+    found = by_modes(measured)
+    assert any(mode.ratios for mode in found.premises.modes)
+    tree, record = add_problem(xr.DataTree(), found)
+    kept = tree[PROBLEM_GROUP]
+
+    def array(name):
+        return kept[name].values if name in kept else kept[f"{name}_real"].values + 1j * kept[f"{name}_imag"].values
+
+    again = problem_from(array, record, "two sensors")
+    assert again.premises == found.premises
+    assert again.log_posterior(_at_truth(found)) == found.log_posterior(_at_truth(found))
 
 
 def _at_truth(problem):

@@ -8,7 +8,9 @@ import re
 import numpy as np
 import pytest
 
+from jointbayes.frf import FrfSet
 from jointbayes.report.canvas import extremes, points_of_polyline
+from jointbayes.report.frf_curves import shown_lines
 from jointbayes.report.html import render_html
 from jointbayes.report.line_plot import LinePlot, Series
 from jointbayes.report.model import Figure, Report, ReportSection
@@ -25,6 +27,17 @@ def test_extremes_keep_every_peak_of_a_stretch_and_nothing_that_is_no_number():
     assert {4321, int(np.nanargmin(curve))} <= set(kept.tolist())
     assert 77 not in kept
     assert extremes(curve[:10], 500).tolist() == list(range(10))
+
+
+def test_a_figure_of_many_lines_keeps_the_peaks_of_all_its_frfs():
+    lines = 0.02 * np.arange(1, 60_001)
+    peaks = np.array([311.0, 900.0])
+    values = 1 / (peaks**2 - lines[:, None] ** 2 + 0.004j * peaks * lines[:, None])
+    frf = FrfSet(lines, values[:, :, None], ("2:y", "3:y"), ("3:y",), "receptance")
+    kept = shown_lines(frf)
+    assert 500 < kept.size <= 4000
+    assert set(np.abs(values).argmax(axis=0).tolist()) <= set(kept.tolist())
+    assert shown_lines(frf.at_lines(slice(0, 4000))).tolist() == list(range(4000))
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-2])

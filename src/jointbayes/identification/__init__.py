@@ -2,6 +2,7 @@
 
 from jointbayes.identification.compliance_fit import compliance_start as compliance_start
 from jointbayes.identification.effort import first_starts as first_starts
+from jointbayes.identification.effort import largest_squares as largest_squares
 from jointbayes.identification.effort import search_further as search_further
 from jointbayes.identification.map_estimate import LocalMode as LocalMode
 from jointbayes.identification.map_estimate import MapEstimate as MapEstimate
@@ -15,3 +16,4 @@ from jointbayes.identification.paper_iteration import sensitivity_iteration as s
 from jointbayes.identification.paper_iteration import why_not_iterated as why_not_iterated
 from jointbayes.identification.refine import refine as refine
 from jointbayes.identification.refine import refine_where_possible as refine_where_possible
+from jointbayes.identification.resonances import on_fewer_lines as on_fewer_lines

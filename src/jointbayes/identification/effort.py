@@ -1,5 +1,6 @@
 """A search for the mode that goes on by itself where its result does not explain the data, and what it says then."""
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -25,6 +26,11 @@ _SCREENED, _KEPT = 4000, 12
 _FEW_SCREENED, _FEW_KEPT = 500, 6
 #: Each line's noise is first taken for so large a fraction of its |H|, which makes false summits flat.
 _TEMPERED = (1.0, 0.3, 0.1)
+
+
+def largest_squares(count: int) -> float:
+    """Mean of so many squared residuals, relative to the noise, that noise alone hardly exceeds."""
+    return 1 + FAR * math.sqrt(2 / count)
 
 
 def first_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[str, Array]:
@@ -87,8 +93,7 @@ def search_further(
             search.climb_moved()
         theta, density = search.best
         total, count = log_posterior.typical_squares(theta)
-        # relative to the noise, and what noise alone hardly exceeds
-        squares, limit = total / count, 1 + FAR * float(np.sqrt(2 / count))
+        squares, limit = total / count, largest_squares(count)
         reached = list(search.reached().values())
         effort = SearchEffort(squares, limit, len(reached), sum(reached), rounds, density - first, last_gain)
         agreed = effort.agreeing >= max(AGREED * effort.starts, LEAST_AGREEING)

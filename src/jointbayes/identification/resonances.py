@@ -6,12 +6,15 @@ Ewins, D. J. (2000). Modal testing: theory, practice and application, 2nd ed., s
 """
 
 import math
-from itertools import pairwise
+import operator
+from dataclasses import replace
+from itertools import pairwise, product
 
 import numpy as np
 import scipy  # its parts load at first use
 
 from jointbayes.arrays import Array, ComplexArray, Indices
+from jointbayes.inference import Problem, Test
 from jointbayes.measurement import Data, FrfData
 
 #: Least prominence of a peak, in ln |H|, and least height, in standard deviations of the noise there. Without the
@@ -23,6 +26,8 @@ _SHOULDER, _FEWEST = 0.5, 5
 _SAME_LINES, _SAME = 2.0, 0.005
 #: Measured and predicted resonances belong together within this fraction of their frequency.
 _TOGETHER = 0.2
+#: Values of a set-up that a search needs, and lines that it keeps: of all, and on each peak above half of its height.
+_ENOUGH_VALUES, _FEWEST_LINES, _ON_A_PEAK = 10_000, 500, 8
 _REPLICATES = 30
 
 
@@ -53,22 +58,50 @@ def resonances_hz(data: Data) -> Array:
     return _merged(np.array(roots).reshape(-1, 2), float(np.median(np.diff(frequency))))
 
 
-def _peaks(data: FrfData, values: ComplexArray, output: int, input_: int) -> list[tuple[float, float]]:
-    """Frequency in Hz and height over the noise of each peak of one FRF, with its receptance (lines,)."""
-    frequency = data.frf.frequency_hz
-    height = np.abs(data.frf.values[:, output, input_])
-    ratio = height / np.sqrt(data.variance[:, output, input_])
+def on_fewer_lines(problem: Problem) -> Problem:
+    """The problem with every so many lines of FRFs that have far more than a search needs; itself where none has.
+
+    Each peak keeps lines enough for its shape: between lines that resolve the resonances a search learns nothing.
+    """
+    tests = tuple(_on_fewer_lines(test) for test in problem.tests)
+    return problem if all(map(operator.is_, tests, problem.tests)) else replace(problem, tests=tests)
+
+
+def _on_fewer_lines(test: Test) -> Test:
+    frfs = test.data.frfs
+    if frfs is None or test.measured_bodies:
+        return test
+    outputs, inputs = len(frfs.frf.outputs), len(frfs.frf.inputs)
+    step = frfs.frf.n_lines // max(_FEWEST_LINES, _ENOUGH_VALUES // (outputs * inputs))
+    if step < 2:
+        return test
+    receptances = frfs.frf.converted("receptance").values
+    for output, input_ in product(range(outputs), range(inputs)):
+        values = receptances[:, output, input_]
+        for peak in _peak_places(frfs, values, output, input_):
+            first, last = _shoulders(np.abs(values), peak)
+            step = min(step, (last - first + 1) // _ON_A_PEAK)
+    return test if step < 2 else replace(test, data=frfs.at_lines(slice(None, None, step)))
+
+
+def _peak_places(data: FrfData, values: ComplexArray, output: int, input_: int) -> list[int]:
+    """Lines of the peaks of one FRF, with its receptance (lines,), that stand out of the noise."""
+    ratio = np.abs(data.frf.values[:, output, input_]) / np.sqrt(data.variance[:, output, input_])
     with np.errstate(divide="ignore"):  # a measured zero is no peak
         log_magnitude = np.log(np.abs(values))
     if not np.isfinite(log_magnitude).any():
         return []
     log_magnitude[~np.isfinite(log_magnitude)] = log_magnitude[np.isfinite(log_magnitude)].min()
     peaks = scipy.signal.find_peaks(log_magnitude, prominence=PROMINENCE)[0]
-    return [
-        (_interpolate_frequency(frequency, values, ratio, int(k)), float(ratio[k]))
-        for k in peaks
-        if ratio[k] > LEAST_SD
-    ]
+    return [int(k) for k in peaks if ratio[k] > LEAST_SD]
+
+
+def _peaks(data: FrfData, values: ComplexArray, output: int, input_: int) -> list[tuple[float, float]]:
+    """Frequency in Hz and height over the noise of each peak of one FRF, with its receptance (lines,)."""
+    frequency = data.frf.frequency_hz
+    ratio = np.abs(data.frf.values[:, output, input_]) / np.sqrt(data.variance[:, output, input_])
+    places = _peak_places(data, values, output, input_)
+    return [(_interpolate_frequency(frequency, values, ratio, k), float(ratio[k])) for k in places]
 
 
 def _interpolate_frequency(frequency: Array, values: ComplexArray, ratio: Array, peak: int) -> float:

@@ -4,6 +4,7 @@ from jointbayes.measurement.data import Data as Data
 from jointbayes.measurement.data import FrequencyData as FrequencyData
 from jointbayes.measurement.data import FrfData as FrfData
 from jointbayes.measurement.data import ModalData as ModalData
+from jointbayes.measurement.modal_ratios import MotionRatio as MotionRatio
 from jointbayes.measurement.mode_data import ModeData as ModeData
 from jointbayes.measurement.mode_data import split_modes as split_modes
 from jointbayes.measurement.mode_values import Antiresonances as Antiresonances

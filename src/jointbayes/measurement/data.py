@@ -8,10 +8,10 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array, Flags, convert_fields
+from jointbayes.arrays import Array, convert_fields
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity, quantity_factor
-from jointbayes.frf.frf_set import read_only
+from jointbayes.frf.frf_set import Lines, read_only
 from jointbayes.measurement.provenance import Provenance
 
 _MOST_DOFS = 6  # of the outputs and inputs, in a table
@@ -235,9 +235,10 @@ class FrfData(Data):
                 f"left out: found {inside.sum()} of {inside.size} lines in the bands; expected some, but not all; "
                 "correct the bands"
             )
-        return self._at_lines(~inside), self._at_lines(inside)
+        return self.at_lines(~inside), self.at_lines(inside)
 
-    def _at_lines(self, lines: Flags) -> "FrfData":
+    def at_lines(self, lines: Lines) -> "FrfData":
+        """Some of the lines: a mask or indices over lines, or a slice."""
         at_joint = None if self.joint_frf is None else self.joint_frf.at_lines(lines)
         return replace(self, frf=self.frf.at_lines(lines), variance=self.variance[lines], joint_frf=at_joint)
 

@@ -45,6 +45,7 @@ _FAR_DRAWS = 10  # for each unknown, of which the covariance at an end is worth 
 _WORST = -1e9  # in place of a log likelihood that is not finite
 _POINTS = 7  # of a profile from its top to an end
 _AGAIN, _GAIN = 6, 1e-3  # climbs from where another has ended, while they gain so much of a standard deviation
+_OF_HEIGHT, _OF_QUANTITY = 1e-6, 1e-8  # gain of ln L, and of a quantity in standard deviations, at which a climb ends
 _CLOSE = 20  # draws among which a profile looks for where to climb from
 
 
@@ -271,10 +272,15 @@ class LikelihoodRegion:
             # draws near it say how it lies, and where there are few the likelihood's own curvature
             few = _FAR_DRAWS * starts.shape[1]
             local = farthest[-max(few, len(farthest) // 20) :]
-            roots = [_root(local) if len(local) >= few else self._root_at(start) for start in starts]
+            by_draws = len(local) >= few
+            roots = [_root(local) if by_draws else self._root_at(start) for start in starts]
+            climbed = set[bytes]() if by_draws else {start.tobytes() for start in starts}  # by the curvature there
             climbs = [self._climbed(start, root, index, level, sign) for start, root in zip(starts, roots, strict=True)]
             end = self._farthest(np.array([*starts, *climbs]), index, level, sign)
             for _ in range(_AGAIN):
+                if end.tobytes() in climbed:
+                    break
+                climbed.add(end.tobytes())
                 reached = self._climbed(end, self._root_at(end), index, level, sign)
                 before, end = end, self._farthest(np.array([end, reached]), index, level, sign)
                 if abs(np.diff(self._of(index, np.array([before, end])))[0]) <= _GAIN * spread:
@@ -349,8 +355,9 @@ class LikelihoodRegion:
         def slope(u: Array) -> Array:
             return -both(u.tobytes())[1][1]
 
+        enough = _OF_HEIGHT if index is None else _OF_QUANTITY
         climb = optimize.minimize(
-            loss, np.zeros(size), jac=slope, method="SLSQP", constraints=constraints, options={"ftol": 1e-8}
+            loss, np.zeros(size), jac=slope, method="SLSQP", constraints=constraints, options={"ftol": enough}
         )
         return np.clip(start + root @ climb.x, self._low, self._high)
 

@@ -5,12 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from jointbayes.arrays import Indices
 from jointbayes.frf import FrfSet, Ports, Quantity
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.prediction import frfs_as_measured
+from jointbayes.report.canvas import extremes
 from jointbayes.report.line_plot import SERIES_COLOURS, FrfCurve, FrfPlot
 
+_MOST_LINES = 4000  # of a figure: a screen has no more columns of points
 _PER_TIME = {"receptance": "", "mobility": "s ", "accelerance": "s² "}
 
 
@@ -21,10 +24,21 @@ def frf_unit(quantity: Quantity, output: str, input_: str) -> str:
     return f"{response}/({below})" if " " in below else f"{response}/{below}"
 
 
+def shown_lines(frf: FrfSet) -> Indices:
+    """Lines that a figure of FRFs shows: all, or of many those of the highest and lowest magnitude of each stretch."""
+    magnitude = np.abs(frf.values).reshape(frf.n_lines, -1).T
+    if frf.n_lines <= _MOST_LINES:
+        return np.arange(frf.n_lines)
+    stretches = _MOST_LINES // (2 * len(magnitude))
+    return np.unique(np.concatenate([extremes(column, stretches) for column in magnitude]))
+
+
 def frf_curves(
     posterior: Posterior, problem: Problem, frf: FrfSet, pairs: Collection[tuple[str, str]] | None = None
 ) -> list[FrfPlot]:
     """Curves of measured FRFs: as measured, of the first guess, the paper's iteration, the MAP, and the median.
+
+    Of more lines than a figure shows the highest and the lowest of each stretch, so that no peak is lost.
 
     Parameters
     ----------
@@ -39,6 +53,8 @@ def frf_curves(
     """
     data = problem.test.data.shown_frfs
     assert data is not None
+    lines = shown_lines(frf)
+    frf = frf.at_lines(lines)
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     band = posterior.predict_frf(ports, setup=problem.test.name or None)
     theta, prior, iteration = posterior.estimate.theta, problem.prior, posterior.estimate.iteration
@@ -60,7 +76,7 @@ def frf_curves(
     ]
     outputs, inputs = (np.array([every.index(dof) for dof in some], dtype=int) for every, some in (
         (data.frf.outputs, frf.outputs), (data.frf.inputs, frf.inputs)))  # fmt: skip
-    misfit = np.abs(frf.values - best) / np.sqrt(data.variance[:, outputs[:, None], inputs])
+    misfit = np.abs(frf.values - best) / np.sqrt(data.variance[lines][:, outputs[:, None], inputs])
     return [
         FrfPlot(
             (output, input_),

@@ -21,7 +21,7 @@ _RIGID = 30 * np.finfo(float).eps
 
 
 #: A structure of so few DOFs is solved line by line, refined to the last bits; a larger one is summed over its modes.
-_SOLVED_LINE_BY_LINE = 50
+_SOLVED_LINE_BY_LINE, _LINES_SOLVED = 50, 20_000
 _LINES_AT_ONCE = 512  # bounds the memory of one batch of dense matrices
 _REFINEMENTS = 2
 #: A DOF that moves less than this in a rigid-body mode, beside its largest motion in any mode, moves by rounding.
@@ -227,9 +227,10 @@ class Structure(Body):
         return np.sign(values[some]), np.arange(self.n_dofs), strokes
 
     def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> ComplexArray | None:
-        """Solved line by line if it is small, or no modes diagonalise its damping matrix."""
+        """Solved line by line if it is small and lines are few, or no modes diagonalise its damping matrix."""
         law = self.damping
-        if law.matrix is None and (law.of_assembled_modes or self.n_dofs > _SOLVED_LINE_BY_LINE):
+        small = self.n_dofs <= _SOLVED_LINE_BY_LINE and omega.size <= _LINES_SOLVED
+        if law.matrix is None and (law.of_assembled_modes or not small):
             return None
         forms = self.on_all_dofs(dofs, motions)
         return self.solve_lines(omega, forms, forms)

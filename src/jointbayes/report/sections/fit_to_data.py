@@ -19,6 +19,7 @@ from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Tab
 #: FRFs that have figures, and rows of a table of FRFs; those that fit worst come first.
 MOST_FIGURES, MOST_ROWS = 8, 20
 _SHARE_OF_SEVERAL = 0.65  # of the height of a lone FRF, so that a page takes two
+_NOT_FITTED = "Its modes were fitted, not its lines: between them and in height it need not agree."
 _FIRST = 2  # blocks on FRFs before the residuals and the tables
 
 
@@ -83,9 +84,14 @@ def _frf_figures(posterior: Posterior, problem: Problem, data: FrfData, diagnosi
             "least with the MAP."
         )
         blocks.append(Paragraph(text))
-    share = 1.0 if len(shown) == 1 else _SHARE_OF_SEVERAL
-    fitted = problem.test.data.frfs is not None
-    blocks += (_figure(plot, share, fitted=fitted) for plot in frf_curves(posterior, problem, frf, shown))
+    share, said = 1.0 if len(shown) == 1 else _SHARE_OF_SEVERAL, dict.fromkeys(shown, _NOT_FITTED)
+    if problem.test.data.frfs is not None:
+        away = np.abs(data.frf.values - problem.log_posterior.predicted(posterior.estimate.theta)[0]) ** 2
+        squares = (away / data.variance).mean(axis=0)  # over all lines, of which a figure may show some
+        for output, input_ in shown:
+            misfit = np.sqrt(squares[data.frf.outputs.index(output), data.frf.inputs.index(input_)])
+            said[output, input_] = f"The MAP misses this FRF by {misfit:#.3g} times the stated noise (1 is expected)."
+    blocks += (_figure(plot, share, said[plot.pair]) for plot in frf_curves(posterior, problem, frf, shown))
     return blocks
 
 
@@ -99,13 +105,9 @@ def _shown(frf: FrfSet, diagnosis: Diagnosis) -> set[tuple[str, str]]:
     return {highest, *[pair for pair in worst if pair != highest][: MOST_FIGURES - 1]}
 
 
-def _figure(plot: FrfPlot, share: float, *, fitted: bool) -> Figure:
+def _figure(plot: FrfPlot, share: float, said: str) -> Figure:
     title = f"{plot.quantity} {foreign('/'.join(plot.pair))}"
     first, last = plot.frequency_hz[[0, -1]]
-    misfit = f"{np.sqrt(np.mean(plot.misfit**2)):#.3g}"
-    said = f"The MAP misses this FRF by {misfit} times the stated noise (1 is expected)."
-    if not fitted:
-        said = "Its modes were fitted, not its lines: between them and in height it need not agree."
     measured = plot.curves[0].name
     return Figure(
         f"frf-{plot.place[0]}-{plot.place[1]}",

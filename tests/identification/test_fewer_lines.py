@@ -1,0 +1,62 @@
+"""A search on some of the lines of long FRFs ends where one on all of them does, and keeps what shows the resonances."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.case.case import case_from_text
+from jointbayes.identification import on_fewer_lines, resonances
+from tests.conftest import cheap_text, edited
+
+
+@pytest.fixture(scope="module")
+def long_frf():
+    """The same band at 0.5 Hz: half of the power of the first mode lies within 2.4 Hz."""
+    return case_from_text("long", edited(cheap_text(), ("f_step_hz = 10.0", "f_step_hz = 0.5"))).problem
+
+
+def needing(monkeypatch, values, on_a_peak):
+    monkeypatch.setattr(resonances, "_ENOUGH_VALUES", values)
+    monkeypatch.setattr(resonances, "_FEWEST_LINES", 50)
+    monkeypatch.setattr(resonances, "_ON_A_PEAK", on_a_peak)
+
+
+def test_frfs_of_a_usual_length_are_searched_whole(cheap_case, long_frf):
+    assert on_fewer_lines(cheap_case.problem) is cheap_case.problem
+    assert on_fewer_lines(long_frf) is long_frf
+
+
+@pytest.mark.parametrize(("on_a_peak", "step"), [(1, 9), (2, 4), (4, 2), (5, 1), (100, 1)])
+def test_each_peak_keeps_the_lines_that_show_its_shape(long_frf, monkeypatch, on_a_peak, step):
+    """Above half of its height the narrowest peak, the first, has 9 lines, with 500 values wanted of 4961."""
+    needing(monkeypatch, 500, on_a_peak)
+    fewer = on_fewer_lines(long_frf)
+    assert (fewer is long_frf) is (step == 1)
+    every, kept = long_frf.test.data, fewer.test.data
+    np.testing.assert_array_equal(kept.frf.frequency_hz, every.frf.frequency_hz[::step])
+    np.testing.assert_array_equal(kept.variance, every.variance[::step])
+
+
+def test_the_mode_is_that_of_all_lines(long_frf, monkeypatch):
+    whole = jb.find_map(long_frf, seed=1)
+    needing(monkeypatch, 500, 2)
+    assert on_fewer_lines(long_frf) is not long_frf
+    estimate = jb.find_map(long_frf, seed=1)
+    assert estimate.log_posterior == pytest.approx(whole.log_posterior, abs=1e-6)
+    np.testing.assert_allclose(estimate.theta, whole.theta, atol=1e-4)
+    np.testing.assert_allclose(estimate.covariance, whole.covariance, rtol=1e-3)
+    assert estimate.effort.squares == pytest.approx(whole.effort.squares, rel=1e-6)
+    assert estimate.effort.limit == pytest.approx(whole.effort.limit, rel=1e-12)
+    assert estimate.effort.agreeing >= 3
+
+
+def test_natural_frequencies_and_other_set_ups_stay_as_they_are(long_frf, frequency_case, monkeypatch):
+    needing(monkeypatch, 500, 2)
+    assert on_fewer_lines(frequency_case.problem) is frequency_case.problem
+    both = [replace(long_frf.test, name="long"), replace(frequency_case.problem.test, name="typed")]
+    problem = jb.Problem(both, long_frf.prior)
+    fewer = on_fewer_lines(problem)
+    assert fewer.tests[1] is problem.tests[1]
+    assert fewer.tests[0].data.frf.n_lines < problem.tests[0].data.frf.n_lines
