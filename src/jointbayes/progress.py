@@ -1,10 +1,38 @@
 """Where a long command stands: what each of them tells the callback that it is given as ``progress=``."""
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from jointbayes.errors import require
+
+#: Processor time that a stage may take by default, s.
+BUDGET_S = 120.0
+
+
+class Budget:
+    """Processor time that a stage may take, from when this is made, so that every stage comes to an end.
+
+    Parameters
+    ----------
+    seconds
+        How much.
+    elsewhere
+        Whether the work is done by other processes: the time that passes counts then.
+    """
+
+    def __init__(self, seconds: float = BUDGET_S, *, elsewhere: bool = False) -> None:
+        self._clock = time.perf_counter if elsewhere else time.process_time
+        self._end, self._seconds = self._clock() + seconds, seconds
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether the stage has to end with what there is."""
+        return self._clock() > self._end
+
+    def __str__(self) -> str:
+        return f"stopped after {self._seconds:g} s of processor time (budget_s)"
 
 
 @dataclass(frozen=True, slots=True)

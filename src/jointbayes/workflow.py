@@ -36,7 +36,7 @@ from jointbayes.posterior.run_record import sampler_figures
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.posterior.stored_problem import run_fingerprint
 from jointbayes.posterior.uncertain_inputs import assumed_beyond
-from jointbayes.progress import Progress, ProgressCallback, callback_of
+from jointbayes.progress import BUDGET_S, Budget, Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
     Chains,
@@ -161,6 +161,7 @@ def find_map(
     tell = callback_of(progress)
     tell(Progress("searching for the best fit"))
     problem, whole = _problem_and_case(case)
+    budget = Budget(BUDGET_S if whole is None else whole.spec.sampling.budget_s)
     seed = _seed(whole, seed)
     guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
     problem.parametrisation.check(guess)
@@ -182,7 +183,7 @@ def find_map(
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
     count = len(problem.prior.marginals)
     starts |= problem.parametrisation.limiting_joints(problem.prior.mean[:count], problem.prior.sd[:count])
-    search = ModeSearch(searched.log_posterior, tell)
+    search = ModeSearch(searched.log_posterior, tell, budget)
     further = first_starts(searched, seed, rng)
     search.climb_stiffnesses(starts)
     search.climb(further)
@@ -442,7 +443,10 @@ def sample_quickly(
     density, systems, modes = problem.log_posterior, coordinate_systems(problem), len(estimate.starts_for_draws)
     rng, quantities = _generator(seed, _STEPS), judged_quantities(problem.prior)
     nowhere, rounds = np.zeros((0, d)), lambda text: tell(Progress("sampling", text))
-    drawn = released_draws(density, systems, nowhere, rng, quantities, proposal=proposal, modes=modes, tell=rounds)
+    budget = Budget(settings.budget_s)
+    drawn = released_draws(
+        density, systems, nowhere, rng, quantities, proposal=proposal, modes=modes, tell=rounds, budget=budget
+    )
     if drawn is None:
         return _by_ensembles(problem, case, seed, settings, estimate, proposal, tell, keeper)
     chains = independent_chains(density, *drawn, time.perf_counter() - began)

@@ -356,6 +356,7 @@ seed = 7
 ensembles = 5
 walkers = 52
 max_steps = 21000
+budget_s = 130
 processes = 3
 [reference]
 source = "a table"

@@ -1,4 +1,4 @@
-"""A search on some of the lines of long FRFs ends where one on all of them does, and keeps what shows the resonances."""
+"""A search on some of the lines of long FRFs ends where one on all does, and keeps what shows the resonances."""
 
 from dataclasses import replace
 

@@ -208,7 +208,11 @@ class Case:
         """Sampler settings; where the file states no walkers, as many as its unknowns need."""
         spec = self.spec.sampling
         settings = SamplerSettings(
-            ensembles=spec.ensembles, walkers=spec.walkers, max_steps=spec.max_steps, processes=spec.processes
+            ensembles=spec.ensembles,
+            walkers=spec.walkers,
+            max_steps=spec.max_steps,
+            processes=spec.processes,
+            budget_s=spec.budget_s,
         )
         if "walkers" in spec.model_fields_set:
             return settings

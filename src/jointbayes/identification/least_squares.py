@@ -42,7 +42,7 @@ class Squares(Protocol):
 
 
 def climb_all(
-    squares: Squares, starts: Array, steps: int, tell: Callable[[int, int], object] = lambda _done, _all: None
+    squares: Squares, starts: Array, steps: int, tell: Callable[[int, int], bool] = lambda _done, _all: False
 ) -> tuple[Array, Array]:
     """Climb from each start until its next step promises no more than a thousandth in log density.
 
@@ -57,7 +57,7 @@ def climb_all(
     steps
         No more steps than these.
     tell
-        Called before each step with the number of starts that have arrived, and of all.
+        Called before each step with the number of starts that have arrived, and of all; True ends the climb.
 
     Returns
     -------
@@ -76,7 +76,8 @@ def climb_all(
         chosen = np.flatnonzero(climbing)
         if not chosen.size:
             break
-        tell(len(theta) - chosen.size, len(theta))
+        if tell(len(theta) - chosen.size, len(theta)):
+            break
         moves, promised = _moves(squares, theta[chosen], damping[chosen])
         low, high = squares.prior.support
         trials = np.clip(theta[chosen, None] + moves, low, high)

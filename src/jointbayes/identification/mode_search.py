@@ -15,7 +15,7 @@ from jointbayes.identification.refine import inside_the_edges, laplace_covarianc
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import Joints
 from jointbayes.joint.quantities import is_rotation
-from jointbayes.progress import Progress, ProgressCallback, tell_nobody
+from jointbayes.progress import Budget, Progress, ProgressCallback, tell_nobody
 
 #: What is being done, for whoever looks.
 SEARCHING = "searching for the best fit"
@@ -55,10 +55,14 @@ class ModeSearch:
         Density to climb.
     progress
         Called with the number of starts that have arrived.
+    budget
+        Processor time after which climbs end where they are and no more are begun; by default that of any stage.
     """
 
-    def __init__(self, log_posterior: LogPosterior, progress: ProgressCallback = tell_nobody) -> None:
-        self._posterior, self._progress = log_posterior, progress
+    def __init__(
+        self, log_posterior: LogPosterior, progress: ProgressCallback = tell_nobody, budget: Budget | None = None
+    ) -> None:
+        self._posterior, self._progress, self.budget = log_posterior, progress, budget or Budget()
         self._begun: dict[str, Array] = {}  # quantities of the joint by the start's name
         self._ends: dict[str, tuple[Array, float]] = {}
         self._refined: list[_Refined] = []
@@ -133,7 +137,7 @@ class ModeSearch:
             Gives the images, shape (n, d), of a mode, shape (d,), see `jointbayes.identification.mode_search`.
         """
         sd = self._posterior.prior.sd
-        while self._examined < len(self._refined) and len(self._imaged) < _MOST_MODES:
+        while self._examined < len(self._refined) and len(self._imaged) < _MOST_MODES and not self.budget.is_spent:
             mode = self._refined[self._examined]
             self._examined += 1
             pairs = ((end.theta, mode.theta, min(end.log_density, mode.log_density)) for end in self._imaged)
@@ -155,7 +159,7 @@ class ModeSearch:
         """
         prior, gained = self._posterior.prior, True
         low, high = (np.clip(end, *prior.mean + _WIDE * np.outer((-1, 1), prior.sd)) for end in prior.support)
-        while gained:
+        while gained and not self.budget.is_spent:
             theta, density = self.best
             moved = np.tile(theta, (len(prior.marginals), len(_PLACES), 1))
             for column, rows in enumerate(moved):
@@ -175,8 +179,9 @@ class ModeSearch:
         self._refine_distinct([(rough[i], float(density[i])) for i in np.flatnonzero(np.isfinite(density))])
 
     def _climbed(self, theta: Array, weights: Sequence[Array]) -> Array:
-        def tell(done: int, count: int) -> None:
+        def tell(done: int, count: int) -> bool:
             self._progress(Progress(SEARCHING, done=done, total=count, unit="starts"))
+            return self.budget.is_spent
 
         for weight in weights:
             theta, _ = climb_all(PosteriorSquares(self._posterior, weight), theta, _ROUGH_STEPS, tell)
@@ -190,6 +195,7 @@ class ModeSearch:
             mode = next((r for r in self._refined if self._leads_to(theta, density, r)), None)
             # before the noise model's parameters are improved a density says little
             sure = self._posterior.likelihood.hyper_count == 0 and bool(self._refined)
+            left = left if not self._refined or not self.budget.is_spent else 0
             if mode is None and left and not (sure and density < self.best[1] - _LOWEST - _UNREFINED):
                 mode = _Refined(theta, density, *refine(self._posterior, theta))
                 self._refined.append(mode)

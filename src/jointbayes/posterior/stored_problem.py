@@ -28,7 +28,7 @@ PROBLEM_GROUP = "problem"
 #: Rooms whose public classes may stand in a description.
 _ROOMS = ("structure", "joint", "frf", "measurement", "inference")
 #: Settings that change no draw, and tables of a case that are only shown or compared with the result.
-_NO_MATTER = frozenset({"processes"})
+_NO_MATTER = frozenset({"processes", "budget_s"})
 _ONLY_SHOWN = frozenset({"title", "reference", "sampling", "compare", "plan", "virtual_test", "setups"})
 _LONGEST = 60  # characters of a part as it is shown; of longer ones a digest
 _VERSIONS = ("python", "numpy", "scipy", "numba", "emcee", "jointbayes")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointbayes.arrays import Array, Indices
+from jointbayes.progress import Budget
 from jointbayes.sampling.chains import Chains
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import Checked, LogDensity
@@ -71,6 +72,7 @@ def released_draws(
     proposal: Proposal | None = None,
     modes: int = 1,
     tell: Callable[[str], object] = lambda _: None,
+    budget: Budget | None = None,
 ) -> tuple[Array, float] | None:
     """Draws of a density, of which some coordinates are narrowly restrained in the draws that there are.
 
@@ -101,6 +103,8 @@ def released_draws(
         Number of modes of the density.
     tell
         Called with a sentence after each round without restraint.
+    budget
+        Processor time after which the ends have not settled; by default that of any stage, from now on.
 
     Returns
     -------
@@ -113,7 +117,7 @@ def released_draws(
     P. Del Moral, A. Doucet, A. Jasra, Sequential Monte Carlo samplers (2006), DOI 10.1111/j.1467-9868.2006.00553.x.
     J.-M. Cornuet et al., Adaptive multiple importance sampling (2012), DOI 10.1111/j.1467-9469.2011.00756.x.
     """
-    density, dimension = Checked(log_density), theta.shape[1]
+    density, dimension, budget = Checked(log_density), theta.shape[1], budget or Budget()
     pool, settled_before = Pool(density, dimension), False
     theta = theta[rng.permutation(len(theta))[:_FITTED]]
     if proposal is not None:
@@ -125,9 +129,9 @@ def released_draws(
         value = density(theta)
         draws = theta[np.isfinite(value)], value[np.isfinite(value)]
     else:
-        draws = _followed(density, systems, theta, rng, restraint, modes)
+        draws = _followed(density, systems, theta, rng, restraint, modes, budget)
     for number in range(1, _ROUNDS + 1):
-        if draws is None or not len(draws[0]):
+        if draws is None or not len(draws[0]) or budget.is_spent:
             return None
         fitted = _fitted(systems, *draws, modes * _COMPONENTS, rng)
         pool.extend(fitted.density, fitted.coordinates, rng, _POOLED)
@@ -214,12 +218,15 @@ def _followed(
     rng: np.random.Generator,
     restraint: Restraint,
     modes: int,
+    budget: Budget,
 ) -> _Draws | None:
     """Draws of the density without restraint, of θ, shape (n, d), with a tight one; None where they get lost."""
     share, theta = _TIGHT, theta.copy()
     theta[:, restraint.columns] = share * restraint.sd * rng.standard_normal((len(theta), restraint.sd.size))
     restrained = np.zeros(len(theta))  # not known at the first of them, which are not of the density
     for _ in range(_MOST_STEPS):
+        if budget.is_spent:
+            return None
         proposal = _fitted(systems, theta, restrained, modes, rng)
         draws, value, log_proposal, _left = theta_draws(
             density, proposal.density, proposal.coordinates, rng, _STEP_DRAWS

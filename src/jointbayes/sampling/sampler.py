@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.progress import Progress, ProgressCallback
+from jointbayes.progress import Budget, Progress, ProgressCallback
 from jointbayes.sampling.chains import Chains, Slow, Stage
 from jointbayes.sampling.checkpoint import UnfinishedRun, require_same_density
 from jointbayes.sampling.coordinate_maps import Coordinates
@@ -51,8 +51,9 @@ def run_ensembles(
     quantities: Quantities | None = None,
     slow: Slow | None = None,
     keeper: UnfinishedRun | None = None,
+    budget: Budget | None = None,
 ) -> Chains:
-    """Run the ensembles side by side until the stop rule is met or the step limit is reached.
+    """Run the ensembles side by side until the stop rule is met, or a limit of steps or of processor time is reached.
 
     Parameters
     ----------
@@ -78,6 +79,8 @@ def run_ensembles(
         When the run ends before its limit because it mixes slowly; by default never.
     keeper : UnfinishedRun, optional
         Where the steps are kept while they are made, and from where the run goes on.
+    budget : Budget, optional
+        Of the run that this one is a stage of; by default that of the settings begins here.
 
     Raises
     ------
@@ -109,9 +112,12 @@ def run_ensembles(
         stage, states, spent = kept
         require_same_density(log_density, states)
     verdict, whole_steps, began = stage.verdict(settings), stage.step, time.perf_counter() - spent
+    budget = budget or _budget(settings)
 
     def is_done() -> bool:
-        return verdict.converged or stage.step >= settings.max_steps or bool(slow and stage.is_slow(slow))
+        if verdict.converged or stage.step >= settings.max_steps or (slow and stage.is_slow(slow)):
+            return True
+        return budget.is_spent and bool(stage.checks) and stage.checks[-1].step == stage.step
 
     def keep(*, now: bool) -> None:
         if keeper is not None:
@@ -134,7 +140,13 @@ def run_ensembles(
         if stage.step == whole_steps:  # a second signal may have come before a block was counted
             keep(now=True)
         raise
+    if not verdict.converged and stage.step < settings.max_steps and budget.is_spent:
+        verdict = replace(verdict, reason=f"{verdict.reason}; {budget}")
     return stage.chains(settings, verdict, time.perf_counter() - began)
+
+
+def _budget(settings: SamplerSettings) -> Budget:
+    return Budget(settings.budget_s, elsewhere=min(settings.processes, settings.ensembles) > 1)
 
 
 def run_adapted(
@@ -186,7 +198,7 @@ def run_adapted(
     C. Andrieu, J. Thoms, A tutorial on adaptive MCMC (2008), section 4.1, DOI 10.1007/s11222-008-9110-y.
     """
     discarded, evaluations, seconds = 0, 0, 0.0
-    streams = Streams.from_generator(rng)
+    streams, budget = Streams.from_generator(rng), _budget(settings)
     explores = _HALF < proposal.efficiency < GOOD_MIXTURE * good_efficiency(proposal.dimension)
     for number, stage in enumerate((*(_EXPLORING if explores else ()), *_STAGES, None)):
         streams = streams.with_stage(number)
@@ -205,10 +217,11 @@ def run_adapted(
             quantities=quantities,
             slow=slow,
             keeper=keeper,
+            budget=budget,
         )
         evaluations, seconds = evaluations + chains.evaluations, seconds + chains.seconds
         again = chains.converged and stage is not None and chains.steps <= last and _misses_mass(proposal, chains)
-        if chains.steps == left or (chains.converged and not again):
+        if chains.steps == left or (chains.converged and not again) or budget.is_spent:
             break
         discarded += chains.steps
         explores = explores and number + 1 < len(_EXPLORING)

@@ -256,7 +256,8 @@ def _next(inputs: ReportInputs) -> str:
     """The one step that helps most."""
     worst = worst_setup(inputs.summary)
     if not inputs.posterior.converged:
-        return "Raise `max_steps` in `[sampling]` and run again."
+        limit = "budget_s" if "budget_s" in inputs.posterior.reason else "max_steps"
+        return f"Raise `{limit}` in `[sampling]` and run again."
     if not worst.check.explains:
         return foreign(" ".join(worst.diagnosis.advice))
     if inputs.posterior.solutions.advice:

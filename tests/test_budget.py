@@ -1,0 +1,103 @@
+"""Every stage ends: after its processor time what there is is kept and reported as not settled."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.case.case import case_from_text
+from jointbayes.errors import SamplingError
+from jointbayes.identification import ModeSearch, first_starts, search_further
+from jointbayes.progress import BUDGET_S, Budget
+from jointbayes.report.sections.lead import _next
+from jointbayes.report.sections.trust import _calculation
+from jointbayes.sampling import Proposal, SamplerSettings, StudentT, released_draws, run_adapted, run_ensembles
+from jointbayes.sampling.coordinate_maps import Identity
+from jointbayes.sampling.stopping import Quantities
+from tests.conftest import cheap_text, edited
+
+ALMOST_NONE = 1e-9  # s
+
+
+def gaussian(theta):
+    return -0.5 * (theta**2).sum(axis=1)
+
+
+def start(rng):
+    return rng.normal(size=(4, 8, 2))
+
+
+def test_a_budget_is_spent_when_its_time_has_passed():
+    assert Budget(ALMOST_NONE).is_spent
+    assert Budget(ALMOST_NONE, elsewhere=True).is_spent
+    assert not Budget().is_spent
+    assert str(Budget()) == f"stopped after {BUDGET_S:g} s of processor time (budget_s)"
+    with pytest.raises(SamplingError, match="budget_s: found 0"):
+        SamplerSettings(budget_s=0.0)
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_walkers_stop_at_the_next_check_and_say_why(processes):
+    settings = SamplerSettings(walkers=8, max_steps=2000, budget_s=ALMOST_NONE, processes=processes)
+    chains = run_ensembles(gaussian, start(np.random.default_rng(1)), np.random.default_rng(1), settings)
+    assert not chains.converged
+    assert chains.steps == chains.history[-1].step == settings.check_every
+    assert chains.reason.startswith("not converged after 50 steps (limit 2000)")
+    assert chains.reason.endswith("; stopped after 1e-09 s of processor time (budget_s)")
+
+
+def test_a_run_that_settles_in_its_time_is_the_same_whatever_the_budget():
+    seeded = [start(np.random.default_rng(1)), np.random.default_rng(1)]
+    settings = SamplerSettings(walkers=8, max_steps=4000)
+    chains = run_ensembles(gaussian, *seeded, settings)
+    other = run_ensembles(
+        gaussian, start(np.random.default_rng(1)), np.random.default_rng(1), replace(settings, budget_s=60.0)
+    )
+    assert chains.converged
+    assert "budget_s" not in chains.reason
+    np.testing.assert_array_equal(chains.theta, other.theta)
+
+
+def test_no_further_stage_begins_once_the_time_is_spent():
+    rng = np.random.default_rng(2)
+    proposal = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.4, 0)  # so poor that it explores first
+    settings = SamplerSettings(walkers=8, max_steps=20_000, budget_s=ALMOST_NONE)
+    chains, _ = run_adapted(gaussian, start(rng), rng, settings, systems=[Identity()], proposal=proposal)
+    assert chains.discarded == 0
+    assert chains.steps == settings.check_every
+    assert chains.reason.endswith("(budget_s)")
+
+
+def test_importance_draws_leave_it_to_walkers():
+    rng = np.random.default_rng(3)
+    judged = Quantities(("a", "b"), lambda theta: theta)
+    theta = rng.normal(size=(2000, 2))
+    assert released_draws(gaussian, [Identity()], theta, rng, judged) is not None
+    assert released_draws(gaussian, [Identity()], theta, rng, judged, budget=Budget(ALMOST_NONE)) is None
+
+
+def test_a_search_ends_with_the_best_that_it_has(cheap_case):
+    data, told = cheap_case.problem.test.data, []
+    wrong = replace(data, frf=replace(data.frf, values=data.frf.values[::-1]))  # nothing explains it: starts disagree
+    problem = cheap_case.problem.with_test(data=wrong)
+    search = ModeSearch(problem.log_posterior, budget=Budget(ALMOST_NONE))
+    search.climb(first_starts(problem, 1, np.random.default_rng(1)))
+    effort = search_further(search, problem, 1, told.append)
+    assert effort.rounds == 0
+    assert np.isfinite(search.estimate().log_posterior)
+    assert any("stopped after 1e-09 s of processor time" in str(progress) for progress in told)
+
+
+def test_a_run_out_of_time_is_reported_with_its_draws(cheap_case):
+    text = edited(cheap_text(), ("[sampling]", "[sampling]\nbudget_s = 7"))
+    case = case_from_text("cheap", text)
+    assert case.sampler.budget_s == 7
+    posterior = jb.sample(case, seed=1, settings=replace(case.sampler, budget_s=ALMOST_NONE))
+    assert not posterior.converged
+    assert "(budget_s)" in posterior.reason
+    assert len(posterior.theta) > 0
+    inputs = SimpleNamespace(posterior=posterior, summary=posterior.summary())
+    assert "Raise `budget_s` in `[sampling]`" in _next(inputs)
+    assert "[sampling] budget_s" in _calculation(inputs).text
