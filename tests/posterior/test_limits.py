@@ -430,3 +430,21 @@ def test_the_summary_has_both_intervals_and_what_is_printed(cheap_posterior):
         assert entry["prior_volume"] == known.prior_volume
     table = str(cheap_posterior.summary())
     assert f"({cheap_posterior.verdict('k11').interval()})" in table
+
+
+@pytest.mark.parametrize("bend", [0.5, 2.0])
+@pytest.mark.parametrize("width", [0.1, 0.001])
+def test_a_thin_ridge_is_followed_round_its_bend_to_the_limit(width, bend):
+    """y = bend x² to `width`: each end of x is where x alone says, however the ridge bends away on the way."""
+    prior = JointPrior(SPRINGS, (Uniform(-40.0, 40.0), Uniform(-400.0, 400.0)))
+    rng = np.random.default_rng(1)
+    x = 2 * rng.standard_normal(2000)
+    draws = np.column_stack([x, bend * x**2 + width * rng.standard_normal(2000)])
+
+    def log_likelihood(theta):
+        return -0.5 * ((theta[:, 0] / 2) ** 2 + ((theta[:, 1] - bend * theta[:, 0] ** 2) / width) ** 2)
+
+    region = LikelihoodRegion(SimpleNamespace(prior=prior, log_likelihood=log_likelihood), draws)
+    near, printed = region.limits(0, FALL_TWO_SIDED, FALL_PRINTED)
+    for ends, fall in ((near, FALL_TWO_SIDED), (printed, FALL_PRINTED)):
+        np.testing.assert_allclose(np.log(ends), 2 * math.sqrt(2 * fall) * np.array([-1, 1]), rtol=1e-3)

@@ -44,7 +44,8 @@ _FARTHEST = 40.0  # prior standard deviations from its mean
 _FAR_DRAWS = 10  # for each unknown, of which the covariance at an end is worth a try
 _WORST = -1e9  # in place of a log likelihood that is not finite
 _POINTS = 7  # of a profile from its top to an end
-_AGAIN, _GAIN = 6, 1e-3  # climbs from where another has ended, while they gain so much of a standard deviation
+_ITERATIONS, _NEAR = 60, 5.0  # of a climb, and steps of a short one
+_AGAIN, _GAIN = 20, 1e-3  # climbs from where another has ended, while they gain so much of a standard deviation
 _OF_HEIGHT, _OF_QUANTITY = 1e-6, 1e-8  # gain of ln L, and of a quantity in standard deviations, at which a climb ends
 _CLOSE = 20  # draws among which a profile looks for where to climb from
 
@@ -278,12 +279,12 @@ class LikelihoodRegion:
             climbs = [self._climbed(start, root, index, level, sign) for start, root in zip(starts, roots, strict=True)]
             end = self._farthest(np.array([*starts, *climbs]), index, level, sign)
             for _ in range(_AGAIN):
-                if end.tobytes() in climbed:
-                    break
+                # a step far along a curved ridge leaves it, and the climb wanders: from where it failed shorter ones
+                size = np.inf if end.tobytes() not in climbed else _NEAR
                 climbed.add(end.tobytes())
-                reached = self._climbed(end, self._root_at(end), index, level, sign)
+                reached = self._climbed(end, self._root_at(end), index, level, sign, size)
                 before, end = end, self._farthest(np.array([end, reached]), index, level, sign)
-                if abs(np.diff(self._of(index, np.array([before, end])))[0]) <= _GAIN * spread:
+                if size == _NEAR and abs(np.diff(self._of(index, np.array([before, end])))[0]) <= _GAIN * spread:
                     break
             ends.append(end)
         return np.array(ends)
@@ -308,11 +309,18 @@ class LikelihoodRegion:
         return np.asarray(self._root @ vectors / np.sqrt(np.maximum(values, 1.0)))
 
     def _climbed(
-        self, start: Array, root: Array, index: int | None = None, level: float = 0.0, sign: float = 1.0
+        self,
+        start: Array,
+        root: Array,
+        index: int | None = None,
+        level: float = 0.0,
+        sign: float = 1.0,
+        reach: float = np.inf,
     ) -> Array:
         """θ, shape (d,), of the greatest value of a quantity where ln L is at least `level`; without one of ln L.
 
-        It goes in steps of the columns of `root`, shape (d, k), such as a Cholesky factor of a covariance.
+        It goes in steps of the columns of `root`, shape (d, k), such as a Cholesky factor of a covariance, no farther
+        than `reach` of each.
         """
         size, margin = root.shape[1], 2 * _STEP * self._prior.sd
         steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
@@ -343,6 +351,7 @@ class LikelihoodRegion:
         least, most = np.append(self._low - start, np.full(edge.size, -np.inf)), np.append(self._high - start, edge)
         constraints: list[optimize.LinearConstraint | optimize.NonlinearConstraint]
         constraints = [optimize.LinearConstraint(sides @ root, least, most)]
+        bounds = optimize.Bounds(np.full(size, -reach), np.full(size, reach))
         if index is not None:
             height = optimize.NonlinearConstraint(
                 lambda u: both(u.tobytes())[0][0], level, np.inf, lambda u: both(u.tobytes())[1][:1]
@@ -357,7 +366,13 @@ class LikelihoodRegion:
 
         enough = _OF_HEIGHT if index is None else _OF_QUANTITY
         climb = optimize.minimize(
-            loss, np.zeros(size), jac=slope, method="SLSQP", constraints=constraints, options={"ftol": enough}
+            loss,
+            np.zeros(size),
+            jac=slope,
+            method="SLSQP",
+            bounds=bounds,
+            constraints=constraints,
+            options={"ftol": enough, "maxiter": _ITERATIONS},
         )
         return np.clip(start + root @ climb.x, self._low, self._high)
 
