@@ -78,7 +78,7 @@ def modes(count: int) -> dict[str, Any]:
 
 def draws(case: jb.Case, tau_factor: float | None = None) -> dict[str, Any]:
     """A whole run: seconds, of the processor too, and effective draws of the quantity that has the fewest."""
-    settings = replace(case.sampler, tau_factor=tau_factor or case.sampler.tau_factor)
+    settings = replace(case.sampler, tau_factor=tau_factor or case.sampler.tau_factor, budget_s=3600.0)
     wall, own = time.perf_counter(), time.process_time()
     posterior = jb.sample(case, seed=1, settings=settings, progress=lambda now: print(now, flush=True))
     sampler = posterior.record.sampler

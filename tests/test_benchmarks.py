@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from benchmarks import (
     cases,
+    every_kind,
     jax_model,
     joint_damping,
     likelihood,
@@ -252,6 +253,27 @@ def test_a_page_on_coverage_shows_what_its_study_recorded(study):
     results = json.loads(study.RESULTS.read_text(encoding="utf-8"))
     assert study.section(results) in study.PAGE.read_text(encoding="utf-8")
     assert all(data["data_sets"] == 100 for data in results.values())
+
+
+@pytest.mark.parametrize("form", every_kind.FORMS)
+@pytest.mark.parametrize("kind", every_kind.KINDS)
+def test_a_case_of_every_kind_is_read(kind, form, tmp_path):
+    problem = jb.load_case(every_kind.case_of(kind, form, 0, tmp_path)).problem
+    assert (problem.test.data.frfs is not None) is (form == "FRFs")
+    if kind == "usual" and form == "frequencies":  # the case is right: some joint of its prior meets all four
+        effort = jb.find_map(problem, seed=1).effort
+        assert effort.explains
+
+
+def test_the_table_of_run_times_counts_reports_and_ratios():
+    rows = [{"kind": "main case", "form": "", "index": 0, "status": 0, "report": True, "seconds": 10.0}]
+    for status, report, seconds in ((0, True, 15.0), (3, True, 30.0), (None, False, 50.0)):
+        rows.append(
+            {"kind": "soft", "form": "FRFs", "index": 0, "status": status, "report": report, "seconds": seconds}
+        )
+    text = every_kind.section(rows)
+    assert "| soft | FRFs | 3 | 2 | 3.00 | 5.00 |" in text
+    assert "Of 3 runs 2 left a report; 1 took at most 2 times, 2 at most 4 times the processor time" in text
 
 
 @pytest.mark.parametrize("name", small_data.CASES)

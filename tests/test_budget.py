@@ -10,7 +10,7 @@ import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import SamplingError
 from jointbayes.identification import ModeSearch, first_starts, search_further
-from jointbayes.progress import BUDGET_S, Budget
+from jointbayes.progress import BUDGET_S, Budget, usual_budget_s
 from jointbayes.report.sections.lead import _next
 from jointbayes.report.sections.trust import _calculation
 from jointbayes.sampling import Proposal, SamplerSettings, StudentT, released_draws, run_adapted, run_ensembles
@@ -36,6 +36,13 @@ def test_a_budget_is_spent_when_its_time_has_passed():
     assert str(Budget()) == f"stopped after {BUDGET_S:g} s of processor time (budget_s)"
     with pytest.raises(SamplingError, match="budget_s: found 0"):
         SamplerSettings(budget_s=0.0)
+
+
+def test_the_budget_grows_with_the_unknowns_unless_it_is_stated():
+    assert usual_budget_s(12) == 120.0
+    assert usual_budget_s(13) == 130.0
+    assert str(SamplerSettings().budget(36)) == "stopped after 360 s of processor time (budget_s)"
+    assert str(SamplerSettings(budget_s=7.0).budget(36)) == "stopped after 7 s of processor time (budget_s)"
 
 
 @pytest.mark.parametrize("processes", [1, 2])

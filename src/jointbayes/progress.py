@@ -7,8 +7,19 @@ from typing import Any, Protocol
 
 from jointbayes.errors import require
 
-#: Processor time that a stage may take by default, s.
-BUDGET_S = 120.0
+#: Processor time that a stage may take by default, s, and of many unknowns for each of these.
+BUDGET_S, _OF_EACH_S = 120.0, 10.0
+
+
+def usual_budget_s(unknowns: int) -> float:
+    """Processor time that a search for so many unknowns may take by default, or their sampling, s.
+
+    Examples
+    --------
+    >>> usual_budget_s(3), usual_budget_s(36)
+    (120.0, 360.0)
+    """
+    return max(BUDGET_S, _OF_EACH_S * unknowns)
 
 
 class Budget:

@@ -36,7 +36,7 @@ from jointbayes.posterior.run_record import sampler_figures
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.posterior.stored_problem import run_fingerprint
 from jointbayes.posterior.uncertain_inputs import assumed_beyond
-from jointbayes.progress import BUDGET_S, Budget, Progress, ProgressCallback, callback_of
+from jointbayes.progress import Budget, Progress, ProgressCallback, callback_of, usual_budget_s
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
     Chains,
@@ -161,7 +161,8 @@ def find_map(
     tell = callback_of(progress)
     tell(Progress("searching for the best fit"))
     problem, whole = _problem_and_case(case)
-    budget = Budget(BUDGET_S if whole is None else whole.spec.sampling.budget_s)
+    stated = None if whole is None else whole.spec.sampling.budget_s
+    budget = Budget(stated or usual_budget_s(len(problem.names)))
     seed = _seed(whole, seed)
     guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
     problem.parametrisation.check(guess)
@@ -443,7 +444,7 @@ def sample_quickly(
     density, systems, modes = problem.log_posterior, coordinate_systems(problem), len(estimate.starts_for_draws)
     rng, quantities = _generator(seed, _STEPS), judged_quantities(problem.prior)
     nowhere, rounds = np.zeros((0, d)), lambda text: tell(Progress("sampling", text))
-    budget = Budget(settings.budget_s)
+    budget = settings.budget(d)
     drawn = released_draws(
         density, systems, nowhere, rng, quantities, proposal=proposal, modes=modes, tell=rounds, budget=budget
     )

@@ -1,5 +1,6 @@
 """What commands print of their progress: on a terminal one line that is updated, elsewhere lines now and then."""
 
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -9,9 +10,33 @@ from jointbayes.cli.output import manner, say, show_status
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 
 _BEGIN = time.monotonic()
+_stages: list[tuple[str, float]] = []  # those that began, each with the processor time of the program until then, s
 
 _LINES_AT_LEAST_APART = 5.0  # seconds
 _LINES_OF_A_STAGE = 60  # about so many in the second half of a long one
+
+
+def _processor_seconds() -> float:
+    """Processor time of the program so far, its imports and the processes that it started and that ended included."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def _note(stage: str) -> None:
+    if not _stages or _stages[-1][0] != stage:
+        _stages.append((stage, _processor_seconds()))
+
+
+def say_stages() -> None:
+    """Print the processor time of each stage on standard error, where whole messages were asked for."""
+    if not manner().verbose:
+        return
+    spent, ends = dict[str, float](), [began for _, began in _stages[1:]] + [_processor_seconds()]
+    for (stage, began), end in zip(_stages, ends, strict=True):
+        spent[stage] = spent.get(stage, 0.0) + end - began
+    starting = {"starting": _stages[0][1]} if _stages else {}
+    for stage, seconds in (starting | spent).items():
+        say(f"{seconds:6.1f} s of processor time  {stage}", err=True)
 
 
 def show_stage(progress: Progress, *, on_terminal_only: bool = False) -> None:
@@ -20,6 +45,7 @@ def show_stage(progress: Progress, *, on_terminal_only: bool = False) -> None:
     Until the input is read only on a terminal: elsewhere what is wrong with it is the one line that is printed.
     """
     text = f"{time.monotonic() - _BEGIN:6.1f} s  {progress}"
+    _note(progress.stage)
     if manner().quiet:
         return
     if sys.stderr.isatty():
@@ -42,6 +68,7 @@ def _print_lines() -> ProgressCallback:
     def report(progress: Progress) -> None:
         nonlocal last, stage
         now = time.monotonic()
+        _note(progress.stage)
         if progress.total is None:
             last, stage = now, progress.stage
             show_stage(progress)

@@ -11,7 +11,7 @@ import click
 from jointbayes.cli import common
 from jointbayes.cli.files import FORMATS, format_of_ending
 from jointbayes.cli.output import manner, open_option, report_written, say
-from jointbayes.cli.progress_display import show_progress, show_stage
+from jointbayes.cli.progress_display import say_stages, show_progress, show_stage
 from jointbayes.cli.targets import force_option, require_free, require_outside
 from jointbayes.errors import CaseError, JointBayesError, ReportError, ReportInterruptedError
 from jointbayes.progress import Progress
@@ -67,6 +67,7 @@ def run(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | No
         say(line)
     manner().result |= inputs.summary.to_json()
     report_written(target)
+    say_stages()
     common.exit_by_convergence(posterior)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from jointbayes.arrays import Array, Flags
 from jointbayes.errors import SamplingError
-from jointbayes.progress import BUDGET_S
+from jointbayes.progress import Budget, usual_budget_s
 
 if TYPE_CHECKING:
     from emcee import State
@@ -53,9 +53,10 @@ class SamplerSettings:
     processes : int
         Number of processes among which the ensembles are divided, at least 1; no more than ensembles are started.
         The draws do not depend on it.
-    budget_s : float
-        Processor time after which the run ends, at the next check, whether it has converged or not, s; above 0. Where
-        it does, and there alone, the draws depend on the machine.
+    budget_s : float or None
+        Processor time after which the run ends, at the next check, whether it has converged or not, s; above 0. None
+        is 120 s, or 10 s for each parameter where that is more. Where a run ends so, and there alone, the draws depend
+        on the machine.
 
     Raises
     ------
@@ -77,7 +78,7 @@ class SamplerSettings:
     r_hat_max: float = 1.01
     end_tolerance: float = 0.02
     processes: int = 1
-    budget_s: float = BUDGET_S
+    budget_s: float | None = None
 
     def __post_init__(self) -> None:
         self._require_integer("ensembles", 4, "R̂ compares independent ensembles with each other")
@@ -94,7 +95,12 @@ class SamplerSettings:
         self._require_between("tau_tolerance", 0.0, 1.0)
         self._require_between("r_hat_max", 1.0, math.inf)
         self._require_between("end_tolerance", 0.0, math.inf)
-        self._require_between("budget_s", 0.0, math.inf)
+        if self.budget_s is not None:
+            self._require_between("budget_s", 0.0, math.inf)
+
+    def budget(self, dimension: int, *, elsewhere: bool = False) -> Budget:
+        """Processor time of a density of so many parameters, from now on; of work in other processes as it passes."""
+        return Budget(usual_budget_s(dimension) if self.budget_s is None else self.budget_s, elsewhere=elsewhere)
 
     def for_one_of_many(self, *, full: bool = False) -> "SamplerSettings":
         """The same for one of many analyses, on one process: a stop rule that asks for some 4000 effective draws.

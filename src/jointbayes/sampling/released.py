@@ -34,7 +34,7 @@ _POOLED = 4000  # proposed in each round without restraint
 _HANDED_OUT = 8000
 # efficiency below which the next step is no wider, and which it has to have where it is much
 _LEAST, _GOOD = 0.05, 0.15
-_MOST_STEPS, _ROUNDS = 60, 15
+_MOST_STEPS, _ROUNDS = 60, 40
 _COMPONENTS = 3  # for each mode, of the mixtures without restraint
 _PARTS = 3  # mixtures in a proposal, each but the first for draws that those before it miss
 _MISSED = 1.5  # ln of an importance weight: draws above it are hardly ever proposed

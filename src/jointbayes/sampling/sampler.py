@@ -112,7 +112,7 @@ def run_ensembles(
         stage, states, spent = kept
         require_same_density(log_density, states)
     verdict, whole_steps, began = stage.verdict(settings), stage.step, time.perf_counter() - spent
-    budget = budget or _budget(settings)
+    budget = budget or _budget(settings, start)
 
     def is_done() -> bool:
         if verdict.converged or stage.step >= settings.max_steps or (slow and stage.is_slow(slow)):
@@ -145,8 +145,8 @@ def run_ensembles(
     return stage.chains(settings, verdict, time.perf_counter() - began)
 
 
-def _budget(settings: SamplerSettings) -> Budget:
-    return Budget(settings.budget_s, elsewhere=min(settings.processes, settings.ensembles) > 1)
+def _budget(settings: SamplerSettings, start: Array) -> Budget:
+    return settings.budget(start.shape[-1], elsewhere=min(settings.processes, settings.ensembles) > 1)
 
 
 def run_adapted(
@@ -198,7 +198,7 @@ def run_adapted(
     C. Andrieu, J. Thoms, A tutorial on adaptive MCMC (2008), section 4.1, DOI 10.1007/s11222-008-9110-y.
     """
     discarded, evaluations, seconds = 0, 0, 0.0
-    streams, budget = Streams.from_generator(rng), _budget(settings)
+    streams, budget = Streams.from_generator(rng), _budget(settings, start)
     explores = _HALF < proposal.efficiency < GOOD_MIXTURE * good_efficiency(proposal.dimension)
     for number, stage in enumerate((*(_EXPLORING if explores else ()), *_STAGES, None)):
         streams = streams.with_stage(number)

@@ -60,7 +60,9 @@ class SamplingSpec(Spec):
     walkers: Annotated[int, count_field("the number of walkers", 48, 8, MOST_WALKERS, 2)] = 48
     max_steps: Annotated[int, count_field("the largest number of steps", 20000, 200, MOST_STEPS)] = 20000
     processes: Annotated[int, count_field("the number of processes", 2, 1, MOST_PROCESSES)] = 1
-    budget_s: Annotated[int, count_field("the processor time of search and of sampling, s", 120, 1, 10**6)] = 120
+    budget_s: Annotated[int | None, count_field("the processor time of search and of sampling, s", 120, 1, 10**6)] = (
+        None
+    )
 
 
 class ReferenceSpec(NamedStiffnessSpec):
