@@ -182,7 +182,7 @@ def main() -> None:
             with KEPT.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
             print(f"{json.dumps(row)} ({time.perf_counter() - began:.0f} s)", flush=True)
-    write_between(PAGE, "benchmarks/every_kind.py", section(rows))
+    write_between(PAGE, "every_kind.py", section(rows))
 
 
 if __name__ == "__main__":

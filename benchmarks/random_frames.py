@@ -62,7 +62,7 @@ class Frame:
 
     def __init__(self, seed: int, driven: str | None = None) -> None:
         rng = np.random.default_rng([seed, 31])
-        self.count = 4 + seed % 5
+        self.seed, self.count = seed, 4 + seed % 5
         self.height, self.arm = rng.uniform(0.3, 0.6), rng.uniform(0.3, 0.8)
         self.width, self.depth = rng.uniform(0.03, 0.05), rng.uniform(0.015, 0.03)
         self.elbow = self.count >= 6

@@ -29,6 +29,7 @@ import jointbayes as jb
 from benchmarks.coverage import write_between
 from benchmarks.record import environment, kept_lines
 from jointbayes.case.case_objects import recipe_of
+from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.frf import AssembledShapes, HeldFrequencies, NaturalFrequencies
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
 from jointbayes.joint import AnyJoint
@@ -56,7 +57,9 @@ BEAMS = {
     "stocky": (300.0, '{ shape = "rectangle", width_mm = 30.0, height_mm = 16.0 }'),
     "slender": (383.0, '{ shape = "rectangle", width_mm = 25.0, height_mm = 8.0 }'),
     "stocky, two sensors": (300.0, '{ shape = "rectangle", width_mm = 30.0, height_mm = 16.0 }'),
+    "stocky, two overhangs": (300.0, '{ shape = "rectangle", width_mm = 30.0, height_mm = 16.0 }'),
 }
+_SHORT_MM = 200.0  # the other overhang of one clamp, tested as a set-up of its own
 _CASE = """
 title = "A beam"
 structure = {{ length_mm = {length}, section = {section}, youngs_modulus_gpa = 210.0, density_kg_m3 = 7850.0, \
@@ -70,6 +73,7 @@ uncertain.length.sd_percent = 0.5
 uncertain.model_error = {{}}
 data = {{ kind = "natural_frequencies", frequencies_hz = [100.0, 500.0, 1500.0], sd_relative = 0.0001 }}
 """
+_SET_UPS = f"setups = {{{{ long = {{{{}}}}, short = {{{{ structure.length_mm = {_SHORT_MM} }}}} }}}}\n"
 _MODES, _ZEROS, _SD, _TIP, _MIDDLE = 3, 2, 1e-4, "11:y", "6:y"
 _RATIO_SD = 0.01  # of a ratio, or of 0.3 where that is more
 
@@ -93,11 +97,17 @@ def analyse(wrong: str, beam: str, index: int) -> Outcome:
     """Make data set number so many of a wrong structure, and analyse it."""
     began = time.process_time()
     length, section = BEAMS[beam]
-    case = jb.case_from_text("wrong model", _CASE.format(length=length, section=section))
-    rng = np.random.default_rng([list(WRONGS).index(wrong), list(BEAMS).index(beam), index])
+    text = (_SET_UPS if "overhangs" in beam else "") + _CASE
+    case = jb.case_from_text("wrong model", text.format(length=length, section=section))
+    seed = [list(WRONGS).index(wrong), list(BEAMS).index(beam), index]
+    rng, tests = np.random.default_rng(seed), []
     truth = np.exp(rng.uniform(np.log([2e7, 2e4]), np.log([5e8, 2.5e5])))
-    data = _measured(case, wrong, beam, truth, rng)
-    problem = case.problem.with_test(data=data, noise=ModelErrorNoise.of(data, ErrorSizes()))
+    for setup, test in zip(case.setups, case.problem.tests, strict=True):
+        # what is wrong of the bar or the clamp is so in each set-up
+        structure = _structure(setup.spec, wrong, rng if len(case.setups) == 1 else np.random.default_rng(seed))
+        data = _measured(structure, test.joints, wrong, beam, truth, rng)
+        tests.append(replace(test, data=data, noise=ModelErrorNoise.of(data, ErrorSizes())))
+    problem = replace(case.problem, tests=tuple(tests))
     posterior = jb.sample(problem, seed=index, premises="usual")
     held, outside, identified, widths = [], [], [], []
     for name, value in zip(posterior.stiffness_names, truth, strict=True):
@@ -114,9 +124,10 @@ def analyse(wrong: str, beam: str, index: int) -> Outcome:
     return Outcome(wrong, beam, index, *results, time.process_time() - began)
 
 
-def _measured(case: jb.Case, wrong: str, beam: str, truth: Array, rng: np.random.Generator) -> ModeData:
+def _measured(
+    structure: Structure, joint: AnyJoint, wrong: str, beam: str, truth: Array, rng: np.random.Generator
+) -> ModeData:
     """Frequencies, antiresonances and, of two sensors, ratios of motions of the true structure, with their noise."""
-    structure, joint = _structure(case, wrong, rng), case.problem.test.joints
     soft = WRONGS[wrong] if wrong.startswith("joint") else 0.0
 
     def values(stiffness: Array) -> Array:
@@ -151,14 +162,15 @@ def _ratio(structure: Structure, joint: AnyJoint, truth: Array, mode: int, lengt
     return float(CubicSpline(places, motion)(at) / motion[-1])
 
 
-def _structure(case: jb.Case, wrong: str, rng: np.random.Generator) -> Structure:
-    """The structure that makes the data."""
-    recipe, sign = recipe_of(case.spec.structure, case.spec.data), float(rng.choice([-1.0, 1.0]))
+def _structure(spec: CaseSpec, wrong: str, rng: np.random.Generator) -> Structure:
+    """The structure that makes the data; a clamp's edge is as many mm off at every overhang."""
+    recipe, sign = recipe_of(spec.structure, spec.data), float(rng.choice([-1.0, 1.0]))
     size = WRONGS[wrong] * sign
     if wrong.startswith("length"):
         return replace(recipe, length=recipe.length * (1 + size)).structure()
     if wrong.startswith("clamp"):
-        return replace(recipe, length=recipe.length * (1 + abs(size))).structure()
+        longest = 0.3 if recipe.length == _SHORT_MM / 1000 else recipe.length
+        return replace(recipe, length=recipe.length + abs(size) * longest).structure()
     if wrong.startswith("Young"):
         return recipe.structure({"youngs_modulus": 1 + size})
     plain = recipe.structure()

@@ -149,7 +149,11 @@ def test_of_eighteen_storeys_eight_combinations_are_known():
     record = RECORD["cases"]["eighteen_storeys"]
     assert record["directions"]["known"] == 7
     assert record["directions"]["sd"][7] < 0.105
-    assert {record[f"s{i:02d}.kx"]["verdict"] for i in range(1, 19)} == {"not identified"}
+    # foot and top of the building, and a storey between: the others rest on the prior
+    verdicts = {i: record[f"s{i:02d}.kx"]["verdict"] for i in range(1, 19)}
+    assert {i: verdict for i, verdict in verdicts.items() if verdict != "not identified"} == dict.fromkeys(
+        (1, 14, 18), "weakly identified"
+    )
 
 
 def test_whatever_is_checked_is_run_too():
