@@ -36,7 +36,7 @@ from jointbayes.posterior.run_record import sampler_figures
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.posterior.stored_problem import run_fingerprint
 from jointbayes.posterior.uncertain_inputs import assumed_beyond
-from jointbayes.progress import Budget, Progress, ProgressCallback, callback_of, usual_budget_s
+from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
     Chains,
@@ -161,8 +161,7 @@ def find_map(
     tell = callback_of(progress)
     tell(Progress("searching for the best fit"))
     problem, whole = _problem_and_case(case)
-    stated = None if whole is None else whole.spec.sampling.budget_s
-    budget = Budget(stated or usual_budget_s(len(problem.names)))
+    budget = (SamplerSettings() if whole is None else whole.sampler).budget(len(problem.names))
     seed = _seed(whole, seed)
     guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
     problem.parametrisation.check(guess)
@@ -195,12 +194,17 @@ def find_map(
 
 def _on_all_lines(problem: Problem, estimate: MapEstimate) -> MapEstimate:
     """The estimate with its modes climbed on all lines of the problem."""
-    search = ModeSearch(problem.log_posterior)
-    search.climb({f"mode {number}": mode.theta for number, mode in enumerate(estimate.modes, 1)})
-    total, count = problem.log_posterior.typical_squares(search.best[0])
+    climbed = _climbed_again(problem, estimate, {})
+    total, count = problem.log_posterior.typical_squares(climbed.theta)
     assert estimate.effort is not None
-    effort = replace(estimate.effort, squares=total / count, limit=largest_squares(count))
-    return replace(search.estimate(), starts=estimate.starts, effort=effort, iteration=estimate.iteration)
+    return replace(climbed, effort=replace(estimate.effort, squares=total / count, limit=largest_squares(count)))
+
+
+def _climbed_again(problem: Problem, estimate: MapEstimate, further: dict[str, Array]) -> MapEstimate:
+    """The estimate with climbs of the problem from its modes and from further points, by name."""
+    search = ModeSearch(problem.log_posterior)
+    search.climb(further | {f"mode {number}": mode.theta for number, mode in enumerate(estimate.modes, 1)})
+    return replace(search.estimate(), starts=estimate.starts, effort=estimate.effort, iteration=estimate.iteration)
 
 
 def _seed(case: Case | None, seed: int | None) -> int:
@@ -463,10 +467,7 @@ def _with_best_draw(problem: Problem, estimate: MapEstimate, chains: Chains) -> 
     theta, height = refine_where_possible(problem.log_posterior, best)
     if height <= estimate.log_posterior + _SAME_DENSITY:
         return estimate
-    search = ModeSearch(problem.log_posterior)
-    known = {f"mode {number}": mode.theta for number, mode in enumerate(estimate.modes, 1)}
-    search.climb({"best draw": theta, "search": estimate.theta} | known)
-    return replace(search.estimate(), starts=estimate.starts, effort=estimate.effort, iteration=estimate.iteration)
+    return _climbed_again(problem, estimate, {"best draw": theta, "search": estimate.theta})
 
 
 @one_blas_thread()

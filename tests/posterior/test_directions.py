@@ -137,6 +137,15 @@ def test_single_stiffnesses_keep_the_verdict_that_is_already_said():
     assert found["k22"].interval95 == (1.0, 2.0)
 
 
+def test_a_single_stiffness_has_the_ends_and_the_factor_that_are_printed_everywhere():
+    values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
+    k22 = replace(assess(values[:, 2], prior_draws()[:, 2]), interval95=(1.0, 1.5), ratio=1.5, printed95=(0.9, 1.5))
+    found = {named.quantity: named for named in name_directions(values, prior_draws(), {"k22": k22})}
+    assert found["k22"].interval95 == (0.9, 1.5)
+    assert found["k22"].ratio == 1.5 / 0.9
+    assert "its 95 % interval spans a factor of 1.67" in found["k22"].sentence
+
+
 def test_a_combination_that_is_known_by_the_prior_only_is_not_named():
     values = draws_of(((-1, 2, 0), 0.01), ((0, 0, 1), 0.1), ((1, 0, 0), 1.0))
     wider = draws_of(((-1, 2, 0), 0.5), ((0, 0, 1), 0.1), ((1, 0, 0), 1.0))

@@ -232,6 +232,17 @@ def test_the_sentence_says_which_verdicts_rest_on_what():
     )
 
 
+def test_the_sentence_states_the_ends_that_are_printed_everywhere():
+    known, freed = row_of_intervals((), k=(1.0, 1.2)), row_of_intervals(("length",), k=(1.0, 2.0))
+    known.known["k"] = replace(known.known["k"], printed95=(0.8, 1.2))
+    freed.known["k"] = replace(freed.known["k"], printed95=(0.5, 2.0))
+    assert "k goes from identified (a factor of 1.50) to weakly identified (a factor of 4)" in effect_sentence(
+        (known, freed)
+    )
+    freed.known["k"] = replace(freed.known["k"], verdict="identified")
+    assert "its interval goes from 0.800 … 1.20 to 0.500 … 2.00" in effect_sentence((known, freed))
+
+
 def row_of_intervals(uncertain, **ends):
     """A row whose stiffnesses have these 95 % intervals, equal-tailed about their geometric middle, within 1 %."""
     score, prior = np.linspace(-1, 1, 4001) / 0.95, np.exp(np.linspace(-40, 40, 2001))

@@ -195,7 +195,7 @@ class ModeSearch:
             mode = next((r for r in self._refined if self._leads_to(theta, density, r)), None)
             # before the noise model's parameters are improved a density says little
             sure = self._posterior.likelihood.hyper_count == 0 and bool(self._refined)
-            left = left if not self._refined or not self.budget.is_spent else 0
+            left = 0 if self._refined and self.budget.is_spent else left
             if mode is None and left and not (sure and density < self.best[1] - _LOWEST - _UNREFINED):
                 mode = _Refined(theta, density, *refine(self._posterior, theta))
                 self._refined.append(mode)

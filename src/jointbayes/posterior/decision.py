@@ -102,12 +102,7 @@ def _with_usual_errors(problem: Problem, sizes: ErrorSizes, freed: Problem | Non
     if not assumed and all(test is stated for test, stated in zip(tests, answered.tests, strict=True)):
         return problem
     premises = Premises(TYPED, sizes, assumed)
-    for part in replace(answered, tests=tests).parts:
-        if (doubt := find_numbering(part)) is not None:
-            premises = replace(premises, numbering=(*premises.numbering, _doubt_in_words(part.test, doubt)))
-            if doubt.better and not premises.misnumbered:
-                premises = replace(premises, misnumbered=doubt.words)
-    return replace(answered, tests=tests, left_out=left_out, premises=premises)
+    return _numbered_by_evidence(replace(answered, tests=tests, left_out=left_out, premises=premises))
 
 
 def _with_usual_error(test: Test, sizes: ErrorSizes) -> Test:
@@ -213,17 +208,20 @@ def modes_problem(
 
 
 def _numbered_by_evidence(problem: Problem) -> Problem:
-    """The problem of modes that FRFs show with the numbers that are the most probable; doubts are named."""
+    """The problem with doubts of the modes' numbers named; those that FRFs show get the most probable ones."""
     tests, premises = [], problem.premises
     for part in problem.parts:
-        test, modes = part.test, part.test.data.modes
-        doubt = find_numbering(part) if modes is not None and modes.shown_frfs is not None else None
-        if modes is not None and doubt is not None:
-            premises = replace(premises, numbering=(*premises.numbering, _doubt_in_words(test, doubt)))
-            if doubt.better:
-                shift = doubt.other[0] - doubt.stated[0]
-                test = replace(test, data=renumbered(modes, shift)).with_model_error(premises.model_error)
-                premises = replace(premises, modes=tuple(_moved(mode, test.name, shift) for mode in premises.modes))
+        test, modes, doubt = part.test, part.test.data.modes, find_numbering(part)
+        if modes is None or doubt is None:
+            tests.append(test)
+            continue
+        premises = replace(premises, numbering=(*premises.numbering, _doubt_in_words(test, doubt)))
+        if doubt.better and modes.shown_frfs is None:
+            premises = replace(premises, misnumbered=premises.misnumbered or doubt.words)
+        elif doubt.better:
+            shift = doubt.other[0] - doubt.stated[0]
+            test = replace(test, data=renumbered(modes, shift)).with_model_error(premises.model_error)
+            premises = replace(premises, modes=tuple(_moved(mode, test.name, shift) for mode in premises.modes))
         tests.append(test)
     return replace(problem, tests=tuple(tests), premises=premises)
 

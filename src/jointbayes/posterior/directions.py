@@ -2,7 +2,8 @@
 
 A posterior may know k22 − k12²/k11 and none of the three stiffnesses by itself. Every quantity that can be made of a
 joint is evaluated on each draw; the best known one is named, then the best known among those that say something else.
-What is said of a quantity is its own 95 % credible interval, so that no sentence can say what the draws do not.
+What is said of a quantity is its own 95 % interval, as it is printed everywhere, so that no sentence can say what the
+draws do not.
 
 References
 ----------
@@ -34,6 +35,7 @@ from jointbayes.posterior.identifiability import (
     Identifiability,
     Verdict,
     assess,
+    ratio_of,
     verdict_by_rule,
 )
 from jointbayes.posterior.rounding import LARGEST_FACTOR, factor_in_words, rounded, rounded_interval
@@ -60,7 +62,8 @@ class NamedDirection:
     quantity
         What it is: ``"k22 − k12²/k11"``, ``"k11"``; rho stands for k12/√(k11 k22).
     interval95
-        Equal-tailed 95 % credible interval of the quantity over the draws, SI units.
+        95 % interval as it is printed, SI units: of a combination equal-tailed and credible, over the draws; of a
+        stiffness see `jointbayes.posterior.verdicts`.
     ratio
         Upper over lower end; infinite where the interval holds zero or the draws have both signs.
     sd_log
@@ -316,22 +319,23 @@ def _orthogonal_part(gradient: Array, axes: Array) -> Array:
 
 def _named(quantity: str, judged: Identifiability, moving: str = "") -> NamedDirection:
     """A quantity in words: its spread or limit, and the reason where the verdict does not follow from the spread."""
-    low, high = judged.interval95
+    (low, high), errors = judged.ends
+    ratio = ratio_of((low, high))
+    interval = "its 95 % interval" if any(judged.printed_by_likelihood) else "its 95 % credible interval"
     if judged.limit:
         spread = f"it is {judged.limit_in_words}"
     elif low <= 0 <= high:
-        spread = f"its 95 % credible interval, {low:.3g} to {high:.3g}, contains zero"
+        spread = f"{interval}, {low:.3g} to {high:.3g}, contains zero"
     elif math.isinf(judged.ratio):
-        spread = f"its 95 % credible interval is {low:.3g} to {high:.3g}, and it has draws of either sign"
+        spread = f"{interval} is {low:.3g} to {high:.3g}, and it has draws of either sign"
     else:
-        spread = f"its 95 % credible interval spans {factor_in_words(judged.ratio)}"
+        spread = f"{interval} spans {factor_in_words(ratio)}"
         if judged.verdict not in (verdict_by_rule(judged.ratio, 1.0)[0], "no verdict"):
             spread += f", and {judged.verdict_reason.removeprefix(f'{IF_MODEL_RIGHT}: ')}"
     verb = "has" if judged.verdict == "no verdict" else "is"  # a failed run
     sentence = f"{quantity} {verb} {judged.verdict}: {spread}{moving}"
-    errors, spread_log = judged.interval95_error, judged.sd_log
     return NamedDirection(
-        quantity, (low, high), judged.ratio, spread_log, judged.verdict, sentence, errors, judged.limit, judged.median
+        quantity, (low, high), ratio, judged.sd_log, judged.verdict, sentence, errors, judged.limit, judged.median
     )
 
 

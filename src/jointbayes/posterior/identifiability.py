@@ -74,8 +74,8 @@ class ExactInputs:
             return ""
         if self.freed is None:
             return f"what is known with {them} uncertain could not be shown"
-        limit, ends = self.freed.limit, rounded_interval(self.freed.interval95, self.freed.interval95_error, " to ")
-        return f"with {them} uncertain {limit or join_unit(ends, self.freed.unit)}, {self.freed.verdict}"
+        known = self.freed.limit or join_unit(self.freed.interval(" to "), self.freed.unit)
+        return f"with {them} uncertain {known}, {self.freed.verdict}"
 
     def as_json(self) -> dict[str, Any]:
         """What ``parameters.<name>.only_if_exact`` of ``summary.json`` holds."""
@@ -174,11 +174,17 @@ class Identifiability:
         return low, high
 
     @property
+    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Ends of the 95 % interval as they are printed, and their Monte Carlo errors, in the unit; NaN of a limit."""
+        moved = self.printed_by_likelihood
+        low, high = (p if m else d for m, p, d in zip(moved, self.printed95, self.interval95, strict=True))
+        first, second = (math.nan if m else error for m, error in zip(moved, self.interval95_error, strict=True))
+        return (low, high), (first, second)
+
+    @property
     def row(self) -> tuple[str, ...]:
         """Median and ends of the 95 % interval as they are printed: in one notation, each with the digits it has."""
-        moved = self.printed_by_likelihood
-        ends = [p if m else d for m, p, d in zip(moved, self.printed95, self.interval95, strict=True)]
-        errors = [math.nan if m else error for m, error in zip(moved, self.interval95_error, strict=True)]
+        ends, errors = self.ends
         return rounded_row((self.median, *ends), (self.median_error, *errors))
 
     def interval(self, between: str = " … ") -> str:
@@ -208,11 +214,11 @@ class Identifiability:
 
     @property
     def spread(self) -> str:
-        """How wide the 95 % interval is, in words; of a stiffness that is bounded its limit."""
+        """How wide the 95 % interval is as it is printed, in words; of a stiffness that is bounded its limit."""
         if self.limit:
             return self.limit_in_words
-        low, high = self.interval95
-        return "its sign is unknown" if low <= 0 <= high else factor_in_words(max(high / low, low / high))
+        ratio = ratio_of(self.ends[0])
+        return factor_in_words(ratio) if math.isfinite(ratio) else "its sign is unknown"
 
     @property
     def source(self) -> str:

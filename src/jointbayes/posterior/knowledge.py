@@ -13,7 +13,6 @@ from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences, sim
 from jointbayes.posterior.identifiability import CERTAINTY, IF_MODEL_RIGHT, ExactInputs, Identifiability, listed
 from jointbayes.posterior.limits import ProfileLikelihood
 from jointbayes.posterior.next_step import NextStep, next_step
-from jointbayes.posterior.rounding import rounded_interval
 from jointbayes.posterior.uncertain_inputs import (
     LARGEST_CHANGE,
     RANK,
@@ -50,8 +49,8 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
         wider.pop(name, None)
     for name in wider:
         parts.append(
-            f"{name} stays {most.verdict[name]}, but its interval goes from {_interval(least.known[name])} to "
-            f"{_interval(most.known[name])}"
+            f"{name} stays {most.verdict[name]}, but its interval goes from {_printed(least.known[name])} to "
+            f"{_printed(most.known[name])}"
         )
     if not parts:
         return (
@@ -62,8 +61,8 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
     return f"With {listed(most.uncertain)} uncertain: {'; '.join([*parts[:_MOST_TOLD], *more])}."
 
 
-def _interval(assessment: Identifiability) -> str:
-    return assessment.limit or rounded_interval(assessment.interval95, assessment.interval95_error, " … ")
+def _printed(assessment: Identifiability) -> str:
+    return assessment.limit or assessment.interval()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -78,6 +78,11 @@ class RunRecord:
             return f"The calculation has settled: {how[2] or how[0]}."
         return f"The calculation has NOT settled {how[0].removeprefix('not converged ')}: do not use these numbers."
 
+    @property
+    def limit_to_raise(self) -> str:
+        """Key of ``[sampling]`` that ended a run which has not settled."""
+        return "budget_s" if "budget_s" in self.reason else "max_steps"
+
 
 class SampledCase(Protocol):
     """What a report says of the case that was sampled, besides the posterior."""

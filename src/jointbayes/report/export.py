@@ -188,8 +188,7 @@ def _joint_lines(posterior: Posterior, part: Problem, theta: Array, units: Units
             continue
         known, si_unit = posterior.verdict(quantity.name), posterior.unit(quantity.name)
         factor, unit = _IN_MM.get(si_unit, (1.0, si_unit)) if units == "mm-N-t" else (1.0, si_unit)
-        ends = (p if np.isfinite(p) else d for p, d in zip(known.printed95, known.interval95, strict=True))
-        low, high = (f"{end * factor:.4g}" for end in ends)
+        low, high = (f"{end * factor:.4g}" for end in known.ends[0])
         verdict = known.words if known.verdict in CERTAINTY else known.words.upper()
         said.append(f"{quantity.name} = {value * factor:.10g} {unit}, 95 % interval {low} to {high}: {verdict}.")
         said.append(f"In SI units: {'; '.join(map(str.strip, lines_of(quantity.name, known)))}.")

@@ -31,7 +31,7 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     blocks.append(
         Table(
             "Combinations of the stiffnesses that are determined independently",
-            ("Combination", "95 % credible interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
+            ("Combination", "95 % interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
             rows,
             note="Computed from the draws, best known first, with the verdicts of single stiffnesses. "
             f"{ratio}A dash: draws of both signs, or a one-sided limit at 95 %.",
@@ -96,7 +96,7 @@ def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ..
     if not row.known:
         return (uncertain, *("–" for _ in names), "–", "–")
     assessments = row.known
-    intervals = (rounded_interval(assessments[name].interval95, assessments[name].interval95_error) for name in names)
+    intervals = (assessments[name].limit or assessments[name].interval() for name in names)
     verdicts = "; ".join(f"{name} {assessments[name].plain_words}" for name in names)
     return (uncertain, *intervals, verdicts, row.source)
 

@@ -118,18 +118,10 @@ def listed_names(names: Sequence[str]) -> str:
 
 def _accuracy(known: Identifiability) -> str:
     """Half the width of the interval in per cent, or the factor that it spans."""
-    ratio = ratio_of(_ends(known)[0])
+    ratio = ratio_of(known.ends[0])
     if ratio <= _PERCENT_RATIO:
         return f"±{number(100 * (math.sqrt(ratio) - 1), 2)} %"
     return f"its interval spans a factor of {factor(ratio)}"
-
-
-def _ends(known: Identifiability) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ends of the 95 % interval as they are printed, and the Monte Carlo error of each."""
-    moved = known.printed_by_likelihood
-    low, high = (p if m else d for p, d, m in zip(known.printed95, known.interval95, moved, strict=True))
-    first, second = (math.nan if m else e for e, m in zip(known.interval95_error, moved, strict=True))
-    return (low, high), (first, second)
 
 
 def answer_text(known: Identifiability, unit: str) -> str:
@@ -140,7 +132,7 @@ def answer_text(known: Identifiability, unit: str) -> str:
         value, error = (end, math.nan) if any(known.printed_by_likelihood) else (known.limit95, known.limit95_error)
         (text,), of = engineering((value,), unit, (error,))
         return f"{'above' if above else 'below'} {join_unit(text, of)}"
-    ends, errors = _ends(known)
+    ends, errors = known.ends
     (median, low, high), of = engineering((known.median, *ends), unit, (known.median_error, *errors))
     return f"{join_unit(median, of)} ({low} to {high})"
 
@@ -150,7 +142,7 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
     unit_of, names = inputs.posterior.unit, inputs.posterior.stiffness_names
     if len(names) > most:
         first = answers[0].known
-        by_need = sorted(names, key=lambda n: (-RANK.get(first[n].verdict, 9), -ratio_of(_ends(first[n])[0])))
+        by_need = sorted(names, key=lambda n: (-RANK.get(first[n].verdict, 9), -ratio_of(first[n].ends[0])))
         names = tuple(name for name in names if name in by_need[:most])
     rows, kinds = [], []
     for name in names:
@@ -256,8 +248,7 @@ def _next(inputs: ReportInputs) -> str:
     """The one step that helps most."""
     worst = worst_setup(inputs.summary)
     if not inputs.posterior.converged:
-        limit = "budget_s" if "budget_s" in inputs.posterior.reason else "max_steps"
-        return f"Raise `{limit}` in `[sampling]` and run again."
+        return f"Raise `{inputs.posterior.record.limit_to_raise}` in `[sampling]` and run again."
     if not worst.check.explains:
         return foreign(" ".join(worst.diagnosis.advice))
     if inputs.posterior.solutions.advice:

@@ -20,8 +20,8 @@ def _calculation(inputs: ReportInputs) -> Light:
     posterior, summary = inputs.posterior, inputs.summary
     name = "Calculation"
     if not posterior.converged:
-        limit = "budget_s" if "budget_s" in posterior.reason else "max_steps"
-        return Light(name, "bad", f"Not settled: do not use these numbers. Run it longer ([sampling] {limit}).")
+        how = f"Run it longer ([sampling] {posterior.record.limit_to_raise})."
+        return Light(name, "bad", f"Not settled: do not use these numbers. {how}")
     if not posterior.mode_agrees:
         text = f"The search missed the best fit: it lies {number(posterior.mode_distance, 2)} standard deviations away."
         return Light(name, "bad", text)
