@@ -2,12 +2,13 @@
 
 Three natural frequencies and two antiresonances of the tip, to 0.01 %, of a beam that is not the one analysed: its
 length or modulus off either way; a spring to ground or 20 g at mid-span that the model lacks; a clamp whose edge is 2 %
-of the length further in; a joint that is softer the more it moves. The true joint is drawn from the middle of the
-prior. Of one beam the ratio of the motions at mid-span and tip is measured in each mode too, to 1 %; the sensor stays
-as far from the root as it is said to be where the length is off, and as far from the tip where the edge is. Each set
-is analysed as the modes of measured FRFs are: modulus, density and length as in a workshop, with the usual error of
-the model. Counted, for each stiffness: how often the printed 95 % interval holds it; how often it lies outside the
-99.9 % interval of the draws, and what light and verdict stood there.
+of the length further in; a joint that is softer the more it moves; a spring so strong that it raises the first natural
+frequency by 7 to 15 %. The true joint is drawn from the middle of the prior. Of one beam the ratio of the motions at
+mid-span and tip is measured in each mode too, to 1 %; the sensor stays as far from the root as it is said to be where
+the length is off, and as far from the tip where the edge is. Each set is analysed as the modes of measured FRFs are:
+modulus, density and length as in a workshop, with the usual error of the model. Counted, for each stiffness: how often
+the printed 95 % interval holds it; how often it lies outside the 99.9 % interval of the draws, and what light and
+verdict stood there.
 
 Outcomes are kept in build/wrong_model.jsonl as they come, so that a study that was cut off goes on where it was. The
 table of each beam goes to docs/wrong-model.md.
@@ -17,13 +18,14 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
 
 import jointbayes as jb
 from benchmarks.coverage import write_between
@@ -51,6 +53,7 @@ WRONGS = {
     "joint softer by 20 % in the first mode": 0.2,
     "Young's modulus 20 % off": 0.20,
     "length 5 % off": 0.05,
+    "a strong spring to ground missed": 0.0,
 }
 #: Length, mm, and section.
 BEAMS = {
@@ -104,7 +107,8 @@ def analyse(wrong: str, beam: str, index: int) -> Outcome:
     truth = np.exp(rng.uniform(np.log([2e7, 2e4]), np.log([5e8, 2.5e5])))
     for setup, test in zip(case.setups, case.problem.tests, strict=True):
         # what is wrong of the bar or the clamp is so in each set-up
-        structure = _structure(setup.spec, wrong, rng if len(case.setups) == 1 else np.random.default_rng(seed))
+        own = rng if len(case.setups) == 1 else np.random.default_rng(seed)
+        structure = _structure(setup.spec, wrong, own, lambda s, joint=test.joints: _first_hz(s, joint, truth))
         data = _measured(structure, test.joints, wrong, beam, truth, rng)
         tests.append(replace(test, data=data, noise=ModelErrorNoise.of(data, ErrorSizes())))
     problem = replace(case.problem, tests=tuple(tests))
@@ -162,7 +166,13 @@ def _ratio(structure: Structure, joint: AnyJoint, truth: Array, mode: int, lengt
     return float(CubicSpline(places, motion)(at) / motion[-1])
 
 
-def _structure(spec: CaseSpec, wrong: str, rng: np.random.Generator) -> Structure:
+def _first_hz(structure: Structure, joint: AnyJoint, truth: Array) -> float:
+    return float(NaturalFrequencies(structure, joint, 1).frequency_hz(np.diag(truth))[0, 0])
+
+
+def _structure(
+    spec: CaseSpec, wrong: str, rng: np.random.Generator, first_hz: Callable[[Structure], float]
+) -> Structure:
     """The structure that makes the data; a clamp's edge is as many mm off at every overhang."""
     recipe, sign = recipe_of(spec.structure, spec.data), float(rng.choice([-1.0, 1.0]))
     size = WRONGS[wrong] * sign
@@ -174,14 +184,19 @@ def _structure(spec: CaseSpec, wrong: str, rng: np.random.Generator) -> Structur
     if wrong.startswith("Young"):
         return recipe.structure({"youngs_modulus": 1 + size})
     plain = recipe.structure()
-    stiffness, mass = plain.stiffness.copy(), plain.mass.copy()
-    at = plain.index((_MIDDLE,))[0]
-    if wrong.startswith("20 g"):
-        mass[at, at] += 0.020
+    middle = np.zeros_like(plain.mass)
+    middle[(plain.index((_MIDDLE,))[0],) * 2] = 1.0
+    own = recipe.own_stiffness("1:y", "1:y")
+
+    def sprung(log_share: float) -> Structure:
+        return replace(plain, stiffness=plain.stiffness + own * math.exp(log_share) * middle)
+
     if wrong.startswith("a spring"):
-        own = recipe.own_stiffness("1:y", "1:y")
-        stiffness[at, at] += own * math.exp(rng.uniform(math.log(0.2), math.log(2.0)))
-    return replace(plain, stiffness=stiffness, mass=mass)
+        return sprung(rng.uniform(math.log(0.2), math.log(2.0)))
+    if wrong.startswith("a strong spring"):
+        raised_hz = (1 + rng.uniform(0.07, 0.15)) * first_hz(plain)
+        return sprung(brentq(lambda share: first_hz(sprung(share)) - raised_hz, math.log(0.01), math.log(1e3)))
+    return replace(plain, mass=plain.mass + 0.020 * middle) if wrong.startswith("20 g") else plain
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
