@@ -454,7 +454,7 @@ def sample_quickly(
     )
     if drawn is None:
         return _by_ensembles(problem, case, seed, settings, estimate, proposal, tell, keeper)
-    chains = independent_chains(density, *drawn, time.perf_counter() - began)
+    chains = independent_chains(density, drawn, time.perf_counter() - began)
     return _posterior(problem, case, seed, settings, _with_best_draw(problem, estimate, chains), proposal, chains)
 
 

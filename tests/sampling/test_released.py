@@ -1,10 +1,12 @@
 """Draws of a density are had from those of a restrained one, with ends as well known as is said."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from jointbayes.sampling import NormalScores, Quantities, Restraint, released_draws
+from jointbayes.sampling import ENOUGH, NormalScores, Quantities, Restraint, independent_chains, released_draws
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.released import END_TOLERANCE, interval_errors
 
@@ -57,7 +59,7 @@ def test_a_thin_curved_sheet_is_followed_as_it_opens(seed):
     systems = (Compliance(), NormalScores(LOW, HIGH))
     restraint = Restraint(np.array([2]), np.array([1.0]))
     told: list[str] = []
-    theta, effective = released_draws(
+    theta, effective, _ = released_draws(
         curved_sheet, systems, restrained(rng), rng, JUDGED, restraint=restraint, tell=told.append
     )
     assert [line.partition(" of ")[0] for line in told] == [f"round {number}" for number in range(1, len(told) + 1)]
@@ -71,6 +73,29 @@ def test_a_thin_curved_sheet_is_followed_as_it_opens(seed):
     for drawn, known in zip(theta.T, (a, b, m), strict=True):
         ends, expected = (np.quantile(values, [0.025, 0.975]) for values in (drawn, known))
         assert ends == pytest.approx(expected, abs=3 * END_TOLERANCE * (expected[1] - expected[0]))
+
+
+def on_a_plateau(theta):
+    """Ln of a density with 3.5 % of its mass spread evenly up to 100, where its upper 95 % end is, at 28.6."""
+    x = theta[:, 0]
+    even = np.where((x > 0) & (x < 100), 0.035 / 100, 0.0)
+    with np.errstate(divide="ignore"):
+        return np.log(0.965 * norm.pdf(x) + even)
+
+
+def test_an_end_on_a_plateau_is_good_enough_once_the_probability_beyond_it_is_known():
+    rng = np.random.default_rng(2)
+    around = np.concatenate([rng.standard_normal((1900, 1)), rng.uniform(0, 100, (100, 1))])
+    judged = Quantities(("x",), everything)
+    few, many = [], []
+    released = released_draws(on_a_plateau, [Identity()], around, rng, judged, tell=few.append)
+    assert released.effective >= ENOUGH
+    assert released.error > END_TOLERANCE  # of the interval's width: to know it so well takes 90 000 draws
+    assert (released.theta > 100 * (1 - 0.025 / 0.035)).mean() == pytest.approx(0.025, rel=0.35)
+    chains = independent_chains(on_a_plateau, released, 0.0)
+    assert re.search(r"the 2\.5 % beyond each end of a 95 % interval are good to 0\.[12] %$", chains.reason)
+    released_draws(on_a_plateau, [Identity()], around, rng, judged, enough=np.inf, tell=many.append)
+    assert len(many) > 3 * len(few)
 
 
 def test_nothing_is_said_where_the_density_is_not_found():

@@ -2,8 +2,9 @@
 
 The first row is the run itself. Every further one belongs to the same density with other quantities free, those left
 out held at their stated values. It is sampled by importance until the ends of its intervals are known to
-`END_TOLERANCE` of their width: where quantities are freed that the run takes as exact from the run's draws, letting
-them go step by step, else from a proposal fitted about its modes. Where this does not settle nothing is said.
+`END_TOLERANCE` of their width, or the probability beyond them by `ENOUGH` draws: where quantities are freed that the
+run takes as exact from the run's draws, letting them go step by step, else from a proposal fitted about its modes.
+Where this does not settle nothing is said.
 """
 
 import math
@@ -31,8 +32,9 @@ from jointbayes.posterior.verdicts import (
     found_with_wider_priors,
     judge_stiffness,
 )
-from jointbayes.posterior.widened import WidenedPosterior, replace_prior, widen
+from jointbayes.posterior.widened import ENOUGH_FOR_CLASS, WidenedPosterior, replace_prior, widen
 from jointbayes.sampling import (
+    ENOUGH,
     Coordinates,
     Proposal,
     Quantities,
@@ -216,7 +218,8 @@ def _row(
     (random,) = rng.spawn(1)  # the rows that follow do not depend on whether a bound is within reach
 
     def drawn_anew(wide: JointPrior) -> tuple[Array, float, bool]:
-        anew = _Part(replace_prior(problem, wide), uncertain).sample(part.free(theta), modes, random)
+        part_of_wide = _Part(replace_prior(problem, wide), uncertain)
+        anew = part_of_wide.sample(part.free(theta), modes, random, enough=ENOUGH_FOR_CLASS)
         return (wide.sample(random, _DRAWS), 0.0, False) if anew is None else (*anew, True)
 
     wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew)
@@ -287,14 +290,16 @@ class _Part:
         *,
         restraint: Restraint | None = None,
         proposal: Proposal | None = None,
+        enough: float = ENOUGH,
     ) -> tuple[Array, float] | None:
         """As `released_draws` of the free coordinates, but draws of all coordinates."""
         judged, systems = judged_quantities(self._problem.prior), self.coordinate_systems()
         quantities = Quantities(judged.names, lambda theta: judged.values(self.whole(theta)))
         sample = released_draws(
-            self.log_density, systems, theta, rng, quantities, restraint=restraint, proposal=proposal, modes=modes
-        )
-        return None if sample is None else (self.whole(sample[0]), sample[1])
+            self.log_density, systems, theta, rng, quantities,
+            restraint=restraint, proposal=proposal, modes=modes, enough=enough,
+        )  # fmt: skip
+        return None if sample is None else (self.whole(sample.theta), sample.effective)
 
     def draws(self, posterior: "Posterior", modes: int, rng: np.random.Generator) -> tuple[Array, float] | None:
         """Draws of all coordinates, and how many independent ones they are worth; None where they do not settle.

@@ -45,6 +45,8 @@ _DRAWS = 8000
 _ENOUGH_SHARE = 0.25  # effective, of draws that are reweighted
 _UNCHANGED_SHARE = 0.99  # effective: the weights are all but equal
 _LEAST_EFFECTIVE = 400.0  # importance draws; with fewer a short run takes their place
+#: Independent draws at each end that are enough for a class: the 2.5 % beyond it are known to a fifth.
+ENOUGH_FOR_CLASS = 1000.0
 _PRIOR_DRAWS = 8000
 _STREAM = 3  # of random numbers, so that no other draws depend on these
 
@@ -215,9 +217,10 @@ def _drawn_anew(posterior: PosteriorDraws, rng: np.random.Generator, wide: Joint
     if weighted.effective >= _LEAST_EFFECTIVE:
         return weighted.resample(rng, _DRAWS), weighted.effective, True
     beyond = moved_beyond_bounds(posterior.problem.prior, posterior.theta)
-    adapted = released_draws(log_posterior, systems, beyond, rng, judged_quantities(wide), modes=max(1, len(modes)))
+    judged, count = judged_quantities(wide), max(1, len(modes))
+    adapted = released_draws(log_posterior, systems, beyond, rng, judged, modes=count, enough=ENOUGH_FOR_CLASS)
     if adapted is not None:
-        return *adapted, True
+        return adapted.theta, adapted.effective, True
     chains = _short_run(log_posterior, proposal, np.concatenate([weighted.theta, posterior.theta]), rng)
     return chains.draws().theta.reshape(-1, len(problem.names)), float(chains.ess.min()), chains.converged
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,11 +42,26 @@ _MISSED = 1.5  # ln of an importance weight: draws above it are hardly ever prop
 _FEW = 5  # such draws for each parameter, below which nothing is fitted to them
 _LARGEST_WEIGHT = 0.01  # of all, that one draw may carry
 _LEAST_EFFECTIVE = 400.0  # draws at every end
+#: Draws at every end with which the 2.5 % beyond it are known to a tenth of themselves. An end on a plateau far from
+#: the bulk is then as good as it need be, wherever it lies.
+ENOUGH = 4000.0
 _CHAINS = 4  # in which independent draws are handed out, to tell R̂ from
 
 
 #: Equally weighted draws of θ, shape (n, d), and ln of the density there, shape (n,).
 _Draws = tuple[Array, Array]
+
+
+class Released(NamedTuple):
+    """Equally weighted draws θ, shape (m, d), and how good they are.
+
+    `effective` is the fewest independent draws that an end of a 95 % interval is worth, `error` the largest Monte Carlo
+    standard error of an end, as a share of its interval's width.
+    """
+
+    theta: Array
+    effective: float
+    error: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,16 +87,18 @@ def released_draws(
     restraint: Restraint | None = None,
     proposal: Proposal | None = None,
     modes: int = 1,
+    enough: float = ENOUGH,
     tell: Callable[[str], object] = lambda _: None,
     budget: Budget | None = None,
-) -> tuple[Array, float] | None:
+) -> Released | None:
     """Draws of a density, of which some coordinates are narrowly restrained in the draws that there are.
 
     The restraint is let go step by step. At each the proposal, one Student-t for each mode in coordinates that are
     straightened anew, is fitted to weighted draws of the step before, of which those for the next one are chosen:
     a thin sheet is followed as it opens. Without restraint rounds of draws from mixtures are pooled, and weighted as
-    from all of these together, until the ends of all intervals are known to `END_TOLERANCE`. Draws that a mixture
-    would hardly propose have another one, in coordinates of its own.
+    from all of these together, until the ends of all intervals are known to `END_TOLERANCE`, or the probability
+    beyond each by `enough` draws. Draws that a mixture would hardly propose have another one, in coordinates of their
+    own.
 
     Parameters
     ----------
@@ -101,6 +119,8 @@ def released_draws(
         From which the first draws without restraint come as well, in place of `theta`, if there is one.
     modes
         Number of modes of the density.
+    enough
+        Independent draws at each end with which that is good wherever it lies.
     tell
         Called with a sentence after each round without restraint.
     budget
@@ -108,9 +128,8 @@ def released_draws(
 
     Returns
     -------
-    draws, effective
-        Equally weighted draws, shape (m, d), and the fewest independent ones that an end of an interval is worth; None
-        where the ends do not settle.
+    Released or None
+        None where the ends do not settle.
 
     References
     ----------
@@ -140,28 +159,33 @@ def released_draws(
         weighted = WeightedDraws(pool.theta, pool.log_weight)
         error, effective = interval_errors(quantities.values(weighted.theta), weighted.weight)
         tell(f"round {number} of at most {_ROUNDS}, ends good to {100 * error:.2g} % of their intervals' width")
-        settled = error <= END_TOLERANCE and effective >= _LEAST_EFFECTIVE and weighted.weight.max() <= _LARGEST_WEIGHT
+        known = (error <= END_TOLERANCE and effective >= _LEAST_EFFECTIVE) or effective >= enough
+        settled = known and weighted.weight.max() <= _LARGEST_WEIGHT
         if settled and settled_before:
-            return weighted.theta[resampled(weighted.weight, _HANDED_OUT, rng)], effective
+            return Released(weighted.theta[resampled(weighted.weight, _HANDED_OUT, rng)], effective, error)
         settled_before = settled  # once may be by chance: where hardly any draws are proposed their weight shows late
         draws = _chosen((pool.theta, pool.value), weighted.log_weight, number * _POOLED, rng)
     return None
 
 
-def independent_chains(log_density: LogDensity, theta: Array, effective: float, seconds: float) -> Chains:
-    """As many of equally weighted draws θ, shape (n, d), as they are worth, as the chains of a run without burn-in.
+def independent_chains(log_density: LogDensity, released: Released, seconds: float) -> Chains:
+    """As many of equally weighted draws as they are worth, as the chains of a run without burn-in.
 
     Parameters
     ----------
     log_density
         Log of the unnormalised density over θ.
-    theta
+    released
         The draws, in any order.
-    effective
-        Number of independent draws that these are worth.
     seconds
         Wall time that they took.
     """
+    theta, effective, error = released
+    good = (
+        f"the ends of each 95 % interval are good to {100 * END_TOLERANCE:g} % of the interval's width"
+        if error <= END_TOLERANCE
+        else f"the 2.5 % beyond each end of a 95 % interval are good to {2.5 * math.sqrt(39 / effective):.1g} %"
+    )
     steps = min(int(effective), len(theta)) // _CHAINS
     kept = theta[: _CHAINS * steps]
     draws = kept.reshape(_CHAINS, steps, 1, -1)
@@ -173,8 +197,7 @@ def independent_chains(log_density: LogDensity, theta: Array, effective: float, 
         move_acceptance={},
         thin=1,
         converged=True,
-        reason=f"{_CHAINS * steps} independent draws by importance sampling: the ends of each 95 % interval are "
-        f"good to {100 * END_TOLERANCE:g} % of the interval's width",
+        reason=f"{_CHAINS * steps} independent draws by importance sampling: {good}",
         evaluations=len(kept),
         singular=0,
         seconds=seconds,

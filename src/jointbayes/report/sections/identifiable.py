@@ -79,7 +79,8 @@ def freed_blocks(knowledge: Knowledge) -> list[Block]:
         rows = tuple(turned)
     note = (
         "Each is sampled with only these quantities uncertain and all others at their stated values, until each "
-        f"interval end is known to {100 * END_TOLERANCE:g} % of the interval's width. A dash: the draws did not settle."
+        f"interval end is known to {100 * END_TOLERANCE:g} % of the interval's width, or the 2.5 % beyond it to a "
+        "tenth. A dash: the draws did not settle."
     )
     lead = knowledge.freed_sentence
     if knowledge.assumed:
