@@ -85,6 +85,7 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.wrong_model
 	$(BIN)/python -m benchmarks.wrong_frames
 	$(BIN)/python -m benchmarks.every_kind
+	$(BIN)/python -m benchmarks.quadrature
 	$(BIN)/python -m benchmarks.planning
 	$(BIN)/python -m benchmarks.setups
 	$(BIN)/python -m benchmarks.long steps --count 1000000

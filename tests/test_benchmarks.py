@@ -14,6 +14,7 @@ from benchmarks import (
     measured_body,
     page,
     peers,
+    quadrature,
     record,
     small_data,
     timing,
@@ -274,6 +275,26 @@ def test_the_table_of_run_times_counts_reports_and_ratios():
     text = every_kind.section(rows)
     assert "| soft | FRFs | 3 | 2 | 3.00 | 5.00 |" in text
     assert "Of 3 runs 2 left a report; 1 took at most 2 times, 2 at most 4 times the processor time" in text
+
+
+def test_the_table_of_quadrature_counts_what_was_reduced_and_what_was_good():
+    rows = [
+        quadrature.Row("good", 3, 996, 8, 16, 5e-3, 0.99999, 0.01, 5.0, 4.0),
+        quadrature.Row("off", 3, 996, 8, 16, 2e-2, 0.99999, 0.01, 5.0, 4.0),
+        quadrature.Row("whole", 3, 996),
+    ]
+    text = quadrature.section(rows)
+    assert "| good | 3 | 996 | 16 | 8 | 5.0e-03 | 0.999990 | 1.0 % | 5.0 | 4.0 |" in text
+    assert "| whole | 3 | 996 | all lines | – | – | – | – | – | – |" in text
+    assert "Of 3 problems 2 were reduced" in text
+    assert "2000 draws each, 1 had ln p within 0.01" in text
+
+
+def test_quadrature_is_tried_on_a_shipped_case():
+    row = quadrature.tried("usual", next(quadrature.problems(0, None))[1])
+    assert row.at_nodes < 100 < row.values
+    assert row.error < 0.01
+    assert row.efficiency > 0.999
 
 
 @pytest.mark.parametrize("name", small_data.CASES)

@@ -27,7 +27,7 @@ from jointbayes.identification import (
     sensitivity_iteration,
     why_not_iterated,
 )
-from jointbayes.inference import Premises, Problem
+from jointbayes.inference import LogPosterior, Premises, Problem, on_nodes
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.decision import decide, is_of_measured_frfs
@@ -63,9 +63,12 @@ _PAIR = 2  # DOFs of a joint whose compliance a linear fit gives
 _PRIOR_STARTS = 6
 _SAME_DENSITY = 1e-3  # of two points that are equally the mode
 _STEPS_UP, _SHALLOW = 21, 1.0  # on the way between two points that may be one mode; ln of a density's dip there
+#: Of a posterior by quadrature: joints from which its basis is made, draws that are judged on all lines, and the least
+#: efficiency that these may have.
+_ABOUT, _MOST_DRAWS, _AS_GOOD = 400, 8000, 0.999
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
 #: Generators of `sample`: each has its own, so that a run goes on anywhere without what came before.
-_WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR = range(5)
+_WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR, _NODES = range(6)
 
 
 def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHistory:
@@ -354,19 +357,32 @@ def _by_ensembles(
     start = starting_walkers(modes, problem.prior.log_density, settings, _generator(seed, _WALKERS), proposal.shares)
     least = estimate.log_posterior - _NO_DRAW
     start = replace_far_walkers(start, log_posterior, least, proposal, _generator(seed, _FAR_WALKERS))
+    about, _ = proposal.weighted_draws(problem.prior.log_density, _generator(seed, _NODES), _ABOUT)
+
+    def run(density: LogPosterior, keeper: UnfinishedRun | None) -> tuple[Chains, Proposal]:
+        return run_adapted(
+            density,
+            start,
+            _generator(seed, _STEPS),
+            settings,
+            tell,
+            systems=coordinate_systems(problem),
+            proposal=proposal,
+            quantities=judged_quantities(problem.prior),
+            keeper=keeper,
+        )
+
+    density = on_nodes(problem, about)
     tell(Progress("sampling"))
-    chains, proposal = run_adapted(
-        log_posterior,
-        start,
-        _generator(seed, _STEPS),
-        settings,
-        tell,
-        systems=coordinate_systems(problem),
-        proposal=proposal,
-        quantities=judged_quantities(problem.prior),
-        keeper=checkpoint,
-    )
-    return _posterior(problem, case, seed, settings, estimate, proposal, chains)
+    chains, last = run(density, checkpoint)
+    if density is not log_posterior:
+        chains, efficiency = chains.reweighed(log_posterior, _MOST_DRAWS)
+        if efficiency >= _AS_GOOD:
+            confirmed = f"importance efficiency {efficiency:.6f} of the draws on all lines"
+            chains = replace(chains, reason=f"{chains.reason}; likelihood by quadrature on few lines, {confirmed}")
+        else:  # what the checkpoint keeps is of the other density
+            chains, last = run(log_posterior, None)
+    return _posterior(problem, case, seed, settings, estimate, last, chains)
 
 
 def _found_mode(

@@ -26,6 +26,7 @@ from jointbayes.inference.premises import UsedMode as UsedMode
 from jointbayes.inference.prior import JointPrior as JointPrior
 from jointbayes.inference.prior import Nuisance as Nuisance
 from jointbayes.inference.problem import Problem as Problem
+from jointbayes.inference.quadrature import on_nodes as on_nodes
 from jointbayes.inference.test import Level as Level
 from jointbayes.inference.test import Test as Test
 from jointbayes.inference.test import likelihood_of as likelihood_of

@@ -8,17 +8,19 @@ ln L = kind.constant + noise.log_likelihood(z, hyper).
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Sequence
-from typing import Any, Literal, get_args
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array, ComplexArray
+from jointbayes.arrays import Array, ComplexArray, Flags
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.inference.noise.base import NoiseModel, Residuals
-from jointbayes.joint import AnyJointMatrix, joint_matrix_of
+from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
 
+#: Σ|z|², shape (n,), of joint matrices (n, r, r) and factors (n, q), and whether each may be relied on.
+SumOfSquares = Callable[[JointMatrix, Array], tuple[Array, Flags]]
 ResidualKind = Literal["complex", "log_magnitude"]
 
 #: Variance of ln|n| for n complex circular Gaussian: what is left of a value that is nothing but noise.
@@ -162,6 +164,15 @@ class Likelihood(ABC):
     def gaussian(self) -> bool:
         """Whether ln L is −eᵀe/2 of the residuals and a constant: Gaussian noise of known size."""
         return self.noise.as_stated
+
+    @property
+    def sums_squares(self) -> bool:
+        """Whether ln L of measured lines depends on the residuals by the sum of their squares alone."""
+        return False
+
+    def with_squares(self, squares: SumOfSquares) -> Self:
+        """The same likelihood with the sum of squares computed in another way, where `sums_squares`."""
+        raise NotImplementedError
 
     def hyper(self, factors: ArrayLike) -> Array:
         """Parameters of the noise model among factors (batch, q), shape (batch, hyper_count)."""
