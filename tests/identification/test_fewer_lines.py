@@ -32,11 +32,26 @@ def test_frfs_of_a_usual_length_are_searched_whole(cheap_case, long_frf):
 def test_each_peak_keeps_the_lines_that_show_its_shape(long_frf, monkeypatch, on_a_peak, step):
     """Above half of its height the narrowest peak, the first, has 9 lines, with 500 values wanted of 4961."""
     needing(monkeypatch, 500, on_a_peak)
-    fewer = on_fewer_lines(long_frf)
-    assert (fewer is long_frf) is (step == 1)
-    every, kept = long_frf.test.data, fewer.test.data
-    np.testing.assert_array_equal(kept.frf.frequency_hz, every.frf.frequency_hz[::step])
-    np.testing.assert_array_equal(kept.variance, every.variance[::step])
+    every, kept = long_frf.test.data, on_fewer_lines(long_frf).test.data
+    lines = np.searchsorted(every.frf.frequency_hz, kept.frf.frequency_hz)
+    np.testing.assert_array_equal(every.frf.frequency_hz[lines], kept.frf.frequency_hz)
+    np.testing.assert_array_equal(every.variance[lines], kept.variance)
+    apart, top = np.diff(lines), np.argmax(np.abs(every.frf.values[:480, 0, 0]))
+    assert lines[0] == 0
+    on_peak = lines[np.abs(lines - top) <= 3]
+    assert on_peak.size >= 7 // step
+    assert (np.diff(on_peak) == step).all()
+    assert apart.max() == 9
+    # away from the peaks they are as far apart as the values that are wanted allow
+    assert (apart[lines[:-1] > 4500] == 9).all()
+
+
+def test_where_nearly_all_lines_are_on_peaks_all_are_kept(long_frf, monkeypatch):
+    needing(monkeypatch, 2400, 1)
+    assert on_fewer_lines(long_frf) is not long_frf
+    monkeypatch.setattr(resonances, "_shoulders", lambda magnitude, _: (0, len(magnitude) - 1))
+    monkeypatch.setattr(resonances, "_ON_A_PEAK", 5000)
+    assert on_fewer_lines(long_frf) is long_frf
 
 
 def test_the_mode_is_that_of_all_lines(long_frf, monkeypatch):

@@ -28,6 +28,8 @@ _SAME_LINES, _SAME = 2.0, 0.005
 _TOGETHER = 0.2
 #: Values of a set-up that a search needs, and lines that it keeps: of all, and on each peak above half of its height.
 _ENOUGH_VALUES, _FEWEST_LINES, _ON_A_PEAK = 10_000, 500, 8
+_ALMOST_ALL = 1.5  # lines for each that is kept, below which leaving them out saves nothing
+_ROUNDING = 1e-6  # of sums of one over whole numbers
 _REPLICATES = 30
 
 
@@ -59,7 +61,7 @@ def resonances_hz(data: Data) -> Array:
 
 
 def on_fewer_lines(problem: Problem) -> Problem:
-    """The problem with every so many lines of FRFs that have far more than a search needs; itself where none has.
+    """The problem with some of the lines of FRFs that have far more than a search needs; itself where none has.
 
     Each peak keeps lines enough for its shape: between lines that resolve the resonances a search learns nothing.
     """
@@ -72,16 +74,21 @@ def _on_fewer_lines(test: Test) -> Test:
     if frfs is None or test.measured_bodies:
         return test
     outputs, inputs = len(frfs.frf.outputs), len(frfs.frf.inputs)
-    step = frfs.frf.n_lines // max(_FEWEST_LINES, _ENOUGH_VALUES // (outputs * inputs))
-    if step < 2:
+    widest = frfs.frf.n_lines // max(_FEWEST_LINES, _ENOUGH_VALUES // (outputs * inputs))
+    if widest < 2:
         return test
     receptances = frfs.frf.converted("receptance").values
+    step = np.full(frfs.frf.n_lines, widest)
     for output, input_ in product(range(outputs), range(inputs)):
         values = receptances[:, output, input_]
         for peak in _peak_places(frfs, values, output, input_):
             first, last = _shoulders(np.abs(values), peak)
-            step = min(step, (last - first + 1) // _ON_A_PEAK)
-    return test if step < 2 else replace(test, data=frfs.at_lines(slice(None, None, step)))
+            on_peak = slice(first, last + 1)
+            step[on_peak] = np.minimum(step[on_peak], max(1, (last - first + 1) // _ON_A_PEAK))
+    # each line is one over the step of the way to the next that is kept; the first is
+    way = np.cumsum(1 / step) - 1 / step[0]
+    kept = np.flatnonzero(np.diff(np.floor(way + _ROUNDING), prepend=-1.0))
+    return test if _ALMOST_ALL * kept.size > step.size else replace(test, data=frfs.at_lines(kept))
 
 
 def _peak_places(data: FrfData, values: ComplexArray, output: int, input_: int) -> list[int]:
