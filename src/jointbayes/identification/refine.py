@@ -24,6 +24,7 @@ _EDGES, _SETTLED = 5, 1e-6
 _INWARDS, _COST = (0.5, 0.2, 0.05, 0.01), 1.0
 _AT_THE_EDGE = 1e-3  # prior standard deviations: a climb along a ridge may end so far from the edge that it leads to
 _FARTHEST = 40.0  # prior standard deviations from its mean
+_LONG, _AT_ONCE = 100_000, 65_536  # residuals that are condensed before they are solved, and of these so many at a time
 
 
 def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]:
@@ -219,7 +220,7 @@ def _least_squares(log_posterior: LogPosterior, start: Array, tolerance: float) 
         if key not in last:
             last.clear()
             residual, jacobian = log_posterior.residuals(np.concatenate([t, tail]))
-            last[key] = residual, jacobian[:, :moving]
+            last[key] = condensed(residual, jacobian[:, :moving])
         return last[key]
 
     size = both(start[:moving])[0].size
@@ -245,6 +246,26 @@ def _least_squares(log_posterior: LogPosterior, start: Array, tolerance: float) 
         max_nfev=200,
     )
     return np.concatenate([end.x, tail])
+
+
+def condensed(residual: Array, jacobian: Array) -> tuple[Array, Array]:
+    """Many residuals e, shape (m,), and their Jacobian J, shape (m, d), as d + 1 rows with the same eᵀe, Jᵀe and JᵀJ.
+
+    To a solver of least squares they are the same, and take no memory there. Few stay as they are.
+
+    References
+    ----------
+    Demmel, J. et al. (2012). Communication-optimal parallel and sequential QR and LU factorizations. SIAM Journal on
+    Scientific Computing 34(1), A206-A239. DOI 10.1137/080731992
+    """
+    if residual.size < _LONG:
+        return residual, jacobian
+    rows = np.empty((0, jacobian.shape[1] + 1))
+    for first in range(0, residual.size, _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        further = np.column_stack([jacobian[part], residual[part]])
+        rows = np.asarray(np.linalg.qr(np.concatenate([rows, further]), mode="r"))
+    return rows[:, -1], rows[:, :-1]
 
 
 def laplace_covariance(log_posterior: LogPosterior, theta: Array) -> Array:
