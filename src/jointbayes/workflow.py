@@ -378,8 +378,9 @@ def _by_ensembles(
     if density is not log_posterior:
         chains, efficiency = chains.reweighed(log_posterior, _MOST_DRAWS)
         if efficiency >= _AS_GOOD:
-            confirmed = f"importance efficiency {efficiency:.6f} of the draws on all lines"
-            chains = replace(chains, reason=f"{chains.reason}; likelihood by quadrature on few lines, {confirmed}")
+            kept = f"{chains.draws().log_density.size} draws kept, on all lines"
+            reason = f"{chains.reason}; likelihood by quadrature on few lines, importance efficiency {efficiency:.6f}"
+            chains = replace(chains, reason=f"{reason} of the {kept}")
         else:  # what the checkpoint keeps is of the other density
             chains, last = run(log_posterior, None)
     return _posterior(problem, case, seed, settings, estimate, last, chains)
