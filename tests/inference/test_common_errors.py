@@ -62,6 +62,18 @@ def test_the_edge_does_what_a_longer_overhang_does(data):
     assert found.edges[:, 0] / predicted_over_sd == pytest.approx(by_length, rel=2e-3)
 
 
+def test_springs_are_tried_at_the_quantities_of_the_joint_without_a_table_over_all(monkeypatch):
+    problem = problem_of(data=modes_and_zeros())
+    theta = theta_of(problem)
+    theta[2] += problem.prior.sd[2]  # a longer beam
+    found = with_common_errors(problem, theta).test.noise
+    monkeypatch.setattr(type(problem.test.structures), "solved_anew", lambda self: self)
+    by_table = with_common_errors(problem, theta).test.noise
+    np.testing.assert_allclose(found.springs, by_table.springs, rtol=1e-7, atol=1e-9)
+    nominal = with_common_errors(problem, theta_of(problem)).test.noise
+    assert np.abs(found.springs / nominal.springs - 1).max() > 1e-4
+
+
 @pytest.mark.parametrize("data", [None, modes_and_zeros()])
 def test_springs_do_what_a_real_one_does(data):
     problem = problem_of(data=data)

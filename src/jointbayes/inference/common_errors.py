@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.frf import AssembledShapes
+from jointbayes.frf import AssembledShapes, Modal
 from jointbayes.inference.modal_likelihood import ModePrediction, modal_model
 from jointbayes.inference.noise.model_error import ModelErrorNoise
 from jointbayes.inference.problem import Problem
@@ -115,8 +115,7 @@ def _of_sensors_left_behind(part: Problem, theta: Array) -> Array:
     from_free_end = [_from_free_end(test, dof, end) for dof in dofs]
     turning = tuple(dict.fromkeys(label for terms in slopes for label in terms))
     stiffness, factors, numbers = _joint_and_numbers(part, theta)
-    modal = AssembledShapes(test.structures, test.joints, int(max(numbers)), (*dofs, *turning))
-    motions = modal.modes(stiffness, factors).shapes[0]
+    motions = _modes_at(test, test.joints, int(max(numbers)), (*dofs, *turning), stiffness, factors).shapes[0]
     for row, place, dof, reference in components:
         motion = motions[numbers[place] - 1]
         turns = dict(zip(turning, motion[len(dofs) :], strict=True))
@@ -182,11 +181,18 @@ def _joint_and_numbers(part: Problem, theta: Array) -> tuple[Array, Array, NDArr
     return matrix.batch.stiffness, factors, numbers
 
 
+def _modes_at(
+    test: Test, joints: Joint | Joints, count: int, dofs: Sequence[str], stiffness: Array, factors: Array
+) -> Modal:
+    """The lowest modes at one joint, a batch of one: a table over all that is uncertain would cost far more."""
+    return AssembledShapes(test.structures.solved_anew(), joints, count, dofs).modes(stiffness, factors)
+
+
 def _relative_effect(
     test: Test, joints: Joint | Joints, stiffness: Array, factors: Array, places: Sequence[str], count: int
 ) -> Array:
     """d ln f of the lowest modes per N/m of a spring at each place, shape (count, places), m/N."""
-    modal = AssembledShapes(test.structures, joints, count, places).modes(stiffness, factors)
+    modal = _modes_at(test, joints, count, places, stiffness, factors)
     return np.asarray(modal.shapes[0] ** 2 / (2 * (2 * np.pi * modal.frequency_hz[0, :, None]) ** 2))
 
 
@@ -201,7 +207,7 @@ def _mixtures(
     if not components:
         return change
     count = min(int(max(numbers)) + _MORE, test.most_modes)
-    modal = AssembledShapes(test.structures, test.joints, count, (*dofs, *places)).modes(stiffness, factors)
+    modal = _modes_at(test, test.joints, count, (*dofs, *places), stiffness, factors)
     squares, motions = (2 * np.pi * modal.frequency_hz[0]) ** 2, modal.shapes[0]
     for row, place, dof, reference in components:
         own = numbers[place] - 1

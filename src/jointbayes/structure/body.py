@@ -127,6 +127,10 @@ class Body(ABC):
         """
         return self
 
+    def solved_anew(self) -> "Body":
+        """The same body for few rows of factors: solved for each in place of a table over what is uncertain."""
+        return self
+
     def certain(self) -> "Body":
         """The same body at all factors 1, with nothing uncertain and every mode that there is."""
         return self

@@ -150,6 +150,10 @@ class UncertainBody(Body):
         """The same of much richer elements; solved anew for each row of factors, or interpolated as ever."""
         return type(self)(self.recipe.reference, self.ranges, exact=solved)
 
+    def solved_anew(self) -> Self:
+        """The same, solved for each row of factors; itself where these change no mode, which is solved once anyway."""
+        return self if all(map(is_damping, self.names)) else replace(self, exact=True)
+
     def with_certain_damping(self, factors: Mapping[str, float]) -> Self:
         """The same, its damping taken for certain, at these factors."""
         certain = {name: factors.get(name, 1.0) for name in self.ranges if is_damping(name)}

@@ -175,14 +175,18 @@ def _chebyshev(low: float, high: float, n: int) -> Array:
 def _turned_modes(modes: Modes, mass: Array, nominal: Modes) -> Modes:
     """Modes in the order of their nominal counterparts, each turned to lie as its own does."""
     # modes of different symmetry cross as the beam becomes thicker: each is known by its shape, not by its number
-    _, number = optimize.linear_sum_assignment(-np.abs(modes.shapes.T @ mass @ nominal.shapes).T)
-    eigenvalues, shapes = modes.eigenvalues[number], modes.shapes[:, number]
+    likeness = modes.shapes.T @ mass @ nominal.shapes
+    _, number = optimize.linear_sum_assignment(-np.abs(likeness).T)
+    eigenvalues, shapes, likeness = modes.eigenvalues[number], modes.shapes[:, number], likeness[number]
+    shapes = shapes * np.copysign(1.0, np.diagonal(likeness))
     apart = np.diff(nominal.eigenvalues) > _SAME_PLANE * nominal.eigenvalues[1:]
     cuts = [0, *(np.flatnonzero(apart) + 1).tolist(), nominal.eigenvalues.size]
-    for plane in itertools.starmap(slice, itertools.pairwise(cuts)):  # runs of modes with equal eigenvalues
-        # the rotation within the plane that brings the shapes nearest to the nominal ones; a sign for one mode
-        left, _, right = np.linalg.svd(shapes[:, plane].T @ mass @ nominal.shapes[:, plane])
-        shapes[:, plane] = shapes[:, plane] @ (left @ right)
+    for first, last in itertools.pairwise(cuts):  # runs of modes with equal eigenvalues
+        if last - first > 1:
+            # the rotation within the plane that brings the shapes nearest to the nominal ones
+            plane = slice(first, last)
+            left, _, right = np.linalg.svd(shapes[:, plane].T @ mass @ nominal.shapes[:, plane])
+            shapes[:, plane] = shapes[:, plane] @ (left @ right)
     return Modes(eigenvalues, shapes)
 
 
