@@ -32,7 +32,7 @@ from benchmarks.coverage import write_between
 from benchmarks.record import environment, kept_lines
 from jointbayes.case.case_objects import recipe_of
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.frf import AssembledShapes, HeldFrequencies, NaturalFrequencies
+from jointbayes.frf import AssembledShapes, NaturalFrequencies
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
 from jointbayes.joint import AnyJoint
 from jointbayes.measurement import Antiresonances, ModeData, ModeShapes, Observed
@@ -137,7 +137,8 @@ def _measured(
     def values(stiffness: Array) -> Array:
         matrix = np.diag(stiffness)
         free = NaturalFrequencies(structure, joint, _MODES).frequency_hz(matrix)[0]
-        held = HeldFrequencies(structure, joint, (_TIP,) * _ZEROS, range(1, _ZEROS + 1)).frequency_hz(matrix)[0]
+        zeros = [(_TIP, number) for number in range(1, _ZEROS + 1)]
+        held = AssembledShapes(structure, joint, 1, (), zeros).modes(matrix).zeros_hz[0]
         return np.concatenate([free, held])
 
     hz, joints = values(truth), [truth] * (_MODES + _ZEROS)

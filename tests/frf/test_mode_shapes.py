@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import AssembledShapes, HeldFrequencies
+from jointbayes.frf import AssembledShapes
 from jointbayes.joint import Joint, JointMatrix, Joints
 from jointbayes.structure import (
     BeamFamily,
@@ -188,12 +188,16 @@ def modes_below(structure: Structure, matrix: np.ndarray, held: str, frequency_h
     return negative
 
 
+def antiresonances(body, joint, zeros, matrices, factors=None):
+    return AssembledShapes(body, joint, 1, (), zeros).modes(matrices, factors).zeros_hz
+
+
 @pytest.mark.parametrize("dof", ["7:y", "1:y"])
 def test_antiresonances_are_exact_from_soft_joints_to_rigid_ones(dof):
     structure = rod(elements=6)
-    model = HeldFrequencies(structure, CLAMP, (dof,) * 3, (3, 1, 2))
     scales = np.array([1e-4, 1.0, 1e2, 3e3, 1e4, 1e5, 1e8, 1e20])
-    predicted = model.frequency_hz(scales[:, None, None] * STIFF)
+    asked = [(dof, number) for number in (3, 1, 2)]
+    predicted = antiresonances(structure, CLAMP, asked, scales[:, None, None] * STIFF)
     for scale, frequencies in zip(scales, predicted, strict=True):
         for frequency, number in zip(frequencies, (3, 1, 2), strict=True):
             ends = [modes_below(structure, scale * STIFF, dof, frequency * (1 + side * 1e-8)) for side in (-1, 1)]
@@ -202,19 +206,47 @@ def test_antiresonances_are_exact_from_soft_joints_to_rigid_ones(dof):
 
 def test_antiresonances_of_several_points_come_in_the_order_in_which_they_are_asked_for():
     asked = (("11:y", 1), ("6:y", 1), ("8:y", 1), ("11:y", 2))
-    together = HeldFrequencies(rod(), CLAMP, *zip(*asked, strict=True)).frequency_hz(STIFF)[0]
-    alone = [HeldFrequencies(rod(), CLAMP, (dof,), (number,)).frequency_hz(STIFF)[0, 0] for dof, number in asked]
+    together = antiresonances(rod(), CLAMP, asked, STIFF)[0]
+    alone = [antiresonances(rod(), CLAMP, [zero], STIFF)[0, 0] for zero in asked]
     np.testing.assert_allclose(together, alone, rtol=1e-7)
     assert len(set(np.round(alone))) == len(asked)
 
 
 def test_the_derivative_of_antiresonances_is_that_of_differences():
-    model = HeldFrequencies(rod(), CLAMP, ("11:y", "6:y", "11:y"), (1, 2, 3))
+    zeros = [("11:y", 1), ("6:y", 2), ("11:y", 3)]
     directions = np.array([[[1e6, 0], [0, 0]], [[0, 1e4], [1e4, 0]], [[0, 0], [0, 1e3]]])
     step = 1e-4
-    up, down = (model.frequency_hz(STIFF + sign * step * directions) for sign in (1, -1))
-    difference = (up - down) / (2 * step)
-    np.testing.assert_allclose(model.slope(STIFF, directions), difference, rtol=2e-5)
+    up, down = (antiresonances(rod(), CLAMP, zeros, STIFF + sign * step * directions) for sign in (1, -1))
+    _, slope = AssembledShapes(rod(), CLAMP, 2, DOFS, zeros).tangent(STIFF, directions)
+    np.testing.assert_allclose(slope.zeros_hz, (up - down) / (2 * step), rtol=2e-5)
+
+
+def test_antiresonances_of_uncertain_bodies_are_those_of_a_dense_solution_with_the_dof_held():
+    recipe = BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), LossFactor(0.01), elements=10)
+    family = BeamFamily(recipe, {"youngs_modulus": (-0.2, 0.2), "length": (-0.03, 0.03)})
+    rng = np.random.default_rng(5)
+    factors, scales = np.exp(rng.uniform(-0.02, 0.02, (6, 2))), 10.0 ** rng.uniform(-3, 9, 6)
+    zeros, matrices = [("11:y", 1), ("6:y", 2), ("11:y", 3)], scales[:, None, None] * STIFF
+    model = AssembledShapes(family, CLAMP, 3, DOFS, zeros)
+    found = model.modes(matrices, factors)
+    plain = AssembledShapes(family, CLAMP, 3, DOFS).modes(matrices, factors)
+    np.testing.assert_allclose(found.frequency_hz, plain.frequency_hz, rtol=1e-8)
+    np.testing.assert_allclose(found.damping_ratio, plain.damping_ratio, rtol=1e-8)
+    for row, matrix, own in zip(factors, matrices, found.zeros_hz, strict=True):
+        np.testing.assert_allclose(model.modes(matrix, row).zeros_hz[0], own, rtol=1e-13)  # batched as one by one
+        structure = model._body.structure(row)
+        joined = structure.stiffness + CLAMP.selection(structure) @ matrix @ CLAMP.selection(structure).T
+        for (dof, number), hz in zip(zeros, own, strict=True):
+            kept = np.ix_(*[np.delete(np.arange(structure.n_dofs), structure.index([dof]))] * 2)
+            # the inverse problem, whose lowest modes have all digits
+            inverse = linalg.eigh(structure.mass[kept], joined[kept], eigvals_only=True)[::-1]
+            assert hz == pytest.approx(inverse[number - 1] ** -0.5 / (2 * np.pi), rel=2e-8)
+
+
+def test_antiresonances_that_no_structure_has_are_refused():
+    chain = Structure(np.array([[2.0, -1.0], [-1.0, 1.0]]), np.eye(2), ModalDamping((0.0,)), ("1:x", "2:x"))
+    with pytest.raises(ModelError, match="antiresonances of 2:x: found numbers 1, 2; expected 1 to 1"):
+        AssembledShapes(chain, Joint(("1:x",)), 1, (), [("2:x", 1), ("2:x", 2)])
 
 
 def test_a_free_structure_has_the_antiresonances_above_its_rigid_motions():
@@ -223,12 +255,12 @@ def test_a_free_structure_has_the_antiresonances_above_its_rigid_motions():
         np.array([[400.0, -400.0], [-400.0, 400.0]]), np.diag([2.0, 1.0]), ModalDamping((0.0,)), ("1:x", "2:x")
     )
     between = Joint(("2:x",), ("1:x",))
-    model = HeldFrequencies(free, between, ("1:x", "2:x"), (1, 1))
-    np.testing.assert_allclose(2 * np.pi * model.frequency_hz([[[500.0]]])[0], np.sqrt([900.0, 450.0]), rtol=1e-12)
+    zeros_hz = antiresonances(free, between, [("1:x", 1), ("2:x", 1)], [[[500.0]]])
+    np.testing.assert_allclose(2 * np.pi * zeros_hz[0], np.sqrt([900.0, 450.0]), rtol=1e-12)
 
 
 def test_a_structure_that_is_joined_to_nothing_has_antiresonances():
     structure = rod(elements=6)
-    alone = HeldFrequencies(structure, Joints(()), ("7:y",), (1,)).frequency_hz(np.zeros((1, 0, 0)))[0, 0]
-    soft = HeldFrequencies(structure, CLAMP, ("7:y",), (2,)).frequency_hz(np.zeros((1, 2, 2)))[0, 0]
+    alone = antiresonances(structure, Joints(()), [("7:y", 1)], np.zeros((1, 0, 0)))[0, 0]
+    soft = antiresonances(structure, CLAMP, [("7:y", 2)], np.zeros((1, 2, 2)))[0, 0]
     assert alone == pytest.approx(soft, rel=1e-9)  # the first one of the soft joint is the swinging about the tip

@@ -15,7 +15,7 @@ from jointbayes.frf.modal import AssembledModes as AssembledModes
 from jointbayes.frf.modal import NaturalFrequencies as NaturalFrequencies
 from jointbayes.frf.modal import rigid_body_modes as rigid_body_modes
 from jointbayes.frf.mode_shapes import AssembledShapes as AssembledShapes
-from jointbayes.frf.mode_shapes import HeldFrequencies as HeldFrequencies
 from jointbayes.frf.mode_shapes import Modal as Modal
+from jointbayes.frf.mode_shapes import held_at as held_at
 from jointbayes.frf.ports import Ports as Ports
 from jointbayes.frf.ports import ReceptanceModel as ReceptanceModel

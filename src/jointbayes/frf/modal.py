@@ -83,8 +83,12 @@ class JoinedModes:
         #: Rigid-body motions that the joint leaves: the first so many modes, which nobody counts.
         self.rigid = _left_free(body, taking_part)
 
-    def solve(self, matrices: Array, factors: ArrayLike | None = None) -> tuple[Array, Array, Array]:
+    def solve(
+        self, matrices: Array, factors: ArrayLike | None = None, wanted: int | None = None
+    ) -> tuple[Array, Array, Array]:
         """Assembled modes for joint matrices (batch, r, r), symmetric, and factors on the structure (batch, f).
+
+        The first `wanted` of them, by default all m.
 
         Returns
         -------
@@ -99,14 +103,15 @@ class JoinedModes:
         lam = np.empty((batch, m))
         rows = np.empty((batch, motions.shape[1], m))
         work, w = workspace(m, rows.shape[1])
-        add_springs(free, joined, rest, directions, stiffness, self._shift, lam, rows, work, w)
+        wanted = min(wanted or m, m)
+        add_springs(free, joined, rest, directions, stiffness, self._shift, wanted, lam, rows, work, w)
         for i in np.flatnonzero((stiffness < 0).any(axis=1)):
             # a joint that releases energy is met on the way to another one only: the plain eigenproblem will do
             j = i if len(free) > 1 else 0
             dense = np.diag(free[j]) + joined[j].T @ matrices[i] @ joined[j]
             lam[i], vectors = np.linalg.eigh(dense)
             rows[i] = np.vstack([directions[i].T @ joined[j], rest[j]]) @ vectors
-        return lam, rows, directions
+        return lam[:, :wanted], rows[:, :, :wanted], directions
 
 
 class LowestModes:
@@ -153,7 +158,7 @@ class NaturalFrequencies(LowestModes):
         For joint matrices of shape (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
         """
         stiffness = np.ascontiguousarray(joint_matrix_of(matrices).batch.stiffness)
-        eigenvalues, _, _ = self._modes.solve(stiffness, factors)
+        eigenvalues, _, _ = self._modes.solve(stiffness, factors, self._counted.stop)
         return np.sqrt(np.maximum(eigenvalues[:, self._counted], 0.0)) / (2 * np.pi)
 
     def tangent(
@@ -161,7 +166,8 @@ class NaturalFrequencies(LowestModes):
     ) -> tuple[Array, Array]:
         """Frequencies (count,) in Hz and their derivative (p, count) along changes dK^J (p, r, r)."""
         factor_rows = factors_batch(factors, 1)
-        (eigenvalues,), (rows,), (springs,) = self._modes.solve(joint_matrix_of(matrix).batch.stiffness, factor_rows)
+        stiffness = joint_matrix_of(matrix).batch.stiffness
+        (eigenvalues,), (rows,), (springs,) = self._modes.solve(stiffness, factor_rows, self._counted.stop)
         shapes = np.linalg.solve(springs.T, rows)[:, self._counted]
         frequency = np.sqrt(np.maximum(eigenvalues[self._counted], 0.0)) / (2 * np.pi)
         slope = np.einsum("ir,pij,jr->pr", shapes, joint_matrix_of(directions).stiffness, shapes)

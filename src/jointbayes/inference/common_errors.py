@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.frf import AssembledShapes, Modal
+from jointbayes.frf import AssembledShapes, Modal, held_at
 from jointbayes.inference.modal_likelihood import ModePrediction, modal_model
 from jointbayes.inference.noise.model_error import ModelErrorNoise
 from jointbayes.inference.problem import Problem
@@ -160,10 +160,11 @@ def _springs(part: Problem, noise: ModelErrorNoise, theta: Array) -> Array:
         if kind in ("frequency", "eigenvalue"):
             change[row] = free[of_mode[number] - 1] * noise.relative[row]
         elif kind == "zero":
-            held = Joints((*_named(test), Joint((of[-1],), name="held")))
             rigid = np.pad(stiffness, ((0, 0), (0, 1), (0, 1)))
             rigid[:, -1, -1] = RIGID
-            effect = _relative_effect(test, held, rigid, factors, places, int(number))[int(number) - 1]
+            effect = _relative_effect(test, held_at(test.joints, of[-1]), rigid, factors, places, int(number))[
+                int(number) - 1
+            ]
             change[row] = effect * noise.relative[row]
     change += _mixtures(test, data, stiffness, factors, numbers, places)
     lowest = np.linalg.norm(free[min(numbers) - 1])
@@ -232,11 +233,6 @@ def _of_ratio(motion: Array, change: Array, dof: int, reference: int) -> Array:
     """Change of the ratio of two motions by the changes of both."""
     ratio = motion[dof] / motion[reference]
     return np.asarray((change[dof] - ratio * change[reference]) / motion[reference])
-
-
-def _named(test: Test) -> tuple[Joint, ...]:
-    joints = test.joints.joints if isinstance(test.joints, Joints) else (test.joints,)
-    return tuple(replace(joint, name=f"{place}") for place, joint in enumerate(joints))
 
 
 def _places(test: Test) -> tuple[str, ...]:

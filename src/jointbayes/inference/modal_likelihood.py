@@ -13,7 +13,6 @@ from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.frf import (
     AssembledShapes,
-    HeldFrequencies,
     Modal,
     NaturalFrequencies,
     rigid_body_modes,
@@ -96,15 +95,16 @@ class ModePrediction:
         free = family.at(joint.labels, family.reach_hz(least))
         rigid = rigid_body_modes(free, joint)
         count = max(least, min(data.most_modes, free.n_dofs - rigid - joint.size))
-        self._model = AssembledShapes(family, joint, count, self._dofs)
+        zeros = data.zeros
+        of_zeros = list(zip(zeros.dofs, zeros.numbers, strict=True)) if zeros else []
+        self._model = AssembledShapes(family, joint, count, self._dofs, of_zeros)
         self._eigenvalues = data.eigenvalues
         place = {label: i for i, label in enumerate(self._dofs)}
-        shapes, zeros, constants = data.shapes, data.zeros, data.constants
+        shapes, constants = data.shapes, data.constants
         self._shown = np.array([place[label] for label in shapes.dofs] if shapes else [], dtype=np.intp)
         self._reference = np.array([place[label] for label in data.references], dtype=np.intp)
         pairs = [(place[output], place[input_]) for output, input_ in constants.pairs] if constants else []
         self._pairs = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-        self._zeros = HeldFrequencies(family, joint, zeros.dofs, zeros.numbers) if zeros else None
         #: Measured shapes at the DOFs of `ModeData.dofs_of_modes`, NaN where unknown, shape (n, DOFs).
         self.measured_shapes = _whole_shapes(data)
         #: Place of each measured value among the predicted ones of all modes: frequencies, ratios and so on.
@@ -126,13 +126,7 @@ class ModePrediction:
         Infinite where a mode does not move at its reference DOF.
         """
         modal, _ = self.matched(matrices, factors)
-        return self._table(modal, self.zeros(matrices, factors))[:, self._place]
-
-    def zeros(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
-        """Antiresonances, shape (batch, their number), Hz."""
-        if self._zeros is None:
-            return np.empty((len(joint_matrix_of(matrices).batch), 0))
-        return self._zeros.frequency_hz(matrices, factors)
+        return self._table(modal)[:, self._place]
 
     def matched(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Modal, Indices]:
         """The partners of the measured modes, shapes (batch, n, …), and their places among all, from 0, (batch, n)."""
@@ -162,9 +156,7 @@ class ModePrediction:
             parts.append(
                 _flattened(change[:, :, output] * value[:, :, input_] + value[:, :, output] * change[:, :, input_])
             )
-        if self._zeros is not None:
-            parts.append(self._zeros.slope(matrix, directions, factors))
-        return self._table(here, self.zeros(matrix, factors))[0, self._place], np.hstack(parts)[:, self._place]
+        return self._table(here)[0, self._place], np.hstack([*parts, moved.zeros_hz])[:, self._place]
 
     def _partners(self, modal: Modal) -> Indices:
         """Places of the predicted modes that are compared with the measured ones, shape (batch, n)."""
@@ -176,7 +168,7 @@ class ModePrediction:
             row[:] = linear_sum_assignment(mac_of_joint, maximize=True)[1]
         return places
 
-    def _table(self, modal: Modal, zeros: Array) -> Array:
+    def _table(self, modal: Modal) -> Array:
         """All that is predicted, one kind after the other, shape (batch, 2n + n·p + n·q + z)."""
         frequency = (2 * np.pi * modal.frequency_hz) ** 2 if self._eigenvalues else modal.frequency_hz
         parts = [frequency, modal.damping_ratio]
@@ -184,7 +176,7 @@ class ModePrediction:
             parts.append(_flattened(self.components(modal)))
         if self._pairs.size:
             parts.append(_flattened(self.constants(modal)))
-        return np.hstack([*parts, zeros])
+        return np.hstack([*parts, modal.zeros_hz])
 
     def constants(self, modal: Modal) -> Array:
         """Modal constants of matched modes, shape (batch, n, q), 1/kg."""
@@ -212,6 +204,7 @@ def _taken(modal: Modal, places: Indices) -> Modal:
         np.take_along_axis(modal.frequency_hz, places, axis=1),
         np.take_along_axis(modal.damping_ratio, places, axis=1),
         np.take_along_axis(modal.shapes, places[:, :, None], axis=1),
+        modal.zeros_hz,
     )
 
 

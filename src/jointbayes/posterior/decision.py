@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, ModelError
-from jointbayes.frf import AnyStructure, HeldFrequencies
+from jointbayes.frf import AnyStructure, AssembledShapes
 from jointbayes.identification import MapEstimate, refine_where_possible
 from jointbayes.identification.numbering import Renumbered, find_numbering
 from jointbayes.inference import ErrorSizes, ModelErrorNoise, Premises, Problem, Test, UsedMode
@@ -308,8 +308,9 @@ def _counted(
     matrix, structural = part.parametrisation.matrix(stiffness[[nearest]]), part.structural(factors[[nearest]])
     for dof, fit in zeros.items():
         numbers = range(1, max(min(part.test.most_modes - 1, len(fit) + _MORE), 0) + 1)
-        held = HeldFrequencies(part.test.structures, part.test.joints, (dof,) * len(numbers), numbers)
-        counted.append(_matched(fit, held.frequency_hz(matrix, structural)[0])[:2])
+        held = [(dof, number) for number in numbers]
+        model = AssembledShapes(part.test.structures.solved_anew(), part.test.joints, 1, (), held)
+        counted.append(_matched(fit, model.modes(matrix, structural).zeros_hz[0])[:2])
     return counted
 
 

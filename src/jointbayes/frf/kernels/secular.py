@@ -208,8 +208,8 @@ def _turn(lam: Array, v: Array, rows: Array, start: int, lanes: int, w: Array, o
 
 
 @keep_order
-def _add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, work: Array, w: Array) -> None:
-    """Add spring number p, of stiffness d > 0, whose stretch is row p; eigenvalues and rows are replaced."""
+def _add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, wanted: int, work: Array, w: Array) -> None:
+    """Add spring number p, of stiffness d > 0, whose stretch is row p; the first `wanted` modes are replaced."""
     n, count, inverse = len(lam), len(rows), 1.0 / d
     v, new = work[count], work[count + 1]
     largest = 0.0
@@ -218,14 +218,14 @@ def _add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, work: A
     for s in range(n):
         y = rows[p, s]
         v[s] = y if abs(y) > _UNMOVED * largest else _UNMOVED * largest
-    for start in range(0, n, LANES):
-        lanes = min(LANES, -(-(n - start) // 8) * 8)
+    for start in range(0, wanted, LANES):
+        lanes = min(LANES, -(-(wanted - start) // 8) * 8)
         _roots(lam, v, inverse, start, lanes, w)
         _turn(lam, v, rows, start, lanes, w, work)
-        for k in range(min(lanes, n - start)):
+        for k in range(min(lanes, wanted - start)):
             new[start + k] = w[_ORIGIN + k] + w[_TAU + k]
             work[p, start + k] = -inverse * w[_NORM + k]  # by the secular equation itself: exact for a rigid spring
-    for k in range(n):
+    for k in range(wanted):
         lam[k] = new[k]
         for i in range(count):
             rows[i, k] = work[i, k]
@@ -234,8 +234,8 @@ def _add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, work: A
 
 @compiled
 def add_springs(
-    free: Array, joined: Array, rest: Array, directions: Array, stiffness: Array, shift: float, lam: Array,
-    rows: Array, work: Array, w: Array,
+    free: Array, joined: Array, rest: Array, directions: Array, stiffness: Array, shift: float, wanted: int,
+    lam: Array, rows: Array, work: Array, w: Array,
 ) -> None:  # fmt: skip
     """Add the springs of each joint of a batch to the free structure.
 
@@ -249,6 +249,8 @@ def add_springs(
         Springs, shapes (batch, r, r) and (batch, r), see `springs`.
     shift
         Size below which eigenvalues differ by rounding only.
+    wanted
+        The first so many modes are to be right; those beyond are left as they stood before the last spring.
     lam, rows
         Results: eigenvalues (batch, m), and the stretch of each spring, then `rest`, in each mode (batch, r + q, m).
     work, w
@@ -266,6 +268,33 @@ def add_springs(
             for a in range(rest.shape[1]):
                 rows[i, r + a, k] = rest[j, a, k]
         _separate(lam[i], shift)
+        last = r - 1
+        while last > 0 and not stiffness[i, last] > 0.0:
+            last -= 1
         for p in range(r):
             if stiffness[i, p] > 0.0:
-                _add_spring(lam[i], rows[i], p, stiffness[i, p], shift, work, w)
+                _add_spring(lam[i], rows[i], p, stiffness[i, p], shift, wanted if p == last else m, work, w)
+
+
+def held_still(eigenvalues: Array, motion: Array, rest: Array, shift: float, wanted: int) -> tuple[Array, Array]:
+    """The first modes of structures whose motion in one place is held by a rigid spring more.
+
+    Parameters
+    ----------
+    eigenvalues
+        Of the modes of each, rising, shape (batch, m).
+    motion, rest
+        Motion there in these modes of unit modal mass, shape (batch, m), and other motions, shape (batch, q, m).
+    shift, wanted
+        As of `add_springs`.
+
+    Returns
+    -------
+    eigenvalues, rest : ndarray, shapes (batch, wanted) and (batch, q, wanted)
+    """
+    (batch, m), q = eigenvalues.shape, rest.shape[1]
+    lam, rows = np.empty((batch, m)), np.empty((batch, 1 + q, m))
+    rigid = np.full((batch, 1), RIGID)
+    free, joined, others = map(np.ascontiguousarray, (eigenvalues, motion[:, None], rest))
+    add_springs(free, joined, others, np.ones((batch, 1, 1)), rigid, shift, wanted, lam, rows, *workspace(m, 1 + q))
+    return lam[:, :wanted], rows[:, 1:, :wanted]

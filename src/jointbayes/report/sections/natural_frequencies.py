@@ -184,7 +184,7 @@ def compared_modes(
     predicted |= {"Damping ratio": modal.damping_ratio}
     given |= {"Damping ratio": measured.damping}
     if measured.zeros is not None:
-        predicted["zero"], given["zero"] = prediction.zeros(matrices, factors), measured.zeros.frequency
+        predicted["zero"], given["zero"] = modal.zeros_hz, measured.zeros.frequency
     if measured.constants is not None:
         predicted["constant"], given["constant"] = prediction.constants(modal), measured.constants.constants
     likeness = np.empty(0)
