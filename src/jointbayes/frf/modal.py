@@ -105,12 +105,14 @@ class JoinedModes:
         work, w = workspace(m, rows.shape[1])
         wanted = min(wanted or m, m)
         add_springs(free, joined, rest, directions, stiffness, self._shift, wanted, lam, rows, work, w)
-        for i in np.flatnonzero((stiffness < 0).any(axis=1)):
+        if (released := np.flatnonzero((stiffness < 0).any(axis=1))).size:
             # a joint that releases energy is met on the way to another one only: the plain eigenproblem will do
-            j = i if len(free) > 1 else 0
-            dense = np.diag(free[j]) + joined[j].T @ matrices[i] @ joined[j]
-            lam[i], vectors = np.linalg.eigh(dense)
-            rows[i] = np.vstack([directions[i].T @ joined[j], rest[j]]) @ vectors
+            own = released if len(free) > 1 else np.zeros_like(released)
+            held = joined[own]
+            dense = np.eye(m) * free[own, None] + held.swapaxes(1, 2) @ matrices[released] @ held
+            lam[released], vectors = np.linalg.eigh(dense)
+            stretches = directions[released].swapaxes(1, 2) @ held
+            rows[released] = np.concatenate([stretches, rest[own]], axis=1) @ vectors
         return lam[:, :wanted], rows[:, :, :wanted], directions
 
 
