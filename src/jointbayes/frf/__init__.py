@@ -13,6 +13,7 @@ from jointbayes.frf.measured_body import MeasuredFile as MeasuredFile
 from jointbayes.frf.measured_body import Substructures as Substructures
 from jointbayes.frf.modal import AssembledModes as AssembledModes
 from jointbayes.frf.modal import NaturalFrequencies as NaturalFrequencies
+from jointbayes.frf.modal import least_reach_hz as least_reach_hz
 from jointbayes.frf.modal import rigid_body_modes as rigid_body_modes
 from jointbayes.frf.mode_shapes import AssembledShapes as AssembledShapes
 from jointbayes.frf.mode_shapes import Modal as Modal

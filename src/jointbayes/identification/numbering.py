@@ -3,12 +3,14 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy.optimize
 
 from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
+from jointbayes.frf import NaturalFrequencies, least_reach_hz
 from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Problem, Uniform
 from jointbayes.measurement import ModalData
 from jointbayes.measurement.mode_data import renumbered
@@ -106,16 +108,22 @@ def _nearest_first(problem: Problem, measured: ModalData) -> list[tuple[int, flo
     count = int(numbers.max()) + max((shift for shift, _ in possible), default=0)
     if measured.shown_frfs is None and all(name.startswith("frequency") for name in measured.value_names):
         possible.append((0, RAD_PER_S))
-    away = {}
+    away, model = {}, _nominal_frequencies(problem, count)
     for unit_hz in {unit for _, unit in possible}:
         softer = _in_unit(prior, unit_hz)
-        theta = softer.sample(np.random.default_rng(0), _DRAWS)
-        predicted = problem.natural_frequencies_hz(softer.values(theta), count, softer.factors(theta))
+        stiffness = softer.values(softer.sample(np.random.default_rng(0), _DRAWS))
+        predicted = model.frequency_hz(softer.parametrisation.matrix(stiffness))
         for shift, unit in possible:
             if unit == unit_hz:
                 ratio = np.log(predicted[:, numbers + shift - 1] / (unit * measured.frequency_hz))
                 away[shift, unit] = float(np.nanmin(np.log1p((ratio / _SPREAD) ** 2).sum(axis=1)))
     return sorted(away, key=lambda other: away[other])
+
+
+def _nominal_frequencies(problem: Problem, count: int) -> NaturalFrequencies:
+    """The model's frequencies with all but the joint as stated: joints move them far more than what is uncertain."""
+    body, joints = problem.test.structures, problem.test.joints
+    return NaturalFrequencies(body.at(joints.labels, least_reach_hz(body, joints, count)).certain(), joints, count)
 
 
 def _in_unit(prior: JointPrior, unit_hz: float) -> JointPrior:
@@ -165,11 +173,15 @@ def _climbed(problem: Problem) -> Iterator[Array]:
     draws = prior.sample(np.random.default_rng(0), _DRAWS)
     best = np.argsort(np.nan_to_num(log_posterior(draws), nan=-np.inf))[::-1][:_CLIMBS]
 
+    @lru_cache(maxsize=2)
+    def both(at: bytes) -> tuple[Array, Array]:  # the solver asks for residuals and slopes of one point in turn
+        return log_posterior.residuals(np.frombuffer(at) * scale)
+
     def residual(x: Array) -> Array:
-        return log_posterior.residuals(x * scale)[0]
+        return both(x.tobytes())[0]
 
     def slope(x: Array) -> Array:
-        return log_posterior.residuals(x * scale)[1] * scale
+        return both(x.tobytes())[1] * scale
 
     for row in best:
         start = np.clip(draws[row], low + _AT_END * scale, high - _AT_END * scale) / scale
