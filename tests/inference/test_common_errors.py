@@ -249,3 +249,18 @@ def test_what_moves_all_modes_is_found_again():
     assert 1.2 < edge < 2.0  # drawn towards the prior
     sizes = [np.median(noise.draw_size(rng, np.repeat(each[None], 4000, axis=0))[:, 1]) for each in z]
     assert sizes[0] < SIZES.spring < 0.05 < sizes[2] < 0.2
+
+
+def test_the_slopes_of_many_joints_come_from_one_evaluation_of_the_density(monkeypatch):
+    problem = with_common_errors(problem_of(), theta_of(problem_of()))
+    density, low = problem.log_posterior, problem.prior.support[0]
+    many = problem.prior.sample(np.random.default_rng(3), 4)
+    many[1, 0] = low[0]  # at an edge: the difference goes to one side
+    alone = np.array([density.gradient(theta) for theta in many])
+    calls, evaluate = [], density.log_likelihood
+    monkeypatch.setattr(density, "log_likelihood", lambda theta: calls.append(len(theta)) or evaluate(theta))
+    np.testing.assert_allclose(density.gradient(many), alone, rtol=1e-6)
+    assert len(calls) == 1
+    step = 1e-4 * np.eye(many.shape[1])[1]
+    by_hand = (density(many + step) - density(many - step)) / 2e-4
+    np.testing.assert_allclose(alone[:, 1], by_hand, rtol=1e-3)

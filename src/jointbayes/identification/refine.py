@@ -281,8 +281,9 @@ def laplace_covariance(log_posterior: LogPosterior, theta: Array) -> Array:
     step = 1e-3 * sd / np.sqrt(np.maximum((scaled**2).sum(axis=0), 1.0))
     hessian = np.zeros((theta.size, theta.size))
     ups, downs = (prior.moved(theta, np.diag(sign * step)) for sign in (1, -1))
-    for i, (up, down) in enumerate(zip(ups, downs, strict=True)):
-        if up[i] > down[i]:
-            hessian[i] = -(log_posterior.gradient(up) - log_posterior.gradient(down)) / (up[i] - down[i])
+    apart = np.diag(ups - downs)
+    (has_room,) = np.nonzero(apart > 0)
+    above, below = np.split(log_posterior.gradient(np.concatenate([ups[has_room], downs[has_room]])), 2)
+    hessian[has_room] = -(above - below) / apart[has_room, None]
     values, vectors = np.linalg.eigh((hessian + hessian.T) / 2 * np.outer(sd, sd))
     return (vectors / np.maximum(values, 1.0)) @ vectors.T * np.outer(sd, sd)
