@@ -17,6 +17,7 @@ from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.identifiability import WEAK_RATIO, assess
 from jointbayes.posterior.knowledge import _profiles
+from jointbayes.posterior.limit_climb import LimitClimb, farthest_in_ball
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
 from jointbayes.posterior.rounding import factor as ratio_in_words
 from jointbayes.posterior.rounding import rounded, rounded_interval
@@ -79,15 +80,33 @@ def test_climbs_that_stop_short_of_the_limit_are_gone_on_with(monkeypatch):
     centre, sd = np.log([2e7, 5e6]), 0.2
     problem = springs(lambda theta: -0.5 * (((theta - centre) / sd) ** 2).sum(axis=1))
     region = LikelihoodRegion(problem, problem.draws())
-    minimize, calls = optimize.minimize, []
+    end, calls = LimitClimb.end, []
 
-    def stopped(*arguments, options, **more):
+    def stopped(self, *arguments, **options):
         calls.append(1)
-        return minimize(*arguments, options=options | ({"maxiter": 1} if len(calls) <= 2 else {}), **more)
+        return end(self, *arguments, **options | ({"steps": 1} if len(calls) <= 2 else {}))
 
-    monkeypatch.setattr(optimize, "minimize", stopped)
+    monkeypatch.setattr(LimitClimb, "end", stopped)
     limits, _ = region.limits(0, FALL_TWO_SIDED, FALL_PRINTED)
     assert np.log(limits) == pytest.approx([centre[0] - Z95 * sd, centre[0] + Z95 * sd], abs=2e-3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_farthest_point_of_a_ball_between_faces_is_that_of_a_general_optimiser(seed):
+    rng = np.random.default_rng(seed)
+    slope, forward, sides = rng.normal(size=3), rng.normal(size=3), rng.normal(size=(4, 3))
+    room, spare = rng.uniform(0.3, 1.5, 4), 1.0
+    found = farthest_in_ball(slope, spare, forward, sides, room)
+    ball = {"type": "ineq", "fun": lambda z: slope @ z - z @ z / 2 + spare}
+    faces = {"type": "ineq", "fun": lambda z: room - sides @ z}
+    best = optimize.minimize(lambda z: -forward @ z, np.zeros(3), method="SLSQP", constraints=[ball, faces])
+    assert (sides @ found <= room + 1e-6).all()
+    assert slope @ found - found @ found / 2 >= -spare - 1e-6
+    # a face once held is not let go before the next step of the climb: never farther, and never at rest
+    assert 0 < forward @ found <= -best.fun + 1e-6
+    free = farthest_in_ball(slope, spare, forward, sides, room + 1e3)
+    assert free == pytest.approx(slope + math.sqrt(2 * spare + slope @ slope) * forward / np.linalg.norm(forward))
+    assert farthest_in_ball(slope, spare, None, sides, room + 1e3) == pytest.approx(slope)
 
 
 def test_limits_of_a_likelihood_that_is_far_narrower_than_its_draws_are_its_own():

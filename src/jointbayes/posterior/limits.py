@@ -16,17 +16,17 @@ exploiting the profile likelihood. Bioinformatics 25(15), 1923-1929. DOI 10.1093
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, optimize
+from scipy import linalg
 from scipy.special import chdtri
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import LogPosterior
 from jointbayes.joint import Coordinate
+from jointbayes.posterior.limit_climb import LimitClimb
 
 Ends = tuple[float, float]
 
@@ -34,19 +34,18 @@ Ends = tuple[float, float]
 #: to those that are printed.
 FALL_TWO_SIDED, FALL_ONE_SIDED, FALL_PRINTED = (float(chdtri(1, p)) / 2 for p in (0.05, 0.10, 0.025))
 _LEVEL = 0.95  # confidence of the limits of profiles
-#: Step of differences, in standard deviations of the draws.
-_STEP = 1e-3
 #: By how much ln L may be below the wanted height at an end; above it by more the support ends first.
 _SLACK = 0.01
-_HIGHER = 1e-4  # standard deviations of a quantity that one unit of ln L is worth: of equal ends the likeliest
+_MISSED = 1e-4  # the same at a point on the way there
 _EDGE = 1e-9  # of the support's width: at its very ends ρ is no positive definite joint
 _FARTHEST = 40.0  # prior standard deviations from its mean
-_FAR_DRAWS = 10  # for each unknown, of which the covariance at an end is worth a try
+_MARGIN = 0.02  # prior standard deviations beyond the support that differences may reach
 _WORST = -1e9  # in place of a log likelihood that is not finite
 _POINTS = 7  # of a profile from its top to an end
-_ITERATIONS, _NEAR = 60, 5.0  # of a climb, and steps of a short one
-_AGAIN, _GAIN = 20, 1e-3  # climbs from where another has ended, while they gain so much of a standard deviation
-_OF_HEIGHT, _OF_QUANTITY = 1e-6, 1e-8  # gain of ln L, and of a quantity in standard deviations, at which a climb ends
+_ITERATIONS = 60  # of a climb
+_AGAIN = 20  # climbs from where another has ended
+_GAIN, _PART = 1e-3, 1e-4  # while they gain so much of a standard deviation, or so large a part of the value
+_OF_HEIGHT, _OF_QUANTITY = 1e-6, 1e-5  # gain of ln L, and of a quantity in standard deviations, at which a climb ends
 _CLOSE = 20  # draws among which a profile looks for where to climb from
 
 
@@ -267,24 +266,14 @@ class LikelihoodRegion:
         inside = self._draws[self._heights >= level]
         ends = []
         for sign, first in zip((-1.0, 1.0), near, strict=True):
-            farthest = inside[np.argsort(sign * self._of(index, inside))]
-            starts = np.array([first, *farthest[-1:]])
-            # at the end of a curved ridge the region is far thinner, and elsewhere directed, than all draws are: the
-            # draws near it say how it lies, and where there are few the likelihood's own curvature
-            few = _FAR_DRAWS * starts.shape[1]
-            local = farthest[-max(few, len(farthest) // 20) :]
-            by_draws = len(local) >= few
-            roots = [_root(local) if by_draws else self._root_at(start) for start in starts]
-            climbed = set[bytes]() if by_draws else {start.tobytes() for start in starts}  # by the curvature there
-            climbs = [self._climbed(start, root, index, level, sign) for start, root in zip(starts, roots, strict=True)]
-            end = self._farthest(np.array([*starts, *climbs]), index, level, sign)
+            starts = np.array([first, *inside[np.argsort(sign * self._of(index, inside))][-1:]])
+            climbs = [self._climbed(start, self._root, index, level, sign) for start in starts]
+            end, value = self._farthest(np.array([*starts, *climbs]), index, level, sign), math.nan
             for _ in range(_AGAIN):
-                # a step far along a curved ridge leaves it, and the climb wanders: from where it failed shorter ones
-                size = np.inf if end.tobytes() not in climbed else _NEAR
-                climbed.add(end.tobytes())
-                reached = self._climbed(end, self._root_at(end), index, level, sign, size)
-                before, end = end, self._farthest(np.array([end, reached]), index, level, sign)
-                if size == _NEAR and abs(np.diff(self._of(index, np.array([before, end])))[0]) <= _GAIN * spread:
+                reached = self._climbed(end, self._root, index, level, sign)
+                end = self._farthest(np.array([end, reached]), index, level, sign)
+                before, value = value, float(self._of(index, end[None])[0])
+                if abs(value - before) <= min(_GAIN * spread, _PART * abs(value)):  # it may span decades
                     break
             ends.append(end)
         return np.array(ends)
@@ -295,86 +284,33 @@ class LikelihoodRegion:
         farthest: Array = allowed[np.argmax(sign * self._of(index, allowed))]
         return farthest
 
-    def _root_at(self, theta: Array) -> Array:
-        """Root of the covariance by the curvature of ln L at a point, no wider anywhere than that of all draws."""
-        step = _STEP * self._root
-        pairs = np.array([[step.T[i] + step.T, step.T[i] - step.T] for i in range(step.shape[1])])  # (k, 2, k, d)
-        margin = 2 * _STEP * self._prior.sd
-        around = np.clip(theta + np.concatenate([pairs, -pairs], axis=1), self._low - margin, self._high + margin)
-        height = self._height(around.reshape(-1, theta.size)).reshape(around.shape[:-1])
-        if height.min() <= _WORST:  # beyond a cone there is no joint
-            return self._root
-        bent = (height[:, 1] + height[:, 3] - height[:, 0] - height[:, 2]) / (2 * _STEP) ** 2
-        values, vectors = np.linalg.eigh((bent + bent.T) / 2)
-        return np.asarray(self._root @ vectors / np.sqrt(np.maximum(values, 1.0)))
-
     def _climbed(
-        self,
-        start: Array,
-        root: Array,
-        index: int | None = None,
-        level: float = 0.0,
-        sign: float = 1.0,
-        reach: float = np.inf,
+        self, start: Array, root: Array, index: int | None = None, level: float = -math.inf, sign: float = 1.0
     ) -> Array:
         """θ, shape (d,), of the greatest value of a quantity where ln L is at least `level`; without one of ln L.
 
-        It goes in steps of the columns of `root`, shape (d, k), such as a Cholesky factor of a covariance, no farther
-        than `reach` of each.
+        It begins in steps of the columns of `root`, shape (d, k), such as a Cholesky factor of a covariance.
         """
-        size, margin = root.shape[1], 2 * _STEP * self._prior.sd
-        steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
-        place, spread = index or 0, 1.0
-        size_there = float(np.abs(self._of(place, start[None]))[0]) or 1.0
+        size_there = 1.0 if index is None else float(np.abs(self._of(index, start[None]))[0]) or 1.0
 
         def measure(theta: Array) -> Array:
             """What is sought; of what may span decades at either sign nearly the logarithm, which is straighter."""
-            value = self._of(place, theta)
-            return value if place >= self._column(0) else np.arcsinh(value / size_there)
+            value = self._of(index or 0, theta)
+            return value if (index or 0) >= self._column(0) else np.arcsinh(value / size_there)
 
-        if index is not None:
-            spread = float(measure(self._draws).std()) or 1.0
-
-        @lru_cache(maxsize=4)
-        def both(at: bytes) -> tuple[Array, Array]:
-            """ln L and what is sought, shape (2,), and their slopes, shape (2, k)."""
-            theta = start + (np.frombuffer(at) + steps) @ root.T
-            theta = np.clip(theta, self._low - margin, self._high + margin)  # a step may lead to where no model is
-            sought = heights = self._height(theta)
-            if index is not None:
-                sought = sign * measure(theta) / spread + _HIGHER * heights
-            pair = np.stack([heights, sought])
-            return pair[:, 0], (pair[:, 1 : size + 1] - pair[:, size + 1 :]) / (2 * _STEP)
-
-        sides = np.array([*np.eye(start.size), *(c.normal(start.size) for c in self._prior.parametrisation.cones)])
-        edge = -_EDGE - sides[start.size :] @ start
-        least, most = np.append(self._low - start, np.full(edge.size, -np.inf)), np.append(self._high - start, edge)
-        constraints: list[optimize.LinearConstraint | optimize.NonlinearConstraint]
-        constraints = [optimize.LinearConstraint(sides @ root, least, most)]
-        bounds = optimize.Bounds(np.full(size, -reach), np.full(size, reach))
-        if index is not None:
-            height = optimize.NonlinearConstraint(
-                lambda u: both(u.tobytes())[0][0], level, np.inf, lambda u: both(u.tobytes())[1][:1]
-            )
-            constraints.append(height)
-
-        def loss(u: Array) -> float:
-            return -float(both(u.tobytes())[0][1])
-
-        def slope(u: Array) -> Array:
-            return -both(u.tobytes())[1][1]
-
-        enough = _OF_HEIGHT if index is None else _OF_QUANTITY
-        climb = optimize.minimize(
-            loss,
-            np.zeros(size),
-            jac=slope,
-            method="SLSQP",
-            bounds=bounds,
-            constraints=constraints,
-            options={"ftol": enough, "maxiter": _ITERATIONS},
+        spread = sign * (float(measure(self._draws).std()) or 1.0)
+        cones = [cone.normal(start.size) for cone in self._prior.parametrisation.cones]
+        climb = LimitClimb(
+            self._height,
+            None if index is None else lambda theta: measure(theta) / spread,
+            np.array([*np.eye(start.size), *-np.eye(start.size), *cones]),
+            np.concatenate([self._high, -self._low, np.full(len(cones), -_EDGE)]),
+            self._prior.feasible,
+            _MARGIN * self._prior.sd,
+            _WORST,
         )
-        return np.clip(start + root @ climb.x, self._low, self._high)
+        gain = _OF_HEIGHT if index is None else _OF_QUANTITY
+        return climb.end(start, root, level, steps=_ITERATIONS, gain=gain, slack=_MISSED)
 
 
 def _root(theta: Array) -> Array:

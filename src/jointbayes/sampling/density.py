@@ -1,5 +1,6 @@
 """What this room knows of a posterior: its log-density, the way uphill, and where its modes are."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -123,13 +124,23 @@ def derivatives_along(log_density: LogDensity, place: Array, axes: Array, step: 
     value, gradient, hessian : float, ndarray (d,), ndarray (d, d)
         NaN throughout gradient and Hessian where a difference leaves the support.
     """
-    d = place.size
-    rows, columns = np.triu_indices(d, 1)
+    return from_stencil(log_density(stencil(place, axes, step)), step)
+
+
+def stencil(place: Array, axes: Array, step: float) -> Array:
+    """Points about a place, shape (d,), of which `from_stencil` takes differences along axes, columns of (d, k)."""
+    rows, columns = np.triu_indices(axes.shape[1], 1)
     offsets = np.concatenate([axes.T, axes.T[rows] + axes.T[columns]]) * step
-    values = log_density(np.concatenate([place[None], place + offsets, place - offsets]))
+    return np.concatenate([place[None], place + offsets, place - offsets])
+
+
+def from_stencil(values: Array, step: float) -> tuple[float, Array, Array]:
+    """Value, gradient (k,) and Hessian (k, k) along axes from values at the points of their `stencil`."""
     centre, up, down = values[0], *np.split(values[1:], 2)
+    d = (math.isqrt(8 * up.size + 1) - 1) // 2  # of d axes and the sums of two of them
     if not np.isfinite(values).all():
         return float(centre), np.full(d, np.nan), np.full((d, d), np.nan)
+    rows, columns = np.triu_indices(d, 1)
     even = up + down - 2 * centre
     hessian = np.diag(even[:d])
     hessian[rows, columns] = hessian[columns, rows] = (even[d:] - even[rows] - even[columns]) / 2
