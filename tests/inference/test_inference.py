@@ -10,6 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, Ports, receptance_model
+from jointbayes.identification.refine import laplace_covariance
 from jointbayes.inference import JointPrior, LogPosterior, Normal, Nuisance, Problem, Uniform
 from jointbayes.joint import LogStiffness, SignedCoupling
 from jointbayes.measurement import FrequencyData, FrfData, RelativeNoise, synthesise_frf
@@ -265,6 +266,15 @@ def test_the_gradient_and_the_jacobian_are_derivatives(measurement, structure, p
             up, down = (density.residuals(theta + n * step)[0] for n in (1, -1))
             slope = jacobian[:, i]
             assert np.abs((up - down) / 2e-4 - slope).max() < 1e-5 * np.abs(slope).max()
+
+
+def test_log_magnitudes_have_a_gradient_and_a_covariance_too():
+    data, kind = frf_measurement("receptance"), "log_magnitude"
+    density = Problem(structure=ROD, joint=CLAMP, data=data, prior=NORMAL, residual_kind=kind).log_posterior
+    theta, step = NORMAL.parametrisation.coordinates(TABLE_3), 1e-4
+    sides = [density(theta + sign * step * np.eye(3)) for sign in (1, -1)]
+    assert density.gradient(theta) == pytest.approx((sides[0] - sides[1]) / (2 * step), rel=1e-4, abs=1e-3)
+    assert np.linalg.eigvalsh(laplace_covariance(density, theta)).min() > 0
 
 
 @EVERY_DENSITY

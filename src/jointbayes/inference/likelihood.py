@@ -170,6 +170,11 @@ class FrfLikelihood(Likelihood):
         return super().gaussian and self.propagated is None
 
     @property
+    def has_slope(self) -> bool:
+        """Whether `gradient` is there: of complex residuals."""
+        return self._squares
+
+    @property
     def sums_squares(self) -> bool:
         """Whether ln L depends on the residuals by the sum of their squares alone."""
         return self.noise.needs_chi2_only and self.propagated is None

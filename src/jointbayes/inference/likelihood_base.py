@@ -166,6 +166,11 @@ class Likelihood(ABC):
         return self.noise.as_stated
 
     @property
+    def has_slope(self) -> bool:
+        """Whether `gradient` is there, where the noise is Gaussian of known size."""
+        return True
+
+    @property
     def sums_squares(self) -> bool:
         """Whether ln L of measured lines depends on the residuals by the sum of their squares alone."""
         return False

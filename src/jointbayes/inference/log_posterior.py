@@ -154,7 +154,8 @@ class LogPosterior:
         """
         t = np.asarray(theta, dtype=float)
         many = np.atleast_2d(t)
-        if self._parametrisation.damped and self.gaussian and not self.prior.nuisances:
+        by_residuals = self._parametrisation.damped or not self.likelihood.has_slope
+        if by_residuals and self.gaussian and not self.prior.nuisances:
             linearised = (self.residuals(point) for point in many)
             return np.array([-jacobian.T @ residual for residual, jacobian in linearised]).reshape(t.shape)
         if self.prior.nuisances or not self.gaussian:

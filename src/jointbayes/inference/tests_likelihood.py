@@ -97,6 +97,11 @@ class TestsLikelihood(Likelihood):
         """Whether the noise of every test is Gaussian of known size."""
         return all(term.likelihood.gaussian for term in self.terms)
 
+    @property
+    def has_slope(self) -> bool:
+        """Whether that of every test has a gradient."""
+        return all(term.likelihood.has_slope for term in self.terms)
+
     def hyper(self, factors: ArrayLike) -> Array:
         """Parameters of the noise model of a lone test, shape (batch, its number)."""
         (term,) = self.terms
