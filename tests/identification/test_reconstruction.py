@@ -86,6 +86,19 @@ def test_the_slope_of_the_squares_is_that_of_differences(damped, tolerance):
     np.testing.assert_allclose(2 * jacobian.T @ residual, differences, rtol=1e-4, atol=1e-6 * np.abs(differences).max())
 
 
+@pytest.mark.parametrize("damped", [False, True])
+def test_squares_beside_a_point_are_those_of_the_places_themselves(damped):
+    problem, theta = damped_problem() if damped else (problem_of(random_springs(3)), np.log(random_springs(3)))
+    part = _TestData.from_problem(problem)
+    moved = np.tile(theta, (theta.size, 3, 1))
+    for column, rows in enumerate(moved):
+        rows[:, column] += [-2.0, 0.5, 2.0]
+        rows[2, column - 1] += 0.5  # and two that change together
+    for tolerance in (3.0, 0.05):
+        expected = part.value(moved.reshape(-1, theta.size), tolerance).reshape(moved.shape[:2])
+        np.testing.assert_allclose(part.values_near(theta, moved, tolerance), expected, rtol=1e-7)
+
+
 @pytest.mark.science
 @pytest.mark.parametrize("damping", [LossFactor(0.01), ModalDamping((0.005,))], ids=["loss", "modal"])
 def test_the_best_start_leads_to_the_mode(damping):

@@ -24,7 +24,7 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array, ComplexArray
+from jointbayes.arrays import Array, ComplexArray, Indices
 from jointbayes.identification.compliance_fit import FreeReceptance, measured_receptances
 from jointbayes.identification.least_squares import MANY_UNKNOWNS
 from jointbayes.inference import JointPrior, Problem
@@ -44,6 +44,7 @@ _PLACES = (0.03, 0.15, 0.35, 0.6, 0.85, 0.99)  # of one coordinate with the othe
 _ELSEWHERE, _TRIED, _ROUNDS = 0.08, 4, 12
 _SETS = 66  # of coordinates that are moved together: all pairs of twelve
 _SAME = 0.05
+_NEARLY_NONE = 1e-12  # of the structure's own stiffness: so much has any joint
 _WIDE = 4.0  # prior standard deviations, where a prior has no ends
 _AT_ONCE = 3_000_000  # complex numbers held in memory together
 
@@ -104,7 +105,7 @@ def _moved_elsewhere(
         for column, values in zip(sets.T, steps.T, strict=True):
             places[rows, :, column] = values
         places = misfit.clipped(places)
-        values = misfit.value(places.reshape(-1, x.size), _FIRST).reshape(places.shape[:2])
+        values = misfit.values_near(x, places, _FIRST)
         values[np.abs(places - x).max(axis=-1) < _ELSEWHERE] = np.inf
         best = np.argmin(values, axis=1)
         first = np.argsort(values[rows, best])[: together * _TRIED]
@@ -151,44 +152,109 @@ class _TestData:
 
     def value(self, theta: Array, tolerance: float) -> Array:
         """Least squares, shape (n,), at θ, shape (n, d)."""
-        *_, off, root = self._solved(self.prior.matrix(theta), tolerance)
-        return np.asarray((np.abs(np.linalg.solve(root, off)) ** 2).sum(axis=(1, 2, 3)))
+        compliance, softness = self._softness(self.prior.matrix(theta))
+        along = self._along(compliance)
+        return self._squares(self.off + along @ self.free.ji, _product(along, softness), tolerance)
+
+    def values_near(self, theta: Array, moved: Array, tolerance: float) -> Array:
+        """Least squares, shape (sets, n), at points (sets, n, d): each set moves few of the joints away from θ (d,).
+
+        The inverse at θ serves for all: what changes has the rank of the joints that move.
+        """
+        base = self.prior.matrix(theta[None])
+        compliance, softness = self._softness(base)
+        inverse = np.linalg.inv(compliance[0] + self.free.jj)
+        along, yielding = self.free.oj @ inverse, _product(inverse[None], softness)[0]
+        off, motion = self.off + along @ self.free.ji, inverse @ self.free.ji
+        spread, linked = _product(along[None], softness)[0], (compliance != 0).any(axis=(0, 1))
+        values = np.empty(moved.shape[:2])
+        for value, points in zip(values, moved, strict=True):
+            joints = self.prior.matrix(points)
+            rows = np.flatnonzero(linked[:, joints.moved(base, -1.0).linked.any(axis=0)].any(axis=1))
+            block = rows[:, None], rows
+            stiffer, softer = self._softness(joints[:, *block], rows)
+            change, own = stiffer - compliance[..., *block], inverse[:, *block]
+            # (M + dC)⁻¹ = Z − Z dC (1 + Z dC)⁻¹ Z of Z = M⁻¹, at the rows that change
+            factor = _from_the_right(along[..., rows] @ change, np.eye(rows.size) + own @ change)
+            spreads = spread - factor @ yielding[:, rows]
+            spreads[..., rows] += (along[..., rows] - factor @ own) @ (softer - softness[..., *block])
+            value[:] = self._squares(off - factor @ motion[:, rows], spreads, tolerance)
+        return values
 
     def linearised(self, theta: Array, tolerance: float) -> tuple[Array, Array]:
         """Residuals, shape (m,), and their derivative by the joints' coordinates, (m, count), for fixed forces."""
-        matrix, joint = self.prior.matrix(theta[None]), self.prior.joint(theta)
-        softened, law, held, gain, off, root = (x[0] for x in self._solved(matrix, tolerance))
-        spread = (tolerance * self.size[:, None]) ** 2 * gain.conj().swapaxes(-1, -2)
-        weighed = np.linalg.solve(root.conj().swapaxes(-1, -2), np.linalg.solve(root, off))
-        error = spread @ weighed
-        force = np.linalg.solve(law, held + error)
+        compliance, softness = self._softness(self.prior.matrix(theta[None]))
+        along = self._along(compliance)
+        spread = _product(along, softness)[0]
+        off, root = self.off + along[0] @ self.free.ji, self._root(spread[None], tolerance)[0]
+        residual = np.linalg.solve(root, off)
+        weighed = np.linalg.solve(root.conj().swapaxes(-1, -2), residual)
+        error = -((tolerance * self.size[:, None]) ** 2) * (spread.conj().swapaxes(-1, -2) @ weighed)
+        force = np.linalg.solve(compliance[0] + self.free.jj, self.free.ji + softness[0] @ error)
         motion = self.free.ji - self.free.jj @ force
-        changes = self.prior.parametrisation.changes(joint)
-        # de = −(K + K_0)⁻¹ (dK e + dD δ)
-        moved = changes.stiffness[:, None] @ error + self._dynamic(changes) @ motion
-        moved = -np.moveaxis(softened @ moved, 0, -1)
-        lines, r, _, count = moved.shape
-        slope = np.linalg.solve(root, gain @ moved.reshape(lines, r, -1)).reshape(-1, count)
-        residual = np.linalg.solve(root, off).ravel()
+        moved = self._moved(_product(along, compliance)[0], error, motion, self.prior.joint(theta))
+        slope = np.linalg.solve(root, moved.reshape(*root.shape[:2], -1)).reshape(-1, moved.shape[-1])
+        residual = residual.ravel()
         return np.concatenate([residual.real, residual.imag]), np.concatenate([slope.real, slope.imag])
 
-    def _dynamic(self, matrices: JointMatrix) -> ComplexArray | Array:
-        """D, shape (n, lines, R, R), or (n, 1, R, R) of joints without damping."""
-        return matrices.dynamic_stiffness(self.omega) if matrices.damped else matrices.stiffness[:, None]
+    def _moved(self, along: ComplexArray, error: ComplexArray, motion: ComplexArray, joint: Array) -> ComplexArray:
+        """G de = A_oj (1 + D A_jj)⁻¹ (dK e + dD δ) by coordinates, shape (lines, outputs, inputs, count)."""
+        changes = self.prior.parametrisation.changes(joint)
+        rows, columns = np.nonzero(changes.linked)  # of several joints each coordinate changes few entries
+        k, c, h = (side[:, rows, columns].T for side in changes.sides)
+        outputs = along[:, :, None, rows]
 
-    def _solved(self, matrices: JointMatrix, tolerance: float) -> tuple[NDArray[Any], ...]:
-        """(K + K_0)⁻¹; Q and b of e = Q f − b; G = −A_oj Q⁻¹; the data less G b; and the root of their covariance."""
-        softened = np.linalg.inv(matrices.stiffness + np.diag(self.body_stiffness))[:, None]
-        yielding = softened @ self._dynamic(matrices)
-        law = softened + yielding @ self.free.jj
-        held = yielding @ self.free.ji
-        gain = -np.linalg.solve(law.swapaxes(-1, -2), self.free.oj.swapaxes(-1, -2)[None]).swapaxes(-1, -2)
-        off = self.off - gain @ held
-        spread = gain * (tolerance * self.size)
-        covariance = spread @ spread.conj().swapaxes(-1, -2)
+        def at_entries(values: ComplexArray) -> ComplexArray:
+            return outputs * values[:, columns].swapaxes(1, 2)[:, None]
+
+        moved = at_entries(error + motion) @ k
+        if changes.damped:
+            damped = at_entries(motion)
+            moved = moved + 1j * (damped @ h) + 1j * self.omega[:, None, None, None] * (damped @ c)
+        return moved
+
+    def _softness(
+        self, matrices: JointMatrix, rows: Indices | slice = slice(None)
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """C = D⁻¹, shape (n, lines, R, R) or (n, 1, R, R) where it is the same at all, and C (K + K_0)."""
+        own = np.diag(self.body_stiffness[rows])
+        _, viscous, hysteretic = matrices.sides
+        if viscous.any():
+            dynamic: NDArray[Any] = matrices.dynamic_stiffness(self.omega)
+        else:
+            dynamic = matrices.stiffness[:, None] + (1j * hysteretic[:, None] if matrices.damped else 0.0)
+        compliance = np.linalg.inv(dynamic + _NEARLY_NONE * own)  # of a joint without any stiffness as well
+        return compliance, compliance @ (matrices.stiffness + own)[:, None]
+
+    def _along(self, compliance: NDArray[Any]) -> ComplexArray:
+        """A_oj (C + A_jj)⁻¹, shape (n, lines, outputs, R)."""
+        return _from_the_right(self.free.oj, compliance + self.free.jj)
+
+    def _root(self, spread: ComplexArray, tolerance: float) -> ComplexArray:
+        """Cholesky factor of the covariance of the data less the model, (n, lines, outputs, outputs)."""
+        scaled = spread * (tolerance * self.size)
+        covariance = scaled @ scaled.conj().swapaxes(-1, -2)
         outputs = np.arange(covariance.shape[-1])
         covariance[..., outputs, outputs] += self.variance
-        return softened, law, held, gain, off, np.linalg.cholesky(covariance)
+        return np.asarray(np.linalg.cholesky(covariance), dtype=complex)
+
+    def _squares(self, off: ComplexArray, spread: ComplexArray, tolerance: float) -> Array:
+        """Least squares, shape (n,), of the data less the model, (n, lines, outputs, inputs), and −G."""
+        white = np.linalg.solve(self._root(spread, tolerance), off)
+        return np.asarray((white.real**2 + white.imag**2).sum(axis=(1, 2, 3)))
+
+
+def _product(left: ComplexArray, right: NDArray[Any]) -> ComplexArray:
+    """Matrix products (n, lines, m, R) @ (n, lines or 1, R, R): of one for all lines a single product for each n."""
+    if right.shape[1] > 1:
+        return left @ right
+    n, lines, m, r = left.shape
+    return np.asarray((left.reshape(n, lines * m, r) @ right[:, 0]).reshape(left.shape))
+
+
+def _from_the_right(left: NDArray[Any], matrix: NDArray[Any]) -> ComplexArray:
+    """left @ matrix⁻¹."""
+    return np.asarray(np.linalg.solve(matrix.swapaxes(-1, -2), left.swapaxes(-1, -2)).swapaxes(-1, -2))
 
 
 class _Misfit:
@@ -254,6 +320,14 @@ class _Misfit:
             if few.size:
                 squares[few] = sum(data.value(theta[few], tolerance) for data in self._parts)
         return np.where(np.isnan(squares), np.inf, squares)
+
+    def values_near(self, x: Array, places: Array, tolerance: float) -> Array:
+        """The same, shape (sets, n), at places (sets, n, count), each set with few coordinates that differ from x."""
+        theta, moved = self.theta(x), self.theta(places)
+        inside = self._prior.feasible(moved)
+        moved = np.where(inside[..., None], moved, theta)
+        values = np.array([data.values_near(theta, moved, tolerance) for data in self._parts]).sum(axis=0)
+        return np.where(inside & ~np.isnan(values), values, np.inf)
 
     def climb(self, x: Array, tolerance: float) -> tuple[Array, float]:
         """End of a climb by damped Gauss-Newton steps, shape (count,), and its squares."""
