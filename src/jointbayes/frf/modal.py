@@ -58,6 +58,7 @@ def _left_free(body: Body, taking_part: TakingPart) -> int:
 #: Eigenvalues closer than this (relative) share one mode plane: their divided difference is the derivative.
 _DEGENERATE = 1e-9
 _STEP = 1e-5  # of a coordinate, in differences
+_FEW_DOFS = 5  # of a joint: sums over its entries one by one cost no more there
 
 
 class JoinedModes:
@@ -293,11 +294,7 @@ class AssembledModes:
         joint, changes, factor_rows = joint_matrix_of(matrix), joint_matrix_of(directions), factors_batch(factors, 1)
         if joint.damped:
             return self._damped_tangent(joint, changes, factor_rows)
-        (lam,), (rows,), (springs,) = self._modes.solve(joint.batch.stiffness, factor_rows)
-        r = self._along.shape[0]
-        at_joint = np.linalg.solve(springs.T, rows[:r])
-        shapes = rows[r:] + self._along.T @ at_joint
-        at_outputs, at_inputs = shapes[: self._n_out], shapes[self._n_out :]
+        lam, at_joint, at_outputs, at_inputs = self._modes_at(joint, factor_rows)
         change, same, turn = turned_modes(lam, at_joint, changes.stiffness)
         d_out, d_in = at_outputs @ turn, at_inputs @ turn
         constants = at_outputs[:, None, :] * at_inputs[None, :, :]
@@ -311,6 +308,34 @@ class AssembledModes:
         summed = self._sum.spread(lam, ratio, rows, shared.reshape(-1, pairs, lam.size))
         spread = summed.reshape(-1, self._omega.size, *constants.shape[:2])
         return spread[0], spread[1:]
+
+    def chi2_slope(self, matrix: JointMatrix, measured: ComplexArray, weight: Array, factors: Array) -> Array:
+        """Gradient S, shape (r, r), of Σ |H − H^x|² w²: dχ² = Σ S_ij dK_ij, of a joint without damping.
+
+        That of each mode first, of which there are fewer than entries of the joint: see `tangent`.
+        """
+        lam, at_joint, at_outputs, at_inputs = self._modes_at(matrix, factors)
+        unit, none = np.eye(lam.size)[:, None], np.zeros((lam.size, 1, lam.size))
+        each = np.concatenate([unit[:1], unit, none]), np.concatenate([none, unit])
+        value, rate = np.split(self._sum.spread(lam, self._ratios(factors, lam.size)[0], *each)[1:, :, 0], 2)
+        constants = at_outputs[:, None, :] * at_inputs[None, :, :]
+        weighed = 2 * ((np.einsum("ois,sl->loi", constants, value) - measured) * weight**2).conj()
+        by_value = np.einsum("loi,sl->ois", weighed, value).real
+        by_rate = np.einsum("loi,sl->ois", weighed, rate).real
+        turned = at_outputs.T @ np.einsum("ois,is->os", by_value, at_inputs)
+        turned += at_inputs.T @ np.einsum("ois,os->is", by_value, at_outputs)
+        shared = np.einsum("or,oir->ri", at_outputs, by_rate) @ at_inputs
+        same, gap = _gaps(lam)
+        slope: Array = at_joint @ np.where(same, shared, turned / gap) @ at_joint.T
+        return (slope + slope.T) / 2
+
+    def _modes_at(self, matrix: JointMatrix, factor_rows: Array) -> tuple[Array, Array, Array, Array]:
+        """Eigenvalues (m,) with one joint, and motions of unit modal mass at it, at the outputs and at the inputs."""
+        (lam,), (rows,), (springs,) = self._modes.solve(matrix.batch.stiffness, factor_rows)
+        r = self._along.shape[0]
+        at_joint = np.linalg.solve(springs.T, rows[:r])
+        shapes = rows[r:] + self._along.T @ at_joint
+        return lam, at_joint, shapes[: self._n_out], shapes[self._n_out :]
 
 
 def turned_modes(eigenvalues: Array, at_joint: Array, directions: Array) -> tuple[Array, Flags, Array]:
@@ -331,11 +356,20 @@ def turned_modes(eigenvalues: Array, at_joint: Array, directions: Array) -> tupl
         φᵀ dK^J φ, whose diagonal are the derivatives of the eigenvalues; which modes have the same eigenvalue; and the
         matrix of dΦ = Φ turn, without the turn of modes of the same eigenvalue among themselves.
     """
-    change = np.einsum("ir,pij,js->prs", at_joint, directions, at_joint)
+    if len(at_joint) <= _FEW_DOFS:
+        change = np.einsum("ir,pij,js->prs", at_joint, directions, at_joint)
+    else:
+        change = at_joint.T @ directions @ at_joint
+    same, gap = _gaps(eigenvalues)
+    return change, same, np.where(same, 0.0, change / gap)
+
+
+def _gaps(eigenvalues: Array) -> tuple[Flags, Array]:
+    """Which modes have the same eigenvalue, shape (m, m), and λ_s − λ_r in row r, 1 where they are the same."""
     lam = np.abs(eigenvalues)
     gap = eigenvalues[None, :] - eigenvalues[:, None]
     same = np.abs(gap) <= _DEGENERATE * np.maximum(lam[None, :], lam[:, None])
-    return change, same, np.where(same, 0.0, change / np.where(same, 1.0, gap))
+    return same, np.where(same, 1.0, gap)
 
 
 class AssembledMisfit:
@@ -355,9 +389,13 @@ class AssembledMisfit:
     def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient by the joint, see `Misfit`."""
         stiffness = joint_matrix_of(matrices).stiffness
-        factor_rows = factors_batch(factors, len(stiffness))
+        factor_rows, gradient = factors_batch(factors, len(stiffness)), np.empty_like(stiffness)
+        if stiffness.shape[-1] > _FEW_DOFS:
+            for matrix, row, slope in zip(stiffness, factor_rows, gradient, strict=True):
+                joint = joint_matrix_of(matrix)
+                slope[:] = self._model.chi2_slope(joint, self._measured, self._weight, row[None])
+            return self.chi2(stiffness, factor_rows), gradient
         changes = symmetric_changes(stiffness.shape[-1])
-        gradient = np.empty_like(stiffness)
         for matrix, row, slope in zip(stiffness, factor_rows, gradient, strict=True):
             value, derivative = self._model.tangent(matrix, changes, row)
             residual = (value - self._measured) * self._weight**2
