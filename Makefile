@@ -68,6 +68,7 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "science or long"
 	$(BIN)/python -m benchmarks.mode_found
 	$(BIN)/python -m benchmarks.random_frames
+	$(BIN)/python -m benchmarks.many_joints chain
 	$(BIN)/python -m benchmarks.many_joints modes
 	$(BIN)/python -m benchmarks.many_joints draws
 	$(BIN)/python -m benchmarks.many_joints six

@@ -1,5 +1,6 @@
 """Many joints: how often their mode is found, how fast they are drawn, and whether they are calibrated.
 
+`chain`: processor time to the mode of chains of 12, 24 and 40 joints, from one FRF of 119 lines; kept nowhere.
 `modes`: four joints with twelve springs, the truth drawn from the prior; the mode counts as found where the search
 ends no more than one in log posterior below a climb from the truth. `draws`: a whole run of four joints that goes on
 until it has 20 000 effective draws of every stiffness. `six`: a whole run, by the usual stop rule, of six joints with
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 import jointbayes as jb
 from benchmarks.coverage import write_between
-from benchmarks.many_joints_data import four_joints, random_data, six_joints
+from benchmarks.many_joints_data import chain_case, chain_truth, four_joints, random_data, six_joints
 from benchmarks.page import table
 from benchmarks.record import merged
 from jointbayes.identification import refine
@@ -45,6 +46,13 @@ LONGER = 100.0
 def search(seed: int) -> dict[str, float]:
     """One search: how far it ended above a climb from the truth in log posterior, and seconds of the processor."""
     return searched(seed, *random_data(four_joints().problem, seed))
+
+
+def chains(seed: int = 1) -> None:
+    """Seconds of the processor to the mode of chains, and how far it ended above a climb from the truth."""
+    for count in (12, 24, 40):
+        row = searched(seed, np.log(chain_truth(count)), chain_case(count).problem)
+        print(f"{count} joints: {row['seconds']:.2f} s, {row['above']:+.3f} in log posterior", flush=True)
 
 
 def searched(seed: int, theta: Array, problem: jb.Problem) -> dict[str, float]:
@@ -158,10 +166,13 @@ def _calibration(data: Mapping[str, Any]) -> list[str]:
 def main() -> None:
     """Run one part and keep what it found."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=("modes", "draws", "six", "calibrate"))
+    parser.add_argument("part", choices=("chain", "modes", "draws", "six", "calibrate"))
     parser.add_argument("--count", type=int, help="searches, by default 40, or data sets, by default 200")
     parser.add_argument("--workers", type=int, help="processes of `calibrate`; by default one for each processor")
     options = parser.parse_args()
+    if options.part == "chain":
+        chains()
+        return
     parts = {
         "modes": lambda: modes(options.count or 40),
         "draws": lambda: draws(four_joints(), LONGER),

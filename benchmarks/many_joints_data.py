@@ -98,7 +98,42 @@ f_step_hz = 4.0
 noise = {{ relative = 0.03, floor = 0.01, seed = 1 }}
 [data.truth.stiffness]
 {chr(10).join(truth)}
-[sampling]
-walkers = 96
 """
     return jb.case_from_text("six joints", text)
+
+
+def chain_truth(count: int, seed: int = 1) -> Array:
+    """Springs of a chain of so many joints, shape (count,), N/m: within a factor of two of 1e7."""
+    exponents = np.random.default_rng(seed).uniform(6.7, 7.3, size=count)
+    return np.array([float(f"{10**exponent:.4g}") for exponent in exponents])
+
+
+def chain_case(count: int, seed: int = 1) -> jb.Case:
+    """A chain of 5 kg masses, each joined to the one before it by one spring, from the FRF of 119 lines at its end."""
+    masses = ", ".join(f"{i} = 5.0" for i in range(1, count + 1))
+    joints, truth = [], []
+    for i, stiffness in enumerate(chain_truth(count, seed), 1):
+        against = f'against = ["{i - 1}:x"]\n' if i > 1 else ""
+        joints.append(
+            f'[joints.j{i}]\nkind = "springs"\ndofs = ["{i}:x"]\n{against}'
+            'prior.kx = { distribution = "log_uniform", low = 1e6, high = 1e8 }\n'
+        )
+        truth.append(f"j{i} = {{ kx = {stiffness} }}\n")
+    text = f"""
+title = "Chain of {count} joints"
+[structure]
+kind = "chain"
+masses_kg = {{ {masses} }}
+damping = {{ law = "modal", ratio = 0.02 }}
+{"".join(joints)}
+[data]
+kind = "synthetic_frf"
+outputs = ["{count}:x"]
+inputs = ["{count}:x"]
+f_min_hz = 10.0
+f_max_hz = 600.0
+f_step_hz = 5.0
+noise = {{ relative = 0.03, floor = 0.01, seed = 1 }}
+[data.truth.stiffness]
+{"".join(truth)}"""
+    return jb.case_from_text(f"chain of {count}", text)

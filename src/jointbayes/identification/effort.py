@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.identification.least_squares import MANY_UNKNOWNS
+from jointbayes.identification.least_squares import MANY_UNKNOWNS, PosteriorSquares, climb_all
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
 from jointbayes.identification.mode_search import Images, ModeSearch
 from jointbayes.identification.reconstruction import reconstructed_starts
@@ -26,6 +27,10 @@ _SCREENED, _KEPT = 4000, 12
 _FEW_SCREENED, _FEW_KEPT = 500, 6
 #: Each line's noise is first taken for so large a fraction of its |H|, which makes false summits flat.
 _TEMPERED = (1.0, 0.3, 0.1)
+#: Of all lines so many are added at a time, or a half or a quarter of them, with so many steps of a climb each time.
+_ADDED, _HALVED, _STEPS = 1 / 12, 2, 15
+#: The name of the start that they lead to, and climbs from places beside the mode where it is that start's.
+_LOWEST, _FEW_MOVED = "lowest lines first", 24
 
 
 def largest_squares(count: int) -> float:
@@ -33,11 +38,53 @@ def largest_squares(count: int) -> float:
     return 1 + FAR * math.sqrt(2 / count)
 
 
+def lowest_lines_first(problem: Problem) -> Array:
+    """End of a climb from the middle of the prior that sees more and more lines of FRFs, shape (1, d); or (0, d).
+
+    The lowest lines show the structure's compliance, which no resonance hides, and each further one moves few
+    resonances past few lines. None where the lines seen so far are not explained, or unknowns are few.
+
+    References
+    ----------
+    Bunks, C., Saleck, F. M., Zaleski, S., Chavent, G. (1995). Multiscale seismic waveform inversion. Geophysics
+    60(5), 1457-1473. DOI 10.1190/1.1443880
+    """
+    theta, seen, halved = problem.prior.mean, 0.0, 0
+    none = np.empty((0, theta.size))
+    frfs = [test.data.frfs for test in problem.tests if not test.measured_bodies]
+    few = len(problem.parametrisation.names) < MANY_UNKNOWNS
+    if few or len(frfs) < len(problem.tests) or None in frfs or not problem.prior.feasible(theta):
+        return none
+    while seen < 1:
+        more = min(1.0, seen + _ADDED / 2**halved)
+        density = _on_lowest_lines(problem, more).log_posterior
+        (end,), _ = climb_all(PosteriorSquares(density), theta[None], _STEPS)
+        total, count = density.typical_squares(end)
+        if total <= count * largest_squares(count):
+            theta, seen, halved = end, more, max(0, halved - 1)
+        elif halved < _HALVED:
+            halved += 1
+        else:
+            return none
+    return theta[None]
+
+
+def _on_lowest_lines(problem: Problem, share: float) -> Problem:
+    """The problem with the lowest lines of each set-up."""
+    tests = []
+    for test in problem.tests:
+        assert test.data.frfs is not None
+        lines = slice(None, math.ceil(share * test.data.frfs.frf.n_lines))
+        tests.append(replace(test, data=test.data.frfs.at_lines(lines)))
+    return replace(problem, tests=tuple(tests))
+
+
 def first_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[str, Array]:
     """Points to climb from first, each shape (d,), by name.
 
     From natural frequencies and screened draws, and of many unknowns from reconstructed motions of the joints as well:
-    either kind alone misses the mode of some structures.
+    either kind alone misses the mode of some structures. Many unknowns that explain line after line from the lowest on
+    need screened draws alone beside them.
 
     Parameters
     ----------
@@ -48,6 +95,11 @@ def first_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[
     rng
         Draws those that are screened.
     """
+    lowest = lowest_lines_first(problem)
+    if len(lowest):
+        return {_LOWEST: lowest[0]} | _named(
+            [], [], screened_draws(problem.log_posterior, rng, _FEW_SCREENED, _FEW_KEPT)
+        )
     reconstructed = reconstructed_starts(problem, np.random.default_rng([seed, 4]))
     matched = frequency_starts(problem, np.random.default_rng([seed, 2]))
     count = _FEW_SCREENED if len(reconstructed) or len(matched) else _SCREENED
@@ -90,7 +142,7 @@ def search_further(
     while True:
         search.climb_images(images)
         if many_unknowns and sum(search.reached().values()) < LEAST_AGREEING:
-            search.climb_moved()
+            search.climb_moved(*([_FEW_MOVED] if search.reached().get(_LOWEST) else []))
         theta, density = search.best
         total, count = log_posterior.typical_squares(theta)
         squares, limit = total / count, largest_squares(count)

@@ -171,14 +171,23 @@ class PosteriorSquares:
         The posterior.
     weight
         Factor on each white residual, shape (m,), for a climb on a density that is flattened; by default 1.
+    columns
+        Coordinates that move; by default all but the noise model's parameters.
     """
 
-    def __init__(self, log_posterior: LogPosterior, weight: Array | None = None) -> None:
+    def __init__(
+        self, log_posterior: LogPosterior, weight: Array | None = None, columns: Indices | None = None
+    ) -> None:
         self.prior = log_posterior.prior
-        self._posterior, self._weight = log_posterior, weight
-        self.columns = np.arange(self.prior.mean.size - log_posterior.likelihood.hyper_count)
+        self._posterior, self._weight, self._some = log_posterior, weight, columns
+        every = np.arange(self.prior.mean.size - log_posterior.likelihood.hyper_count)
+        self.columns = every if columns is None else columns
         exact = log_posterior.likelihood.gaussian and weight is None and len(self.prior.marginals) >= MANY_UNKNOWNS
-        self.linearised = log_posterior.data_residuals if exact else None
+        self.linearised = self._linearised if exact else None
+
+    def _linearised(self, theta: Array) -> tuple[Array, Array]:
+        residual, jacobian = self._posterior.data_residuals(theta)
+        return residual, jacobian if self._some is None else jacobian[:, self._some]
 
     def residuals(self, theta: Array) -> Array:
         """Residuals e, shape (n, m), of points inside the support, shape (n, d)."""

@@ -152,10 +152,11 @@ class ModeSearch:
             theta = theta[highest[np.isfinite(density[highest])]]
             self._climb_from(theta)
 
-    def climb_moved(self) -> None:
+    def climb_moved(self, most: int = _MOVED) -> None:
         """Climb from the best mode with one coordinate of the joint moved elsewhere, as long as that leads higher.
 
-        Summits of many springs differ in one or two of them. These are no new starts.
+        Summits of many springs differ in one or two of them. Of all places no more than so many are climbed from; these
+        are no new starts.
         """
         prior, gained = self._posterior.prior, True
         low, high = (np.clip(end, *prior.mean + _WIDE * np.outer((-1, 1), prior.sd)) for end in prior.support)
@@ -166,7 +167,7 @@ class ModeSearch:
                 rows[:, column] = low[column] + np.array(_PLACES) * (high - low)[column]
             moved = moved.reshape(-1, theta.size)
             value = self._posterior(moved)
-            best = np.argsort(-value, kind="stable")[:_MOVED]
+            best = np.argsort(-value, kind="stable")[:most]
             self._climb_from(moved[best[np.isfinite(value[best])]])
             gained = self.best[1] - density > GAIN
 

@@ -10,6 +10,7 @@ from scipy import optimize
 
 from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.errors import JointBayesError, ModelError
+from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.inference import JointPrior, LogPosterior
 from jointbayes.joint import CondensedCoordinates
 from jointbayes.sampling.density import newton_climb
@@ -22,6 +23,7 @@ _EXACT, _ROUGH = 1e-12, 1e-5
 _EDGES, _SETTLED = 5, 1e-6
 #: Steps inwards from an edge, in prior standard deviations, of which the largest is taken that costs no more than this.
 _INWARDS, _COST = (0.5, 0.2, 0.05, 0.01), 1.0
+_ALONG = 60  # steps of a climb along an edge
 _AT_THE_EDGE = 1e-3  # prior standard deviations: a climb along a ridge may end so far from the edge that it leads to
 _FARTHEST = 40.0  # prior standard deviations from its mean
 _LONG, _AT_ONCE = 100_000, 65_536  # residuals that are condensed before they are solved, and of these so many at a time
@@ -173,10 +175,14 @@ def inside_the_edges(log_posterior: LogPosterior, mode: Array) -> tuple[Array, A
         theta = coordinates.theta(free[None])[0]
         if not np.isfinite(log_posterior(theta)[0]):
             continue
-        covariance = coordinates.covariance(laplace_covariance(log_posterior, theta))
-        free, value, _ = newton_climb(coordinates.density(log_posterior), free, covariance)
-        if value > best - _COST:
+        squares = PosteriorSquares(log_posterior, columns=coordinates.free)
+        if squares.linearised is not None:  # differences of a density of many unknowns take minutes
+            (theta,), (value,) = climb_all(squares, theta[None], _ALONG)
+        else:
+            covariance = coordinates.covariance(laplace_covariance(log_posterior, theta))
+            free, value, _ = newton_climb(coordinates.density(log_posterior), free, covariance)
             theta = coordinates.theta(free[None])[0]
+        if value > best - _COST:
             return theta, laplace_covariance(log_posterior, theta)
     return None
 

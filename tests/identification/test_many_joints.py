@@ -1,0 +1,60 @@
+"""Chains of many joints from one FRF: their mode is found by a climb that sees the lowest lines first."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.many_joints_data import chain_case, chain_truth, random_data
+
+import jointbayes as jb
+from jointbayes.identification import effort, refine
+from jointbayes.identification.effort import first_starts, lowest_lines_first
+from jointbayes.identification.least_squares import PosteriorSquares
+from jointbayes.measurement import FrfData
+
+
+@pytest.mark.parametrize("count", [6, 12])
+def test_lowest_lines_lead_to_the_mode_of_a_chain(count):
+    problem = chain_case(count).problem
+    density = problem.log_posterior
+    _, best = refine(density, np.log(chain_truth(count)))
+    (start,) = lowest_lines_first(problem)
+    assert refine(density, start)[1] == pytest.approx(best, abs=1e-6)
+    estimate = jb.find_map(problem, seed=1)
+    assert estimate.log_posterior == pytest.approx(best, abs=1e-6)
+    assert {s.name: s.reached_mode for s in estimate.starts}["lowest lines first"]
+
+
+def test_a_search_that_explains_line_after_line_reconstructs_nothing(monkeypatch):
+    problem = chain_case(6).problem
+    for other in ("reconstructed_starts", "frequency_starts"):
+        monkeypatch.setattr(effort, other, lambda *_: pytest.fail("not needed"))
+    starts = first_starts(problem, 1, np.random.default_rng(1))
+    assert next(iter(starts)) == "lowest lines first"
+    assert len(starts) > 3  # and screened draws
+
+
+def test_lines_that_no_joint_explains_lead_nowhere():
+    problem = chain_case(6).problem
+    data = problem.test.data
+    wrong = FrfData(replace(data.frf, values=3j * data.frf.values), data.variance, synthetic=True)
+    assert len(lowest_lines_first(problem.with_test(data=wrong))) == 0
+
+
+def test_a_climb_of_some_columns_sees_these_alone():
+    density = chain_case(6).problem.log_posterior
+    theta, columns = density.prior.mean + 0.1, np.array([1, 4])
+    residual, jacobian = PosteriorSquares(density, columns=columns).linearised(theta)
+    whole, every = PosteriorSquares(density).linearised(theta)
+    np.testing.assert_array_equal(residual, whole)
+    np.testing.assert_array_equal(jacobian, every[:, columns])
+
+
+def test_the_gradient_of_many_springs_is_that_of_differences():
+    problem = chain_case(8).problem
+    _, problem = random_data(problem, 1)
+    density = problem.log_posterior
+    theta = density.prior.mean + np.linspace(-0.3, 0.3, 8)
+    steps = 1e-5 * np.eye(8)
+    differences = (density(theta + steps) - density(theta - steps)) / 2e-5
+    np.testing.assert_allclose(density.gradient(theta), differences, rtol=1e-5, atol=1e-5 * np.abs(differences).max())
