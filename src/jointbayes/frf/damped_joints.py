@@ -17,7 +17,7 @@ _STIFFEST = 1e4
 
 
 def compliance_by_line(matrices: JointMatrix, omega: Array) -> tuple[ComplexArray, NDArray[np.int64], Flags]:
-    """Inverse of K + jωC + jH at each line, joint by joint of those that stand side by side.
+    """Inverse of K + jωC + jH at each line, joint by joint of those that stand side by side; without C at one for all.
 
     Parameters
     ----------
@@ -28,9 +28,11 @@ def compliance_by_line(matrices: JointMatrix, omega: Array) -> tuple[ComplexArra
 
     Returns
     -------
-    compliance, places, possible_joints : ndarray, shapes (batch, entries, lines), (entries, 2) and (batch,)
+    compliance, places, possible_joints : ndarray, shapes (batch, entries, lines or 1), (entries, 2) and (batch,)
         Entries in the upper triangle, their rows and columns, and for which of the batch they are numbers.
     """
+    if not matrices.sides[1].any():
+        omega = omega[:1]
     count, label = scipy.sparse.csgraph.connected_components(matrices.linked, directed=False)
     possible_joints = np.ones(len(matrices), dtype=bool)
     values, places = [], []

@@ -242,7 +242,7 @@ def _yielding_over_lines(
     data: Array,
     chi2: Array,
 ) -> None:
-    """χ² (batch,) of joints with another compliance at each line: entries (batch, blocks, entries·row) at places."""
+    """χ² (batch,) of joints with a complex compliance: entries (batch, blocks or 1, entries·row) at places."""
     row = 2 * _WIDTH
     q = free.shape[2] // row - r
     a, d = np.empty((r, (r + q) * row)), np.ones(r)
@@ -254,7 +254,7 @@ def _yielding_over_lines(
                 _copy(free[b, k, k * row :], a[k, k * row :])
             for e in range(len(places)):
                 x, y = places[e, 0], places[e, 1] * row
-                _add(1.0, compliance[i, b, e * row : (e + 1) * row], a[x, y : y + row])
+                _add(1.0, compliance[i, min(b, compliance.shape[1] - 1), e * row : (e + 1) * row], a[x, y : y + row])
             _eliminate(0.0, d, ports, free[b], a, inverse, h, f)
             for n in range(len(ports)):
                 chi2[i] += _distance(h[n], data[b, n])
@@ -354,7 +354,8 @@ class MultiDofMisfit:
         Parameters
         ----------
         compliance
-            Entries of the joints' inverse dynamic stiffness, shape (batch, entries, lines).
+            Entries of the joints' inverse dynamic stiffness, shape (batch, entries, lines), or (batch, entries, 1)
+            where it is the same at all of them.
         places
             Row and column of each, in the upper triangle, shape (entries, 2).
         """
