@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _STEPS, _REFIT = 0, 1
 
+_LEAST_FACTOR = 20.0  # of τ, of steps that know it from however many walkers
+
 
 @dataclass(frozen=True, slots=True)
 class SamplerSettings:
@@ -116,12 +118,18 @@ class SamplerSettings:
     def for_dimension(self, dimension: int) -> "SamplerSettings":
         """The same with as many walkers as a density of so many parameters needs, if it has fewer.
 
+        More walkers know τ from fewer steps: `tau_factor` falls so that as many draws are kept for each τ, to 20.
+
         Examples
         --------
         >>> [SamplerSettings().for_dimension(d).walkers for d in (3, 24, 36)]
         [48, 48, 72]
+        >>> [round(SamplerSettings().for_dimension(d).tau_factor, 1) for d in (3, 24, 36, 100)]
+        [50.0, 50.0, 33.3, 20.0]
         """
-        return replace(self, walkers=max(self.walkers, 2 * dimension))
+        walkers = max(self.walkers, 2 * dimension)
+        factor = max(min(self.tau_factor, _LEAST_FACTOR), self.tau_factor * self.walkers / walkers)
+        return replace(self, walkers=walkers, tau_factor=factor)
 
     def require_dimension(self, dimension: int) -> None:
         """Check that the walkers are enough for a density of this many parameters.
