@@ -124,12 +124,14 @@ class SamplerSettings:
         --------
         >>> [SamplerSettings().for_dimension(d).walkers for d in (3, 24, 36)]
         [48, 48, 72]
-        >>> [round(SamplerSettings().for_dimension(d).tau_factor, 1) for d in (3, 24, 36, 100)]
-        [50.0, 50.0, 33.3, 20.0]
+        >>> [SamplerSettings().for_dimension(d).tau_factor for d in (3, 24, 36, 100)]
+        [50.0, 50.0, 34.0, 20.0]
         """
-        walkers = max(self.walkers, 2 * dimension)
-        factor = max(min(self.tau_factor, _LEAST_FACTOR), self.tau_factor * self.walkers / walkers)
-        return replace(self, walkers=walkers, tau_factor=factor)
+        walkers = 2 * dimension
+        if walkers <= self.walkers:
+            return self
+        factor = float(math.ceil(self.tau_factor * self.walkers / walkers))
+        return replace(self, walkers=walkers, tau_factor=max(min(self.tau_factor, _LEAST_FACTOR), factor))
 
     def require_dimension(self, dimension: int) -> None:
         """Check that the walkers are enough for a density of this many parameters.
