@@ -136,11 +136,11 @@ def find_map(
     """Find the posterior mode from several starts and its Laplace covariance.
 
     The starts are joints whose natural frequencies agree with the resonances of the data (of five unknowns and more
-    joints whose motion, reconstructed from the data, agrees with them), the first guess, the end of the paper's
-    iteration from it, the compliance fit that needs no guess, draws from the prior, those of many more draws that fit
-    the most lines, and joints near the limits of signed coordinates. All climb at once, the best are refined, and so
-    are images of the modes: like joints exchanged, couplings reflected. `MapEstimate.starts` says which of them reached
-    the mode, `MapEstimate.modes` what other modes there are.
+    one that explains line after line from the lowest, or joints whose motion is reconstructed), the first guess, the
+    end of the paper's iteration from it, the compliance fit that needs no guess, draws from the prior, those of many
+    more draws that fit the most lines, and joints near the limits of signed coordinates. All climb at once, the best
+    are refined, and so are images of the modes: like joints exchanged, couplings reflected. `MapEstimate.starts` says
+    which of them reached the mode, `MapEstimate.modes` what other modes there are.
     Where the best mode does not explain the data while starts disagree, the search goes on with more starts:
     `MapEstimate.effort` and `MapEstimate.sentence` say how far and what follows. FRFs of far more lines than resolve
     their resonances are searched on some of these, and the modes found are climbed on all.

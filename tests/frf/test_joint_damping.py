@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
-from jointbayes.joint import Damped, Joint, Joints, LogStiffness, blocks_of, parametrisation_named
+from jointbayes.joint import Damped, Joint, JointMatrix, Joints, LogStiffness, blocks_of, parametrisation_named
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Rayleigh, Section
 from tests.conftest import CLAMP, PAIR, pair_matrix, rod
 
@@ -135,6 +135,19 @@ def test_the_squares_of_many_damped_joints_are_those_of_the_assembled_structure(
     other[4, 6] = 1e-70  # a spring that is not there
     found = chi2(blocks_of(KINDS).matrix(other))
     np.testing.assert_allclose(found, [expected(one) for one in other], rtol=1e-6)
+
+
+@pytest.mark.parametrize("dashpots", [True, False])
+def test_the_squares_of_many_damped_joints_are_those_of_their_receptances(dashpots):
+    kinds = blocks_of(KINDS)
+    k = np.array([*K_BOTH, 3e6])
+    model = receptance_model(rod(damping=LossFactor(0.02)), MANY, INSIDE)  # of more lines than a block holds
+    both = kinds.matrix(k * np.exp(np.random.default_rng(1).normal(0, 0.3, size=(3, k.size))))
+    joints = JointMatrix(both.stiffness, 100.0 * dashpots * both.viscous, both.hysteretic)
+    data = model.receptance(kinds.matrix(k))[0]
+    weight = 1 / (0.03 * np.abs(data))
+    expected = (np.abs(model.receptance(joints) - data) ** 2 * weight**2).sum(axis=(1, 2, 3))
+    np.testing.assert_allclose(model.misfit(data, weight).chi2(joints), expected, rtol=1e-8)
 
 
 def test_the_slope_of_many_damped_joints_is_that_of_differences():

@@ -25,6 +25,16 @@ def test_lowest_lines_lead_to_the_mode_of_a_chain(count):
     assert {s.name: s.reached_mode for s in estimate.starts}["lowest lines first"]
 
 
+def test_each_climb_sees_a_twelfth_of_the_lines_more(monkeypatch):
+    shares = []
+    seen = effort._on_lowest_lines
+    monkeypatch.setattr(effort, "_on_lowest_lines", lambda *given: shares.append(given[1]) or seen(*given))
+    lowest_lines_first(chain_case(12).problem)
+    np.testing.assert_allclose(shares, np.arange(1, 13) / 12)
+    few = seen(chain_case(12).problem, 0.5).test.data.frf
+    np.testing.assert_array_equal(few.frequency_hz, np.arange(10.0, 310.0, 5.0))
+
+
 def test_a_search_that_explains_line_after_line_reconstructs_nothing(monkeypatch):
     problem = chain_case(6).problem
     for other in ("reconstructed_starts", "frequency_starts"):
