@@ -44,12 +44,9 @@ lint: $(VENV)/.stamp-lint  ## ruff check, ruff format --check, mypy
 docs: $(VENV)/.stamp-docs  ## build the documentation into site/, warnings are errors
 	$(BIN)/mkdocs build --strict
 
-bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against others (about ten minutes)
+bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against others (less than five minutes)
 	$(BIN)/python -m benchmarks.likelihood
 	$(BIN)/python -m benchmarks.samplers
-	$(BIN)/python -m benchmarks.uncertain
-	$(BIN)/python -m benchmarks.noise
-	$(BIN)/python -m benchmarks.small_data --portal
 
 pages: $(VENV)/.stamp-test  ## write what README and docs quote of files and past runs, their figures, pages made from the code
 	$(BIN)/python -m benchmarks.numbers --write-only
@@ -64,8 +61,13 @@ fuzz: $(VENV)/.stamp-test  ## damaged input for every reader, SECONDS=60 each; w
 mutants: $(VENV)/.stamp-test  ## single wrong lines put into a copy of the tree one at a time: each must fail a test; minutes
 	$(BIN)/python -m tests.mutants $(MUTANTS)
 
-science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies against known truths: hours
+science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, then the long studies against known truths: hours
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "science or long"
+	$(BIN)/python -m benchmarks.likelihood --growth
+	$(BIN)/python -m benchmarks.samplers --nuts
+	$(BIN)/python -m benchmarks.uncertain
+	$(BIN)/python -m benchmarks.noise
+	$(BIN)/python -m benchmarks.small_data --portal
 	$(BIN)/python -m benchmarks.mode_found
 	$(BIN)/python -m benchmarks.random_frames
 	$(BIN)/python -m benchmarks.many_joints chain

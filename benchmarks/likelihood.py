@@ -1,6 +1,7 @@
-"""What a likelihood costs, as ratios within one run, and how it grows with the data. Run by `make bench`.
+"""What a likelihood costs, as ratios within one process. Run by `make bench`.
 
-Joints about the true one are evaluated in a batch of 64, as a sampler asks for them, on one core.
+"jointbayes" is `problem.log_posterior`, the public API, of joints about the true one in a batch of 64, as a sampler
+asks for them, on one core. `--growth`, run by `make science`, measures how the likelihood grows with the data instead.
 """
 
 import argparse
@@ -28,15 +29,16 @@ from jointbayes.structure import BeamMaterial, DampingLaw, LossFactor, ModalDamp
 BATCH = 64
 #: A line-by-line solve of 64 joints takes seconds; it costs the same for each joint, so a few will do.
 FEW = 4
+#: Modes that somebody in a hurry sums alone: those of the band, and a few above it.
+LOWEST = 8
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
 LAWS: dict[str, DampingLaw] = {"loss_factor": LossFactor(0.02), "modal": ModalDamping((0.01,))}
 CLAMP = Joint(("1:y", "1:rz"))
 CLAMP_STIFFNESS = np.array([[5.05e9, 3.44e7], [3.44e7, 1.52e6]])
 
 
-def contestants(law: str, f_step_hz: float, batch: int = BATCH) -> dict[str, Contestant]:
-    """Every way to compute the likelihood of the case with this damping law, 2 Hz and upwards."""
-    case = cases.case_with_lines(law, f_min_hz=2.0, f_step_hz=f_step_hz)
+def contestants(law: str, case: jb.Case, batch: int = BATCH) -> dict[str, Contestant]:
+    """Every way to compute the likelihood of a case with this damping law."""
     theta, matrices = cases.joints(case, batch)
     setup = peers.Setup(case.problem)
     likelihood = case.problem.log_posterior.likelihood
@@ -54,9 +56,15 @@ def contestants(law: str, f_step_hz: float, batch: int = BATCH) -> dict[str, Con
         entries["2×2 coupling by batched numpy.linalg.solve"] = peer(peers.batched_solve, matrices)
         entries["2×2 coupling in closed form, NumPy"] = peer(peers.closed_form, matrices)
     else:
-        entries["SciPy eigh and modal sum, NumPy"] = peer(peers.modal_sum, matrices[: min(16, batch)])
-    entries["jointbayes"] = Contestant(lambda: likelihood.log_likelihood(matrices), batch)
-    entries["jointbayes, one joint"] = Contestant(lambda: likelihood.log_likelihood(matrices[:1]), 1)
+        some = matrices[: min(16, batch)]
+        entries["SciPy eigh and modal sum, NumPy"] = peer(peers.modal_sum, some)
+        entries[f"SciPy eigh and sum of {LOWEST} modes, NumPy"] = peer(partial(peers.modal_sum, count=LOWEST), some)
+    log_posterior = case.problem.log_posterior
+    entries["jointbayes"] = Contestant(lambda: log_posterior(theta), batch)
+    entries["jointbayes, one joint"] = Contestant(lambda: log_posterior(theta[:1]), 1)
+    entries["jointbayes, likelihood of joint matrices alone"] = Contestant(
+        lambda: likelihood.log_likelihood(matrices), batch
+    )
     entries["jointbayes, with gradient"] = Contestant(lambda: likelihood.gradient(matrices), batch)
     entries["jointbayes, residuals with Jacobian, one joint"] = Contestant(
         lambda: case.problem.log_posterior.residuals(theta[0]), 1
@@ -149,28 +157,29 @@ def rows_of(law: str, timings: dict[str, Timing], entries: dict[str, Contestant]
             "joints": entries[name].joints,
             "us": t.median,
             "us_least": t.least,
+            "cpu_us": t.cpu,
             "rounds": t.rounds,
-            "ratio": slowest.median / t.median if slowest else None,
+            "ratio": slowest.cpu / t.cpu if slowest else None,
         }
         for name, t in timings.items()
     ]
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """All figures of this page section."""
-    step, rounds, batch = (50.0, 1, 8) if quick else (2.0, 9, BATCH)
+    """Figures of the likelihood."""
+    step, rounds, batch = (50.0, 1, 8) if quick else (2.0, 7, BATCH)
     rows = []
     for law in cases.CASES:
-        entries = contestants(law, step, batch)
+        case = cases.quick_case(law) if quick else cases.case_with_lines(law)
+        entries = contestants(law, case, batch)
         rows += rows_of(law, interleaved(entries, rounds), entries)
     entries = many_dof_contestants(step, batch)
     many = interleaved(entries, rounds)
     rows += [row for law in LAWS for row in rows_of(law, {n: t for n, t in many.items() if n.endswith(law)}, entries)]
     return {
-        "lines": len(np.arange(2.0, 2500.0 + 1e-9, step)),
+        "lines": case.problem.test.data.frf.n_lines,
         "batch": batch,
         "rows": rows,
-        "growth": [row for law in LAWS for row in growth(law, quick)],
     }
 
 
@@ -178,9 +187,14 @@ def main(arguments: list[str] | None = None) -> None:
     """Measure, print and keep the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     record.add_options(parser)
+    parser.add_argument("--growth", action="store_true", help="how it grows with the data, instead; minutes")
     options = parser.parse_args(arguments)
     cases.one_core()
-    record.keep("likelihood", measure(options.quick), options)
+    if options.growth:
+        rows = [row for law in LAWS for row in growth(law, options.quick)]
+        record.keep("growth", {"rows": rows}, options)
+    else:
+        record.keep("likelihood", measure(options.quick), options)
 
 
 if __name__ == "__main__":

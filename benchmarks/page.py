@@ -14,7 +14,11 @@ CASE_FILE = {"modal": "configs/clamped_beam.toml", "loss_factor": "configs/clamp
 
 def page(results: Data) -> str:
     """The whole page, from the sections that have been measured."""
-    parts = ["# Benchmarks\n", "Printed by `make bench`; the figures are in `benchmarks/results.json`.\n"]
+    parts = [
+        "# Benchmarks\n",
+        "Printed by `make bench`, in less than five minutes, but for what `make science` adds: growth with the data,\n"
+        "few measured frequencies, and NUTS. The figures are in `benchmarks/results.json`.\n",
+    ]
     parts += [section(name, results[name]) for name in _SECTIONS if name in results]
     return "\n".join(parts)
 
@@ -56,36 +60,46 @@ def _where(environment: Data) -> str:
 
 def _likelihood(data: Data) -> list[str]:
     lines = [
-        f"One FRF at {data['lines']} lines of the main case's beam, joint of 2 DOFs where nothing else is said. The",
-        "peers have all DOFs of the elements that the band needs, jointbayes its modes and residual terms. Medians;",
-        "all rows of a table were timed in turn, round by round, so that the ratios hold also on a busy machine.",
-        f'"jointbayes" is a batch of {data["batch"]} joints, as a sampler asks for them; what is set up once for each',
-        "case is not part of it. The peers compute the same number to 1e-8, which `tests/test_benchmarks.py` checks.",
+        f"The shipped cases as they are, one FRF at {data['lines']} lines; a joint of 2 DOFs where nothing else is",
+        "said. The peers have all DOFs of the elements that the band needs, jointbayes its modes and residual terms.",
+        "Medians of the clock and of the processor; all rows of a table were timed in turn, round by round, in one",
+        "process, and ratios are those of processor time: they hold on a busy machine.",
+        f'"jointbayes" is `problem.log_posterior` of {data["batch"]} points, as a sampler asks for them; what is set',
+        "up once for each case is not part of it. The peers compute the same likelihood to 1e-8, which",
+        "`tests/test_benchmarks.py` checks, from joint matrices, and no prior. `python -m benchmarks.likelihood`",
+        "repeats this table. The sum of the lowest modes leaves out what the others add: that is another number.",
     ]
     for law in LAW:
         rows = [r for r in data["rows"] if r["law"] == law]
         if not rows:
             continue
-        ours = next(r["us"] for r in rows if r["what"] == "jointbayes")
+        ours = next(r["cpu_us"] for r in rows if r["what"] == "jointbayes")
         # of another joint there is no ratio
-        body = ((r["what"], number(r["us"]), number(r["ratio"] and r["us"] / ours), str(r["rounds"])) for r in rows)
+        body = (
+            (
+                r["what"],
+                number(r["us"]),
+                number(r["cpu_us"]),
+                number(r["ratio"] and r["cpu_us"] / ours),
+                str(r["rounds"]),
+            )
+            for r in rows
+        )
         lines += ["", f"### Likelihood, {LAW[law]}", ""]
-        lines += table(("what", "µs per likelihood", "times as long as jointbayes", "rounds"), body)
-    return lines + _growth(data["growth"])
+        lines += table(("what", "µs per likelihood", "µs of CPU", "times as long as jointbayes", "rounds"), body)
+    return lines
 
 
-def _growth(growth: Iterable[Data]) -> list[str]:
+def _growth(data: Data) -> list[str]:
     lines = [
-        "",
-        "### Growth with the data",
-        "",
+        "Of joint matrices, as `python -m benchmarks.likelihood --growth` measures it.",
         "The exponent is the slope of the logarithms: 1 is proportional. Memory is the most that one call held beyond",
         "what was there before, the data and the structure's own FRFs: traced by Python, and in brackets as the",
         "resident memory of the process grew (– where the system does not tell).",
         "",
     ]
     rows = []
-    for one in growth:
+    for one in data["rows"]:
         for i, p in enumerate(one["points"]):
             first = (LAW[one["law"]], f"more {one['kind']}", f"{one['slope']:.2f}") if i == 0 else ("", "", "")
             memory = f"{number(p['peak_mb'])} ({number(p['resident_peak_mb'])})"
@@ -120,6 +134,7 @@ _SAMPLER_HEAD = (
     "evaluations per effective sample",
     "compiling, s",
     "seconds to {wanted} ESS",
+    "of CPU",
     "mean off by, sd",
     "sd ratio",
 )
@@ -129,7 +144,9 @@ Each sampler draws from the posterior of (ln k11, ln k12, ln k22) on one core. E
 draws/τ with τ averaged over walkers for ensembles (walkers of one ensemble are not independent chains), ArviZ's bulk
 ESS over the chains for NUTS, Kish's (Σw)²/Σw² for nested samplers. ESS per second counts the sampling alone, the
 evaluations all of it. Seconds to {wanted} ESS count everything but compiling: finding the mode from which
-ensembles and NUTS start, burn-in or adaptation, and sampling. The last two columns compare with the jointbayes row:
+ensembles and NUTS start, burn-in or adaptation, and sampling; beside them the same in processor time, by what each
+run took of either. `python -m benchmarks.samplers` repeats this, `--nuts` with NUTS.
+The last two columns compare with the jointbayes row:
 the largest difference of a mean in posterior standard deviations, and the ratio of standard deviations furthest from 1;
 both contain the Monte Carlo error, about 1/√ESS of either. A nested sampler also gives the evidence.
 """
@@ -141,9 +158,9 @@ def _sampler_row(row: Data) -> tuple[str, ...]:
         return (name, row["missing"], *["–"] * (len(_SAMPLER_HEAD) - 2))
     figures = (
         *("us_per_likelihood", "ess", "ess_per_second", "evaluations_per_effective"),
-        *("compile_seconds", "seconds_to_wanted", "mean_difference", "sd_ratio"),
+        *("compile_seconds", "seconds_to_wanted", "cpu_to_wanted", "mean_difference", "sd_ratio"),
     )
-    return (name, *(number(row[figure]) for figure in figures))
+    return (name, *(number(row.get(figure)) for figure in figures))
 
 
 def _small_data(data: Data) -> list[str]:
@@ -158,6 +175,7 @@ def _small_data(data: Data) -> list[str]:
 
 _SECTIONS = {
     "likelihood": ("Cost of a likelihood", _likelihood),
+    "growth": ("Growth with the data", _growth),
     "samplers": ("Samplers", _samplers),
     "small_data": ("Few measured frequencies", _small_data),
 }
@@ -167,22 +185,25 @@ def in_short(results: Data) -> str:
     """What README says of the benchmarks, as three points: each against the fastest other one that was measured."""
     lines = results["likelihood"]["lines"]
     (us, other, times), (us_loss, other_loss, times_loss) = (_against_best(results, law) for law in LAW)
+    rows = results["likelihood"]["rows"]
+    one = next(row for row in rows if row["what"] == "jointbayes, one joint" and row["law"] == "modal")
+    alone = number(one["cpu_us"], 2)
     samplers = results["samplers"]
     rows = next(case for case in samplers["cases"] if case["law"] == "modal")["rows"]
     ours = next(row for row in rows if row["method"] == "jointbayes")
-    peers = [row for row in rows if row is not ours and not row["extrapolated"] and row.get("seconds_to_wanted")]
-    peer = min(peers, key=lambda row: row["seconds_to_wanted"])
-    seconds, peer_seconds = (number(row["seconds_to_wanted"], 2) for row in (ours, peer))
+    peers = [row for row in rows if row is not ours and not row["extrapolated"] and row.get("cpu_to_wanted")]
+    peer = min(peers, key=lambda row: row["cpu_to_wanted"])
+    seconds, peer_seconds = (number(row["cpu_to_wanted"], 2) for row in (ours, peer))
     where = samplers["environment"]
     points = (
-        f"One likelihood of one FRF with {lines} lines takes {us} µs with modal damping; the fastest other way "
-        f"({other}) takes {times} times as long. With a loss factor it takes {us_loss} µs, the fastest other way "
-        f"({other_loss}) {times_loss} times as long.",
-        f"{samplers['wanted']:.0f} effective draws of the main case take {seconds} s, the search for the mode "
+        f"`problem.log_posterior` of one FRF with {lines} lines takes {us} µs of CPU a point in batches, {alone} µs one "
+        f"at a time, with modal damping; the fastest other way ({other}) takes {times} times as long as in batches. "
+        f"With a loss factor it takes {us_loss} µs, the fastest other way ({other_loss}) {times_loss} times as long.",
+        f"{samplers['wanted']:.0f} effective draws of the main case take {seconds} s of CPU, the search for the mode "
         f"included; the fastest other sampler on the same likelihood, {peer['method'].split(',')[0]}, takes "
         f"{peer_seconds} s.",
-        f"Measured on {where['date']} on one core of an {where['cpu'].replace('(R)', '')}: "
-        "[Benchmarks](docs/benchmarks.md).",
+        f"Measured on {where['date']} on one core of an {where['cpu'].replace('(R)', '')}; `make bench` repeats it in "
+        "less than five minutes: [Benchmarks](docs/benchmarks.md).",
     )
     return "\n".join(textwrap.fill(point, 118, initial_indent="- ", subsequent_indent="  ") for point in points)
 
@@ -191,8 +212,8 @@ def _against_best(results: Data, law: str) -> tuple[str, str, str]:
     """Our µs per likelihood, the fastest other way, and how many times as long that takes."""
     rows = [row for row in results["likelihood"]["rows"] if row["law"] == law]
     ours = next(row for row in rows if row["what"] == "jointbayes")
-    best = min((row for row in rows if not row["what"].startswith("jointbayes")), key=lambda row: row["us"])
-    return number(ours["us"], 2), best["what"], number(best["us"] / ours["us"], 2)
+    best = min((row for row in rows if not row["what"].startswith("jointbayes")), key=lambda row: row["cpu_us"])
+    return number(ours["cpu_us"], 2), best["what"], number(best["cpu_us"] / ours["cpu_us"], 2)
 
 
 if __name__ == "__main__":

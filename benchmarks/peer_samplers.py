@@ -32,6 +32,8 @@ class Run:
     start_up_seconds: float = 0.0
     likelihood_seconds: float | None = None
     compile_seconds: float | None = None
+    cpu_share: float = 1.0
+    """Processor time over that of the clock while it ran."""
     seconds_to: Callable[[float], float] | None = None
     weights: Array | None = None
     note: str = ""
@@ -74,7 +76,7 @@ class Counted:
 
 
 def stretch_run(log_density: Callable[[Array], Array], start: Array, budget_seconds: float, seed: int) -> StretchRun:
-    """emcee's default, one ensemble with the stretch move in ln k, for as long as it may take.
+    """emcee's default, one ensemble with the stretch move in ln k, for so long of the processor.
 
     It does not stop at 50 τ: on a skewed posterior τ is too small until the walkers have been all over the tail.
     """
@@ -84,13 +86,13 @@ def stretch_run(log_density: Callable[[Array], Array], start: Array, budget_seco
     walkers, dimension = start.shape
     sampler = emcee.EnsembleSampler(walkers, dimension, counted, vectorize=True)
     state = emcee.State(start, random_state=np.random.RandomState(seed).get_state())
-    began = time.perf_counter()
+    began, own = time.perf_counter(), time.process_time()
     steps = 0
-    while time.perf_counter() - began < budget_seconds:
+    while time.process_time() - own < budget_seconds:
         block = max(100, steps // 10)  # each call copies the whole chain
         state = sampler.run_mcmc(state, block, skip_initial_state_check=steps > 0)
         steps += block
-    seconds = time.perf_counter() - began
+    seconds, own = time.perf_counter() - began, time.process_time() - own
     tau = float(autocorrelation_time(sampler.get_chain(discard=steps // 2)[None]).max())
     burn_in = _burn_in(steps, tau)
     kept = sampler.get_chain(discard=burn_in)
@@ -106,6 +108,7 @@ def stretch_run(log_density: Callable[[Array], Array], start: Array, budget_seco
         seconds=seconds * len(kept) / steps,
         start_up_seconds=seconds * burn_in / steps,
         likelihood_seconds=counted.seconds,
+        cpu_share=own / seconds,
         note=note,
         tau=tau,
         walkers=walkers,
@@ -141,7 +144,7 @@ def dynesty_run(problem: Problem, seed: int, live: int = 500) -> Run:
     import dynesty
 
     counted = Counted(log_likelihood_on_box(problem))
-    began = time.perf_counter()
+    began, own = time.perf_counter(), time.process_time()
     sampler = dynesty.NestedSampler(
         lambda theta: max(float(counted(theta[None])[0]), -1e300),
         prior_transform(problem),
@@ -152,7 +155,7 @@ def dynesty_run(problem: Problem, seed: int, live: int = 500) -> Run:
     with warnings.catch_warnings(record=True) as caught:  # it may repeat itself with every bound
         warnings.simplefilter("always")
         sampler.run_nested(print_progress=False)
-    seconds = time.perf_counter() - began
+    seconds, own = time.perf_counter() - began, time.process_time() - own
     weights = sampler.results.importance_weights()
     ess = kish(weights)
     note = f"{live} live points (default 500); the effective samples wanted are scaled in proportion to the live points"
@@ -164,6 +167,7 @@ def dynesty_run(problem: Problem, seed: int, live: int = 500) -> Run:
         evaluations=counted.points,
         seconds=seconds,
         likelihood_seconds=counted.seconds,
+        cpu_share=own / seconds,
         seconds_to=lambda wanted: seconds * wanted / ess,
         weights=weights,
         note=note,
@@ -178,7 +182,7 @@ def nautilus_run(problem: Problem, seed: int, wanted: float, live: int = 2000, b
     import nautilus
 
     counted = Counted(log_likelihood_on_box(problem))
-    began = time.perf_counter()
+    began, own = time.perf_counter(), time.process_time()
     sampler = nautilus.Sampler(
         prior_transform(problem),
         lambda theta: np.maximum(counted(theta), -1e300),
@@ -189,7 +193,7 @@ def nautilus_run(problem: Problem, seed: int, wanted: float, live: int = 2000, b
         seed=seed,
     )
     done = sampler.run(n_eff=wanted, timeout=budget_seconds)
-    seconds = time.perf_counter() - began
+    seconds, own = time.perf_counter() - began, time.process_time() - own
     theta, log_weights, _ = sampler.posterior()
     weights = np.exp(log_weights - log_weights.max())
     note = f"{live} live points (default 2000), one network (default 4, slower here)"
@@ -202,6 +206,7 @@ def nautilus_run(problem: Problem, seed: int, wanted: float, live: int = 2000, b
         evaluations=counted.points,
         seconds=seconds,
         likelihood_seconds=counted.seconds,
+        cpu_share=own / seconds,
         seconds_to=(lambda _: seconds) if done else None,
         weights=weights,
         note=note,
@@ -229,7 +234,7 @@ def nuts_run(problem: Problem, start: Array, seed: int, warm_up: int = 500, draw
 
     keys = jax.random.split(jax.random.key(seed), 2 * len(start))
     position = jax.numpy.asarray(jax_model.to_unbounded(problem, start))
-    began = time.perf_counter()
+    began, own = time.perf_counter(), time.process_time()
     adapt = adapt.lower(keys[0], position[0]).compile()
     shapes, _ = jax.eval_shape(lambda k, p: adaptation.run(k, p, num_steps=warm_up), keys[0], position[0])
     sample = jax.jit(sample).lower(keys[0], shapes.state, shapes.parameters).compile()
@@ -240,7 +245,7 @@ def nuts_run(problem: Problem, start: Array, seed: int, warm_up: int = 500, draw
         jax.block_until_ready(sample(k, result.state, result.parameters))
         for k, (result, _) in zip(keys[len(start) :], adapted, strict=True)
     ]
-    seconds = time.perf_counter() - warmed
+    seconds, own = time.perf_counter() - warmed, time.process_time() - own
     theta = np.asarray(jax_model.to_theta(problem, jax.numpy.stack([c[0] for c in chains])))
     ess = min(float(arviz.ess(theta[..., i])) for i in range(3))
     r_hat = max(float(arviz.rhat(theta[..., i])) for i in range(3))
@@ -255,6 +260,7 @@ def nuts_run(problem: Problem, start: Array, seed: int, warm_up: int = 500, draw
         start_up_seconds=warmed - compiled,
         likelihood_seconds=warmed - compiled + seconds,
         compile_seconds=compiled - began,
+        cpu_share=own / (warmed + seconds - began),
         note=(
             f"{len(start)} chains of {warm_up} + {draws} steps, {leapfrogs / (len(start) * draws):.1f} gradients a "
             f"draw, {divergent} divergent, R̂ = {r_hat:.3f}; µs for value and gradient, NUTS included"

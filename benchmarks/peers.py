@@ -112,16 +112,17 @@ def dense_batched(setup: Setup) -> LogLikelihood:
     return log_likelihood
 
 
-def modal_sum(setup: Setup) -> LogLikelihood:
-    """Modal damping: eigensolution of the assembled matrices by SciPy, and the sum over all modes."""
+def modal_sum(setup: Setup, count: int | None = None) -> LogLikelihood:
+    """Modal damping: eigensolution of the assembled matrices by SciPy, and the sum over all modes, or the lowest."""
     assert isinstance(setup.law, ModalDamping)
-    ratio = setup.law.per_mode(len(setup.mass))
+    ratio = setup.law.per_mode(len(setup.mass))[:count]
+    lowest = None if count is None else [0, count - 1]
 
     def log_likelihood(matrices: Array) -> Array:
         values = np.empty((len(matrices), setup.omega.size), dtype=complex)
         for row, matrix in zip(values, matrices, strict=True):
             stiffness = setup.stiffness + setup.joined @ matrix @ setup.joined.T
-            squared, shapes = linalg.eigh(stiffness, setup.mass)
+            squared, shapes = linalg.eigh(stiffness, setup.mass, subset_by_index=lowest)
             constants = (setup.out.T @ shapes)[0] * (setup.into.T @ shapes)[0]
             natural = np.sqrt(np.maximum(squared, 0.0))
             denominator = squared[:, None] - setup.omega**2 + 2j * (ratio * natural)[:, None] * setup.omega

@@ -1,6 +1,7 @@
 """How fast samplers draw from the posterior, on the case with modal damping and on that with a loss factor.
 
-Run by `make bench`. A sampler that is not installed is named in the table and left out.
+Run by `make bench`, and with `--nuts` by `make science`. A sampler that is not installed is named in the table and
+left out.
 """
 
 import argparse
@@ -19,16 +20,17 @@ from benchmarks.timing import Contestant, interleaved
 WANTED = 2000.0
 SEED = 1
 WALKERS = 32
-EMCEE_SECONDS = 45.0
+#: Of the processor: 50 autocorrelation times and more.
+EMCEE_SECONDS = 30.0
 MISSING = "not installed: pip install 'jointbayes[bench]'"
 
 
 def ours(case: jb.Case, quick: bool) -> Run:
     """`jointbayes.sample` as a user calls it, from finding the mode to the posterior object."""
     settings = jb.SamplerSettings(walkers=8, max_steps=400, tau_factor=10.0) if quick else case.sampler
-    began = time.perf_counter()
+    began, own = time.perf_counter(), time.process_time()
     posterior = jb.sample(case, seed=SEED, settings=settings)
-    total = time.perf_counter() - began
+    total, own = time.perf_counter() - began, time.process_time() - own
     figures = posterior.record.sampler
     theta = case.problem.parametrisation.coordinates(posterior.stiffness)
     return Run(
@@ -37,6 +39,7 @@ def ours(case: jb.Case, quick: bool) -> Run:
         evaluations=int(figures["evaluations"]),
         seconds=float(figures["seconds"]),
         start_up_seconds=total - float(figures["seconds"]),
+        cpu_share=own / total,
         note=f"`jointbayes.sample`: {posterior.reason}; burn-in counted among the sampling",
     )
 
@@ -71,6 +74,7 @@ def extrapolated(stretch: StretchRun, us: float, way: str) -> Run:
         evaluations=stretch.evaluations,
         seconds=kept * per_step,
         start_up_seconds=stretch.burn_in * per_step,
+        cpu_share=stretch.cpu_share,
         note=f"{way}; measured µs per likelihood, τ and draws of emcee on the jointbayes likelihood",
     )
 
@@ -101,6 +105,7 @@ def row(
         "map_seconds": map_seconds,
         "compile_seconds": run.compile_seconds,
         "seconds_to_wanted": to_wanted,
+        "cpu_to_wanted": to_wanted * run.cpu_share,
         "mean_difference": float(np.abs((run.mean - reference.mean) / reference.sd).max()),
         "sd_ratio": furthest,
         "mean": run.mean.tolist(),
@@ -170,16 +175,17 @@ def nuts_row(case: jb.Case, reference: Run, start: tuple[np.ndarray, float], qui
     return row(method, done, reference, 1e6 * done.likelihood_seconds / done.evaluations, map_seconds)
 
 
-def compare(law: str, quick: bool) -> dict[str, Any]:
-    """All samplers on one case."""
+def compare(law: str, quick: bool, nuts: bool) -> dict[str, Any]:
+    """All samplers on one case, NUTS among them if that is asked for."""
     case = cases.quick_case(law) if quick else cases.case_with_lines(law)
-    _, matrices = cases.joints(case, 64)
-    us = microseconds(case.problem.log_posterior.likelihood.log_likelihood, matrices, 1 if quick else 5)
+    theta, _ = cases.joints(case, 64)
+    us = microseconds(case.problem.log_posterior, theta, 1 if quick else 5)
     reference = ours(case, quick)
     start = starting_points(case, WALKERS)
     rows = emcee_rows(case, law, reference, start, quick)
     rows += nested_rows(case, reference, quick)
-    rows.append(nuts_row(case, reference, start, quick))
+    if nuts:
+        rows.append(nuts_row(case, reference, start, quick))
     rows.append(row("jointbayes", reference, reference, us, 0.0))
     return {"law": law, "values": case.problem.test.data.frf.values.size, "rows": rows}
 
@@ -189,10 +195,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     record.add_options(parser)
     parser.add_argument("--law", choices=list(cases.CASES), help="only the case with this damping law")
+    parser.add_argument("--nuts", action="store_true", help="NUTS on a JAX model too: two minutes more")
     options = parser.parse_args(arguments)
     cases.one_core()
     laws = [options.law] if options.law else list(cases.CASES)
-    results = {"wanted": WANTED, "cases": [compare(law, options.quick) for law in laws]}
+    results = {"wanted": WANTED, "cases": [compare(law, options.quick, options.nuts) for law in laws]}
     record.keep("samplers", results, options)
 
 

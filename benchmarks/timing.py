@@ -18,10 +18,11 @@ class Contestant:
 
 @dataclass(frozen=True)
 class Timing:
-    """Microseconds per joint over the rounds."""
+    """Microseconds per joint over the rounds: median and least of the clock, and the median of the processor."""
 
     median: float
     least: float
+    cpu: float
     rounds: int
 
 
@@ -37,14 +38,15 @@ def interleaved(contestants: Mapping[str, Contestant], rounds: int, seconds: flo
         began = time.perf_counter()
         one.run()
         calls[name] = max(1, int(seconds / (time.perf_counter() - began)))
-    times: dict[str, list[float]] = {name: [] for name in contestants}
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in contestants}
     for _ in range(rounds):
         for name, one in contestants.items():
-            began = time.perf_counter()
+            wall, cpu, scale = time.perf_counter(), time.process_time(), 1e6 / (calls[name] * one.joints)
             for _ in range(calls[name]):
                 one.run()
-            times[name].append(1e6 * (time.perf_counter() - began) / (calls[name] * one.joints))
-    return {name: Timing(statistics.median(t), min(t), rounds) for name, t in times.items()}
+            times[name].append((scale * (time.perf_counter() - wall), scale * (time.process_time() - cpu)))
+    found = {name: tuple(zip(*rows, strict=True)) for name, rows in times.items()}
+    return {n: Timing(statistics.median(w), min(w), statistics.median(c), rounds) for n, (w, c) in found.items()}
 
 
 def peak_megabytes(run: Callable[[], object]) -> float:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from benchmarks.peer_samplers import StretchRun, kish, log_likelihood_on_box, pr
 from benchmarks.samplers import emcee_rows, extrapolated, missing, row
 
 import jointbayes as jb
+from jointbayes.inference import LogPosterior
 from jointbayes.structure import Structure
 
 pytestmark = pytest.mark.docs
@@ -140,6 +142,21 @@ def test_an_extrapolated_row_states_the_time_of_the_same_steps_at_another_price(
     assert (found["mean_difference"], found["sd_ratio"], found["extrapolated"]) == (0.0, 1.0, True)
 
 
+def test_a_run_that_had_half_of_a_processor_took_half_of_the_time_of_one():
+    run = replace(made_up_run(), cpu_share=0.5)
+    found = row("half", run, run, 1000.0, 3.0)
+    assert found["cpu_to_wanted"] == pytest.approx(found["seconds_to_wanted"] / 2)
+
+
+def test_what_is_called_jointbayes_is_the_public_density(quick, monkeypatch):
+    asked = []
+    monkeypatch.setattr(LogPosterior, "__call__", lambda _, theta: asked.append(len(theta)))
+    entries = likelihood.contestants("modal", quick["modal"], 8)
+    for name in ("jointbayes", "jointbayes, one joint"):
+        entries[name].run()
+    assert asked == [8, 1]
+
+
 def test_a_sampler_that_misses_part_of_the_posterior_is_called_out():
     reference, narrow = made_up_run(), made_up_run()
     narrow.theta = narrow.theta * [1.0, 1.0, 0.7]
@@ -178,6 +195,7 @@ def test_timings_slopes_and_memory():
     timed = timing.interleaved(contestants, rounds=3, seconds=0.0)
     assert (timed["a"].rounds, len(calls)) == (3, 5)
     assert 0 <= timed["b"].least <= timed["b"].median
+    assert timed["b"].cpu >= 0
     assert timing.log_log_slope([1.0, 10.0, 100.0], [2.0, 200.0, 20_000.0]) == pytest.approx(2.0)
     assert timing.peak_megabytes(lambda: np.ones(1_000_000)) == pytest.approx(8.0, rel=0.01)
     # so large that no allocator serves it from memory that it kept from earlier tests
@@ -193,24 +211,26 @@ def test_results_are_merged_kept_and_written(tmp_path, capsys):
         "joints": 4,
         "us": 12.34,
         "us_least": 12.0,
+        "cpu_us": 11.0,
         "rounds": 3,
         "ratio": 10,
     }
-    ours = likelihood_row | {"what": "jointbayes", "us": 1.234, "ratio": 1}
+    ours = likelihood_row | {"what": "jointbayes", "us": 1.234, "cpu_us": 1.1, "ratio": 1}
     point = {"values": 1000, "batch": 4, "us": 10.0, "peak_mb": 1.0, "resident_peak_mb": None}
     grown = {"law": "modal", "kind": "lines", "slope": 0.98, "points": [point, {**point, "values": 2000}]}
-    record.keep("likelihood", {"lines": 50, "batch": 4, "rows": [ours, likelihood_row], "growth": [grown]}, options)
+    record.keep("likelihood", {"lines": 50, "batch": 4, "rows": [ours, likelihood_row]}, options)
+    record.keep("growth", {"rows": [grown]}, options)
 
     run = made_up_run()
     rows = [row("made-up sampler", run, run, 12.0, 1.0), missing("absent sampler")]
     record.keep("samplers", {"wanted": 2000.0, "cases": [{"law": "modal", "values": 50, "rows": rows}]}, options)
 
     kept = json.loads(options.json.read_text(encoding="utf-8"))
-    assert set(kept) == {"likelihood", "samplers"}
+    assert set(kept) == {"likelihood", "growth", "samplers"}
     assert kept["samplers"]["environment"]["packages"]["numpy"] == np.__version__
     text = options.page.read_text(encoding="utf-8")
     for shown in (
-        *("| made up | 12.3 | 10.0 | 3 |", "more lines | 0.98 | 1000 | 4 | 10.0 | 10.0 | 1.00 (–) |"),
+        *("| made up | 12.3 | 11.0 | 10.0 | 3 |", "more lines | 0.98 | 1000 | 4 | 10.0 | 10.0 | 1.00 (–) |"),
         *(
             "| absent sampler | not installed: pip install 'jointbayes[bench]' |",
             "| made-up sampler | 12.0 | 100 | 10.0 |",
@@ -230,6 +250,7 @@ def test_the_likelihood_benchmark_runs_and_writes_nothing_it_is_not_asked_to(tmp
     assert "| jointbayes |" in printed
     assert "jointbayes, joint of 6 DOFs, modal" in printed
     assert "jointbayes, joint of 12 DOFs, loss_factor" in printed
+    assert "| jointbayes, likelihood of joint matrices alone |" in printed
     assert not list(tmp_path.iterdir())
 
 
