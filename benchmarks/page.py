@@ -196,9 +196,9 @@ def in_short(results: Data) -> str:
     seconds, peer_seconds = (number(row["cpu_to_wanted"], 2) for row in (ours, peer))
     where = samplers["environment"]
     points = (
-        f"`problem.log_posterior` of one FRF with {lines} lines takes {us} µs of CPU a point in batches, {alone} µs one "
-        f"at a time, with modal damping; the fastest other way ({other}) takes {times} times as long as in batches. "
-        f"With a loss factor it takes {us_loss} µs, the fastest other way ({other_loss}) {times_loss} times as long.",
+        f"`problem.log_posterior` of one FRF with {lines} lines takes {us} µs of CPU a point in batches, {alone} µs "
+        f"one at a time, with modal damping; the fastest other way ({other}) takes {times} times as long as in "
+        f"batches. With a loss factor it takes {us_loss} µs, the fastest other way ({other_loss}) {times_loss} times as long.",
         f"{samplers['wanted']:.0f} effective draws of the main case take {seconds} s of CPU, the search for the mode "
         f"included; the fastest other sampler on the same likelihood, {peer['method'].split(',')[0]}, takes "
         f"{peer_seconds} s.",
