@@ -198,7 +198,8 @@ def in_short(results: Data) -> str:
     points = (
         f"`problem.log_posterior` of one FRF with {lines} lines takes {us} µs of CPU a point in batches, {alone} µs "
         f"one at a time, with modal damping; the fastest other way ({other}) takes {times} times as long as in "
-        f"batches. With a loss factor it takes {us_loss} µs, the fastest other way ({other_loss}) {times_loss} times as long.",
+        f"batches. With a loss factor it takes {us_loss} µs, the fastest other way ({other_loss}) "
+        f"{times_loss} times as long.",
         f"{samplers['wanted']:.0f} effective draws of the main case take {seconds} s of CPU, the search for the mode "
         f"included; the fastest other sampler on the same likelihood, {peer['method'].split(',')[0]}, takes "
         f"{peer_seconds} s.",
