@@ -9,9 +9,9 @@ from benchmarks.cases import ROOT
 from jointbayes.case.case import Case, case_from_text
 from jointbayes.case.simulated_test import simulate
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
-from jointbayes.frf import FrfSet
-from jointbayes.measurement.records import FrfRecord
-from jointbayes.measurement.variance import coherence_variance
+from vibrecords import FrfSet
+from vibrecords.records import FrfRecord
+from vibrecords.variance import coherence_variance
 
 AVERAGES = (3, 10, 50)
 METHODS = ("impact", "shaker", "frf")

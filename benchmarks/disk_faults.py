@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from jointbayes import whole_file
+from vibrecords import whole_file
 
 #: Calls that need room.
 SPACE = frozenset({"open", "mkdir", "write", "fsync", "rename", "replace"})

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 import jointbayes as jb
 from benchmarks.exact_beam import CrossSection, ExactBeam, circle, rectangle, tube
-from jointbayes.frf import FrfSet
 from jointbayes.inference import Uniform
-from jointbayes.measurement import FrfData
+from vibrecords import FrfData, FrfSet
 
 ROOT = Path(__file__).resolve().parents[1]
 BASE = ROOT / "configs" / "clamped_beam.toml"

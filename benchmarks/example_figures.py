@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 import jointbayes as jb
 from benchmarks import example_data
 from jointbayes.frf import Ports
-from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.report.canvas import add_strokes, extremes, logarithmic, panels, points_of_polyline, svg
 from jointbayes.report.frf_curves import frf_unit
 from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.structure_sketch import sketch
+from vibrecords import FrfData
 
 Kept = dict[str, Any]
 

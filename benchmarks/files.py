@@ -22,8 +22,8 @@ import jointbayes as jb
 from benchmarks.calibration_data import case_of
 from jointbayes.case.simulated_test import simulate
 from jointbayes.joint import LogStiffness
-from jointbayes.measurement import FrfData
-from jointbayes.measurement.formats import FORMATS, write_records
+from vibrecords import FrfData
+from vibrecords.formats import FORMATS, write_records
 
 SETTINGS = jb.SamplerSettings(walkers=48, max_steps=4000)
 AVERAGES = 10

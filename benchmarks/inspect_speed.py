@@ -15,10 +15,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from jointbayes.measurement.formats import write_records
-from jointbayes.measurement.inspection import contents_of, with_resonances
-from jointbayes.measurement.modal_problem import ModalProblem
-from jointbayes.measurement.records import FrfRecord
+from vibrecords.formats import write_records
+from vibrecords.inspection import contents_of, with_resonances
+from vibrecords.modal_problem import ModalProblem
+from vibrecords.records import FrfRecord
 
 FORMATS = ("uff58b", "mat", "npz", "csv")
 AVERAGES, MODES = 20, 25

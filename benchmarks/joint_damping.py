@@ -33,13 +33,12 @@ import jointbayes as jb
 from benchmarks.coverage import kept_rows, measured_where, of_sets, row_of, summary, write_between
 from benchmarks.exact_beam import ExactBeam, circle
 from benchmarks.page import table
-from jointbayes.frf import FrfSet
 from jointbayes.inference import JointPrior, Nuisance, Problem, Uniform
 from jointbayes.joint import Damped, Joint, parametrisation_named
-from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, Section
+from vibrecords import FrfData, FrfSet
 
 Array = NDArray[np.float64]
 

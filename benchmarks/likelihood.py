@@ -23,8 +23,8 @@ from benchmarks.timing import (
 from jointbayes.frf import receptance_model
 from jointbayes.inference import Likelihood, likelihood_of
 from jointbayes.joint import Joint, Joints
-from jointbayes.measurement import FrfData, RelativeNoise
 from jointbayes.structure import BeamMaterial, DampingLaw, LossFactor, ModalDamping, Section, Structure, beam
+from vibrecords import FrfData, RelativeNoise
 
 BATCH = 64
 #: A line-by-line solve of 64 joints takes seconds; it costs the same for each joint, so a few will do.

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
-from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfData, RelativeNoise
+from vibrecords import FrfData, FrfSet, RelativeNoise
 
 ROOT = Path(__file__).resolve().parents[1]
 BASE = ROOT / "configs" / "portal_frame.toml"

@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 import jointbayes as jb
 from benchmarks.coverage import kept_rows, measured_where, of_sets, row_of, summary, write_between
 from benchmarks.page import table
-from jointbayes.frf import FrfSet, MeasuredBody, Substructures
+from jointbayes.frf import MeasuredBody, Substructures
 from jointbayes.inference import JointPrior, Problem, Uniform
 from jointbayes.joint import Damped, Joint, LogStiffness
-from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, LossFactor, Section, Structure, beam
+from vibrecords import FrfData, FrfSet
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.record import environment, kept_lines
 from benchmarks.virtual_modal_tests import KINDS, VirtualTest, simulate
-from jointbayes.measurement.modal_fit import ModalFit, fit_modes
+from vibrecords.modal_fit import ModalFit, fit_modes
 
 KEPT = Path(__file__).resolve().parents[1] / "build" / "modal_fit.jsonl"
 #: A mode that stands so far above the noise is to be found, dB.

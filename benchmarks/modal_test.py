@@ -23,8 +23,8 @@ import numpy as np
 
 from jointbayes.case.case import case_from_text
 from jointbayes.case.case_text import read_case_text
-from jointbayes.measurement import FrfData
-from jointbayes.measurement.formats import FORMATS, write_frf
+from vibrecords import FrfData
+from vibrecords.formats import FORMATS, write_frf
 
 _CASE = Path(__file__).parent.parent / "configs" / "clamped_beam_midspan.toml"
 _BAND_HZ = 20.0, 2500.0

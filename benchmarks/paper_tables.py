@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from jointbayes.arrays import Array
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joint, parametrisation_named
 from jointbayes.posterior.rounding import signed
 from jointbayes.structure import BeamMaterial, ModalDamping, Section, Structure, beam
+from vibrecords.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from jointbayes.frf import quantity_factor
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfData
 from jointbayes.structure import LossFactor, ModalDamping, Structure
+from vibrecords import FrfData, quantity_factor
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -35,10 +35,9 @@ import jointbayes as jb
 from benchmarks.calibration_page import between
 from benchmarks.exact_page import where_measured
 from benchmarks.record import environment, kept_lines
-from jointbayes.frf import FrfSet
-from jointbayes.measurement import FrfData
 from jointbayes.posterior.candidate import Candidate
 from jointbayes.studies.planning.plan_report import PlannedMeasurement
+from vibrecords import FrfData, FrfSet
 
 Array = NDArray[np.float64]
 

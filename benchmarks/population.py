@@ -28,10 +28,9 @@ import jointbayes as jb
 from benchmarks.page import table
 from benchmarks.record import environment, kept_lines
 from jointbayes.case.case_text import read_case_text
-from jointbayes.frf import FrfSet, Ports, ReceptanceModel
+from jointbayes.frf import Ports, ReceptanceModel
 from jointbayes.inference import Problem
 from jointbayes.joint import LogStiffness
-from jointbayes.measurement import FrfData
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import fit_proposal
 from jointbayes.sampling.density import newton_climb
@@ -39,6 +38,7 @@ from jointbayes.sampling.distributions import resampled
 from jointbayes.studies.campaign.hierarchical import PopulationPrior, hierarchical_posterior
 from jointbayes.studies.campaign.reweighting import JointDraws
 from jointbayes.studies.tasks import run_tasks
+from vibrecords import FrfData, FrfSet
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "build" / "population.jsonl"

@@ -23,9 +23,8 @@ from scipy.linalg import expm
 import jointbayes as jb
 from benchmarks.exact_beam import rectangle
 from benchmarks.mode_found import TOLERANCE
-from jointbayes.frf import FrfSet
 from jointbayes.identification import refine
-from jointbayes.measurement import FrfData
+from vibrecords import FrfData, FrfSet
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

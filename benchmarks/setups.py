@@ -32,15 +32,15 @@ from numpy.typing import NDArray
 from benchmarks.calibration_page import between
 from benchmarks.exact_page import where_measured
 from benchmarks.record import environment, kept_lines
-from jointbayes.frf import FrfSet, Ports, receptance_model
+from jointbayes.frf import Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Test, Uniform
 from jointbayes.joint import Joint, LogStiffness
-from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.workflow import sample
+from vibrecords import FrfData, FrfSet
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

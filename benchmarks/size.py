@@ -74,7 +74,7 @@ def longest_functions(top: Path, most: int = 60) -> list[str]:
 
 def main() -> None:
     """Print the table."""
-    for top in (ROOT / "src" / "jointbayes", ROOT / "tests", ROOT / "benchmarks"):
+    for top in (*(ROOT / "src" / name for name in ("vibrecords", "jointbayes")), ROOT / "tests", ROOT / "benchmarks"):
         lines, files = sizes(top)
         rows = [(room, str(lines[room]), str(files[room])) for room in sorted(lines)]
         rows.append(("all", str(lines.total()), str(files.total())))

@@ -6,7 +6,7 @@ import os
 import numpy as np
 
 from benchmarks.timing import Contestant, interleaved
-from jointbayes.frf import Ports
+from jointbayes.frf import Ports, synthesise_frf
 from jointbayes.inference import (
     JointPrior,
     NoiseModel,
@@ -18,7 +18,6 @@ from jointbayes.inference import (
     Uniform,
 )
 from jointbayes.joint import Joint, LogStiffness
-from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.structure import (
     BeamFamily,
     BeamMaterial,
@@ -28,6 +27,7 @@ from jointbayes.structure import (
     ModalDamping,
     Section,
 )
+from vibrecords import RelativeNoise
 
 BATCH = 64
 LINES = np.arange(10.0, 2508.1, 2.0)  # 1250

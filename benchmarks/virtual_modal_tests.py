@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
-from jointbayes.frf import FrfSet
+from vibrecords import FrfSet
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -19,8 +19,8 @@ import scipy
 
 from benchmarks.exact_beam import ExactBeam, circle
 from benchmarks.numbers import ROOT, command
-from jointbayes.measurement.formats import write_records
-from jointbayes.measurement.records import FrfRecord
+from vibrecords.formats import write_records
+from vibrecords.records import FrfRecord
 
 PAGES = tuple(ROOT / "docs" / f"{name}.md" for name in ("tutorial", "my-csv", "first-file", "first-hits"))
 TRUTH = ExactBeam(

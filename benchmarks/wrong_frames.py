@@ -25,8 +25,7 @@ from benchmarks.coverage import write_between
 from benchmarks.page import table
 from benchmarks.random_frames import NOISE, Frame, Spring
 from benchmarks.record import ROOT, environment, kept_lines
-from jointbayes.frf import FrfSet
-from jointbayes.measurement import FrfData
+from vibrecords import FrfData, FrfSet
 
 KEPT = ROOT / "build" / "wrong_frames.jsonl"
 PAGE = ROOT / "docs" / "wrong-model.md"

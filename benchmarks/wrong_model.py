@@ -35,8 +35,8 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.frf import AssembledShapes, NaturalFrequencies
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
 from jointbayes.joint import AnyJoint
-from jointbayes.measurement import Antiresonances, ModeData, ModeShapes, Observed
 from jointbayes.structure import Structure
+from vibrecords import Antiresonances, ModeData, ModeShapes, Observed
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[1]

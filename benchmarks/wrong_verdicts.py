@@ -23,10 +23,10 @@ import jointbayes as jb
 from benchmarks.record import kept_lines
 from jointbayes.case.case_objects import recipe_of
 from jointbayes.case.case_text import read_case_text
-from jointbayes.frf import Ports
-from jointbayes.measurement import RelativeNoise, synthesise_frf
+from jointbayes.frf import Ports, synthesise_frf
 from jointbayes.posterior import gather_knowledge
 from jointbayes.structure import Structure
+from vibrecords import RelativeNoise
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "build" / "wrong_verdicts.jsonl"

@@ -22,7 +22,6 @@ from jointbayes.frf import AnyStructure
 from jointbayes.identification import MapEstimate, ModeSearch
 from jointbayes.inference import ErrorSizes, Likelihood, LogPosterior, Problem, Test, likelihood_of
 from jointbayes.joint import AnyJoint, Joint, LogStiffness
-from jointbayes.measurement import Data
 from jointbayes.posterior import Posterior, knowledge
 from jointbayes.posterior import posterior as posterior_module
 from jointbayes.posterior.storage import imported_arviz
@@ -31,6 +30,7 @@ from jointbayes.sampling import SamplerSettings, distribution_fit
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.workflow import sample
 from tests.cost import Cost
+from vibrecords import Data
 
 # A shell's background job ignores interrupts, and whatever it starts would: the tests that send one could not see it.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:

@@ -15,9 +15,9 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes import workflow
 from jointbayes.cli.commands import main
-from jointbayes.own_directory import MARK
 from jointbayes.sampling import checkpoint
 from tests.conftest import cheap_frequencies_text, cheap_text, edited, first_in_ci
+from vibrecords.own_directory import MARK
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="descriptors are followed by /proc")
 

@@ -10,14 +10,14 @@ from benchmarks.size import ROOT
 
 import jointbayes as jb
 from jointbayes.errors import MeasurementError, ModelError
-from jointbayes.frf import DirectSolve, FrfSet, Ports, receptance_model
+from jointbayes.frf import DirectSolve, Ports, receptance_model
 from jointbayes.inference import GaussianLikelihood, JointPrior, Uniform, likelihood_of
-from jointbayes.measurement import Data
 from jointbayes.report import compared_section
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import ReportSection, Table
 from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
+from vibrecords import Data, FrfSet
 
 
 # begin example

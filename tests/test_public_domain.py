@@ -19,11 +19,11 @@ import jointbayes as jb
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import OfStiffness
 from jointbayes.joint import ElasticCentre
-from jointbayes.measurement.formats import iter_records
-from jointbayes.measurement.records import FrfRecord, TimeRecord
-from jointbayes.measurement.variance import coherence_variance
 from jointbayes.structure import PointMass, Rayleigh, ViscousMatrix
 from tests.conftest import cheap_text
+from vibrecords.formats import iter_records
+from vibrecords.records import FrfRecord, TimeRecord
+from vibrecords.variance import coherence_variance
 
 EXAMPLES = int(os.environ.get("JOINTBAYES_EXAMPLES", "60"))  # of each test; `make science` takes more
 ANY = st.one_of(

@@ -15,12 +15,12 @@ import jointbayes as jb
 from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, ScaledNoise, Uniform
 from jointbayes.joint import Joint, LogStiffness, PlainSprings, Rigid, SignedCoupling
-from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.posterior.stored_problem import problem_from
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
 from jointbayes.workflow import _on_one_hill, _with_best_draw
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
+from vibrecords import FrequencyData, FrfData
 
 LINES = np.arange(20.0, 1500.0, 10.0)
 TRUTH = np.array([2e7, 5e5, 2e4])

@@ -9,7 +9,6 @@ from jointbayes.errors import JointBayesError as JointBayesError
 from jointbayes.errors import MeasurementError as MeasurementError
 from jointbayes.errors import ModelError as ModelError
 from jointbayes.errors import SamplingError as SamplingError
-from jointbayes.frf import FrfSet as FrfSet
 from jointbayes.frf import MeasuredBody as MeasuredBody
 from jointbayes.frf import Ports as Ports
 from jointbayes.frf import Substructures as Substructures
@@ -32,18 +31,6 @@ from jointbayes.joint import PlainSprings as PlainSprings
 from jointbayes.joint import SignedCoupling as SignedCoupling
 from jointbayes.joint import blocks_of as blocks_of
 from jointbayes.joint import parametrisation_named as parametrisation_named
-from jointbayes.measurement import Antiresonances as Antiresonances
-from jointbayes.measurement import FrequencyData as FrequencyData
-from jointbayes.measurement import FrfData as FrfData
-from jointbayes.measurement import ModalConstants as ModalConstants
-from jointbayes.measurement import ModeData as ModeData
-from jointbayes.measurement import ModeShapes as ModeShapes
-from jointbayes.measurement import Observed as Observed
-from jointbayes.measurement.formats import read_frf as read_frf
-from jointbayes.measurement.formats import write_frf as write_frf
-from jointbayes.measurement.inspection import inspect_file as inspect_file
-from jointbayes.measurement.modal_fit import identify_modes as identify_modes
-from jointbayes.measurement.variance import coherence_variance as coherence_variance
 from jointbayes.posterior import Posterior as Posterior
 from jointbayes.posterior.summary import Summary as Summary
 from jointbayes.progress import Progress as Progress
@@ -90,5 +77,18 @@ from jointbayes.workflow import find_map as find_map
 from jointbayes.workflow import identify as identify
 from jointbayes.workflow import load_posterior as load_posterior
 from jointbayes.workflow import sample as sample
+from vibrecords import Antiresonances as Antiresonances
+from vibrecords import FrequencyData as FrequencyData
+from vibrecords import FrfData as FrfData
+from vibrecords import FrfSet as FrfSet
+from vibrecords import ModalConstants as ModalConstants
+from vibrecords import ModeData as ModeData
+from vibrecords import ModeShapes as ModeShapes
+from vibrecords import Observed as Observed
+from vibrecords.formats import read_frf as read_frf
+from vibrecords.formats import write_frf as write_frf
+from vibrecords.inspection import inspect_file as inspect_file
+from vibrecords.modal_fit import identify_modes as identify_modes
+from vibrecords.variance import coherence_variance as coherence_variance
 
 __version__: str

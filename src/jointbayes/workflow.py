@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
 from jointbayes.case.case import AnyCase, Case, case_around, require_case
 from jointbayes.errors import ModelError, require, require_count
 from jointbayes.identification import (
@@ -50,6 +49,7 @@ from jointbayes.sampling import (
     run_adapted,
     starting_walkers,
 )
+from vibrecords.arrays import Array
 
 #: What is analysed: a case, the path of its file, or a problem.
 Analysed = AnyCase | Problem

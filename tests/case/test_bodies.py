@@ -8,11 +8,12 @@ import pytest
 
 from jointbayes.case.case import Case, load_case
 from jointbayes.errors import CaseError
-from jointbayes.frf import FrfSet, MeasuredFile, Substructures
+from jointbayes.frf import Substructures
 from jointbayes.inference import LogPosterior
-from jointbayes.measurement.formats import write_frf
 from tests.conftest import edited
 from tests.frf.test_measured_body import LINES, frfs_of, spindle
+from vibrecords import FrfSet, MeasuredFile
+from vibrecords.formats import write_frf
 
 TEXT = """title = "A tool in a spindle"
 

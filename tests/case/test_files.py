@@ -12,16 +12,16 @@ import jointbayes as jb
 from jointbayes.case.case import Case
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError, ModelError
-from jointbayes.frf import FrfSet, Ports, Quantity
+from jointbayes.frf import Ports
 from jointbayes.inference import GaussianNoise, StudentNoise
-from jointbayes.measurement import CoherenceNoise
-from jointbayes.measurement.formats import FORMATS, read_frf, records_of_frf, write_records
-from jointbayes.measurement.records import FrfRecord
-from jointbayes.measurement.simulated import noisy_frf
-from jointbayes.measurement.variance import coherence_variance
 from jointbayes.sampling import SamplerSettings
 from tests.case.test_structures import MATRICES, text_of
 from tests.conftest import TABLE_3, best_of, cheap_text, edited, pair_matrix, plain_reports
+from vibrecords import CoherenceNoise, FrfSet, Quantity
+from vibrecords.formats import FORMATS, read_frf, records_of_frf, write_records
+from vibrecords.records import FrfRecord
+from vibrecords.simulated import noisy_frf
+from vibrecords.variance import coherence_variance
 
 LABELS = {"5:y": "Point:5:Y+", "4:y": "Point:4:Y+", "2:y": "Point:2:Y+", "1:y": "Point:1:Y+", "1:rz": "Point:1:RZ+"}
 CHANNELS = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = "1:y"\n"Point:1:RZ+" = "1:rz"\n'
@@ -585,7 +585,7 @@ def test_one_line_is_refused_before_any_work(tmp_path):
 @pytest.mark.parametrize("quantity", ["accelerance", "receptance"])
 def test_a_conjugated_file_is_named_everywhere_and_its_remedy_gives_the_right_data(tmp_path, quantity, monkeypatch):
     # the modes that the FRFs show, which take most of the time, are not asked
-    monkeypatch.setattr("jointbayes.measurement.assemble.modes_and_doubtful", lambda *_: ((), ()))
+    monkeypatch.setattr("vibrecords.assemble.modes_and_doubtful", lambda *_: ((), ()))
     frf = virtual(quantity=quantity)
     stored(frf, tmp_path / "tip.npz")
     assert not loaded(tmp_path, frf_data()).warnings

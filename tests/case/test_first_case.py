@@ -10,8 +10,8 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
-from jointbayes.measurement.formats import write_records
-from jointbayes.measurement.records import ModeRecord, TimeRecord
+from vibrecords.formats import write_records
+from vibrecords.records import ModeRecord, TimeRecord
 
 LINES = np.arange(20.0, 1000.0, 8.0)
 ANSWERS = (

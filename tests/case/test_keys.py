@@ -31,20 +31,20 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import toml_text
 from jointbayes.cli.files import simulate as simulate_command
 from jointbayes.errors import CaseError
-from jointbayes.frf import FrfSet, Ports, Substructures
+from jointbayes.frf import Ports, Substructures
 from jointbayes.inference import Problem
 from jointbayes.joint import Joints
-from jointbayes.measurement import FrequencyData, FrfData, assemble, formats
-from jointbayes.measurement.measurement_plan import MeasurementPlan
-from jointbayes.measurement.provenance import Provenance
-from jointbayes.measurement.rotations import Rotation
-from jointbayes.measurement.simulated import Rig
 from jointbayes.posterior.candidate import Candidate, FrfCandidate, StatedVariance
 from jointbayes.structure import Section
 from jointbayes.structure.family import UncertainBody
 from jointbayes.studies.planning import make_plan
 from tests.case.key_cases import CASES, KeyCase
 from tests.case.key_lines import KEYS, Value, expression
+from vibrecords import FrequencyData, FrfData, FrfSet, assemble, formats
+from vibrecords.measurement_plan import MeasurementPlan
+from vibrecords.provenance import Provenance
+from vibrecords.rotations import Rotation
+from vibrecords.simulated import Rig
 
 KeyPath = tuple[str | int, ...]
 _TAGS = ("kind", "shape", "law", "distribution")

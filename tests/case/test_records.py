@@ -10,9 +10,9 @@ import jointbayes as jb
 from jointbayes.case.case import Case
 from jointbayes.case.simulated_test import simulate
 from jointbayes.errors import CaseError
-from jointbayes.measurement.formats import iter_records, write_records
-from jointbayes.measurement.records import TimeRecord
 from tests.conftest import TABLE_3, best_of, cheap_text, edited
+from vibrecords.formats import iter_records, write_records
+from vibrecords.records import TimeRecord
 
 VARIANCE = '[data.variance]\nsource = "coherence"\nrelative = 0.003\n'
 

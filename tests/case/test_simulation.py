@@ -12,14 +12,14 @@ from jointbayes.case.simulated_test import Truth, describe, simulate
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
-from jointbayes.frf import DirectSolve, FrfSet, Ports
-from jointbayes.measurement import CoherenceNoise, RelativeNoise
-from jointbayes.measurement.formats import FORMATS, detect_format, iter_records
-from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
-from jointbayes.measurement.signals.hits import HitSettings, find_hits
-from jointbayes.measurement.simulated import noisy_frf
-from jointbayes.measurement.variance import coherence_variance
+from jointbayes.frf import DirectSolve, Ports
 from tests.conftest import TABLE_3, cheap_text, edited, pair_matrix
+from vibrecords import CoherenceNoise, FrfSet, RelativeNoise
+from vibrecords.formats import FORMATS, detect_format, iter_records
+from vibrecords.records import FrfRecord, Record, TimeRecord
+from vibrecords.signals.hits import HitSettings, find_hits
+from vibrecords.simulated import noisy_frf
+from vibrecords.variance import coherence_variance
 
 NOISE = "relative = 0.008 \nfloor = 0.0016"
 

@@ -15,7 +15,8 @@ import pytest
 
 import jointbayes.cli
 from jointbayes import errors
-from jointbayes.errors import CaseError, JointBayesError, MeasurementError, printable
+from jointbayes.errors import CaseError, JointBayesError, MeasurementError
+from vibrecords.errors import printable
 
 #: Colours, a title of the window, one byte that begins an escape, a bell, backspaces, text turned round, a new line.
 HOSTILE = (

@@ -10,10 +10,10 @@ import pytest
 from click.testing import CliRunner
 
 from jointbayes.cli.commands import main
-from jointbayes.frf import FrfSet
-from jointbayes.measurement.formats import FORMATS, write_frf
 from jointbayes.posterior import Posterior
 from tests.conftest import cheap_text, edited, without_stages
+from vibrecords import FrfSet
+from vibrecords.formats import FORMATS, write_frf
 
 #: Each with what stands before the name of its target; one chooses the name itself.
 COMMANDS = {

@@ -14,7 +14,6 @@ from jointbayes.frf.modal import rigid_body_modes
 from jointbayes.frf.mode_shapes import AssembledShapes
 from jointbayes.inference import JointPrior, ModePrediction, Problem, Uniform
 from jointbayes.joint import Joint, Joints, LogStiffness
-from jointbayes.measurement import FrequencyData, ModeData, ModeShapes, Observed
 from jointbayes.structure import (
     BeamMaterial,
     FrameBody,
@@ -27,6 +26,7 @@ from jointbayes.structure import (
     family_of_recipe,
 )
 from tests.conftest import CONFIGS
+from vibrecords import FrequencyData, ModeData, ModeShapes, Observed
 
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
 ONE_RATIO = ModalDamping((0.01,))

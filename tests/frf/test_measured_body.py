@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
-from jointbayes.frf import (
-    FrfSet,
-    LowRankCoupling,
-    MeasuredBody,
-    NoisePropagation,
-    Ports,
-    Substructures,
-    receptance_model,
-)
+from jointbayes.frf import LowRankCoupling, MeasuredBody, NoisePropagation, Ports, Substructures, receptance_model
 from jointbayes.joint import Joint, JointMatrix, Joints, joint_matrix_of
 from jointbayes.structure import (
     BeamFamily,
@@ -28,6 +20,7 @@ from jointbayes.structure import (
     beam,
 )
 from tests.conftest import STEEL
+from vibrecords import FrfSet
 
 LINES = np.arange(40.0, 1200.0, 20.0)
 OMEGA = 2 * np.pi * LINES

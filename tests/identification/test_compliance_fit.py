@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from jointbayes.frf import DirectSolve, FrfSet, Ports
+from jointbayes.frf import DirectSolve, Ports
 from jointbayes.identification import compliance_start
-from jointbayes.measurement import FrfData
 from jointbayes.structure import LossFactor
 from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
+from vibrecords import FrfData, FrfSet
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -10,7 +10,7 @@ import jointbayes as jb
 from jointbayes.identification import effort, refine
 from jointbayes.identification.effort import first_starts, lowest_lines_first
 from jointbayes.identification.least_squares import PosteriorSquares
-from jointbayes.measurement import FrfData
+from vibrecords import FrfData
 
 
 @pytest.mark.parametrize("count", [6, 12])

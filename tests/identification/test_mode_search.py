@@ -9,16 +9,15 @@ from benchmarks import mode_found as study
 from numpy.testing import assert_allclose
 
 import jointbayes as jb
-from jointbayes.frf import FrfSet
 from jointbayes.identification import ModeSearch, SearchEffort, effort, resonances, search_further
 from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.identification.starting_points import _SetupMatch, frequency_starts
-from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
 from jointbayes.sampling import fit_proposal
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix
+from vibrecords import FrequencyData, FrfData, FrfSet
 
 
 def natural(problem, stiffness=TABLE_3, count=4):

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.frf import DirectSolve, FrfSet, Ports
+from jointbayes.frf import DirectSolve, Ports
 from jointbayes.identification import refine
 from jointbayes.identification.reconstruction import _MODEL_ERROR, _TestData, reconstructed_starts
 from jointbayes.inference import JointPrior, Uniform
 from jointbayes.joint import Damped, Joint, Joints, blocks_of, parametrisation_named
-from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.structure import LossFactor, ModalDamping
 from tests.conftest import PAIR, rod
+from vibrecords import FrequencyData, FrfData, FrfSet
 
 PLACES = (Joint(("1:y", "1:rz"), name="left"), Joint(("5:y", "5:rz"), name="inner"), Joint(("11:y",), name="right"))
 SPRINGS = {place.name: parametrisation_named("springs", place.directions) for place in PLACES}

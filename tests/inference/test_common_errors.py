@@ -13,7 +13,7 @@ from jointbayes.case.case import case_from_text
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
 from jointbayes.inference.common_errors import with_common_errors
 from jointbayes.joint import Joints
-from jointbayes.measurement import Antiresonances, FrequencyData, ModeData, ModeShapes, Observed
+from vibrecords import Antiresonances, FrequencyData, ModeData, ModeShapes, Observed
 
 STIFFNESS = np.array([2e7, 3e4])
 LENGTH = 0.3

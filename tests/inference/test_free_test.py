@@ -7,12 +7,12 @@ from scipy.interpolate import RectBivariateSpline
 
 import jointbayes as jb
 from jointbayes.errors import ModelError
-from jointbayes.frf import DirectSolve, FrfSet, NaturalFrequencies, Ports, receptance_model
+from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
 from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Normal, Nuisance, Uniform
 from jointbayes.joint import Joints, blocks_of, parametrisation_named
-from jointbayes.measurement import FrequencyData, FrfData, ModeData, ModeShapes, Observed
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section
 from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
+from vibrecords import FrequencyData, FrfData, FrfSet, ModeData, ModeShapes, Observed
 
 NOTHING = Joints(())
 NO_JOINT = np.zeros((1, 0, 0))

@@ -9,13 +9,13 @@ from scipy import stats
 from scipy.integrate import cumulative_trapezoid
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import FrfSet, Ports, receptance_model
+from jointbayes.frf import Ports, receptance_model, synthesise_frf
 from jointbayes.identification.refine import laplace_covariance
 from jointbayes.inference import JointPrior, LogPosterior, Normal, Nuisance, Problem, Uniform
 from jointbayes.joint import LogStiffness, SignedCoupling
-from jointbayes.measurement import FrequencyData, FrfData, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor
 from tests.conftest import CLAMP, TABLE_3, lone_likelihood, pair_matrix, rod
+from vibrecords import FrequencyData, FrfData, FrfSet, RelativeNoise
 
 ROD = rod(elements=4)
 LINES = np.linspace(50.0, 2400.0, 60)

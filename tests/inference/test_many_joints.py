@@ -6,13 +6,13 @@ from scipy import linalg
 
 import jointbayes as jb
 from jointbayes.errors import ModelError
-from jointbayes.frf import DirectSolve, FrfSet, NaturalFrequencies, Ports, receptance_model
+from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Uniform
 from jointbayes.inference.prior import log_probability_inside
 from jointbayes.joint import Joint, Joints, LogStiffness, Rigid, SignedCoupling, blocks_of, parametrisation_named
-from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.structure import LossFactor, ModalDamping
 from tests.conftest import PAIR, rod
+from vibrecords import FrequencyData, FrfData, FrfSet
 
 PLACES = {
     "left": Joint(("1:y", "1:rz"), name="left"),

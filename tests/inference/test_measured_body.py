@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import FrfSet, MeasuredBody, Ports, Substructures, receptance_model
+from jointbayes.frf import MeasuredBody, Ports, Substructures, receptance_model
 from jointbayes.inference import (
     JointPrior,
     LogPosterior,
@@ -20,10 +20,10 @@ from jointbayes.inference import (
     Uniform,
 )
 from jointbayes.joint import LogStiffness
-from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.structure import BeamFamily, BeamRecipe, LossFactor, Section
 from tests.conftest import STEEL, lone_likelihood
 from tests.frf.test_measured_body import K_PAIR, LINES, TAPER, measured_spindle, tool
+from vibrecords import FrequencyData, FrfData, FrfSet
 
 KNOWN = np.array([2e8, 3e6, 1e5])
 PRIOR = JointPrior(LogStiffness(), tuple(Normal(np.log(k), 1.0) for k in KNOWN))

@@ -9,9 +9,9 @@ from scipy import linalg, stats
 from jointbayes.frf import AssembledShapes
 from jointbayes.inference.modal_likelihood import ModePrediction, mac
 from jointbayes.joint import Joint
-from jointbayes.measurement import Antiresonances, ModalConstants, ModeData, ModeShapes, Observed
 from jointbayes.structure import LossFactor, ModalDamping, Structure
 from tests.conftest import CLAMP, lone_likelihood, rod
+from vibrecords import Antiresonances, ModalConstants, ModeData, ModeShapes, Observed
 
 NAN = float("nan")
 MASSES = np.diag([2.0, 1.0, 1.5])

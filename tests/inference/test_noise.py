@@ -6,7 +6,6 @@ import pytest
 from scipy import integrate, stats
 
 from jointbayes.errors import MeasurementError, ModelError
-from jointbayes.frf import FrfSet
 from jointbayes.inference import (
     GaussianNoise,
     IntegratedScale,
@@ -16,7 +15,8 @@ from jointbayes.inference import (
     StudentNoise,
 )
 from jointbayes.inference.likelihood_base import ComplexResidual, LogMagnitudeResidual, residual_of
-from jointbayes.measurement.variance import coherence_variance
+from vibrecords import FrfSet
+from vibrecords.variance import coherence_variance
 
 LINES = 40
 STATED = np.geomspace(3e-3, 0.3, LINES)[:, None]  # sd over |H|, line by line

@@ -14,11 +14,11 @@ from jointbayes.inference.likelihood_base import residual_of
 from jointbayes.inference.noise.base import NoiseChoice
 from jointbayes.inference.noise.proportional import RANGE, noise_of
 from jointbayes.joint import PlainSprings
-from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.posterior.evidence import evidence
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
 from tests.conftest import cheap_text, edited
+from vibrecords import FrequencyData, FrfData
 
 ERROR = 0.05
 

@@ -5,12 +5,12 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.errors import ModelError
-from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, receptance_model
+from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
 from jointbayes.joint import Joint, LogStiffness, blocks_of
-from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
+from vibrecords import FrequencyData, FrfData, FrfSet
 
 LINES = np.arange(20.0, 1500.0, 10.0)
 MARGINALS = tuple(Uniform(np.log(k) - 3, np.log(k) + 3) for k in TABLE_3)

@@ -8,7 +8,7 @@ from benchmarks.calibration_data import VARIANTS, case_of
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
-from jointbayes.frf import DirectSolve, FrfSet, Ports
+from jointbayes.frf import DirectSolve, Ports
 from jointbayes.identification.starting_points import screened_draws
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.joint import CondensedCoordinates, Cone
@@ -16,6 +16,7 @@ from jointbayes.sampling import ComposedCoordinates, NormalScores
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.density import newton_climb
 from tests.conftest import best_of, cheap_text, pair_matrix
+from vibrecords import FrfSet
 
 CALIBRATION = 20220322  # its seed
 

@@ -25,8 +25,8 @@ from jointbayes.joint import (
     parametrisation_named,
     spring_stiffnesses,
 )
-from jointbayes.measurement import FrequencyData
 from tests.conftest import CLAMP, PAIR, TABLE_3, best_of, lone_likelihood, pair_matrix, rod
+from vibrecords import FrequencyData
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 SPRINGS = parametrisation_named("springs", ("x", "rz"))

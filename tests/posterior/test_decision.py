@@ -14,8 +14,6 @@ from jointbayes.case.case import case_from_text
 from jointbayes.errors import CaseError
 from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Premises, Uniform
 from jointbayes.joint import PlainSprings
-from jointbayes.measurement import ModeData, Observed
-from jointbayes.measurement.mode_data import renumbered
 from jointbayes.posterior.decision import (
     TYPED,
     UsedMode,
@@ -31,6 +29,8 @@ from jointbayes.posterior.decision import (
 from jointbayes.posterior.model_errors import InferredError
 from jointbayes.workflow import answered_problem, sample_quickly
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, pair_matrix, rod
+from vibrecords import ModeData, Observed
+from vibrecords.mode_data import renumbered
 
 EXACT = ErrorSizes(frequency=1e-9)
 

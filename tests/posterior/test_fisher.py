@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import Ports
+from jointbayes.frf import Ports, synthesise_frf
 from jointbayes.identification.refine import laplace_covariance
 from jointbayes.inference import JointPrior, Normal, Problem, Uniform
 from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
-from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from tests.conftest import TABLE_3, pair_matrix
+from vibrecords import RelativeNoise
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "length")
 PRIOR_SD = np.array([2.0, 3.0, 2.0, 0.02, 0.005])

@@ -8,11 +8,10 @@ import pytest
 from scipy import stats
 
 import jointbayes as jb
-from jointbayes.frf import FrfSet
 from jointbayes.inference import Level, Test
-from jointbayes.measurement import FrequencyData, FrfData, ModeData, Observed
 from jointbayes.posterior.homogeneity import FALSE_ALARM, _compare_lines, compare_setups, compare_tests
 from tests.conftest import CLAMP, CONFIGS, rod
+from vibrecords import FrequencyData, FrfData, FrfSet, ModeData, Observed
 
 ROD, CLAMPED = rod(), jb.load_case(CONFIGS / "clamped_beam.toml").problem
 LINES = np.arange(30.0, 300.0, 0.5)

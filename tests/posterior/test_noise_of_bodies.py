@@ -8,7 +8,7 @@ import pytest
 from benchmarks.measured_body import SETTINGS, data_set
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import MeasuredBody, MeasuredFile, NoisePropagation, Ports, Substructures
+from jointbayes.frf import MeasuredBody, NoisePropagation, Ports, Substructures
 from jointbayes.inference import Problem, Test
 from jointbayes.posterior import Posterior, data_sha256
 from jointbayes.posterior.model_errors import DOUBTFUL, noise_of_bodies
@@ -20,6 +20,7 @@ from jointbayes.report.model import Lights, Table
 from jointbayes.report.sections.measured_data import measured_bodies_section
 from jointbayes.workflow import identify, load_posterior, sample
 from tests.conftest import judged_as
+from vibrecords import MeasuredFile
 
 
 @pytest.fixture(scope="module")

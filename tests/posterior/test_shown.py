@@ -10,10 +10,10 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.identification import SearchEffort
-from jointbayes.notebook_view import frf_svg, table_html
 from jointbayes.posterior.summary import NuisanceSummary
 from jointbayes.posterior.summary_tables import value_rows
 from tests.conftest import cheap_frequencies_text
+from vibrecords.notebook_view import frf_svg, table_html
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ from scipy.io import loadmat
 
 from jointbayes.cli.commands import main
 from jointbayes.errors import ModelError
-from jointbayes.measurement.formats import iter_records
-from jointbayes.measurement.records import FrfRecord, ModeRecord
 from jointbayes.report.export import FILES, central_joint, export
 from jointbayes.report.fe_cards import PROGRAMS
+from vibrecords.formats import iter_records
+from vibrecords.records import FrfRecord, ModeRecord
 
 FREE_ROTATION = {"1": 101, "1:r": 102}
 

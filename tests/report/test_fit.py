@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from jointbayes.case.case import case_from_text
-from jointbayes.frf import FrfSet
 from jointbayes.identification import MapEstimate
 from jointbayes.posterior import Posterior, RunRecord, summarise
 from jointbayes.posterior.diagnosis import Diagnosis, PairFit
@@ -18,6 +17,7 @@ from jointbayes.report.sections.fit_to_data import MOST_FIGURES, MOST_ROWS, _cor
 from jointbayes.sampling import Draws
 from jointbayes.workflow import sample
 from tests.conftest import FEW_STEPS, TABLE_3, cheap_text, edited
+from vibrecords import FrfSet
 
 INITIAL = (1e8, 0.0, 0.0)
 TRUTH = "[data.noise]"

@@ -10,9 +10,6 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.frf import MeasuredFile
-from jointbayes.measurement.provenance import ChannelUse, MeasurementWarning, Provenance
-from jointbayes.measurement.records import FrfRecord
 from jointbayes.posterior.evidence import Evidence
 from jointbayes.posterior.first_look import Linearised
 from jointbayes.report import render_html, render_pdf
@@ -28,6 +25,9 @@ from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulatio
 from tests.conftest import of_case
 from tests.hostile import beacons, browser, in_page, opened
 from tests.studies.campaign_directory import campaign_directory, write_index
+from vibrecords import MeasuredFile
+from vibrecords.provenance import ChannelUse, MeasurementWarning, Provenance
+from vibrecords.records import FrfRecord
 
 pytestmark = pytest.mark.science
 

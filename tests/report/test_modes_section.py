@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from jointbayes.measurement import ModeData, ModeShapes, Observed
 from jointbayes.report.sections.natural_frequencies import Compared, _figures
+from vibrecords import ModeData, ModeShapes, Observed
 
 
 def test_a_mode_of_which_no_component_was_measured_has_no_figure():

@@ -9,7 +9,6 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.cli.common import print_summary
-from jointbayes.measurement.formats import iter_records
 from jointbayes.posterior.summary_tables import stiffness_row
 from jointbayes.posterior.verdicts import line_of
 from jointbayes.report import ReportInputs, build_report, figures, render_html, render_pdf
@@ -23,6 +22,7 @@ from tests.posterior.test_decision import of_another_truth
 from tests.posterior.test_knowledge import WRONG_LENGTH
 from tests.report.conftest import DATE, made_up
 from tests.report.test_renderers import Page, pdf_text, squeezed
+from vibrecords.formats import iter_records
 
 RHO = '[prior.rho]\ndistribution = "uniform"\nlow = -1.0\nhigh = 1.0\n\n'
 

@@ -11,7 +11,7 @@ from tests.conftest import FEW_STEPS, cheap_text
 #: What is built once in a run and must not be built again for its report: module, function.
 BUILT = {
     "case": ("jointbayes.case.case", "_build"),
-    "synthetic data": ("jointbayes.measurement.simulated", "synthesise_frf"),
+    "synthetic data": ("jointbayes.frf.synthetic", "synthesise_frf"),
     "paper's iteration": ("jointbayes.identification.paper_iteration", "sensitivity_iteration"),
 }
 

@@ -16,7 +16,6 @@ import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.errors import ModelError
 from jointbayes.identification import missing_for_iteration, part_to_iterate
-from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior import Posterior, RunRecord, data_sha256
 from jointbayes.posterior.curves import Curve, _change, curves_of
 from jointbayes.posterior.homogeneity import ModeShift
@@ -37,6 +36,7 @@ from jointbayes.sampling import Draws
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
 from tests.case.test_setups import HEARD as OF_PEAKS
 from tests.conftest import TABLE_3
+from vibrecords.provenance import Provenance
 
 HEARD = """
 [setups.heard]

@@ -8,12 +8,12 @@ import re
 import numpy as np
 import pytest
 
-from jointbayes.frf import FrfSet
 from jointbayes.report.canvas import extremes, points_of_polyline
 from jointbayes.report.frf_curves import shown_lines
 from jointbayes.report.html import render_html
 from jointbayes.report.line_plot import LinePlot, Series
 from jointbayes.report.model import Figure, Report, ReportSection
+from vibrecords import FrfSet
 
 LINES = 0.25 * np.arange(1, 9922)
 RESONANT = 1 / np.abs(900.0**2 - LINES**2 + 1j * 0.004 * 900.0 * LINES)

@@ -17,7 +17,7 @@ KEPT = Path(__file__).parent / "kept"
 #: What the last run found: `--update` takes from here what nothing has changed since.
 FOUND = ROOT / "build" / "same"
 _SOURCES = (
-    *("src/jointbayes/**/*", "configs/**/*"),
+    *("src/**/*", "configs/**/*"),
     *("tests/same/cases.py", "tests/same/record.py", "tests/conftest.py", "benchmarks/*.py"),
 )
 

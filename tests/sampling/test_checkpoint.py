@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import CheckpointError, WriteError
-from jointbayes.own_directory import OwnDirectory
 from jointbayes.sampling import Proposal, SamplerSettings, StudentT, UnfinishedRun, run_adapted, sampler
 from jointbayes.sampling import checkpoint as checkpoints
 from jointbayes.sampling.coordinate_maps import Identity
 from tests.sampling.test_adapted import exact, filament, of_one_half
+from vibrecords.own_directory import OwnDirectory
 
 SETTINGS = SamplerSettings(walkers=8, max_steps=120, check_every=10, end_tolerance=1e-6)
 SHORT = SamplerSettings(walkers=8, max_steps=60, check_every=10, end_tolerance=1e-6)

@@ -3,7 +3,7 @@
 import pytest
 from benchmarks.files import analyse, measured_text, table, truth_text
 
-from jointbayes.measurement.formats import FORMATS
+from vibrecords.formats import FORMATS
 
 pytestmark = pytest.mark.science
 

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.frf import DirectSolve, FrfSet, Ports
+from jointbayes.frf import DirectSolve, Ports
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Uniform
 from jointbayes.joint import LogStiffness
-from jointbayes.measurement import FrfData
 from jointbayes.posterior.directions import interval_ratio
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from jointbayes.posterior.identifiability import verdict_by_rule
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section, beam
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, edited, pair_matrix, rod
+from vibrecords import FrfData, FrfSet
 
 FREQUENCY_HZ = np.arange(10.0, 2501.0, 2.0)
 OUTPUTS = ("11:y", "6:y", "2:y", "1:y", "1:rz")

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import AssembledModes, DirectSolve, FrfSet, LowRankCoupling, Ports
+from jointbayes.frf import AssembledModes, DirectSolve, LowRankCoupling, Ports, synthesise_frf
 from jointbayes.frf.kernels.secular import springs
 from jointbayes.frf.modal import JoinedModes
 from jointbayes.frf.ports import TakingPart
 from jointbayes.inference import FrfLikelihood, JointPrior, LogPosterior, Normal
 from jointbayes.joint import Joint, Joints, LogStiffness
-from jointbayes.measurement import FrfData, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh, Structure
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, first_in_ci, lone_likelihood, pair_matrix, rod
+from vibrecords import FrfData, FrfSet, RelativeNoise
 
 LAWS = {"loss factor": LossFactor(0.02), "Rayleigh": Rayleigh(2.0, 1e-7), "modal": ModalDamping((0.01,))}
 

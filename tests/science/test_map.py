@@ -7,8 +7,8 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.identification import compliance_start, refine
-from jointbayes.measurement import FrfData
 from tests.conftest import CONFIGS, PAIR, TABLE_3, first_in_ci, shipped_text
+from vibrecords import FrfData
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet, Ports
+from jointbayes.frf import Ports, synthesise_frf
 from jointbayes.identification import IterationHistory, sensitivity_iteration
 from jointbayes.joint import Joint
-from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor, ModalDamping
 from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
+from vibrecords import FrfSet, RelativeNoise
 
 pytestmark = pytest.mark.science
 

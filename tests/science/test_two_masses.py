@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import JointPrior, OfStiffness, Problem, Uniform
 from jointbayes.joint import Joint, blocks_of, parametrisation_named
-from jointbayes.measurement import ModeData, ModeShapes, Observed
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import ModalDamping, Structure
 from jointbayes.workflow import find_map, sample
 from tests.conftest import first_in_ci
+from vibrecords import ModeData, ModeShapes, Observed
 
 pytestmark = pytest.mark.science
 

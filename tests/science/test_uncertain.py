@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from jointbayes.case.case import case_from_text, load_case
-from jointbayes.frf import FrfSet, Ports
+from jointbayes.frf import Ports, synthesise_frf
 from jointbayes.identification import refine
 from jointbayes.inference import (
     GaussianNoise,
@@ -23,9 +23,9 @@ from jointbayes.inference import (
     Uniform,
 )
 from jointbayes.joint import Joint, LogStiffness
-from jointbayes.measurement import FrfData, RelativeNoise, synthesise_frf
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from tests.conftest import pair_matrix
+from vibrecords import FrfData, FrfSet, RelativeNoise
 
 pytestmark = pytest.mark.science
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.frf import DirectSolve, FrfSet, Ports, receptance_model
+from jointbayes.frf import DirectSolve, Ports, receptance_model
 from jointbayes.structure import Body
 from tests.structure.long_rod import LongRod
+from vibrecords import FrfSet
 
 SRC = Path(jb.__file__).parent
 STIFFNESS, MODULUS = 3e7, 1.012  # N/m at the end that is held, and Young's modulus over the stated one

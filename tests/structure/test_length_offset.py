@@ -8,13 +8,13 @@ from numpy.testing import assert_allclose
 
 import jointbayes as jb
 from jointbayes.errors import ModelError
-from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, receptance_model
+from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import Joint, LogStiffness
-from jointbayes.measurement import FrfData
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.structure.shape_modes import ModeTable
 from tests.conftest import TABLE_3, pair_matrix
+from vibrecords import FrfData, FrfSet
 
 STEEL, CLAMP = BeamMaterial(2.1e11, 0.3, 7800.0), Joint(("1:y", "1:rz"))
 OFFSET = {"length_offset": (-0.012, 0.012)}

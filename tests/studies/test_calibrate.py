@@ -14,7 +14,6 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError, ModelError, SamplingError, WriteError
-from jointbayes.own_directory import OwnDirectory
 from jointbayes.studies import calibrate as driver
 from jointbayes.studies import data_sets
 from jointbayes.studies.calibrate import KEPT, kept_data_sets
@@ -30,6 +29,7 @@ from jointbayes.studies.study_directory import append_line
 from jointbayes.workflow import sample_quickly
 from tests.posterior.test_decision import of_another_truth
 from tests.studies.calibration_cases import EXACT, FREQUENCIES, Here, small_case, write_case
+from vibrecords.own_directory import OwnDirectory
 
 SETTINGS = jb.SamplerSettings(walkers=16, check_every=20, max_steps=40)
 COUNT = 4

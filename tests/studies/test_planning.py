@@ -13,7 +13,6 @@ from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.inference import ProportionalNoise
 from jointbayes.joint import LogStiffness
-from jointbayes.measurement import RelativeNoise
 from jointbayes.posterior.candidate import FrfCandidate, estimated_law, repeated
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.directions import spread_in_words
@@ -42,6 +41,7 @@ from jointbayes.studies.planning.plan_report import (
 from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulation, predictive_range
 from jointbayes.studies.planning.simulator import Simulator, WithFurther, assumed_truth, stated_joint
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix, shipped_text
+from vibrecords import RelativeNoise
 
 TRUTH = np.log(TABLE_3)
 LAW = RelativeNoise(0.03, 0.01)

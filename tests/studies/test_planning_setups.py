@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.frf import FrfSet, Ports, receptance_model
+from jointbayes.frf import Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
 from jointbayes.inference.noise.student_t import StudentNoise
-from jointbayes.measurement import FrfData, RelativeNoise
 from jointbayes.posterior.candidate import FrfCandidate
 from jointbayes.posterior.first_look import FirstLook, WithOwn, own_of
 from jointbayes.posterior.fisher import fisher_information
@@ -19,6 +18,7 @@ from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.plan_report import plan_lines
 from jointbayes.studies.planning.simulator import WithFurther
 from tests.conftest import CLAMP, CONFIGS, PAIR, TABLE_3, cheap_text, pair_matrix
+from vibrecords import FrfData, FrfSet, RelativeNoise
 
 LINES = np.arange(20.0, 2000.0, 10.0)
 LAW = RelativeNoise(0.02, 0.01)

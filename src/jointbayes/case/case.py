@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.case.case_objects import (
     CaseHome,
     complete_from_data,
@@ -44,10 +43,11 @@ from jointbayes.frf import MeasuredBody
 from jointbayes.identification.numbering import find_numbering
 from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint import AnyJoint, Joint, Joints, joints_of
-from jointbayes.measurement import Data
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import StructureRecipe
+from vibrecords import Data
+from vibrecords.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -332,7 +332,7 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
         joint = joints_of(spec.joint_objects)
         _require_dofs_of_offsets(spec, source)
         if spec.data.files is not None:
-            from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
+            from vibrecords.assemble import read_measurement  # with all formats, which others do not need
 
             tell("data")
             if data is None:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.case.case_text import CaseText, find_outside
 from jointbayes.case.spec.data_table import NoiseSpec, SyntheticFrfSpec
 from jointbayes.case.spec.fields import DataTable, KeyPath
@@ -18,19 +17,21 @@ from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix, matrix_findings
 from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.errors import CaseError, MeasurementError, printable
-from jointbayes.frf import MeasuredBody, Ports
+from jointbayes.errors import CaseError, MeasurementError
+from jointbayes.frf import MeasuredBody, Ports, synthesise_frf
 from jointbayes.inference import NoiseModel, Nuisance
 from jointbayes.inference.noise.base import ErrorSizes, NoiseChoice
 from jointbayes.joint import AnyJoint, joints_of
-from jointbayes.measurement import CoherenceNoise, Data, NoiseLaw, RelativeNoise, split_modes, synthesise_frf
-from jointbayes.measurement.formats.channel_units import ChannelUnit
-from jointbayes.measurement.measurement_plan import Channel, MeasurementPlan, VarianceSource
-from jointbayes.measurement.rotations import Rotation
-from jointbayes.measurement.signals.hits import HitSettings
-from jointbayes.measurement.signals.impact import ImpactSettings
-from jointbayes.measurement.signals.spectra import ShakerSettings
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
+from vibrecords import CoherenceNoise, Data, NoiseLaw, RelativeNoise, split_modes
+from vibrecords.arrays import Array
+from vibrecords.errors import printable
+from vibrecords.formats.channel_units import ChannelUnit
+from vibrecords.measurement_plan import Channel, MeasurementPlan, VarianceSource
+from vibrecords.rotations import Rotation
+from vibrecords.signals.hits import HitSettings
+from vibrecords.signals.impact import ImpactSettings
+from vibrecords.signals.spectra import ShakerSettings
 
 _MOST_BYTES = 200_000_000
 _MOST_ROWS = 2000
@@ -301,7 +302,7 @@ def measured_bodies(spec: CaseSpec, used: Iterable[str], home: CaseHome) -> tupl
 
 
 def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: Path) -> MeasuredBody:
-    from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
+    from vibrecords.assemble import read_measurement  # with all formats, which others do not need
 
     measured = read_measurement(spec.file, directory, plan_of_files(spec)).frfs
     assert measured is not None

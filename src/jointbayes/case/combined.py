@@ -10,7 +10,6 @@ from functools import cached_property
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.case.case_text import CaseText
 from jointbayes.case.spec.joint_table import JointSpec
 from jointbayes.case.spec.prior_tables import FactorPriorSpec
@@ -32,8 +31,9 @@ from jointbayes.inference import (
 )
 from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, blocks_of
 from jointbayes.joint.quantities import is_rotation_unit, prefixed
-from jointbayes.measurement import Data
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
+from vibrecords import Data
+from vibrecords.arrays import Array
 
 #: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses. At its lower
 #: one no spring moves an elastic frequency further from that without it than a model's usual error, at the upper ones

@@ -12,14 +12,14 @@ import scipy
 from jointbayes.case.combined import WORKSHOP_SD_PERCENT
 from jointbayes.case.toml_text import toml_text, toml_value
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet
-from jointbayes.measurement.formats.channel_units import unknown_sides
-from jointbayes.measurement.formats.grid import cut_to_band, join_frfs, measured_lines
-from jointbayes.measurement.formats.read import iter_records
-from jointbayes.measurement.modal_fit import fit_modes
-from jointbayes.measurement.records import CoherenceRecord, FrfRecord, ModeRecord, TimeRecord
-from jointbayes.measurement.signals.impact import settings_of
-from jointbayes.measurement.signals.spectra import sort_by_force
+from vibrecords import FrfSet
+from vibrecords.formats.channel_units import unknown_sides
+from vibrecords.formats.grid import cut_to_band, join_frfs, measured_lines
+from vibrecords.formats.read import iter_records
+from vibrecords.modal_fit import fit_modes
+from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, TimeRecord
+from vibrecords.signals.impact import settings_of
+from vibrecords.signals.spectra import sort_by_force
 
 #: FRFs that are fitted to tell how noisy they are, where no coherence does.
 _FITTED = 3

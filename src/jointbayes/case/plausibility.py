@@ -17,7 +17,7 @@ from jointbayes.case.spec.whole import CaseSpec
 if TYPE_CHECKING:
     from jointbayes.identification.numbering import Renumbered
     from jointbayes.inference import JointPrior
-    from jointbayes.measurement.provenance import Provenance
+    from vibrecords.provenance import Provenance
 
 #: Velocity of sound √(E/ρ) in metals, wood, concrete, plastics and ceramics, m/s.
 WAVE_SPEED = 500.0, 20_000.0

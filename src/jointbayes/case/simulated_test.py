@@ -8,21 +8,24 @@ from functools import cached_property
 import numpy as np
 import scipy  # its parts load at first use
 
-from jointbayes.arrays import Array
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.case.case_objects import generator_of, noise_law, true_family, true_stiffness
 from jointbayes.case.combined import CaseSetup
 from jointbayes.case.spec.data_table import SyntheticFrfSpec
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
 from jointbayes.errors import CaseError, MeasurementError
-from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, quantity_factor, receptance_model, rigid_body_modes
+from jointbayes.frf import NaturalFrequencies, Ports, receptance_model, rigid_body_modes
 from jointbayes.joint import JointMatrix
-from jointbayes.measurement.formats import records_of_frf
-from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
-from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
-from jointbayes.measurement.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
-from jointbayes.measurement.signals.windows import effective_averages, lines_apart
-from jointbayes.measurement.simulated import (
+from jointbayes.reproducibility import one_blas_thread
+from jointbayes.structure import Body
+from vibrecords import FrfSet, quantity_factor
+from vibrecords.arrays import Array
+from vibrecords.formats import records_of_frf
+from vibrecords.records import FrfRecord, Record, TimeRecord
+from vibrecords.signals.impact import ImpactSettings, frfs_of_hits
+from vibrecords.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
+from vibrecords.signals.windows import effective_averages, lines_apart
+from vibrecords.simulated import (
     ChannelNoise,
     Hammer,
     Rig,
@@ -31,8 +34,6 @@ from jointbayes.measurement.simulated import (
     noisy_frf,
     shaker_records,
 )
-from jointbayes.reproducibility import one_blas_thread
-from jointbayes.structure import Body
 
 _AVERAGES = 10  # where neither the virtual test nor the noise of the data states a number
 #: Length of a block times the decay rate of the slowest mode: what is cut off is below any noise; a shaker leaks.

@@ -13,7 +13,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from jointbayes.errors import CaseError, path_fault
+from jointbayes.errors import CaseError
+from vibrecords.errors import path_fault
 
 _MOST_BYTES = 1_000_000
 #: Tables in tables; a case file has five. Beyond, reading takes time and memory that grow with the square of the depth.

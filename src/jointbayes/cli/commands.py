@@ -17,7 +17,8 @@ import click
 from jointbayes.cli import files, run, studies
 from jointbayes.cli.common import BAD_INPUT, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
 from jointbayes.cli.output import EVERYWHERE, fail, is_closed, let_go, manner, open_closed_streams, print_json
-from jointbayes.errors import JointBayesError, ReportInterruptedError, TerminatedError, printable
+from jointbayes.errors import JointBayesError, ReportInterruptedError, TerminatedError
+from vibrecords.errors import printable
 
 
 @contextmanager

@@ -51,7 +51,7 @@ def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, s
     from importlib.resources import files
 
     from jointbayes.case.first_case import propose_case
-    from jointbayes.whole_file import write_whole_file
+    from vibrecords.whole_file import write_whole_file
 
     cases = [path for path in file if not measured or path.suffix == ".toml" or path.is_dir()]
     if len(cases) > 1:
@@ -106,7 +106,7 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
     from jointbayes.case.case_text import read_case_text
     from jointbayes.case.simulated_test import describe
     from jointbayes.case.simulated_test import simulate as measure
-    from jointbayes.measurement.formats import write_records
+    from vibrecords.formats import write_records
 
     chosen = form or format_of_ending(out, FORMATS)
     manner().read += read_case_text(config, manner().allow_outside).files
@@ -150,9 +150,9 @@ def inspect_command(
       jointbayes inspect hits.uff --band 20 2500 --figure hits.svg
     """
     show_stage(Progress("reading the file", str(file)), on_terminal_only=not file.is_file())
-    from jointbayes.measurement.inspection import contents_of, with_resonances
-    from jointbayes.measurement.inspection_text import contents_text, resonances_text
-    from jointbayes.whole_file import WRITTEN_BY, write_whole_file
+    from vibrecords.inspection import contents_of, with_resonances
+    from vibrecords.inspection_text import contents_text, resonances_text
+    from vibrecords.whole_file import WRITTEN_BY, write_whole_file
 
     if figure is not None:
         manner().read.append(file)

@@ -13,7 +13,7 @@ from typing import Any, TextIO
 
 import click
 
-from jointbayes.errors import printable
+from vibrecords.errors import printable
 
 #: Characters of a message; what it says beyond is printed with --verbose, and stands in --json and in reports.
 LONGEST = 200

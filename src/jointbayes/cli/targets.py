@@ -4,7 +4,8 @@ import os
 from pathlib import Path
 
 from jointbayes.cli.output import manner, manner_option
-from jointbayes.errors import CaseError, path_fault
+from jointbayes.errors import CaseError
+from vibrecords.errors import path_fault
 
 force_option = manner_option("--force", "Replace a file that jointbayes did not write, too; never one that is read.")
 
@@ -71,7 +72,7 @@ def _is_same(one: Path, other: Path) -> bool:
 
 
 def _is_ours(file: Path) -> bool:
-    from jointbayes.whole_file import OURS, WRITTEN_BY
+    from vibrecords.whole_file import OURS, WRITTEN_BY
 
     with file.open("rb") as stream:
         head = stream.read(200)
@@ -82,7 +83,7 @@ def _is_ours(file: Path) -> bool:
 
 
 def _is_posterior(file: Path) -> bool:
-    from jointbayes.measurement.formats.array_files import has_attribute
     from jointbayes.posterior.storage import RECORD
+    from vibrecords.formats.array_files import has_attribute
 
     return has_attribute(file, RECORD)

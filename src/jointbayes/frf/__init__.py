@@ -4,12 +4,8 @@ from jointbayes.frf.coupling import LowRankCoupling as LowRankCoupling
 from jointbayes.frf.coupling import NoisePropagation as NoisePropagation
 from jointbayes.frf.coupling import receptance_model as receptance_model
 from jointbayes.frf.direct import DirectSolve as DirectSolve
-from jointbayes.frf.frf_set import FrfSet as FrfSet
-from jointbayes.frf.frf_set import Quantity as Quantity
-from jointbayes.frf.frf_set import quantity_factor as quantity_factor
 from jointbayes.frf.measured_body import AnyStructure as AnyStructure
 from jointbayes.frf.measured_body import MeasuredBody as MeasuredBody
-from jointbayes.frf.measured_body import MeasuredFile as MeasuredFile
 from jointbayes.frf.measured_body import Substructures as Substructures
 from jointbayes.frf.modal import AssembledModes as AssembledModes
 from jointbayes.frf.modal import NaturalFrequencies as NaturalFrequencies
@@ -20,3 +16,4 @@ from jointbayes.frf.mode_shapes import Modal as Modal
 from jointbayes.frf.mode_shapes import held_at as held_at
 from jointbayes.frf.ports import Ports as Ports
 from jointbayes.frf.ports import ReceptanceModel as ReceptanceModel
+from jointbayes.frf.synthetic import synthesise_frf as synthesise_frf

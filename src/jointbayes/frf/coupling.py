@@ -13,7 +13,6 @@ to first order cov(H) = J Σ_A Jᴴ.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import ModelError
 from jointbayes.frf.damped_joints import add_joint, chi2_of, compliance_by_line
 from jointbayes.frf.kernels.by_line import error_roots
@@ -25,6 +24,7 @@ from jointbayes.frf.modal import AssembledModes
 from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, TakingPart, factors_batch
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.structure import Body, FreeModes
+from vibrecords.arrays import Array, ComplexArray
 
 _Coupling = PairCoupling | MultiDofCoupling
 

@@ -8,9 +8,9 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array, ComplexArray, Flags
 from jointbayes.frf.kernels.by_line import add_joints
 from jointbayes.joint import JointMatrix
+from vibrecords.arrays import Array, ComplexArray, Flags
 
 #: Largest diagonal of the inverse of K, scaled to a unit diagonal, for which digits enough are left.
 _STIFFEST = 1e4

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from jointbayes.arrays import ComplexArray
 from jointbayes.errors import require
 from jointbayes.frf.modal import rigid_body_modes
 from jointbayes.frf.ports import Ports
 from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of
 from jointbayes.structure import Structure
+from vibrecords.arrays import ComplexArray
 
 
 class DirectSolve:

@@ -18,25 +18,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array, ComplexArray, Indices, convert_fields
 from jointbayes.errors import MeasurementError, ModelError
-from jointbayes.frf.frf_set import FrfSet, quantity_factor, read_only
 from jointbayes.structure import Body
+from vibrecords import FrfSet, MeasuredFile, quantity_factor
+from vibrecords.arrays import Array, ComplexArray, Indices, convert_fields
+from vibrecords.frf_set import read_only
 
 #: Lines whose frequencies differ by less than this, relative, are the same.
 SAME_LINE = 1e-9
 #: A_ab and A_ba that differ by this share of their size, at half of the lines, are of opposite sign or other DOFs.
 NOT_RECIPROCAL = 0.5
 _SYMMETRIC, _NEGATIVE = 1e-9, -1e-9
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredFile:
-    """A file of measurements by name, size in bytes, and SHA-256 of its content."""
-
-    name: str
-    size: int
-    sha256: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)

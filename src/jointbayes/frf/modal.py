@@ -6,7 +6,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, ComplexArray, Flags
 from jointbayes.errors import ModelError
 from jointbayes.frf.damped_joints import add_joint, chi2_of
 from jointbayes.frf.kernels.modal_sum import ModalSum
@@ -15,6 +14,7 @@ from jointbayes.frf.ports import Ports, TakingPart, factors_batch
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix_of, symmetric_changes
 from jointbayes.structure import Body
 from jointbayes.structure.body import MOST_HELD
+from vibrecords.arrays import Array, ComplexArray, Flags
 
 #: Motions of a joint that are smaller beside the largest of their kind are rounding: a rigid-body motion has the error
 #: of eigenvectors, up to 1e-6 where a fine mesh has eigenvalues of 10¹⁵.

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.kernels.secular import held_still
 from jointbayes.frf.modal import JoinedModes, LowestModes, least_reach_hz, rigid_body_modes, turned_modes
 from jointbayes.frf.ports import TakingPart, factors_batch
 from jointbayes.joint import AnyJoint, AnyJointMatrix, Joint, Joints, joint_matrix_of
 from jointbayes.structure import Body
+from vibrecords.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,10 +7,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, ComplexArray, Indices
-from jointbayes.errors import ModelError, array_of, require
+from jointbayes.errors import ModelError, require
 from jointbayes.joint import AnyJoint, AnyJointMatrix
 from jointbayes.joint.joint import LabelledDofs
+from vibrecords.arrays import Array, ComplexArray, Indices
+from vibrecords.errors import array_of
 
 
 @dataclass(frozen=True, slots=True)

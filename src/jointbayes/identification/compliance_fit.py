@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.arrays import Array, ComplexArray
-from jointbayes.frf import AnyStructure, LowRankCoupling, Ports, quantity_factor
+from jointbayes.frf import AnyStructure, LowRankCoupling, Ports
 from jointbayes.frf.coupling import free_receptance
 from jointbayes.frf.measured_body import Substructures, substructures
 from jointbayes.joint import AnyJoint
-from jointbayes.measurement import FrfData
+from vibrecords import FrfData, quantity_factor
+from vibrecords.arrays import Array, ComplexArray
 
 _PASSES = 10
 

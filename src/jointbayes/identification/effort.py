@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.identification.least_squares import MANY_UNKNOWNS, PosteriorSquares, climb_all
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
 from jointbayes.identification.mode_search import Images, ModeSearch
@@ -14,6 +13,7 @@ from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.starting_points import frequency_starts, screened_draws
 from jointbayes.inference import Problem
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
+from vibrecords.arrays import Array
 
 #: Squared residuals this many standard deviations above their expectation are far more than the noise allows.
 FAR = 8.0

@@ -5,8 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
-from jointbayes.arrays import Array, Indices
 from jointbayes.inference import JointPrior, LogPosterior
+from vibrecords.arrays import Array, Indices
 
 #: Joints of so many coordinates and more are found in other ways, and climb by exact derivatives.
 MANY_UNKNOWNS = 5

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.identification.paper_iteration import IterationHistory, listed_values
 from jointbayes.inference import JointPrior
-from jointbayes.notebook_view import paragraph_html, table_html
+from vibrecords.arrays import Array
+from vibrecords.notebook_view import paragraph_html, table_html
 
 #: A further round of search that gains less than this in log density found no better mode.
 GAIN = 0.5

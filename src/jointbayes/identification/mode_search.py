@@ -7,7 +7,6 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.map_estimate import GAIN, LocalMode, MapEstimate, StartOutcome
@@ -16,6 +15,7 @@ from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import Joints
 from jointbayes.joint.quantities import is_rotation
 from jointbayes.progress import Budget, Progress, ProgressCallback, tell_nobody
+from vibrecords.arrays import Array, Indices
 
 #: What is being done, for whoever looks.
 SEARCHING = "searching for the best fit"

@@ -8,12 +8,12 @@ from functools import lru_cache
 import numpy as np
 import scipy.optimize
 
-from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.frf import NaturalFrequencies, least_reach_hz
 from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Problem, Uniform
-from jointbayes.measurement import ModalData
-from jointbayes.measurement.mode_data import renumbered
+from vibrecords import ModalData
+from vibrecords.arrays import Array
+from vibrecords.mode_data import renumbered
 
 #: Modes that the first measured one may be away from its stated number.
 SHIFTS = (*range(-3, 0), *range(1, 7))

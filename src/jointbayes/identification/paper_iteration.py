@@ -13,11 +13,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, ComplexArray
-from jointbayes.frf import FrfSet, Ports, receptance_model
+from jointbayes.frf import Ports, receptance_model
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Parametrisation, parametrisation_named
 from jointbayes.structure import Body
+from vibrecords import FrfSet
+from vibrecords.arrays import Array, ComplexArray
 
 SensitivityKind = Literal["measured", "analytical"]
 

@@ -24,11 +24,11 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array, ComplexArray, Indices
 from jointbayes.identification.compliance_fit import FreeReceptance, measured_receptances
 from jointbayes.identification.least_squares import MANY_UNKNOWNS
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.joint import JointMatrix
+from vibrecords.arrays import Array, ComplexArray, Indices
 
 _LINES = 80  # looked at, equally spaced: what resonates between them does not matter under the first tolerance
 _MODEL_ERROR = 0.03  # of an FRF, beside its noise

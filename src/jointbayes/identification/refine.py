@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
-from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.inference import JointPrior, LogPosterior
 from jointbayes.joint import CondensedCoordinates
 from jointbayes.sampling.density import newton_climb
+from vibrecords.arrays import Array, Flags, Indices
 
 #: So often the noise model's parameters and all others are improved in turn.
 _TURNS = 3

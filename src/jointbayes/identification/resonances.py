@@ -13,9 +13,9 @@ from itertools import pairwise, product
 import numpy as np
 import scipy  # its parts load at first use
 
-from jointbayes.arrays import Array, ComplexArray, Indices
 from jointbayes.inference import Problem, Test
-from jointbayes.measurement import Data, FrfData
+from vibrecords import Data, FrfData
+from vibrecords.arrays import Array, ComplexArray, Indices
 
 #: Least prominence of a peak, in ln |H|, and least height, in standard deviations of the noise there. Without the
 #: second condition a ripple of the noise between two resonances counts as one.

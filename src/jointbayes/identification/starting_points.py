@@ -7,12 +7,12 @@ Joints whose predicted frequencies agree with the resonances of the data lie wit
 import numpy as np
 import scipy  # its parts load at first use
 
-from jointbayes.arrays import Array, Indices
 from jointbayes.frf import NaturalFrequencies, rigid_body_modes
 from jointbayes.identification.least_squares import climb_all
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, LogPosterior, Problem, Test
 from jointbayes.structure.recipe import is_damping
+from vibrecords.arrays import Array, Indices
 
 #: Relative error of a frequency that counts as one standard deviation.
 TOLERANCE = 0.005

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.marginals import Marginal
+from vibrecords.arrays import Array
 
 #: ln τ over its prior's standard deviations, from the median.
 _NODES = np.linspace(-6.0, 6.0, 193)

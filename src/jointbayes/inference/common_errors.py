@@ -11,14 +11,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.frf import AssembledShapes, Modal, held_at
 from jointbayes.inference.modal_likelihood import ModePrediction, modal_model
 from jointbayes.inference.noise.model_error import ModelErrorNoise
 from jointbayes.inference.problem import Problem
 from jointbayes.inference.test import Test, own_name
 from jointbayes.joint import RIGID, Joint, Joints
-from jointbayes.measurement import ModalData
+from vibrecords import ModalData
+from vibrecords.arrays import Array
 
 _PLACES = 12  # of a structure, at which a spring is tried
 _STEP = 1e-4  # of the length

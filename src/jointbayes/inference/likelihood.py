@@ -20,15 +20,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import ModelError
-from jointbayes.frf import (
-    LowRankCoupling,
-    NoisePropagation,
-    Ports,
-    ReceptanceModel,
-    quantity_factor,
-)
+from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports, ReceptanceModel
 from jointbayes.frf.kernels.by_line import noise_roots
 from jointbayes.frf.measured_body import substructures
 from jointbayes.frf.ports import factors_batch
@@ -45,7 +38,8 @@ from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.test import Test, likelihood_of
 from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
-from jointbayes.measurement import FrfData
+from vibrecords import FrfData, quantity_factor
+from vibrecords.arrays import Array, ComplexArray
 
 
 class PropagatedNoise:

@@ -14,10 +14,10 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array, ComplexArray, Flags
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.inference.noise.base import NoiseModel, Residuals
 from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
+from vibrecords.arrays import Array, ComplexArray, Flags
 
 #: Σ|z|², shape (n,), of joint matrices (n, r, r) and factors (n, q), and whether each may be relied on.
 SumOfSquares = Callable[[JointMatrix, Array], tuple[Array, Flags]]

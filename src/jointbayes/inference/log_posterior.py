@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array
-from jointbayes.errors import ModelError, array_of
+from jointbayes.errors import ModelError
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.noise.base import Residuals
 from jointbayes.inference.prior import JointPrior
 from jointbayes.joint import JointMatrix
+from vibrecords.arrays import Array
+from vibrecords.errors import array_of
 
 ExtraLogLikelihood = Callable[[Array], ArrayLike]
 

@@ -8,8 +8,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
+from vibrecords.arrays import Array
 
 _NORMAL_95 = 1.959963984540054
 _OWN_DRAWS = 2**16

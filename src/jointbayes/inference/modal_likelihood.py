@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.frf import (
     AssembledShapes,
@@ -23,8 +22,9 @@ from jointbayes.inference.noise.base import NoiseModel, residuals_of_values, val
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.test import Test, likelihood_of
 from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of, symmetric_changes
-from jointbayes.measurement import ModalData, ModeData
 from jointbayes.structure import Body
+from vibrecords import ModalData, ModeData
+from vibrecords.arrays import Array, Indices
 
 
 class ValueModel(Protocol):

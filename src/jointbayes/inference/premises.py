@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from jointbayes.inference.noise.base import ErrorSizes
-from jointbayes.measurement.modal_ratios import MotionRatio
+from vibrecords.modal_ratios import MotionRatio
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Flags
 from jointbayes.errors import ModelError
 from jointbayes.inference.assemblies import AssemblyScatter
 from jointbayes.inference.marginals import Marginal, Normal, OfStiffness, Uniform, marginal_of
 from jointbayes.joint import JointMatrix, Parametrisation
 from jointbayes.structure import is_additive
+from vibrecords.arrays import Array, Flags
 
 _CELLS = 1000  # of probability, in each of the two stiffnesses beside the coupling
 _GRAIN = 2.0**-30

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError, require
 from jointbayes.frf import AnyStructure, NaturalFrequencies
 from jointbayes.inference.likelihood_base import ResidualKind
@@ -19,7 +18,8 @@ from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.test import Test, arranged, columns_of_names, likelihood_of, own_name, require_own_bodies
 from jointbayes.inference.tests_likelihood import Sharing, Term, TestsLikelihood
 from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, joints_of
-from jointbayes.measurement import Data
+from vibrecords import Data
+from vibrecords.arrays import Array, Indices
 
 _AS_STATED = Premises()
 

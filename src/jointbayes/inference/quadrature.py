@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.log_posterior import LogPosterior
 from jointbayes.inference.noise.base import columns_of
@@ -30,6 +29,7 @@ from jointbayes.inference.problem import Problem
 from jointbayes.inference.test import Test, likelihood_of
 from jointbayes.inference.tests_likelihood import Term, TestsLikelihood
 from jointbayes.joint import AnyJointMatrix
+from vibrecords.arrays import Array, Flags, Indices
 
 #: Values of a test's FRFs below which all lines are as fast.
 LEAST_VALUES = 20_000

@@ -7,25 +7,17 @@ from functools import cached_property, singledispatch
 
 import numpy as np
 
-from jointbayes.arrays import Indices
 from jointbayes.errors import ModelError, require
-from jointbayes.frf import (
-    AnyStructure,
-    FrfSet,
-    MeasuredBody,
-    Ports,
-    ReceptanceModel,
-    receptance_model,
-    rigid_body_modes,
-)
+from jointbayes.frf import AnyStructure, MeasuredBody, Ports, ReceptanceModel, receptance_model, rigid_body_modes
 from jointbayes.frf.measured_body import substructures
 from jointbayes.inference.likelihood_base import Likelihood, ResidualKind
 from jointbayes.inference.noise.base import ErrorSizes, NoiseModel
 from jointbayes.inference.noise.model_error import ModelErrorNoise
 from jointbayes.joint import AnyJoint, Block, Blocks, Joints, Parametrisation, joints_of
 from jointbayes.joint.quantities import prefixed
-from jointbayes.measurement import Data
 from jointbayes.structure import Body
+from vibrecords import Data, FrfSet
+from vibrecords.arrays import Indices
 
 
 @dataclass(frozen=True, slots=True)

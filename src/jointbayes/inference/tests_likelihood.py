@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.noise.base import NoiseModel, Residuals, residuals_of_values, values_of_residuals
 from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
+from vibrecords.arrays import Array, Indices
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.errors import ModelError
 from jointbayes.joint.parametrisation import CondensedCoordinates, Cone, Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity
+from vibrecords.arrays import Array, Flags, Indices
 
 _ALL_ORDERS = 4  # joints of a kind, of which all orders are exchanges
 

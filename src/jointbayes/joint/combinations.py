@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.joint.blocks import Blocks
 from jointbayes.joint.coupled import CoupledPair
 from jointbayes.joint.damped import Damped
@@ -16,6 +15,7 @@ from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.plain_springs import PlainSprings
 from jointbayes.joint.quantities import is_rotation_unit, prefixed
 from jointbayes.joint.signed import SignedCoupling
+from vibrecords.arrays import Array
 
 _SUPERSCRIPT = {1: "", 2: "²"}
 #: Of more stiffnesses than these products are made of two at a time.

@@ -12,9 +12,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Flags
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import COORDINATES, COUPLED, Coordinate, Quantity
+from vibrecords.arrays import Array, Flags
 
 _ADJUGATE_SIGNS = np.array([1.0, -1.0, 1.0])
 _ANY_JOINT = np.array([1.0, -0.5, 1.0])  # compliance and stiffness that stand where there is no joint

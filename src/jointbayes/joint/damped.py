@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Flags, convert_fields
 from jointbayes.errors import ModelError
 from jointbayes.joint.parametrisation import CondensedCoordinates, Cone, Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity, damping_quantities
+from vibrecords.arrays import Array, Flags, convert_fields
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Flags
 from jointbayes.joint.coupled import CoupledPair
+from vibrecords.arrays import Array, Flags
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.errors import ModelError
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import DIRECTIONS, Coordinate, Quantity, full_coordinates, full_stiffnesses
+from vibrecords.arrays import Array, Flags, Indices
 
 _SMALLEST_STIFFNESS = float(np.exp(-20.0))
 _LARGEST_COUPLING = 0.9  # of the largest partial coefficient, in a start

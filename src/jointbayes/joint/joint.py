@@ -6,9 +6,10 @@ from typing import Protocol
 
 import numpy as np
 
-from jointbayes.arrays import Array, Indices, convert_fields
 from jointbayes.errors import ModelError
-from jointbayes.joint.quantities import DIRECTIONS, direction_of, is_rotation
+from jointbayes.joint.quantities import DIRECTIONS, is_rotation
+from vibrecords.arrays import Array, Indices, convert_fields
+from vibrecords.labels import direction_of
 
 _Vector = tuple[float, float, float]
 

@@ -6,9 +6,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Flags
 from jointbayes.joint.coupled import CoupledPair
 from jointbayes.joint.parametrisation import CondensedCoordinates, Cone
+from vibrecords.arrays import Array, Flags
 
 
 @dataclass(frozen=True)

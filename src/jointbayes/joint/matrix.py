@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array, ComplexArray, Flags
+from vibrecords.arrays import Array, ComplexArray, Flags
 
 Index = int | slice | tuple[Any, ...] | NDArray[Any] | None
 

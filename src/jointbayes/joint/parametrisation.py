@@ -14,10 +14,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Flags, Indices
-from jointbayes.errors import ModelError, array_of
+from jointbayes.errors import ModelError
 from jointbayes.joint.matrix import AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.joint.quantities import Coordinate, Quantity
+from vibrecords.arrays import Array, Flags, Indices
+from vibrecords.errors import array_of
 
 
 @dataclass(frozen=True, slots=True)

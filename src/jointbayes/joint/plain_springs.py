@@ -10,10 +10,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Flags
 from jointbayes.errors import ModelError, require
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import COUPLED, Coordinate, Quantity
+from vibrecords.arrays import Array, Flags
 
 _SPRINGS = tuple(quantity.name for quantity in COUPLED if not quantity.may_be_negative)
 _SMALLEST_STIFFNESS = float(np.exp(-20.0))

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 from typing import Literal
 
+from vibrecords.labels import direction_of
+
 QuantityRole = Literal["stiffness", "viscous", "loss factor"]
 
 #: Directions in which a joint's DOF may move, as they stand after the colon of a DOF label.
@@ -63,27 +65,6 @@ def prefixed(joint: str, name: str) -> str:
 def words_of(words: str, joint: str) -> str:
     """What a quantity of a joint is, for messages."""
     return f"{words} of {joint}" if joint else words
-
-
-def rotation_sign(rotation: str, translation: str, axis: str) -> int:
-    """Sign s of θ = s ∂u/∂(axis), where a line along `axis` turns by θ and its points move by u: e_axis × e_u = s e_θ.
-
-    0 where this rotation does not move the line in this direction.
-
-    Examples
-    --------
-    >>> rotation_sign("rz", "y", "x"), rotation_sign("ry", "z", "x"), rotation_sign("rx", "y", "x")
-    (1, -1, 0)
-    """
-    turn = (axis, translation, rotation.removeprefix("r"))
-    if sorted(turn) != ["x", "y", "z"] or not rotation.startswith("r"):
-        return 0
-    return 1 if "".join(turn) in "xyzxy" else -1
-
-
-def direction_of(label: str) -> str:
-    """Direction of a DOF label: ``"y"`` of ``"11:y"``."""
-    return label.rpartition(":")[2]
 
 
 def is_rotation(direction: str) -> bool:

@@ -8,11 +8,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, require, require_count
 from jointbayes.inference import JointPrior, Problem
-from jointbayes.measurement import Data
 from jointbayes.posterior.prediction import replicate
+from vibrecords import Data
+from vibrecords.arrays import Array
 
 #: What the values of an array stand for along each of its axes, by its name.
 Axes = Mapping[str, Mapping[str, NDArray[Any]]]

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.inference import AssemblyScatter
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.rounding import number
+from vibrecords.arrays import Array
 
 _STREAM = 11  # of random numbers, beside the seed
 

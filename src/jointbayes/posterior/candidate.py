@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from jointbayes.arrays import Array
-from jointbayes.frf import AnyStructure, FrfSet, Ports, Quantity, quantity_factor
+from jointbayes.frf import AnyStructure, Ports
 from jointbayes.inference import NoiseModel, Nuisance, Problem
 from jointbayes.inference.likelihood_base import ResidualKind
 from jointbayes.inference.test import columns_of_names
 from jointbayes.joint import AnyJoint
-from jointbayes.measurement import FrfData, RelativeNoise
+from vibrecords import FrfData, FrfSet, Quantity, RelativeNoise, quantity_factor
+from vibrecords.arrays import Array
 
 ComplexArray = NDArray[np.complex128]
 

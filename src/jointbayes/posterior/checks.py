@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import NoiseModel, Problem
 from jointbayes.inference.noise.base import Absorbed, residuals_of_values, squares_of, values_of_residuals
 from jointbayes.posterior.rounding import number, p_value_in_words, told_apart
 from jointbayes.posterior.whiteness import LAGS, Whiteness, lag_sd, portmanteau, replicated_portmanteau
+from vibrecords.arrays import Array
 
 Finding = Literal["explained", "misfit", "misfit below the noise", "noise overstated"]
 ResidualLevel = Literal["far below", "below", "as expected", "above"]

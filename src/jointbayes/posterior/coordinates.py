@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.joint import ComplianceCoordinates, Parametrisation
 from jointbayes.sampling import ComposedCoordinates, Coordinates, NormalScores, ProductCoordinates, Quantities
+from vibrecords.arrays import Array
 
 
 def coordinate_systems(problem: Problem) -> tuple[Coordinates, ...]:

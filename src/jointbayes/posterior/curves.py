@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, require_probability
 from jointbayes.inference import Level, Test
 from jointbayes.inference.test import own_name
@@ -13,6 +12,7 @@ from jointbayes.posterior.assemblies import usual_assemblies
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.homogeneity import compare_tests
 from jointbayes.posterior.verdicts import reasons_for_no_verdict
+from vibrecords.arrays import Array
 
 _TINY = float(np.finfo(float).tiny)
 

@@ -12,7 +12,6 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.frf import AnyStructure, AssembledShapes
 from jointbayes.identification import MapEstimate, refine_where_possible
@@ -20,14 +19,15 @@ from jointbayes.identification.numbering import Renumbered, find_numbering
 from jointbayes.inference import ErrorSizes, ModelErrorNoise, Premises, Problem, Test, UsedMode
 from jointbayes.inference.common_errors import with_common_errors
 from jointbayes.inference.test import likelihood_of, own_name
-from jointbayes.measurement import Antiresonances, FrfData, ModeData, Observed
-from jointbayes.measurement.modal_fit import identify_modes, identify_zeros
-from jointbayes.measurement.mode_data import renumbered
-from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.posterior.checks import PredictiveCheck, check_part
 from jointbayes.posterior.model_errors import InferredError
 from jointbayes.posterior.rounding import number
 from jointbayes.posterior.used_ratios import measured_ratios, shapes_of, with_ratios
+from vibrecords import Antiresonances, FrfData, ModeData, Observed
+from vibrecords.arrays import Array
+from vibrecords.modal_fit import identify_modes, identify_zeros
+from vibrecords.mode_data import renumbered
+from vibrecords.provenance import MeasuredMode
 
 #: A resonance that no predicted mode comes closer to than this, as a fraction, is compared with none.
 FARTHEST = 0.1

@@ -20,11 +20,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array
-from jointbayes.frf import Ports, quantity_factor
+from jointbayes.frf import Ports
 from jointbayes.identification.resonances import SharedResonances, median_seen
 from jointbayes.inference import Problem, modal_model
-from jointbayes.measurement import Data, FrfData, ModalData
+from vibrecords import Data, FrfData, ModalData, quantity_factor
+from vibrecords.arrays import Array
 
 Complex = NDArray[np.complex128]
 Cause = Literal["frequencies, all the same way", "frequencies, unevenly", "damping", "level", "one sensor"]

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
 from jointbayes.joint import Coordinate, Parametrisation, parametrisation_named
 from jointbayes.joint.combinations import (
     Combination,
@@ -39,6 +38,7 @@ from jointbayes.posterior.identifiability import (
     verdict_by_rule,
 )
 from jointbayes.posterior.rounding import LARGEST_FACTOR, factor_in_words, rounded, rounded_interval
+from vibrecords.arrays import Array
 
 _NORMAL_95 = 1.959963984540054
 _MOST_TOLD = 4  # in a sentence

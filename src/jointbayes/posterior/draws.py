@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, require_count, require_probability
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
@@ -20,6 +19,7 @@ from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfB
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut, predict_frf, predict_left_out
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import to_arviz
+from vibrecords.arrays import Array
 
 _KERNEL_DRAWS = 4000
 #: Quantities that move all modes alike.

@@ -16,12 +16,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
 from jointbayes.inference import LogPosterior
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Coordinates, LogDensity, Proposal, Start, WeightedDraws, fit_proposal
 from jointbayes.sampling.diagnostics import pareto_k
+from vibrecords.arrays import Array
 
 Method = Literal["exact", "importance sampling", "quadrature", "nested sampling"]
 

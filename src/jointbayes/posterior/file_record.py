@@ -8,13 +8,13 @@ import json
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.identification import MapEstimate
 from jointbayes.posterior.knowledge import KeptKnowledge
 from jointbayes.posterior.run_record import RunRecord
 from jointbayes.posterior.storage import typed_value
 from jointbayes.posterior.stored_problem import StoredProblem
+from vibrecords.arrays import Array
 
 #: Of the file: raised when an older reader would misread it. Version 1 held the text of a case instead of a problem.
 FILE_VERSION = 2

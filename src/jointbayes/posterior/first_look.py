@@ -13,11 +13,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Nuisance, Problem
 from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
+from vibrecords.arrays import Array
 
 #: The present set-up beside others, if it has no name: one that no set-up of a case can have.
 _PRESENT = "(present)"

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.joint import Parametrisation
+from vibrecords.arrays import Array
 
 #: The least eigenvalue of an information scaled to a unit diagonal that is inverted: what rounding leaves of zero.
 _ROUNDING = 1e-15

@@ -14,10 +14,10 @@ from scipy.special import chdtrc, gammaincc, gammainccinv
 
 from jointbayes.inference import Problem, Test
 from jointbayes.inference.problem import is_one_structure
-from jointbayes.measurement import Data, FrfData
-from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.posterior.decision import FARTHEST, resonances_of
 from jointbayes.posterior.rounding import number
+from vibrecords import Data, FrfData
+from vibrecords.provenance import MeasuredMode
 
 #: Probability with which two equal set-ups are called different: by their lines, and by their modes.
 FALSE_ALARM = 0.01

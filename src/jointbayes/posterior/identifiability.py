@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.posterior.rounding import factor, factor_in_words, join_unit, rounded, rounded_interval, rounded_row
+from vibrecords.arrays import Array
 
 #: Monte Carlo standard error of a quantile of draws at a probability.
 Error = Callable[[float], float]

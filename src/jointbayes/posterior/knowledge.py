@@ -5,7 +5,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
@@ -23,6 +22,7 @@ from jointbayes.posterior.uncertain_inputs import (
     quantities_taken_as_exact,
 )
 from jointbayes.posterior.verdicts import MOST_UNKNOWNS
+from vibrecords.arrays import Array
 
 if TYPE_CHECKING:
     from jointbayes.posterior.posterior import Posterior

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.arrays import Array, Flags
 from jointbayes.sampling.density import from_stencil, stencil
+from vibrecords.arrays import Array, Flags
 
 _STEP = 0.01  # of the differences, in columns of the axes
 _CLOSER, _FAILED = 0.3, 6  # differences that leave the region are made smaller, so many times

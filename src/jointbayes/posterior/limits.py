@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.special import chdtri
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import LogPosterior
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.limit_climb import LimitClimb
+from vibrecords.arrays import Array
 
 Ends = tuple[float, float]
 

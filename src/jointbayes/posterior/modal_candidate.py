@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.inference import ModelErrorNoise, Problem
-from jointbayes.measurement import ModalData, ModeData, ModeShapes, Observed
 from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.prediction import replace_values, simulated_values
+from vibrecords import ModalData, ModeData, ModeShapes, Observed
+from vibrecords.arrays import Array
 
 #: How well a sensor that roves, or one calibrated beside another, knows a ratio of components, as a fraction of it.
 RELATIVE_CALIBRATION = 0.01

@@ -7,12 +7,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
-from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports, quantity_factor
+from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports
 from jointbayes.identification import refine
 from jointbayes.inference import Problem
 from jointbayes.posterior.rounding import number
 from jointbayes.reproducibility import one_blas_thread
+from vibrecords import quantity_factor
+from vibrecords.arrays import Array
 
 #: Largest error of a prediction that noise hides, in standard deviations of that line.
 LARGEST_ERROR_SD = 0.05

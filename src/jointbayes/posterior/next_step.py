@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointbayes.errors import JointBayesError
-from jointbayes.frf import FrfSet, Ports
+from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.posterior.candidate import Candidate, FrfCandidate, estimated_law, repeated
 from jointbayes.posterior.coordinates import by_names
@@ -20,6 +20,7 @@ from jointbayes.posterior.first_look import FirstLook
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
 from jointbayes.posterior.modal_candidate import ModalCandidate, scatter
 from jointbayes.posterior.rounding import factor, number
+from vibrecords import FrfSet
 
 #: Places of one further sensor that are looked at in each test.
 _MOST_PLACES = 8

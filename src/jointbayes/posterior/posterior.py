@@ -9,10 +9,8 @@ from typing import Self
 import numpy as np
 import xarray as xr
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, require_count
 from jointbayes.frf import Ports
-from jointbayes.notebook_view import frf_svg, paragraph_html, table_html
 from jointbayes.posterior.curves import Curve, curve_of
 from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.draws import OF_ALL_MODES, PosteriorDraws
@@ -43,6 +41,8 @@ from jointbayes.posterior.uncertain_inputs import (
 from jointbayes.posterior.verdicts import judge_stiffness, line_of
 from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
 from jointbayes.reproducibility import one_blas_thread
+from vibrecords.arrays import Array
+from vibrecords.notebook_view import frf_svg, paragraph_html, table_html
 
 _TINY = float(np.finfo(float).tiny)
 _REGION_DRAWS = 4000

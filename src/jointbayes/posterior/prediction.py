@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, require, require_probability
-from jointbayes.frf import FrfSet, LowRankCoupling, NoisePropagation, Ports, Quantity, quantity_factor
+from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
 from jointbayes.posterior.rounding import number
+from vibrecords import FrfSet, Quantity, quantity_factor
+from vibrecords.arrays import Array
 
 _LINES_AT_ONCE = 128  # whose values of all draws are sorted together
 _MOST_FRF_DRAWS = 400  # that predict lines which were left out

@@ -10,12 +10,12 @@ from typing import Annotated, Any, NotRequired, Protocol, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint.quantities import prefixed
 from jointbayes.reproducibility import code_version
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
+from vibrecords.arrays import Array
 
 _Count = Annotated[int, (0, 2**63)]
 

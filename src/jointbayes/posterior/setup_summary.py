@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.frf import rigid_body_modes
 from jointbayes.inference import Level, Problem
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.run_record import data_sha256
+from vibrecords.arrays import Array
 
 if TYPE_CHECKING:
     from jointbayes.posterior.posterior import Posterior

@@ -8,7 +8,6 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
@@ -17,6 +16,7 @@ from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.posterior.rounding import join_unit, number, rounded, rounded_interval
 from jointbayes.sampling import INTERVAL, SeveralModes, quantile_spread
+from vibrecords.arrays import Array
 
 #: A solution with less of the probability lies outside every 95 % interval.
 LEAST_SHARE = 0.025

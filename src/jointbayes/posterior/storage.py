@@ -18,12 +18,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.joint import Blocks
 from jointbayes.sampling import Draws
-from jointbayes.whole_file import write_whole_file
+from vibrecords.arrays import Array
+from vibrecords.whole_file import write_whole_file
 
 #: Attribute that holds the record.
 RECORD = "jointbayes"

@@ -15,15 +15,15 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.inference import Problem
-from jointbayes.measurement.formats.array_files import read_groups
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import FileRecord, parse_record
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.storage import RECORD, REMEDY, value_units, values_tree
 from jointbayes.posterior.stored_problem import PROBLEM_GROUP, problem_from, require_same_problem
+from vibrecords.arrays import Array
+from vibrecords.formats.array_files import read_groups
 
 _EXPECTED = "expected a posterior.nc written by jointbayes"
 _LEAST = 2  # draws of a chain, and of the prior: one has no spread

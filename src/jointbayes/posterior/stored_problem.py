@@ -17,16 +17,16 @@ import jointbayes.inference.noise
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
-from jointbayes.measurement import Data
-from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.run_record import SampledCase, bodies_of, package_versions, sha256_of
 from jointbayes.posterior.storage import REMEDY, array_dataset, is_plain, typed_value
 from jointbayes.sampling import SamplerSettings
+from vibrecords import Data
+from vibrecords.provenance import Provenance
 
 #: Group of its arrays in a posterior file.
 PROBLEM_GROUP = "problem"
 #: Rooms whose public classes may stand in a description.
-_ROOMS = ("structure", "joint", "frf", "measurement", "inference")
+_ROOMS = ("jointbayes.structure", "jointbayes.joint", "jointbayes.frf", "vibrecords", "jointbayes.inference")
 #: Settings that change no draw, and tables of a case that are only shown or compared with the result.
 _NO_MATTER = frozenset({"processes", "budget_s"})
 _ONLY_SHOWN = frozenset({"title", "reference", "sampling", "compare", "plan", "virtual_test", "setups"})
@@ -277,10 +277,12 @@ def _is_scipy_distribution(value: object) -> bool:
 
 def _public_class(name: str) -> type | None:
     """The data class that a room hands on under this name, or a noise model in its module; None where none is."""
-    models = (f"inference.noise.{module.name}" for module in iter_modules(jointbayes.inference.noise.__path__))
+    models = (
+        f"jointbayes.inference.noise.{module.name}" for module in iter_modules(jointbayes.inference.noise.__path__)
+    )
     for room in (*_ROOMS, *models):
-        cls = getattr(import_module(f"jointbayes.{room}"), name, None)
-        if isinstance(cls, type) and is_dataclass(cls) and cls.__module__.startswith("jointbayes."):
+        cls = getattr(import_module(room), name, None)
+        if isinstance(cls, type) and is_dataclass(cls) and cls.__module__.startswith(("jointbayes.", "vibrecords.")):
             return cls
     return None
 

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jointbayes.arrays import Array
-from jointbayes.frf import MeasuredFile
 from jointbayes.inference import Premises
 from jointbayes.posterior.assemblies import ScatterSummary, assembly_scatters
 from jointbayes.posterior.checks import PredictiveCheck
@@ -32,6 +30,8 @@ from jointbayes.posterior.solutions import ModeSummary
 from jointbayes.posterior.summary_tables import quantity_frame, summary_html
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
 from jointbayes.sampling.diagnostics import effective_sizes
+from vibrecords import MeasuredFile
+from vibrecords.arrays import Array
 
 if TYPE_CHECKING:
     from jointbayes.posterior.posterior import Posterior

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jointbayes.arrays import Array
-from jointbayes.notebook_view import table_html
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.rounding import engineering
 from jointbayes.sampling import INTERVAL, quantile_error
+from vibrecords.arrays import Array
+from vibrecords.notebook_view import table_html
 
 if TYPE_CHECKING:
     from jointbayes.posterior.summary import StiffnessSummary

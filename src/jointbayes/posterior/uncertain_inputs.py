@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, ModelError, require_probability
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem
 from jointbayes.joint import Quantity
@@ -44,6 +43,7 @@ from jointbayes.sampling import (
     quantile_spread,
     released_draws,
 )
+from vibrecords.arrays import Array
 
 if TYPE_CHECKING:
     from jointbayes.posterior.posterior import Posterior

@@ -9,16 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.frf import AssembledShapes
 from jointbayes.inference import ErrorSizes, Problem, UsedMode
 from jointbayes.inference.common_errors import has_edge
 from jointbayes.inference.noise.model_error import LEAST_COMPONENT
-from jointbayes.measurement import ModeShapes, Observed
-from jointbayes.measurement.modal_ratios import MotionRatio, identify_ratios
-from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.posterior.rounding import number
+from vibrecords import ModeShapes, Observed
+from vibrecords.arrays import Array
+from vibrecords.modal_ratios import MotionRatio, identify_ratios
+from vibrecords.provenance import MeasuredMode
 
 #: Ratios that no joint brings the model closer to than this, as a fraction of them or of 0.3, are not used.
 FARTHEST_RATIO = 0.3

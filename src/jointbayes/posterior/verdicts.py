@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
@@ -37,6 +36,7 @@ from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_S
 from jointbayes.posterior.rounding import join_unit, number, rounded
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
+from vibrecords.arrays import Array
 
 #: Posterior mass beyond a stated bound, once priors are a decade wider, from which on the bound holds the stiffness.
 BEYOND = 0.025

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from vibrecords.arrays import Array
 
 #: Neighbours whose residuals are compared: model error spans the lines of a resonance, so a few suffice.
 LAGS = 5

@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.identification import refine, refine_where_possible
 from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, OfStiffness, Problem, Uniform
@@ -27,6 +26,7 @@ from jointbayes.sampling import (
     released_draws,
     run_ensembles,
 )
+from vibrecords.arrays import Array
 
 Side = Literal["lower", "upper"]
 #: Draws of θ, how many independent ones they are worth, and whether they may be trusted.

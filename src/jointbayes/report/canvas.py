@@ -17,8 +17,8 @@ from matplotlib.text import Text
 from matplotlib.ticker import Formatter, FuncFormatter, LogFormatterSciNotation, NullFormatter
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.report.markup import SUPERSCRIPTS, clean
+from vibrecords.arrays import Array
 
 Indices = NDArray[np.intp]
 

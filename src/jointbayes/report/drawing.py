@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.report.canvas import add_strokes, extremes, legend_above, logarithmic
 from jointbayes.report.line_plot import SERIES_COLOURS, FrfPlot, Wireframe
+from vibrecords.arrays import Array
 
 #: Axes of a figure with several panels, an array of any shape.
 AxesArray: TypeAlias = Any

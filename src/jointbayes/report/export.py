@@ -8,23 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledShapes, Modal
 from jointbayes.inference import Problem
 from jointbayes.joint import Joint, Joints
-from jointbayes.measurement.formats.array_files import write_matlab
-from jointbayes.measurement.formats.table_write import write_table
-from jointbayes.measurement.formats.uff_write import write_uff
-from jointbayes.measurement.formats.units import si_frf_unit
-from jointbayes.measurement.formats.write import arrays_of
-from jointbayes.measurement.records import FrfRecord, ModeRecord, dof_label, parse_dof
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import CERTAINTY
 from jointbayes.posterior.verdicts import lines_of
 from jointbayes.report.fe_cards import PROGRAMS, JointElement, Units, ascii_lines, fe_cards, joint_element
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.whole_file import whole_file, write_whole_file
+from vibrecords.arrays import Array
+from vibrecords.formats.array_files import write_matlab
+from vibrecords.formats.table_write import write_table
+from vibrecords.formats.uff_write import write_uff
+from vibrecords.formats.units import si_frf_unit
+from vibrecords.formats.write import arrays_of
+from vibrecords.records import FrfRecord, ModeRecord, dof_label, parse_dof
+from vibrecords.whole_file import whole_file, write_whole_file
 
 #: Measurement formats that FRFs and modes are written in.
 FILES = ("uff58", "uff58b", "mat", "csv")

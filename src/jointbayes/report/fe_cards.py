@@ -15,11 +15,12 @@ from typing import Literal
 
 import numpy as np
 
-from jointbayes.arrays import Array
-from jointbayes.errors import ModelError, printable
+from jointbayes.errors import ModelError
 from jointbayes.joint.joint import Joint
 from jointbayes.joint.quantities import DIRECTIONS, is_rotation
-from jointbayes.whole_file import WRITTEN_BY
+from vibrecords.arrays import Array
+from vibrecords.errors import printable
+from vibrecords.whole_file import WRITTEN_BY
 
 Units = Literal["SI", "mm-N-t"]
 #: Millimetres for a metre, and what the system calls its units.

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.report import drawing
 from jointbayes.report.canvas import panels, svg
 from jointbayes.report.drawing import AxesArray
 from jointbayes.report.line_plot import SERIES_COLOURS, FrfPlot, Wireframe
+from vibrecords.arrays import Array
 
 #: Curves that one figure can tell apart by colour.
 MOST_CURVES = len(SERIES_COLOURS)

@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointbayes.arrays import Indices
-from jointbayes.frf import FrfSet, Ports, Quantity
+from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.report.canvas import extremes
 from jointbayes.report.line_plot import SERIES_COLOURS, FrfCurve, FrfPlot
+from vibrecords import FrfSet, Quantity
+from vibrecords.arrays import Indices
 
 _MOST_LINES = 4000  # of a figure: a screen has no more columns of points
 _PER_TIME = {"receptance": "", "mobility": "s ", "accelerance": "s² "}

@@ -18,11 +18,11 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.report.canvas import extremes, points_of_polyline
 from jointbayes.report.line_plot import SERIES_COLOURS, FrfCurve, FrfPlot, LinePlot, Wireframe
 from jointbayes.report.markup import ISOLATED, SYMBOLS, badge, clean, parse, plain
 from jointbayes.report.model import Figure, Report
+from vibrecords.arrays import Array
 
 #: Of the vertical range of an interactive plot: by this a curve may miss points that are left out.
 _TOLERANCE = 2e-4

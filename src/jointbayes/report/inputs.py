@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-from jointbayes.arrays import Array
 from jointbayes.inference import Problem
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
 from jointbayes.posterior.setup_summary import SetupSummary
 from jointbayes.posterior.summary import Summary
 from jointbayes.report.markup import foreign
+from vibrecords.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
-from jointbayes.arrays import Array
-from jointbayes.errors import printable
-from jointbayes.measurement.formats.units import si_frf_unit
-from jointbayes.measurement.provenance import MeasuredMode
-from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable
 from jointbayes.report.canvas import extremes, legend_above, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
+from vibrecords.arrays import Array
+from vibrecords.errors import printable
+from vibrecords.formats.units import si_frf_unit
+from vibrecords.provenance import MeasuredMode
+from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable
 
 #: Name of a hit, why it is left out (empty where it is kept), time from the trigger, s, and force, N.
 HitCurve = tuple[str, str, Array, Array]

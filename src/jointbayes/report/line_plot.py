@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array
+from vibrecords.arrays import Array
 
 SeriesKind: TypeAlias = Literal["line", "points", "band"]
 

@@ -10,7 +10,6 @@ from typing import Any
 
 from jointbayes.errors import CaseError, WriteError
 from jointbayes.inference import Problem
-from jointbayes.own_directory import real_directory
 from jointbayes.posterior import Posterior
 from jointbayes.progress import Progress, ProgressCallback, callback_of, tell_nobody
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
@@ -18,7 +17,8 @@ from jointbayes.report.guides import with_guides
 from jointbayes.report.kept_draws import draws_kept
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
-from jointbayes.whole_file import exchanged, scratch_directory, swept, write_whole_file
+from vibrecords.own_directory import real_directory
+from vibrecords.whole_file import exchanged, scratch_directory, swept, write_whole_file
 
 _MARK = "summary.json"  # by which a run directory is known
 #: What may be in a run directory; any other file is the user's.

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from jointbayes.arrays import Array
 from jointbayes.inference import Problem
 from jointbayes.joint import Joint, Joints
 from jointbayes.report.canvas import svg
@@ -17,6 +16,7 @@ from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.structure import FrameBody, Member, Section
 from jointbayes.structure.beam_recipe import BeamRecipe
 from jointbayes.structure.frame_recipe import FrameRecipe
+from vibrecords.arrays import Array
 
 Kind = Literal["joint", "force", "sensor"]
 _COLOURS: dict[Kind, str] = {"force": SERIES_COLOURS[0], "joint": SERIES_COLOURS[1], "sensor": SERIES_COLOURS[2]}

@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.frf import AssembledShapes
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
@@ -13,6 +12,7 @@ from jointbayes.report.line_plot import Wireframe
 from jointbayes.report.structure_sketch import OBLIQUE
 from jointbayes.structure.beam_recipe import BeamRecipe
 from jointbayes.structure.frame_recipe import FrameRecipe
+from vibrecords.arrays import Array
 
 #: Points of all lines together, and at most on one stretch between points of the structure.
 _POINTS, _ON_A_STRETCH = 240, 9

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from jointbayes.arrays import Array, Indices
 from jointbayes.progress import Progress
 from jointbayes.sampling.density import LogDensity, SeveralModes
 from jointbayes.sampling.ensemble import EnsembleState, MoveCount, MoveOn, SamplerSettings, StepBlock, Streams
@@ -20,6 +19,7 @@ from jointbayes.sampling.stopping import (
     next_check,
     thinning,
 )
+from vibrecords.arrays import Array, Indices
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,15 +15,15 @@ from typing import Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.errors import CheckpointError, WriteError
-from jointbayes.own_directory import OwnDirectory
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.sampling.chains import HeldSteps, Stage, spacing
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.ensemble import EnsembleState, MoveCount
 from jointbayes.sampling.stopping import Check, EndError
-from jointbayes.whole_file import swept, write_whole_file
+from vibrecords.arrays import Array
+from vibrecords.own_directory import OwnDirectory
+from vibrecords.whole_file import swept, write_whole_file
 
 #: Least time between two writings, and how many times as long as the last one took: they cost less than 2 %.
 SECONDS_BETWEEN = 5.0

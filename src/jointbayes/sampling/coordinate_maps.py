@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, Flags
 from jointbayes.errors import SamplingError
+from vibrecords.arrays import Array, Flags
 
 _EDGE = 1e-12  # of a width: nearer to an end a difference has no digits left
 _FARTHEST = 7.0  # score there

@@ -7,8 +7,8 @@ from typing import Self
 
 import numpy as np
 
-from jointbayes.arrays import Array, Indices
 from jointbayes.errors import SamplingError
+from vibrecords.arrays import Array, Indices
 
 LogDensity = Callable[[Array], Array]
 """Log of an unnormalised density: (n, d) points to (n,) values, −inf where the density is zero."""

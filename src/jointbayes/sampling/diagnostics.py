@@ -5,8 +5,8 @@ Effective sizes and Pareto k are ArviZ's, which takes half a second to load.
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
+from vibrecords.arrays import Array
 
 # Sokal's window: the sum over lags stops at this many τ, where its noise outweighs what it still misses.
 _WINDOW = 5.0

@@ -7,11 +7,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import Checked, LogDensity, covariance_roots, newton_climb
 from jointbayes.sampling.distributions import Pool, StudentMixture, StudentT, importance_efficiency, resampled, tempered
+from vibrecords.arrays import Array
 
 DOF = 5.0  # heavier tails than a posterior's keep the weights bounded
 _DRAWS = 2000

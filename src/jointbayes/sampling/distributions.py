@@ -6,10 +6,10 @@ from typing import Protocol
 
 import numpy as np
 
-from jointbayes.arrays import Array, Indices
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import LogDensity
+from vibrecords.arrays import Array, Indices
 
 
 @dataclass(frozen=True, slots=True, eq=False)

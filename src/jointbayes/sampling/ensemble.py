@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from jointbayes.arrays import Array, Flags
 from jointbayes.errors import SamplingError
 from jointbayes.progress import Budget, usual_budget_s
+from vibrecords.arrays import Array, Flags
 
 if TYPE_CHECKING:
     from emcee import State

@@ -9,10 +9,10 @@ from emcee import State
 from emcee.model import Model
 from emcee.moves import Move, RedBlueMove, StretchMove
 
-from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.distributions import ProposalDensity, StudentT
+from vibrecords.arrays import Array, Flags, Indices
 
 Walkers = Indices | slice
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from jointbayes.arrays import Array, Flags
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinate_maps import Coordinates, Identity, straightened
 from jointbayes.sampling.density import Checked, LogDensity, SeveralModes, covariance_roots
@@ -30,6 +29,7 @@ from jointbayes.sampling.distributions import (
     theta_draws,
     truncated,
 )
+from vibrecords.arrays import Array, Flags
 
 _SCATTERED = 1000  # draws about each start
 _WIDER = 2.0  # than a start's covariance are these

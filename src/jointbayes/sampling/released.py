@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointbayes.arrays import Array, Indices
 from jointbayes.progress import Budget
 from jointbayes.sampling.chains import Chains
 from jointbayes.sampling.coordinate_maps import Coordinates
@@ -23,6 +22,7 @@ from jointbayes.sampling.distributions import (
 )
 from jointbayes.sampling.proposal import Finite, OneOfProposals, Proposal, likeliest_mixture
 from jointbayes.sampling.stopping import INTERVAL, Check, Quantities
+from vibrecords.arrays import Array, Indices
 
 #: Largest Monte Carlo standard error of each end of a 95 % interval, as a share of the interval's width.
 END_TOLERANCE = 0.05

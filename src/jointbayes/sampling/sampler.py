@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.progress import Budget, Progress, ProgressCallback
 from jointbayes.sampling.chains import Chains, Slow, Stage
 from jointbayes.sampling.checkpoint import UnfinishedRun, require_same_density
@@ -19,6 +18,7 @@ from jointbayes.sampling.proposal import AboutModes, Proposal, joined, likeliest
 from jointbayes.sampling.starting import initial_states, weighted_moves
 from jointbayes.sampling.stopping import Quantities
 from jointbayes.sampling.workers import finished_first, mover
+from vibrecords.arrays import Array
 
 #: Steps of each stage, and τ of a run that mixes slowly: after a stage it starts again from where it stands, with a
 #: proposal fitted to its draws. Most runs converge within 300 steps. The last stage has all steps that are left.

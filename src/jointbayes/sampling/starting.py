@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinate_maps import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.distributions import drawn_without_replacement, truncated
 from jointbayes.sampling.ensemble import EnsembleState, SamplerSettings, WeightedMove
 from jointbayes.sampling.proposal import Proposal, Start
+from vibrecords.arrays import Array
 
 ADAPTED_SHARE = 0.8  # of the local moves; the plain rest explores where the coordinates do not help
 LARGEST_SHARE = 0.9  # of the independence move; the rest frees a walker that it cannot reach

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.diagnostics import autocorrelation_time, quantile_spread, quantile_tau, split_r_hat
 from jointbayes.sampling.ensemble import SamplerSettings
+from vibrecords.arrays import Array
 
 #: Probabilities below the two ends of the 95 % interval.
 INTERVAL = (0.025, 0.975)

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jointbayes.arrays import Flags
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.ensemble import EnsembleState, Move, MoveCount, MoveOn, StepBlock, WeightedMove
+from vibrecords.arrays import Flags
 
 if TYPE_CHECKING:
     from emcee import State

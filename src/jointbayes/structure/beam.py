@@ -14,11 +14,11 @@ from typing import Literal
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.section import Section
+from vibrecords.arrays import Array
 
 #: Directions of the DOFs of a node, by their number.
 DIRECTIONS: dict[int, tuple[str, ...]] = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}

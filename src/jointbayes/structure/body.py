@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from jointbayes.arrays import Array, ComplexArray, Indices
 from jointbayes.errors import ModelError
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.modes import Forced
+from vibrecords.arrays import Array, ComplexArray, Indices
 
 Rows = Indices
 """DOFs of a body by their indices, shape (p,)."""

@@ -7,8 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from jointbayes.arrays import Array, Indices
-from jointbayes.errors import ModelError, array_of, require
+from jointbayes.errors import ModelError, require
+from vibrecords.arrays import Array, Indices
+from vibrecords.errors import array_of
 
 NOT_NEGATIVE = 1e-9  # part of the largest eigenvalue of a scaled matrix that rounding may leave below zero
 

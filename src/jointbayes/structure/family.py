@@ -7,13 +7,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from jointbayes.arrays import Array, ComplexArray
 from jointbayes.errors import ModelError
 from jointbayes.structure.body import Body, FreeModes, Rows
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced
 from jointbayes.structure.recipe import Recipe, is_damping, is_damping_ratio
+from vibrecords.arrays import Array, ComplexArray
 
 #: Free modes of so many structures are kept, of no more motions each: search, draws, checks and report of one case, and
 #: cases that differ in their data alone, ask for the same ones again and again.

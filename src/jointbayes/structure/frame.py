@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.arrays import Array, convert_fields
-from jointbayes.errors import ModelError, printable
+from jointbayes.errors import ModelError
 from jointbayes.structure.beam import BeamMaterial
 from jointbayes.structure.section import Section
+from vibrecords.arrays import Array, convert_fields
+from vibrecords.errors import printable
 
 Vector = tuple[float, float, float]
 

@@ -11,11 +11,11 @@ from functools import cache
 import numpy as np
 from numpy.polynomial import legendre
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.beam import BeamMaterial, spatial_element
 from jointbayes.structure.high_order import element_points
 from jointbayes.structure.section import Section
+from vibrecords.arrays import Array
 
 #: What a straight beam's six motions (u, v, w, θx, θy, θz) fall into, each with the numbers of its motions.
 FIELDS: dict[str, tuple[int, ...]] = {"axial": (0,), "torsion": (3,), "xy": (1, 5), "xz": (2, 4)}

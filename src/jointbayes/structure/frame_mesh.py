@@ -9,7 +9,6 @@ from functools import lru_cache
 import numpy as np
 from scipy import linalg, sparse
 
-from jointbayes.arrays import Array, Indices
 from jointbayes.errors import ModelError
 from jointbayes.structure.frame import SPATIAL, FrameBody, Vector
 from jointbayes.structure.frame_element import (
@@ -22,6 +21,7 @@ from jointbayes.structure.frame_element import (
     part_matrices,
 )
 from jointbayes.structure.high_order import ACCURACY, RICHER, ROUNDING, cheapest_elements, condensed_to_ends
+from vibrecords.arrays import Array, Indices
 
 #: Beyond so many DOFs of one body dense modes take minutes: units are mistaken, or it is no frame of beams.
 MOST_DOFS = 2400

@@ -8,13 +8,14 @@ from typing import ClassVar
 import numpy as np
 from scipy import sparse
 
-from jointbayes.arrays import convert_fields
-from jointbayes.errors import ModelError, printable
+from jointbayes.errors import ModelError
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.frame import SPATIAL, FrameBody, Vector
 from jointbayes.structure.frame_mesh import BodyFactors, BodyMesh, Segment, assembled, mesh_of, segments_of
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.recipe import HALF_WAVES, ElementKind, Recipe
+from vibrecords.arrays import convert_fields
+from vibrecords.errors import printable
 
 FrameMesh = tuple[BodyMesh, ...]
 """Elements of each body."""

@@ -8,14 +8,15 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, convert_fields
-from jointbayes.errors import ModelError, array_of, printable
+from jointbayes.errors import ModelError
 from jointbayes.structure.body import FreeModes
 from jointbayes.structure.damping import NOT_NEGATIVE, DampingLaw, ViscousMatrix, lowest_eigenvalue
 from jointbayes.structure.family import UncertainBody
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced
 from jointbayes.structure.recipe import ElementKind, Recipe
+from vibrecords.arrays import Array, convert_fields
+from vibrecords.errors import array_of, printable
 
 #: The other side of a spring that holds a mass to what does not move.
 GROUND = "ground"

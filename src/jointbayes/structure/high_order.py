@@ -23,8 +23,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy import linalg
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
+from vibrecords.arrays import Array
 
 _ORDERS = (10, 8, 7, 6, 5, 4, 3)  # the highest first: it bounds how many elements the others may take
 _MOST_ELEMENTS = 4096  # between two points: beyond, the frequency asked for is no beam's

@@ -8,11 +8,12 @@ from typing import Self
 import numpy as np
 from scipy import linalg
 
-from jointbayes.arrays import Array, ComplexArray
-from jointbayes.errors import ModelError, array_of, require
+from jointbayes.errors import ModelError, require
 from jointbayes.structure.body import MOST_HELD, Body, FreeModes, Rows
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.modes import Forced, Modes, Reduction
+from vibrecords.arrays import Array, ComplexArray
+from vibrecords.errors import array_of
 
 #: A motion is a rigid body's if its strain energy is no more than so many times the rounding of φᵀ|K|φ. In
 #: rigid-body motions of beams, frames and chains it is at most 0.6 times as much, on the softest supports that were

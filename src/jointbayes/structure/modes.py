@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.arrays import Array, Flags
+from vibrecords.arrays import Array, Flags
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,10 +5,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, ClassVar, Literal, Self
 
-from jointbayes.arrays import Array
-from jointbayes.errors import ModelError, printable
+from jointbayes.errors import ModelError
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.matrices import Structure
+from vibrecords.arrays import Array
+from vibrecords.errors import printable
 
 #: ``"converged"``: elements of high order, so many that no mesh shows.  ``"paper"``: the paper's two-node element.
 ElementKind = Literal["converged", "paper"]

@@ -14,9 +14,9 @@ from functools import cache
 import numpy as np
 from scipy import optimize
 
-from jointbayes.arrays import Array, Flags, Indices
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced, Modes, Reduction
+from vibrecords.arrays import Array, Flags, Indices
 
 Ends = Sequence[tuple[float, float]]
 ModesAt = Callable[[Sequence[float]], tuple[Modes, Array]]

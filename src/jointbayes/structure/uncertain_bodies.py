@@ -13,7 +13,6 @@ from functools import cache, cached_property, lru_cache, partial
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.beam_recipe import BeamMesh, BeamRecipe
 from jointbayes.structure.body import MOST_HELD, Discretisation, FreeModes
@@ -33,6 +32,7 @@ from jointbayes.structure.shape_modes import (
     rising,
     shape_numbers,
 )
+from vibrecords.arrays import Array
 
 _OFFSET, _SHORTEST = "length_offset", 0.1  # what is added to the length; of which so much must be left
 

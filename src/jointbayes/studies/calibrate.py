@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.case.case import Case, require_case
 from jointbayes.errors import ModelError, SamplingError
 from jointbayes.inference import Problem
-from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.stored_problem import run_fingerprint
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.sampling import SamplerSettings
@@ -27,6 +25,8 @@ from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, Job, analyse_p
 from jointbayes.studies.study_directory import append_line, kept_lines
 from jointbayes.studies.tasks import run_tasks
 from jointbayes.workflow import Analysed, answered_case, sample
+from vibrecords.arrays import Array
+from vibrecords.own_directory import OwnDirectory
 
 if TYPE_CHECKING:
     from distributed import Client

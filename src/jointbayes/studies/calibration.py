@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import panels, svg
@@ -24,6 +23,7 @@ from jointbayes.report.run_directory import json_text
 from jointbayes.studies.data_sets import DRAWS, DataSet
 from jointbayes.studies.ranks import QuantityCalibration, judge
 from jointbayes.studies.study_directory import write_study
+from vibrecords.arrays import Array
 
 #: What the directory of a calibration holds.
 A_CALIBRATION = "a calibration"

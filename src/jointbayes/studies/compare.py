@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
@@ -21,6 +20,7 @@ from jointbayes.sampling import Start
 from jointbayes.studies.comparison import PriorEdge, WeighedModel, leave_one_out
 from jointbayes.studies.comparison_report import Comparison
 from jointbayes.workflow import answered_case, find_map
+from vibrecords.arrays import Array
 
 _KEPT = 2000  # posterior draws, for what the evidence does not need
 _EDGE = 0.05  # of a prior's interval

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.joint import COUPLED, Quantity
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
 from jointbayes.posterior.storage import loo_pointwise
+from vibrecords.arrays import Array
 
 _FEWEST = 30  # values that a standard error of a sum can be taken from
 _MOST_NUMBERS = 5_000_000  # log densities in memory at once

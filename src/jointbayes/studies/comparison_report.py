@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
-from jointbayes.arrays import Array
 from jointbayes.joint import RIGID
 from jointbayes.joint.quantities import split_hypothesis
 from jointbayes.posterior import package_versions
@@ -23,6 +22,7 @@ from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Rep
 from jointbayes.report.run_directory import json_text
 from jointbayes.studies.comparison import GRADES, WeighedModel, bayes_factor_words, model_probabilities
 from jointbayes.studies.study_directory import write_study
+from vibrecords.arrays import Array
 
 Row = dict[str, Any]
 

@@ -13,13 +13,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.prediction import replace_values, simulated_values
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.ranks import rank_statistic
 from jointbayes.workflow import sample, sample_quickly
+from vibrecords.arrays import Array
 
 #: Draws among which a truth is ranked: few beside the effective ones, so that they are as good as independent.
 DRAWS = 63

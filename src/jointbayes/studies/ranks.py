@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
+from vibrecords.arrays import Array
 
 IntArray = NDArray[np.int64]
 

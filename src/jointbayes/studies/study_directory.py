@@ -10,10 +10,11 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from jointbayes.errors import CaseError, WriteError, printable
-from jointbayes.own_directory import OwnDirectory, open_regular
+from jointbayes.errors import CaseError, WriteError
 from jointbayes.report import Report
 from jointbayes.report.run_directory import write_into
+from vibrecords.errors import printable
+from vibrecords.own_directory import OwnDirectory, open_regular
 
 T = TypeVar("T")
 

@@ -62,8 +62,8 @@ class CaseTarget(Target):
 
     def prepare(self, directory: Path) -> None:
         """Compile the loops, and make what the cases refer to: small measurements, and a case to build on."""
-        from jointbayes.measurement.formats import iter_records, write_records
-        from jointbayes.measurement.records import FrfRecord
+        from vibrecords.formats import iter_records, write_records
+        from vibrecords.records import FrfRecord
 
         (directory / "data").mkdir()
         for name in ("virtual_test", "spindle_nose", "spindle_tip"):

@@ -34,9 +34,9 @@ class FileTarget(Target):
 
     def _attempted(self, path: Path) -> Exception | None:
         from jointbayes.errors import MeasurementError
-        from jointbayes.measurement.formats import read_frf
-        from jointbayes.measurement.inspection import inspect_file
-        from jointbayes.measurement.inspection_text import contents_text, resonances_text
+        from vibrecords.formats import read_frf
+        from vibrecords.inspection import inspect_file
+        from vibrecords.inspection_text import contents_text, resonances_text
 
         refused: MeasurementError | None = None
         try:
@@ -55,7 +55,7 @@ class FileTarget(Target):
 
     def message_fault(self, message: str, path: Path) -> str:
         """As for all targets; a blank of another width is as good as a blank."""
-        from jointbayes.errors import printable
+        from vibrecords.errors import printable
 
         return super().message_fault("".join(" " if c.isspace() and printable(c) == c else c for c in message), path)
 

@@ -31,7 +31,7 @@ from jointbayes.case.spec.mode_data_table import ModesSpec
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
 
 if TYPE_CHECKING:
-    from jointbayes.measurement import FrequencyData
+    from vibrecords import FrequencyData
 
 _MOST_LINES = 1_000_000  # frequency lines; more is a slip in f_step_hz, and would fill the memory
 
@@ -181,7 +181,7 @@ class NaturalFrequenciesSpec(DataTable):
         """The natural frequencies."""
         import numpy as np
 
-        from jointbayes.measurement import FrequencyData
+        from vibrecords import FrequencyData
 
         frequency = np.array(self.frequencies_hz)
         return FrequencyData(frequency, np.hypot(self.sd_relative * frequency, self.sd_hz))

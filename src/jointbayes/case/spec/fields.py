@@ -19,7 +19,7 @@ from jointbayes.joint import COUPLED
 if TYPE_CHECKING:
     from jointbayes.case.spec.data_table import SyntheticFrfSpec
     from jointbayes.case.spec.measured_table import MeasuredSpec
-    from jointbayes.measurement import Data
+    from vibrecords import Data
 
 KeyPath = tuple[str | int, ...]
 _LONGEST = 40  # characters of a user's own text repeated in a message

@@ -34,11 +34,12 @@ from jointbayes.case.spec.fields import (
     to_list,
 )
 from jointbayes.case.spec.layout_table import LayoutSpec
-from jointbayes.joint.quantities import DIRECTIONS, direction_of, rotation_sign
+from jointbayes.joint.quantities import DIRECTIONS
+from vibrecords.labels import direction_of, rotation_sign
 
 if TYPE_CHECKING:
     from jointbayes.case.spec.structure_table import StructureBase
-    from jointbayes.measurement.rotations import Rotation
+    from vibrecords.rotations import Rotation
 
 
 SensorQuantity = Literal["force", "displacement", "velocity", "acceleration"]
@@ -86,7 +87,7 @@ class ChannelSpec(Spec):
         return -1.0 if self.dof.startswith("-") else 1.0
 
     def _findings(self) -> Iterator[Finding]:
-        from jointbayes.measurement.formats.units import sensor_unit
+        from vibrecords.formats.units import sensor_unit
 
         measured = sensor_unit(self.unit)
         if self.unit and measured is None:
@@ -129,7 +130,7 @@ class RotationSpec(Spec):
 
     def built(self, label: str, structure: StructureBase) -> Rotation:
         """The rotation with the distance of its stations, negative where they run backwards."""
-        from jointbayes.measurement.rotations import Rotation
+        from vibrecords.rotations import Rotation
 
         first, second, *_ = (int(station.split(":")[0]) for station in self.stations)
         assert structure.spans is not None  # as the rules of the tables ask
@@ -344,7 +345,7 @@ class MeasuredFrequenciesSpec(MeasuredSpec):
 
     def asked_for(self, structure: StructureBase) -> dict[str, Any]:
         """Natural frequencies."""
-        from jointbayes.measurement.measurement_plan import FrequencyPlan
+        from vibrecords.measurement_plan import FrequencyPlan
 
         return {"frequencies": FrequencyPlan(self.modes, self.sd_relative, self.sd_hz)}
 

@@ -27,7 +27,7 @@ from jointbayes.case.spec.fields import (
 )
 
 if TYPE_CHECKING:
-    from jointbayes.measurement import Antiresonances, ModalConstants, ModeData, Observed
+    from vibrecords import Antiresonances, ModalConstants, ModeData, Observed
 
 _MOST_REPETITIONS, _MOST_MODES = 10_000, 1000
 
@@ -138,7 +138,7 @@ class AntiresonancesSpec(Spec):
 
     def stated(self) -> Antiresonances:
         """The antiresonances."""
-        from jointbayes.measurement import Antiresonances
+        from vibrecords import Antiresonances
 
         dofs = self.dof[0] if len(self.dof) == 1 else self.dof
         return Antiresonances(dofs, _observed(self.frequencies_hz, self.sd_relative, self.sd_hz), self.numbers or ())
@@ -176,7 +176,7 @@ class ConstantsSpec(Spec):
 
     def stated(self) -> ModalConstants:
         """The modal constants."""
-        from jointbayes.measurement import ModalConstants
+        from vibrecords import ModalConstants
 
         outputs, inputs = zip(*self.pairs, strict=True)
         return ModalConstants(outputs, inputs, _observed(self.values_per_kg, self.sd_relative, self.sd_per_kg))
@@ -268,7 +268,7 @@ class ModesSpec(DataTable):
         """The modes."""
         import numpy as np
 
-        from jointbayes.measurement import ModeData, ModeShapes, Observed
+        from vibrecords import ModeData, ModeShapes, Observed
 
         damping = shapes = None
         if self.damping_ratios is not None:
@@ -385,7 +385,7 @@ def _component_findings(
 def _observed(rows: Sequence[object], relative: tuple[float, ...], absolute: tuple[float, ...]) -> Observed:
     import numpy as np
 
-    from jointbayes.measurement import Observed
+    from vibrecords import Observed
 
     values = np.array(rows, dtype=float)
     # a fraction of the mean over repetitions: the spread does not depend on what one of them happened to give

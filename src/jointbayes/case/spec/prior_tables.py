@@ -31,8 +31,8 @@ from jointbayes.joint import (
 )
 
 if TYPE_CHECKING:
-    from jointbayes.arrays import Array
     from jointbayes.inference import Marginal
+    from vibrecords.arrays import Array
 
 _DISTRIBUTION = key_field(
     'the kind of prior, "log_uniform", "log_normal", "decades", "uniform" or "normal"', "log_uniform"

@@ -37,8 +37,8 @@ from jointbayes.case.spec.structure_table import (
 from jointbayes.errors import ModelError
 
 if TYPE_CHECKING:
-    from jointbayes.arrays import Array
     from jointbayes.structure import BeamRecipe, MatrixRecipe, ViscousMatrix
+    from vibrecords.arrays import Array
 
 _DIRECTIONS = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}
 _SHEAR = key_field('the shear coefficient, "cowper" or a number above 0 and at most 1', "cowper")

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array, ComplexArray
 from jointbayes.frf.kernels.compiled import compiled, inner
+from vibrecords.arrays import Array, ComplexArray
 
 Indices = NDArray[np.int64]
 

@@ -15,9 +15,9 @@ import numba
 import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
-from jointbayes.arrays import Array
 from jointbayes.errors import WriteError
-from jointbayes.own_directory import OwnDirectory
+from vibrecords.arrays import Array
+from vibrecords.own_directory import OwnDirectory
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from jointbayes.arrays import Array, ComplexArray, Flags
 from jointbayes.frf.kernels.compiled import LANES, compiled, inner, lane_blocks
+from vibrecords.arrays import Array, ComplexArray, Flags
 
 #: A mode with λ above this many times the square of the band's end is interpolated. Its nearest singularity lies at
 #: 2·5 − 1 = 9 half-widths from the middle of the band in ω²: of what these modes contribute, which is little beside a

@@ -9,10 +9,10 @@ Of most joints K⁻¹ is known to nearly all digits: H = A_ab − A_aj (K⁻¹ +
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array, ComplexArray
 from jointbayes.frf.kernels.compiled import aligned_zeros, compiled, inner, lane_blocks
 from jointbayes.frf.kernels.secular import springs
 from jointbayes.frf.ports import stiffness_batch
+from vibrecords.arrays import Array, ComplexArray
 
 _WIDTH = 48  # lines at once: few enough for the first cache, many enough to hide the start of each loop
 #: Largest diagonal of (K scaled to a unit diagonal)⁻¹ for which K⁻¹ + A_jj loses no digit that counts: four of sixteen.

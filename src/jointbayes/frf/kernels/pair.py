@@ -7,10 +7,10 @@ With A the receptance without the joint, D = det(1 + A_jj K) and N = D·H are su
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array, ComplexArray
 from jointbayes.frf.kernels.compiled import LANES, compiled, inner, lane_blocks
 from jointbayes.frf.kernels.secular import RIGID
 from jointbayes.frf.ports import stiffness_batch
+from vibrecords.arrays import Array, ComplexArray
 
 
 @inner

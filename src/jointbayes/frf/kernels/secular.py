@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import LANES, compiled, keep_order
+from vibrecords.arrays import Array
 
 #: A joint stiffer than this (N/m and so on) is rigid to the last bit, one softer than its inverse absent; and the
 #: determinant squared is still a number.

@@ -15,11 +15,11 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.marginals import Uniform
 from jointbayes.inference.prior import Nuisance
-from jointbayes.measurement import FrfData
+from vibrecords import FrfData
+from vibrecords.arrays import Array
 
 #: Residuals, complex where `parts` is 2, real where it is 1.
 Residuals = NDArray[Any]

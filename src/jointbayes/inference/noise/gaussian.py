@@ -7,7 +7,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
 from jointbayes.inference.noise import model_error
 from jointbayes.inference.noise.base import (
     GaussianSpread,
@@ -22,7 +21,8 @@ from jointbayes.inference.noise.base import (
     white,
 )
 from jointbayes.inference.prior import Nuisance
-from jointbayes.measurement import Data
+from vibrecords import Data
+from vibrecords.arrays import Array
 
 
 def noise_of(choice: NoiseChoice, parts: int, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:

@@ -9,9 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf.frf_set import read_only
 from jointbayes.inference.noise.base import (
     ErrorSizes,
     NoiseModel,
@@ -19,7 +17,9 @@ from jointbayes.inference.noise.base import (
     finite_or_impossible,
 )
 from jointbayes.inference.prior import Nuisance
-from jointbayes.measurement import Data, ModalData
+from vibrecords import Data, ModalData
+from vibrecords.arrays import Array
+from vibrecords.frf_set import read_only
 
 #: Errors of a component of a shape are a fraction of it, or of this where it is less: near a node they do not vanish.
 LEAST_COMPONENT = 0.3

@@ -7,13 +7,13 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf.frf_set import read_only
 from jointbayes.inference.likelihood_base import PURE_NOISE
 from jointbayes.inference.noise.base import GaussianSpread, NoiseChoice, NoiseModel, Residuals, log_uniform, rows_of
 from jointbayes.inference.prior import Nuisance
-from jointbayes.measurement import Data, FrfData
+from vibrecords import Data, FrfData
+from vibrecords.arrays import Array
+from vibrecords.frf_set import read_only
 
 #: Sizes of the error, as fractions of |H|, between which every order of magnitude is equally probable.
 RANGE = 1e-4, 0.3

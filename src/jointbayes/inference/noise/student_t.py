@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import compiled
 from jointbayes.inference.noise.base import (
     Absorbed,
@@ -23,7 +22,8 @@ from jointbayes.inference.noise.base import (
     white,
 )
 from jointbayes.inference.prior import Nuisance
-from jointbayes.measurement import Data
+from vibrecords import Data
+from vibrecords.arrays import Array
 
 #: A product is turned into its logarithm before it leaves the range of numbers.
 _LARGE = 1e140

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior, PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.rounding import number
@@ -15,6 +13,7 @@ from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.line_plot import FrfPlot, LinePlot, Series
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
+from vibrecords import FrfData, FrfSet
 
 #: FRFs that have figures, and rows of a table of FRFs; those that fit worst come first.
 MOST_FIGURES, MOST_ROWS = 8, 20

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import IF_MODEL_RIGHT
 from jointbayes.posterior.rounding import contraction, fixed, interval, number
@@ -11,6 +10,7 @@ from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
+from vibrecords.arrays import Array
 
 _MOST_IN_CORNER = 6  # coordinates of a figure in which each can be read
 

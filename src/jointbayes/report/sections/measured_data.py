@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from jointbayes.frf import MeasuredBody, MeasuredFile
-from jointbayes.measurement.provenance import ChannelUse, MeasurementWarning
+from jointbayes.frf import MeasuredBody
 from jointbayes.posterior.rounding import number
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
+from vibrecords import MeasuredFile
+from vibrecords.provenance import ChannelUse, MeasurementWarning
 
 _MOST_CHANNELS = 40  # in the table
 

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.inference import ModePrediction, Problem, mac
-from jointbayes.measurement import Data, ModeData, Observed
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import interval, number, signed
 from jointbayes.posterior.setup_summary import FrequencySummary
@@ -19,6 +17,8 @@ from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, ReportSection, Table
 from jointbayes.report.wireframe import wireframe
+from vibrecords import Data, ModeData, Observed
+from vibrecords.arrays import Array
 
 _DRAWS = 1000
 _MOST_ROWS, _MOST_FIGURES, _MOST_SHAPES = 60, 8, 6

@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.identification import IterationHistory, missing_for_iteration
 from jointbayes.joint import Quantity
 from jointbayes.posterior import Posterior
@@ -12,6 +11,7 @@ from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, foreign
 from jointbayes.report.model import Block, Code, Figure, Paragraph, ReportSection, Table
+from vibrecords.arrays import Array
 
 
 def starts_section(inputs: ReportInputs) -> ReportSection:

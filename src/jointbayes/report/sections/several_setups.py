@@ -4,13 +4,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from jointbayes.arrays import Array
 from jointbayes.posterior.curves import Curve, curves_of
 from jointbayes.posterior.rounding import interval, number
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
+from vibrecords.arrays import Array
 
 _OF_NOISE = "Standard deviations are those of the noise, of the fit of the modes or as stated for them."
 

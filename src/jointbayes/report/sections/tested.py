@@ -3,7 +3,6 @@
 import numpy as np
 
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfData
 from jointbayes.posterior.rounding import number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
@@ -11,6 +10,7 @@ from jointbayes.report.model import Block, Figure, Paragraph
 from jointbayes.report.structure_sketch import sketch
 from jointbayes.structure.beam_recipe import BeamRecipe
 from jointbayes.structure.frame_recipe import FrameRecipe
+from vibrecords import FrfData
 
 _MOST_TESTS = 4  # of which each has its sentence
 _MOST_DOFS = 3  # that are named on one side

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.studies.campaign.control import FEWEST, ChartedQuantity, control_chart, outlier_limit
 from jointbayes.studies.campaign.hierarchical import (
     Population,
@@ -19,6 +18,7 @@ from jointbayes.studies.campaign.hierarchical import (
 )
 from jointbayes.studies.campaign.index import DONE, CaseRow, chart_order, read_index
 from jointbayes.studies.campaign.joint_draws import CampaignDraws, read_draws
+from vibrecords.arrays import Array
 
 #: Joints below which nothing is said of a population.
 FEWEST_JOINTS = 3

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jointbayes.errors import ModelError
-from jointbayes.own_directory import real_directory
 from jointbayes.posterior.posterior import Cell
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import code_version
@@ -30,7 +29,8 @@ from jointbayes.studies.campaign.index import (
 )
 from jointbayes.studies.study_directory import append_line
 from jointbayes.studies.tasks import Outcome, run_tasks
-from jointbayes.whole_file import swept
+from vibrecords.own_directory import real_directory
+from vibrecords.whole_file import swept
 
 if TYPE_CHECKING:
     from distributed import Client

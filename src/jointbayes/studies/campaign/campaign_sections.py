@@ -5,7 +5,6 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.rounding import engineering, interval, number
 from jointbayes.report.markup import foreign
@@ -22,6 +21,7 @@ from jointbayes.studies.campaign.charts import (
 from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS, ChartedQuantity
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
 from jointbayes.studies.campaign.index import DONE
+from vibrecords.arrays import Array
 
 _MOST_LOOKS = 40
 _RANKED = 6  # from either end of a ranking

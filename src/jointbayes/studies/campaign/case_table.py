@@ -18,8 +18,9 @@ from jointbayes.case.keys import named_files
 from jointbayes.case.spec.parse import parse_case
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import key_parts, similar, toml_text
-from jointbayes.errors import CaseError, path_fault
+from jointbayes.errors import CaseError
 from jointbayes.studies.campaign.index import date_of
+from vibrecords.errors import path_fault
 
 _MARK = "row"  # stands in fault lines for the file, until it is known whether the row or the base is at fault
 

@@ -10,12 +10,12 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import add_strokes, legend_above, margin_labels, panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS, LinePlot, Series
 from jointbayes.report.markup import format_numbers
 from jointbayes.studies.campaign.control import ChartedQuantity
+from vibrecords.arrays import Array
 
 Flags = NDArray[np.bool_]
 Curve = tuple[Array, Array, Array, Array]

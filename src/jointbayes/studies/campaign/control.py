@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.arrays import Array
+from vibrecords.arrays import Array
 
 #: Joints below which scatter by medians says too little to call one of them an outlier.
 FEWEST = 8

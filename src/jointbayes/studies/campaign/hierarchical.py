@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from jointbayes.arrays import Array
 from jointbayes.joint import Parametrisation
 from jointbayes.sampling import LogDensity, Proposal, SamplerSettings, StudentT, fit_proposal, run_ensembles
 from jointbayes.sampling.density import newton_climb
 from jointbayes.sampling.distributions import resampled
 from jointbayes.studies.campaign.reweighting import JointDraws, Reweighting
+from vibrecords.arrays import Array
 
 #: Effective draws below which a joint's reweighted draws are not to be trusted: its median is then uncertain by more
 #: than a quarter of its standard deviation.

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 from pydantic import TypeAdapter
 
 from jointbayes.errors import MeasurementError
-from jointbayes.own_directory import OwnDirectory
 from jointbayes.studies.study_directory import read_lines
-from jointbayes.whole_file import write_whole_file
+from vibrecords.own_directory import OwnDirectory
+from vibrecords.whole_file import write_whole_file
 
 if TYPE_CHECKING:
     from jointbayes.posterior import Posterior

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.joint import COORDINATES, Parametrisation, parametrisation_named
 from jointbayes.studies.campaign.index import DONE, CaseRow
 from jointbayes.studies.campaign.reweighting import JointDraws
+from vibrecords.arrays import Array
 
 _NUMBERS = 1_200_000  # draws of all joints together that are looked at
 _MOST, _FEWEST = 2000, 50  # of each joint

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr
 
-from jointbayes.arrays import Array
 from jointbayes.joint import Parametrisation
+from vibrecords.arrays import Array
 
 _AT_ONCE = 4_000_000  # weights in memory
 _LN_2PI = float(np.log(2 * np.pi))

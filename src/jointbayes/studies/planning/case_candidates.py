@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.case.case import Case
 from jointbayes.case.case_objects import noise_law, recipe_of
 from jointbayes.case.combined import WORKSHOP_SD_PERCENT
@@ -19,11 +18,12 @@ from jointbayes.errors import CaseError
 from jointbayes.frf import AnyStructure, Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import Joints
-from jointbayes.measurement import ModalData
 from jointbayes.posterior.candidate import Candidate, FrfCandidate, VarianceLaw, estimated_law, repeated
 from jointbayes.posterior.modal_candidate import RELATIVE_CALIBRATION, ModalCandidate, scatter
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 from jointbayes.studies.planning.proposed_setups import proposed_setups
+from vibrecords import ModalData
+from vibrecords.arrays import Array
 
 _G = 1e-3
 _DOFS = ("outputs", "inputs")

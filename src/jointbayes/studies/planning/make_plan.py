@@ -12,7 +12,6 @@ import numpy as np
 
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError
-from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.coordinates import coordinate_systems
@@ -28,6 +27,7 @@ from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulatio
 from jointbayes.studies.planning.simulator import Simulator, assumed_truth, stated_joint
 from jointbayes.studies.study_directory import append_line, kept_lines
 from jointbayes.workflow import sample
+from vibrecords.own_directory import OwnDirectory
 
 #: Name of the file of simulations that are done.
 KEPT = "simulations.jsonl"

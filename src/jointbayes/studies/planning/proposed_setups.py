@@ -16,11 +16,12 @@ from jointbayes.case.spec.structure_kinds import MatricesSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, JointBayesError, ModelError
-from jointbayes.frf import Ports, Quantity
+from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import joints_of
 from jointbayes.posterior.candidate import Candidate, FrfCandidate, VarianceLaw, estimated_law
 from jointbayes.posterior.modal_candidate import ModalCandidate, scatter
+from vibrecords import Quantity
 
 #: So many of a set-up's changes are named in a sentence.
 _NAMED = 3

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.posterior.identifiability import Verdict
+from vibrecords.arrays import Array
 
 Method = Literal["reweighting", "importance sampling"]
 

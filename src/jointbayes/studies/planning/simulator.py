@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
-from jointbayes.arrays import Array
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.candidate import Candidate
@@ -31,6 +30,7 @@ from jointbayes.posterior.run_record import sha256_of
 from jointbayes.sampling import Coordinates, Start, WeightedDraws, fit_proposal
 from jointbayes.sampling.diagnostics import pareto_k
 from jointbayes.studies.planning.simulation import Method, SimulatedPosterior
+from vibrecords.arrays import Array
 
 #: Fewer effective draws than this say too little about a standard deviation: 5 % of it at this number.
 LEAST_EFFECTIVE = 200.0

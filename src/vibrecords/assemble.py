@@ -1,0 +1,295 @@
+"""From the records of measurement files to a measurement: FRFs between DOFs of the model, and their noise.
+
+One way for all data from files: FRFs of the records, channels to DOFs, band and lines, variance, masses of
+accelerometers, modes, rotations.
+"""
+
+import difflib
+import hashlib
+import itertools
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vibrecords.accelerometer import remove_accelerometers
+from vibrecords.data import Data, FrequencyData, FrfData
+from vibrecords.errors import MeasurementError
+from vibrecords.formats.channel_units import restate_history
+from vibrecords.formats.grid import cut_to_band, excluded_lines, join_frfs, measured_lines
+from vibrecords.formats.read import iter_records
+from vibrecords.frf_variance import estimate_variance
+from vibrecords.measurement_plan import ChannelMap, FrequencyPlan, MeasurementPlan, map_records
+from vibrecords.modal_fit import modes_and_doubtful
+from vibrecords.provenance import MeasuredFile, MeasuredMode, MeasurementWarning, Provenance
+from vibrecords.records import FrfRecord, Record, TimeRecord
+from vibrecords.rotations import joint_frf_set, replace_stations
+from vibrecords.signals.impact import frfs_of_hits, settings_of
+from vibrecords.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
+from vibrecords.warnings.collector import find_warnings
+
+
+def read_measurement(names: Sequence[str], directory: Path, plan: MeasurementPlan) -> Data:
+    """Read measurement files and assemble what they hold.
+
+    Parameters
+    ----------
+    names
+        Of the files, relative to the directory.
+    directory
+        From which the names count.
+    plan
+        What is asked for.
+
+    Raises
+    ------
+    MeasurementError
+        If a file is missing or wrong, or does not hold what the plan says.
+    """
+    files = tuple(_fingerprint(directory / name, name) for name in names)
+    return assemble_measurement(_records(directory, names, plan.layout), plan, files)
+
+
+def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files: Sequence[MeasuredFile] = ()) -> Data:
+    """Assemble a measurement from records.
+
+    Parameters
+    ----------
+    records
+        Of all files, one after the other.
+    plan
+        What is asked for.
+    files
+        Where they come from, for provenance and messages.
+
+    Returns
+    -------
+    FrfData or FrequencyData
+        Natural frequencies where ``plan.frequencies`` is set.
+
+    Raises
+    ------
+    MeasurementError
+        If the records do not hold what the plan says.
+    """
+    where = ", ".join(file.name for file in files) or "records"
+    histories, stored = _histories_and_frfs(records, plan)
+    made = _frfs_of_histories(histories, plan, where) if histories or plan.signals else MadeFrfs(())
+    mapped = map_records(made.frfs or stored, plan.channels, where)
+    stated, contradicted = _apply_quantity(mapped.records, plan, where)
+    notes = [*made.notes, *dict.fromkeys(note for record in stated for note in record.notes)]
+    if plan.conjugate:
+        stated = [record.conjugate for record in stated]
+        notes.append("The complex conjugates of the FRFs were taken, as conjugate = true asks.")
+    notes += [
+        f"Channel {use.channel} points the other way than the mapped one: it was taken for {use.dof} with a factor "
+        f"{use.factor:g}."
+        for use in mapped.uses
+        if use.reversed_direction
+    ]
+    cut = [cut_to_band(record, where, plan.f_min_hz, plan.f_max_hz) for record in stated]
+    source = "" if plan.variance is None else plan.variance.source
+    used, left_out = measured_lines(cut, where, plan.exclude_hz, needs_coherence=source == "coherence")
+    notes += left_out
+    sets = [join_frfs(group, where) for group in _repetitions(used, where, allowed=source == "repeats")]
+    step = plan.line_step or made.line_step
+    if step > 1:
+        why = "" if plan.line_step else ", since with the window that was used neighbouring lines depend on each other"
+        notes.append(f"Of {step} lines one was kept{why}.")
+    sets = [frf.at_lines(slice(None, None, step)) for frf in sets]
+    measured, words = estimate_variance(sets, plan.variance, where)
+    masses = {use.dof: use.accelerometer_mass for use in mapped.uses if use.accelerometer_mass > 0}
+    if masses:
+        measured = remove_accelerometers(measured, masses, roving=plan.roving)
+        each = ", ".join(f"{1e3 * mass:g} g at {dof}" for dof, mass in masses.items())
+        notes.append(f"The mass of the accelerometers was taken out of the FRFs: {each}.")
+    modes, without_modes = _modes(measured, plan)
+    frf = measured.frf
+    provenance = Provenance(
+        tuple(files),
+        frf.quantity,
+        frf.n_lines,
+        (float(frf.frequency_hz[0]), float(frf.frequency_hz[-1])),
+        frf.averages,
+        mapped.uses,
+        mapped.left_out,
+        words,
+        (*notes, *without_modes),
+        (*contradicted, *_warnings(cut, plan)),
+        modes,
+        variance_dof=measured.variance_dof,
+        loaded=tuple(output for output in frf.outputs if ":r" not in output),
+    )
+    if plan.frequencies is not None:
+        return replace(_frequencies(plan.frequencies, modes, where), provenance=provenance)
+    return _chosen(replace(measured, provenance=provenance), plan, where)
+
+
+def _warnings(records: Sequence[FrfRecord], plan: MeasurementPlan) -> tuple[MeasurementWarning, ...]:
+    """What is doubtful in the lines that are used, and in those that hold no number; not what the plan answers."""
+    lines = [record.at_lines(~excluded_lines(record.frequency_hz, plan.exclude_hz)) for record in records]
+    answered = {"uneven_lines"} if plan.exclude_hz else set()
+    if plan.variance is not None and plan.variance.source != "coherence":
+        answered |= {"coherence_missing", "coherence_one", "averages_missing"}
+    return tuple(warning for warning in find_warnings(lines) if warning.key not in answered)
+
+
+def _fingerprint(path: Path, name: str) -> MeasuredFile:
+    if not path.is_file():
+        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*") if p.is_file()], 1, 0.6)
+        actual = "a directory" if path.is_dir() else "no such file"
+        remedy = f'did you mean "{near[0]}"?' if near else "names of files count from the directory of the case file"
+        raise MeasurementError(f"data.file: {name}: found {actual}; expected a measurement file; {remedy}")
+    with path.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    return MeasuredFile(name, path.stat().st_size, digest)
+
+
+def _records(directory: Path, names: Sequence[str], layout: Mapping[str, str]) -> Iterator[Record]:
+    """All records of all files, one after the other."""
+    for name in names:
+        for record in iter_records(directory / name, layout):
+            yield record if len(names) == 1 else replace(record, where=f"{name}, {record.where}".rstrip(", "))
+
+
+def _histories_and_frfs(records: Iterable[Record], plan: MeasurementPlan) -> tuple[list[TimeRecord], Iterable[Record]]:
+    """The time histories where FRFs are made of them, as the plan says, or because there is no FRF; and the rest."""
+    stream = iter(records)
+    histories: list[TimeRecord] = []
+    apart: list[Record] = []
+    for record in stream:
+        if isinstance(record, FrfRecord) and plan.signals is None:
+            return [], itertools.chain(apart, [record], stream)
+        if isinstance(record, TimeRecord):
+            histories.append(record)
+        else:
+            apart.append(record)
+    return histories, apart
+
+
+def _frfs_of_histories(histories: list[TimeRecord], plan: MeasurementPlan, where: str) -> MadeFrfs:
+    """FRFs made of the time histories of the mapped channels."""
+    channels = ChannelMap(plan.channels)
+    channels.require_all([record.channel for record in histories], where)
+    mapped = ((record, channels.find(record.channel)) for record in histories)
+    try:
+        histories = [restate_history(record, found[0].unit) for record, found in mapped if found]
+        if isinstance(plan.signals, ShakerSettings):
+            return frfs_of_shaker(histories, plan.signals)
+        settings = plan.signals or settings_of(histories, plan.f_min_hz, plan.f_max_hz)
+        made = frfs_of_hits(histories, settings)
+    except MeasurementError as error:
+        raise MeasurementError(f"{where}: {error}") from error
+    if plan.signals is not None:
+        return made
+    block = settings.hits.block_s
+    cut = f"blocks of {block:g} s about each hit" if block else "each record is the block of one hit"
+    return replace(made, notes=(f"FRFs were made of the hits of a hammer, H1, {cut}.", *made.notes))
+
+
+def _apply_quantity(
+    records: Iterable[FrfRecord], plan: MeasurementPlan, where: str
+) -> tuple[list[FrfRecord], list[MeasurementWarning]]:
+    """Records with the quantity that the plan states, if any, and warnings of files that say another."""
+    stated, contradicted = [], {}
+    for record in records:
+        if plan.quantity is None and record.quantity is None:
+            raise MeasurementError(
+                f'{_place(record, where)}: found an FRF that does not say what it is (unit "{record.unit}"); expected '
+                'receptance, mobility or accelerance; write for example quantity = "accelerance" in [data]'
+            )
+        if plan.quantity is not None and record.quantity not in (None, plan.quantity):
+            unit = f" in {record.unit}" if record.unit else ""
+            contradicted[record.quantity, record.unit] = MeasurementWarning(
+                "quantity",
+                f"the file says {record.quantity}{unit} and the case {plan.quantity}, which was followed",
+                "take quantity away from [data], or make sure that the file is wrong",
+                where=record.where,
+            )
+        stated.append(record if plan.quantity is None else replace(record, quantity=plan.quantity))
+        if record.factor is None and plan.frequencies is None and not plan.free_gain:
+            raise MeasurementError(
+                f'{_place(record, where)}: found the unit "{record.unit}", no motion over a force in SI units; '
+                'expected the units of response and force: unit = "g" and, of volts, sensitivity in [data.channels]; '
+                'or kind = "measured_frequencies", or [uncertain.gain]'
+            )
+    return stated, list(contradicted.values())
+
+
+def _place(record: FrfRecord, where: str) -> str:
+    return f"{where}: {record.where}" if record.where else where
+
+
+def _repetitions(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> list[list[FrfRecord]]:
+    """Records apart by repetition: the first FRF of each pair of DOFs, the second, and so on."""
+    by_pair: dict[tuple[str, str], list[FrfRecord]] = defaultdict(list)
+    for record in records:
+        by_pair[record.response, record.reference].append(record)
+    counts = {pair: len(group) for pair, group in by_pair.items()}
+    most = max(counts.values())
+    if most > 1 and not allowed:
+        pair = max(counts, key=lambda p: counts[p])
+        raise MeasurementError(
+            f"{_place(by_pair[pair][1], where)}: found another FRF of {pair[0]} over {pair[1]}; expected each once; "
+            'leave one out, or write source = "repeats" in [data.variance] if they are repeated measurements'
+        )
+    for pair, count in counts.items():
+        if count != most:
+            raise MeasurementError(
+                f"{where}: found {count} FRFs of {pair[0]} over {pair[1]} and {most} of others; expected as many "
+                "repetitions of each; leave the surplus out"
+            )
+    return [[group[k] for group in by_pair.values()] for k in range(most)]
+
+
+def _modes(measured: FrfData, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:
+    """Modes that the FRFs show, and notes on what was left out, or why they cannot be looked for.
+
+    They are fitted to the accelerance, so that they do not depend on the quantity of a file.
+    """
+    accelerance = measured.converted("accelerance")
+    try:
+        modes, doubtful = modes_and_doubtful(accelerance.frf, None if plan.variance is None else accelerance.variance)
+    except MeasurementError as error:
+        if plan.frequencies is not None:
+            raise
+        return (), (f"Natural frequencies were not looked for: {error}.",)
+    return modes, tuple(f"Not counted as a mode: {doubt.frequency_hz:.6g} Hz, {doubt.reason}." for doubt in doubtful)
+
+
+def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: str) -> FrequencyData:
+    wanted = plan.modes or max(len(modes), 1)
+    if len(modes) < wanted:
+        raise MeasurementError(
+            f"{where}: found {len(modes)} modes; expected at least {wanted}; lower data.modes or widen the band"
+        )
+    frequency = np.array([mode.frequency_hz for mode in modes[:wanted]])
+    fitted = np.array([mode.frequency_sd_hz for mode in modes[:wanted]])
+    return FrequencyData(frequency, np.sqrt(fitted**2 + (plan.sd_relative * frequency) ** 2 + plan.sd_hz**2))
+
+
+def _chosen(measured: FrfData, plan: MeasurementPlan, where: str) -> FrfData:
+    """The FRFs that the likelihood sees, with those at the joint."""
+    assert measured.provenance is not None
+    used = replace_stations(measured, plan.rotations)
+    derived = {rotation.dof for rotation in plan.rotations if rotation.in_likelihood}
+    for key, stated, present in (("outputs", plan.outputs, used.frf.outputs), ("inputs", plan.inputs, used.frf.inputs)):
+        for label in stated:
+            if label not in present:
+                replaced = key == "outputs" and label in measured.frf.outputs
+                taken = ", which a rotation in the likelihood replaces" if replaced else ""
+                raise MeasurementError(
+                    f"data.{key}: found {label}{taken}; expected one of {', '.join(present)} of {where}; remove it"
+                )
+    outputs = tuple(o for o in used.frf.outputs if not plan.outputs or o in plan.outputs or o in derived)
+    inputs = tuple(i for i in used.frf.inputs if not plan.inputs or i in plan.inputs)
+    joint_frf, missing = None, ""
+    try:
+        every = measured.frf.select(measured.frf.outputs, inputs)
+        joint_frf = joint_frf_set(every, plan.rotations, outputs, plan.joint_dofs)
+    except MeasurementError as error:
+        missing = str(error)
+    provenance = replace(measured.provenance, iteration=missing)
+    return replace(used.select(outputs, inputs), joint_frf=joint_frf, provenance=provenance)

@@ -1,0 +1,388 @@
+"""Files of named arrays: npz (never a pickle), HDF5 and MATLAB, read as one tree of arrays and texts, and written."""
+
+import math
+import mmap
+import re
+import struct
+import warnings
+import zipfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrecords.arrays import complex_of
+from vibrecords.errors import MeasurementError
+from vibrecords.formats.matlab_5 import (
+    REMEDY,
+    UNREADABLE,
+    Block,
+    Unread,
+    full_matrix,
+    list_or_texts,
+    read_matlab,
+    refuse_deeper,
+    refuse_larger,
+)
+from vibrecords.records import LONGEST_LABEL, MOST_RECORDS, refuse_damage
+from vibrecords.whole_file import WRITTEN_BY
+
+#: A compressed file may unpack to this many times its size, which measured FRFs do not come near, or to 1 MiB: small
+#: files have headers and constant coherences, which pack well.
+_RATIO, _ALWAYS = 20, 2**20
+_MOST_ENTRIES = 5000  # of an archive
+#: Bytes of one text in a file of arrays: labels are short, and a posterior's coordinates too.
+_LONGEST_TEXT = 4096
+_MATLAB_HEADER = b"MATLAB 7.3 MAT-file, Platform: jointbayes, Created on: unknown HDF5 schema 1.00 ."
+
+
+def read_arrays(path: Path, kind: str) -> Block:
+    """All that a file holds, as one tree; `kind` is ``npz``, ``mat``, ``mat73`` or ``hdf5``.
+
+    Returns
+    -------
+    dict
+        Name to an array of numbers or text, to a dict (struct, group), to a list of these (cells, array of structs), or
+        to an `Unread`, in the order of the file and groups by name.
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read, or unpacks to far more than its size.
+    """
+    with refuse_damage("content", "a complete file; copy it again", most=120):
+        return _READERS[kind](path, max(_ALWAYS, _RATIO * path.stat().st_size))
+
+
+def read_groups(path: Path) -> dict[str, Block]:
+    """Arrays of an HDF5 file by the place of their group, ``""`` at the top.
+
+    Raises
+    ------
+    MeasurementError
+        As `read_arrays`, and if there is anything but numbers and text.
+    """
+    groups: dict[str, Block] = {}
+    waiting = [("", read_arrays(path, "hdf5"))]
+    while waiting:
+        place, block = waiting.pop()
+        groups[place.strip("/")] = {key: value for key, value in block.items() if not isinstance(value, dict)}
+        waiting += [(f"{place}/{key}", value) for key, value in block.items() if isinstance(value, dict)]
+        for key, value in groups[place.strip("/")].items():
+            if isinstance(value, Unread):
+                raise MeasurementError(f"variable '{place}/{key}': found {value.what}; expected numbers or text")
+    return groups
+
+
+# ---- npz
+
+
+def zip_entries(path: Path) -> list[zipfile.ZipInfo]:
+    """Entries of a zip archive, counted before they are listed: reading takes a fifth of a millisecond for each.
+
+    Raises
+    ------
+    MeasurementError
+        If there are too many.
+    """
+    with path.open("rb") as file:
+        count = sum(part.count(b"PK\x01\x02") for part in iter(partial(file.read, 2**24), b""))
+    if count > _MOST_ENTRIES:
+        raise MeasurementError(
+            f"{path}: found an archive of {count} entries; expected at most {_MOST_ENTRIES}; join arrays, or split it"
+        )
+    with zipfile.ZipFile(path) as archive:
+        return archive.infolist()
+
+
+def _read_npz(path: Path, most: int) -> Block:
+    """Arrays of an archive; ``record_2/frf`` is the array ``frf`` of the group ``record_2``."""
+    tree: Block = {}
+    refuse_larger(sum(member.file_size for member in zip_entries(path)), most)
+    with np.load(path, allow_pickle=False) as arrays, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of headers as Python 2 wrote them
+        for name in arrays.files:
+            expected = "plain numbers or text; save it again without objects"
+            with refuse_damage(f"variable '{name}'", expected, "an array", most=120):
+                array = arrays[name]
+            if not isinstance(array, np.ndarray):
+                raise MeasurementError(f"member '{name}': found no NumPy array; expected .npy members; save it again")
+            *groups, key = name.split("/")
+            refuse_deeper(len(groups), len(arrays.files), f"variable '{name}'")
+            block = tree
+            for group in groups:
+                block = block.setdefault(group, {})
+                if not isinstance(block, dict):
+                    raise MeasurementError(f"variable '{name}': found an array '{group}' as well; rename one of them")
+            block[key] = array
+    return tree
+
+
+def write_npz(blocks: dict[str, Block], path: Path) -> None:
+    """Write blocks of named arrays; exact, uncompressed."""
+    arrays = {
+        f"{name}/{key}" if name else key: np.asarray(v) for name, block in blocks.items() for key, v in block.items()
+    }
+    with path.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]  # the stub takes every name for allow_pickle
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.comment = WRITTEN_BY.encode()
+
+
+# ---- MATLAB 5
+
+
+def write_matlab(blocks: dict[str, Block], path: Path) -> None:
+    """Write blocks of named arrays as variables, or as structs where there are several."""
+    from scipy.io import savemat
+
+    variables: Block = {}
+    for name, block in blocks.items():
+        cells = {
+            key: np.array(value, dtype=object)[:, None] if isinstance(value, list) else value
+            for key, value in block.items()
+        }
+        variables |= {name: cells} if name else cells
+    savemat(str(path), variables, appendmat=False, oned_as="column")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 5.0 MAT-file, Platform: jointbayes, Created on: unknown".ljust(116))
+
+
+# ---- HDF5 and MATLAB 7.3
+
+
+def _read_hdf5(path: Path, most: int, *, matlab: bool = False) -> Block:
+    import h5py  # type: ignore[import-untyped]
+
+    _require_sound_heaps(path)
+    with h5py.File(path, "r") as file:
+        return _Hdf5(file, most, matlab).group(file)
+
+
+def has_attribute(path: Path, name: str) -> bool:
+    """Whether a file is HDF5 with an attribute of this name at the top."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            return name in file.attrs
+    except (OSError, RuntimeError):
+        return False  # none, or damaged
+
+
+def _require_sound_heaps(path: Path) -> None:
+    """Refuse a file with a damaged heap of texts (a "global heap collection"), which HDF5 may read without end."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        for heap in re.finditer(rb"GCOL\x01...", content, re.DOTALL):
+            at, end = heap.end() + 8, heap.start() + struct.unpack_from("<Q", content, heap.end())[0]
+            while at + 16 <= end:
+                number, size = struct.unpack_from("<H6xQ", content, at)
+                step = 16 + size + -size % 8 if number else size  # what is free has number 0
+                if step < 16 or at + step > min(end, len(content)):
+                    raise ValueError(f"a heap of texts at byte {heap.start()}")
+                at += step
+
+
+class _Hdf5:
+    """Reads the groups of an open file, and what references in them lead to; other links are passed over."""
+
+    def __init__(self, file: Any, most: int, matlab: bool) -> None:  # noqa: ANN401 - h5py is untyped here
+        self.file, self.most, self.matlab = file, most, matlab
+        self.bytes = self.count = 0
+        self.seen: set[tuple[int, int]] = set()
+
+    def group(self, group: Any, place: str = "", depth: int = 0) -> Any:  # noqa: ANN401
+        """Content of a group: attributes count as arrays; None of one that was there before, as one that holds itself.
+
+        Not by `visititems`, which looks each name up from the top: in groups within groups that takes quadratic time.
+        """
+        import h5py
+
+        where = h5py.h5o.get_info(group.id)
+        if (where.fileno, where.addr) in self.seen:
+            return None
+        self.seen.add((where.fileno, where.addr))
+        self.count += len(group)
+        refuse_deeper(depth, self.count, f"group '{place}'")
+        items: Block = {}
+        for name in group:
+            if len(name) > LONGEST_LABEL:
+                raise MeasurementError(
+                    f"group '{place[:60]}': found a name of {len(name)} characters; expected at most {LONGEST_LABEL}; "
+                    "rename it"
+                )
+            # MATLAB's own, and links
+            if (place or not name.startswith("#")) and isinstance(group.get(name, getlink=True), h5py.HardLink):
+                items[name] = group[name]
+        attributes = _attributes(group)
+        names = [n for n, item in items.items() if isinstance(item, h5py.Dataset)]
+        groups = sorted((n for n, item in items.items() if isinstance(item, h5py.Group)), key=_natural)
+        block = {} if self.matlab else attributes
+        block |= {name: self.item(items[name], f"{place}/{name}".lstrip("/"), depth + 1) for name in names + groups}
+        block = {name: value for name, value in block.items() if value is not None}
+        if self.matlab and "MATLAB_sparse" in attributes and {"ir", "jc"} <= block.keys():
+            shape = (int(attributes["MATLAB_sparse"]), block["jc"].size - 1)
+            parts = (block["ir"].ravel(), block["jc"].ravel(), block.get("data", np.zeros(0)).ravel())
+            return full_matrix(shape, *parts, self.most - self.bytes)
+        lists = [len(v) for n, v in block.items() if self.matlab and isinstance(v, list) and _is_struct_field(items[n])]
+        if lists and len(lists) == len(block):  # the fields of an array of structs, element by element
+            return [{name: values[i] for name, values in block.items()} for i in range(min(lists))]
+        return block
+
+    def item(self, item: Any, place: str, depth: int) -> Any:  # noqa: ANN401
+        """Content of a data set or a group."""
+        import h5py
+
+        if isinstance(item, h5py.Group):
+            return self.group(item, place, depth)
+        if not isinstance(item, h5py.Dataset):
+            return None
+        # of the data set in memory, or of one of the chunks that it is unpacked in
+        self.bytes += max(item.nbytes, math.prod(item.chunks or (0,)) * item.dtype.itemsize)
+        refuse_larger(self.bytes, self.most)
+        if h5py.check_ref_dtype(item.dtype) is not h5py.Reference or not item.shape:
+            return _dataset(item, f"variable '{place}'", self.matlab)
+        if not self.matlab:
+            return Unread("references to other places")
+        self.count += item.size
+        refuse_deeper(depth, self.count, f"group '{place}'")
+        values = [self.item(self.file[r], place, depth + 1) if r else None for r in np.asarray(item[()]).T.ravel()]
+        values = [np.zeros(0) if value is None else value for value in values]
+        return values if _is_struct_field(item) else list_or_texts(values)
+
+
+def _is_struct_field(item: Any) -> bool:  # noqa: ANN401
+    """Whether a data set of references holds one field of an array of structs; cells say that they are cells."""
+    return "MATLAB_class" not in item.attrs
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Order in which record_10 comes after record_9."""
+    return [(int(piece), "") if piece.isdecimal() else (-1, piece) for piece in re.split(r"(\d{1,9})", name) if piece]
+
+
+def _attributes(group: Any) -> Block:  # noqa: ANN401
+    """Attributes that are numbers or one text; of lists of texts each entry could be as long as the file."""
+    arrays: Block = {}
+    for key in group.attrs:
+        kind = group.attrs.get_id(key)
+        if _is_plain(kind.dtype) or (kind.dtype.kind == "O" and kind.shape == ()):
+            arrays[key] = np.asarray(group.attrs[key])
+    return {key: array for key, array in arrays.items() if array.dtype.kind in "iufUS"}
+
+
+def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
+    """Content of a data set, or None where MATLAB marks it as empty."""
+    import h5py
+
+    if item.is_virtual or item.external:
+        return Unread("data kept in another file")
+    attributes = _attributes(item)
+    kind = np.asarray(attributes.get("MATLAB_class", ""), dtype=str).ravel()[0]
+    if "MATLAB_object_decode" in attributes or kind == "function_handle":
+        return UNREADABLE
+    if item.shape is None or "MATLAB_empty" in attributes:
+        return np.array([], dtype=str) if kind == "char" else None
+    if h5py.check_string_dtype(item.dtype):
+        return _texts(item, where)
+    if not _is_plain(item.dtype):
+        return Unread(f"data of type {item.dtype}")
+    values: NDArray[Any] = item[()]
+    if values.dtype.names == ("real", "imag"):
+        values = complex_of(values["real"], values["imag"])
+    if kind == "char":
+        if values.dtype.kind != "u":
+            return Unread(f"text stored as {item.dtype}")
+        # UTF-16, rows along the last axis
+        rows = np.atleast_2d(values.T).astype("<u2")
+        return np.array([row.tobytes().decode("utf-16-le", errors="replace").rstrip() for row in rows], dtype=str)
+    return np.asarray(values).T if matlab else np.asarray(values)
+
+
+def _is_plain(dtype: np.dtype[Any]) -> bool:
+    """Whether values are numbers, text, or real and imaginary parts beside each other.
+
+    Damage can make of a part a number of 16 bytes in the room of 8: h5py writes beyond its array, and ends the process.
+    """
+    if dtype.names is None:
+        return (
+            dtype.kind in "iuSUb"
+            or (dtype.kind == "f" and dtype.itemsize <= 8)
+            or dtype in (np.complex64, np.complex128)
+        )
+    fields = [dtype[name] for name in dtype.names]
+    wide = sum(field.itemsize for field in fields)
+    return dtype.names == ("real", "imag") and all(map(_is_plain, fields)) and dtype.itemsize == wide
+
+
+#: How a text of any length stands in a data set that lies in one piece: its length, and where its bytes are.
+_TEXT_ENTRY = np.dtype([("length", "<u4"), ("heap", "<u8"), ("number", "<u4")])
+
+
+def _texts(item: Any, where: str) -> NDArray[np.str_]:  # noqa: ANN401
+    """Texts of a data set; HDF5 makes room for as many bytes as an entry says, up to 4 GB, before it looks for them."""
+    import h5py
+
+    offset = item.id.get_offset() if h5py.check_string_dtype(item.dtype).length is None else None
+    longest = 0
+    if offset is not None and item.size:
+        longest = int(np.fromfile(item.file.filename, _TEXT_ENTRY, item.size, offset=offset)["length"].max())
+    if longest > _LONGEST_TEXT or item.size > MOST_RECORDS:
+        raise MeasurementError(
+            f"{where}: found {item.size} texts of up to {longest} bytes; expected at most {MOST_RECORDS} of "
+            f"{_LONGEST_TEXT}; {REMEDY}"
+        )
+    return np.array(item.asstr(errors="replace")[()], dtype=str)
+
+
+def write_hdf5(blocks: dict[str, Block], path: Path, *, matlab: bool = False) -> None:
+    """Write blocks of named arrays, one group for each where there are several.
+
+    They stand behind a header of 512 bytes, where `matlab` that of MATLAB 7.3.
+    """
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512, locking=False) as file:  # `whole_file` has locked it
+        for name, block in blocks.items():
+            group: Any = file.create_group(name) if name else file
+            if name and matlab:
+                group.attrs["MATLAB_class"] = np.bytes_("struct")
+            for key, value in block.items():
+                if matlab:
+                    _matlab_variable(group, key, value)
+                else:
+                    group[key] = np.array(value, dtype=h5py.string_dtype()) if isinstance(value, list) else value
+    with path.open("r+b") as raw:
+        raw.write(_MATLAB_HEADER.ljust(124) + b"\x00\x02IM" if matlab else WRITTEN_BY.encode() + b"\0")
+
+
+def _matlab_variable(group: Any, key: str, value: Any) -> None:  # noqa: ANN401
+    if isinstance(value, (str, list)):
+        rows = [value] if isinstance(value, str) else value
+        codes = [np.frombuffer(row.encode("utf-16-le"), "<u2") for row in rows]
+        table = np.full((len(rows), max(1, *(row.size for row in codes))), 32, dtype="<u2")
+        for line, row in zip(table, codes, strict=True):
+            line[: row.size] = row
+        item = group.create_dataset(key, data=table.T)
+        item.attrs["MATLAB_class"] = np.bytes_("char")
+        item.attrs["MATLAB_int_decode"] = np.int32(2)
+        return
+    array = np.atleast_1d(np.asarray(value))
+    array = array[:, None] if array.ndim == 1 else array
+    if np.iscomplexobj(array):
+        pair = np.empty(array.shape, dtype=[("real", "<f8"), ("imag", "<f8")])
+        pair["real"], pair["imag"] = array.real, array.imag
+        array = pair
+    item = group.create_dataset(key, data=array.T)
+    item.attrs["MATLAB_class"] = np.bytes_("double")
+
+
+_READERS: dict[str, Callable[[Path, int], Block]] = {
+    "npz": _read_npz,
+    "mat": read_matlab,
+    "mat73": partial(_read_hdf5, matlab=True),
+    "hdf5": _read_hdf5,
+}

@@ -1,0 +1,237 @@
+"""LabVIEW measurement files (``.lvm``): time histories, spectra, and FRFs as columns of real and imaginary part."""
+
+import itertools
+import re
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from vibrecords.arrays import Array
+from vibrecords.errors import MeasurementError
+from vibrecords.formats.columns import Column, column_of
+from vibrecords.formats.table import column_records, placed
+from vibrecords.formats.table_text import Lines, bad_number, float_of, read_rows, text_lines
+from vibrecords.records import MOST_COLUMNS, Record, require_short
+
+_END = "***End_of_Header***"
+
+
+@dataclass(slots=True)
+class _Layout:
+    """What the header of the file says of all segments."""
+
+    separator: str = "\t"
+    decimal: str = ""
+    x_columns: str = "one"
+
+
+@dataclass(slots=True)
+class _Segment:
+    """Header of a segment: fields by name, each with one value for each column behind the first."""
+
+    line: int
+    fields: dict[str, list[str]] = field(default_factory=dict)
+
+    def each(self, key: str, count: int) -> list[str]:
+        """Values of a field, one for each column, empty where there are fewer."""
+        return [*self.fields.get(key, []), *[""] * count][:count]
+
+
+def read_lvm(path: Path) -> Generator[Record, None, None]:
+    """Records of a LabVIEW measurement file; a segment or block that comes again counts as the next hit.
+
+    Raises
+    ------
+    MeasurementError
+        If the header has no end, the file is cut off, or a field is not a number.
+    """
+    with path.open("rb") as file:
+        file.seek(-1, 2)
+        is_cut = file.read(1) not in b"\r\n\0"
+    lines = _without_special_blocks(text_lines(path))
+    layout = _file_header(lines)
+    blocks = enumerate(_blocks(lines, layout), start=1)
+    block = next(blocks, None)
+    if block is None:
+        raise MeasurementError("header: found no segment of data; expected at least one; export the measurement again")
+    while block is not None:
+        number, (segment, names, values) = block
+        following = next(blocks, None)
+        samples = _samples(segment)
+        if following is None and is_cut and len(values) < samples:
+            raise MeasurementError(
+                f"line {segment.line}: found {len(values)} rows of the segment; expected {samples} samples; the file "
+                "is cut off within a number, export it again"
+            )
+        hit = number if number > 1 or following is not None else None
+        yield from placed(_records(segment, names, values, layout), f"segment {number}", hit)
+        block = following
+
+
+def _without_special_blocks(lines: Lines) -> Lines:
+    for number, line in lines:
+        if line.startswith("***Start_Special***"):
+            next((True for _, inside in lines if inside.startswith("***End_Special***")), None)
+        else:
+            yield number, line
+
+
+def _file_header(lines: Lines) -> _Layout:
+    layout, number = _Layout(), 0
+    for number, line in lines:
+        if line.startswith(_END):
+            return layout
+        key, *values = re.split(r"[\t,]", line, maxsplit=1)
+        value = values[0].strip("\t ") if values else ""
+        match key.strip().lower():
+            case "separator":
+                separators = {"tab": "\t", "comma": ","}
+                if value.lower() not in separators:
+                    raise MeasurementError(f"line {number}: found separator {value[:20]!r}; expected Tab or Comma")
+                layout.separator = separators[value.lower()]
+            case "decimal_separator":
+                layout.decimal = value
+            case "x_columns":
+                layout.x_columns = value.lower()
+    raise MeasurementError(
+        f"line {number}: found the end of the file; expected {_END}; the file is cut off, export again"
+    )
+
+
+def _blocks(lines: Lines, layout: _Layout) -> Iterator[tuple[_Segment, list[str], Array]]:
+    """Segments with the names of their columns and their rows; several blocks may stand under one header."""
+    segment, names = None, []
+    while first := next(((number, line) for number, line in lines if line.strip()), None):
+        rows: Lines = lines
+        if segment is not None and first[1].lstrip()[0] in "0123456789+-.":
+            rows = itertools.chain([first], lines)
+        else:
+            segment = _segment_header(first, lines, layout)
+            names = _names(segment, lines, layout)
+        values, gaps = read_rows(_split_rows(rows, layout, len(names)), len(names))
+        if not len(values):
+            raise MeasurementError(
+                f"line {segment.line}: found no row of numbers in the segment; expected the samples; export it again"
+            )
+        if axes := [line for i, line in gaps.items() if names[i].lower() == "x_value"]:
+            raise bad_number("", f"line {min(axes)}")
+        values[:, list(gaps)] = np.nan  # a channel of another rate, whose samples do not fill the rows
+        samples = _samples(segment)
+        with np.errstate(invalid="ignore"):
+            bounds = np.flatnonzero(np.diff(values[:, 0]) < 0) + 1  # where the axis begins again
+        if layout.x_columns == "no" and samples and len(values) % samples == 0:
+            bounds = np.arange(samples, len(values), samples)
+        for block in np.split(values, bounds):
+            yield segment, names, block
+
+
+def _samples(segment: _Segment) -> int:
+    """Samples that the header promises; 0 where it does not say."""
+    return max((int(n) for n in segment.fields.get("samples", []) if n.isdecimal() and len(n) < 19), default=0)
+
+
+def _segment_header(first: tuple[int, str], lines: Lines, layout: _Layout) -> _Segment:
+    segment = _Segment(first[0])
+    for _, line in itertools.chain([first], lines):
+        if line.startswith(_END):
+            if layout.x_columns == "multi" and any(segment.each("x_dimension", 2)[1:]):  # no cell for an X column
+                segment.fields = {k: [c for cell in cells for c in (cell, "")] for k, cells in segment.fields.items()}
+            return segment
+        key, *values = line.split(layout.separator)
+        segment.fields[key.strip().lower()] = [value.strip() for value in values]
+        if len(segment.fields) > 1000:
+            break
+    raise MeasurementError(
+        f"line {segment.line}: found no end of the segment's header; expected {_END}; the file is cut off, export again"
+    )
+
+
+def _names(segment: _Segment, lines: Lines, layout: _Layout) -> list[str]:
+    number, line = next(lines, (segment.line, ""))
+    names = [name.strip() for name in line.split(layout.separator)]
+    if not names or names[0].lower() != "x_value":
+        raise MeasurementError(f"line {number}: found {line[:30]!r}; expected the names of columns, X_Value first")
+    while names and (not names[-1] or names[-1].lower() == "comment"):
+        names.pop()
+    if len(names) > MOST_COLUMNS:
+        raise MeasurementError(f"line {number}: found {len(names)} columns; expected at most {MOST_COLUMNS}; split it")
+    require_short(f"line {number}", *names)
+    return names
+
+
+def _split_rows(lines: Lines, layout: _Layout, count: int) -> Iterator[tuple[int, list[str]]]:
+    """Rows up to a blank line or the end, without comments."""
+    comma = layout.decimal == "," or (not layout.decimal and layout.separator != ",")
+    for number, line in lines:
+        if not line.strip():
+            return
+        fields = (line.replace(",", ".") if comma else line).split(layout.separator)[:count]
+        if layout.x_columns == "no":
+            fields[0] = "nan"
+        yield number, fields
+
+
+def _records(segment: _Segment, names: list[str], values: Array, layout: _Layout) -> Iterator[Record]:
+    count = len(names)
+    units, dimensions, axis_units = (segment.each(k, count) for k in ("y_unit_label", "x_dimension", "x_unit_label"))
+    notes = _clock(segment, names, values, layout)
+    columns: list[Column] = []
+    empty = np.asarray(np.isnan(values).all(axis=0))
+    for i, name in enumerate(names):  # the header has a cell for each column behind the first
+        if name.lower() == "x_value" and empty[i] and not empty[i + 1 : i + 2].all():
+            raise MeasurementError(
+                f"line {segment.line}: found no number of X_Value of {names[i + 1]!r}; expected some"
+            )
+        if name.lower() != "x_value":
+            columns.append(column_of(f"{name} [{units[i - 1]}]" if units[i - 1] else name))
+        elif dimensions[i].lower() == "frequency":
+            columns.append(Column("frequency", "", axis_units[i] or "Hz", header=name))
+        else:
+            columns.append(Column("time", "", "s", header=name))
+    comments = {}
+    for note in segment.each("notes", 1)[0].split(";"):
+        key, _, value = note.partition(":")
+        comments[key.strip().lower()] = value.strip()
+    yield from column_records(columns, values, comments, notes)
+
+
+@np.errstate(all="ignore")
+def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) -> tuple[str, ...]:
+    """Notes on counts and steps; an axis that the file does not write out is made from its header."""
+    notes = []
+    samples, filled = _samples(segment), np.asarray(~np.isnan(values).all(axis=0))
+    if samples > 1 and samples != len(values):
+        notes.append(f"{len(values)} rows, where the header says {samples} samples")
+    clocks = [
+        (i, x0, step)
+        for i, (x0, step) in enumerate(zip(*(segment.each(k, len(names) - 1) for k in ("x0", "delta_x")), strict=True))
+        if filled[i + 1] and step and names[i + 1].lower() != "x_value"
+    ]
+    steps = [float_of(step.replace(",", ".")) for _, _, step in clocks]
+    if layout.x_columns != "multi":
+        for (i, x0, step), (first, first_x0, first_step) in zip(clocks[1:], clocks, strict=False):
+            if (x0, step) != (first_x0, first_step):
+                raise MeasurementError(
+                    f"line {segment.line}: found X0 {x0[:20]!r} and Delta_X {step[:20]!r} of {names[i + 1]!r}, "
+                    f"{first_x0[:20]!r} and {first_step[:20]!r} of {names[first + 1]!r}; expected one clock for one X "
+                    "column; export with an X column for each channel"
+                )
+    if layout.x_columns == "no":
+        x0 = float_of(clocks[0][1].replace(",", ".") or "0") if clocks else None
+        if x0 is None or not steps[0]:
+            shown = clocks[0][1:] if clocks else ("", "")
+            raise MeasurementError(
+                f"line {segment.line}: found X0 {shown[0][:20]!r} and Delta_X {shown[1][:20]!r}; expected numbers; "
+                "export it again"
+            )
+        values[:, 0] = x0 + steps[0] * np.arange(len(values))
+        digits = len(re.sub(r"^[0.]+|\.|e.*", "", clocks[0][2].replace(",", ".").lower()).rstrip("0"))
+        if digits in (2, 3):
+            notes.append(f"sampling rate {1 / steps[0]:g} Hz from a Delta_X of {digits} digits, {clocks[0][2]}")
+    elif steps and steps[0] and len(values) > 1:
+        step = (values[-1, 0] - values[0, 0]) / (len(values) - 1)
+        if abs(step / steps[0] - 1) > 0.01:
+            notes.append(f"X_Value goes in steps of {step:g}, where Delta_X says {steps[0]:g}: X_Value taken")
+    return tuple(notes)

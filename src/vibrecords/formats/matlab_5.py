@@ -1,0 +1,213 @@
+"""MATLAB 5 files (up to v7) as one tree: structs are dicts, cells and arrays of structs lists, the rest arrays.
+
+Why not `scipy.io.loadmat`: about one in a hundred damaged files ends the process there (types of elements, widths of
+names and the depth of cells are not checked in C), and to check them first takes as many lines as to read them.
+
+References
+----------
+The MathWorks: MAT-File Format, level 5 MAT-files.
+"""
+
+import math
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrecords.arrays import complex_of
+from vibrecords.errors import MeasurementError
+
+#: Names to what stands under them: arrays of numbers or text, further blocks, lists of both, or `Unread`.
+Block = dict[str, Any]
+
+REMEDY = "store plain numbers and text in this file"
+#: Groups, structs and cells within each other, and all that a file holds; no export comes near.
+DEEPEST, MOST_OBJECTS = 32, 200_000
+#: Numbers of the format's data types.
+_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_CODECS = {1: "utf-8", 2: "utf-8", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+_CELL, _STRUCT, _OBJECT, _CHARACTERS, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
+_COMPLEX = 1 << 11
+
+
+@dataclass(frozen=True, slots=True)
+class Unread:
+    """What a file has where neither numbers nor text are."""
+
+    what: str
+
+
+UNREADABLE = Unread("a function handle or an object of MATLAB")
+
+
+def read_matlab(path: Path, most: int) -> Block:
+    """All variables of a file, of which `most` bytes may be unpacked."""
+    variables: Block = {}
+    unpacked, size = 0, path.stat().st_size
+    with path.open("rb") as file:
+        header = file.read(128)
+        if len(header) < 128:
+            raise ValueError(f"a header of {len(header)} bytes")
+        order = "<" if header[126:] == b"IM" else ">"
+        reader = _Reader(order, most)
+        while tag := file.read(8):
+            kind, length = struct.unpack(f"{order}II", tag)
+            content = file.read(min(length, size))
+            if len(content) < length:
+                raise ValueError(f"{length} bytes, of which {len(content)} are there")
+            if kind == 15:
+                content = zlib.decompressobj().decompress(content, most - unpacked + 1)
+                unpacked += len(content)
+                refuse_larger(unpacked, most)
+                content = content[8:]
+            name, value = reader.variable(content)
+            if name:  # nameless is what MATLAB keeps for itself
+                variables[name] = value
+    return variables
+
+
+def refuse_larger(size: float, most: int) -> None:
+    """Refuse arrays that are far larger than their file.
+
+    Raises
+    ------
+    MeasurementError
+        If there are more than `most` bytes.
+    """
+    if size > most:
+        raise MeasurementError(
+            f"content: found arrays of {size / 1e6:.3g} MB or more; expected at most {most / 1e6:.3g} MB in a file of "
+            "this size; save it again without compression"
+        )
+
+
+def refuse_deeper(depth: int, count: int, where: str) -> None:
+    """Refuse what lies deeper than any export, or is more.
+
+    Raises
+    ------
+    MeasurementError
+        If it is deeper than `DEEPEST` or more than `MOST_OBJECTS`.
+    """
+    if depth > DEEPEST or count > MOST_OBJECTS:
+        raise MeasurementError(
+            f"{where[:80]}: found groups {depth} deep, {count} entries so far; expected at most {DEEPEST} deep and "
+            f"{MOST_OBJECTS} entries; {REMEDY}"
+        )
+
+
+def full_matrix(
+    shape: tuple[int, ...], rows: NDArray[Any], starts: NDArray[Any], values: NDArray[Any], most: int
+) -> NDArray[Any] | Unread:
+    """Matrix of a sparse one, stored by columns, where it is no larger than `most` bytes."""
+    if len(shape) != 2 or 16 * math.prod(shape) > most:
+        return Unread("a sparse matrix, too large to be written in full")
+    ends = starts.astype(np.int64)
+    counts = ends[1:] - ends[:-1]
+    used = int(counts.sum())
+    if counts.size != shape[1] or counts.min(initial=0) < 0 or not 0 <= used <= min(rows.size, values.size):
+        raise ValueError(f"a sparse matrix of {values.size} values")
+    matrix = np.zeros(shape, values.dtype if values.size else float)
+    matrix[rows[:used].astype(np.int64), np.repeat(np.arange(shape[1]), counts)] = values[:used]
+    return matrix
+
+
+def list_or_texts(items: list[Any]) -> list[Any] | NDArray[np.str_]:
+    """Cells as one array where all of them are texts, or empty beside texts."""
+    arrays = [item for item in items if isinstance(item, np.ndarray) and (item.size == 0 or item.dtype.kind == "U")]
+    if len(arrays) == len(items) and all(item.size < 2 for item in arrays):
+        return np.array([str(item.ravel()[0]) if item.size else "" for item in arrays], dtype=str)
+    return items
+
+
+class _Reader:
+    """Reads the variables of a file, however structs and cells are within each other."""
+
+    def __init__(self, order: str, most: int) -> None:
+        self.order, self.left, self.count = order, most, 0
+
+    def variable(self, content: bytes, depth: int = 0, where: str = "") -> tuple[str, Any]:
+        """Name and value of a matrix."""
+        self.count += 1
+        refuse_deeper(depth, self.count, where)
+        if not content:
+            return "", np.zeros((0, 0))
+        (_, flags), *elements = _elements(content, self.order)
+        word = struct.unpack_from(f"{self.order}I", flags)[0]
+        kind = word & 255
+        name = elements[0 if kind == _OPAQUE else 1][1].decode("latin-1")
+        where = where or f"variable '{name}'"
+        if kind in (_OBJECT, _FUNCTION, _OPAQUE):
+            return name, UNREADABLE
+        (_, dimensions), _, *elements = elements
+        shape = struct.unpack(f"{self.order}{len(dimensions) // 4}i", dimensions)
+        if min(shape) < 0:
+            raise ValueError(f"shape {shape}")
+        if kind == _STRUCT:
+            return name, self._structs(elements, shape, depth, where)
+        if kind == _CELL:
+            cells = [self.variable(cell, depth + 1, where)[1] for _, cell in elements]
+            return name, list_or_texts(_reorder_by_rows(cells, shape))
+        if kind == _CHARACTERS:
+            return name, _char_rows(*elements[0], shape, self.order) if elements else np.array([], dtype=str)
+        count = 4 if kind == _SPARSE else 2  # indices of a sparse matrix, real part, imaginary part or none
+        parts = [self._numbers(*element) for element in elements[:count]]
+        *indices, real, imaginary = parts if len(parts) == count else [*parts, np.zeros(0)]
+        numbers = complex_of(real, imaginary) if word & _COMPLEX else real
+        if kind == _SPARSE:
+            matrix = full_matrix(shape, indices[0], indices[1], numbers, self.left)
+            self.left -= getattr(matrix, "nbytes", 0)
+            return name, matrix
+        return name, numbers.reshape(shape, order="F")
+
+    def _numbers(self, code: int, data: bytes) -> NDArray[Any]:
+        numbers = np.frombuffer(data, f"{self.order}{_TYPES[code]}")
+        return numbers.astype(numbers.dtype.newbyteorder("="))
+
+    def _structs(self, elements: list[tuple[int, bytes]], shape: tuple[int, ...], depth: int, where: str) -> Any:  # noqa: ANN401
+        (_, length), (_, names), *values = elements
+        width = struct.unpack(f"{self.order}i", length)[0]
+        fields = [names[i : i + width].split(b"\0")[0].decode("latin-1") for i in range(0, len(names), width)]
+        read = [self.variable(value, depth + 1, where)[1] for _, value in values]
+        count = len(read) // max(len(fields), 1)
+        blocks = [dict(zip(fields, read[i * len(fields) :], strict=False)) for i in range(count)]
+        return blocks[0] if math.prod(shape) == count == 1 else _reorder_by_rows(blocks, shape)
+
+
+def _elements(content: bytes, order: str) -> list[tuple[int, bytes]]:
+    """Types and bytes of the data elements that follow each other."""
+    elements, at = [], 0
+    while at < len(content):
+        kind, size = struct.unpack_from(f"{order}II", content, at)
+        if kind >> 16:  # up to four bytes within the tag
+            kind, size = kind & 0xFFFF, kind >> 16
+            elements.append((kind, content[at + 4 : at + 4 + size]))
+            at += 8
+            continue
+        if at + 8 + size > len(content):
+            raise ValueError(f"{size} bytes, of which {len(content) - at - 8} are there")
+        elements.append((kind, content[at + 8 : at + 8 + size]))
+        at += 8 + size + -size % 8
+    return elements
+
+
+def _reorder_by_rows(items: Sequence[Any], shape: tuple[int, ...]) -> list[Any]:
+    """Items of an array that MATLAB stores column by column, row by row."""
+    return [items[i] for i in np.arange(len(items)).reshape(shape, order="F").ravel().tolist()]
+
+
+def _char_rows(kind: int, data: bytes, shape: tuple[int, ...], order: str) -> NDArray[np.str_]:
+    """Rows of an array of characters, as texts."""
+    count, codec = math.prod(shape), _CODECS[kind]
+    if not data or not count:
+        return np.array([], dtype=str)
+    if count > len(data):
+        raise ValueError(f"{count} characters in {len(data)} bytes")
+    text = data.decode(codec if codec == "utf-8" else f"{codec}-{'le' if order == '<' else 'be'}", errors="replace")
+    rows = np.array(list(text.ljust(count)[:count]), dtype="U1").reshape(shape, order="F").reshape(-1, shape[-1])
+    return np.array(["".join(row) for row in rows], dtype=str)

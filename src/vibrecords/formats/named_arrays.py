@@ -1,0 +1,353 @@
+"""Arrays of one struct or group under the names that they can have, and the time histories among them."""
+
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from typing import Any, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrecords.arrays import Array
+from vibrecords.errors import MeasurementError
+from vibrecords.formats.array_names import ALIASES, SENSORS, meaning_of
+from vibrecords.formats.columns import TIME_S
+from vibrecords.formats.matlab_5 import Unread
+from vibrecords.formats.units import read_sensor_unit, scaled
+from vibrecords.records import HIGHEST_HZ, MOST_RECORDS, SensorQuantity, TimeRecord, even_rate
+
+Arrays = Mapping[str, Any]
+
+#: Days of MATLAB's `datenum` in this century and the last; instants in seconds begin where the measurement does.
+_DAYS = (690_000.0, 780_000.0)
+
+
+#: What is no real number, by NumPy's letter for its kind.
+_KINDS = {"U": "text", "S": "text", "O": "a struct or unlike cells", "c": "complex numbers", "b": "true and false"}
+
+
+class Block:
+    """Arrays of one struct or group.
+
+    Parameters
+    ----------
+    arrays
+        By their names in the file.
+    place
+        Struct or group that they stand in, with the sign that follows it; empty at the top.
+    outer
+        Block that this one stands in, whose axes are its own where it has none.
+    written
+        Names in the file of arrays that the user has given another name.
+    label
+        What it is called where it is one of an array of structs; empty elsewhere.
+    """
+
+    def __init__(
+        self,
+        arrays: Arrays,
+        place: str = "",
+        outer: "Block | None" = None,
+        written: Mapping[str, str] | None = None,
+        label: str = "",
+    ) -> None:
+        self.arrays, self.place, self.outer, self._written = arrays, place, outer, written or {}
+        self.label = label
+        self.meanings = {name: meaning_of(name) for name in arrays}
+        of_struct = meaning_of(re.split(r"[./]", place)[-2] if re.search(r"[./]", place) else "")
+        if of_struct.role in ("frf", "coherence"):  # frf.data
+            self.meanings |= {name: of_struct for name in arrays if name.lower() in ("data", "values", "value")}
+        self._lower: dict[str, str] = {}
+        for name in arrays:
+            self._lower.setdefault(name.lower(), name)
+        if {"time", "interval", "rate"} & {meaning.role for meaning in self.meanings.values()}:
+            for name in [n for n in arrays if n.lower() == "f" and size_of(arrays[n]) > 1 and not rises(arrays[n])]:
+                self.meanings[name] = meaning_of("force signal")
+        self._roles: dict[str, list[str]] = {}
+        for name, meaning in self.meanings.items():
+            self._roles.setdefault(meaning.role, []).append(name)
+
+    def path(self, key: str) -> str:
+        """How the file or the user calls an array."""
+        name = self.name_of(key) or key
+        return self._written.get(name) or self.place + name
+
+    def where(self, key: str) -> str:
+        """Place of an array in words."""
+        return f"variable '{self.path(key)}'"
+
+    def name_of(self, key: str) -> str | None:
+        """Name in the file of what is known under a name."""
+        if key in self.arrays:
+            return key
+        return next((self._lower[n] for n in ALIASES.get(key, (key,)) if n in self._lower), None)
+
+    def get(self, key: str) -> Any:  # noqa: ANN401 - whatever the file holds under that name
+        """What is known under a name; None where nothing is."""
+        name = self.name_of(key)
+        return None if name is None else self.arrays[name]
+
+    def has(self, key: str) -> bool:
+        """Whether there is anything known under a name."""
+        return self.get(key) is not None
+
+    def stated(self, key: str) -> bool:
+        """Whether the user has said which array this is."""
+        return key in self._written
+
+    def named(self, role: str, least: int = 2) -> list[str]:
+        """Names of arrays of a role, of at least so many numbers."""
+        return [name for name in self._roles.get(role, []) if size_of(self.arrays[name]) >= least]
+
+    def rest(self, name: str) -> frozenset[str]:
+        """Words of a name that tell which FRF or channel it is of."""
+        return (self.meanings.get(name) or meaning_of(name)).rest
+
+    def hints(self, name: str) -> frozenset[str]:
+        """Units that a name or the unit beside it tells: ``deg``, ``rad``, ``db``, ``khz`` and others."""
+        unit = re.match(r"[\[(]?(°|[A-Za-z]+)", self.unit_of(name))
+        words = {*self.meanings[name].hints, *([unit[1].lower()] if unit else [])}
+        return frozenset(
+            "deg" if word[:3] in ("deg", "°") else word[:3] if word[:3] == "rad" else word for word in words
+        )
+
+    def scalar(self, role: str) -> float | None:
+        """Number of a role or a name in this block or an outer one."""
+        for name in (*self._roles.get(role, []), *filter(None, [self._lower.get(role)])):
+            if size_of(self.arrays[name]) == 1:
+                return float(self.numbers(name).ravel()[0])
+        return None if self.outer is None else self.outer.scalar(role)
+
+    def numbers(self, key: str, kind: type = np.float64) -> NDArray[Any]:
+        """Array of real or complex numbers; anything else is refused."""
+        return numbers(self.get(key), self.where(key), kind)
+
+    def strings(self, key: str) -> list[str]:
+        """Texts known under a name; none where nothing is, or something else under another name for it."""
+        name = self.name_of(key)
+        values = None if name is None else self.arrays[name]
+        other = isinstance(values, dict) or (name is not None and name.lower() != key and not is_text(values))
+        return [] if values is None or other else strings(values, self.where(key))
+
+    def string(self, key: str) -> str:
+        """First of the texts, or an empty one where there is no text."""
+        return next(iter(self.strings(key)), "") if is_text(self.get(key)) else ""
+
+    def told_unit(self, name: str) -> str:
+        """Unit of an array of values: its own, or that of the block; of several the list, which is no unit."""
+        return self.unit_of(name) or ", ".join(dict.fromkeys(self.strings("unit")))
+
+    def unit_of(self, name: str) -> str:
+        """Text under a name such as ``H_unit``, ``unit_H`` or ``frequency_units``, for an array of that name."""
+        small = name.lower()
+        return next(filter(None, map(self.string, (f"{small}_unit", f"{small}_units", f"unit_{small}"))), "")
+
+
+def size_of(value: Any) -> int:  # noqa: ANN401
+    """Count of the numbers of an array, or of the arrays of a cell array; 0 of what is neither."""
+    if isinstance(value, list):
+        return sum(map(size_of, value))
+    return value.size if isinstance(value, np.ndarray) and value.dtype.kind in "iufc" else 0
+
+
+def is_complex(value: Any) -> bool:  # noqa: ANN401
+    """Whether an array, or one of the cells, is of complex numbers."""
+    return any(map(is_complex, value)) if isinstance(value, list) else np.iscomplexobj(value)
+
+
+def is_text(value: Any) -> bool:  # noqa: ANN401
+    """Whether something in a file is text."""
+    return isinstance(value, (str, bytes)) or (isinstance(value, np.ndarray) and value.dtype.kind in "US")
+
+
+def rises(value: Any) -> bool:  # noqa: ANN401
+    """Whether something is an array of numbers each of which is above the one before, as on an axis."""
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf" or value.size < 2:
+        return False
+    return bool((value.ravel()[1:] > value.ravel()[:-1]).all())
+
+
+def numbers(values: Any, where: str, kind: type = np.float64) -> NDArray[Any]:  # noqa: ANN401
+    """Array of numbers of a file as float or complex; of cells the columns of one."""
+    if isinstance(values, list) and len({size_of(value) for value in values}) == 1 and size_of(values):
+        return np.stack([numbers(value, where, kind).ravel() for value in values], axis=-1)
+    array = np.asarray(None if isinstance(values, (list, dict)) else values)
+    allowed, expected = ("iufc", "complex") if kind is np.complex128 else ("iuf", "real")
+    if array.dtype.kind not in allowed:
+        what = (
+            values.what if isinstance(values, Unread) else _KINDS.get(array.dtype.kind, f"data of type {array.dtype}")
+        )
+        raise MeasurementError(f"{where}: found {what}; expected {expected} numbers; store it as a numeric array")
+    return array.astype(kind, copy=False)
+
+
+def strings(values: Any, where: str) -> list[str]:  # noqa: ANN401
+    """Strings of a file: text, bytes, or an array or cell array of them; blanks at the end dropped."""
+    if not is_text(values):
+        raise MeasurementError(f"{where}: found no text; expected text; store labels as strings")
+    texts = np.ascontiguousarray(values).reshape(-1)
+    if texts.dtype.kind == "S":
+        return [text.decode("utf-8", errors="replace").rstrip() for text in texts.tolist()]
+    # code points that no text has, which NumPy takes from a file as they are
+    codes = texts.view(np.dtype(np.uint32).newbyteorder(texts.dtype.byteorder))
+    bad = (codes > sys.maxunicode) | ((codes >= 0xD800) & (codes < 0xE000))
+    if bad.any():
+        raise MeasurementError(
+            f"{where}: found the code {int(codes[np.argmax(bad)]):#x}, no character; expected text; save it again"
+        )
+    return [text.rstrip() for text in texts.tolist()]
+
+
+#: A time history: its channel, unit, the sensor that its name is, empty where it is none, and the hit.
+_History = tuple[str, str, str, int | None]
+
+
+def time_records(block: Block) -> Iterator[TimeRecord]:
+    """Columns of `samples` with their channels, one array for each sensor with hits in columns, or arrays over time."""
+    whole = size_of(block.get("samples")) > 1
+    for name, samples in [("samples", _columns_of(block, "samples"))] if whole else _arrays_over_time(block):
+        rate, notes = _rate(block, name, len(samples))
+        histories = _of_samples(block, samples.shape[1]) if whole else _of_array(block, name, samples.shape[1])
+        for (channel, unit, word, hit), values in zip(histories, samples.T, strict=True):
+            if word and word not in get_args(SensorQuantity):
+                expected = ", ".join(get_args(SensorQuantity))
+                raise MeasurementError(f"{block.where('quantities')}: found {word!r}; expected one of {expected}")
+            factor, quantity, converted = read_sensor_unit(unit)
+            if word and quantity not in (None, word):
+                factor, converted = None, [f"unit {unit!r} is none of {word}, values left as written"]
+            claimed = cast(SensorQuantity, word) if word else quantity or "unknown"
+            place, said = f"{block.where(name)}, {channel!r}", (*notes, *converted)
+            yield TimeRecord(channel, rate, scaled(values, factor), claimed, unit, hit, place, said, factor)
+
+
+def _arrays_over_time(block: Block) -> Iterator[tuple[str, Array]]:
+    """Arrays that are time histories, sensors first, with their samples in columns."""
+    sensors = [name for name, value in block.arrays.items() if name.lower() in SENSORS and size_of(value) > 1]
+    others = ["signal", "outputs", "inputs", *([""] if block.named("time") else [])]
+    timed = block.named("time") or (block.outer and block.outer.named("time"))
+    clocked = timed or {block.scalar("rate"), block.scalar("interval")} != {None}
+    for name in sorted(sensors, key=lambda name: SENSORS.index(name.lower())):
+        yield name, _columns_of(block, name)
+    for name in [n for role in others for n in block.named(role) if n not in sensors] if clocked else []:
+        samples = None if is_complex(block.get(name)) else _along_time(block, name)
+        if samples is not None:
+            yield name, samples
+
+
+def _of_array(block: Block, name: str, count: int) -> list[_History]:
+    """The columns of an array over time: hits of a sensor, or channels."""
+    small, unit, several = name.lower(), block.told_unit(name), count > 1
+    if small in SENSORS:
+        word = small if small != "response" else ""
+        return [(small, unit, word, i + 1 if several else None) for i in range(count)]
+    label = re.sub(r"(?i)^time_chan_(\d+)$", r"channel \1", name)
+    return [(f"{label} {i + 1}" if several else label, unit, "", None) for i in range(count)]
+
+
+def _of_samples(block: Block, count: int) -> list[_History]:
+    """The columns of `samples`, by the lists beside them."""
+    channels = block.strings("channels") or [f"channel {i + 1}" for i in range(count)]
+    units, words = block.strings("unit") or [""] * count, block.strings("quantities") or [""] * count
+    hits = block.numbers("hits").ravel() if block.has("hits") else np.zeros(count)
+    if not ((hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))).all():
+        raise MeasurementError(
+            f"{block.where('hits')}: found {hits[:3].tolist()}; expected whole numbers from 1, 0 for none; correct it"
+        )
+    if not len(channels) == len(units) == len(words) == len(hits) == count:
+        raise MeasurementError(
+            f"{block.where('samples')}: found {count} columns; expected as many channels ({len(channels)}), units "
+            f"({len(units)}), quantities ({len(words)}) and hits ({len(hits)}); correct them"
+        )
+    listed = zip(channels, units, words, hits, strict=True)
+    return [(channel, unit, word, int(hit) or None) for channel, unit, word, hit in listed]
+
+
+def _along_time(block: Block, name: str) -> Array | None:
+    """Samples in columns, where the array has as many values along one axis as there are instants."""
+    values = block.numbers(name)
+    time = _instants(block, name, values.shape)
+    if values.ndim > 2 or (time is None and (block.named("time") or values.size < 8)):
+        return None
+    if time is None:
+        return _columns_of(block, name)
+    if values.ndim == 2 and values.shape[0] == values.shape[1]:
+        raise square_error(block, name, values.shape, "instants", "response")
+    values = values.reshape(values.shape[0], -1)
+    return values if len(values) == time.size else values.T
+
+
+def square_error(block: Block, name: str, shape: tuple[int, ...], what: str, key: str) -> MeasurementError:
+    """Refusal of an array that may lie either way."""
+    return MeasurementError(
+        f"{block.where(name)}: found shape {shape}, of which either axis can be that of the {what}; expected it to be "
+        f'told by the shape; write {key} = "{block.path(name)}(:,1)" or "{block.path(name)}(1,:)" in [data.layout]'
+    )
+
+
+def _instants(block: Block, name: str, shape: tuple[int, ...]) -> Array | None:
+    """The time vector that belongs to an array: of its own name, or the one that fits."""
+    axes = block.named("time")
+    alike = [axis for axis in axes if block.rest(axis) == block.rest(name)]
+    fitting = [axis for axis in alike or axes if size_of(block.get(axis)) in shape]
+    fitting = [axis for axis in fitting if block.stated(axis)] or fitting
+    if not fitting:
+        return None if block.outer is None or axes else _instants(block.outer, name, shape)
+    time = block.numbers(fitting[0]).ravel()
+    for other in fitting[1:]:
+        if not np.array_equal(block.numbers(other).ravel(), time):
+            raise two_axes_error(block, name, (fitting[0], other), "time")
+    return time
+
+
+def two_axes_error(block: Block, name: str, axes: tuple[str, str], key: str) -> MeasurementError:
+    """Refusal of an array that has two axes to choose from."""
+    return MeasurementError(
+        f"{block.where(name)}: found two axes for it, '{axes[0]}' and '{axes[1]}', which differ; expected one; write "
+        f'{key} = "{block.path(axes[0])}" or "{block.path(axes[1])}" in [data.layout]'
+    )
+
+
+def _columns_of(block: Block, name: str) -> Array:
+    """Samples in columns."""
+    values = block.numbers(name)
+    if values.ndim > 2 or values.size == 0:
+        where = block.where(name)
+        raise MeasurementError(f"{where}: found shape {values.shape}; expected (samples, channels); correct the array")
+    return values.reshape(-1, 1) if values.ndim < 2 or 1 in values.shape else values
+
+
+def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
+    """Sampling rate of an array, in Hz, with notes; refused where two that are told differ by 1 %."""
+    interval, axes = block.scalar("interval"), block.named("time")
+    rates = [rate for rate in (block.scalar("rate"), 1 / interval if interval else None) if rate is not None]
+    if (not rates and block.has("sample_rate_hz")) or not all(1 / HIGHEST_HZ <= rate <= HIGHEST_HZ for rate in rates):
+        raise MeasurementError(
+            f"{block.where('sample_rate_hz')}: found {f'{rates[0]:g}' if rates else 'no one number'}; expected one "
+            f"number above 0 and up to {HIGHEST_HZ:g} Hz; correct it"
+        )
+    time, notes = None if block.stated("sample_rate_hz") else _instants(block, name, (samples,)), []
+    where = block.where(axes[0] if axes else "time")
+    if time is not None:
+        unit = next(filter(None, map(block.unit_of, axes)), "ms" if any("ms" in block.hints(a) for a in axes) else "s")
+        scale = TIME_S.get(unit.lower())
+        if unit == "s" and time.size and _DAYS[0] <= time.min() and time.max() <= _DAYS[1] and np.ptp(time) < 1:
+            unit, scale = "days (datenum of MATLAB)", 86400.0
+        if scale is None:
+            raise MeasurementError(f"{where}: found the unit {unit!r}; expected s or ms; correct it")
+        notes = [f"instants in {unit} converted to s"] if scale != 1 else []
+        instants = (time - time[:1]) * scale
+        rates.append(
+            (time.size - 1) / max(float(np.ptp(instants)), 1 / HIGHEST_HZ) if rates else even_rate(instants, where)
+        )
+    elif not rates:
+        fault = "found no sampling rate; expected 'sample_rate_hz' or 'time'; add it"
+        if axes:
+            count = size_of(block.get(axes[0]))
+            fault = f"found {count} instants; expected {samples}, one for each sample; correct it"
+        raise MeasurementError(f"{where if axes else block.where(name)}: {fault}")
+    if not max(rates) / min(rates) - 1 < 1e-2:
+        raise MeasurementError(
+            f"{where}: found sampling rates of {rates[-1]:.6g} Hz and {rates[0]:.6g} Hz; expected one; write time or "
+            "sample_rate_hz with the name of the right one in [data.layout]"
+        )
+    return rates[0], notes

@@ -1,0 +1,221 @@
+"""Records of a measurement file, whatever its format, which is told by what is in it."""
+
+import re
+import stat
+import zipfile
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from vibrecords.errors import MeasurementError, path_fault
+from vibrecords.formats.array_files import read_arrays, zip_entries
+from vibrecords.formats.array_walk import records_of_tree
+from vibrecords.formats.grid import cut_to_band, join_frfs
+from vibrecords.formats.lvm import read_lvm
+from vibrecords.formats.table import read_table
+from vibrecords.formats.tdms import read_tdms
+from vibrecords.formats.uff_read import read_uff
+from vibrecords.formats.xlsx import read_xlsx
+from vibrecords.frf_set import FrfSet, Quantity
+from vibrecords.records import MOST_BYTES, MOST_RECORDS, FrfRecord, Record, labels_of, require_short
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+#: Files that are not measurements, with their beginnings.
+_OTHERS: dict[str, tuple[bytes, ...]] = {
+    "an executable program": (b"\x7fELF", b"MZ"),
+    "a script": (b"#!",),
+    "a PDF document": (b"%PDF",),
+    "a gzip archive": (b"\x1f\x8b",),
+    "a bzip2 archive": (b"BZh",),
+    "an xz archive": (b"\xfd7zXZ",),
+    "a 7-Zip archive": (b"7z\xbc\xaf",),
+    "an old Microsoft Office document (save it as .xlsx or CSV)": (b"\xd0\xcf\x11\xe0",),
+    "an image": (b"\x89PNG", b"\xff\xd8\xff"),
+    "a web page": (b"<!DOCTYPE", b"<html"),
+    "an XML document": (b"<?xml",),
+    "a single NumPy array": (b"\x93NUMPY",),
+}
+_EXPECTED = "expected UFF, MAT, CSV or TSV, xlsx, npz, HDF5, LVM or TDMS; export the measurement in one of them"
+
+
+def detect_format(path: str | Path) -> str:
+    """Format by content: ``uff``, ``mat``, ``mat73``, ``npz``, ``hdf5``, ``lvm``, ``tdms``, ``xlsx`` or ``table``.
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be opened, is empty, is larger than any measurement or is none of these.
+    """
+    path = Path(path)
+    head = _head(path)
+    if not head.strip():
+        raise MeasurementError(f"{path}: found nothing but {len(head)} blank bytes in the file; {_EXPECTED}")
+    wide = head[:2] in (b"\xff\xfe", b"\xfe\xff")
+    if wide:
+        head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode("utf-8", errors="replace")
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if text.startswith(b"version https://git-lfs"):
+        raise MeasurementError(
+            f"{path}: found a pointer of Git LFS in place of the file; expected the measurement itself; run "
+            "`git lfs pull` in its repository"
+        )
+    if wide and text.split(b"\n", 1)[0].strip() == b"-1":
+        raise MeasurementError(f"{path}: found text in UTF-16; expected a universal file in ASCII; save it so")
+    by_beginning = (kind for beginning, kind in _TOLD_BY_BEGINNING.items() if text.startswith(beginning))
+    return next(by_beginning, None) or _binary_format(path, head) or _text_format(path, head, text)
+
+
+def _head(path: Path) -> bytes:
+    """Beginning of a file, once it is known to be one: a pipe would be waited for."""
+    expected = "expected a measurement file; correct the path"
+    try:
+        about = path.stat()
+        if not stat.S_ISREG(about.st_mode):
+            raise MeasurementError(f"{path}: found a directory, a device or a pipe; {expected}")
+        if about.st_size > MOST_BYTES:
+            raise MeasurementError(
+                f"{path}: found {about.st_size / 2**30:.3g} GiB; expected at most {MOST_BYTES >> 30}; split the file"
+            )
+        with path.open("rb") as file:
+            return file.read(4096)
+    except FileNotFoundError:
+        raise MeasurementError(f"{path}: found no such file; {expected}") from None
+    except (OSError, ValueError) as error:  # of other kinds, and a NUL in the path
+        reason = path_fault(error)
+        raise MeasurementError(f"{str(path)[:300]}: found that it cannot be read ({reason}); {expected}") from None
+
+
+def _binary_format(path: Path, head: bytes) -> str | None:
+    if head.startswith(_HDF5) or any(head[at : at + 8] == _HDF5 for at in (512, 1024, 2048)):
+        return "hdf5"
+    if head.startswith(b"PK\x03\x04"):
+        try:
+            names = [entry.filename for entry in zip_entries(path)]
+        except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+            raise MeasurementError(
+                f"{path}: found a zip archive that is cut off or damaged; expected a complete npz file; copy it again"
+            ) from None
+        if any(name.endswith(".npy") for name in names):
+            return "npz"
+        if "xl/workbook.xml" in names:
+            return "xlsx"
+        raise MeasurementError(f"{path}: found a zip archive without NumPy arrays or sheets; {_EXPECTED}")
+    if re.match(rb"\x80[\x01-\x05]|c[\w.]+\n\w+\n|\(lp\d|\(dp\d|[\]}]q\x00", head):
+        raise MeasurementError(f"{path}: found a Python pickle, which is never opened; {_EXPECTED}")
+    for name, starts in _OTHERS.items():
+        if head.startswith(starts):
+            raise MeasurementError(f"{path}: found {name}; {_EXPECTED}")
+    return None
+
+
+def _text_format(path: Path, head: bytes, text: bytes) -> str:
+    if text.split(b"\n", 1)[0].strip() == b"-1":
+        return "uff"
+    if any(byte < 32 and byte not in b"\t\n\r\f" for byte in head):
+        raise MeasurementError(f"{path}: found binary data of an unknown kind; {_EXPECTED}")
+    return "table"
+
+
+def iter_records(path: str | Path, layout: Mapping[str, str] | None = None) -> Iterator[Record]:
+    """FRFs and time histories of a file, one after the other, in SI units and otherwise as the file has them.
+
+    Parameters
+    ----------
+    path
+        UFF, MAT, CSV or TSV, xlsx, npz, HDF5, LVM or TDMS; told apart by content.
+    layout
+        What the file's names stand for where they do not tell: our name to theirs, as ``[data.layout]``.
+
+    Yields
+    ------
+    FrfRecord or TimeRecord
+        A universal file is streamed: no more than one record is in memory.
+
+    Raises
+    ------
+    MeasurementError
+        One line that names the file, the place in it, and what is expected.
+    """
+    path = Path(path)
+    count = 0
+    kind = detect_format(path)
+    if layout and kind not in _LAID_OUT:
+        raise MeasurementError(
+            f"{path}: found [data.layout] for a file of format {kind}; expected it for MAT, HDF5, npz or tables; "
+            "take it away"
+        )
+    try:
+        reader = _READERS[kind]
+        with closing(reader(path, layout or {}) if kind in _LAID_OUT else reader(path)) as records:
+            for record in records:
+                count += 1
+                if count > MOST_RECORDS:
+                    raise MeasurementError(
+                        f"content: found more than {MOST_RECORDS} FRFs and time histories; expected fewer; split it"
+                    )
+                require_short(record.where[:60], *labels_of(record), getattr(record, "unit", ""))
+                yield record
+    except MeasurementError as error:
+        raise MeasurementError(f"{path}: {error}") from None
+    except OSError as error:
+        raise MeasurementError(
+            f"{path}: found a fault on reading ({error}); expected a readable file; copy it again"
+        ) from None
+    if not count:
+        raise MeasurementError(
+            f"{path}: found neither FRFs nor time histories; expected variables such as 'frequency_hz' and 'frf'; "
+            "see the layout in the documentation of measurement files"
+        )
+
+
+def read_frf(
+    path: str | Path,
+    *,
+    f_min_hz: float | None = None,
+    f_max_hz: float | None = None,
+    quantity: Quantity | None = None,
+) -> FrfSet:
+    """FRFs of a file as one set; outputs and inputs are the file's channel labels.
+
+    Parameters
+    ----------
+    path
+        File in any of the formats.
+    f_min_hz, f_max_hz
+        Lines outside the band are cut away before anything is checked.
+    quantity
+        What the FRFs are, whatever the file says.
+
+    Raises
+    ------
+    MeasurementError
+        As `iter_records`, and if the FRFs do not form one set.
+    """
+    frfs = (record for record in iter_records(path) if isinstance(record, FrfRecord))
+    cut = (cut_to_band(record, str(path), f_min_hz, f_max_hz) for record in frfs)
+    return join_frfs((replace(r, quantity=quantity) if quantity else r for r in cut), str(path))
+
+
+def _array_records(path: Path, layout: Mapping[str, str], kind: str) -> Generator[Record, None, None]:
+    yield from records_of_tree(read_arrays(path, kind), layout, "." if kind.startswith("mat") else "/")
+
+
+#: Formats whose readers take a layout.
+_LAID_OUT = ("mat", "mat73", "npz", "hdf5", "table", "xlsx", "tdms")
+#: Formats that the first words of a file tell.
+_TOLD_BY_BEGINNING = {
+    b"MATLAB 7.3": "mat73",
+    b"MATLAB 5.0": "mat",
+    b"LabVIEW Measurement": "lvm",
+    b"TDSm": "tdms",
+}
+_READERS: dict[str, Callable[..., Generator[Record, None, None]]] = {
+    "uff": read_uff,
+    "lvm": read_lvm,
+    "tdms": read_tdms,
+    "table": read_table,
+    "xlsx": read_xlsx,
+    **{kind: partial(_array_records, kind=kind) for kind in ("mat", "mat73", "npz", "hdf5")},
+}

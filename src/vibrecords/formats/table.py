@@ -1,0 +1,389 @@
+"""FRFs, time histories and spectra of tables, whatever file they stand in: what the columns are is told by evidence."""
+
+import re
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vibrecords.arrays import Array, complex_of
+from vibrecords.errors import MeasurementError
+from vibrecords.formats.columns import (
+    FREQUENCY_STEP,
+    FRF_ROLES,
+    QUANTITY_WORDS,
+    TIME_S,
+    TIME_STEP,
+    Column,
+    Role,
+    column_of,
+    filled_length,
+    groups_of,
+    layout_axis,
+    listed,
+    spectrum_kind,
+)
+from vibrecords.formats.table_text import TextTable, float_of, read_text_table, text_lines
+from vibrecords.formats.units import in_hz, read_frf_unit, read_sensor_unit, scaled
+from vibrecords.records import (
+    MOST_AVERAGES,
+    CoherenceRecord,
+    FrfRecord,
+    Record,
+    SpectrumRecord,
+    TimeRecord,
+    even_rate,
+)
+
+_UNITLESS = "no unit, where other columns have one: values left as written, and not taken as SI"
+_DEGREES = "degrees as [deg] or radians as [rad]; correct the header"
+
+
+def read_table(path: Path, layout: Mapping[str, str] | None = None) -> Generator[Record, None, None]:
+    """Records of a CSV or TSV file, or another table in text.
+
+    Raises
+    ------
+    MeasurementError
+        If a row or the header cannot be understood.
+    """
+    yield from table_records(read_text_table(text_lines(path)), layout)
+
+
+def table_records(
+    table: TextTable, layout: Mapping[str, str] | None = None, notes: tuple[str, ...] = ()
+) -> Iterator[Record]:
+    """Records of a table; `layout` may say of its first column that it is ``axis``: time or frequency_hz."""
+    columns = [column_of(name) for name in table.header]
+    if columns[0].header.lower() in ("x", "sequence") and "increment" in table.comments:  # of an oscilloscope
+        start, step = (float_of(table.comments[key]) for key in ("start", "increment"))
+        if start is not None and step is not None:
+            table.values[:, 0] = start + step * table.values[:, 0]
+            columns[0] = Column("time", "", "s")
+    unit = table.comments.get("vertical units", "")
+    if unit and not any(column.unit for column in columns[1:]):
+        columns[1:] = [replace(column, unit=unit) for column in columns[1:]]
+    yield from column_records(columns, table.values, table.comments, notes, layout_axis(layout))
+
+
+def column_records(
+    columns: Sequence[Column],
+    values: Array,
+    comments: Mapping[str, str],
+    notes: tuple[str, ...] = (),
+    axis: str | None = None,
+) -> Iterator[Record]:
+    """FRFs, time histories and spectra of a table with a column of frequency or time, or one of each channel.
+
+    Parameters
+    ----------
+    columns
+        Of the table, one for each column of `values`.
+    values
+        Numbers, shape (rows, columns); NaN at the end of a column that is shorter.
+    comments
+        ``averages``, ``quantity`` and ``sample_rate_hz`` where the file tells them.
+    notes
+        What was done so far.
+    axis
+        What the first column is where its name does not say it: ``"time"`` or ``"frequency_hz"``.
+
+    Raises
+    ------
+    MeasurementError
+        If columns do not pair up, a unit of the axis is not known, or a column can be read in two ways.
+    """
+    columns = list(columns)
+    empty = np.asarray(np.isnan(values).all(axis=0))
+    passed = [i for i, c in enumerate(columns) if c.role == "index" or empty[i]]
+    groups = groups_of(columns, values, sorted(set(range(len(columns))) - set(passed)), axis)
+    if passed:
+        notes = (*notes, f"passed over: {listed(columns, passed)}")
+    starts = []
+    for numbers, note in groups:
+        rows = values[: filled_length(values[:, numbers])]
+        group_notes = (*notes, *note)
+        if columns[numbers[0]].role == "frequency":
+            yield from _frequency_records(columns, rows, numbers, comments, group_notes)
+            continue
+        yield from _time_records(columns, rows, numbers, comments, group_notes)
+        if len(rows) < 2 or not np.isfinite(rows[:2, numbers[0]]).all():
+            continue
+        starts.append((float(rows[0, numbers[0]]), float(rows[1, numbers[0]] - rows[0, numbers[0]])))
+        if abs(starts[-1][0] - starts[0][0]) > 0.01 * starts[0][1]:
+            raise MeasurementError(
+                f"column {numbers[0] + 1}: found a channel that begins at {starts[-1][0]:g}, the first at "
+                f"{starts[0][0]:g}; expected channels that begin together; cut them to one start"
+            )
+
+
+def placed(records: Iterator[Record], place: str, hit: int | None = None) -> Iterator[Record]:
+    """Records with the part of the file they stand in before their place, and as the hit that it holds, if it does."""
+    for record in records:
+        if hit is not None and isinstance(record, TimeRecord) and record.hit is None:
+            record = replace(record, hit=hit)
+        yield replace(record, where=f"{place}, {record.where}")
+
+
+def _frequency_records(
+    columns: list[Column],
+    values: Array,
+    numbers: list[int],
+    comments: Mapping[str, str],
+    notes: tuple[str, ...],
+) -> Iterator[Record]:
+    axis, *rest = numbers
+    unit = columns[axis].unit or ("rad/s" if "omega" in columns[axis].header.lower() else "Hz")
+    lines, converted = in_hz(values[:, axis], unit, f"column {axis + 1}", "correct the header")
+    notes = (*notes, *converted)
+    if columns[axis].header and not columns[axis].unit and not converted:
+        notes = (*notes, "frequency without unit taken as Hz")
+    if rest and not any(columns[i].header or columns[i].unit for i in rest):
+        _name_parts(columns, values, rest)
+    frfs = _pair_up(columns, rest)
+    spectra = [i for i in rest if columns[i].role == "spectrum"]
+    others = [i for i in rest if columns[i].role not in (*FRF_ROLES, "spectrum")]
+    if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, whatever its name
+        spectra = [i for i in others if read_sensor_unit(columns[i].unit)[1]]
+        others = [i for i in others if i not in spectra]
+        if not spectra:
+            raise MeasurementError(
+                f"header: found {listed(columns, numbers)}; expected frequency, real and imaginary part "
+                "(or magnitude and phase), such as 'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer "
+                "[g/N]'; name the columns so"
+            )
+    if others:
+        notes = (*notes, f"passed over: {listed(columns, others)}")
+    yield from _spectra(columns, values, spectra, lines, notes)
+    averages = iter(_averages(comments, sum(set(parts) != {"coherence"} for _, parts in frfs)))
+    has_units = any(columns[i].unit for i in rest if columns[i].role in ("real", "imaginary", "magnitude"))
+    for name, parts in frfs:
+        if set(parts) == {"coherence"}:
+            response, reference, unnamed = _channels(name)
+            where, g2 = f"column {parts['coherence'] + 1}", values[:, parts["coherence"]]
+            yield CoherenceRecord(response, reference, lines, g2, None, where, (*notes, *unnamed))
+        else:
+            yield _frf(columns, parts, values, lines, name, next(averages), comments, notes, has_units)
+
+
+def _spectra(
+    columns: list[Column], values: Array, numbers: list[int], lines: Array, notes: tuple[str, ...]
+) -> Iterator[SpectrumRecord]:
+    for i in numbers:
+        channel, unit = columns[i].header or f"column {i + 1}", columns[i].unit
+        yield SpectrumRecord(channel, spectrum_kind(columns[i]), lines, values[:, i], unit, f"column {i + 1}", notes)
+
+
+@np.errstate(all="ignore")
+def _name_parts(columns: list[Column], values: Array, numbers: list[int]) -> None:
+    """Columns without names as real and imaginary parts, unless they may be something else."""
+    expected = "expected frequency, then pairs of real and imaginary part; name the columns in a first line"
+    if len(numbers) % 2 or not numbers:
+        raise MeasurementError(f"header: found {len(numbers) + 1} columns without a header; {expected}")
+    for k, (a, b) in enumerate(zip(numbers[::2], numbers[1::2], strict=True), start=1):
+        first, second = values[:, a], values[:, b]
+        largest, jump = np.abs(second).max(), np.abs(np.diff(second)).max(initial=0.0)
+        one_sign = (first >= 0).all() or (first <= 0).all()
+        degrees, radians = 3.2 < largest <= 360, 3 < largest <= 3.1416 and jump > 5
+        if one_sign and len(values) > 3 and (degrees or radians):
+            raise MeasurementError(
+                f"columns {a + 1} and {b + 1}: found numbers of one sign, and numbers up to {largest:g}; expected to "
+                "know whether they are real and imaginary part, or magnitude and phase in "
+                f"{'degrees' if degrees else 'radians'}; name the columns: 'frequency [Hz],real,imaginary' or "
+                f"'frequency [Hz],magnitude,phase [{'deg' if degrees else 'rad'}]'"
+            )
+        columns[a] = Column("real", f"output {k} / input 1", "")
+        columns[b] = Column("imaginary", f"output {k} / input 1", "")
+
+
+def _pair_up(columns: Sequence[Column], numbers: list[int]) -> list[tuple[str, dict[Role, int]]]:
+    """FRFs by name with their columns: those of one name belong together, a role that comes again begins the next."""
+    frfs: list[tuple[str, dict[Role, int]]] = []
+    of_name: dict[str, list[dict[Role, int]]] = {}
+    times: dict[tuple[str, Role], int] = {}
+    for i in numbers:
+        column = columns[i]
+        if column.role not in FRF_ROLES:
+            continue
+        nth = times[column.name, column.role] = times.get((column.name, column.role), -1) + 1
+        alike = of_name.setdefault(column.name, [])
+        if nth == len(alike):
+            alike.append({})
+            frfs.append((column.name, alike[nth]))
+        alike[nth][column.role] = i
+    if len(frfs) == 2 and not all(of_name) and not set(frfs[0][1]) & set(frfs[1][1]):
+        frfs = [(frfs[0][0] or frfs[1][0], frfs[0][1] | frfs[1][1])]  # one FRF, some of whose columns do not name it
+    for name, parts in frfs:
+        if not (
+            {"real", "imaginary"} <= set(parts) or {"magnitude", "phase"} <= set(parts) or [*parts] == ["coherence"]
+        ):
+            first = min(parts.values()) + 1
+            raise MeasurementError(
+                f"column {first}: found {' and '.join(sorted(parts))} of {name!r}; expected real and "
+                "imaginary, or magnitude and phase; complete the columns"
+            )
+    return frfs
+
+
+def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:
+    text = comments.get("averages", "")
+    if not text:
+        return [None] * count
+    numbers = [number.strip() for number in text.split(",")]
+    if any(not number.isdecimal() or len(number) > 9 or not 1 <= int(number) <= MOST_AVERAGES for number in numbers):
+        raise MeasurementError(
+            f"header: found averages {text[:30]!r}; expected whole numbers from 1 to {MOST_AVERAGES}; correct it"
+        )
+    if len(numbers) not in (1, count):
+        raise MeasurementError(f"header: found {len(numbers)} numbers of averages; expected 1 or {count}; correct it")
+    return [*map(int, numbers)] * (count if len(numbers) == 1 else 1)
+
+
+@np.errstate(all="ignore")  # a file may hold any number
+def _frf(
+    columns: Sequence[Column],
+    parts: Mapping[Role, int],
+    values: Array,
+    lines: Array,
+    name: str,
+    averages: int | None,
+    comments: Mapping[str, str],
+    notes: tuple[str, ...],
+    has_units: bool,
+) -> FrfRecord:
+    record_notes = list(notes)
+    roles: tuple[Role, Role] = ("real", "imaginary") if {"real", "imaginary"} <= set(parts) else ("magnitude", "phase")
+    first, second = (parts[role] for role in roles)
+    unit = columns[first].unit.replace(")(", ")/(")  # SignalCalc's (m/s2)(N)
+    if roles[0] == "real":
+        unit = unit or columns[second].unit
+        if columns[second].unit and read_frf_unit(columns[second].unit)[:2] != read_frf_unit(columns[first].unit)[:2]:
+            raise MeasurementError(
+                f"columns {first + 1} and {second + 1}: found the units {columns[first].unit!r} and "
+                f"{columns[second].unit!r}; expected one unit of both parts; correct the header"
+            )
+        complex_ = complex_of(values[:, first], values[:, second])
+    else:
+        magnitude, unit = _magnitude(values[:, first], unit, f"column {first + 1}", record_notes)
+        phase = _phase(values[:, second], columns[second].unit, f"column {second + 1}", record_notes)
+        complex_ = magnitude * np.exp(1j * phase)
+    factor, of_unit, converted = read_frf_unit(unit)
+    if not unit and has_units:
+        factor, converted = None, [_UNITLESS]
+    record_notes += converted
+    word = comments.get("quantity", "").lower()
+    named = next((candidate for candidate, words in QUANTITY_WORDS if word and re.fullmatch(words, word)), None)
+    response, reference, unnamed = _channels(name)
+    used = sorted(parts[role] for role in (*roles, "coherence") if role in parts)
+    return FrfRecord(
+        response,
+        reference,
+        lines,
+        scaled(complex_, factor),
+        columns[first].quantity or named or of_unit,
+        columns[first].unit,
+        values[:, parts["coherence"]] if "coherence" in parts else None,
+        averages,
+        f"columns {', '.join(str(i + 1) for i in used[:-1])} and {used[-1] + 1}",
+        (*record_notes, *unnamed),
+        factor,
+    )
+
+
+def _channels(name: str) -> tuple[str, str, tuple[str, ...]]:
+    """Response and reference that a name says, and a note where it does not."""
+    response, _, reference = (label.strip() for label in re.sub(r"\s+over\s+", " / ", name).rpartition(" / "))
+    if response:
+        return response, reference, ()
+    return reference or "output 1", "input 1", ("the header does not name response and reference",)
+
+
+def _magnitude(values: Array, unit: str, where: str, notes: list[str]) -> tuple[Array, str]:
+    decibels = re.match(r"dB\b\s*(?:,|re\.?|ref\.?)?\s*(?P<level>[\d.]+(?:e[+-]?\d+)?)?\s*", unit, re.IGNORECASE)
+    if decibels is None:
+        if (values < 0).any():
+            raise MeasurementError(
+                f"{where}: found a magnitude below 0 in {unit or 'no unit'!r}; expected magnitudes, or decibels named "
+                "so; write [dB re 1 m/s²/N] or the like behind the name"
+            )
+        return values, unit
+    level, reference = float_of(decibels["level"] or "1"), unit[decibels.end() :]
+    if not level or not 1e-30 < level < 1e30:
+        raise MeasurementError(f"{where}: found {unit[:40]!r}; expected decibels over a number and unit; correct it")
+    notes.append(f"decibels taken as 20 log10 of the magnitude over {level:g} {reference}".rstrip())
+    return level * 10 ** (values / 20), reference
+
+
+def _phase(values: Array, unit: str, where: str, notes: list[str]) -> Array:
+    word = unit.strip().lower()
+    finite = values[np.isfinite(values)]
+    largest, jump = (float(np.max(np.abs(x), initial=0.0)) for x in (finite, np.diff(finite)))
+    if word in ("rad", "radian", "radians"):
+        if jump > 6.6:  # wrapped radians jump by 2π
+            raise MeasurementError(f"{where}: found a phase in {unit!r} that jumps by {jump:.3g}; expected {_DEGREES}")
+        return values
+    if word in ("deg", "°", "degree", "degrees", "grad"):
+        if 3.1 < largest < 3.1416 and jump > 6:
+            raise MeasurementError(f"{where}: found a phase in {unit!r} from -π to π; expected {_DEGREES}")
+        return np.deg2rad(values)
+    if word:
+        raise MeasurementError(f"{where}: found the phase in {unit!r}; expected deg or rad; correct the header")
+    # no column of radians reaches beyond a few turns, no column of degrees of a resonance stays within them
+    if largest <= 4 * np.pi:
+        raise MeasurementError(f"{where}: found a phase without unit; expected [deg] or [rad]; add it to the header")
+    notes.append("phase without unit taken as degrees, since it passes 4π")
+    return np.deg2rad(values)
+
+
+def _time_records(
+    columns: list[Column],
+    values: Array,
+    numbers: list[int],
+    comments: Mapping[str, str],
+    notes: tuple[str, ...],
+) -> Iterator[Record]:
+    axis, *channels = numbers
+    spectra = [i for i in channels if columns[i].role == "spectrum"]
+    if spectra and len(spectra) == len(channels):
+        note = "its first column is taken as frequency in Hz, since the file names spectra"
+        yield from _spectra(columns, values, spectra, values[:, axis], (*notes, note))
+        return
+    scale = TIME_S.get(columns[axis].unit.lower() or "s")
+    if scale is None:
+        unit = columns[axis].unit
+        raise MeasurementError(f"column {axis + 1}: found the unit {unit!r}; expected s or ms; correct the header")
+    rate = even_rate(values[:, axis] * scale, f"column {axis + 1}")
+    told = float_of(comments.get("sample_rate_hz", ""))
+    if told is not None and abs(told / rate - 1) < 1e-3:
+        rate = told  # exact, where the instants are rounded
+    elif not columns[axis].unit and rate < 1.001 / FREQUENCY_STEP:
+        raise MeasurementError(
+            f"column {axis + 1}: found time without a unit in steps of {1 / rate:g}; expected s ({rate:g} samples a "
+            f"second) or ms ({1e3 * rate:g} a second); write [s] or [ms] behind its name"
+        )
+    elif not columns[axis].unit and rate < 1.001 / TIME_STEP:
+        notes = (*notes, f"time without unit taken as s, {rate:g} samples a second")
+    if spectra:
+        notes = (*notes, f"passed over: {listed(columns, spectra)}")
+    for i in channels:
+        if i in spectra:
+            continue
+        column = columns[i]
+        factor, quantity, converted = read_sensor_unit(column.unit)
+        if not column.unit and any(columns[k].unit for k in channels):
+            factor, converted = None, [_UNITLESS]
+        label = column.name if column.role == "other" else column.header
+        hit = re.search(r"\bhit (\d{1,6})$", label)
+        name = label[: hit.start()].strip() if hit else label
+        yield TimeRecord(
+            name or f"column {i + 1}",
+            rate,
+            scaled(values[:, i], factor),
+            quantity or "unknown",
+            column.unit,
+            int(hit[1]) if hit else None,
+            f"column {i + 1}",
+            (*notes, *converted),
+            factor,
+        )

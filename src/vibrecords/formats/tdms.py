@@ -1,0 +1,126 @@
+"""LabVIEW's binary files (``.tdms``), by npTDMS: channels of groups with their own clocks."""
+
+import logging
+from collections.abc import Generator, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrecords.errors import MeasurementError
+from vibrecords.formats.columns import Column, Role, column_of, layout_axis, listed
+from vibrecords.formats.table import column_records, placed
+from vibrecords.records import MOST_COLUMNS, Record, refuse_damage, require_short
+
+#: Scales of a channel: npTDMS looks at each, however many a damaged file promises.
+_MOST_SCALES = 100
+
+
+def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Generator[Record, None, None]:
+    """Records of the groups; groups with the same channels are hits.
+
+    Sensitivities are applied where DAQmx wrote its scaling, and by nobody again: npTDMS gives engineering units.
+
+    Raises
+    ------
+    MeasurementError
+        If npTDMS is missing, the file is damaged, or channels have neither an increment nor an axis.
+    """
+    try:
+        import nptdms
+        from nptdms.log import log_manager
+    except ImportError:
+        raise MeasurementError(
+            "content: found a LabVIEW TDMS file; expected the package npTDMS, which reads it; pip install "
+            "jointbayes[files], or export the measurement as LVM"
+        ) from None
+    logging.getLogger("nptdms").addHandler(logging.NullHandler())
+    log_manager.set_level(logging.CRITICAL)  # what it says of damaged files is said below
+    damage = refuse_damage("content", "a TDMS file; copy or export it again")
+    with damage, path.open("rb") as handle, nptdms.TdmsFile.open(handle) as file:
+        channels = [channel for group in file.groups() for channel in group.channels()]
+        size = path.stat().st_size
+        if len(channels) > MOST_COLUMNS or sum(map(len, channels)) > size:
+            raise MeasurementError(
+                f"content: found {len(channels)} channels of {sum(map(len, channels))} values in {size} bytes; "
+                "expected no more values than bytes; copy the file again"
+            )
+        scales = (o.properties.get("NI_Number_Of_Scales", 0) for o in (file, *file.groups(), *channels))
+        if max(map(int, scales)) > _MOST_SCALES:
+            raise MeasurementError(
+                f"content: found a channel of over {_MOST_SCALES} scales; expected fewer; copy the file again"
+            )
+        status = file.file_status
+        notes = ("cut off: channels hold what was written before",) if status.incomplete_final_segment else ()
+        groups: dict[str, list[_Channel]] = {}
+        for channel in channels:
+            if len(channel) and (channel.dtype is not None and channel.dtype.kind in "iufc"):
+                groups.setdefault(channel.group_name, []).append(_channel(channel))
+    alike = len(groups) > 1 and len({tuple(c.name for c in channels) for channels in groups.values()}) == 1
+    for number, (name, members) in enumerate(groups.items(), start=1):
+        require_short("group", name, *(text for c in members for text in (c.name, c.unit)))
+        records = _group_records(name, members, layout, notes)
+        yield from placed(records, f"group {name[:60]!r}", number if alike else None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Channel:
+    """Values of a channel, whether the file tells its clock, and that: axis, start and step in s or Hz, and beginning.
+
+    The recording began at so many ns of some epoch.
+    """
+
+    name: str
+    unit: str
+    values: NDArray[Any]
+    has_clock: bool
+    clock: tuple[Role, float, float, int]
+
+
+def _channel(channel: Any) -> _Channel:  # noqa: ANN401 - npTDMS has no types
+    told = channel.properties
+    unit = str(told.get("unit_string") or told.get("NI_UnitDescription") or "")
+    axis_name = f"{told.get('wf_xname', '')} {told.get('wf_xunit_string', '')}".lower()
+    is_frequency = "hz" in axis_name or "freq" in axis_name
+    step, start = float(told.get("wf_increment", 0.0)), float(told.get("wf_start_offset", 0.0))
+    begun = told.get("wf_start_time")
+    begun_ns = int(begun.astype("datetime64[ns]").astype(np.int64)) if isinstance(begun, np.datetime64) else 0
+    # of channels without a clock LabVIEW writes a step of 1 s
+    known = np.isfinite([step, start]).all() and step > 0 and (is_frequency or step < 1)
+    clock: tuple[Role, float, float, int] = ("frequency" if is_frequency else "time", start, step * known, begun_ns)
+    return _Channel(channel.name, unit, channel[:], bool(known), clock)
+
+
+def _group_records(
+    name: str, channels: list[_Channel], layout: Mapping[str, str] | None, notes: tuple[str, ...]
+) -> Iterator[Record]:
+    """Records of a group: channels of one clock make a table behind a column of frequency or time."""
+    columns: list[Column] = []
+    arrays: list[NDArray[Any]] = []
+    clocks = dict.fromkeys(c.clock for c in channels if c.has_clock)
+    first_ns = min((clock[3] for clock in clocks), default=0)
+    for clock in clocks or [channels[0].clock]:
+        axis, start, step, begun_ns = clock
+        members = [c for c in channels if c.clock == clock or not clocks]
+        if clocks:
+            columns.append(Column(axis, "", "Hz" if axis == "frequency" else "s"))
+            start += 1e-9 * (begun_ns - first_ns) if axis == "time" else 0.0
+            arrays.append(start + step * np.arange(max(c.values.size for c in members)))
+        for c in members:
+            parts = {"real": c.values.real, "imaginary": c.values.imag} if np.iscomplexobj(c.values) else {"": c.values}
+            for part, values in parts.items():
+                columns.append(column_of(f"{part} {c.name} [{c.unit}]" if c.unit else f"{part} {c.name}"))
+                arrays.append(values)
+    if not clocks and not any(column.role in ("time", "frequency") for column in columns) and not layout:
+        raise MeasurementError(
+            f"group {name[:60]!r}: found {listed(columns, range(len(columns)))} without a wf_increment; expected the "
+            "time between samples, or a channel named time or frequency; export the channels as waveforms"
+        )
+    table = np.full((max(a.size for a in arrays), len(arrays)), np.nan)
+    for i, array in enumerate(arrays):
+        table[: array.size, i] = array
+    left = [c.name for c in channels if clocks and not c.has_clock]
+    notes += (f"without a wf_increment, passed over: {', '.join(left)[:200]}",) if left else ()
+    yield from column_records(columns, table, {}, notes, layout_axis(layout))

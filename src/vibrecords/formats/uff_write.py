@@ -1,0 +1,233 @@
+"""Universal files written: data sets 151, 164, for each function 58 in text or 58b, for each mode 55."""
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrecords.arrays import Array
+from vibrecords.errors import MeasurementError
+from vibrecords.formats.uff_data_sets import AXIS_TYPES, CORRECTIONS
+from vibrecords.formats.uff_values import NORMAL_MODES
+from vibrecords.formats.units import MOTION_OF, si_sensor_unit
+from vibrecords.records import (
+    Dof,
+    FrfRecord,
+    ModeRecord,
+    Record,
+    SensorQuantity,
+    TimeRecord,
+    dof_label,
+    parse_dof,
+)
+
+_AXIS_NAMES = {8: "Displacement", 11: "Velocity", 12: "Acceleration", 13: "Force", 17: "Time", 18: "Frequency"}
+
+
+def write_uff(records: Iterable[Record], path: Path, *, binary: bool, remarks: Sequence[str] = ()) -> None:
+    """Write FRFs, their coherence, time histories and modes; what is read back is the same to the last bit.
+
+    Text has columns 20 wide, too few for the last digits of a double: what is missing follows each function in a data
+    set of a type that other programs pass over. They read 13 digits, of modes 6. Remarks, ASCII, stand in another such.
+
+    Raises
+    ------
+    MeasurementError
+        If a label is longer than an ID line.
+    """
+    with path.open("wb") as file:
+        _data_set(file, 151, ["jointbayes", *(["NONE"] * 6)])
+        _data_set(file, 164, [f"{1:10d}{'SI: metre, newton':<20}{2:10d}", f"{1.0:25.17E}" * 3, f"{273.15:25.17E}"])
+        if remarks:
+            _data_set(file, CORRECTIONS + 1, remarks)
+        for record in records:
+            if isinstance(record, FrfRecord):
+                _frf(file, record, binary)
+            elif isinstance(record, TimeRecord):
+                _time(file, record, binary)
+            elif isinstance(record, ModeRecord):
+                lines, true, read = _mode_lines(record)
+                _data_set(file, 55, lines)
+                _corrections(file, true, read)
+            else:
+                raise MeasurementError(
+                    f"records: found a {type(record).__name__}; expected FRFs, time histories or modes; leave it out"
+                )
+
+
+def _lines(file: BinaryIO, lines: Iterable[str]) -> None:
+    file.writelines(f"{line.rstrip(' ') if line.strip() != '-1' else line}\n".encode() for line in lines)
+
+
+def _data_set(file: BinaryIO, kind: int, lines: Iterable[str]) -> None:
+    _lines(file, ["    -1", f"{kind:6d}", *lines, "    -1"])
+
+
+def _frf(file: BinaryIO, record: FrfRecord, binary: bool) -> None:
+    above: SensorQuantity = MOTION_OF[record.quantity] if record.quantity else "unknown"
+    axes = ((18, "Hz"), _axis(above), _axis("force" if record.quantity else "unknown"))
+    ids = ["" if record.averages is None else f"averages {record.averages}"]
+    pair = (record.response, record.reference)
+    _function(file, 4, pair, ids, axes, record.frequency_hz, record.values, binary)
+    if record.coherence is not None:
+        _function(file, 6, pair, ids, ((18, "Hz"), (0, ""), (0, "")), record.frequency_hz, record.coherence, binary)
+
+
+def _axis(quantity: SensorQuantity) -> tuple[int, str]:
+    return AXIS_TYPES[quantity], si_sensor_unit(quantity)
+
+
+def _time(file: BinaryIO, record: TimeRecord, binary: bool) -> None:
+    axes = ((17, "s"), _axis(record.quantity), (0, ""))
+    ids = [f"sample_rate_hz={float(record.sample_rate_hz)!r}", "" if record.hit is None else f"hit {record.hit}"]
+    time = np.arange(record.values.size) / record.sample_rate_hz
+    _function(file, 1, (record.channel, ""), ids, axes, time, record.values, binary, always_even=True)
+
+
+def _function(
+    file: BinaryIO,
+    function: int,
+    pair: tuple[str, str],
+    ids: Sequence[str],
+    axes: Sequence[tuple[int, str]],
+    abscissa: Array,
+    ordinate: NDArray[Any],
+    binary: bool,
+    *,
+    always_even: bool = False,
+) -> None:
+    dofs, named = _dofs(pair)
+    even, minimum, increment = _spacing(abscissa)
+    if always_even:  # the sampling rate stands in an ID line: the abscissa itself is not kept
+        even, minimum, increment = True, _short(0.0), _short(float(abscissa[-1]) / max(1, abscissa.size - 1))
+    complex_ = np.iscomplexobj(ordinate)
+    numbers = np.ascontiguousarray(ordinate).view(float).reshape(ordinate.size, -1)
+    columns = numbers if even else np.column_stack([abscissa, numbers])
+    lines = [line for line in (*named, *ids) if line]
+    lines = ["NONE"] * (5 - len(lines)) + lines
+    head = f"{58:6d}"
+    if binary:
+        head += f"b{1:6d}{2:6d}{11:12d}{columns.size * 8:12d}{0:6d}{0:6d}{0:12d}{0:12d}"
+    cells = [f" {dof.entity or 'NONE':<10}{dof.node:10d}{dof.direction:4d}" for dof in dofs]
+    lines.append(f"{function:5d}{0:10d}{0:5d}{0:10d}{''.join(cells)}")
+    lines.append(
+        f"{6 if complex_ else 4:10d}{ordinate.size:10d}{int(even):10d}{minimum:>13}{increment:>13}{'0.00000E+00':>13}"
+    )
+    for kind, unit in (*axes, (0, "")):
+        lines.append(f"{kind:10d}{0:5d}{0:5d}{0:5d} {_AXIS_NAMES.get(kind, 'NONE'):<20} {unit or 'NONE':<20}")
+    _lines(file, ["    -1", head, *lines])
+    if binary:
+        file.write(np.asarray(columns, "<f8").tobytes())
+        file.write(b"    -1\n")
+        return
+    text, read = _text(columns, even)
+    file.write(text)
+    _lines(file, ["    -1"])
+    read_abscissa = float(minimum) + np.arange(abscissa.size) * float(increment)
+    if not even:
+        read_abscissa, read = read[:, 0], read[:, 1:]
+    if always_even:
+        read_abscissa = abscissa
+    _corrections(file, np.concatenate([abscissa, numbers.ravel()]), np.concatenate([read_abscissa, read.ravel()]))
+
+
+def _dofs(pair: tuple[str, str]) -> tuple[list[Dof], list[str]]:
+    """Degrees of freedom of response and reference, and ID lines for labels that they do not spell exactly."""
+    dofs, named = [], []
+    for key, label in zip(("response", "reference"), pair, strict=True):
+        # of a DOF with words behind it other programs see the DOF
+        dof = (parse_dof(label.partition(" ")[0]) if label.isascii() else None) or Dof("", 0, 0)
+        dofs.append(dof)
+        if label and dof_label(dof) != label:
+            line = f"{key}={label}"
+            if len(line.encode()) > 80 or line != " ".join(line.split(" ")).strip() or not label.isprintable():
+                raise MeasurementError(
+                    f"label {label[:30]!r}: found {len(label)} characters; expected printable ones that fit an ID line "
+                    "of 80; shorten the label"
+                )
+            named.append(line)
+    return dofs, named
+
+
+def _short(value: float) -> str:
+    """The number in 13 columns, with as many digits as fit."""
+    exact = repr(float(value))
+    if len(exact) <= 12:
+        return exact
+    return next((text for digits in range(12, 0, -1) if len(text := f"{value:.{digits}G}") <= 12), f"{value:.5E}")
+
+
+def _spacing(abscissa: Array) -> tuple[bool, str, str]:
+    """True with minimum and increment in the header's columns where they give the lines back exactly."""
+    if abscissa.size > 1 and np.isfinite(abscissa).all():
+        minimum, increment = _short(abscissa[0]), _short((abscissa[-1] - abscissa[0]) / (abscissa.size - 1))
+        step = float(increment)
+        if step > 0 and np.array_equal(float(minimum) + np.arange(abscissa.size) * step, abscissa):
+            return True, minimum, increment
+    return False, "0.00000E+00", "0.00000E+00"
+
+
+def _text(columns: Array, even: bool) -> tuple[bytes, Array]:
+    """Lines of 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12, and the numbers as they will be read from them."""
+    wide = [_cell(value) for value in columns.ravel()]
+    rows, per_value = columns.shape
+    if not even:
+        wide[::per_value] = [f"{_short(value):>13}" for value in columns[:, 0]]
+    per_line = 3 if per_value == 3 else 4
+    lines = ("".join(wide[i : i + per_line]) + "\n" for i in range(0, len(wide), per_line))
+    return "".join(lines).encode(), np.array([float(cell) for cell in wide]).reshape(rows, per_value)
+
+
+def _cell(value: float) -> str:
+    return f"{value:20.12E}" if math.isfinite(value) else f"{value:20}"
+
+
+def _corrections(file: BinaryIO, true: Array, read: Array) -> None:
+    """Steps in units of the last place from what is read to what is true, where there are any."""
+    steps = true.view(np.int64) - np.asarray(read, float).view(np.int64)
+    steps[np.isnan(true)] = 0
+    if not steps.any():
+        return
+    # a single blank and a sign before each: no line of it can be taken for a delimiter
+    words = [f"{step:+d}" for step in steps.tolist()]
+    _data_set(file, CORRECTIONS, (" ".join(words[i : i + 12]) for i in range(0, len(words), 12)))
+
+
+def _mode_lines(mode: ModeRecord) -> tuple[list[str], Array, Array]:
+    """Lines of a data set 55, the numbers that they stand for, and those that will be read from them.
+
+    Raises
+    ------
+    MeasurementError
+        If a label of the shape is no node with a direction.
+    """
+    dofs = {label: parse_dof(label) for label in mode.shape}
+    for label, dof in dofs.items():
+        if dof is None or dof.entity or not dof.direction:
+            raise MeasurementError(
+                f"mode {mode.number}: found label {label[:30]!r}; expected that of a node, such as '12:Z+'; rename it"
+            )
+    rows: dict[int, list[complex]] = {}
+    per_node = 6 if any(abs(dof.direction) > 3 for dof in dofs.values() if dof) else 3
+    for label, dof in dofs.items():
+        assert dof is not None
+        value = mode.shape[label] if dof.direction > 0 else -mode.shape[label]
+        rows.setdefault(dof.node, [0j] * per_node)[abs(dof.direction) - 1] = value
+    complex_ = any(value.imag for value in map(complex, mode.shape.values()))
+    sds = {"frequency_sd_hz": mode.frequency_sd_hz, "damping_sd": mode.damping_sd}
+    told = " ".join(f"{key}={value!r}" for key, value in sds.items() if value is not None)
+    stated = [mode.frequency_hz, mode.modal_mass or 0.0, mode.damping_ratio or 0.0, 0.0]
+    lines = [f"Mode {mode.number}", told or "NONE", *["NONE"] * 3]
+    definition = (1, NORMAL_MODES, per_node // 3 + 1, 8, 5 if complex_ else 2, per_node)
+    lines.append("".join(f"{number:10d}" for number in definition))
+    lines += [f"{2:10d}{4:10d}{1:10d}{mode.number:10d}", "".join(f"{x:13.5E}" for x in stated)]
+    true = list(stated)
+    for node, row in rows.items():
+        numbers = np.array(row, complex).view(float) if complex_ else np.array(row, complex).real
+        cells = [f"{x:13.5E}" for x in numbers]
+        lines += [f"{node:10d}", *("".join(cells[i : i + 6]) for i in range(0, len(cells), 6))]
+        true += numbers.tolist()
+    return lines, np.array(true), np.array([float(f"{x:13.5E}") for x in true])

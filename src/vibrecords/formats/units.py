@@ -1,0 +1,263 @@
+"""Unit labels such as ``g/N``, ``(mm/s²)/lbf`` or ``1/kg`` to a factor to SI and what they measure."""
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrecords.errors import MeasurementError
+from vibrecords.frf_set import Quantity
+from vibrecords.records import SensorQuantity
+
+Q = TypeVar("Q")
+
+#: Standard acceleration of gravity, m/s² (exact).
+G_STANDARD = 9.80665
+_LBF = 4.4482216152605
+
+Powers = tuple[int, int, int, int]
+_FORCE, _ACCELERATION, _LENGTH, _SECONDS = (1, 1, -2, 0), (1, 0, -2, 0), (1, 0, 0, 0), (0, 0, 1, 0)
+_NOTHING, _VOLT = (0, 0, 0, 0), (0, 0, 0, 1)
+#: Factor to SI of names of one unit, by what they measure. ``g`` is gravity: no analyser weighs in grams.
+_UNITS: tuple[tuple[Powers, dict[str, float]], ...] = (
+    (_NOTHING, {"1 rad": 1.0}),
+    (_LENGTH, {"m meter meters metre metres": 1.0, "cm": 1e-2, "mm": 1e-3, "um micron microns": 1e-6, "nm": 1e-9}),
+    (_LENGTH, {"in inch inches": 0.0254, "mil mils": 2.54e-5, "ft feet": 0.3048}),
+    (_SECONDS, {"s sec second seconds": 1.0, "ms": 1e-3}),
+    ((1, 0, -1, 0), {"ips": 0.0254}),
+    ((0, 1, 0, 0), {"kg": 1.0}),
+    (_FORCE, {"N newton newtons": 1.0, "mN": 1e-3, "kN": 1e3, "MN": 1e6, "dyn": 1e-5}),
+    (_FORCE, {"lbf lb lbs pound pounds": _LBF, "kgf kp": G_STANDARD}),
+    (_ACCELERATION, {"g G gn g0 gs": G_STANDARD}),
+    ((2, 1, -2, 0), {"Nm": 1.0}),
+    ((-1, 1, -2, 0), {"Pa": 1.0, "kPa": 1e3}),
+    (_VOLT, {"V volt volts": 1.0, "mV": 1e-3}),
+    ((0, 0, -1, 0), {"Hz": 1.0}),
+)
+#: Factor to SI and powers of metre, kilogram, second and volt.
+ATOMS: dict[str, tuple[float, Powers]] = {
+    name: (factor, powers) for powers, units in _UNITS for names, factor in units.items() for name in names.split()
+}
+#: Factor to Hz of the units of a frequency axis, in small letters.
+FREQUENCY_HZ: dict[str, float] = {
+    **dict.fromkeys(("hz", "hertz", "cps", "1/s", "s^-1"), 1.0),
+    "khz": 1e3,
+    **dict.fromkeys(("rpm", "cpm"), 1 / 60),
+    **dict.fromkeys(("rad/s", "rad/sec", "rads/s", "rad s^-1", "rad.s-1"), 0.5 / math.pi),
+}
+_SUPERSCRIPTS = str.maketrans(
+    {"²": "^2", "³": "^3", "⁻": "^-", "¹": "1", "µ": "u", "μ": "u", "·": "*", "⋅": "*", "[": "(", "]": ")", "’": "'"}
+)
+_TOKEN = re.compile(r"\s*(?:(?P<name>[A-Za-z]+0?|1)(?P<power>(?:\^|\*\*)?(?:-?\d|\(-?\d\)))?|(?P<sign>[*/()]))")
+#: A plural as programs write it, ``g's`` and ``Pound(s)``; and metres by seconds run together, ``ms-2``.
+_PLURAL = re.compile(r"(?<=[A-Za-z])(?:'s\b|(?<=[A-Za-z]{3})\(s\))")
+_RUN_TOGETHER = re.compile(r"(?<![A-Za-z])ms(?=\^?\(?-\d)")
+_SENSORS: dict[Powers, SensorQuantity] = {
+    _FORCE: "force",
+    _LENGTH: "displacement",
+    (1, 0, -1, 0): "velocity",
+    _ACCELERATION: "acceleration",
+}
+#: What a sensor measures that makes the FRF.
+MOTION_OF: dict[Quantity, SensorQuantity] = {
+    "receptance": "displacement",
+    "mobility": "velocity",
+    "accelerance": "acceleration",
+}
+_SI_SENSOR = {"force": "N", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2", "unknown": ""}
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """Factor to SI, and powers of metre, kilogram, second and volt."""
+
+    factor: float
+    powers: Powers
+
+    def times(self, other: "Unit", power: int = 1) -> "Unit":
+        """Product with a power of another unit."""
+        a, b = self.powers, other.powers
+        powers = (a[0] + power * b[0], a[1] + power * b[1], a[2] + power * b[2], a[3] + power * b[3])
+        return Unit(self.factor * other.factor**power, powers)
+
+
+_ONE = Unit(1.0, (0, 0, 0, 0))
+
+
+def parse_unit(label: str, *, lasting: bool = True) -> Unit | None:
+    """Unit of a label, or None where the label is empty or not understood.
+
+    Parameters
+    ----------
+    label
+        As a file has it.
+    lasting
+        Whether a stroke lasts to the end, as in ``m/N*s`` for m/(N·s); else up to the next sign, as in ``1/N*(m/s²)``.
+
+    Examples
+    --------
+    >>> parse_unit("mm/s^2/N").factor
+    0.001
+    >>> parse_unit("EU/EU") is None
+    True
+    """
+    text = label.translate(_SUPERSCRIPTS).replace("^-^", "^-").strip()
+    if not text or len(text) > 60:  # nobody's unit is longer; a bound keeps brackets from nesting deeply
+        return None
+    text = _RUN_TOGETHER.sub("m*s", _PLURAL.sub("", text))
+    tokens: list[re.Match[str]] = []
+    at = 0
+    while at < len(text):
+        token = _TOKEN.match(text, at)
+        if token is None:
+            return None
+        tokens.append(token)
+        at = token.end()
+    try:
+        unit, rest = _product(tokens, lasting)
+    except (KeyError, ValueError, OverflowError):
+        return None
+    return unit if not rest else None
+
+
+def _product(tokens: list[re.Match[str]], lasting: bool) -> tuple[Unit, list[re.Match[str]]]:
+    unit, power = _ONE, 1
+    while tokens:
+        token, tokens = tokens[0], tokens[1:]
+        match token["sign"]:
+            case "*":
+                power = power if lasting else 1
+            case "/":
+                power = -1
+            case "(":
+                inner, tokens = _product(tokens, lasting)
+                if not tokens or tokens[0]["sign"] != ")":
+                    raise ValueError("bracket")
+                tokens = tokens[1:]
+                unit = unit.times(inner, power)
+            case ")":
+                return unit, [token, *tokens]
+            case _:
+                name = token["name"]
+                # old programs write in capitals; MN stays a meganewton
+                atom = Unit(*ATOMS[name if name in ATOMS else name.lower()])
+                exponent = int(re.sub(r"[()^*]", "", token["power"])) if token["power"] else 1
+                unit = unit.times(atom, power * exponent)
+    return unit, tokens
+
+
+def sensor_unit(label: str) -> tuple[float, SensorQuantity] | None:
+    """Factor to SI and what is measured, or None where the label does not say.
+
+    Examples
+    --------
+    >>> sensor_unit("g")
+    (9.80665, 'acceleration')
+    """
+    unit = parse_unit(label)
+    quantity = None if unit is None else _SENSORS.get(unit.powers)
+    return None if unit is None or quantity is None else (unit.factor, quantity)
+
+
+def frf_unit(label: str, reference_label: str = "") -> tuple[float, Quantity] | None:
+    """Factor to SI and quantity that the unit of an FRF says, or None where it does not say.
+
+    Parameters
+    ----------
+    label
+        Unit of the FRF, or of the response alone.
+    reference_label
+        Unit of the force where it stands apart.
+
+    Examples
+    --------
+    >>> frf_unit("1/kg")
+    (1.0, 'accelerance')
+    >>> frf_unit("m/s", "lbf")[1]
+    'mobility'
+    """
+    units = _readings(label, reference_label)
+    meant = [u for u in units if (p := u.powers)[1::2] == (-1, 0) and p[0] in (0, -1, -2) and p[2] in (0, 1, 2)]
+    if len(meant) != 1:
+        return None
+    unit = meant[0]
+    return unit.factor, get_args(Quantity)[2 - unit.powers[2]]
+
+
+def _readings(label: str, reference_label: str) -> set[Unit]:
+    """The units that a label can stand for, divided by that of the force where it stands apart."""
+    reference = parse_unit(reference_label)
+    units = {unit for lasting in (True, False) if (unit := parse_unit(label, lasting=lasting)) is not None}
+    return {u if u.powers[1] or u.powers[3] or reference is None else u.times(reference, -1) for u in units}
+
+
+def read_frf_unit(label: str, reference_label: str = "") -> tuple[float | None, Quantity | None, list[str]]:
+    """Factor to SI, quantity where the unit of an FRF says it, and notes on what becomes of the values.
+
+    The factor is None where the unit is not understood, or none of an FRF over a force; 1 where there is no unit. The
+    quantity of an FRF over volts is that of its response: its modes are those of the structure.
+    """
+    parsed = frf_unit(label, reference_label)
+    volts = {-u.powers[2] for u in _readings(label, reference_label) if u.powers[:2] == (1, 0) and u.powers[3] == -1}
+    if parsed is None and len(volts) == 1 and (power := volts.pop()) in (0, 1, 2):
+        return None, get_args(Quantity)[power], [f"unit {label!r} is over volts, values left as written"]
+    return _read(label, parsed, si_frf_unit)
+
+
+def read_sensor_unit(label: str) -> tuple[float | None, SensorQuantity | None, list[str]]:
+    """The same for the unit of a time history."""
+    if parse_unit(label) is not None and sensor_unit(label) is None:
+        return None, None, [f"unit {label!r} is that of no force or motion, values left as written"]
+    return _read(label, sensor_unit(label), si_sensor_unit)
+
+
+def _read(
+    label: str, parsed: tuple[float, Q] | None, si_unit: Callable[[Q], str]
+) -> tuple[float | None, Q | None, list[str]]:
+    if parsed is None:
+        return (None, None, [f"unit {label!r} not understood, values left as written"]) if label else (1.0, None, [])
+    factor, quantity = parsed
+    return factor, quantity, [f"{label} converted to {si_unit(quantity)}"] if factor != 1 else []
+
+
+def scaled(values: NDArray[Any], factor: float | None) -> NDArray[Any]:
+    """Real or complex values times a factor, each part by itself: an infinite one leaves the other as it was."""
+    if factor is None or factor == 1:
+        return values
+    parts = np.ascontiguousarray(values)
+    with np.errstate(all="ignore"):
+        return np.asarray((parts.view(np.float64) * factor).view(parts.dtype))
+
+
+def frequency_factor(label: str) -> float | None:
+    """Factor to Hz of the unit of a frequency axis, or None where it is not understood."""
+    return FREQUENCY_HZ.get(label.strip().strip("[]()").strip().lower())
+
+
+def in_hz(lines: NDArray[np.float64], unit: str, where: str, remedy: str) -> tuple[NDArray[np.float64], list[str]]:
+    """A frequency axis in Hz, with a note where its unit is another.
+
+    Raises
+    ------
+    MeasurementError
+        If the unit is not understood.
+    """
+    factor = frequency_factor(unit)
+    if factor is None:
+        raise MeasurementError(f"{where}: found the unit {unit!r}; expected Hz or rad/s; {remedy}")
+    with np.errstate(over="ignore"):
+        return lines * factor, [f"frequency in {unit} converted to Hz"] if factor != 1 else []
+
+
+def si_sensor_unit(quantity: SensorQuantity) -> str:
+    """Label of the SI unit that the values of a time record have."""
+    return _SI_SENSOR[quantity]
+
+
+def si_frf_unit(quantity: Quantity | None) -> str:
+    """Label of the SI unit that the values of an FRF record have."""
+    return {"receptance": "m/N", "mobility": "(m/s)/N", "accelerance": "(m/s^2)/N", None: ""}[quantity]

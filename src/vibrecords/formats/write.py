@@ -1,0 +1,164 @@
+"""Records written in any of the formats; a file is there completely or not at all."""
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrecords.errors import MeasurementError, WriteError, path_fault
+from vibrecords.formats.array_files import write_hdf5, write_matlab, write_npz
+from vibrecords.formats.table_write import write_table
+from vibrecords.formats.uff_write import write_uff
+from vibrecords.formats.units import si_frf_unit, si_sensor_unit
+from vibrecords.frf_set import FrfSet
+from vibrecords.records import FrfRecord, Record, TimeRecord
+from vibrecords.whole_file import whole_file
+
+_WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
+    "uff58": lambda records, path: write_uff(records, path, binary=False),
+    "uff58b": lambda records, path: write_uff(records, path, binary=True),
+    "csv": lambda records, path: write_table(records, path, ","),
+    "tsv": lambda records, path: write_table(records, path, "\t"),
+    "npz": lambda records, path: write_npz(arrays_of(records), path),
+    "mat": lambda records, path: write_matlab(arrays_of(records), path),
+    "mat73": lambda records, path: write_hdf5(arrays_of(records), path, matlab=True),
+    "hdf5": lambda records, path: write_hdf5(arrays_of(records), path),
+}
+
+#: Formats that can be written.
+FORMATS = tuple(_WRITERS)
+
+
+def write_frf(frf: FrfSet, path: str | Path, format: str) -> None:
+    """Write a set of FRFs; `format` is one of `FORMATS`. Read back, it is the same, to the last bit.
+
+    Raises
+    ------
+    MeasurementError
+        If the format is unknown or cannot hold the records.
+    WriteError
+        If the file cannot be written.
+    """
+    write_records(records_of_frf(frf), path, format)
+
+
+def records_of_frf(frf: FrfSet, label: Callable[[str], str] = str, where: str = "") -> tuple[FrfRecord, ...]:
+    """FRFs of a set one by one, inputs fastest; `label` makes channel labels of DOFs, `where` is the records' place."""
+    records = []
+    for (i, output), (j, input_) in product(enumerate(frf.outputs), enumerate(frf.inputs)):
+        values, coherence = frf.values[:, i, j], None if frf.coherence is None else frf.coherence[:, i, j]
+        told = (frf.quantity, si_frf_unit(frf.quantity), coherence, frf.averages, where)
+        records.append(FrfRecord(label(output), label(input_), frf.frequency_hz, values, *told))
+    return tuple(records)
+
+
+def write_records(records: Iterable[Record], path: str | Path, format: str) -> None:
+    """Write FRFs or time histories in SI units; `format` is one of `FORMATS`.
+
+    The file is written beside its place under another name and moved there when it is complete.
+
+    Raises
+    ------
+    MeasurementError
+        If the format is unknown or cannot hold the records.
+    WriteError
+        If the file cannot be written.
+    """
+    path, records = Path(path), tuple(records)
+    if format not in _WRITERS:
+        raise MeasurementError(f"{path}: found format {format!r}; expected one of {', '.join(FORMATS)}; correct it")
+    if not records:
+        raise MeasurementError(f"{path}: found nothing to write; expected FRFs or time histories; give at least one")
+    if any(getattr(record, "factor", 1.0) is None for record in records):
+        raise MeasurementError(f"{path}: found records in no SI unit; expected SI units; convert them before")
+    _require_possible(path)
+    try:
+        with whole_file(path) as temporary_path:
+            _WRITERS[format](records, temporary_path)
+    except MeasurementError as error:
+        raise MeasurementError(f"{path}: {error}") from None
+    except UnicodeEncodeError as error:
+        raise MeasurementError(
+            f"{path}: found a label that is no text ({error.object[:30]!r}); expected characters; rename it"
+        ) from None
+
+
+def _require_possible(path: Path) -> None:
+    """Refuse a path that no file can have."""
+    try:
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except (OSError, ValueError) as error:  # too long, and a NUL in it
+        reason = path_fault(error)
+        raise WriteError(
+            f"{str(path)[:300]}: found that it cannot be written ({reason}); expected the path of a file; correct it"
+        ) from None
+
+
+def arrays_of(records: Iterable[Record]) -> dict[str, dict[str, Any]]:
+    """Blocks of named arrays for records: one block for FRFs on one grid and one rate, else one for each record.
+
+    Returns
+    -------
+    dict
+        Name of the block to its arrays; the name is empty where there is one block only.
+    """
+    records = list(records)
+    frfs = [record for record in records if isinstance(record, FrfRecord)]
+    times = [record for record in records if isinstance(record, TimeRecord)]
+    blocks = [_frf_block(group) for group in _grids(frfs)]
+    same = len({(record.sample_rate_hz, record.values.size) for record in times}) == 1
+    blocks += [_time_block(group) for group in ([times] if same else [[record] for record in times])]
+    return {"": blocks[0]} if len(blocks) == 1 else {f"record_{i + 1}": block for i, block in enumerate(blocks)}
+
+
+def _grids(frfs: Sequence[FrfRecord]) -> list[list[FrfRecord]]:
+    """All records as one grid where they form one, in grid order; else each by itself."""
+    if not frfs:
+        return []
+    first = frfs[0]
+    pairs = {(record.response, record.reference): record for record in frfs}
+    outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in pairs)) for side in (0, 1))
+    complete = len(pairs) == len(frfs) == len(outputs) * len(inputs)
+    alike = all(
+        (r.quantity, r.averages, r.coherence is None) == (first.quantity, first.averages, first.coherence is None)
+        and np.array_equal(r.frequency_hz, first.frequency_hz)
+        for r in frfs
+    )
+    if complete and alike:
+        return [[pairs[output, input_] for output in outputs for input_ in inputs]]
+    return [[record] for record in frfs]
+
+
+def _frf_block(group: list[FrfRecord]) -> dict[str, Any]:
+    first = group[0]
+    outputs, inputs = (list(dict.fromkeys(getattr(r, side) for r in group)) for side in ("response", "reference"))
+    shape = (len(outputs), len(inputs), first.frequency_hz.size)
+    block: dict[str, Any] = {
+        "frequency_hz": first.frequency_hz,
+        "frf": np.moveaxis(np.array([r.values for r in group]).reshape(shape), -1, 0),
+        "outputs": outputs,
+        "inputs": inputs,
+    }
+    if first.quantity is not None:
+        block |= {"quantity": first.quantity, "unit": si_frf_unit(first.quantity)}
+    if first.coherence is not None:
+        block["coherence"] = np.moveaxis(np.array([r.coherence for r in group]).reshape(shape), -1, 0)
+    if first.averages is not None:
+        block["averages"] = float(first.averages)
+    return block
+
+
+def _time_block(group: list[TimeRecord]) -> dict[str, Any]:
+    return {
+        "sample_rate_hz": group[0].sample_rate_hz,
+        "samples": np.array([r.values for r in group]).T,
+        "channels": [r.channel for r in group],
+        "quantities": [r.quantity for r in group],
+        "units": [si_sensor_unit(r.quantity) or " " for r in group],
+        "hits": np.array([float(r.hit or 0) for r in group]),
+    }

@@ -1,0 +1,173 @@
+"""Frequency response functions with their labels: an immutable set of lines × outputs × inputs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from numbers import Integral
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrecords.arrays import Array, ComplexArray, Flags, Indices, convert_fields
+from vibrecords.errors import MeasurementError, array_of
+from vibrecords.notebook_view import frf_svg, table_html
+
+Quantity = Literal["receptance", "mobility", "accelerance"]
+#: Some of the lines of an FRF: a mask or indices over them, or a slice.
+Lines = Flags | Indices | slice
+#: Power of jω by which a quantity follows from the receptance.
+POWER_OF_JW: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
+
+
+def quantity_factor(frequency_hz: Array, to: Quantity, source: Quantity = "receptance") -> ComplexArray:
+    """Factor (jω)ⁿ per line that turns `source` into `to`, shape (lines,); ω = 2πf."""
+    power = POWER_OF_JW[to] - POWER_OF_JW[source]
+    omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
+    # (jω)ⁿ by integer powers of j is exact: mobility to receptance and back is the same to the last bit or two
+    return np.array([1, 1j, -1, -1j])[power % 4] * omega**power
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrfSet:
+    """FRFs between output and input DOFs; arrays are copied and read-only.
+
+    Parameters
+    ----------
+    frequency_hz
+        Frequency lines, strictly increasing and positive, shape (lines,), Hz.
+    values
+        Complex FRFs, shape (lines, outputs, inputs); SI units of the quantity per newton (or newton metre).
+    outputs, inputs
+        DOF labels such as ``"11:y"``.
+    quantity
+        ``"receptance"`` (displacement), ``"mobility"`` (velocity) or ``"accelerance"`` (acceleration).
+    coherence
+        γ² in [0, 1], shape as `values`, or None where unknown.
+    averages
+        Number of averages behind each FRF, or None where unknown.
+
+    Raises
+    ------
+    MeasurementError
+        If shapes disagree, a number is not finite, lines do not increase, a label occurs twice, or the
+        quantity, coherence or number of averages is impossible.
+    """
+
+    frequency_hz: Array
+    values: ComplexArray
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    quantity: Quantity = "receptance"
+    coherence: Array | None = None
+    averages: int | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", read_only(self.values, np.complex128))
+        convert_fields(self, read_only, "frequency_hz", "coherence")
+        convert_fields(self, tuple, "outputs", "inputs")
+        _check_lines(self.frequency_hz)
+        self._check_values()
+
+    def __repr__(self) -> str:
+        f = self.frequency_hz
+        return (
+            f"FrfSet({self.quantity}, outputs {_listed(self.outputs)}, inputs {_listed(self.inputs)}, "
+            f"{f.size} lines from {f[0]:g} to {f[-1]:g} Hz)"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [(label, ", ".join(labels)) for label, labels in (("Outputs", self.outputs), ("Inputs", self.inputs))]
+        drawing = frf_svg(self.frequency_hz, {f"{self.outputs[0]}/{self.inputs[0]}": self.values[:, 0, 0]})
+        return table_html(f"{self.quantity.capitalize()}, {self.n_lines} lines", ("", "DOFs"), rows, drawing)
+
+    def _check_values(self) -> None:
+        shape = (self.frequency_hz.size, len(self.outputs), len(self.inputs))
+        if self.values.shape != shape:
+            raise MeasurementError(
+                f"FRF set: found values of shape {self.values.shape}; expected {shape} (lines, outputs, inputs)"
+            )
+        if not np.isfinite(self.values).all():
+            line, output, _ = np.argwhere(~np.isfinite(self.values))[0]
+            raise MeasurementError(
+                f"FRF set: found NaN or infinity at {self.frequency_hz[line]:g} Hz, output "
+                f"{self.outputs[output]!r}; expected finite numbers; drop or repair the line"
+            )
+        for labels in (self.outputs, self.inputs):
+            if len(set(labels)) != len(labels):
+                raise MeasurementError(f"FRF set: found DOFs {labels}; expected each label once")
+        if self.quantity not in get_args(Quantity):
+            raise MeasurementError(
+                f"FRF set: found quantity {self.quantity!r}; expected one of {', '.join(get_args(Quantity))}"
+            )
+        if self.coherence is not None and (
+            self.coherence.shape != shape or not ((self.coherence >= 0) & (self.coherence <= 1)).all()
+        ):
+            raise MeasurementError(
+                f"FRF set: expected coherence in [0, 1] of shape {shape}; correct it or leave it out"
+            )
+        if self.averages is not None and not (isinstance(self.averages, Integral) and self.averages >= 1):
+            raise MeasurementError(f"FRF set: found {self.averages} averages; expected 1 or more")
+
+    @property
+    def n_lines(self) -> int:
+        """Number of frequency lines."""
+        return self.frequency_hz.size
+
+    def frf(self, output: str, input_: str) -> ComplexArray:
+        """One FRF, shape (lines,).
+
+        Raises
+        ------
+        MeasurementError
+            If a DOF is not in the set.
+        """
+        return self.values[:, _position(self.outputs, output), _position(self.inputs, input_)]
+
+    def select(self, outputs: Sequence[str], inputs: Sequence[str]) -> "FrfSet":
+        """Return the FRFs between the given DOFs only, in the order given."""
+        rows = [_position(self.outputs, label) for label in outputs]
+        columns = [_position(self.inputs, label) for label in inputs]
+        cut = np.ix_(range(self.n_lines), rows, columns)
+        coherence = None if self.coherence is None else self.coherence[cut]
+        return replace(self, values=self.values[cut], outputs=tuple(outputs), inputs=tuple(inputs), coherence=coherence)
+
+    def at_lines(self, which: "Lines") -> "FrfSet":
+        """Return some of the lines: a mask or indices over lines, or a slice."""
+        coherence = None if self.coherence is None else self.coherence[which]
+        return replace(self, frequency_hz=self.frequency_hz[which], values=self.values[which], coherence=coherence)
+
+    def converted(self, quantity: Quantity) -> "FrfSet":
+        """Return the same FRFs as receptance, mobility jωH or accelerance −ω²H."""
+        factor = quantity_factor(self.frequency_hz, quantity, self.quantity)
+        return replace(self, values=self.values * factor[:, None, None], quantity=quantity)
+
+
+def read_only(array: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
+    """Copy of an array of numbers that cannot be written to."""
+    copied = array_of(array, complex if dtype is np.complex128 else float, "data", MeasurementError)
+    copied.setflags(write=False)
+    return copied
+
+
+def _listed(labels: tuple[str, ...]) -> str:
+    return ", ".join(labels) if len(labels) <= 4 else f"{labels[0]} to {labels[-1]} ({len(labels)})"
+
+
+def _check_lines(frequency_hz: Array) -> None:
+    if frequency_hz.ndim != 1 or frequency_hz.size == 0:
+        raise MeasurementError("FRF set: found no frequency lines; expected a one-dimensional array of at least one")
+    if not np.isfinite(frequency_hz).all() or frequency_hz[0] <= 0:
+        raise MeasurementError("FRF set: expected finite frequencies above 0 Hz; drop the line at 0 Hz")
+    backwards = np.flatnonzero(np.diff(frequency_hz) <= 0)
+    if backwards.size:
+        i = int(backwards[0])
+        raise MeasurementError(
+            f"FRF set: found {frequency_hz[i + 1]:g} Hz after {frequency_hz[i]:g} Hz (line {i + 2}); "
+            "expected strictly increasing frequencies; sort the lines and drop doubles"
+        )
+
+
+def _position(labels: tuple[str, ...], label: str) -> int:
+    if label not in labels:
+        raise MeasurementError(f"FRF set: found DOF {label!r}; expected one of {', '.join(labels)}; correct the label")
+    return labels.index(label)

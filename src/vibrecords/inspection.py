@@ -1,0 +1,349 @@
+"""What a measurement file holds and what is doubtful about it, and after that the resonances of its FRFs."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from vibrecords.arrays import Array
+from vibrecords.errors import MeasurementError
+from vibrecords.formats.grid import join_frfs
+from vibrecords.modal_doubt import DoubtfulMode
+from vibrecords.modal_fit import fit_modes
+from vibrecords.provenance import MeasuredMode, MeasurementWarning
+from vibrecords.records import (
+    CoherenceRecord,
+    FrfRecord,
+    ModeRecord,
+    Record,
+    SpectrumRecord,
+    TimeRecord,
+    labels_of,
+)
+from vibrecords.signals.hits import Hit, hits_of
+from vibrecords.warnings.clear_frf import pair_of, usable
+from vibrecords.warnings.collector import WarningCollector
+
+#: FRFs kept whole, of drive points and of others, for resonances and figure.
+_KEPT = 3
+#: Hits kept for the figure, and samples kept of time histories for FRFs.
+_HITS_DRAWN, _SAMPLES_KEPT = 24, 5_000_000
+#: Modes kept of those that a file states.
+_MODES_KEPT = 40
+_Band = tuple[float | None, float | None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HitTrace:
+    """One hit: its channel, what was found, and the force about it; `time_s` from the trigger on, s, `force_n`, N."""
+
+    channel: str
+    hit: Hit
+    time_s: Array
+    force_n: Array
+
+
+@dataclass(slots=True)
+class ChannelCount:
+    """How often a channel is response and force of an FRF, has time histories and spectra, and of which quantity."""
+
+    as_response: int = 0
+    as_force: int = 0
+    histories: int = 0
+    spectra: int = 0
+    quantities: Counter[str] = field(default_factory=Counter)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inspection:
+    """What a file holds.
+
+    Parameters
+    ----------
+    source, form
+        File and its format; the format is empty where there is no file.
+    channels
+        Channel labels in the order of the file.
+    kinds
+        For each kind of record, in words, how many there are.
+    averages, coherence
+        Numbers of averages, and smallest and median coherence; None where there is none.
+    notes
+        What readers did, each with how often.
+    frfs
+        Some FRFs whole, for the figure and for resonances: drive points first.
+    conjugated
+        Whether the FRFs are complex conjugates of what they should be, which their resonances are sought in.
+    hits
+        All hits of hammers, the first ones with the force to draw.
+    listed_modes
+        Modes that the file itself states.
+    warnings
+        What contradicts itself.
+    modes, modes_of, modes_note, doubtful
+        Resonances, of which FRFs they are, why there are none, and what looks like one and is left out.
+    """
+
+    source: str = ""
+    form: str = ""
+    channels: dict[str, ChannelCount] = field(default_factory=dict)
+    kinds: Counter[str] = field(default_factory=Counter)
+    averages: tuple[int, ...] = ()
+    coherence: tuple[float, float] | None = None
+    notes: Counter[str] = field(default_factory=Counter)
+    frfs: tuple[FrfRecord, ...] = ()
+    conjugated: bool = False
+    hits: tuple[HitTrace, ...] = ()
+    listed_modes: tuple[ModeRecord, ...] = ()
+    warnings: tuple[MeasurementWarning, ...] = ()
+    modes: tuple[MeasuredMode, ...] = ()
+    modes_of: tuple[str, ...] = ()
+    modes_note: str = ""
+    doubtful: tuple[DoubtfulMode, ...] = ()
+
+
+def inspect_file(
+    path: Path,
+    mass_kg: float | None = None,
+    *,
+    conjugate: bool = False,
+    band_hz: _Band = (None, None),
+    layout: Mapping[str, str] | None = None,
+) -> Inspection:
+    """Look through a measurement file and fit the resonances of its FRFs: `contents_of`, and then `with_resonances`.
+
+    Parameters
+    ----------
+    path
+        File of any format that is read.
+    mass_kg
+        Mass of the structure if it hangs free, kg, to hold drive points against.
+    conjugate
+        Whether the complex conjugates of the FRFs are looked at.
+    band_hz
+        Lowest and highest frequency at which resonances are sought, Hz; None is the end of the lines.
+    layout
+        What the variables of the file stand for, as `vibrecords.formats.iter_records` takes it.
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read.
+    """
+    return with_resonances(contents_of(path, mass_kg, conjugate=conjugate, layout=layout), band_hz)
+
+
+def contents_of(
+    path: Path, mass_kg: float | None = None, *, conjugate: bool = False, layout: Mapping[str, str] | None = None
+) -> Inspection:
+    """Look through a measurement file; of a universal file no more than a few records are in memory at once.
+
+    Parameters
+    ----------
+    path
+        File of any format that is read.
+    mass_kg
+        Mass of the structure if it hangs free, kg, to hold drive points against.
+    conjugate
+        Whether the complex conjugates of the FRFs are looked at.
+    layout
+        As in `inspect_file`.
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read.
+    """
+    from vibrecords.formats.read import detect_format, iter_records
+
+    form = detect_format(path)
+    records = (r.conjugate if conjugate and isinstance(r, FrfRecord) else r for r in iter_records(path, layout))
+    return replace(contents_of_records(records, mass_kg), source=str(path), form=form)
+
+
+@np.errstate(all="ignore")  # a file may hold any number
+def contents_of_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
+    """As `contents_of`, for records that come one by one."""
+    seen = _Seen(WarningCollector(mass_kg))
+    for record in records:
+        seen.add(record)
+    made, note = ([], "") if seen.frf_kept() else _frfs_of_hits(seen)
+    for record in made:
+        seen.warnings.add(record)
+        seen.keep_frf(record)
+    warnings = seen.warnings.warnings()
+    conjugated = bool(seen.warnings.conjugated)
+    if conjugated:
+        seen.contents.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
+    lows, medians = zip(*seen.coherence, strict=True) if seen.coherence else ((), ())
+    return replace(
+        seen.contents,
+        averages=tuple(sorted(seen.averages)),
+        coherence=(min(lows), float(np.median(medians))) if lows else None,
+        frfs=seen.frf_kept(),
+        conjugated=conjugated,
+        hits=tuple(seen.hits),
+        listed_modes=tuple(seen.modes),
+        warnings=warnings,
+        modes_note=note,
+    )
+
+
+@np.errstate(all="ignore")
+def with_resonances(inspection: Inspection, band_hz: _Band = (None, None)) -> Inspection:
+    """Return the inspection with the resonances of its FRFs, or why there are none.
+
+    Parameters
+    ----------
+    inspection
+        Of `contents_of`.
+    band_hz
+        As for `inspect_file`.
+    """
+    if not inspection.frfs:
+        return inspection
+    kept = tuple(record.conjugate for record in inspection.frfs) if inspection.conjugated else inspection.frfs
+    clean = [usable(r) for r in kept if r.quantity is not None]
+    if not clean:
+        return replace(inspection, modes_note="no FRF of a known quantity")
+    first = clean[0]
+    group: dict[str, FrfRecord] = {}  # on the same lines over the same force
+    for record in clean:
+        same = record.reference == first.reference and record.quantity == first.quantity
+        if same and np.array_equal(record.frequency_hz, first.frequency_hz):
+            group.setdefault(record.response, record)
+    members = list(group.values())[:_KEPT]
+    inspection = replace(inspection, modes_of=tuple(f"{r.response}/{r.reference}" for r in members))
+    coherences = [r.coherence for r in members if r.averages and r.coherence is not None]
+    told = len(coherences) == len(members) and all(((c >= 0) & (c <= 1)).all() for c in coherences)
+    try:
+        frf = join_frfs(members if told else [replace(r, coherence=None) for r in members], "modes")
+        fit = fit_modes(frf, f_min_hz=band_hz[0], f_max_hz=band_hz[1])
+    except MeasurementError as error:
+        return replace(inspection, modes_note=str(error))
+    note = "" if fit.modes else "none stands out of the noise"
+    return replace(inspection, modes=fit.modes, doubtful=fit.doubtful, modes_note=note)
+
+
+@dataclass(slots=True)
+class _Seen:
+    """What the records that went by hold, and what is kept of them until the last has come."""
+
+    warnings: WarningCollector
+    contents: Inspection = field(default_factory=Inspection)
+    averages: set[int] = field(default_factory=set)
+    coherence: list[tuple[float, float]] = field(default_factory=list)
+    drive_points: list[FrfRecord] = field(default_factory=list)
+    others: list[FrfRecord] = field(default_factory=list)
+    hits: list[HitTrace] = field(default_factory=list)
+    histories: list[TimeRecord] = field(default_factory=list)
+    modes: list[ModeRecord] = field(default_factory=list)
+    samples: int = 0
+
+    def add(self, record: Record) -> None:
+        self.warnings.add(record)
+        self.contents.notes.update(record.notes)
+        if isinstance(record, TimeRecord):
+            self._add_history(record)
+            return
+        for label in labels_of(record):
+            self._use(label)
+        if isinstance(record, ModeRecord):
+            self.contents.kinds["mode"] += 1
+            if len(self.modes) < _MODES_KEPT:
+                self.modes.append(record)
+            return
+        span = _span(record.frequency_hz)
+        if isinstance(record, SpectrumRecord):
+            self.contents.kinds[f"spectrum, no FRF: {record.kind}{_unit(record.unit)}; {span}"] += 1
+            self._use(record.channel).spectra += 1
+            return
+        if record.averages is not None:
+            self.averages.add(record.averages)
+        coherence = record.values if isinstance(record, CoherenceRecord) else record.coherence
+        if coherence is not None and np.isfinite(coherence).any():
+            finite = coherence[np.isfinite(coherence)]
+            self.coherence.append((float(finite.min()), float(np.median(finite))))
+        if isinstance(record, CoherenceRecord):
+            self.contents.kinds[f"coherence, without its FRF; {span}"] += 1
+            return
+        self.contents.kinds[f"FRF: {record.quantity or 'unknown quantity'}{_unit(record.unit)}; {span}"] += 1
+        self._use(record.response).as_response += 1
+        self._use(record.reference).as_force += 1
+        self._use(record.response).quantities[record.quantity or "unknown"] += 1
+        self.keep_frf(record)
+
+    def keep_frf(self, record: FrfRecord) -> None:
+        response, reference, _ = pair_of(record)
+        kept = self.drive_points if response == reference else self.others
+        if len(kept) < _KEPT and record.frequency_hz.size > 1:
+            kept.append(record)
+
+    def frf_kept(self) -> tuple[FrfRecord, ...]:
+        return (*self.drive_points, *self.others)
+
+    def _use(self, label: str) -> ChannelCount:
+        return self.contents.channels.setdefault(label, ChannelCount())
+
+    def _add_history(self, record: TimeRecord) -> None:
+        use = self._use(record.channel)
+        use.histories += 1
+        use.quantities[record.quantity] += 1
+        seconds = record.values.size / record.sample_rate_hz
+        self.contents.kinds[
+            f"time history: {record.quantity}{_unit(record.unit)}; {record.values.size} samples, {seconds:.6g} s at "
+            f"{record.sample_rate_hz:.6g} Hz"
+        ] += 1
+        for hit in hits_of(record):
+            self.hits.append(_trace(record, hit, drawn=len(self.hits) < _HITS_DRAWN))
+        self.samples += record.values.size
+        if self.samples <= _SAMPLES_KEPT:
+            self.histories.append(record)
+
+
+def _span(frequency_hz: Array) -> str:
+    f = frequency_hz
+    step = f" every {(f[-1] - f[0]) / (f.size - 1):.6g} Hz" if f.size > 1 else ""
+    return f"{f.size} lines, {f[0]:.6g} to {f[-1]:.6g} Hz{step}" if f.size else "no lines"
+
+
+def _unit(unit: str) -> str:
+    return f", unit {unit}" if unit else ", no unit"
+
+
+def _trace(record: TimeRecord, hit: Hit, *, drawn: bool) -> HitTrace:
+    hit = replace(hit, number=hit.number if record.hit is None else record.hit)
+    if not drawn:
+        return HitTrace(record.channel, hit, np.empty(0), np.empty(0))
+    rate = record.sample_rate_hz
+    # twenty widths show the pulse and a rebound; a rebound that comes later is shown as well
+    after = max(round(20 * max(hit.width_s, 2 / rate) * rate), 40)
+    if hit.reason.startswith("double hit"):
+        x = np.abs(record.values - np.median(record.values))
+        above = np.flatnonzero(x[hit.trigger :] > 0.05 * abs(hit.peak_n))
+        after = max(after, min(int(above[-1]) + after // 4, round(0.2 * rate)))
+    first, last = max(hit.trigger - after // 4, 0), min(hit.trigger + after, record.values.size)
+    time = (np.arange(first, last) - hit.trigger) / rate
+    return HitTrace(record.channel, hit, time, np.array(record.values[first:last]))
+
+
+def _frfs_of_hits(seen: _Seen) -> tuple[list[FrfRecord], str]:
+    """FRFs of a hammer's records that hold one hit each, and why there are none."""
+    from vibrecords.signals.impact import impact_frfs
+    from vibrecords.signals.spectra import sort_by_force
+
+    if not seen.histories:
+        return [], "there is no FRF"
+    if seen.samples > _SAMPLES_KEPT:
+        return [], f"the records have more than {_SAMPLES_KEPT} samples: of these only `run` makes FRFs"
+    forces = [r for r in seen.histories if r.quantity == "force"]
+    if not forces or any(len(hits_of(r)) != 1 for r in forces):
+        return [], "the records are not one hit each: a case makes FRFs of them"
+    try:
+        results = [impact_frfs(force, responses) for force, responses in sort_by_force(seen.histories) if responses]
+    except MeasurementError as error:
+        return [], f"no FRFs could be made of the hits: {error}"
+    return [result.frf for result in chain.from_iterable(results)], ""

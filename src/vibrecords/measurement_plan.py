@@ -1,0 +1,310 @@
+"""What is asked for of measurement files: which channels stand for which DOFs, lines, variance, masses, rotations."""
+
+import difflib
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from vibrecords.errors import MeasurementError
+from vibrecords.formats.channel_units import AS_THE_FILE_SAYS, ChannelUnit, restate_frf
+from vibrecords.frf_set import Quantity
+from vibrecords.provenance import ChannelUse, Role
+from vibrecords.records import CoherenceRecord, FrfRecord, Record
+from vibrecords.rotations import Rotation
+from vibrecords.signals.impact import ImpactSettings
+from vibrecords.signals.spectra import ShakerSettings
+from vibrecords.variance import RelativeNoise
+
+_OPPOSITE = {"+": "-", "-": "+"}
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """What a channel of a file measures, in terms of the model.
+
+    Parameters
+    ----------
+    dof
+        DOF label such as ``"11:y"``.
+    sign
+        1, or −1 where the channel's positive direction is the DOF's negative one.
+    gain
+        Factor by which the channel's signal is multiplied.
+    accelerometer_mass
+        Mass of the sensor whose effect is to be taken out of the FRFs, kg.
+    unit
+        What it measures and in which unit, where that is stated.
+    """
+
+    dof: str
+    sign: float = 1.0
+    gain: float = 1.0
+    accelerometer_mass: float = 0.0
+    unit: ChannelUnit = AS_THE_FILE_SAYS
+
+
+@dataclass(frozen=True, slots=True)
+class MappedRecords:
+    """FRFs between DOFs of the model.
+
+    Parameters
+    ----------
+    records
+        FRFs with DOF labels as `response` and `reference`, signs and gains applied.
+    uses
+        How each channel was used, in the order of the file.
+    left_out
+        Labels of channels whose FRFs were left out, because they or the other channel are not mapped.
+    """
+
+    records: tuple[FrfRecord, ...]
+    uses: tuple[ChannelUse, ...]
+    left_out: tuple[str, ...]
+
+
+class ChannelMap:
+    """Finds the channel that a label of a file stands for.
+
+    Parameters
+    ----------
+    channels
+        By label. A label of the file that differs from one of these in its last sign only (``Point:12:Z-`` for
+        ``Point:12:Z+``) is the same channel the other way round.
+    """
+
+    def __init__(self, channels: Mapping[str, Channel]) -> None:
+        self._channels = dict(channels)
+
+    def find(self, label: str) -> tuple[Channel, bool] | None:
+        """The channel, and whether the file has it the other way round; None if it is not mapped."""
+        if label in self._channels:
+            return self._channels[label], False
+        opposite = label[:-1] + _OPPOSITE.get(label[-1:], "")
+        if opposite != label and opposite in self._channels:
+            channel = self._channels[opposite]
+            return replace(channel, sign=-channel.sign), True
+        return None
+
+    def use(self, label: str, role: Role) -> ChannelUse | None:
+        """How a label of the file is used in a role; None if it is not mapped."""
+        mapped = self.find(label)
+        if mapped is None:
+            return None
+        channel, turned = mapped
+        mass = channel.accelerometer_mass if role == "response" else 0.0
+        return ChannelUse(label, channel.dof, role, channel.sign * channel.gain, turned, mass)
+
+    def require_all(self, labels: Iterable[str], where: str) -> None:
+        """Refuse a mapped channel that the file does not have.
+
+        Raises
+        ------
+        MeasurementError
+            Naming the channels that the file has and that are not mapped, and the nearest of these.
+        """
+        present = tuple(dict.fromkeys(labels))
+        accepted = {label[:-1] + _OPPOSITE.get(label[-1:], "") for label in present} | set(present)
+        for label in self._channels:
+            if label in accepted:
+                continue
+            free = [p for p in present if self.find(p) is None]
+            near = free if len(free) == 1 else difflib.get_close_matches(label, free, 1, 0.6)
+            listed = ", ".join(f'"{p}"' for p in free[:8]) + (f" and {len(free) - 8} more" * (len(free) > 8))
+            expected = f"one of {listed}" if free else "one that the file has: all of these are mapped"
+            remedy = f'did you mean "{near[0]}"?' if near else "correct the label" if free else "remove it"
+            message = f'{where}: found no channel "{label}" of [data.channels]; expected {expected}; {remedy}'
+            raise MeasurementError(message, "channels", label)
+
+
+def map_records(records: Iterable[Record], channels: Mapping[str, Channel], where: str) -> MappedRecords:
+    """Relabel FRFs by DOFs of the model, with the signs and gains of their channels.
+
+    An FRF is response over force: it is multiplied by the response's factor and divided by the force's.
+
+    Parameters
+    ----------
+    records
+        As the files give them; may be a stream, of which only mapped FRFs are kept, and coherences apart from them.
+    channels
+        By label of the file.
+    where
+        The file, for messages.
+
+    Raises
+    ------
+    MeasurementError
+        If a mapped channel is in no FRF, no FRF has both of its channels mapped, or two response (force) channels are
+        mapped to one DOF.
+    """
+    channel_map = ChannelMap(channels)
+    kept: list[FrfRecord] = []
+    pairs: list[tuple[str, str]] = []
+    apart: list[CoherenceRecord] = []
+    uses: dict[tuple[str, Role], ChannelUse] = {}
+    labels: dict[str, None] = {}
+    for record in records:
+        if isinstance(record, CoherenceRecord):
+            apart.append(record)
+        if not isinstance(record, FrfRecord):
+            continue
+        labels |= dict.fromkeys((record.response, record.reference))
+        response, force = channel_map.use(record.response, "response"), channel_map.use(record.reference, "force")
+        if response is None or force is None:
+            continue
+        uses[record.response, "response"], uses[record.reference, "force"] = response, force
+        stated = (found[0].unit for label in (record.response, record.reference) if (found := channel_map.find(label)))
+        try:
+            record = restate_frf(record, *stated)
+        except MeasurementError as error:
+            raise MeasurementError(f"{where}: {error}") from None
+        factor = response.factor / force.factor
+        values = record.values if factor == 1 else factor * record.values
+        pairs.append((record.response, record.reference))
+        kept.append(replace(record, response=response.dof, reference=force.dof, values=values))
+    if not labels:
+        raise MeasurementError(
+            f"{where}: found no FRF; expected at least one; for time histories add a table [data.records]"
+        )
+    channel_map.require_all(labels, where)
+    if not kept:
+        raise MeasurementError(
+            f"{where}: found no FRF whose response and force are both in [data.channels]; expected both; map the other "
+            f"channel of {' and '.join(channels)} as well"
+        )
+    _refuse_doubles(uses.values(), where)
+    kept = _with_coherences(kept, pairs, apart, where)
+    used = {label for label, _ in uses}
+    return MappedRecords(tuple(kept), tuple(uses.values()), tuple(label for label in labels if label not in used))
+
+
+def _with_coherences(
+    frfs: list[FrfRecord], pairs: list[tuple[str, str]], apart: list[CoherenceRecord], where: str
+) -> list[FrfRecord]:
+    """FRFs with the coherences that stand apart: of the same channels, or the only one of the only FRF."""
+    alone = len(frfs) == len(apart) == 1
+    waiting: dict[tuple[str, str], list[CoherenceRecord]] = defaultdict(list)
+    for record in apart:
+        waiting[pairs[0] if alone else (record.response, record.reference)].append(record)
+    counts = Counter(pairs)
+    for pair, of_pair in waiting.items():
+        if pair in counts and counts[pair] != len(of_pair):
+            raise MeasurementError(
+                f"{where}: found {len(of_pair)} coherences of {pair[0]} over {pair[1]} and {counts[pair]} FRFs; "
+                "expected as many; leave the surplus out"
+            )
+    each = [waiting[pair].pop(0) if pair in waiting else None for pair in pairs]
+    return [_with_coherence(f, c, where) if c and f.coherence is None else f for f, c in zip(frfs, each, strict=True)]
+
+
+def _with_coherence(frf: FrfRecord, coherence: CoherenceRecord, where: str) -> FrfRecord:
+    lines = coherence.frequency_hz
+    if lines.shape != frf.frequency_hz.shape or not np.allclose(lines, frf.frequency_hz, rtol=1e-6, equal_nan=True):
+        raise MeasurementError(
+            f"{where}: {coherence.where}: found a coherence of {lines.size} lines that are not the "
+            f"{frf.frequency_hz.size} of the FRF in {frf.where}; expected the same lines; export again"
+        )
+    notes = (*frf.notes, f"coherence taken from {coherence.where}")
+    return replace(frf, coherence=coherence.values, averages=frf.averages or coherence.averages, notes=notes)
+
+
+def _refuse_doubles(uses: Iterable[ChannelUse], where: str) -> None:
+    by_dof: dict[tuple[Role, str], list[str]] = defaultdict(list)
+    for use in uses:
+        by_dof[use.role, use.dof].append(use.channel)
+    for (role, dof), labels in by_dof.items():
+        if len(labels) > 1:
+            raise MeasurementError(
+                f"{where}: found {role} channels {' and '.join(labels)} for the one DOF {dof}; expected one channel "
+                "for it; take one of them out of [data.channels]"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class VarianceSource:
+    """Where the variance of FRFs comes from.
+
+    Parameters
+    ----------
+    source
+        ``"coherence"`` and averages, ``"repeats"`` of the same measurement, or ``"relative"``: the law alone.
+    law
+        Law of the accelerance's noise: all of it, or the least that is believed; None where nothing is too little.
+    averages
+        Number of averages, where the file does not say or is wrong.
+    law_for_one_average
+        Whether the law is also all of the noise of FRFs of one average, of which coherence says nothing.
+    """
+
+    source: Literal["coherence", "repeats", "relative"]
+    law: RelativeNoise | None
+    averages: int | None = None
+    law_for_one_average: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class FrequencyPlan:
+    """Natural frequencies in place of FRFs: how many, the lowest ones, and what is added to the sd of the fit."""
+
+    modes: int | None = None
+    sd_relative: float = 0.0
+    sd_hz: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementPlan:
+    """How a measurement is assembled from records.
+
+    Parameters
+    ----------
+    channels
+        What each channel stands for, by its label in the file.
+    variance
+        None leaves it open; FRFs that are data need it.
+    quantity
+        What the FRFs are, whatever the file says; None takes the file's word.
+    f_min_hz, f_max_hz
+        Band of the lines that are used.
+    exclude_hz
+        Bands, lowest and highest frequency each, whose lines are left out.
+    conjugate
+        Whether the files hold complex conjugates: FRFs with the time factor exp(−iωt).
+    free_gain
+        Whether the scale of the FRFs is uncertain, so that they need no SI unit.
+    line_step
+        Every how many lines one is kept; None keeps all, or with windows those that are independent.
+    roving
+        Whether one accelerometer moved from output to output; otherwise all stayed on.
+    signals
+        How FRFs are made of time histories; None takes the FRFs of the files.
+    outputs, inputs
+        DOFs that are used; empty: all.
+    rotations
+        Rotations from translations at stations.
+    joint_dofs
+        DOFs of the joint on both of its sides, at which the paper's iteration needs FRFs.
+    frequencies
+        Set where natural frequencies are the data.
+    layout
+        What the variables of the files stand for, as `vibrecords.formats.iter_records` takes it.
+    """
+
+    channels: Mapping[str, Channel]
+    variance: VarianceSource | None
+    quantity: Quantity | None = None
+    f_min_hz: float | None = None
+    f_max_hz: float | None = None
+    line_step: int | None = None
+    roving: bool = False
+    signals: ImpactSettings | ShakerSettings | None = None
+    outputs: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    rotations: tuple[Rotation, ...] = ()
+    joint_dofs: tuple[str, ...] = ()
+    frequencies: FrequencyPlan | None = None
+    exclude_hz: tuple[tuple[float, float], ...] = ()
+    conjugate: bool = False
+    free_gain: bool = False
+    layout: Mapping[str, str] = field(default_factory=dict)

@@ -1,0 +1,179 @@
+"""Which poles of a modal fit are modes: the others are left out, and named with the reason."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vibrecords.arrays import Array, ComplexArray, Flags
+from vibrecords.modal_problem import ModalProblem
+
+#: A second pole within a half-power width is a mode of its own only if χ² insists by this many prices of a mode.
+_INSISTED = 3.0
+#: Shapes over FRFs whose modal assurance criterion is below this are of different modes.
+_OTHER_SHAPE = 0.9
+#: Incoherence at a resonance over that beside it, above which the resonance has a coherence dip.
+_DIP = 1.5
+#: So many lines apart, or less, are neighbouring poles by which a window's leakage is fitted.
+_LEAKS = 3.0
+#: A mode is damped by so many standard deviations, as a tone is not; and by so many if it is narrower than some lines.
+_DAMPED, _DAMPED_NARROW, _NARROW = 2.0, 4.0, 3.0
+#: Damping ratios above this are of a background.
+_MOST_DAMPING = 0.3
+#: Where only one FRF of several shows a mode, it must do so by this many prices.
+_IN_ONE_FRF = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtfulMode:
+    """Something that looks like a mode and is not counted as one.
+
+    Parameters
+    ----------
+    frequency_hz
+        Where, Hz.
+    reason
+        Why it is left out, in words.
+    """
+
+    frequency_hz: float
+    reason: str
+
+
+@dataclass(slots=True)
+class PoleReview:
+    """Poles of a fit as they are reviewed, and those in doubt.
+
+    Parameters
+    ----------
+    problem
+        The fit.
+    poles
+        Its poles, rad/s, shape (poles,).
+    incoherence
+        1 - γ², shape (lines, frfs), or None where unknown.
+    """
+
+    problem: ModalProblem
+    poles: ComplexArray
+    incoherence: Array | None
+    doubtful: list[DoubtfulMode] = field(default_factory=list)
+
+    @property
+    def frequency_hz(self) -> Array:
+        """Natural frequencies of the poles, Hz."""
+        return np.abs(self.poles) / (2 * np.pi)
+
+    @property
+    def width_hz(self) -> Array:
+        """Half-power widths."""
+        return -self.poles.real / np.pi
+
+    @property
+    def lines_hz(self) -> Array:
+        """Lines of the fit, Hz."""
+        return self.problem.omega / (2 * np.pi)
+
+    def line_step_hz(self, frequency_hz: Array) -> Array:
+        """Distance of the lines about these frequencies, Hz."""
+        steps = np.diff(self.lines_hz)
+        return steps[np.clip(np.searchsorted(self.lines_hz, frequency_hz) - 1, 0, steps.size - 1)]
+
+    def local_misfit(self) -> Array:
+        """Mean square of what is left about each pole, over the noise, shape (poles,), at least 1."""
+        square = (np.abs(self.problem.residual(self.poles)) ** 2).mean(axis=1)
+        reach = np.maximum(2 * self.width_hz, 4 * self.line_step_hz(self.frequency_hz))
+        near = np.abs(self.lines_hz - self.frequency_hz[:, None]) <= reach[:, None]
+        return np.maximum(1.0, near @ square / np.maximum(near.sum(axis=1), 1))
+
+    def review(self) -> Flags:
+        """Merge poles of one resonance, name what is doubtful; which of the poles left are modes."""
+        if not self.poles.size:
+            return np.zeros(0, dtype=bool)
+        nonlinear = self._merge()
+        damping_sd = np.sqrt(np.diag(self.problem.covariance(self.poles))[self.poles.size :])
+        reasons = [self._reason(i, float(sd)) for i, sd in enumerate(damping_sd)]
+        for frequency, reason, named in zip(self.frequency_hz, reasons, nonlinear, strict=True):
+            if reason and not named:
+                self.doubtful.append(DoubtfulMode(float(frequency), reason))
+        self.doubtful.sort(key=lambda doubt: doubt.frequency_hz)
+        return ~nonlinear & np.array([not reason for reason in reasons])
+
+    def _merge(self) -> Flags:
+        """Take out poles that are not modes beside another; which are of nonlinear resonances, and stay in the fit."""
+        while True:
+            nonlinear, named = np.zeros(self.poles.size, dtype=bool), []
+            for weak, strong in self._pairs():
+                if nonlinear[weak] and nonlinear[strong]:
+                    continue
+                fewer, rise = self.problem.without(self.poles, weak)
+                gain = rise / self.local_misfit()[strong]
+                dips = self._coherence_dips(strong)
+                if gain > _INSISTED * self.problem.price and (not dips or self._shapes_differ(weak, strong)):
+                    continue
+                cluster = self._one_resonance(weak) | self._one_resonance(strong)
+                leaks = _LEAKS * (cluster.sum() - 1) * self.line_step_hz(self.frequency_hz[strong])
+                if not dips or np.ptp(self.frequency_hz[cluster]) <= leaks:
+                    place = f"within the half-power width of the mode at {self.frequency_hz[strong]:.6g} Hz"
+                    reason = f"a second pole {place}: {'leakage' if dips else 'one resonance'}"
+                    self.doubtful.append(DoubtfulMode(float(self.frequency_hz[weak]), reason))
+                    self.poles = self.problem.climb(fewer, fine=True)
+                    break
+                nonlinear |= cluster
+                named.append(self._nonlinear(strong, cluster))
+            else:
+                self.doubtful += named
+                return nonlinear
+
+    def _pairs(self) -> list[tuple[int, int]]:
+        """Numbers of the weaker and the stronger of two poles in one half-power width, the weakest first."""
+        order = np.argsort(self.problem.losses(self.poles).sum(axis=0)).tolist()
+        near = [self._one_resonance(i) for i in range(self.poles.size)]
+        return [(weak, s) for i, weak in enumerate(order) for s in order[:i:-1] if near[weak][s]]
+
+    def _one_resonance(self, pole: int) -> Flags:
+        """Which poles are within a half-power width of this one (the geometric mean of both), or within a line."""
+        width = np.sqrt(self.width_hz * self.width_hz[pole])
+        reach = np.maximum(width, self.line_step_hz(self.frequency_hz))
+        return np.asarray(np.abs(self.frequency_hz - self.frequency_hz[pole]) < reach)
+
+    def _coherence_dips(self, pole: int) -> bool:
+        """Whether the coherence is lower at a resonance than beside it; where unknown, whether the fit fails there."""
+        if self.incoherence is None:
+            return bool(self.local_misfit()[pole] > 2)
+        width = max(self.width_hz[pole], 2 * self.line_step_hz(self.frequency_hz[pole]))
+        off = np.abs(self.lines_hz - self.frequency_hz[pole]) / width
+        at, beside = self.incoherence[off <= 0.5], self.incoherence[(off > 1) & (off < 4)]
+        if not at.size or not beside.size:
+            return False
+        return bool((at.mean(axis=0) > _DIP * np.median(beside, axis=0)).any())
+
+    def _shapes_differ(self, first: int, second: int) -> bool:
+        a, b = self.problem.residues(self.poles)[:, [first, second]].T
+        assurance = np.abs(np.vdot(a, b)) ** 2 / (np.vdot(a, a).real * np.vdot(b, b).real)
+        return bool(a.size > 1 and assurance < _OTHER_SHAPE)
+
+    def _nonlinear(self, strong: int, cluster: Flags) -> DoubtfulMode:
+        """A resonance that takes several poles, with the range of their half-power widths."""
+        f, w = self.frequency_hz[cluster], self.width_hz[cluster]
+        dip = "fits badly all the same" if self.incoherence is None else "has a coherence dip"
+        poles = f"between {(f - w / 2).min():.6g} and {(f + w / 2).max():.6g} Hz, which takes {f.size} poles and {dip}"
+        reason = f"nonlinear? One resonance {poles}; measure it at a lower level"
+        return DoubtfulMode(float(self.frequency_hz[strong]), reason)
+
+    def _reason(self, pole: int, damping_sd: float) -> str:
+        """Why a pole of the fit is no mode; empty where it is one."""
+        damping = -self.poles[pole].real / abs(self.poles[pole])
+        if damping > _MOST_DAMPING:
+            return f"a damping of {100 * damping:.0f} %: a background, not a mode"
+        misfit = float(self.local_misfit()[pole])
+        by_line = self.problem.gain_by_line(self.poles, pole)
+        if by_line.sum() - by_line.max() < self.problem.price * misfit:
+            return "stands on one line: a tone or an outlier"
+        narrow = self.width_hz[pole] < _NARROW * self.line_step_hz(self.frequency_hz[pole])
+        if damping < damping_sd * (_DAMPED_NARROW if narrow else _DAMPED):
+            return "its damping hardly differs from zero: a tone or leakage"
+        by_frf = self.problem.losses(self.poles)[:, pole] / misfit
+        least = self.problem.price / by_frf.size
+        if by_frf.size > 1 and (by_frf > least).sum() < 2 and by_frf.max() < _IN_ONE_FRF * self.problem.price:
+            return f"only one of {by_frf.size} FRFs shows it, and hardly"
+        return ""

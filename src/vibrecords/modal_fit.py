@@ -1,0 +1,332 @@
+"""Natural frequencies and damping ratios from measured FRFs, with standard deviations, nothing clicked."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.ndimage
+
+from vibrecords.arrays import Array, ComplexArray, Flags, Indices
+from vibrecords.errors import MeasurementError
+from vibrecords.frf_set import FrfSet, quantity_factor
+from vibrecords.modal_doubt import DoubtfulMode, PoleReview
+from vibrecords.modal_problem import ModalProblem
+from vibrecords.polynomial_poles import polynomial_poles, steady_poles
+from vibrecords.provenance import MeasuredMode
+from vibrecords.variance import RelativeNoise, coherence_variance
+
+_Band = tuple[float | None, float | None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModalFit:
+    """Modes of a set of FRFs and the modal model fitted with them.
+
+    Parameters
+    ----------
+    modes
+        By rising frequency.
+    values
+        The model's FRFs, shape (lines, outputs, inputs), in the quantity of the data.
+    misfit
+        χ² per degree of freedom: 1 where the model explains the data within the stated noise.
+    covariance
+        Of all frequencies, Hz, and then all damping ratios, shape (2 modes, 2 modes).
+    doubtful
+        What looks like a mode and is left out, by rising frequency.
+    """
+
+    modes: tuple[MeasuredMode, ...]
+    values: ComplexArray
+    misfit: float
+    covariance: Array
+    doubtful: tuple[DoubtfulMode, ...]
+
+
+def identify_modes(
+    frf: FrfSet,
+    variance: Array | None = None,
+    *,
+    f_min_hz: float | None = None,
+    f_max_hz: float | None = None,
+    max_order: int = 40,
+) -> tuple[MeasuredMode, ...]:
+    """Natural frequencies and damping ratios of the modes that FRFs show, with standard deviations.
+
+    Poles that are stable while the order of a least-squares complex frequency-domain model rises are the start of a
+    weighted least-squares fit of the modal model: two real numbers for each mode and FRF, and fourteen for each FRF for
+    what lies outside the band. What the fit leaves is searched for further modes. A mode stays only if it improves the
+    fit by more than the search for one in pure noise would; what is doubtful all the same is left out, and named by
+    `fit_modes`. Standard deviations come from the Jacobian of that fit, and are widened where the model does not
+    explain the data within the stated noise.
+
+    Parameters
+    ----------
+    frf
+        FRFs of one structure, of any quantity.
+    variance
+        σ² = E|δH|² of both parts together, shape as ``frf.values``. If None, it is taken from coherence and averages
+        where the FRFs have them, smoothed along frequency, and else estimated from what the fit leaves.
+    f_min_hz, f_max_hz
+        Band to look at; by default all of it. Only modes inside are returned.
+    max_order
+        Highest order of the polynomial models: at least three times the number of modes expected.
+
+    Returns
+    -------
+    tuple
+        Modes by rising frequency; empty where none stands out of the noise.
+
+    Raises
+    ------
+    MeasurementError
+        If the band holds too few lines, or the variance has another shape or is not positive.
+    """
+    with _finite_numbers():
+        return _fitted(frf, variance, (f_min_hz, f_max_hz), max_order).modes()[0]
+
+
+def modes_and_doubtful(
+    frf: FrfSet, variance: Array | None = None
+) -> tuple[tuple[MeasuredMode, ...], tuple[DoubtfulMode, ...]]:
+    """As `identify_modes`, and what looks like a mode and is left out."""
+    with _finite_numbers():
+        fitted = _fitted(frf, variance, (None, None))
+        return fitted.modes()[0], fitted.doubtful
+
+
+def fit_modes(
+    frf: FrfSet,
+    variance: Array | None = None,
+    *,
+    f_min_hz: float | None = None,
+    f_max_hz: float | None = None,
+    max_order: int = 40,
+) -> ModalFit:
+    """As `identify_modes`, with the fitted FRFs (in the band), misfit, covariance and doubtful modes as well."""
+    with _finite_numbers():
+        fitted = _fitted(frf, variance, (f_min_hz, f_max_hz), max_order)
+        problem, poles = fitted.problem, fitted.poles
+        every = fitted.all_frfs or (problem.values, problem.weight)
+        chi2, freedom, values = 0.0, 0, []
+        for first in range(0, every[0].shape[1], problem.values.shape[1]):  # as many at once as poles were sought in
+            some = slice(first, first + problem.values.shape[1])
+            few = ModalProblem(problem.omega / (2 * np.pi), every[0][:, some], every[1][:, some], frf.quantity)
+            chi2, freedom = chi2 + few.chi2(poles), freedom + few.freedom(poles.size)
+            values.append(few.model(poles))
+        shape = (problem.omega.size, len(frf.outputs), len(frf.inputs))
+        modes, covariance = fitted.modes()
+        return ModalFit(modes, np.hstack(values).reshape(shape), chi2 / freedom, covariance, fitted.doubtful)
+
+
+def identify_zeros(frf: FrfSet, variance: Array | None = None) -> dict[str, ModalFit]:
+    """Antiresonances of drive points: natural frequencies of the structure with that DOF held.
+
+    They are the poles of one over the FRF, sought by the rules of `identify_modes`.
+
+    Parameters
+    ----------
+    frf, variance
+        As for `identify_modes`.
+
+    Returns
+    -------
+    dict
+        For each DOF that is an output and an input, the fit of one over its accelerance; the frequencies and dampings
+        of its modes are those of the antiresonances. Empty where there is no drive point.
+
+    Raises
+    ------
+    MeasurementError
+        As `identify_modes`.
+    """
+    _lines_inside(frf, variance, (None, None))
+    fits = {}
+    for dof in (output for output in frf.outputs if output in frf.inputs):
+        at = np.s_[:, [frf.outputs.index(dof)], [frf.inputs.index(dof)]]
+        noise = None if variance is None else variance[at][:, :, None]
+        with _finite_numbers():
+            direct = _fitted(frf.select((dof,), (dof,)), noise, (None, None))
+            problem, lines = direct.problem, direct.problem.omega / (2 * np.pi)
+            smooth, factor = problem.model(direct.poles), quantity_factor(lines, "accelerance", frf.quantity)[:, None]
+            # one over the accelerance, linearised about the fitted one: its noise is Gaussian even where that is nearly
+            # 0; fitted as a receptance, since it is a constant, the mass, at high frequencies
+            inverse = (2 / smooth - problem.values / smooth**2) / factor
+            sd = 1 / (problem.weight * np.abs(smooth**2 * factor))
+        fits[dof] = fit_modes(FrfSet(lines, inverse[:, :, None], (dof,), (dof,)), sd[:, :, None] ** 2)
+    return fits
+
+
+@contextmanager
+def _finite_numbers() -> Iterator[None]:
+    """Say in one line what linear algebra says of numbers beyond what floats hold."""
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except (ValueError, ArithmeticError) as error:
+        raise MeasurementError(
+            f"modal fit: found FRFs that no modes can be fitted to ({' '.join(str(error).split())}); expected those of "
+            "a structure; look at the values, or choose another band"
+        ) from None
+
+
+def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int = 40) -> "_Fitted":
+    """Modes, and the problem with the poles that they are.
+
+    Of many FRFs poles are sought in a few, evenly spaced; then the values and weights of all follow, whose residues are
+    a linear problem.
+    """
+    inside = _lines_inside(frf, variance, band_hz)
+    n_lines = int(inside.sum())
+    frequency = frf.frequency_hz[inside]
+    values = frf.values[inside].reshape(n_lines, -1)
+    stated = None if variance is None else variance[inside].reshape(n_lines, -1)
+    order = min(max_order, n_lines // 4)
+    first = 1 / (_UNKNOWN.sd_of_part(np.abs(values)) + np.finfo(float).tiny) if stated is None else stated**-0.5
+    few = _few_of(values.shape)
+    all_frfs = None
+    if few.size < values.shape[1]:
+        all_frfs = values, first
+        values, first, stated = values[:, few], first[:, few], None if stated is None else stated[:, few]
+    problem = ModalProblem(frequency, values, first, frf.quantity)
+    poles = steady_poles(polynomial_poles(frequency, values, problem.weight, order), max(4, order // 5))
+    if stated is not None:
+        poles = problem.search(poles, order)
+    else:
+        poles = problem.by_pieces(poles, ModalProblem.climb)
+        from_coherence = _noise_squares(frf, inside, few)
+        # the noise is known better the more modes are known: once for the strong ones, once for all
+        for _ in range(2):
+            model = problem.model(poles)
+            square, width = from_coherence or (np.abs(values - model) ** 2, n_lines)
+            problem = ModalProblem(frequency, values, _weight_of_squares(square, model, width), frf.quantity)
+            poles = problem.search(poles, order)
+    poles = problem.climb(poles, fine=True)
+    incoherence = None if frf.coherence is None else 1 - frf.coherence[inside].reshape(n_lines, -1)[:, few]
+    review = PoleReview(problem, poles, incoherence)
+    is_mode = review.review()
+    is_mode = is_mode & (review.frequency_hz >= frequency[0]) & (review.frequency_hz <= frequency[-1])
+    doubtful = tuple(doubt for doubt in review.doubtful if frequency[0] <= doubt.frequency_hz <= frequency[-1])
+    return _Fitted(problem, review.poles, is_mode, doubtful, all_frfs)
+
+
+def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: _Band) -> Flags:
+    low, high = band_hz[0] or 0.0, band_hz[1] or np.inf
+    inside = np.asarray((frf.frequency_hz >= low) & (frf.frequency_hz <= high))
+    n_lines = int(inside.sum())
+    if n_lines < _FEWEST_LINES:
+        raise MeasurementError(
+            f"modal fit: found {n_lines} lines{_band_words(*band_hz)}; expected {_FEWEST_LINES} or more; "
+            "widen the band or measure finer lines"
+        )
+    if variance is not None and (variance.shape != frf.values.shape or not (variance > 0).all()):
+        raise MeasurementError(
+            f"modal fit: found a variance of shape {variance.shape}; expected positive numbers of shape "
+            f"{frf.values.shape}; correct it"
+        )
+    return inside
+
+
+def _band_words(low: float | None, high: float | None) -> str:
+    if low is None or high is None:
+        return "" if low is high else f" above {low:g} Hz" if high is None else f" below {high:g} Hz"
+    return f" between {low:g} and {high:g} Hz"
+
+
+#: Values that poles are sought in, and FRFs at least: more tell hardly more of a pole, and each costs the same again.
+_MOST_VALUES, _FEWEST_FRFS = 30_000, 6
+#: Below this many lines there is nothing to fit: fourteen numbers for the rest and four for one mode need more values.
+_FEWEST_LINES = 16
+#: Noise where nothing is known of it, and the least that a coherence is believed.
+_UNKNOWN, _LEAST = RelativeNoise(0.03, 0.01), RelativeNoise(1e-3, 0.0)
+#: What a fit of exact FRFs leaves, relative to these: no noise is less.
+_ROUNDING = 1e-12
+
+
+def _few_of(shape: tuple[int, ...]) -> Indices:
+    """Numbers of the FRFs among (lines, frfs) in which poles are sought."""
+    lines, frfs = shape
+    few = min(frfs, max(_FEWEST_FRFS, _MOST_VALUES // lines))
+    return np.linspace(0, frfs - 1, few).round().astype(np.intp)
+
+
+def _noise_squares(frf: FrfSet, inside: Flags, few: Indices) -> tuple[Array, int] | None:
+    """σ² as coherence and averages estimate it line by line, and how many lines hold 40 degrees of freedom.
+
+    None where they do not tell. At one line σ² has 2(n − 1) degrees of freedom: weights as uncertain as that would
+    spoil the fit.
+    """
+    coherence, averages = frf.coherence, frf.averages
+    if coherence is None or averages is None or averages < 2:
+        return None
+    if not (coherence > 0).all() or (coherence >= 1 - 1e-12).all(axis=0).any():
+        return None
+    square = np.maximum(coherence_variance(frf), _LEAST.variance(frf.values))[inside].reshape(int(inside.sum()), -1)
+    return square if few.size == square.shape[1] else square[:, few], 1 + 2 * (20 // (2 * (averages - 1)))
+
+
+def _weight_of_squares(square: Array, model: ComplexArray, width: int) -> Array:
+    """One over the noise of which each square is a rough estimate of σ².
+
+    ln σ² is a parabola in ln|H| plus one in f, as likely as the squares allow; times the mean over `width` lines of
+    what that leaves, for noise that depends on frequency as such.
+    """
+    weight = np.empty(square.shape)
+    count, half = len(square), width // 2
+    line = np.linspace(-1, 1, count)
+    first = np.maximum(np.arange(count) - half, 0)
+    last = np.minimum(np.arange(count) + half + 1, count)
+    square = np.maximum(square, (_ROUNDING * np.abs(model)) ** 2)
+    for k in range(square.shape[1]):
+        magnitude = np.abs(model[:, k])
+        level = np.log(magnitude + 1e-3 * np.median(magnitude) + np.finfo(float).tiny)
+        level = (level - level.mean()) / max(level.std(), 1e-6)
+        columns = np.column_stack([np.ones(count), level, level**2, line, line**2])
+        law = np.exp(columns @ _log_linear_fit(columns, square[:, k]))
+        ratio = square[:, k] / law
+        total = np.concatenate([[0.0], np.cumsum(ratio)])
+        # far below the sum before it, a difference of sums is rounding: no mean is below the smallest of its terms
+        least = scipy.ndimage.minimum_filter1d(ratio, 2 * half + 1, mode="nearest")
+        weight[:, k] = (law * np.maximum((total[last] - total[first]) / (last - first), least)) ** -0.5
+    return weight
+
+
+def _log_linear_fit(columns: Array, square: Array) -> Array:
+    """Coefficients c of E[square] = exp(columns c) for exponentially distributed squares, by Fisher scoring."""
+    coefficients = np.zeros(columns.shape[1])
+    coefficients[0] = np.log(square.mean() + np.finfo(float).tiny)
+    for _ in range(30):
+        ratio = np.minimum(square / np.exp(columns @ coefficients), 50.0)
+        step = scipy.linalg.lstsq(columns, ratio - 1)[0]
+        coefficients = coefficients + np.clip(step, -1, 1)
+        if np.abs(step).max() < 1e-6:
+            break
+    return coefficients
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """Poles of least squares, which of them are modes, and values and weights of all FRFs where some were left out."""
+
+    problem: ModalProblem
+    poles: ComplexArray
+    is_mode: Flags
+    doubtful: tuple[DoubtfulMode, ...]
+    all_frfs: tuple[ComplexArray, Array] | None
+
+    def modes(self) -> tuple[tuple[MeasuredMode, ...], Array]:
+        """Modes, and the covariance of their frequencies in Hz and then their damping ratios."""
+        numbers = np.flatnonzero(np.tile(self.is_mode, 2))
+        if not numbers.size:
+            return (), np.zeros((0, 0))
+        unit = np.repeat([1 / (2 * np.pi), 1.0], self.poles.size)
+        covariance = (self.problem.covariance(self.poles) * np.outer(unit, unit))[np.ix_(numbers, numbers)]
+        poles = self.poles[self.is_mode]
+        sd_hz, sd_damping = np.sqrt(np.diag(covariance)).reshape(2, -1).tolist()
+        modes = tuple(
+            MeasuredMode(float(abs(p) / (2 * np.pi)), sd, float(-p.real / abs(p)), sd_zeta)
+            for p, sd, sd_zeta in zip(poles, sd_hz, sd_damping, strict=True)
+        )
+        return modes, covariance

@@ -1,0 +1,317 @@
+"""Modes as data: frequencies, antiresonances, damping, shapes and modal constants of repetitions of a modal test."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, singledispatch
+from typing import Any
+
+import numpy as np
+
+from vibrecords.arrays import Array, Flags, convert_fields
+from vibrecords.data import FrfData, Match, ModalData
+from vibrecords.errors import MeasurementError, array_of, printable
+from vibrecords.mode_values import (
+    Antiresonances,
+    ModalConstants,
+    ModeQuantity,
+    ModeShapes,
+    ModeValue,
+    Observed,
+)
+from vibrecords.provenance import Provenance
+
+
+@dataclass(frozen=True, eq=False)
+class ModeData(ModalData):
+    """Modes from a modal test, or from several repetitions of it.
+
+    Parameters
+    ----------
+    frequency
+        Natural frequencies, shape (repetitions, n) or (n,), Hz; or the eigenvalues (2πf)², rad²/s².
+    damping
+        Damping ratios, shape (repetitions, n) or (n,).
+    shapes
+        Mode shapes.
+    numbers
+        Number of each measured mode among those of the structure with its joint, from 1; by default the lowest n.
+    match
+        Whether the mode of that ``"number"`` is compared with the measured one, or the one that has the nearest
+        ``"shape"`` (by the modal assurance criterion), whatever joint changes their order.
+    eigenvalues
+        Whether `frequency` holds eigenvalues: their errors are then the normal ones.
+    provenance
+        Where the data come from, as in `FrfData`.
+    zeros
+        Antiresonances of drive points.
+    constants
+        Modal constants.
+    read_off
+        The measured FRFs that show these modes, if they were read off any: to be seen beside what is predicted.
+
+    Raises
+    ------
+    MeasurementError
+        If shapes of arrays disagree, a number is impossible, or modes are to be matched by shapes that are not given.
+
+    Examples
+    --------
+    >>> frequency = Observed([[12.1, 31.4], [12.2, 31.6]], 0.1)
+    >>> ratio = Observed([[[0.62], [-1.60]], [[0.61], [-1.63]]], 0.02)
+    >>> ModeData(frequency, shapes=ModeShapes(("1:x",), "2:x", ratio))
+    ModeData(2 modes, 2 repetitions: 12.15, 31.5 Hz; shapes at 1:x over 2:x)
+    """
+
+    frequency: Observed
+    damping: Observed | None = None
+    shapes: ModeShapes | None = None
+    numbers: tuple[int, ...] = ()
+    match: Match = "number"
+    eigenvalues: bool = False
+    provenance: Provenance | None = None
+    zeros: Antiresonances | None = None
+    constants: ModalConstants | None = None
+    read_off: FrfData | None = None
+
+    def __post_init__(self) -> None:
+        what = "eigenvalues" if self.eigenvalues else "natural frequencies"
+        given = array_of(self.frequency.values, float, what, MeasurementError)
+        n = given.shape[-1] if given.ndim else 0
+        object.__setattr__(self, "frequency", self.frequency.rows((n,), what))
+        seen = self.frequency.values
+        if np.isnan(seen).all(axis=0).any() or (seen <= 0).any():
+            raise MeasurementError(
+                f"{what}: found a mode without any, or one that is not above 0; expected one above 0 for each mode; "
+                "leave out modes of which only the shape is known"
+            )
+        object.__setattr__(self, "numbers", tuple(map(int, self.numbers)) or tuple(range(1, n + 1)))
+        if len(self.numbers) != n or len(set(self.numbers)) != n or min(self.numbers) < 1:
+            raise MeasurementError(
+                f"mode numbers: found {self.numbers} for {n} modes; expected a different one, from 1, for each"
+            )
+        if self.damping is not None:
+            damping = self.damping.rows((n,), "damping ratios")
+            object.__setattr__(self, "damping", damping)
+            if not (np.nan_to_num(damping.values) < 1).all() or (damping.values < 0).any():
+                raise MeasurementError("damping ratios: found one outside 0 to 1; expected ratios, 0.01 for 1 %")
+        convert_fields(self, lambda part: part.rows(n), "shapes", "constants")
+        if self.match not in ("number", "shape") or (self.match == "shape" and self.shapes is None):
+            raise MeasurementError(
+                f'modes: found match = "{self.match}"{"" if self.shapes else " without shapes"}; expected "number", or '
+                '"shape" where shapes are given; correct it'
+            )
+
+    @property
+    def shown_frfs(self) -> FrfData | None:
+        """The FRFs that these modes were read off."""
+        return self.read_off
+
+    def __repr__(self) -> str:
+        listed = ", ".join(f"{f:.4g}" for f in self.frequency_hz)
+        count = len(self.frequency.values)
+        more = f", {count} repetitions" if count > 1 else ""
+        shapes = "; damping ratios" if self.damping is not None else ""
+        if self.shapes is not None:
+            reference = ", ".join(dict.fromkeys(self.references))
+            shapes += printable(f"; shapes at {', '.join(self.shapes.dofs)} over {reference}")
+        if self.zeros is not None:
+            shapes += printable(f"; antiresonances of {', '.join(dict.fromkeys(self.zeros.dofs))}")
+        if self.constants is not None:
+            shapes += printable(f"; modal constants of {', '.join(map('/'.join, self.constants.pairs))}")
+        return f"ModeData({self.frequency_hz.size} modes{more}: {listed} Hz{shapes})"
+
+    @cached_property
+    def _mean(self) -> tuple[Array, Array]:
+        """Mean natural frequencies and their standard deviations, Hz."""
+        mean, sd = self.frequency.mean()
+        if not self.eigenvalues:
+            return mean, sd
+        frequency = np.sqrt(mean) / (2 * np.pi)
+        return frequency, sd / (8 * np.pi**2 * frequency)
+
+    @property
+    def frequency_hz(self) -> Array:  # type: ignore[override]
+        """Natural frequencies, weighted means over repetitions, shape (n,), Hz."""
+        return self._mean[0]
+
+    @property
+    def sd_hz(self) -> Array:  # type: ignore[override]
+        """Their standard deviations, shape (n,), Hz."""
+        return self._mean[1]
+
+    @property
+    def shows_shapes(self) -> bool:
+        """Whether mode shapes are among the data."""
+        return self.shapes is not None
+
+    @property
+    def lowest_hz(self) -> tuple[float, ...] | None:
+        """Natural frequencies, if they are the lowest, each of them, in rising order, Hz."""
+        rising = bool((np.diff(self.frequency_hz) > 0).all())
+        lowest = self.match == "number" and rising and self.numbers == tuple(range(1, len(self.numbers) + 1))
+        return super().lowest_hz if lowest else None
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Reference DOF of each mode, shape (n,); empty without shapes."""
+        if self.shapes is None:
+            return ()
+        given = self.shapes.reference
+        return (given,) * len(self.numbers) if isinstance(given, str) else given
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """DOFs of the modes, and those of antiresonances, each once."""
+        return tuple(dict.fromkeys((*self.dofs_of_modes, *(self.zeros.dofs if self.zeros else ()))))
+
+    @property
+    def dofs_of_modes(self) -> tuple[str, ...]:
+        """DOFs of the shapes and their references, and of modal constants, each once."""
+        constants = (*self.constants.outputs, *self.constants.inputs) if self.constants else ()
+        return tuple(dict.fromkeys((*(self.shapes.dofs if self.shapes else ()), *self.references, *constants)))
+
+    @property
+    def _parts(self) -> tuple[tuple[ModeQuantity, Observed | None], ...]:
+        return (
+            ("eigenvalue" if self.eigenvalues else "frequency", self.frequency),
+            ("damping", self.damping),
+            ("shape", self.shapes.components if self.shapes else None),
+            ("zero", self.zeros.frequency if self.zeros else None),
+            ("constant", self.constants.constants if self.constants else None),
+        )
+
+    @cached_property
+    def observed(self) -> tuple[ModeValue, ...]:
+        """What each of `values` is."""
+        mode_values = []
+        for quantity, observed in self._parts:
+            for repetition, mode, *dof in np.argwhere(~np.isnan(observed.values)).tolist() if observed else ():
+                mode_values.append(ModeValue(quantity, mode, dof[0] if dof else 0, repetition))
+        return tuple(mode_values)
+
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        """What each of `values` is: ``"frequency 2"``, ``"shape 2 6:y over 11:y"``, ``"zero 1 of 11:y"``."""
+        return tuple(map(self._name, self.observed))
+
+    def _name(self, value: ModeValue) -> str:
+        if self.zeros is not None and value.quantity == "zero":
+            return f"zero {self.zeros.numbers[value.mode]} of {self.zeros.dofs[value.mode]}"
+        name = f"{value.quantity} {self.numbers[value.mode]}"
+        if self.shapes is not None and value.quantity == "shape":
+            name += f" {self.shapes.dofs[value.dof]} over {self.references[value.mode]}"
+        if self.constants is not None and value.quantity == "constant":
+            name += f" {'/'.join(self.constants.pairs[value.dof])}"
+        return name
+
+    @cached_property
+    def values(self) -> Array:
+        """All that was observed, in the order of `observed`, shape (m,)."""
+        return np.concatenate([observed.values[~np.isnan(observed.values)] for _, observed in self._parts if observed])
+
+    @cached_property
+    def sd(self) -> Array:
+        """Standard deviations of `values`, shape (m,)."""
+        return np.concatenate([observed.sd[~np.isnan(observed.values)] for _, observed in self._parts if observed])
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """All numbers that were measured or stated."""
+        given = {name: observed for name, observed in self._parts if observed}
+        return {
+            key: a
+            for name, observed in given.items()
+            for key, a in ((name, observed.values), (f"{name}_sd", observed.sd))
+        }
+
+    @property
+    def layout(self) -> dict[str, object]:
+        """What must be the same of other modes for these to stand for them."""
+        zeros = (self.zeros.dofs, self.zeros.numbers) if self.zeros else ()
+        dofs = self.dofs, self.references, zeros, self.constants.pairs if self.constants else ()
+        return {"data": "modes", "values": self.observed, "mode numbers": self.numbers, "DOFs": dofs}
+
+    def some(self, which: Flags) -> "ModeData":
+        """Some of the modes, by a mask over them, shape (n,)."""
+
+        def of(observed: Observed | None) -> Observed | None:
+            if observed is None or np.isnan(observed.values[:, which]).all():
+                return None
+            return Observed(observed.values[:, which], observed.sd[:, which])
+
+        parts = [observed if quantity == "zero" else of(observed) for quantity, observed in self._parts]
+        components, shapes = parts[2], None
+        if self.shapes and components:
+            references = tuple(label for label, kept in zip(self.references, which, strict=True) if kept)
+            shapes = ModeShapes(self.shapes.dofs, references, components)
+        numbers = tuple(number for number, kept in zip(self.numbers, which, strict=True) if kept)
+        return self._made_of(parts, shapes=shapes, numbers=numbers, match=self.match if shapes else "number")
+
+    def with_values(self, values: Array, *, relative: bool = False) -> "ModeData":
+        """The same with other values, in the order of `observed`, shape (m,)."""
+        parts: list[Observed | None] = []
+        start = 0
+        for _, observed in self._parts:
+            if observed is None:
+                parts.append(None)
+                continue
+            changed, seen = np.array(observed.values), ~np.isnan(observed.values)
+            changed[seen] = values[start : start + seen.sum()]
+            start += int(seen.sum())
+            parts.append(Observed(changed, observed.sd))
+        return self._made_of(parts)
+
+    def _made_of(self, parts: Sequence[Observed | None], **changes: Any) -> "ModeData":  # noqa: ANN401
+        """The same with other values of each of `_parts`, and other fields."""
+        frequency, damping, components, zeros, constants = parts
+        made = {
+            "frequency": frequency,
+            "damping": damping,
+            "shapes": replace(self.shapes, components=components) if self.shapes and components else None,
+            "zeros": replace(self.zeros, frequency=zeros) if self.zeros and zeros else None,
+            "constants": replace(self.constants, constants=constants) if self.constants and constants else None,
+        }
+        return replace(self, **{**made, **changes})
+
+
+@singledispatch
+def renumbered(data: ModalData, shift: int, unit_hz: float = 1.0) -> ModeData:
+    """The same measurement as that of modes whose numbers are higher by `shift`, its frequencies in another unit.
+
+    Between two modes of a drive point lies one antiresonance: their numbers are higher by as much.
+    """
+    numbers = tuple(number + shift for number in data.numbers)
+    frequency = Observed(data.frequency_hz * unit_hz, data.sd_hz * unit_hz)
+    return ModeData(frequency, numbers=numbers, provenance=data.provenance)
+
+
+@renumbered.register
+def _renumbered_table(data: ModeData, shift: int, unit_hz: float = 1.0) -> ModeData:
+    numbers = tuple(number + shift for number in data.numbers)
+    frequency = Observed(data.frequency.values * unit_hz, data.frequency.sd * unit_hz)
+    zeros = data.zeros and replace(data.zeros, numbers=tuple(number + shift for number in data.zeros.numbers))
+    return replace(data, frequency=frequency, numbers=numbers, zeros=zeros)
+
+
+@singledispatch
+def split_modes(data: ModalData, numbers: Sequence[int]) -> tuple[ModeData, ModeData]:
+    """The modes but some, with the antiresonances, and these, by their numbers; each with all that was measured of it.
+
+    Raises
+    ------
+    MeasurementError
+        If one of them was not measured, or no other one was.
+    """
+    frequency = Observed(data.frequency_hz, data.sd_hz)
+    return split_modes(ModeData(frequency, numbers=data.numbers, provenance=data.provenance), numbers)
+
+
+@split_modes.register
+def _split_table(data: ModeData, numbers: Sequence[int]) -> tuple[ModeData, ModeData]:
+    apart = np.isin(data.numbers, numbers)
+    if apart.all() or not set(numbers) <= set(data.numbers):
+        wanted, measured = (", ".join(map(str, some)) for some in (numbers, data.numbers))
+        raise MeasurementError(
+            f"left out: found modes {wanted}; expected some of {measured}, but not all; correct the numbers"
+        )
+    return data.some(~apart), replace(data.some(apart), zeros=None)

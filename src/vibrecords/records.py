@@ -1,0 +1,301 @@
+"""What a measurement file holds, as it says it: FRFs, coherences, time histories, spectra, modes, each with a place."""
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrecords.arrays import Array, ComplexArray, Flags, convert_fields
+from vibrecords.errors import MeasurementError
+from vibrecords.frf_set import Lines, Quantity, read_only
+
+#: Nothing measured has a larger number in SI units or the inverse of it, and no line is higher or at the inverse, Hz.
+#: Squares and products of what is within stay finite.
+LARGEST, HIGHEST_HZ = 1e40, 1e9
+#: Bytes of a file; the largest that was tried, a universal file of 10 000 FRFs, has 2 GB.
+MOST_BYTES = 16 * 2**30
+#: FRFs and time histories in a file; data sets of other types count in a universal file.
+MOST_RECORDS = 100_000
+#: Averages of an FRF.
+MOST_AVERAGES = 10**6
+#: Columns of a table.
+MOST_COLUMNS = 50_000
+#: Characters of a channel label or a unit.
+LONGEST_LABEL = 300
+
+_AXES = ("S", "X", "Y", "Z", "RX", "RY", "RZ")
+_LABEL = re.compile(r"(?:(?P<entity>[^:\s]{1,10}):)?(?P<node>\d{1,9}):(?P<axis>S|R?[XYZ])(?P<sign>[+-]?)")
+#: What the sensor of a time history measures.
+SensorQuantity = Literal["force", "displacement", "velocity", "acceleration", "unknown"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrfRecord:
+    """One FRF of a file, in SI units where `factor` is a number; zero lines and NaN are still there.
+
+    Parameters
+    ----------
+    response, reference
+        Channel labels as the file gives them, such as ``"Point:12:Z+"`` or ``"acc tip"``.
+    frequency_hz
+        Frequency lines as stored, shape (lines,), Hz.
+    values
+        Complex FRF in SI units per newton, shape (lines,).
+    quantity
+        What the file says it is; None where it does not say.
+    unit
+        Unit as written in the file, before conversion; empty where none is.
+    coherence
+        γ², shape (lines,), or None where the file has none.
+    averages
+        Number of averages, or None where the file does not say.
+    where
+        Place in the file for messages: ``"data set 3"``, ``"columns 2 and 3"``, ``"variable 'H'"``.
+    notes
+        What was done on reading, in words: ``"g converted to m/s²"``.
+    factor
+        What the numbers of the file were multiplied by to be in SI units per newton; None where `unit` does not tell,
+        or is none of an FRF over a force: the values are as written.
+    """
+
+    response: str
+    reference: str
+    frequency_hz: Array
+    values: ComplexArray
+    quantity: Quantity | None = None
+    unit: str = ""
+    coherence: Array | None = None
+    averages: int | None = None
+    where: str = ""
+    notes: tuple[str, ...] = field(default=())
+    factor: float | None = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", read_only(self.values, np.complex128))
+        convert_fields(self, read_only, "frequency_hz", "coherence")
+
+    def at_lines(self, which: Lines) -> "FrfRecord":
+        """Return some of the lines: a mask or indices over lines, or a slice."""
+        coherence = None if self.coherence is None else self.coherence[which]
+        return replace(self, frequency_hz=self.frequency_hz[which], values=self.values[which], coherence=coherence)
+
+    @property
+    def conjugate(self) -> "FrfRecord":
+        """The same for the other time factor, exp(−iωt)."""
+        return replace(self, values=self.values.conj())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeRecord:
+    """One time history of a file, in SI units.
+
+    Parameters
+    ----------
+    channel
+        Channel label as the file gives it.
+    sample_rate_hz
+        Samples per second, Hz.
+    values
+        Samples, shape (samples,), in N, m, m/s or m/s²; in the file's own unit where `quantity` is ``"unknown"``.
+    quantity
+        What was measured.
+    unit
+        Unit as written in the file, before conversion.
+    hit
+        Which hit or block this is, counted from 1, where the file keeps them apart; else None.
+    where, notes, factor
+        As in `FrfRecord`.
+    """
+
+    channel: str
+    sample_rate_hz: float
+    values: Array
+    quantity: SensorQuantity = "unknown"
+    unit: str = ""
+    hit: int | None = None
+    where: str = ""
+    notes: tuple[str, ...] = field(default=())
+    factor: float | None = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", read_only(self.values))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoherenceRecord:
+    """A coherence γ², shape (lines,), that stands apart from its FRF: in a file of its own. As `FrfRecord`."""
+
+    response: str
+    reference: str
+    frequency_hz: Array
+    values: Array
+    averages: int | None = None
+    where: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        convert_fields(self, read_only, "frequency_hz", "values")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpectrumRecord:
+    """A spectrum of one signal or of two, which is no FRF: listed, never data.
+
+    `kind` says in words which, as the file has it: ``"auto spectrum"``, ``"PSD"``, ``"FFT, RMS"``; `values` are as
+    written, shape (lines,).
+    """
+
+    channel: str
+    kind: str
+    frequency_hz: Array
+    values: NDArray[np.number]
+    unit: str = ""
+    where: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModeRecord:
+    """One mode of a modal test: what another program made of FRFs.
+
+    Parameters
+    ----------
+    number
+        As the file counts, from 1.
+    frequency_hz, frequency_sd_hz
+        Natural frequency and its standard deviation, Hz.
+    damping_ratio, damping_sd
+        Of critical damping, and its standard deviation.
+    shape
+        Displacement by channel label, in the file's own scale.
+    modal_mass
+        Of that scale; None where the file does not say.
+    where, notes
+        As in `FrfRecord`.
+    """
+
+    number: int
+    frequency_hz: float
+    frequency_sd_hz: float | None = None
+    damping_ratio: float | None = None
+    damping_sd: float | None = None
+    shape: Mapping[str, complex] = field(default_factory=dict)
+    modal_mass: float | None = None
+    where: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+
+Record = FrfRecord | TimeRecord | CoherenceRecord | SpectrumRecord | ModeRecord
+
+
+def labels_of(record: Record) -> tuple[str, ...]:
+    """Labels of the channels that a record names."""
+    match record:
+        case FrfRecord() | CoherenceRecord():
+            return record.response, record.reference
+        case TimeRecord() | SpectrumRecord():
+            return (record.channel,)
+    return tuple(record.shape)
+
+
+def measurable(values: Array | ComplexArray) -> Flags:
+    """Which values a measurement can have: 0, or a finite number of a size that occurs."""
+    with np.errstate(all="ignore"):
+        size = np.maximum(np.abs(values.real), np.abs(values.imag))
+        return np.asarray((size == 0) | ((size >= 1 / LARGEST) & (size <= LARGEST)))
+
+
+def require_short(where: str, *labels: str) -> None:
+    """Refuse labels and units that are none.
+
+    Raises
+    ------
+    MeasurementError
+        If one is longer than `LONGEST_LABEL`.
+    """
+    for label in labels:
+        if len(label) > LONGEST_LABEL:
+            raise MeasurementError(
+                f"{where}: found a name of {len(label)} characters ({label[:20]!r}…); expected at most "
+                f"{LONGEST_LABEL}; shorten it"
+            )
+
+
+@contextmanager
+def refuse_damage(where: str, expected: str, part: str = "a part", most: int = 80) -> Iterator[None]:
+    """Say in one line what a library raises on damaged bytes: whatever these lead it to, which is of no use to anybody.
+
+    Raises
+    ------
+    MeasurementError
+        If the body fails: with the first `most` characters of the reason, and what was expected.
+    """
+    try:
+        yield
+    except MeasurementError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split())[:most] or type(error).__name__
+        raise MeasurementError(f"{where}: found {part} that cannot be read ({reason}); expected {expected}") from None
+
+
+def even_rate(time: Array, where: str) -> float:
+    """Sampling rate in Hz of evenly spaced instants in s.
+
+    Raises
+    ------
+    MeasurementError
+        If there are fewer than two, or they are not evenly spaced to 1 % of a step.
+    """
+    if time.size >= 2 and np.isfinite(time).all():
+        with np.errstate(all="ignore"):
+            step = (time[-1] - time[0]) / (time.size - 1)
+            uneven = np.abs(np.diff(time) / step - 1).max()
+        if 1 / HIGHEST_HZ <= step <= HIGHEST_HZ and uneven < 0.01:
+            return float(1 / step)
+    raise MeasurementError(
+        f"{where}: found instants that are not evenly spaced, or fewer than two; expected one sampling rate; resample"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Dof:
+    """A channel label ``Point:12:Z+`` in the parts that a universal file has.
+
+    Entity name (empty where unused), node, and direction: 0 scalar, ±1…3 translations, ±4…6 rotations.
+    """
+
+    entity: str
+    node: int
+    direction: int
+
+
+def dof_label(dof: Dof) -> str:
+    """Label of a degree of freedom of a file.
+
+    Examples
+    --------
+    >>> dof_label(Dof("Point", 12, 3)), dof_label(Dof("", 4, -5))
+    ('Point:12:Z+', '4:RY-')
+    """
+    axis = _AXES[abs(dof.direction)] + ("", "+", "-")[(dof.direction > 0) - (dof.direction < 0)]
+    return f"{dof.entity}:{dof.node}:{axis}" if dof.entity else f"{dof.node}:{axis}"
+
+
+def parse_dof(label: str) -> Dof | None:
+    """Degree of freedom of a label, upper or lower case, with or without sign; None where it is a mere name.
+
+    Examples
+    --------
+    >>> parse_dof("11:y")
+    Dof(entity='', node=11, direction=2)
+    """
+    match = _LABEL.fullmatch(label.replace("x", "X").replace("y", "Y").replace("z", "Z").replace(":r", ":R"))
+    if match is None:
+        return None
+    direction = _AXES.index(match["axis"]) * (-1 if match["sign"] == "-" else 1)
+    return Dof(label.split(":")[0] if match["entity"] else "", int(match["node"]), direction)

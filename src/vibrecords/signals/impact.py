@@ -1,0 +1,273 @@
+"""Impact tests: from the records of a hammer and of responses to FRFs, their coherence, and the hits behind them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from vibrecords.arrays import Array, ComplexArray
+from vibrecords.errors import MeasurementError
+from vibrecords.formats.grid import join_frfs
+from vibrecords.frf_set import FrfSet, Quantity
+from vibrecords.modal_fit import identify_modes
+from vibrecords.records import FrfRecord, TimeRecord
+from vibrecords.signals.hits import Hit, HitSettings, find_hits, hits_of, reject_overloads
+from vibrecords.signals.spectra import (
+    WINDOW_SAMPLES,
+    Estimator,
+    MadeFrfs,
+    estimate_frf,
+    estimated_record,
+    kept_lines,
+    paired,
+    sort_by_force,
+)
+from vibrecords.signals.windows import (
+    added_decay_rate,
+    exponential_window,
+    force_window,
+    independent_step,
+    line_correlation,
+    remove_added_damping,
+)
+
+Records = TimeRecord | Sequence[TimeRecord]
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactSettings:
+    """How FRFs are made from hits.
+
+    Parameters
+    ----------
+    hits
+        How hits are found and judged.
+    force_window_s
+        How long after the trigger the force counts, s; None leaves it as it is.
+    exponential_end
+        What is left of the exponential window at the end of a block, 1 without one; it is put on both channels.
+    estimator
+        ``"H1"``, ``"H2"`` or ``"Hv"``.
+    f_min_hz, f_max_hz
+        Band of the lines that are kept; by default from the first above 0 Hz to the sample rate over 2.56.
+    """
+
+    hits: HitSettings = field(default_factory=HitSettings)
+    force_window_s: float | None = None
+    exponential_end: float = 1.0
+    estimator: Estimator = "H1"
+    f_min_hz: float | None = None
+    f_max_hz: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactResult:
+    """FRF of an impact test.
+
+    Parameters
+    ----------
+    frf
+        Its `averages` are the hits that were kept; coherence is None for a single one.
+    hits
+        All hits, with the reason why one was left out.
+    added_decay_rate
+        a of the exponential window, 1/s: `frf` is H(jω + a), see
+        `vibrecords.signals.windows`. 0 without one.
+    """
+
+    frf: FrfRecord
+    hits: tuple[Hit, ...]
+    added_decay_rate: float
+
+
+def impact_frfs(
+    force: Records, responses: Sequence[Records], settings: ImpactSettings | None = None
+) -> tuple[ImpactResult, ...]:
+    """FRFs of several responses to the same hits, in the order of the responses.
+
+    A hit that overloads one response is left out of all, so that all have the same averages.
+
+    Parameters
+    ----------
+    force, responses
+        One record or several, the first record of a response belonging to the first force and so on; each the block of
+        one hit, or a recording of several hits, as ``settings.hits.block_s`` says.
+    settings
+        Hits, windows and estimator; by default each record is a block.
+
+    Raises
+    ------
+    MeasurementError
+        If the records do not belong together, no hit can be kept, or kept hits differ in length.
+    """
+    chosen = settings or ImpactSettings()
+    if not responses:
+        raise MeasurementError("impact: found no response; expected one or more; add the records of a response")
+    together = [paired(force, response) for response in responses]
+    forces = [x for x, _ in together[0][0]]
+    hits = find_hits(forces, chosen.hits)
+    for pairs, _ in together:
+        hits = reject_overloads(hits, [y for _, y in pairs], chosen.hits)
+    kept = [hit for hit in hits if hit.kept]
+    if not kept:
+        reasons = "; ".join(f"hit {hit.number}: {hit.reason}" for hit in hits[:3])
+        raise MeasurementError(
+            f"impact on {forces[0].channel!r}: found no hit to keep among {len(hits)} ({reasons}); expected at least "
+            "one; hit again, or change block, pretrigger or levels"
+        )
+    return tuple(_estimate(pairs, quantity, kept, hits, chosen) for pairs, quantity in together)
+
+
+def _estimate(
+    pairs: list[tuple[TimeRecord, TimeRecord]],
+    quantity: Quantity,
+    kept: list[Hit],
+    hits: tuple[Hit, ...],
+    settings: ImpactSettings,
+) -> ImpactResult:
+    rate = pairs[0][0].sample_rate_hz
+    lengths = {_samples(pairs[hit.record][0], settings) for hit in kept}
+    if len(lengths) > 1:
+        raise MeasurementError(
+            f"impact on {pairs[0][0].channel!r}: found blocks of {min(lengths)} to {max(lengths)} samples; expected "
+            "one length; give block_s to cut them alike"
+        )
+    (samples,) = lengths
+    frequency, lines = kept_lines(samples, rate, settings.f_min_hz, settings.f_max_hz)
+    decay = exponential_window(samples, settings.exponential_end)
+    spectra = [_spectra_of_hit(pairs[hit.record], hit, decay, settings) for hit in kept]
+    force, response = (np.array(channel_spectra)[:, lines] for channel_spectra in zip(*spectra, strict=True))
+    estimate = estimate_frf(force, response, settings.estimator)
+    added = added_decay_rate(settings.exponential_end, samples / rate)
+    notes = [f"{settings.estimator} from {len(kept)} of {len(hits)} hits"]
+    if added > 0:
+        notes.append(f"exponential window adds {added:.6g} 1/s to the decay rate of each mode")
+    return ImpactResult(estimated_record(pairs[0], frequency, estimate, quantity, len(kept), notes), hits, added)
+
+
+def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None = None) -> MadeFrfs:
+    """All FRFs of the time records of an impact test, the damping of an exponential window taken out.
+
+    Parameters
+    ----------
+    records
+        Forces and responses of one hammer on one place after the other; those of the same `TimeRecord.hit` belong
+        together.
+    settings
+        As for `impact_frfs`.
+
+    Returns
+    -------
+    MadeFrfs
+        One FRF for each pair of a force channel and a response; errors as for `sort_by_force`, `impact_frfs`,
+        `corrected_frfs`.
+    """
+    chosen = settings or ImpactSettings()
+    frfs: list[FrfRecord] = []
+    notes: list[str] = []
+    for forces, responses in sort_by_force(records):
+        results = impact_frfs(forces, responses, chosen)
+        frfs += corrected_frfs(results)
+        lost = [f"hit {hit.number} ({hit.reason})" for hit in results[0].hits if not hit.kept]
+        if lost:
+            notes.append(f"Left out of the hits on {forces[0].channel}: {', '.join(lost)}.")
+    return MadeFrfs(tuple(frfs), _line_step(chosen.exponential_end), tuple(notes))
+
+
+def settings_of(records: Sequence[TimeRecord], f_min_hz: float | None, f_max_hz: float | None) -> ImpactSettings:
+    """How FRFs are made of the records of a hammer where nobody says it: each record a block, or blocks about its hits.
+
+    A block is a tenth shorter than hits are apart, as most of them are, and begins with a twentieth before the hit.
+
+    Raises
+    ------
+    MeasurementError
+        If there is no force, or one that is no hammer's.
+    """
+    found = [(record, hits_of(record)) for forces, _ in sort_by_force(records) for record in forces]
+    other = next((record for record, hits in found if not hits), None)
+    if other is not None:
+        raise MeasurementError(
+            f"{other.where}: found a force on {other.channel!r} that is no hammer's; expected hits, or how FRFs "
+            'are made; write method = "shaker" and block_s in [data.records]'
+        )
+    gaps = np.concatenate([np.diff([hit.trigger for hit in hits]) / record.sample_rate_hz for record, hits in found])
+    block_s = float(np.floor(900 * np.quantile(gaps, 0.25)) / 1000) if gaps.size else None
+    hit_settings = HitSettings(block_s, block_s / 20 if block_s else 0.0)
+    return ImpactSettings(hit_settings, f_min_hz=f_min_hz, f_max_hz=f_max_hz)
+
+
+def _line_step(exponential_end: float) -> int:
+    """Every how many lines are independent behind an exponential window."""
+    return independent_step(line_correlation(exponential_window(WINDOW_SAMPLES, exponential_end), random=False))
+
+
+def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
+    """FRFs without the damping that an exponential window added, by the modes that are found in them.
+
+    See `vibrecords.signals.windows.remove_added_damping` for what this corrects and what not. Without a
+    window the FRFs are returned as they are.
+
+    Parameters
+    ----------
+    results
+        Of `impact_frfs`: all responses to the same hits, whose modes are fitted together.
+
+    Raises
+    ------
+    MeasurementError
+        If no mode is found.
+    """
+    rate = results[0].added_decay_rate
+    if rate == 0:
+        return [result.frf for result in results]
+    records = [result.frf for result in results]
+    together = join_frfs(records, "exponential window")
+    modes = identify_modes(_lower_coherence(together, rate))
+    if not modes:
+        raise MeasurementError(
+            f"exponential window: found no mode in the FRFs of {records[0].reference!r}; expected some, by which the "
+            "window's damping can be taken out; widen the band or use longer blocks without a window"
+        )
+    frequency, ratio = np.array([(mode.frequency_hz, mode.damping_ratio) for mode in modes]).T
+    corrected = remove_added_damping(together, frequency, ratio, rate)
+    note = f"damping of the exponential window ({rate:.6g} 1/s) taken out by the {len(modes)} modes that were found"
+    return [
+        replace(record, values=corrected.values[:, i, 0], notes=(record.notes[0], note))
+        for i, record in enumerate(records)
+    ]
+
+
+def _lower_coherence(frf: FrfSet, rate: float) -> FrfSet:
+    """Coherence as low as it must be for correlated lines to count as the independent ones that they are worth.
+
+    Otherwise the smooth noise that a window leaves would be fitted by modes that are none.
+    """
+    if frf.coherence is None or frf.n_lines < 2:
+        return frf
+    block_s = 1 / float(np.median(np.diff(frf.frequency_hz)))
+    worth = _line_step(float(np.exp(-rate * block_s)))
+    return replace(frf, coherence=1 / (1 + worth * (1 / frf.coherence - 1)))
+
+
+def _samples(record: TimeRecord, settings: ImpactSettings) -> int:
+    block_s = settings.hits.block_s
+    return record.values.size if block_s is None else round(block_s * record.sample_rate_hz)
+
+
+def _spectra_of_hit(
+    pair: tuple[TimeRecord, TimeRecord], hit: Hit, decay: Array, settings: ImpactSettings
+) -> tuple[ComplexArray, ComplexArray]:
+    """Spectra of force and response of one hit, offset removed and windowed, each (lines,)."""
+    trigger = hit.trigger - hit.start
+    force, response = (_remove_offset(record.values[hit.start : hit.start + decay.size], trigger) for record in pair)
+    if settings.force_window_s is not None:
+        length = max(round(settings.force_window_s * pair[0].sample_rate_hz), 1)
+        force = force * force_window(decay.size, trigger, length)
+    return np.fft.rfft(decay * force), np.fft.rfft(decay * response)
+
+
+def _remove_offset(block: Array, trigger: int) -> Array:
+    """A block less its offset: the mean of what comes before the trigger, but for the last third, where it rises."""
+    quiet = block[: 2 * trigger // 3]
+    return block - quiet.mean() if quiet.size >= 8 else block

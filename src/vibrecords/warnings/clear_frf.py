@@ -1,0 +1,223 @@
+"""What can be judged of a measured FRF: its mobility, its noise, its resonances, the sense of its phase and shifts."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy  # its parts load at first use
+
+from vibrecords.arrays import Array, ComplexArray
+from vibrecords.frf_set import Quantity, quantity_factor
+from vibrecords.provenance import MeasurementWarning
+from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
+from vibrecords.signals.hits import stretch_about
+
+#: A resonance rises above both sides by this factor, and above the noise by that.
+_RISE, _ABOVE_NOISE = 3.0, 10.0
+#: A phase turns by so much at least across a resonance, rad, and is clear where the noise is below by this factor.
+_QUARTER, _CLEAR = np.pi / 4, 4.0
+#: Share of the evidence on one side from which on FRFs are conjugates or are not.
+_SURE = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class Resonance:
+    """A peak of an FRF: its frequency, cosine of the phase of mobility there, and lines above half its power.
+
+    `turn` is −1 where the phase clearly falls through it, 1 where it rises, and between where lines are too coarse;
+    `centre_hz` is the mean of the lines above half power, weighted with the power.
+    """
+
+    frequency_hz: float
+    cosine: float
+    lines: int
+    turn: float
+    centre_hz: float
+
+
+def pair_of(record: FrfRecord) -> tuple[str, str, int]:
+    """DOFs of response and reference without their signs, and the product of the signs."""
+    names, sign = [], 1
+    for label in (record.response, record.reference):
+        dof = parse_dof(label)
+        if dof is None:
+            names.append(label.strip())
+            continue
+        sign *= -1 if dof.direction < 0 else 1
+        names.append(f"{dof.entity}:{dof.node}:{abs(dof.direction)}")
+    return names[0], names[1], sign
+
+
+def usable(record: FrfRecord) -> FrfRecord:
+    """Return the record without lines at or below 0 Hz, NaN, zeros, absurd numbers and lines out of order."""
+    f = record.frequency_hz
+    good = (f >= 1 / HIGHEST_HZ) & (f <= HIGHEST_HZ) & measurable(record.values) & (record.values != 0)
+    good[good] = np.diff(np.maximum.accumulate(f[good]), prepend=0.0) > 0
+    if good.all():
+        return record
+    fits = record.coherence is not None and record.coherence.shape == f.shape
+    return (record if fits else replace(record, coherence=None)).at_lines(good)
+
+
+@dataclass(frozen=True, eq=False)
+class ClearFrf:
+    """The usable lines of an FRF of known quantity as mobility, signs of directions taken out; and where it is from."""
+
+    response: str
+    reference: str
+    quantity: Quantity
+    frequency_hz: Array
+    mobility: ComplexArray
+
+    @classmethod
+    def of(cls, record: FrfRecord) -> "ClearFrf | None":
+        """What can be judged of a record; None where it has too few usable lines or no quantity."""
+        good = usable(record)
+        if good.quantity is None or good.frequency_hz.size < 16:
+            return None
+        response, reference, sign = pair_of(good)
+        mobility = sign * good.values * quantity_factor(good.frequency_hz, "mobility", good.quantity)
+        return cls(response, reference, good.quantity, good.frequency_hz, mobility)
+
+    @cached_property
+    def noise(self) -> Array:
+        """Rough standard deviation of the noise by line, from third differences; too large rather than too small."""
+        # Σ of squares of 1, 3, 3, 1 is 20; the median of an exponential distribution is ln 2 times its mean
+        square = np.abs(np.diff(self.mobility, 3)) ** 2 / (20 * np.log(2))
+        local = scipy.ndimage.median_filter(square, size=min(41, square.size), mode="nearest")
+        return np.asarray(np.sqrt(np.concatenate([local[:1], local[:1], local, local[-1:]])))
+
+    @cached_property
+    def resonances(self) -> tuple[Resonance, ...]:
+        """Peaks of |mobility| that stand out from their surroundings and from the noise."""
+        magnitude = np.abs(self.mobility)
+        resonances = []
+        for top in _prominent_peaks(magnitude):
+            if magnitude[top] < _ABOVE_NOISE * self.noise[top]:
+                continue
+            first, last = stretch_about(magnitude < magnitude[top] / np.sqrt(2), top)
+            total = self.mobility[first:last].sum()
+            cosine = float(total.real / abs(total))
+            across = slice(max(first - 1, 0), last + 1)
+            steps = np.angle(self.mobility[across][1:] * self.mobility[across][:-1].conj())
+            # a step of nearly π may have gone either way; a hump between resonances turns by little
+            turn = float(np.sign(steps.sum()) * (1 - np.abs(steps).max() / np.pi))
+            if abs(steps.sum()) < _QUARTER or (magnitude[across] < _CLEAR * self.noise[across]).any():
+                turn = 0.0
+            centre = float(np.average(self.frequency_hz[first:last], weights=magnitude[first:last] ** 2))
+            resonances.append(Resonance(float(self.frequency_hz[top]), cosine, int(last - first), turn, centre))
+        return tuple(resonances)
+
+    @property
+    def turns(self) -> Array:
+        """How clearly the phase falls and rises through resonances, summed over these: shape (2,).
+
+        With the time factor exp(+iωt) the phase of each residue over (iω − λ) falls by π at its resonance, because a
+        passive structure has Re λ < 0. That holds for receptance, mobility and accelerance, for drive points and
+        others, and whatever the sign; with exp(−iωt) it rises.
+        """
+        turns = np.array([peak.turn for peak in self.resonances])
+        return np.array([-turns[turns < 0].sum(), turns[turns > 0].sum()])
+
+    @property
+    def conjugate(self) -> "ClearFrf":
+        """The same for the other time factor."""
+        sign = 1.0 if self.quantity == "mobility" else -1.0  # conj(H) (iω)ⁿ against conj(H (iω)ⁿ)
+        return replace(self, mobility=sign * self.mobility.conj())
+
+
+def _prominent_peaks(magnitude: Array) -> list[int]:
+    """Peaks that rise by `_RISE` above the lowest point towards a higher one, or the end, on either side."""
+    slope = np.sign(np.diff(magnitude))
+    turns = np.concatenate([[0], np.flatnonzero(slope[1:] != slope[:-1]) + 1, [magnitude.size - 1]])
+    peaks, top, low, rising = [], 0, 0, False
+    levels = magnitude.tolist()
+    for line in turns.tolist():
+        top = line if levels[line] > levels[top] else top
+        low = line if levels[line] < levels[low] else low
+        if rising and levels[line] * _RISE <= levels[top]:
+            peaks.append(top)
+            low, rising = line, False
+        elif not rising and levels[line] >= _RISE * levels[low]:
+            top, rising = line, True
+    return peaks
+
+
+def rad_per_s_warning(sentence: str) -> MeasurementWarning:
+    """That the frequency axis is in rad/s, and why."""
+    return MeasurementWarning(
+        "rad_per_s", sentence, "divide the frequencies by 2π, or say rad/s in the header of the column"
+    )
+
+
+def are_conjugates(turns: Array, least: float) -> bool | None:
+    """Whether FRFs are complex conjugates, by their `turns`; None with less than the `least` sum, or two voices."""
+    falling, rising = turns.tolist()
+    if falling + rising < least or max(falling, rising) < _SURE * (falling + rising):
+        return None
+    return bool(rising > falling)
+
+
+#: A shift counts from this fraction of the half-power width on: of the same FRF, and of FRFs of other responses, whose
+#: peaks other modes move.
+_SAME, _OTHER = 0.3, 0.5
+#: Resonances that must shift one way in FRFs of other responses.
+_FEWEST = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Peaks:
+    """Resolved resonances of one FRF: centre and half-power width, Hz; distance of the lines; and where it is from."""
+
+    where: str
+    centre_hz: Array
+    width_hz: Array
+    step_hz: float
+
+    @classmethod
+    def of(cls, where: str, clear: ClearFrf) -> "Peaks":
+        """Resonances of at least three lines."""
+        f = clear.frequency_hz
+        step = float((f[-1] - f[0]) / (f.size - 1))
+        peaks = [p for p in clear.resonances if p.lines >= 3]
+        return cls(where, np.array([p.centre_hz for p in peaks]), np.array([p.lines * step for p in peaks]), step)
+
+
+def shift_warning(first: Peaks, other: Peaks, *, same_frf: bool) -> MeasurementWarning | None:
+    """Warning where resonances of the second FRF have moved from those of the first; None where they have not.
+
+    Its key is ``"level_dependence"`` of the same FRF twice, and ``"mass_loading"`` of other responses to one force,
+    where all that have moved must have moved one way.
+    """
+    if not first.centre_hz.size or not other.centre_hz.size:
+        return None
+    distance = np.abs(first.centre_hz[:, None] - other.centre_hz)
+    mine, theirs = np.arange(len(distance)), distance.argmin(axis=1)
+    width = np.sqrt(first.width_hz * other.width_hz[theirs])
+    alike = np.abs(np.log(first.width_hz / other.width_hz[theirs])) < np.log(2)
+    near = (distance.argmin(axis=0)[theirs] == mine) & (distance[mine, theirs] < 4 * width) & alike
+    shift = (other.centre_hz[theirs] - first.centre_hz)[near]
+    reach = (_SAME if same_frf else _OTHER) * width[near] + max(first.step_hz, other.step_hz)
+    moved = np.abs(shift) > reach
+    one_way = min((moved & (shift > 0)).sum(), (moved & (shift < 0)).sum()) == 0
+    if not moved.any() or (not same_frf and (moved.sum() < max(_FEWEST, near.sum() / 2) or not one_way)):
+        return None
+    relative = 100 * shift[moved] / first.centre_hz[near][moved]
+    largest = int(np.argmax(np.abs(relative)))
+    at, change = first.centre_hz[near][moved][largest], abs(relative[largest])
+    which = "lower" if relative[largest] < 0 else "higher"
+    where = (
+        f"{int(moved.sum())} of {int(near.sum())} resonances are elsewhere, that at {at:.5g} Hz {change:.2g} % {which}"
+    )
+    if same_frf:
+        return MeasurementWarning(
+            "level_dependence",
+            f"the same FRF is there twice, and {where}: the structure depends on the level of the force, or changed",
+            "measure at one level, the lower the better, or give each level a set-up of its own",
+        )
+    return MeasurementWarning(
+        "mass_loading",
+        f"over the same force {where}, all of these the same way: the structure changed between the runs, as by the "
+        "mass of a roving accelerometer, the temperature or the level",
+        "state accelerometer_mass_g in [data.channels], which takes it out, or measure all responses at once",
+    )

@@ -1,0 +1,352 @@
+"""Warnings about measured records: what in a file contradicts itself or physics, in words."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrecords.arrays import Array, ComplexArray
+from vibrecords.provenance import MeasurementWarning
+from vibrecords.records import FrfRecord, Record, TimeRecord, measurable
+from vibrecords.signals.hits import hits_of, is_cut_off
+from vibrecords.warnings.clear_frf import ClearFrf, Peaks, are_conjugates, rad_per_s_warning, shift_warning
+from vibrecords.warnings.frf_warnings import conjugated_warning, warnings_of_frf, warnings_of_notes
+
+#: Lines kept of each FRF, so that a file of many thousands can be compared within little memory.
+_KEPT = 128
+#: A ratio is constant if ln|ratio| and its phase scatter by less than this.
+_CONSTANT = 0.1
+_G = 9.80665
+#: Factors with a name, and how far a calibration may be off.
+_NEAR = 0.04
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sketch:
+    """A few lines of an FRF as mobility with signs of directions taken out, and their noise; and where it is from."""
+
+    record: str
+    where: str
+    frequency_hz: Array
+    mobility: ComplexArray
+    noise: Array
+
+
+def sketch_of(record: FrfRecord, clear: ClearFrf) -> Sketch:
+    """Sketch of a record and of what can be judged of it."""
+    kept = np.unique(np.linspace(0, clear.frequency_hz.size - 1, _KEPT).astype(int))
+    # single precision is enough and half as large
+    mobility, noise = clear.mobility[kept].astype(np.complex64), clear.noise[kept].astype(np.float32)
+    return Sketch(f"{record.response}/{record.reference}", record.where, clear.frequency_hz[kept], mobility, noise)
+
+
+def disagreement(first: Sketch, other: Sketch) -> MeasurementWarning | None:
+    """Warning where two FRFs that should be equal are not; None where they are or cannot be compared.
+
+    Its key is ``"sign"``, ``"g"``, ``"rad_per_s"``, ``"quantity"``, ``"factor"`` or ``"shape"``.
+    """
+    if first.frequency_hz.shape != other.frequency_hz.shape or not np.allclose(first.frequency_hz, other.frequency_hz):
+        return None
+    a, b = first.mobility.astype(complex), other.mobility.astype(complex)
+    clear = (np.abs(a) > 5 * first.noise) & (np.abs(b) > 5 * other.noise)
+    if clear.sum() >= 16:
+        warning = _named_ratio(first.frequency_hz[clear], b[clear] / a[clear])
+        if warning is not None:
+            return warning
+    larger = np.maximum(np.abs(a), np.abs(b))
+    noise = np.hypot(first.noise.astype(float), other.noise.astype(float))
+    apart = np.abs(a - b) > 4 * noise + 0.15 * larger
+    if apart.mean() > 0.1:
+        return MeasurementWarning(
+            "shape",
+            f"they differ by more than noise and 15 % on {100 * apart.mean():.0f} % of the lines",
+            "look at labels and directions, the mass of the accelerometer, and whether the structure is linear",
+        )
+    return None
+
+
+def _named_ratio(f: Array, ratio: ComplexArray) -> MeasurementWarning | None:
+    """What a ratio that is constant, or a power of jω, says."""
+    omega = 2 * np.pi * f
+    for power in (0, 1, -1, 2, -2):
+        rest = ratio / (1j * omega) ** power
+        level = float(np.median(np.abs(rest)))
+        turn = np.median(rest.real) + 1j * np.median(rest.imag)
+        scatter = np.log(np.abs(rest) / level)
+        phase = np.angle(rest / turn) if turn != 0 else np.full(rest.size, np.pi)
+        if np.median(np.abs(scatter)) > _CONSTANT or np.median(np.abs(phase)) > _CONSTANT:
+            continue
+        if power:
+            return MeasurementWarning(
+                "quantity",
+                f"their ratio grows like frequency to the power {power}: one quantity is not what is said",
+                "find out the quantity of each sensor and state it",
+            )
+        return _named_constant(level, bool(turn.real < 0))
+    return None
+
+
+def _named_constant(level: float, turned: bool) -> MeasurementWarning | None:
+    def near(value: float) -> bool:
+        return abs(math.log(level / value)) < _NEAR
+
+    opposite = " and the opposite sign" if turned else ""
+    if near(_G) or near(1 / _G):
+        return MeasurementWarning(
+            "g",
+            f"one is {max(level, 1 / level):.4g} times the other{opposite}: one is in g, the other in m/s²",
+            "find out which channel is in g and give it the gain 9.80665",
+        )
+    for power in (1, 2):
+        if near((2 * np.pi) ** power) or near((2 * np.pi) ** -power):
+            factor = "2π" if power == 1 else "(2π)²"
+            return rad_per_s_warning(
+                f"one is {factor} times the other once both are the same quantity{opposite}: the axis is in rad/s"
+            )
+    if abs(math.log(level)) > 0.15:
+        return MeasurementWarning(
+            "factor",
+            f"one is {max(level, 1 / level):.4g} times the other on all lines{opposite}",
+            "compare sensitivities and units of the channels; 1000 is mm against m, 4.45 is lbf against N",
+        )
+    if turned:
+        return MeasurementWarning(
+            "sign", "they have opposite signs on all lines", 'turn one of the channels in the case file ("-11:y")'
+        )
+    return None
+
+
+#: Places named in one warning; the rest are counted.
+_NAMED = 3
+#: Offsets smaller than this fraction of the largest value do no harm.
+_OFFSET = 0.01
+#: A ring-down is looked at in so many parts of so many samples; it is cut off above this fraction of its largest value.
+_PARTS, _FEWEST_SAMPLES, _CUT_OFF = 8, 200, 0.05
+#: Resolved resonances from which on one FRF, and all of a file, tell whether they are conjugates.
+_ALONE, _TOGETHER = 0.8, 0.5
+#: FRFs kept whole, which do not tell, until those of the whole file have told it.
+_WAITING = 64
+
+
+def find_warnings(records: Record | Iterable[Record], mass_kg: float | None = None) -> tuple[MeasurementWarning, ...]:
+    """Look for contradictions in records of one file.
+
+    What cannot be told is not claimed: one FRF alone does not show g against m/s², or receptance against accelerance
+    with the opposite sign. See the documentation for what each warning rests on.
+
+    Parameters
+    ----------
+    records
+        A record or records, as readers give them.
+    mass_kg
+        Mass of the structure if it hangs free: drive points are then held against its mass line, kg.
+
+    Returns
+    -------
+    tuple of MeasurementWarning
+        In the order of the file; the same about several records is one warning.
+    """
+    collector = WarningCollector(mass_kg)
+    for record in [records] if isinstance(records, Record) else records:
+        collector.add(record)
+    return collector.warnings()
+
+
+class WarningCollector:
+    """Warnings about records that come one by one; of each only a sketch is kept.
+
+    Parameters
+    ----------
+    mass_kg
+        As in `find_warnings`.
+    """
+
+    def __init__(self, mass_kg: float | None = None) -> None:
+        self._mass_kg = mass_kg
+        self._raw: dict[tuple[str, str], list[MeasurementWarning]] = {}
+        self._counts = Counter[tuple[str, str]]()
+        self._sketches: dict[tuple[str, str], list[Sketch]] = {}
+        self._peaks: dict[tuple[str, str], Peaks] = {}
+        self._turns = np.zeros(2)
+        self._waiting: list[tuple[str, FrfRecord, ClearFrf]] = []
+        self._highest_hz = 0.0
+        self._highest_where = ""
+        self._nyquist_hz = np.inf
+
+    def add(self, record: Record) -> None:
+        """Look at one record."""
+        if isinstance(record, TimeRecord):
+            where = _named(record.channel, record.where)
+            self._nyquist_hz = min(self._nyquist_hz, record.sample_rate_hz / 2)
+            self._keep(where, *_history_warnings(record))
+            return
+        if not isinstance(record, FrfRecord):
+            return
+        where, clear = _named(f"{record.response}/{record.reference}", record.where), ClearFrf.of(record)
+        self._judge(where, record, clear)
+        highest = float(np.max(record.frequency_hz, initial=0.0))
+        if highest > self._highest_hz:
+            self._highest_hz, self._highest_where = highest, where
+        if clear is not None:
+            pair = clear.response, clear.reference
+            self._compare_peaks(pair, Peaks.of(where, clear))
+            self._compare(pair, sketch_of(record, clear))
+
+    @property
+    def conjugated(self) -> bool | None:
+        """Whether the FRFs so far are complex conjugates; None where they do not tell, or not with one voice."""
+        return are_conjugates(self._turns, _TOGETHER)
+
+    def _judge(self, where: str, record: FrfRecord, clear: ClearFrf | None) -> None:
+        """Warnings of one FRF; one that does not tell by itself whether it is a conjugate waits for the others."""
+        turned: bool | None = False
+        if clear is not None:
+            self._turns += clear.turns
+            turned = are_conjugates(clear.turns, _ALONE)
+            if turned is None and len(self._waiting) < _WAITING:
+                self._waiting.append((where, record, clear))
+                return
+        self._tell(where, record, clear, bool(turned))
+
+    def _tell(self, where: str, record: FrfRecord, clear: ClearFrf | None, turned: bool) -> None:
+        if clear is not None and turned:
+            self._keep(where, conjugated_warning(clear))
+            clear = clear.conjugate
+        self._keep(where, *warnings_of_frf(record, clear, self._mass_kg))
+
+    def warnings(self) -> tuple[MeasurementWarning, ...]:
+        """All warnings so far, equal ones put together."""
+        for where, record, clear in self._waiting:
+            self._tell(where, record, clear, bool(self.conjugated))
+        self._waiting.clear()
+        if self._highest_hz > 1.01 * self._nyquist_hz:
+            self._keep(
+                self._highest_where,
+                rad_per_s_warning(
+                    f"the lines reach {self._highest_hz:.6g} Hz, but the time histories of the file can show "
+                    f"{self._nyquist_hz:.6g} Hz at most: the axis is probably in rad/s"
+                ),
+            )
+        merged = []
+        for group, alike in self._raw.items():
+            count = self._counts[group]
+            more = f" and {count - len(alike)} more" if count > len(alike) else ""
+            where = ", ".join(warning.where for warning in alike) + more
+            differ = len({warning.sentence for warning in alike}) > 1
+            sentence = alike[0].sentence + (" (here the first of them)" if differ else "")
+            merged.append(replace(alike[0], where=where, sentence=sentence))
+        return tuple(merged)
+
+    def _keep(self, where: str, *warnings: MeasurementWarning) -> None:
+        for warning in warnings:
+            group = (warning.key, warning.remedy)
+            self._counts[group] += 1
+            kept = self._raw.setdefault(group, [])
+            if len(kept) < _NAMED:
+                kept.append(replace(warning, where=where))
+
+    def _compare_peaks(self, pair: tuple[str, str], peaks: Peaks) -> None:
+        """Compare resonances with those of the same FRF before, or else of the first response to the same force."""
+        for key, same_frf in ((pair, True), (("", pair[1]), False)):
+            first = self._peaks.setdefault(key, peaks)
+            if first is not peaks:
+                warning = shift_warning(first, peaks, same_frf=same_frf)
+                if warning is not None:
+                    self._keep(f"{first.where} and {peaks.where}", warning)
+                return
+
+    def _compare(self, pair: tuple[str, str], sketch: Sketch) -> None:
+        # the ratio of two quantities of one sensor, g and rad/s have warnings of their own
+        keys = {"g": "g_against_ms2", "rad_per_s": "rad_per_s", "quantity": "quantity_phase"}
+        swapped = (pair[1], pair[0])
+        before = self._sketches.get(pair, [])
+        across = self._sketches.get(swapped, []) if swapped != pair else []
+        for others, key, what in (
+            (before, "repeats_differ", "the same FRF is there twice"),
+            (across, "reciprocity", "with response and force exchanged the FRFs should be equal"),
+        ):
+            for other in others:
+                warning = disagreement(other, sketch)
+                if warning is not None:
+                    where = f"{_named(other.record, other.where)} and {sketch.where}"
+                    sentence = f"{what}, but {warning.sentence}"
+                    self._keep(where, replace(warning, key=keys.get(warning.key, key), sentence=sentence))
+        # two of a kind are enough to compare with
+        if len(before) < 2:
+            self._sketches.setdefault(pair, []).append(sketch)
+
+
+def _named(channel: str, where: str) -> str:
+    return f"{where} ({channel})" if where else channel
+
+
+def _history_warnings(record: TimeRecord) -> Iterator[MeasurementWarning]:
+    """What one time history contradicts."""
+    x = record.values
+    broken = ~measurable(x)
+    if broken.any():
+        yield MeasurementWarning(
+            "not_finite",
+            f"{int(broken.sum())} of {x.size} samples are NaN, infinite or no measurement's numbers",
+            "drop the record",
+        )
+        return
+    if x.size < 16:
+        return
+    if record.quantity == "unknown":
+        yield MeasurementWarning(
+            "quantity_missing",
+            "neither unit nor type says whether it is a force or a motion",
+            "name the unit of the channel",
+        )
+    if np.ptp(x) == 0:
+        yield MeasurementWarning("dead_channel", f"all samples are {x[0]:g}", "look at cable and channel")
+        return
+    yield from warnings_of_notes(record.notes)
+    if is_cut_off(x):
+        yield MeasurementWarning(
+            "overload",
+            f"the signal stays at its largest value, {np.abs(x).max():.4g}, again and again: it was cut off",
+            "leave this hit out, and measure with a larger range",
+        )
+    for hit in hits_of(record):
+        if hit.reason.startswith("double hit"):
+            number = hit.number if record.hit is None else record.hit
+            yield MeasurementWarning("double_hit", f"hit {number} is a {hit.reason}", "leave this hit out")
+    yield from _offset(x)
+    if record.quantity != "force":
+        yield from _truncation(x)
+
+
+def _truncation(x: Array) -> Iterator[MeasurementWarning]:
+    """A ring-down that the end of the record cuts off."""
+    x = x - np.median(x)
+    top = int(np.argmax(np.abs(x)))
+    after = np.array_split(x[top:], _PARTS)
+    if after[0].size < _FEWEST_SAMPLES:
+        return
+    level = np.array([np.sqrt(np.mean(part**2)) for part in after])
+    # noise and a steady response do not fall from part to part, least of all at the end
+    rings = (np.diff(level) < 0).all() and level[-1] < 0.9 * level[-2]
+    left = float(np.abs(after[-1]).max() / np.abs(x[top]))
+    if rings and left > _CUT_OFF:
+        yield MeasurementWarning(
+            "truncated_ring_down",
+            f"the response still rings with {100 * left:.2g} % of its largest value at the end of the record",
+            "measure longer blocks, or use an exponential window (exponential_end in [data.signals])",
+        )
+
+
+def _offset(x: Array) -> Iterator[MeasurementWarning]:
+    largest = float(np.abs(x - np.median(x)).max())
+    spread = float(np.median(np.abs(x - np.median(x))))
+    # a decaying or random signal has its median within its own spread; an offset shows in mean and median alike
+    level = min(np.median(x), np.mean(x), key=abs)
+    if largest > 0 and np.median(x) * np.mean(x) > 0 and abs(level) > _OFFSET * largest + spread:
+        yield MeasurementWarning(
+            "offset",
+            f"the signal rests at {level:.4g}, {100 * abs(level) / largest:.2g} % of its largest swing, and not at 0",
+            "take the offset away, or couple the channel AC",
+        )

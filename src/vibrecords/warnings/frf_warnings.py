@@ -1,0 +1,286 @@
+"""What one measured FRF contradicts by itself: its axis, its coherence, its unit, and physics at its resonances."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+import scipy  # its parts load at first use
+
+from vibrecords.arrays import Array
+from vibrecords.formats.units import frf_unit
+from vibrecords.frf_set import Quantity
+from vibrecords.provenance import MeasurementWarning
+from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable
+from vibrecords.warnings.clear_frf import ClearFrf, Resonance, rad_per_s_warning
+from vibrecords.warnings.excitation_warnings import excitation_warnings
+
+#: Cosine of the phase of mobility at a resonance: beyond this it has a sign, within this it has none.
+_SIGNED, _UNSIGNED = 0.5, 0.35
+#: Lines above half power that a resonance needs to be looked at.
+_RESOLVED = 3
+#: A mass line may be wrong by this factor for calibration and for modes near by.
+_TOO_HEAVY = 1.3
+#: No phase error of a measuring chain makes a drive point less passive than this fraction of its magnitude.
+_PHASE_ERROR = 0.15
+
+
+def conjugated_warning(clear: ClearFrf) -> MeasurementWarning:
+    """That an FRF is the complex conjugate of what it should be."""
+    rising = tuple(peak for peak in clear.resonances if peak.turn > 0)
+    return MeasurementWarning(
+        "conjugated",
+        f"the phase rises at {_peak_words(rising) if rising else 'the resonances of the other FRFs'}, where it falls "
+        "with the time factor exp(+iωt): the FRF is the complex conjugate, as with exp(−iωt)",
+        "write conjugate = true in [data], or take it away where it stands; to turn the sign of a channel is no remedy",
+    )
+
+
+def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | None) -> Iterator[MeasurementWarning]:
+    """What one FRF contradicts by itself.
+
+    Parameters
+    ----------
+    record
+        As a reader gives it.
+    clear
+        What can be judged of it.
+    mass_kg
+        Mass of the structure if it hangs free, kg.
+    """
+    yield from _line_warnings(record)
+    yield from _coherence_warnings(record)
+    yield from _unit_warnings(record)
+    if clear is None:
+        return
+    yield from excitation_warnings(record, clear)
+    # the phase at a resonance between two lines is anything
+    peaks = tuple(p for p in clear.resonances if p.lines >= _RESOLVED)
+    if clear.response == clear.reference:
+        yield from _drive_point_warnings(clear, peaks)
+        if mass_kg is not None:
+            yield from _mass_line_warnings(clear, mass_kg)
+    elif len(peaks) >= 2 and max(abs(p.cosine) for p in peaks) < _UNSIGNED:
+        yield _quadrature(peaks, clear.quantity)
+
+
+def _line_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
+    f = record.frequency_hz
+    broken = ~(np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ) & measurable(record.values))
+    if broken.any():
+        yield MeasurementWarning(
+            "not_finite",
+            f"{int(broken.sum())} of {f.size} lines are NaN, infinite or no measurement's numbers",
+            "a case leaves such lines out, up to half of all; repair them if they matter",
+        )
+    zero = record.values == 0
+    if zero.any():
+        at = float(f[np.argmax(zero)])
+        yield MeasurementWarning(
+            "zero_lines",
+            f"the FRF is exactly 0 on {int(zero.sum())} of {f.size} lines, first at {at:g} Hz: nothing was measured",
+            "a case leaves such lines out, up to half of all; f_min_hz, f_max_hz and exclude_hz cut more",
+        )
+    f = f[np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ)]
+    if f.size and f[0] == 0:
+        yield MeasurementWarning(
+            "zero_hz", "the first line is at 0 Hz, where an accelerometer measures nothing", "cut it with f_min_hz"
+        )
+        f = f[1:]
+    if f.size < 3:
+        return
+    step = np.diff(f)
+    if (step <= 0).any():
+        line = int(np.argmax(step <= 0))
+        yield MeasurementWarning(
+            "lines_out_of_order",
+            f"{f[line + 1]:g} Hz comes after {f[line]:g} Hz",
+            "sort the lines, drop doubled ones",
+        )
+        return
+    middle = float(np.median(step))
+    if np.abs(step - middle).max() > 1e-3 * middle + 2e-6 * f[-1]:
+        yield MeasurementWarning(
+            "uneven_lines",
+            f"lines are {step.min():.4g} to {step.max():.4g} Hz apart; those of a Fourier transform are even",
+            "look for lines that were left out, or for a sweep; noise of a sweep's lines has its own law",
+        )
+        return
+    yield from _step_warnings(f)
+
+
+def _step_warnings(f: Array) -> Iterator[MeasurementWarning]:
+    step = float((f[-1] - f[0]) / (f.size - 1))
+    rounding = float(np.abs(f - (f[0] + step * np.arange(f.size))).max() / f[-1])
+    tolerance = max(1e-9, 2 * rounding * f[-1] / (step * f.size))
+    if tolerance > 1e-6 or _is_round(step, tolerance):
+        return
+    if _is_round(step / (2 * np.pi), tolerance):
+        yield rad_per_s_warning(
+            f"lines are {step:.6g} Hz apart, which is 2π times the round number {step / (2 * np.pi):.6g}: the axis is "
+            "probably in rad/s"
+        )
+
+
+def _is_round(value: float, tolerance: float) -> bool:
+    """Whether a number has at most four digits, or is a whole number over 2¹⁴ as in sample rate over block length."""
+    if not 1 / HIGHEST_HZ <= value <= HIGHEST_HZ:
+        return False
+    decade = 10.0 ** (np.floor(np.log10(value)) - 3)
+    return any(abs(value / unit - round(value / unit)) * unit < tolerance * value for unit in (decade, 2.0**-14))
+
+
+def _coherence_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
+    coherence = record.coherence
+    if coherence is None:
+        yield MeasurementWarning(
+            "coherence_missing",
+            "there is no coherence, so that the file does not say how noisy the FRF is",
+            "export the coherence as well, or state the noise in [data.variance], or give repeated measurements",
+        )
+        return
+    finite = coherence[np.isfinite(coherence)]
+    if finite.size and (finite >= 1 - 1e-9).all():
+        once = ", as it always is with one average" if record.averages == 1 else ""
+        yield MeasurementWarning(
+            "coherence_one",
+            f"coherence is 1 on all lines{once}: it says nothing about the noise",
+            "export it again, or state the noise in [data.variance], or give repeated measurements",
+        )
+    wrong = ""
+    if finite.size < coherence.size:
+        wrong = f"is NaN or infinite on {coherence.size - finite.size} of {coherence.size} lines"
+    elif ((finite < -1e-6) | (finite > 1 + 1e-6)).any():
+        wrong = f"runs from {finite.min():.4g} to {finite.max():.4g}"
+    if wrong:
+        yield MeasurementWarning("coherence_range", f"coherence {wrong}, not 0 to 1", "export again")
+    if record.averages is None:
+        yield MeasurementWarning(
+            "averages_missing",
+            "there is a coherence, but no number of averages: the variance needs both",
+            "add the number of averages",
+        )
+
+
+def _unit_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
+    if record.quantity is None:
+        yield MeasurementWarning(
+            "quantity_missing",
+            "neither unit nor type says whether it is receptance, mobility or accelerance",
+            'write in [data] of the case quantity = "accelerance", or what it is',
+        )
+    yield from warnings_of_notes(record.notes)
+    if not record.unit.strip():
+        yield MeasurementWarning(
+            "unit_missing",
+            "the numbers have no unit and were taken as SI: a single FRF cannot tell m/s² from g or m from mm",
+            "find out the unit of the sensor, and scale the channel by its gain if it is another",
+        )
+        return
+    parsed = frf_unit(record.unit)
+    if parsed is not None and record.quantity is not None and parsed[1] != record.quantity:
+        yield MeasurementWarning(
+            "quantity_units",
+            f"the file says {record.quantity}, but its unit {record.unit} is that of {parsed[1]}",
+            "find out which is right and state the quantity",
+        )
+
+
+def warnings_of_notes(notes: tuple[str, ...]) -> Iterator[MeasurementWarning]:
+    """What a reader noted already: units that it could not read, or of which the file says two things."""
+    for note in notes:
+        if "left as written" in note or "not understood" in note:
+            remedy = "state the units of response and force in [data.channels]; natural frequencies need none"
+            yield MeasurementWarning("unit_unknown", note, remedy)
+        if "says otherwise" in note:
+            yield MeasurementWarning(
+                "unit_system", note, "find out which is right, and scale the channel by its gain if it is the other"
+            )
+
+
+def _drive_point_warnings(clear: ClearFrf, peaks: tuple[Resonance, ...]) -> Iterator[MeasurementWarning]:
+    mobility, quantity = clear.mobility, clear.quantity
+    cosines = np.array([p.cosine for p in peaks])
+    if cosines.size and (np.abs(cosines) < _UNSIGNED).all():
+        yield _quadrature(peaks, quantity)
+        return
+    if cosines.size and (cosines < -_SIGNED).all():
+        yield _turned(peaks, quantity)
+        return
+    wrong = mobility.real < -(4 * clear.noise + _PHASE_ERROR * np.abs(mobility))
+    run = scipy.ndimage.minimum_filter1d(wrong.astype(int), 5).astype(bool)  # five in a row
+    wrong_peaks = [p.frequency_hz for p in peaks if p.cosine < -_SIGNED]
+    if wrong_peaks or (run.any() and wrong.mean() > 0.03):
+        at = wrong_peaks[0] if wrong_peaks else float(clear.frequency_hz[np.argmax(run)])
+        yield MeasurementWarning(
+            "not_passive",
+            f"the real part of the drive point's mobility is negative near {at:.4g} Hz: the structure would release "
+            "more energy than it receives",
+            "look whether force and response are really at one point and in one direction, and at phase and delay of "
+            "the channels",
+        )
+    for left, right in pairwise(peaks):
+        # the phase turns by π at a resonance and back at an antiresonance: without one the next peak has the other sign
+        if min(abs(left.cosine), abs(right.cosine)) > _SIGNED and left.cosine * right.cosine < 0:
+            yield MeasurementWarning(
+                "antiresonance_missing",
+                f"there is no antiresonance between {left.frequency_hz:.4g} and {right.frequency_hz:.4g} Hz; a drive "
+                "point has one between each two resonances",
+                "look whether force and response are at one point and in one direction, and whether a label is wrong",
+            )
+            return
+
+
+def _mass_line_warnings(clear: ClearFrf, mass_kg: float) -> Iterator[MeasurementWarning]:
+    """A free structure's drive point has at low frequency an accelerance of 1/m at least, more off its centre."""
+    f, peaks = clear.frequency_hz, clear.resonances
+    accelerance = 2j * np.pi * f * clear.mobility
+    line = accelerance[f < (peaks[0].frequency_hz / 6 if peaks else f[-1])]
+    if line.size < 6:
+        return
+    level = float(np.median(line.real))
+    parts = [float(np.median(line.real[: line.size // 2])), float(np.median(line.real[line.size // 2 :]))]
+    # a mass line is flat and real
+    if level <= 0 or np.median(np.abs(np.angle(line))) > 0.3 or abs(parts[0] - parts[1]) > 0.1 * level:
+        return
+    heavy = 1 / (level * mass_kg)
+    if heavy > _TOO_HEAVY:
+        in_g = abs(np.log(heavy / 9.80665)) < 1.5
+        yield MeasurementWarning(
+            "g_against_ms2" if in_g else "mass_line",
+            f"below its first resonance the drive point moves like {1 / level:.4g} kg, {heavy:.3g} times the "
+            f"structure's {mass_kg:g} kg; a free structure cannot appear heavier than it is"
+            + (": the response is probably in g" if in_g else ""),
+            "find out the unit of the accelerometer" + (" and give the channel the gain 9.80665" if in_g else ""),
+        )
+
+
+def _turned(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
+    component, sign = {
+        "accelerance": ("imaginary part of the accelerance", "negative"),
+        "mobility": ("real part of the mobility", "negative"),
+        "receptance": ("imaginary part of the receptance", "positive"),
+    }[quantity]
+    other = {"accelerance": "receptance", "receptance": "accelerance"}.get(quantity)
+    instead = f", or the FRF is {other} and not {quantity}" if other else ""
+    return MeasurementWarning(
+        "sign_flip",
+        f"the {component} of the drive point is {sign} at {_peak_words(peaks)}, which no structure can do: force or "
+        f"response has the wrong sign{instead}",
+        'turn the channel in the case file ("-11:y")' + (", or state the quantity" if other else ""),
+    )
+
+
+def _quadrature(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
+    likely = "receptance or accelerance" if quantity == "mobility" else "mobility"
+    component = "imaginary" if quantity == "mobility" else "real"
+    return MeasurementWarning(
+        "quantity_phase",
+        f"the FRF is called {quantity}, but is {component} at {_peak_words(peaks)}, as {likely} is",
+        "find out the quantity of the sensor and state it",
+    )
+
+
+def _peak_words(peaks: tuple[Resonance, ...]) -> str:
+    if len(peaks) == 1:
+        return f"its resonance at {peaks[0].frequency_hz:.4g} Hz"
+    return f"its {len(peaks)} resonances (the first at {peaks[0].frequency_hz:.4g} Hz)"

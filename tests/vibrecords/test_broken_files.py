@@ -1,0 +1,131 @@
+"""A corpus of broken files: one line that names file and place and says what is expected; no crash, no hang."""
+
+import os
+import re
+import tracemalloc
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.vibrecords import broken_files
+from tests.vibrecords.test_formats import frf_set
+from tests.vibrecords.uff_text import function_58
+from vibrecords.errors import MeasurementError
+from vibrecords.formats import FORMATS, iter_records, read_frf, records_of_frf, write_records
+from vibrecords.records import TimeRecord
+
+#: What reading takes beside the file: buffers, and modules imported at the first time.
+ROOM = 2_000_000
+
+
+def refuse(path):
+    """Message of the one error that reading the file raises."""
+    with pytest.raises(MeasurementError) as caught:
+        read_frf(path)
+    return str(caught.value)
+
+
+def complaint(path):
+    """Message of the error, empty where there are records."""
+    try:
+        assert all(record.values.size > 0 for record in iter_records(path))
+    except MeasurementError as error:
+        return str(error)
+    return ""
+
+
+@pytest.fixture(scope="module", params=broken_files.MAKERS, ids=lambda maker: maker.__name__)
+def corpus(request, tmp_path_factory):
+    return request.param(tmp_path_factory.mktemp("sound"))
+
+
+def test_each_broken_file_is_one_line_that_names_the_place(corpus, tmp_path):
+    faults = []
+    path = tmp_path / "measurement"
+    for name, (content, expected) in corpus.items():
+        path.write_bytes(content)
+        try:
+            message = refuse(path)
+        except BaseException as error:  # each file of the corpus is to be judged, whatever the others do
+            faults.append(f"{name}: raised {error!r}")
+            continue
+        if "\n" in message or not message.startswith(f"{path}: ") or "expected" not in message:
+            faults.append(f"{name}: says {message!r}")
+        if not re.search(expected, message):
+            faults.append(f"{name}: says {message!r}, not {expected!r}")
+    assert not faults, "\n".join(faults)
+
+
+def test_the_corpus_is_large_and_its_files_differ(tmp_path):
+    contents = [content for maker in broken_files.MAKERS for content, _ in maker(tmp_path).values()]
+    assert len(set(contents)) == len(contents) >= 100
+
+
+def test_missing_files_directories_and_pipes(tmp_path):
+    assert "found no such file" in refuse(tmp_path / "none.uff")
+    assert "found a directory, a device or a pipe" in refuse(tmp_path)
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe")
+        assert "found a directory, a device or a pipe" in refuse(tmp_path / "pipe")
+
+
+@cache
+def big_files():
+    values = np.random.default_rng(6).normal(size=40_000) + 1j
+    text = function_58(values)
+    table = "".join(f"{i}.5,{z.real!r},{z.imag!r}\n" for i, z in enumerate(values[:20_000].tolist(), start=1))
+    return {
+        "uff cut": text[:-500],
+        "uff text among its last numbers": text[:-60] + "oops" + text[-56:],
+        "uff of one endless line": "    -1\n    58\n" + "1 " * 1_000_000,
+        "csv with a broken last row": "frequency,real [m/N],imag [m/N]\n" + table + "20001.5,x,1\n",
+        "csv with NaN at the end": "frequency,real [m/N],imag [m/N]\n" + table + "20001.5,nan,1\n",
+        "csv of one endless line": "1.0," * 3_000_000,
+    }
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize("name", big_files())
+def test_memory_is_bounded_by_three_times_the_file(tmp_path, name):
+    path = tmp_path / "measurement"
+    path.write_text(big_files()[name])
+    tracemalloc.start()
+    refuse(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 3 * path.stat().st_size + ROOM, (peak, path.stat().st_size)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_cuts_and_flipped_bits_never_get_further_than_one_line(tmp_path, form):
+    """Whatever the damage, there are records or there is an error of one line."""
+    rng = np.random.default_rng(FORMATS.index(form))
+    frf = frf_set()
+    records = {
+        "frf": None,
+        "time": [TimeRecord("1:Z+", 100.0, rng.normal(size=30), "force")],
+    }
+    sound = []
+    for kind in records.values():
+        write_records(kind or records_of_frf(frf), tmp_path / "a", form)
+        sound.append((tmp_path / "a").read_bytes())
+    refused = 0
+    count = 60
+    for turn in range(count):
+        content = bytearray(sound[turn % 2])
+        match turn % 4:
+            case 0 | 1:
+                content = content[: rng.integers(len(content))]
+            case 2:
+                for _ in range(3):
+                    content[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
+            case 3:
+                at = int(rng.integers(len(content)))
+                content[at : at + 20] = rng.bytes(20)
+        (tmp_path / "b").write_bytes(content)
+        message = complaint(tmp_path / "b")
+        refused += bool(message)
+        assert "\n" not in message
+        assert not message or (message.startswith(str(tmp_path / "b")) and "expected" in message)
+    assert refused >= count // 3

@@ -1,0 +1,283 @@
+"""npz, MAT and HDF5 files as others write them: aliases, shapes, structs, cells, groups, attributes."""
+
+import struct
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+from vibrecords.errors import MeasurementError
+from vibrecords.formats import array_files, iter_records, read_frf
+from vibrecords.formats.array_files import read_arrays
+
+LINES = np.array([1.5, 2.0, 2.5, 3.25])
+RNG = np.random.default_rng(4)
+H = RNG.normal(size=(4, 3, 2)) + 1j * RNG.normal(size=(4, 3, 2))
+
+
+def save_npz(path, **arrays):
+    with path.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def save_mat(path, **arrays):
+    scipy.io.savemat(str(path), arrays, appendmat=False, do_compression=True)
+
+
+def save_hdf5(path, **arrays):
+    with h5py.File(path, "w") as file:
+        for name, value in arrays.items():
+            file[name] = value
+
+
+SAVERS = {"npz": save_npz, "mat": save_mat, "hdf5": save_hdf5}
+
+
+@pytest.fixture(params=SAVERS)
+def save(request):
+    return SAVERS[request.param]
+
+
+@pytest.mark.parametrize(
+    ("frequency", "name"), [("frequency_hz", "FRF"), ("frequency", "H"), ("freq", "h"), ("f", "frf"), ("Freqs", "H")]
+)
+def test_usual_names_are_known(tmp_path, save, frequency, name):
+    save(tmp_path / "a", **{frequency: LINES, name: H, "quantity": "mobility", "coherence": np.abs(H) / 9, "navg": 5})
+    frf = read_frf(tmp_path / "a")
+    np.testing.assert_array_equal(frf.values, H)
+    np.testing.assert_array_equal(frf.frequency_hz, LINES)
+    np.testing.assert_array_equal(frf.coherence, np.abs(H) / 9)
+    assert (frf.outputs, frf.averages) == (("output 1", "output 2", "output 3"), 5)
+
+
+@pytest.mark.parametrize(
+    ("shape", "labels"),
+    [
+        (H, {}),
+        (np.moveaxis(H, 0, -1), {}),
+        (H[:, :, 0], {}),
+        (H[:, 0, 0], {}),
+        (H[:, 0, 0][:, None], {}),
+        (H[:, 0, 0][None, :], {}),
+        (H[:, 0, :], {"outputs": ["one"], "inputs": ["a", "b"]}),
+    ],
+    ids=["lines first", "lines last", "one input", "one FRF", "column", "row", "one output"],
+)
+def test_usual_shapes_are_known(tmp_path, save, shape, labels):
+    if save is save_mat:
+        labels = {k: np.array(v, dtype=object) for k, v in labels.items()}
+    save(tmp_path / "a", f=LINES, H=shape, unit="m/N", **labels)
+    frf = read_frf(tmp_path / "a")
+    expected = H[:, :1, :] if labels else H[:, : frf.values.shape[1], : frf.values.shape[2]]
+    np.testing.assert_array_equal(frf.values, expected)
+    assert frf.values.size == shape.size
+
+
+def test_units_are_applied_and_kept_as_written(tmp_path, save):
+    save(tmp_path / "a", frequency_hz=LINES, frf=H, unit="g/N")
+    first = next(iter_records(tmp_path / "a"))
+    np.testing.assert_allclose(first.values, 9.80665 * H[:, 0, 0], rtol=1e-15)
+    assert (first.unit, first.quantity) == ("g/N", "accelerance")
+    assert first.notes[0] == "no outputs named in the file, numbered instead"
+    assert "g/N converted to (m/s^2)/N" in first.notes
+
+
+def test_circular_frequency_is_converted(tmp_path, save):
+    save(tmp_path / "a", omega=LINES * 2 * np.pi, H=H)
+    first = next(iter_records(tmp_path / "a"))
+    np.testing.assert_allclose(first.frequency_hz, LINES, rtol=1e-15)
+    assert "frequency in rad/s converted to Hz" in first.notes
+
+
+def test_hammer_records_as_matrices_of_hits(tmp_path, save):
+    save(tmp_path / "a", fs=2000.0, force=np.abs(H[:, :, 0]), acceleration=np.abs(H[:, :, 1]))
+    found = list(iter_records(tmp_path / "a"))
+    assert [(r.channel, r.quantity, r.hit) for r in found] == [
+        (c, c, k) for c in ("force", "acceleration") for k in (1, 2, 3)
+    ]
+    np.testing.assert_array_equal(found[4].values, np.abs(H[:, 1, 1]))
+
+
+def test_samples_with_units_and_instants(tmp_path, save):
+    units = ["lbf", "g", "V"]
+    save(tmp_path / "a", t=np.arange(4) / 500, samples=np.abs(H[:, :, 0]),
+         units=np.array(units, dtype=object) if save is not save_npz else np.array(units))  # fmt: skip
+    found = list(iter_records(tmp_path / "a"))
+    assert [(r.channel, r.quantity, r.unit) for r in found] == [
+        ("channel 1", "force", "lbf"), ("channel 2", "acceleration", "g"), ("channel 3", "unknown", "V")
+    ]  # fmt: skip
+    assert found[0].sample_rate_hz == pytest.approx(500)
+    np.testing.assert_allclose(found[1].values, 9.80665 * np.abs(H[:, 1, 0]), rtol=1e-15)
+
+
+def test_structs_of_matlab_are_blocks(tmp_path):
+    names = np.array(["tip", "mid", "root"], dtype=object)
+    test = {"frequency": LINES, "H": H[:, :, :1], "outputs": names, "quantity": "receptance"}
+    scipy.io.savemat(str(tmp_path / "a"), {"test": test, "other": np.eye(3)}, appendmat=False)
+    found = list(iter_records(tmp_path / "a"))
+    assert [r.response for r in found] == ["tip", "mid", "root"]
+    assert found[0].where == "variable 'test.H', 'tip' over 'input 1'"
+
+
+def test_hdf5_groups_are_blocks_and_attributes_count(tmp_path):
+    with h5py.File(tmp_path / "a", "w") as file:
+        for k in (1, 2, 10):
+            group = file.create_group(f"run/hit_{k}")
+            group["frequency_hz"], group["frf"] = LINES, H[:, 0, 0] * k
+            group.attrs["quantity"], group.attrs["averages"] = "mobility", 3
+    found = list(iter_records(tmp_path / "a"))
+    assert [r.where.split("'")[1] for r in found] == [f"run/hit_{k}/frf" for k in (1, 2, 10)]
+    assert {(r.quantity, r.averages) for r in found} == {("mobility", 3)}
+
+
+def test_version_73_as_matlab_itself_writes_it(tmp_path):
+    """Cells are references, arrays lie the other way round, complex numbers have the parts real and imag."""
+    path = tmp_path / "a"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        pair = np.zeros(H.T.shape, [("real", "<f8"), ("imag", "<f8")])
+        pair["real"], pair["imag"] = H.T.real, H.T.imag
+        group = file.create_group("test")
+        for name, data in (("H", pair), ("f", LINES[None])):
+            group.create_dataset(name, data=data, compression="gzip").attrs["MATLAB_class"] = np.bytes_("double")
+        references = []
+        for i, label in enumerate(("tip", "µ-mid", "root")):
+            cell = file.create_dataset(f"#refs#/{i}", data=np.frombuffer(label.encode("utf-16-le"), "<u2")[:, None])
+            cell.attrs["MATLAB_class"] = np.bytes_("char")
+            references.append(cell.ref)
+        cells = group.create_dataset("outputs", data=np.array([references], dtype=h5py.ref_dtype))
+        cells.attrs["MATLAB_class"] = np.bytes_("cell")
+        word = np.frombuffer("mobility".encode("utf-16-le"), "<u2")[:, None]
+        group.create_dataset("quantity", data=word).attrs["MATLAB_class"] = np.bytes_("char")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    frf = read_frf(path)
+    np.testing.assert_array_equal(frf.values, H)
+    assert (frf.outputs, frf.quantity) == (("tip", "µ-mid", "root"), "mobility")
+
+
+def test_our_mat_files_are_as_matlab_has_them(tmp_path):
+    from vibrecords.formats import write_frf
+
+    frf = read_npz_set(tmp_path)
+    write_frf(frf, tmp_path / "b", "mat")
+    found = scipy.io.loadmat(str(tmp_path / "b"), appendmat=False)
+    np.testing.assert_array_equal(found["frf"], H)
+    assert [cell[0] for cell in found["outputs"].ravel()] == ["output 1", "output 2", "output 3"]
+    assert found["quantity"][0] == "mobility"
+
+
+def read_npz_set(tmp_path):
+    save_npz(tmp_path / "n", f=LINES, H=H, quantity="mobility")
+    return read_frf(tmp_path / "n")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"frequency_hz": None}, "found no frequency lines with it; expected a variable 'frequency_hz'"),
+        ({"frf": H[:3]}, r"found shape \(3, 3, 2\); expected \(lines, outputs, inputs\) with 4 lines"),
+        ({"frf": np.array(["a"] * 4)}, "found text; expected complex numbers"),
+        ({"frequency_hz": LINES * 1j}, "found complex numbers; expected real numbers"),
+        ({"outputs": ["a", "b"]}, "found 2 labels, 2 different; expected 3"),
+        ({"outputs": ["a", "b", "b"]}, "found 3 labels, 2 different; expected 3"),
+        ({"outputs": [1.0, 2.0, 3.0]}, "expected text"),
+        ({"quantity": "inertness"}, "found 'inertness'; expected one of receptance"),
+        ({"averages": 2.5}, "expected one whole number from 1 to 1000000"),
+        ({"averages": [3.0, 4.0]}, "expected one whole number from 1 to 1000000"),
+        ({"coherence": np.ones((4, 3, 1))}, r"found shape \(4, 3, 1\); expected \(4, 3, 2\)"),
+        ({"samples": np.ones((5, 2))}, "found no sampling rate"),
+        ({"samples": np.ones((5, 2)), "fs": 0.0}, "expected one number above 0"),
+        ({"samples": np.ones((5, 2)), "t": np.ones(5)}, "not evenly spaced"),
+        ({"samples": np.ones((5, 2)), "t": np.ones(4)}, "found 4 instants; expected 5"),
+        ({"samples": np.ones((5, 2)), "fs": 1.0, "channels": ["a"]}, "found 2 columns; expected as many channels"),
+        ({"samples": np.ones((5, 2)), "fs": 1.0, "quantities": ["force", "love"]}, "found 'love'"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_told(tmp_path, change, message):
+    arrays = {"frequency_hz": LINES, "frf": H} | change
+    save_npz(tmp_path / "a", **{name: np.asarray(value) for name, value in arrays.items() if value is not None})
+    with pytest.raises(MeasurementError, match=message) as caught:
+        list(iter_records(tmp_path / "a"))
+    assert "\n" not in str(caught.value)
+
+
+def test_npz_members_that_are_no_arrays_are_told(tmp_path):
+    save_npz(tmp_path / "a", f=LINES)
+    with zipfile.ZipFile(tmp_path / "a", "a") as archive:
+        archive.writestr("notes.txt", "hello")
+    with pytest.raises(MeasurementError, match=r"member 'notes.txt': found no NumPy array"):
+        list(read_arrays(tmp_path / "a", "npz"))
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_matlab_5_is_read_as_scipy_reads_it(tmp_path, compressed):
+    given = {
+        "frf": H,
+        "single": np.ones(3, np.complex64) * 2j,
+        "counts": np.arange(5, dtype=np.int16),
+        "flags": np.array([True, False]),
+        "none": np.zeros((0, 3)),
+        "text": "tip ü",
+        "rows": np.array(["ab ", "cde"]),
+        "nothing": "",
+    }
+    cells = np.array([["a", "bb"], ["", "d"]], dtype=object)
+    scipy.io.savemat(tmp_path / "a.mat", given | {"cells": cells}, do_compression=compressed)
+    block = read_arrays(tmp_path / "a.mat", "mat")
+    expected = scipy.io.loadmat(tmp_path / "a.mat")
+    assert block.pop("cells").tolist() == ["a", "bb", "", "d"]
+    assert block.keys() == given.keys()
+    for name, value in block.items():
+        np.testing.assert_array_equal(value, expected[name], strict=name != "single")
+
+
+def matlab_element(kind, content):
+    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def matlab_cell(content, name=b""):
+    """Cell array of one cell, as an element of a MATLAB 5 file."""
+    flags, shape = struct.pack("<II", 1, 0), struct.pack("<ii", 1, 1)
+    parts = (matlab_element(6, flags), matlab_element(5, shape), matlab_element(1, name), content)
+    return matlab_element(14, b"".join(parts))
+
+
+@pytest.mark.parametrize("depth", [2, 30_000])
+def test_cells_within_cells_however_deep_are_one_line(tmp_path, depth):
+    """Read by scipy, five thousand levels end the process."""
+    scipy.io.savemat(tmp_path / "a.mat", {"f": 1.0})
+    sound = (tmp_path / "a.mat").read_bytes()
+    content = sound[128:]
+    for _ in range(min(depth, 100)):
+        content = matlab_cell(content)
+    header = content[: -len(sound[128:])] * (depth // 100)  # whose sizes no longer agree, as scipy does not notice
+    (tmp_path / "a.mat").write_bytes(sound[:128] + matlab_cell(header + content, b"c"))
+    with pytest.raises(MeasurementError, match=r"1 cells real|groups 33 deep"):
+        list(iter_records(tmp_path / "a.mat"))
+
+
+def test_a_number_wider_than_its_room_is_not_read(tmp_path):
+    """A damaged type of 16 bytes in the room of 8: h5py writes beyond its array."""
+    wide = np.dtype({"names": ["real", "imag"], "formats": ["<f16", "<f8"], "offsets": [0, 8], "itemsize": 16})
+    assert not array_files._is_plain(wide)
+    assert array_files._is_plain(np.dtype([("real", "<f8"), ("imag", "<f8")]))
+    save_hdf5(tmp_path / "a", frequency_hz=LINES, frf=np.ones(4, np.longdouble))
+    with pytest.raises(MeasurementError, match="variable 'frf': found data of type float128"):
+        list(iter_records(tmp_path / "a"))
+
+
+def test_texts_without_end_are_one_line(tmp_path):
+    save_hdf5(tmp_path / "a", frequency_hz=LINES, frf=H[:, :2, 0], outputs=["a", "x" * 4097])
+    with pytest.raises(MeasurementError, match="found 2 texts of up to 4097 bytes; expected at most"):
+        list(iter_records(tmp_path / "a"))
+    content = bytearray((tmp_path / "a").read_bytes())
+    free = content.index(b"GCOL") + 16
+    while content[free : free + 2] != bytes(2):
+        size = struct.unpack_from("<Q", content, free + 8)[0]
+        free += 16 + size + -size % 8
+    content[free + 8 : free + 16] = bytes(8)  # HDF5 reads a free part of size 0 again and again
+    (tmp_path / "a").write_bytes(content)
+    with pytest.raises(MeasurementError, match=r"a heap of texts at byte"):
+        list(iter_records(tmp_path / "a"))

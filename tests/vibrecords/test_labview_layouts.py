@@ -1,0 +1,296 @@
+"""LabVIEW's text files, TDMS and workbooks: what is in them, and the same as lvm_read and npTDMS read."""
+
+import io
+
+import numpy as np
+import pytest
+
+from tests.vibrecords.test_text_layouts import A, B, C, F, G, H, T, frf, read, same, spectrum, time
+from vibrecords.formats import detect_format, iter_records
+from vibrecords.records import TimeRecord
+
+STEP = 1 / 2048
+
+
+def lvm(names, columns, header, *, layout="One", decimal=".", comment="", separator="Tab", stated=True, tail="\n"):
+    """A file in National Instruments' specification for the LabVIEW measurement file, of one segment."""
+    sep = {"Tab": "\t", "Comma": ","}[separator]
+    n = len(names)
+    lines = [
+        f"LabVIEW Measurement{sep}",
+        f"Writer_Version{sep}{'2' if stated else '0.92'}",
+        f"Separator{sep}{separator}",
+        *([f"Decimal_Separator{sep}{decimal}"] if stated else []),
+        f"Multi_Headings{sep}Yes",
+        f"X_Columns{sep}{layout}",
+        f"Time_Pref{sep}Absolute",
+        f"Date{sep}2026/02/03",
+        f"Time{sep}09:51:39{decimal}19705",
+        f"***End_of_Header***{sep}",
+        sep,
+    ]
+    return "\n".join(lines) + "\n" + segment(names, columns, header, layout, decimal, comment, sep, n) + tail
+
+
+def segment(names, columns, header, layout="One", decimal=".", comment="", sep="\t", n=None):
+    n = len(names)
+
+    def cells(values):
+        spread = [cell for value in values for cell in (value, "")] if layout == "Multi" else values
+        return sep.join(map(str, spread))
+
+    lines = [f"Channels{sep}{n}" + sep * (2 * n if layout == "Multi" else n)]
+    lines += [f"{key}{sep}{cells(values)}{sep}".replace(".", decimal) for key, values in header.items()]
+    lines.append("***End_of_Header***" + sep * (n + 1))
+    lines.append(
+        sep.join(["X_Value", *(f"{sep}X_Value{sep}" if layout == "Multi" else sep).join(names).split(sep), "Comment"])
+    )
+    size = max(len(c) for c in columns)
+    for i in range(size):
+        cells_ = ["" if i >= len(c) or c[i] is None else repr(float(c[i])).replace(".", decimal) for c in columns]
+        lines.append(sep.join(cells_) + (f"{sep}{comment}" if comment and i == 0 else ""))
+    return "\n".join(lines) + "\n"
+
+
+def head(units, samples=16, x0=0.0, step=STEP, dimension="Time"):
+    n = len(units)
+    return {
+        "Samples": [samples] * n,
+        "Y_Unit_Label": units,
+        "X_Dimension": [dimension] * n,
+        "X0": [f"{x0:.16E}"] * n,
+        "Delta_X": [f"{step:.10E}"] * n,
+    }
+
+
+NONE = [None] * 16
+FORCE, TIP = time("Force", A, "force"), time("Tip", G * B, "acceleration", G)
+LVM = {
+    "one X column": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"])), [FORCE, TIP]),
+    "Newtons": (lvm(["Force"], [T, A], head(["Newtons"])), [FORCE]),
+    "no X column": (lvm(["Force", "Tip"], [NONE, A, B], head(["N", "g"]), layout="No"), [FORCE, TIP]),
+    "decimal comma": (lvm(["Force", "Tip"], [NONE, A, B], head(["N", "g"]), layout="No", decimal=","), [FORCE, TIP]),
+    "no decimal sign stated": (lvm(["Force"], [T, A], head(["N"]), decimal=",", stated=False), [FORCE]),
+    "separated by commas": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"]), separator="Comma"), [FORCE, TIP]),
+    "an X column for each, g in each": (
+        lvm(["Force", "Tip", "Base"], [T, A, T, B, T, C], head(["N", "g", "g"]), layout="Multi"),
+        [FORCE, TIP, time("Base", G * C, "acceleration", G)],
+    ),
+    "an X column for each, two clocks": (
+        lvm(["Force", "Tip"], [T, A, 2 * T[:8], B[:8]], head(["N", "g"]), layout="Multi"),
+        [FORCE, time("Tip", G * B[:8], "acceleration", G, rate=1024.0)],
+    ),
+    "comments": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"]), comment="LOST_1"), [FORCE, TIP]),
+    "two blocks under one header": (
+        lvm(["Force"], [NONE * 2, np.tile(A, 2)], head(["N"]), layout="No"),
+        [time("Force", A, "force", hit=1), time("Force", A, "force", hit=2)],
+    ),
+    "two blocks, X begins again": (
+        lvm(["Force"], [np.tile(T, 2), np.tile(A, 2)], head(["N"])),
+        [time("Force", A, "force", hit=1), time("Force", A, "force", hit=2)],
+    ),
+    "two blocks apart": (
+        lvm(["Force"], [T, A], head(["N"]))
+        + "".join(f"{t!r}\t{b!r}\n" for t, b in zip(T.tolist(), B.tolist(), strict=True)),
+        [time("Force", A, "force", hit=1), time("Force", B, "force", hit=2)],
+    ),
+    "two segments": (
+        lvm(["Force"], [T, A], head(["N"])) + segment(["Force"], [T, B], head(["N"])),
+        [time("Force", A, "force", hit=1), time("Force", B, "force", hit=2)],
+    ),
+    "X goes on": (
+        lvm(["Force"], [np.arange(32) / 2048, np.tile(A, 2)], head(["N"])),
+        [time("Force", np.tile(A, 2), "force")],
+    ),
+    "a count that is too high": (lvm(["Force"], [T, A], head(["N"], samples=51200)), [FORCE]),
+    "a count that fits no blocks": (lvm(["Force"], [NONE, A], head(["N"], samples=9), layout="No"), [FORCE]),
+    "empty channels": (lvm(["Force", "Untitled", "Tip"], [T, A, NONE, B], head(["N", "", "g"])), [FORCE, TIP]),
+    "a shorter channel": (
+        lvm(["Force", "Tip"], [T, A, B[:9]], head(["N", "g"])),
+        [FORCE, time("Tip", np.append(G * B[:9], [np.nan] * 7), "acceleration", G)],
+    ),
+    "a slow channel": (
+        lvm(["Force", "Flow"], [T, A, [1.0 if i % 4 == 0 else None for i in range(16)]], head(["N", "g"])),
+        [FORCE],
+    ),
+    "a special block": (
+        lvm(["Force"], [T, A], head(["N"])).replace(
+            "Channels", "***Start_Special***\nfree\ttext\n***End_Special***\nChannels"
+        ),
+        [FORCE],
+    ),
+    "a spectrum in dB": (
+        lvm(["Tip - FFT - (RMS)"], [F, A[:12]], head(["dB"], 12, 20.0, 2.5)),
+        [spectrum("Tip - FFT - (RMS)", A[:12], "FFT, RMS")],
+    ),
+    "an FRF": (
+        lvm(["Real A / B", "Imaginary A / B"], [F, H.real, H.imag], head(["m/s^2/N"] * 2, 12, 20.0, 2.5, "Frequency")),
+        [frf("A", "B", quantity="accelerance")],
+    ),
+    "CR LF": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"])).replace("\n", "\r\n"), [FORCE, TIP]),
+}
+
+
+@pytest.mark.parametrize("name", LVM)
+def test_labview_text(tmp_path, name):
+    content, expected = LVM[name]
+    same(read(tmp_path, content), expected)
+
+
+#: What lvm_read has no numbers of, or stops at.
+UNREAD = ("no decimal sign stated", "separated by commas", "a special block", "two blocks apart")
+
+
+@pytest.mark.parametrize("name", [name for name in LVM if name not in UNREAD])
+def test_labview_text_is_as_lvm_read_reads_it(tmp_path, name):
+    lvm_read = pytest.importorskip("lvm_read", reason="an oracle, not in the extra test")
+    records = read(tmp_path, LVM[name][0])
+    content = lvm_read.read_str(LVM[name][0])
+    factors = {"g": G}
+    found: dict[str, list] = {}
+    for record in records:
+        if isinstance(record, TimeRecord):
+            found.setdefault(record.channel, []).append(record.values / factors.get(record.unit, 1.0))
+    columns: dict[str, list] = {}
+    for s in range(content["Segments"]):
+        data, names = content[s]["data"], content[s]["Channel names"]
+        for channel, values in zip(names, np.asarray(data).T, strict=False):
+            columns.setdefault(channel, []).append(values)
+    for channel, parts in found.items():
+        values, oracle = np.concatenate(parts), np.concatenate(columns[channel])
+        np.testing.assert_allclose(values, oracle[: values.size], rtol=1e-12)
+        assert np.isnan(oracle[values.size :]).all()
+    assert found or "FFT" in LVM[name][0] or "Real" in LVM[name][0]
+
+
+def test_counts_and_clocks_that_disagree_are_said(tmp_path):
+    (record,) = read(tmp_path, LVM["a count that is too high"][0])
+    assert record.notes == ("16 rows, where the header says 51200 samples",)
+    (record,) = read(tmp_path, lvm(["Force"], [NONE, A], head(["N"]) | {"Delta_X": ["0.000977"]}, layout="No"))
+    assert record.notes == ("sampling rate 1023.54 Hz from a Delta_X of 3 digits, 0.000977",)
+    (record,) = read(tmp_path, lvm(["Force"], [T, A], head(["N"], step=0.001)))
+    assert record.notes == ("X_Value goes in steps of 0.000488281, where Delta_X says 0.001: X_Value taken",)
+
+
+# ---- TDMS
+
+
+def tdms(groups):
+    nptdms = pytest.importorskip("nptdms", reason="in the extra files, not in test")
+    file = io.BytesIO()
+    with nptdms.TdmsWriter(file) as writer:
+        writer.write_segment(
+            [
+                nptdms.ChannelObject(group, name, np.asarray(values), properties=told)
+                for group, channels in groups.items()
+                for name, values, told in channels
+            ]
+        )
+    return file.getvalue()
+
+
+def clock(unit="", step=STEP, **more):
+    return {"wf_increment": step, "wf_start_offset": 0.0, "unit_string": unit} | more
+
+
+TDMS = {
+    "waveforms": ({"Test": [("Force", A, clock("N")), ("Tip", B, clock("g"))]}, [FORCE, TIP]),
+    "groups of the same channels": (
+        {"Hit 1": [("Force", A, clock("N"))], "Hit 2": [("Force", B, clock("N"))]},
+        [time("Force", A, "force", hit=1), time("Force", B, "force", hit=2)],
+    ),
+    "a channel of time": ({"Test": [("Time", T, {}), ("Force", A, {"NI_UnitDescription": "Newtons"})]}, [FORCE]),
+    "two clocks": (
+        {"Test": [("Force", A, clock("N")), ("Tip", B[:8], clock("g", 2 * STEP))]},
+        [FORCE, time("Tip", G * B[:8], "acceleration", G, rate=1024.0)],
+    ),
+    "a complex FRF": (
+        {"FRF": [("tip / hammer", H, clock("m/s", 2.5, wf_start_offset=20.0, wf_xunit_string="Hz"))]},
+        [frf("tip", "hammer", factor=None)],
+    ),
+    "whole numbers with a scale": (
+        {
+            "Test": [
+                (
+                    "Force",
+                    np.arange(16, dtype=np.int16),
+                    clock("N")
+                    | {
+                        "NI_Number_Of_Scales": np.uint32(1),
+                        "NI_Scaling_Status": "unscaled",
+                        "NI_Scale[0]_Scale_Type": "Linear",
+                        "NI_Scale[0]_Linear_Slope": 0.5,
+                        "NI_Scale[0]_Linear_Y_Intercept": 1.0,
+                        "NI_Scale[0]_Linear_Input_Source": np.uint32(0xFFFFFFFF),
+                    },
+                )
+            ]
+        },
+        [time("Force", 1 + 0.5 * np.arange(16), "force")],
+    ),
+    "volts": ({"Test": [("ai0", A, clock("V"))]}, [time("ai0", A, factor=None)]),
+}
+
+
+@pytest.mark.parametrize("name", TDMS)
+def test_tdms(tmp_path, name):
+    groups, expected = TDMS[name]
+    same(read(tmp_path, tdms(groups)), expected)
+
+
+def test_tdms_is_as_nptdms_reads_it(tmp_path):
+    nptdms = pytest.importorskip("nptdms", reason="in the extra files, not in test")
+    for groups, _ in TDMS.values():
+        records = read(tmp_path, tdms(groups))
+        file = nptdms.TdmsFile.read(tmp_path / "measurement")
+        found = [r for r in records if isinstance(r, TimeRecord)]
+        channels = [c for g in file.groups() for c in g.channels() if c.name != "Time"]
+        for record, channel in zip(found, channels, strict=False):
+            np.testing.assert_allclose(record.values, (record.factor or 1) * channel[:], rtol=1e-12)
+
+
+# ---- workbooks
+
+
+def xlsx(**sheets):
+    openpyxl = pytest.importorskip("openpyxl", reason="in the extra files, not in test")
+    workbook = openpyxl.Workbook()
+    workbook.remove(workbook.active)
+    for title, cells in sheets.items():
+        sheet = workbook.create_sheet(title)
+        for row in cells:
+            sheet.append(row)
+    file = io.BytesIO()
+    workbook.save(file)
+    return file.getvalue()
+
+
+def stack(names, *columns):
+    return [names, *np.column_stack(columns).tolist()]
+
+
+XLSX = {
+    "an FRF": (
+        {"FRF": stack(["Frequency [Hz]", "Real A / B [g/N]", "Imag A / B [g/N]"], F, H.real, H.imag)},
+        [frf("A", "B", G * H, "accelerance", G)],
+    ),
+    "a title, a row of units, a column that is empty": (
+        {"Data": [["Test 12"], ["Operator", "Smith"], [], [None, "Time", "Force"], [None, "ms", "N"],
+                  *([None, 1e3 * t, a] for t, a in zip(T.tolist(), A.tolist(), strict=True))]},
+        [FORCE],
+    ),
+    "the second sheet": (
+        {"Cover": [["Dear reader"], ["see the next sheet"]], "Data": stack(["Zeit [s]", "Kraft [N]"], T, A)},
+        [time("Kraft", A, "force")],
+    ),
+    "without a header": ({"a": np.column_stack([T, A]).tolist()}, [time("column 2", A)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", XLSX)
+def test_workbooks(tmp_path, name):
+    sheets, expected = XLSX[name]
+    content = xlsx(**sheets)
+    same(read(tmp_path, content), expected)
+    assert detect_format(tmp_path / "measurement") == "xlsx"
+    assert next(iter(iter_records(tmp_path / "measurement"))).notes[0].startswith("sheet ")

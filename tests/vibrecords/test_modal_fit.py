@@ -1,0 +1,215 @@
+"""Modal identification: calibrated standard deviations, close modes, noise that is no mode, what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from jointbayes.frf import Ports, synthesise_frf
+from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
+from vibrecords import FrfSet, RelativeNoise
+from vibrecords.errors import MeasurementError
+from vibrecords.modal_fit import _few_of, fit_modes, identify_modes
+
+MATRIX = pair_matrix(TABLE_3)
+ROD = rod()
+LINES = np.arange(20.0, 2500.1, 5.0)
+
+
+def beam_frf(seed, quantity="receptance", relative=0.03, floor=0.01, lines=LINES):
+    rng = None if seed is None else np.random.default_rng(seed)
+    ports = Ports(lines, ("11:y",), ("11:y",))
+    return synthesise_frf(ROD, CLAMP, MATRIX, ports, RelativeNoise(relative, floor), quantity, rng)
+
+
+def true_frequencies():
+    stiffness = ROD.stiffness + CLAMP.selection(ROD) @ MATRIX @ CLAMP.selection(ROD).T
+    squares = np.linalg.eigvals(np.linalg.solve(ROD.mass, stiffness)).real
+    return np.sqrt(np.sort(squares))[:3] / (2 * np.pi)
+
+
+def plate_frf(rng, responses=1):
+    """Twelve modes from 60 to 1540 Hz, two of them 2 % and two 1.2 % apart; and the noise's variance."""
+    lines = np.arange(20.0, 1600.0, 0.5)
+    frequency, damping = PLATE
+    shapes = np.random.default_rng(5).standard_normal((responses, frequency.size))
+    omega, omega_r = 2 * np.pi * lines[:, None], 2 * np.pi * frequency
+    modal = -(omega**2) / (omega_r**2 - omega**2 + 2j * damping * omega_r * omega)
+    exact = np.einsum("or,lr,r->lo", shapes, modal, shapes[0])[:, :, None]
+    variance = RelativeNoise(0.02, 0.01).variance(exact)
+    noise = np.sqrt(variance / 2) * (rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape))
+    outputs = tuple(f"{i + 1}:y" for i in range(responses))
+    return FrfSet(lines, exact + noise, outputs, ("1:y",), "accelerance"), variance
+
+
+PLATE = (
+    np.array([60, 130, 200, 204, 340, 415, 600, 607, 780, 1010, 1300, 1540.0]),
+    np.array([10, 5, 6, 6, 20, 4, 10, 10, 3, 20, 5, 10.0]) / 1000,
+)
+
+
+def scores(modes, frequency, damping):
+    """Errors over their stated standard deviations, frequencies first."""
+    off = [(m.frequency_hz - f) / m.frequency_sd_hz for m, f in zip(modes, frequency, strict=True)]
+    return [*off, *((m.damping_ratio - d) / m.damping_sd for m, d in zip(modes, damping, strict=True))]
+
+
+@pytest.mark.science
+@pytest.mark.parametrize(("stated", "sets"), [(True, 16), (False, 8)], ids=["variance stated", "variance unknown"])
+def test_errors_are_as_large_as_stated(stated, sets):
+    found = []
+    for seed in range(sets):
+        data = beam_frf(seed)
+        modes = identify_modes(data.frf, data.variance if stated else None)
+        found.append(scores(modes, true_frequencies(), [0.01] * 3))  # strict zip: three modes each time
+    # 96 or 48 scores: their sd is known to 7 or 10 %, their mean to 10 or 14 %
+    assert np.std(found) == pytest.approx(1.0, abs=0.3)
+    assert abs(np.mean(found)) < 0.4
+
+
+@pytest.mark.science
+def test_close_modes_are_told_apart_and_none_is_invented():
+    frf, variance = plate_frf(np.random.default_rng(1))
+    fit = fit_modes(frf, variance)
+    z = scores(fit.modes, *PLATE)
+    assert np.std(z) == pytest.approx(1.0, abs=0.45)  # 24 scores
+    assert fit.misfit == pytest.approx(1.0, abs=4 * np.sqrt(2 / (2 * frf.n_lines)))
+
+
+def test_noise_alone_holds_no_mode():
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        noise = rng.standard_normal((496, 1, 1)) + 1j * rng.standard_normal((496, 1, 1))
+        frf = FrfSet(LINES[:496], noise, ("1:y",), ("1:y",))
+        assert identify_modes(frf, np.full(noise.shape, 2.0)) == ()
+
+
+def test_the_quantity_does_not_matter():
+    by_quantity = [identify_modes(d.frf, d.variance) for d in (beam_frf(4, "receptance"), beam_frf(4, "mobility"))]
+    data = beam_frf(4)
+    converted = data.frf.converted("accelerance")
+    scale = np.abs(converted.values / data.frf.values) ** 2
+    by_quantity.append(identify_modes(converted, data.variance * scale))
+    receptance, _, accelerance = by_quantity
+    assert [len(m) for m in by_quantity] == [3, 3, 3]
+    for a, b in zip(receptance, accelerance, strict=True):
+        assert a.frequency_hz == pytest.approx(b.frequency_hz, abs=0.02 * a.frequency_sd_hz)
+        assert a.damping_sd == pytest.approx(b.damping_sd, rel=0.01)
+
+
+def test_uneven_lines_and_a_band_do_as_well():
+    lines = np.sort(np.random.default_rng(6).uniform(20.0, 2500.0, 500))
+    data = beam_frf(7, lines=lines)
+    modes = identify_modes(data.frf, data.variance, f_min_hz=400.0, f_max_hz=1500.0)
+    assert np.abs(scores(modes, true_frequencies()[1:2], [0.01])).max() < 4
+
+
+def test_a_mode_just_outside_the_band_does_not_bend_those_inside():
+    frf, variance = plate_frf(np.random.default_rng(2))
+    fit = fit_modes(frf, variance, f_min_hz=900.0, f_max_hz=1537.0)  # the next mode is at 1540 Hz
+    assert np.abs(scores(fit.modes, PLATE[0][9:11], PLATE[1][9:11])).max() < 3.5
+    assert fit.misfit == pytest.approx(1.0, abs=4 * np.sqrt(2 / (2 * 1275)))
+
+
+def test_the_fit_is_the_exact_frf_where_there_is_no_noise():
+    exact = beam_frf(None)
+    fit = fit_modes(exact.frf, exact.variance)
+    assert_allclose(fit.values, exact.frf.values, atol=2e-3 * np.abs(exact.frf.values).max(), rtol=2e-2)
+    assert_allclose([m.frequency_hz for m in fit.modes], true_frequencies(), rtol=2e-4)
+    assert_allclose([m.damping_ratio for m in fit.modes], 0.01, rtol=2e-2)
+
+
+def test_a_variance_stated_too_small_widens_the_standard_deviations():
+    data = beam_frf(8)
+    honest = identify_modes(data.frf, data.variance)
+    wishful = identify_modes(data.frf, data.variance / 100)
+    assert len(wishful) == 3
+    for a, b in zip(honest, wishful, strict=True):
+        assert b.frequency_sd_hz == pytest.approx(a.frequency_sd_hz, rel=0.1)
+
+
+@pytest.mark.science
+@pytest.mark.parametrize("averages", [3, 30])
+def test_estimated_coherence_serves_as_variance(averages):
+    found = []
+    for seed in range(8):
+        data = beam_frf(None)
+        rng = np.random.default_rng(seed)
+        sd = np.sqrt(data.variance * averages / 2)
+        shape = (averages, *sd.shape)
+        each = data.frf.values + sd * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
+        mean = each.mean(axis=0)
+        # H1 with a force of one: γ² = |mean|²/mean of squares
+        coherence = np.abs(mean) ** 2 / (np.abs(each) ** 2).mean(axis=0)
+        frf = replace(data.frf, values=mean, coherence=coherence, averages=averages)
+        found.append(scores(identify_modes(frf), true_frequencies(), [0.01] * 3))
+    assert np.std(found) == pytest.approx(1.0, abs=0.3)  # 48 scores: known to 10 %
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"f_min_hz": 100.0, "f_max_hz": 130.0}, "found 7 lines between 100 and 130 Hz"),
+        ({"variance": np.ones(3)}, "variance of shape (3,)"),
+        ({"variance": np.zeros((497, 1, 1))}, "expected positive numbers"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(change, message):
+    arguments = {"variance": None, **change}
+    with pytest.raises(MeasurementError) as caught:
+        identify_modes(beam_frf(1).frf, **arguments)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_poles_of_many_frfs_are_sought_in_a_few_and_all_are_fitted_with_them(monkeypatch):
+    frf, variance = plate_frf(np.random.default_rng(3), responses=12)
+    assert len(_few_of((10_000, 200))) < 10 < len(_few_of((100, 200)))
+    monkeypatch.setattr("vibrecords.modal_fit._MOST_VALUES", 1)
+    few = fit_modes(frf, variance, f_max_hz=250.0)
+    within = frf.frequency_hz <= 250.0
+    assert few.values.shape == frf.values[within].shape
+    assert few.misfit == pytest.approx(1.0, abs=0.05)  # of all twelve, six of which no pole was sought in
+    assert max(map(abs, scores(few.modes, PLATE[0][:4], PLATE[1][:4]))) < 4
+
+
+@pytest.mark.parametrize("lines", [24, 40, 100])
+@pytest.mark.parametrize("coherence", [None, 0.9999])
+def test_a_clean_frf_of_few_lines_has_modes_or_none_but_no_error(lines, coherence):
+    """Whose coherence leaves squares over a range beyond the digits of their sum."""
+    for low, high in ((100.0, 900.0), (200.0, 300.0), (5.0, 200.0), (10.0, 1500.0)):
+        frequency = np.linspace(low, high, lines)
+        omega, first = 2 * np.pi * frequency, 2 * np.pi * 121.5
+        values = (1 / (first**2 - omega**2 + 0.02j * first * omega)).reshape(-1, 1, 1)
+        known = {} if coherence is None else {"coherence": np.full(values.shape, coherence), "averages": 10}
+        modes = identify_modes(FrfSet(frequency, values, ("1:y",), ("1:y",), "receptance", **known))
+        assert all(np.isfinite([mode.frequency_hz, mode.damping_ratio]).all() for mode in modes)
+
+
+def many_modes(rng, modes=14):
+    """Three FRFs of a band that is searched in three pieces, and the truth."""
+    lines = np.arange(20.0, 1500.0, 1.0)
+    frequency = 40 + 1400 * (np.arange(modes) + rng.uniform(0.2, 0.8, modes)) / modes
+    damping = rng.uniform(0.003, 0.01, modes)
+    shapes = rng.choice([-1, 1], (3, modes)) * rng.uniform(0.5, 1.5, (3, modes))
+    omega, omega_r = 2 * np.pi * lines[:, None], 2 * np.pi * frequency
+    modal = -(omega**2) / (omega_r**2 - omega**2 + 2j * damping * omega_r * omega)
+    exact = (modal @ (shapes * shapes[:1]).T)[:, :, None]
+    variance = RelativeNoise(0.02, 0.01).variance(exact)
+    noise = np.sqrt(variance / 2) * (rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape))
+    return FrfSet(lines, exact + noise, ("1:y", "2:y", "3:y"), ("1:y",), "accelerance"), variance, frequency, damping
+
+
+def test_a_band_of_many_modes_that_is_searched_in_pieces_has_the_modes_and_errors_of_the_whole(monkeypatch):
+    frf, variance, frequency, damping = many_modes(np.random.default_rng(1))
+    pieces = fit_modes(frf, variance)
+    assert np.std(scores(pieces.modes, frequency, damping)) == pytest.approx(1.0, abs=0.4)  # 28 scores
+    assert pieces.misfit == pytest.approx(1.0, abs=0.05)
+    assert pieces.doubtful == ()
+    monkeypatch.setattr("vibrecords.modal_problem._IN_A_PIECE", 100)
+    whole = fit_modes(frf, variance)
+    for a, b in zip(pieces.modes, whole.modes, strict=True):
+        assert a.frequency_hz == pytest.approx(b.frequency_hz, abs=0.02 * b.frequency_sd_hz)
+        assert a.damping_ratio == pytest.approx(b.damping_ratio, abs=0.02 * b.damping_sd)
+    assert_allclose(pieces.covariance, whole.covariance, rtol=1e-2, atol=1e-3 * np.abs(whole.covariance).max())

@@ -1,0 +1,157 @@
+"""Rotations from stations: each measurement counts once, and the joint's own motion can be assembled."""
+
+import numpy as np
+import pytest
+
+from jointbayes.frf import DirectSolve, Ports
+from jointbayes.joint import Joint
+from jointbayes.structure import BeamMaterial, FrameBody, FrameRecipe, LossFactor, Member, Section
+from tests.conftest import CLAMP, first_in_ci, pair_matrix, rod
+from vibrecords import FrfData, FrfSet
+from vibrecords.errors import MeasurementError
+from vibrecords.rotations import Rotation, joint_frf_set, replace_stations
+
+LINES = np.linspace(30.0, 800.0, 40)
+SPACING = 0.383 / 40
+FIRST = Rotation("1:rz", ("1:y", "2:y"), SPACING, "first order", True)
+CENTRE = Rotation("2:rz", ("1:y", "2:y", "3:y"), SPACING, "second order, centre", True)
+
+
+def measured(outputs=("41:y", "1:y", "2:y", "3:y"), inputs=("41:y",), elements=40) -> FrfSet:
+    model = DirectSolve(rod(elements=elements), CLAMP, Ports(LINES, outputs, inputs))
+    soft = pair_matrix(np.array([2e7, 3e4, 1e5]))
+    return FrfSet(LINES, model.receptance(soft)[0], outputs, inputs)
+
+
+def test_a_rotation_replaces_the_stations_it_was_made_from_and_leaves_the_others():
+    frf = measured()
+    moved = replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
+    found, variance = moved.frf, moved.variance
+    assert found.outputs == ("41:y", "3:y", "1:rz")
+    np.testing.assert_allclose(found.frf("1:rz", "41:y"), (frf.frf("2:y", "41:y") - frf.frf("1:y", "41:y")) / SPACING)
+    np.testing.assert_allclose(variance[0, :, 0], [1, 1, 2 / SPACING**2])
+
+
+def test_a_station_of_no_weight_stays():
+    frf = measured()
+    moved = replace_stations(FrfData(frf, np.ones(frf.values.shape)), [CENTRE])
+    found, variance = moved.frf, moved.variance
+    assert found.outputs == ("41:y", "2:y", "2:rz")
+    np.testing.assert_allclose(variance[0, :, 0], [1, 1, 1 / (2 * SPACING**2)])
+
+
+@pytest.mark.parametrize("rotation", [FIRST, CENTRE])
+def test_the_variance_is_the_diagonal_of_the_covariance_and_nothing_off_it_is_lost(rotation):
+    frf = measured()
+    rng = np.random.default_rng(1)
+    variance = rng.uniform(0.5, 2.0, frf.values.shape)
+    moved = replace_stations(FrfData(frf, variance), [rotation])
+    found, reduced = moved.frf, moved.variance
+    both = np.array([np.eye(4)[frf.outputs.index(o)] for o in found.outputs[:-1]])
+    weights = np.zeros(4)
+    weights[[frf.outputs.index(s) for s in rotation.stations]] = rotation.weights
+    whole = np.vstack([both, weights])
+    covariance = whole @ (variance[:, :, 0, None] * np.eye(4)) @ whole.T
+    np.testing.assert_allclose(covariance, reduced[:, :, 0, None] * np.eye(len(whole)), rtol=1e-12)
+
+
+def test_two_rotations_from_one_station_are_refused():
+    frf = measured()
+    other = Rotation("2:rz", ("2:y", "3:y"), SPACING, "first order", True)
+    with pytest.raises(MeasurementError, match="found station 2:y in 1:rz as well"):
+        replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST, other])
+
+
+def test_rotations_that_are_not_data_leave_the_data_alone():
+    data = FrfData(measured(), np.ones(measured().values.shape))
+    assert replace_stations(data, [Rotation("1:rz", ("1:y", "2:y"), SPACING, "first order")]) is data
+
+
+def test_frfs_at_the_joint_are_measured_translations_and_rotations_from_stations():
+    frf = measured(("41:y", "1:y", "2:y", "3:y"))
+    end = Rotation("1:rz", ("1:y", "2:y", "3:y"), SPACING, "second order, end")
+    found = joint_frf_set(frf, [end], ("41:y",), CLAMP.dofs)
+    assert found.outputs == ("41:y", "1:y", "1:rz")
+    true = measured(("41:y", "1:y", "1:rz"))
+    np.testing.assert_array_equal(found.values[:, :2], true.values[:, :2])
+    np.testing.assert_array_equal(found.values[:, 2], end.compute_frf(frf).values[:, 0])
+
+
+def errors_of(scheme, count, *, at_free_end):
+    """Relative errors of a derived rotation for stations 9.6 mm apart and half as far."""
+    errors = []
+    for elements in (40, 80):
+        nodes = [elements + 1 - i if at_free_end else 1 + i for i in range(count)]
+        force = ("1:y" if at_free_end else f"{elements + 1}:y",)
+        spacing = (-1 if at_free_end else 1) * 0.383 / elements
+        rotation = Rotation(f"{nodes[0]}:rz", tuple(f"{node}:y" for node in nodes), spacing, scheme)
+        true = measured((rotation.dof,), force, elements).values
+        found = rotation.compute_frf(measured(rotation.stations, force, elements)).values
+        errors.append(np.linalg.norm(found - true) / np.linalg.norm(true))
+    return errors
+
+
+@pytest.mark.parametrize(("scheme", "count", "least"), [("first order", 2, 1.7), ("second order, end", 3, 3.5)])
+def test_stations_closer_together_come_nearer_to_the_rotation_of_a_free_end(scheme, count, least):
+    far, near = errors_of(scheme, count, at_free_end=True)
+    assert near < 0.005
+    assert far / near > least
+
+
+def test_at_a_joint_that_carries_shear_the_shear_angle_remains_however_close_the_stations():
+    far, near = errors_of("second order, end", 3, at_free_end=False)
+    assert 0.01 < near < 0.05
+    assert far / near < 1.5
+
+
+@pytest.mark.parametrize(
+    ("outputs", "rotations", "message"),
+    [
+        (("41:y", "1:y"), [], r'no FRF of 1:rz, a DOF of the joint.*\[data.rotations."1:rz"\]'),
+        (("41:y", "2:y"), [], "no FRF of 1:y, a DOF of the joint.*measure it"),
+        (("41:y", "1:y"), [FIRST], "no FRF of station 2:y"),
+    ],
+)
+def test_what_the_iteration_lacks_is_named(outputs, rotations, message):
+    with pytest.raises(MeasurementError, match=message):
+        joint_frf_set(measured(outputs), rotations, ("41:y",), CLAMP.dofs)
+
+
+def test_a_rotation_measured_and_derived_is_refused():
+    frf = measured(("41:y", "1:y", "2:y", "1:rz"))
+    with pytest.raises(MeasurementError, match="found it among the measured DOFs"):
+        replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
+
+
+@pytest.mark.science
+@pytest.mark.parametrize("axis", first_in_ci(range(3), 1), ids="xyz")
+def test_the_sign_of_a_rotation_is_that_of_a_rod_along_any_axis(axis):
+    lines = np.array([60.0, 350.0])
+    far, near = (tuple(length * (i == axis) for i in range(3)) for length in (0.3, 0.299))
+    rod = Member(("root", "near", "tip"), Section.rectangle(0.02, 0.03), BeamMaterial(2.1e11, 0.3, 7800.0))
+    free = FrameRecipe(
+        FrameBody({"root": (0.0, 0.0, 0.0), "near": near, "tip": far}, (rod,)), LossFactor(0.02)
+    ).structure()
+    root = Joint(tuple(f"root:{way}" for way in ("x", "y", "z", "rx", "ry", "rz")))
+    for across in (i for i in range(3) if i != axis):
+        direction, turn = "xyz"[across], f"r{'xyz'[3 - axis - across]}"
+        dofs = (f"near:{direction}", f"tip:{direction}", f"tip:{turn}")
+        model = DirectSolve(free, root, Ports(lines, dofs, dofs[1:2]))
+        frf = FrfSet(lines, model.receptance(np.diag([1e8] * 3 + [1e5] * 3))[0], dofs, dofs[1:2])
+        found = Rotation(dofs[2], dofs[:2], 1e-3, "first order", axis="xyz"[axis]).compute_frf(frf).values[:, 0, 0]
+        true = frf.frf(dofs[2], dofs[1])
+        assert np.linalg.norm(found - true) < 5e-3 * np.linalg.norm(true)  # the shear angle at the driven tip remains
+
+
+@pytest.mark.parametrize(
+    ("dof", "stations", "axis"),
+    [
+        ("1:rz", ("1:y", "2:z"), "x"),
+        ("1:rz", ("1:z", "2:z"), "x"),
+        ("1:rx", ("1:y", "2:y"), "x"),
+        ("1:rz", ("1:y", "2:y"), "y"),
+    ],
+)
+def test_stations_that_a_rotation_does_not_move_are_refused(dof, stations, axis):
+    with pytest.raises(MeasurementError, match="one direction for all"):
+        Rotation(dof, stations, SPACING, "first order", axis=axis)
