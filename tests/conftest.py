@@ -30,6 +30,7 @@ from jointbayes.sampling import SamplerSettings, distribution_fit
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.workflow import sample
 from tests.cost import Cost
+from tests.marks import first_in_ci as first_in_ci
 from vibrecords import Data
 
 # A shell's background job ignores interrupts, and whatever it starts would: the tests that send one could not see it.
@@ -118,13 +119,6 @@ def lone_likelihood(structure: AnyStructure, joint: AnyJoint, data: Data, **stat
 def shipped_text(name: str) -> str:
     """Text of a case of the repository, whole: with that of the cases it builds on."""
     return read_case_text(CONFIGS / f"{name}.toml").text
-
-
-def first_in_ci(items: Sequence[object], count: int) -> list[object]:
-    """Parameters of a test, of which CI takes the first; `make science` takes the rest, and all of a science test."""
-    rest = (item if isinstance(item, tuple) else (item,) for item in items[count:])
-    marks = pytest.mark.science, pytest.mark.long
-    return [*items[:count], *(pytest.param(*item, marks=marks) for item in rest)]
 
 
 def without_stages(told: str) -> list[str]:

@@ -45,7 +45,7 @@ def printable(text: str, keep: str = "") -> str:
 
 
 class UserError(Exception):
-    """Base of every error that a user's input can cause; the CLI prints it and exits 2.
+    """Base of every error that a user's input can cause; a command prints it and exits 2.
 
     As text it is one line that is safe on a terminal, whatever names of files and channels are in it.
     """

@@ -1,4 +1,4 @@
-"""Simulated measurements: FRFs of the forward model or as an analyser writes them, and time histories of a test."""
+"""Simulated measurements: FRFs as an analyser writes them, and time histories of a test."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

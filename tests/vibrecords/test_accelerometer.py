@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes.frf import DirectSolve, Ports
-from jointbayes.structure import LossFactor, Structure
-from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
+from tests.vibrecords.rod import receptance
 from vibrecords import FrfData, FrfSet, quantity_factor
 from vibrecords.accelerometer import remove_accelerometers
 from vibrecords.errors import MeasurementError
@@ -17,21 +15,12 @@ TIP, MIDDLE = "5:y", "3:y"
 GRAM = 1e-3
 
 
-def loaded(masses: dict[str, float]) -> Structure:
-    free = rod(damping=LossFactor(0.02), elements=4)
-    mass = free.mass.copy()
-    for dof, m in masses.items():
-        at = free.index((dof,))
-        mass[at, at] += m
-    return replace(free, mass=mass)
-
-
 def without(frf: FrfSet, masses: dict[str, float], **how: bool) -> FrfSet:
     return remove_accelerometers(FrfData(frf, np.ones(frf.values.shape)), masses, **how).frf
 
 
 def measured(masses: dict[str, float], outputs=(TIP, MIDDLE), inputs=(TIP, MIDDLE), quantity="accelerance") -> FrfSet:
-    values = DirectSolve(loaded(masses), CLAMP, Ports(LINES, outputs, inputs)).receptance(pair_matrix(TABLE_3))[0]
+    values = receptance(LINES, outputs, inputs, elements=4, loss_factor=0.02, masses=masses)
     return FrfSet(LINES, values * quantity_factor(LINES, quantity)[:, None, None], outputs, inputs, quantity)
 
 

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes.frf import Ports
-from tests.conftest import TABLE_3, cheap_text, pair_matrix
+from tests.vibrecords.rod import receptance
 from vibrecords import FrfSet, RelativeNoise
 from vibrecords.frf_variance import estimate_variance
 from vibrecords.measurement_plan import VarianceSource
@@ -16,11 +15,8 @@ STATED = VarianceSource("relative", LAW)
 
 
 def exact_frf() -> FrfSet:
-    from jointbayes.case.case import case_from_text
-
-    case = case_from_text("truth", cheap_text())
     lines = np.arange(20.0, 2500.0, 4.0)
-    values = case.problem.test.receptance_model(Ports(lines, ("5:y",), ("5:y",))).receptance(pair_matrix(TABLE_3))[0]
+    values = receptance(lines, ("5:y",), ("5:y",), elements=4)
     return FrfSet(lines, values, ("5:y",), ("5:y",)).converted("accelerance")
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.conftest import first_in_ci
+from tests.marks import first_in_ci
 from vibrecords.records import FrfRecord, TimeRecord
 from vibrecords.warnings.collector import find_warnings
 

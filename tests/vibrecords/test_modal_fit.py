@@ -6,26 +6,22 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jointbayes.frf import Ports, synthesise_frf
-from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
+from tests.vibrecords.rod import measured, on_joint
 from vibrecords import FrfSet, RelativeNoise
 from vibrecords.errors import MeasurementError
 from vibrecords.modal_fit import _few_of, fit_modes, identify_modes
 
-MATRIX = pair_matrix(TABLE_3)
-ROD = rod()
 LINES = np.arange(20.0, 2500.1, 5.0)
 
 
 def beam_frf(seed, quantity="receptance", relative=0.03, floor=0.01, lines=LINES):
     rng = None if seed is None else np.random.default_rng(seed)
-    ports = Ports(lines, ("11:y",), ("11:y",))
-    return synthesise_frf(ROD, CLAMP, MATRIX, ports, RelativeNoise(relative, floor), quantity, rng)
+    return measured(lines, RelativeNoise(relative, floor), rng, quantity=quantity)
 
 
 def true_frequencies():
-    stiffness = ROD.stiffness + CLAMP.selection(ROD) @ MATRIX @ CLAMP.selection(ROD).T
-    squares = np.linalg.eigvals(np.linalg.solve(ROD.mass, stiffness)).real
+    stiffness, mass = on_joint()
+    squares = np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real
     return np.sqrt(np.sort(squares))[:3] / (2 * np.pi)
 
 
