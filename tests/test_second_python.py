@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 import jointbayes
+import vibrecords
 from jointbayes.cli.commands import main
 from tests.conftest import CONFIGS, cheap_text, edited
 
@@ -44,9 +45,10 @@ COMMANDS = [
 
 
 def test_every_module_is_imported():
-    for module in pkgutil.walk_packages(jointbayes.__path__, "jointbayes."):
-        if not module.name.endswith("__main__"):
-            importlib.import_module(module.name)
+    for package in (jointbayes, vibrecords):
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
 
 
 def test_each_command_runs(tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import jointbayes
+import vibrecords
 from tests.conftest import cheap_text
 
 pytestmark = pytest.mark.docs
@@ -31,12 +32,13 @@ def edits(text):
 
 @pytest.fixture
 def carried_out(tmp_path):
-    """Carries out what stands below a heading on a copy of the package, in which a script is then run."""
+    """Carries out what stands below a heading on a copy of the packages, in which a script is then run."""
 
     def carry_out(heading, script):
-        shutil.copytree(
-            Path(jointbayes.__file__).parent, tmp_path / "jointbayes", ignore=shutil.ignore_patterns("*.pyc")
-        )
+        for package in (jointbayes, vibrecords):
+            shutil.copytree(
+                Path(package.__file__).parent, tmp_path / package.__name__, ignore=shutil.ignore_patterns("*.pyc")
+            )
         written = blocks(heading)
         assert {kind for kind, _, _ in written} == {"python", "diff"} or heading == "A shape of cross-section"
         for kind, name, text in written:

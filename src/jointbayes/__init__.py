@@ -4,13 +4,12 @@ Names are loaded at first use, so that importing the package costs next to nothi
 beside this file, which type checkers read as well.
 """
 
-import re
 from importlib import import_module
-from pkgutil import get_data
 from typing import Any
 
-_STUB = (get_data(__name__, "__init__.pyi") or b"").decode()
-_HOME_OF = {name: home for home, name in re.findall(r"^from (\S+) import (\w+) as \2", _STUB, re.MULTILINE)}
+from vibrecords.public_names import homes_in_stub
+
+_HOME_OF = homes_in_stub(__name__)
 
 __all__ = [*_HOME_OF]
 
@@ -18,18 +17,14 @@ __all__ = [*_HOME_OF]
 _MOVED = {
     name: room
     for room, names in {
-        "errors": "CheckpointError ReportError WorkerError WriteError",
-        "inference": "GaussianNoise IntegratedScale ProportionalNoise ScaledNoise",
-        "joint": "ElasticCentre Joints Rigid",
-        "measurement.frf_variance": "mean_of_repeats",
-        "measurement.formats": "iter_records write_records",
-        "measurement.inspection": "Inspection",
-        "measurement.provenance": "MeasuredMode MeasurementWarning",
-        "measurement.records": "FrfRecord TimeRecord",
-        "measurement.warnings.collector": "find_warnings",
-        "posterior": "Knowledge PredictiveCheck gather_knowledge",
-        "structure": "PointMass Rayleigh ViscousMatrix",
-        "studies.campaign.campaign_report": "write_campaign_report",
+        "jointbayes.errors": "CheckpointError ReportError WorkerError WriteError",
+        "jointbayes.inference": "GaussianNoise IntegratedScale ProportionalNoise ScaledNoise",
+        "jointbayes.joint": "ElasticCentre Joints Rigid",
+        "jointbayes.posterior": "Knowledge PredictiveCheck gather_knowledge",
+        "jointbayes.structure": "PointMass Rayleigh ViscousMatrix",
+        "jointbayes.studies.campaign.campaign_report": "write_campaign_report",
+        "vibrecords": "mean_of_repeats iter_records write_records Inspection MeasuredMode MeasurementWarning FrfRecord "
+        "TimeRecord find_warnings",
     }.items()
     for name in names.split()
 }
@@ -41,7 +36,7 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401 (any public name)
 
         return version("jointbayes")
     if name not in _HOME_OF:
-        moved = f"; it is in jointbayes.{_MOVED[name]}" if name in _MOVED else ""
+        moved = f"; it is in {_MOVED[name]}" if name in _MOVED else ""
         raise AttributeError(f"module 'jointbayes' has no attribute {name!r}{moved}")
     return getattr(import_module(_HOME_OF[name]), name)
 

@@ -9,6 +9,8 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
+import vibrecords
+
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
@@ -52,13 +54,14 @@ def _controller() -> "ThreadpoolController":
 
 @cache
 def code_version() -> str:
-    """Version of this package with a fingerprint of its sources as they are installed on this machine.
+    """Version of this package with a fingerprint of its sources and those of vibrecords, as installed on this machine.
 
     Two that differ in a line may compute other numbers, whatever number they call themselves.
     """
-    sources, digest = Path(__file__).parent, hashlib.sha256()
-    for file in sorted(sources.rglob("*.py")):
-        if not file.is_file():
-            continue  # the lock of an editor is a link to nothing
-        digest.update(file.relative_to(sources).as_posix().encode() + b"\0" + file.read_bytes())
+    digest = hashlib.sha256()
+    for sources in (Path(__file__).parent, Path(vibrecords.__file__).parent):
+        for file in sorted(sources.rglob("*.py")):
+            if not file.is_file():
+                continue  # the lock of an editor is a link to nothing
+            digest.update(file.relative_to(sources.parent).as_posix().encode() + b"\0" + file.read_bytes())
     return f"{version('jointbayes')}+{digest.hexdigest()[:12]}"

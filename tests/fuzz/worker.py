@@ -62,9 +62,10 @@ def _memory(most: int) -> Iterator[None]:
 
 
 def _where(error: BaseException) -> str:
-    """File and function of the package where an error was raised: faults at one place are one fault."""
+    """File and function of the packages where an error was raised: faults at one place are one fault."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if f"{os.sep}jointbayes{os.sep}" in frame.filename] or frames
+    ours = tuple(f"{os.sep}{package}{os.sep}" for package in ("jointbayes", "vibrecords"))
+    own = [frame for frame in frames if any(package in frame.filename for package in ours)] or frames
     last = own[-1]
     return f"{type(error).__name__} in {Path(last.filename).name}:{last.name}"
 
