@@ -36,10 +36,11 @@ test: $(VENV)/.stamp-test  ## run the tests but those marked science, docs or wh
 same: $(VENV)/.stamp-test  ## run every case briefly, say what differs from what tests/same/kept holds; ARGS=--update keeps it
 	$(BIN)/python -m tests.same $(ARGS)
 
-lint: $(VENV)/.stamp-lint  ## ruff check, ruff format --check, mypy
+lint: $(VENV)/.stamp-lint  ## ruff check, ruff format --check, mypy, lint-imports: who imports whom
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 docs: $(VENV)/.stamp-docs  ## build the documentation into site/, warnings are errors
 	$(BIN)/mkdocs build --strict
