@@ -268,8 +268,8 @@ class TestModes:
             return e, np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1 / 0.03]])
 
         def gradient(self, theta):
-            e, jacobian = self.residuals(theta)
-            return -(e @ jacobian)
+            linearised = [self.residuals(point) for point in theta]
+            return np.array([-(e @ jacobian) for e, jacobian in linearised])
 
     def test_ends_on_one_ridge_are_one_mode_and_those_across_a_valley_two(self):
         density = self.Bimodal()
