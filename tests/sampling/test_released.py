@@ -93,9 +93,9 @@ def test_an_end_on_a_plateau_is_good_enough_once_the_probability_beyond_it_is_kn
     assert released.error > END_TOLERANCE  # of the interval's width: to know it so well takes 90 000 draws
     assert (released.theta > 100 * (1 - 0.025 / 0.035)).mean() == pytest.approx(0.025, rel=0.35)
     chains = independent_chains(on_a_plateau, released, 0.0)
-    assert re.search(r"the 2\.5 % beyond each end of a 95 % interval are good to 0\.[12] %$", chains.reason)
+    assert re.search(r"the 2\.5 % beyond each end of a 95 % interval are good to 0\.\d+ %$", chains.reason)
     released_draws(on_a_plateau, [Identity()], around, rng, judged, enough=np.inf, tell=many.append)
-    assert len(many) > 3 * len(few)
+    assert 10 <= len(few) < len(many) / 2
 
 
 def test_nothing_is_said_where_the_density_is_not_found():

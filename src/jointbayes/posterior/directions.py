@@ -320,7 +320,7 @@ def _orthogonal_part(gradient: Array, axes: Array) -> Array:
 def _named(quantity: str, judged: Identifiability, moving: str = "") -> NamedDirection:
     """A quantity in words: its spread or limit, and the reason where the verdict does not follow from the spread."""
     (low, high), errors = judged.ends
-    ratio = ratio_of((low, high))
+    ratio = math.inf if math.isinf(judged.ratio) else ratio_of((low, high))  # draws of either sign have none
     interval = "its 95 % interval" if any(judged.printed_by_likelihood) else "its 95 % credible interval"
     if judged.limit:
         spread = f"it is {judged.limit_in_words}"

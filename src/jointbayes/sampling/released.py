@@ -45,6 +45,7 @@ _LEAST_EFFECTIVE = 400.0  # draws at every end
 #: Draws at every end with which the 2.5 % beyond it are known to a tenth of themselves. An end on a plateau far from
 #: the bulk is then as good as it need be, wherever it lies.
 ENOUGH = 4000.0
+_PATIENT = 10  # rounds before that is asked: what few of them have not reached has no weight yet
 _CHAINS = 4  # in which independent draws are handed out, to tell R̂ from
 
 
@@ -159,7 +160,8 @@ def released_draws(
         weighted = WeightedDraws(pool.theta, pool.log_weight)
         error, effective = interval_errors(quantities.values(weighted.theta), weighted.weight)
         tell(f"round {number} of at most {_ROUNDS}, ends good to {100 * error:.2g} % of their intervals' width")
-        known = (error <= END_TOLERANCE and effective >= _LEAST_EFFECTIVE) or effective >= enough
+        known = error <= END_TOLERANCE and effective >= _LEAST_EFFECTIVE
+        known |= number >= _PATIENT and effective >= enough
         settled = known and weighted.weight.max() <= _LARGEST_WEIGHT
         if settled and settled_before:
             return Released(weighted.theta[resampled(weighted.weight, _HANDED_OUT, rng)], effective, error)
