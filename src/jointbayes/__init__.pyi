@@ -66,8 +66,8 @@ from jointbayes.structure import Structure as Structure
 from jointbayes.structure import chain as chain
 from jointbayes.studies.calibrate import calibrate as calibrate
 from jointbayes.studies.calibration import Calibration as Calibration
+from jointbayes.studies.campaign.campaign import Campaign as Campaign
 from jointbayes.studies.campaign.campaign_run import campaign as campaign
-from jointbayes.studies.campaign.index import Campaign as Campaign
 from jointbayes.studies.compare import compare as compare
 from jointbayes.studies.comparison_report import Comparison as Comparison
 from jointbayes.studies.planning.make_plan import plan as plan

@@ -17,10 +17,11 @@ from jointbayes.report.model import Table
 from jointbayes.studies.campaign import campaign_findings as findings_module
 from jointbayes.studies.campaign import campaign_report as report_module
 from jointbayes.studies.campaign import charts, hierarchical
+from jointbayes.studies.campaign.campaign import Campaign
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
 from jointbayes.studies.campaign.campaign_report import write_campaign_report
 from jointbayes.studies.campaign.campaign_sections import campaign_sections
-from jointbayes.studies.campaign.index import Campaign, chart_order, read_index
+from jointbayes.studies.campaign.index import chart_order, read_index
 from jointbayes.studies.campaign.joint_draws import read_draws
 from jointbayes.workflow import load_posterior
 from tests.studies.campaign_directory import (

@@ -15,7 +15,7 @@ from jointbayes.errors import CaseError, WorkerError
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
-    from jointbayes.studies.campaign.index import Campaign
+    from jointbayes.studies.campaign.campaign import Campaign
 
 
 @open_option

@@ -15,13 +15,13 @@ from jointbayes.errors import ModelError
 from jointbayes.posterior.posterior import Cell
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import code_version
+from jointbayes.studies.campaign.campaign import Campaign
 from jointbayes.studies.campaign.case_table import CampaignCase, read_cases
 from jointbayes.studies.campaign.index import (
     DONE,
     FAILED,
     INDEX,
     KILLED,
-    Campaign,
     Row,
     campaign_directory,
     kept_rows,

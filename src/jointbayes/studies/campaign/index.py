@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import TypeAdapter
 
@@ -20,15 +20,12 @@ from jointbayes.studies.study_directory import read_lines
 from vibrecords.own_directory import OwnDirectory
 from vibrecords.whole_file import write_whole_file
 
-if TYPE_CHECKING:
-    from jointbayes.posterior import Posterior
-
 #: File of the rows.
 INDEX = "index.jsonl"
 DONE, FAILED, KILLED = "done", "failed", "killed its worker"
 
 #: Columns that an index has whatever its cases are.
-_COLUMNS = (
+COLUMNS = (
     "key", "file", "status", "attempts", "error", "serial", "date", "order", "seed", "converged", "reason", "seconds",
     "explains", "misfit_p_value", "fingerprint", "code",
 )  # fmt: skip
@@ -120,7 +117,7 @@ def read_index(directory: str | os.PathLike[str]) -> tuple[CaseRow, ...]:
         If there is none, or it is no index of a campaign.
     """
     try:
-        return tuple(_case_row(row) for row in _rows_of_campaign(Path(directory)))
+        return tuple(_case_row(row) for row in rows_of_campaign(Path(directory)))
     except (KeyError, TypeError, ValueError) as error:
         raise MeasurementError(
             f"{Path(directory) / INDEX}: found no index in it ({type(error).__name__}); {_EXPECTED}; give another "
@@ -128,7 +125,8 @@ def read_index(directory: str | os.PathLike[str]) -> tuple[CaseRow, ...]:
         ) from error
 
 
-def _rows_of_campaign(directory: Path) -> list[Row]:
+def rows_of_campaign(directory: Path) -> list[Row]:
+    """The rows of a campaign's directory; an error where it holds none."""
     rows = kept_rows(directory)
     if not rows:
         raise MeasurementError(f"{directory / INDEX}: found no case, or no such file; {_EXPECTED}; give its directory")
@@ -165,70 +163,3 @@ def chart_order(rows: Sequence[CaseRow]) -> tuple[tuple[CaseRow, ...], str]:
 
 def _natural(text: str) -> list[tuple[int, float, str]]:
     return [(0, float(p), "") if p.isdigit() else (1, 0.0, p) for p in re.split(r"(\d+)", text[:200]) if p]
-
-
-@dataclass(frozen=True, slots=True)
-class Campaign:
-    """A campaign on the disk.
-
-    Parameters
-    ----------
-    directory
-        Its directory.
-    """
-
-    directory: Path
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "directory", Path(self.directory))  # a path may be given as text
-
-    @property
-    def index(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
-        """The index as a pandas.DataFrame, one row a case in the order of the table; see docs/campaigns.md.
-
-        Raises
-        ------
-        MeasurementError
-            If there is none.
-        """
-        import pandas
-
-        rows = _rows_of_campaign(self.directory)
-        names = dict.fromkeys((*_COLUMNS, *(name for row in rows for name in row)))
-        table = pandas.DataFrame(rows, columns=list(names))
-        table["date"] = pandas.to_datetime(table["date"])
-        return table.set_index("key", drop=False)
-
-    def write_report(self, *, seed: int = 1) -> Path:
-        """Write the report of the campaign and its population into its directory; `seed` is that of the population.
-
-        Raises
-        ------
-        MeasurementError
-            If there is no campaign in the directory.
-        WriteError
-            If a file cannot be written.
-        """
-        from jointbayes.studies.campaign.campaign_report import write_campaign_report
-
-        return write_campaign_report(self.directory, seed)
-
-    def posterior(self, key: str) -> "Posterior":
-        """Posterior of one case.
-
-        Raises
-        ------
-        MeasurementError
-            If the case is not done, or there is no such case.
-        """
-        from jointbayes.workflow import load_posterior
-
-        rows = {row.key: row for row in read_index(self.directory)}
-        if key not in rows:
-            raise MeasurementError(
-                f"{self.directory / INDEX}: found no case {key!r}; expected one of its {len(rows)} keys"
-            )
-        row = rows[key]
-        if row.status != DONE:
-            raise MeasurementError(f"{self.directory / INDEX}: case {key!r}: found that it {row.status}: {row.error}")
-        return load_posterior(self.directory / row.file)
