@@ -260,10 +260,10 @@ def test_forty_dimensions_are_drawn_within_few_steps():
 
 @pytest.mark.whole
 def test_a_case_of_many_unknowns_has_as_many_walkers_as_they_need_unless_it_states_them():
-    stated = six_joints()
-    assert stated.sampler.walkers == 96
-    text = stated.source.text
-    assert case_from_text("six", edited(text, ("walkers = 96", ""))).sampler.walkers == 72  # of 36 unknowns
+    case = six_joints()
+    assert case.sampler.walkers == 72  # of 36 unknowns
+    text = case.source.text + "[sampling]\nwalkers = 96\n"
+    assert case_from_text("six", text).sampler.walkers == 96
     too_few = case_from_text("six", edited(text, ("walkers = 96", "walkers = 48")))
     told = []
     with pytest.raises(SamplingError, match="found 48 for 36 parameters, expected at least 72"):

@@ -219,7 +219,7 @@ def test_any_executor_does_the_tasks():
     assert [i for i in range(9) if found[f"task {i}"].error is None] == [0, 2, 4, 5, 6, 7, 8]
 
 
-def test_executor_made_anew_names_the_task_that_broke_it(tmp_path):
+def test_executor_made_anew_names_the_task_that_broke_it(tmp_path, no_time_passes):
     make = partial(ProcessPoolExecutor, 2, multiprocessing.get_context("forkserver"))
     found = by_key(run_tasks(kill_some, numbered(8, str(tmp_path), (2,), (5,)), executor=make))
     assert {key for key, o in found.items() if o.killed_worker} == {"task 5"}
