@@ -6,13 +6,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from jointbayes.frf import Ports
 from jointbayes.posterior.first_look import FirstLook
 from jointbayes.posterior.identifiability import ratio_of
-from jointbayes.posterior.next_step import next_step, spread_in_words
+from jointbayes.posterior.next_step import _candidates, next_step, spread_in_words
 from jointbayes.posterior.prediction import frfs_as_measured
 from tests.conftest import of_case
+from vibrecords import Antiresonances, ModeData, Observed
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +78,34 @@ def test_of_natural_frequencies_further_modes_are_proposed(frequency_posterior):
     step = next_step(frequency_posterior, None, judged)
     assert step.words == "modes 4 and 5"
     assert step.sd_after < step.sd_before
+
+
+def test_of_natural_frequencies_a_sensor_and_antiresonances_are_looked_at_too(frequency_posterior):
+    (part,) = frequency_posterior.problem.parts
+    modes, *sensors, zeros = _candidates(part)
+    words = ["an accelerometer at 270 mm (4:y), calibrated beside that at 360 mm (5:y)"]
+    assert [sensor.words for sensor in sensors] == words
+    assert zeros.words == "antiresonances 1 and 2 at 360 mm (5:y), by force and sensor there"
+    # where a place is held still the structure has one DOF fewer
+    theta, test = frequency_posterior.estimate.theta, part.test
+    made = zeros.problem(part, theta).test.data.zeros
+    structure = test.structures.recipe.structure()
+    rows = [structure.index((label,))[0] for label in test.joints.labels]
+    stiffness = structure.stiffness.copy()
+    stiffness[np.ix_(rows, rows)] += part.prior.matrix(theta[None]).stiffness[0]
+    kept = np.delete(np.arange(len(stiffness)), structure.index(("5:y",))[0])
+    square = eigh(stiffness[np.ix_(kept, kept)], structure.mass[np.ix_(kept, kept)], eigvals_only=True)
+    assert made.frequency.values[0] == pytest.approx(np.sqrt(square[:2]) / (2 * np.pi), rel=1e-6)
+    assert made.frequency.sd == pytest.approx(modes.relative * made.frequency.values, rel=1e-6)
+
+
+def test_antiresonances_that_are_measured_are_not_proposed_again(frequency_posterior):
+    (part,) = frequency_posterior.problem.parts
+    seen = Antiresonances("5:y", Observed(np.array([540.0]), np.array([1.0])))
+    data = ModeData(Observed(part.test.data.frequency_hz, part.test.data.sd_hz), zeros=seen)
+    *_, zeros = _candidates(replace(part, tests=(replace(part.test, data=data),)))
+    assert zeros.numbers == (2, 3)
+    assert zeros.words == "antiresonances 2 and 3 at 5:y, by force and sensor there"
 
 
 @pytest.mark.parametrize(("after", "said"), [(math.log(9.99) / 1.96, True), (math.log(10.01) / 1.96, False)])

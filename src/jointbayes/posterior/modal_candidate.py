@@ -1,4 +1,4 @@
-"""Further modes that could be measured: of the structure free, and their ratios at one more sensor."""
+"""Further modes that could be measured: of the structure free, their ratios at one more sensor, and antiresonances."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,7 @@ import numpy as np
 from jointbayes.inference import ModelErrorNoise, Problem
 from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.prediction import replace_values, simulated_values
-from vibrecords import ModalData, ModeData, ModeShapes, Observed
+from vibrecords import Antiresonances, ModalData, ModeData, ModeShapes, Observed
 from vibrecords.arrays import Array
 
 #: How well a sensor that roves, or one calibrated beside another, knows a ratio of components, as a fraction of it.
@@ -20,25 +20,28 @@ _KNOWN = 1 + 1e-6  # factor by which the size of an error may be larger where it
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ModalCandidate(Candidate):
-    """Natural frequencies; or, at a DOF, the ratio of each mode's component there to that at a reference.
+    """Natural frequencies; the ratio of each mode's component at a DOF to that at a reference; or antiresonances.
 
     Errors of the model in natural frequencies are those of the present ones, of which a further measurement of the same
-    structure says nothing: beside ratios natural frequencies do not count.
+    structure says nothing: beside ratios and antiresonances natural frequencies do not count.
 
     Parameters
     ----------
     numbers
-        Of the modes, from 1.
+        Of the modes, or of the antiresonances, from 1.
     relative
         Standard deviation of each value as a fraction of it.
     dof, reference
         Labels; empty of natural frequencies.
+    held
+        Label of the DOF at which force and sensor are, of antiresonances.
     """
 
     numbers: tuple[int, ...]
     relative: float
     dof: str = ""
     reference: str = ""
+    held: str = ""
 
     def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
         """The modes measured where θ is the truth, see `Candidate`."""
@@ -48,13 +51,16 @@ class ModalCandidate(Candidate):
         if rng is None:
             return _with_usual_errors(there)
         values = simulated_values(there, point, rng)
-        if self.dof:
+        if self.dof or self.held:
             values[: len(self.numbers)] = exact[: len(self.numbers)]
         return replace_values(there, values)
 
     def _measured(self, values: Array) -> ModeData:
-        """Data of some values: natural frequencies, then ratios."""
-        frequency, ratios = np.split(values[: (1 + bool(self.dof)) * len(self.numbers)], [len(self.numbers)])
+        """Data of some values: natural frequencies, then ratios or antiresonances."""
+        frequency, ratios = np.split(values[: 2 * len(self.numbers)], [len(self.numbers)])
+        if self.held:
+            held = Antiresonances((self.held,) * len(ratios), Observed(ratios, self.relative * ratios), self.numbers)
+            return ModeData(Observed(frequency, _UNKNOWN * frequency), numbers=self.numbers, zeros=held)
         if not self.dof:
             return ModeData(Observed(frequency, self.relative * frequency), numbers=self.numbers)
         components = Observed(ratios[:, None], self.relative * np.maximum(np.abs(ratios), _NODE)[:, None])

@@ -5,7 +5,7 @@ simulates the measurements and knows of more kinds.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +18,9 @@ from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.first_look import FirstLook
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
-from jointbayes.posterior.modal_candidate import ModalCandidate, scatter
+from jointbayes.posterior.modal_candidate import RELATIVE_CALIBRATION, ModalCandidate, scatter
 from jointbayes.posterior.rounding import factor, number
-from vibrecords import FrfSet
+from vibrecords import ModalData
 
 #: Places of one further sensor that are looked at in each test.
 _MOST_PLACES = 8
@@ -115,13 +115,14 @@ def next_step(
 
 
 def _candidates(part: Problem) -> Iterator[Candidate]:
-    """Of one test: one sensor more, more averages, or two modes more."""
+    """Of one test: one sensor more, more averages, two modes more or two antiresonances."""
     test, setup = part.test, part.test.name
     measured, modes = test.data.frfs, test.data.modes
     of_test = f" in test {setup}" if setup else ""
     if measured is not None:
         frf, law = measured.frf, estimated_law(measured)
-        for label, place in _free_places(part, frf):
+        directions = dict.fromkeys(dof.rpartition(":")[2] for dof in frf.outputs if ":r" not in dof)
+        for label, place in _free_places(part, (*frf.outputs, *frf.inputs), directions):
             yield FrfCandidate(
                 name=f"{setup} {label}", words=f"an accelerometer at {place}{of_test}", setup=setup, law=law,
                 structure=test.structure, ports=Ports(frf.frequency_hz, (label,), frf.inputs), quantity=frf.quantity,
@@ -136,18 +137,43 @@ def _candidates(part: Problem) -> Iterator[Candidate]:
             name=f"{setup} modes", words=f"modes {last + 1} and {last + 2}{of_test}", setup=setup,
             structure=test.structure, numbers=(last + 1, last + 2), relative=scatter(modes),
         )  # fmt: skip
+        yield from _beside_modes(part, modes, of_test)
 
 
-def _free_places(part: Problem, frf: FrfSet) -> list[tuple[str, str]]:
-    """Translations at which nothing is measured, in the directions of what is, and where each is, away from joints."""
+def _beside_modes(part: Problem, modes: ModalData, of_test: str) -> Iterator[Candidate]:
+    """Of one test whose data are modes: one sensor more, or two antiresonances of the place that moves most."""
+    test, setup = part.test, part.test.name
+    directions = dict.fromkeys(label.rpartition(":")[2] for label in test.joints.labels if ":r" not in label)
+    places, zeros = _free_places(part, modes.dofs, directions), getattr(modes, "zeros", None)
+    known = (*getattr(modes, "references", ()), *(zeros.dofs if zeros else ()))
+    if not (places or known):
+        return
+    reference, at = (known[0], known[0]) if known else places.pop()
+    for label, place in places[2::3]:
+        yield ModalCandidate(
+            name=f"{setup} {label}", words=f"an accelerometer at {place}, calibrated beside that at {at}{of_test}",
+            setup=setup, structure=test.structure, numbers=modes.numbers, relative=RELATIVE_CALIBRATION, dof=label,
+            reference=reference,
+        )  # fmt: skip
+    seen = zip(zeros.dofs, zeros.numbers, strict=True) if zeros else ()
+    first = 1 + max((number for dof, number in seen if dof == reference), default=0)
+    numbers = (first, first + 1)
+    words = f"antiresonances {first} and {first + 1} at {at}, by force and sensor there{of_test}"
+    yield ModalCandidate(
+        name=f"{setup} zeros", words=words, setup=setup, structure=test.structure, numbers=numbers,
+        relative=scatter(modes), held=reference,
+    )  # fmt: skip
+
+
+def _free_places(part: Problem, measured: Collection[str], directions: Collection[str]) -> list[tuple[str, str]]:
+    """Translations at which nothing is measured, in these directions, and where each is, away from joints."""
     test = part.test
     positions = getattr(getattr(test.structures, "recipe", None), "positions", None) or {}
     points = tuple(positions) or tuple(dict.fromkeys(dof.partition(":")[0] for dof in test.structures.labels))
     taken = {dof.rpartition(":")[0] for dof in test.joints.labels}
-    directions = dict.fromkeys(dof.rpartition(":")[2] for dof in frf.outputs if ":r" not in dof)
     every = [
         f"{point}:{direction}" for point in points for direction in directions
-        if point not in taken and f"{point}:{direction}" not in (*frf.outputs, *frf.inputs)
+        if point not in taken and f"{point}:{direction}" not in measured
     ]  # fmt: skip
     chosen = [every[i] for i in np.unique(np.linspace(0, len(every) - 1, _MOST_PLACES).astype(int))] if every else []
     return [(dof, _place(dof, positions.get(dof.rpartition(":")[0]))) for dof in chosen]

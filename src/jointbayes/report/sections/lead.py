@@ -257,7 +257,7 @@ def _next(inputs: ReportInputs) -> str:
     if step is None and inputs.posterior.problem.premises.of_modes:
         return (
             "Natural frequencies and antiresonances beyond those measured, by a wider band or by a force and a sensor "
-            "at a second point. Two more modes alone would not tell much more."
+            "at a second point. Two more modes, one more sensor or two antiresonances alone would not tell much more."
         )
     if step is None:
         return (
