@@ -105,7 +105,7 @@ def test_antiresonances_that_are_measured_are_not_proposed_again(frequency_poste
     data = ModeData(Observed(part.test.data.frequency_hz, part.test.data.sd_hz), zeros=seen)
     *_, zeros = _candidates(replace(part, tests=(replace(part.test, data=data),)))
     assert zeros.numbers == (2, 3)
-    assert zeros.words == "antiresonances 2 and 3 at 5:y, by force and sensor there"
+    assert zeros.words == "antiresonances 2 and 3 at 5:y, in a wider band"
 
 
 @pytest.mark.parametrize(("after", "said"), [(math.log(9.99) / 1.96, True), (math.log(10.01) / 1.96, False)])

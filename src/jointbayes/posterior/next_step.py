@@ -158,7 +158,8 @@ def _beside_modes(part: Problem, modes: ModalData, of_test: str) -> Iterator[Can
     seen = zip(zeros.dofs, zeros.numbers, strict=True) if zeros else ()
     first = 1 + max((number for dof, number in seen if dof == reference), default=0)
     numbers = (first, first + 1)
-    words = f"antiresonances {first} and {first + 1} at {at}, by force and sensor there{of_test}"
+    how = "in a wider band" if first > 1 else "by force and sensor there"
+    words = f"antiresonances {first} and {first + 1} at {at}, {how}{of_test}"
     yield ModalCandidate(
         name=f"{setup} zeros", words=words, setup=setup, structure=test.structure, numbers=numbers,
         relative=scatter(modes), held=reference,
