@@ -25,6 +25,7 @@ from benchmarks.coverage import write_between
 from benchmarks.page import table
 from benchmarks.random_frames import NOISE, Frame, Spring
 from benchmarks.record import ROOT, environment, kept_lines
+from benchmarks.wrong_model import judged
 from vibrecords import FrfData, FrfSet
 
 KEPT = ROOT / "build" / "wrong_frames.jsonl"
@@ -67,13 +68,7 @@ def analyse(wrong: str, index: int) -> dict[str, Any]:
     data = measured(wrong, frame, lines.frf.frequency_hz, index)
     problem = case.problem.with_test(data=data)
     posterior = jb.sample(replace(case, problem=problem, stated=problem, setups=()), seed=index)
-    held, outside, identified = 0, 0, 0
-    for name, value in zip(posterior.stiffness_names, frame.stiffness.tolist(), strict=True):
-        verdict, (low, high) = posterior.verdict(name), posterior.interval(name, 0.999)
-        ends = verdict.interval95 if verdict.verdict == "identified" else verdict.printed95
-        held += not (value < ends[0] or value > ends[1])
-        outside += not low <= value <= high
-        identified += verdict.verdict == "identified" and not low <= value <= high
+    held, outside, identified = map(len, judged(posterior, frame.stiffness))
     grade = "none" if posterior.model_error is None else posterior.model_error.grade
     counts = {"springs": len(frame.stiffness), "held": held, "outside": outside, "identified": identified}
     seconds = time.process_time() - began

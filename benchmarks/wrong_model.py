@@ -113,19 +113,25 @@ def analyse(wrong: str, beam: str, index: int) -> Outcome:
         tests.append(replace(test, data=data, noise=ModelErrorNoise.of(data, ErrorSizes())))
     problem = replace(case.problem, tests=tuple(tests))
     posterior = jb.sample(problem, seed=index, premises="usual")
-    held, outside, identified, widths = [], [], [], []
+    widths = tuple(math.log(high / low) for low, high in map(posterior.interval, posterior.stiffness_names))
+    assert posterior.model_error is not None
+    said = judged(posterior, truth)
+    return Outcome(wrong, beam, index, *said, posterior.model_error.grade, widths, time.process_time() - began)
+
+
+def judged(posterior: jb.Posterior, truth: Array) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """Stiffnesses that the printed interval holds, that lie outside the 99.9 % interval, and of these identified ones.
+
+    `truth` is theirs, shape (q,).
+    """
+    held, outside, identified = [], [], []
     for name, value in zip(posterior.stiffness_names, truth, strict=True):
-        verdict = posterior.verdict(name)
-        low, high = verdict.printed95 if verdict.verdict != "identified" else verdict.interval95
-        held += [name] if not value < low and not value > high else []
-        low, high = posterior.interval(name, 0.999)
+        verdict, (low, high) = posterior.verdict(name), posterior.interval(name, 0.999)
+        ends = verdict.printed95 if verdict.verdict != "identified" else verdict.interval95
+        held += [name] if not value < ends[0] and not value > ends[1] else []
         outside += [name] if not low <= value <= high else []
         identified += [name] if outside[-1:] == [name] and verdict.verdict == "identified" else []
-        low, high = posterior.interval(name)
-        widths.append(math.log(high / low))
-    assert posterior.model_error is not None
-    results = tuple(held), tuple(outside), tuple(identified), posterior.model_error.grade, tuple(widths)
-    return Outcome(wrong, beam, index, *results, time.process_time() - began)
+    return tuple(held), tuple(outside), tuple(identified)
 
 
 def _measured(

@@ -108,6 +108,17 @@ def test_antiresonances_that_are_measured_are_not_proposed_again(frequency_poste
     assert zeros.words == "antiresonances 2 and 3 at 5:y, in a wider band"
 
 
+@pytest.mark.parametrize(("fewer", "proposed"), [(2, True), (1, False)])
+def test_no_more_antiresonances_are_proposed_than_the_model_has(frequency_posterior, fewer, proposed):
+    (part,) = frequency_posterior.problem.parts
+    last = part.test.most_modes - 1 - fewer  # seen, of all that there are with that place held
+    seen = Antiresonances("5:y", Observed(np.array([5400.0]), np.array([1.0])), numbers=(last,))
+    data = ModeData(Observed(part.test.data.frequency_hz, part.test.data.sd_hz), zeros=seen)
+    words = [each.words for each in _candidates(replace(part, tests=(replace(part.test, data=data),)))]
+    assert any(word.startswith("antiresonances") for word in words) == proposed
+    assert any(word.startswith("modes") for word in words)
+
+
 @pytest.mark.parametrize(("after", "said"), [(math.log(9.99) / 1.96, True), (math.log(10.01) / 1.96, False)])
 def test_a_forecast_of_hardly_anything_is_none(cheap_posterior, judged, monkeypatch, after, said):
     def linearised(_look, names):

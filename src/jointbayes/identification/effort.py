@@ -8,7 +8,7 @@ import numpy as np
 
 from jointbayes.identification.least_squares import MANY_UNKNOWNS, PosteriorSquares, climb_all
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
-from jointbayes.identification.mode_search import Images, ModeSearch
+from jointbayes.identification.mode_search import MANY_MOVED, Images, ModeSearch
 from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.starting_points import frequency_starts, screened_draws
 from jointbayes.inference import Problem
@@ -141,8 +141,9 @@ def search_further(
     many_unknowns = len(problem.parametrisation.names) >= MANY_UNKNOWNS
     while True:
         search.climb_images(images)
-        if many_unknowns and sum(search.reached().values()) < LEAST_AGREEING:
-            search.climb_moved(*([_FEW_MOVED] if search.reached().get(_LOWEST) else []))
+        arrived = search.reached()
+        if many_unknowns and sum(arrived.values()) < LEAST_AGREEING:
+            search.climb_moved(_FEW_MOVED if arrived.get(_LOWEST) else MANY_MOVED)
         theta, density = search.best
         total, count = log_posterior.typical_squares(theta)
         squares, limit = total / count, largest_squares(count)

@@ -40,7 +40,7 @@ _IMAGES = 8  # of a mode, from which to climb
 #: Of one coordinate with the others as they are, between its ends or so many prior standard deviations from its mean;
 #: of all coordinates so many climb at once.
 _PLACES, _WIDE = (0.03, 0.2, 0.4, 0.6, 0.8, 0.97), 2.0
-_MOVED = 72
+MANY_MOVED = 72
 
 
 class ModeSearch:
@@ -152,7 +152,7 @@ class ModeSearch:
             theta = theta[highest[np.isfinite(density[highest])]]
             self._climb_from(theta)
 
-    def climb_moved(self, most: int = _MOVED) -> None:
+    def climb_moved(self, most: int) -> None:
         """Climb from the best mode with one coordinate of the joint moved elsewhere, as long as that leads higher.
 
         Summits of many springs differ in one or two of them. Of all places no more than so many are climbed from; these

@@ -162,9 +162,8 @@ def _springs(part: Problem, noise: ModelErrorNoise, theta: Array) -> Array:
         elif kind == "zero":
             rigid = np.pad(stiffness, ((0, 0), (0, 1), (0, 1)))
             rigid[:, -1, -1] = RIGID
-            effect = _relative_effect(test, held_at(test.joints, of[-1]), rigid, factors, places, int(number))[
-                int(number) - 1
-            ]
+            held, last = held_at(test.joints, of[-1]), int(number)
+            effect = _relative_effect(test, held, rigid, factors, places, last)[last - 1]
             change[row] = effect * noise.relative[row]
     change += _mixtures(test, data, stiffness, factors, numbers, places)
     lowest = np.linalg.norm(free[min(numbers) - 1])

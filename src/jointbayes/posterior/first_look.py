@@ -4,11 +4,13 @@ The present data know nothing of them, so that the present posterior of all is t
 prior of the new ones, and draws of it are present draws beside draws of that prior.
 """
 
+import copy
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -188,6 +190,12 @@ class FirstLook:
             name: [measurement_information(candidate, whole.problem, theta) for theta in points]
             for name, candidate in candidates.items()
         }
+
+    def of(self, quantity: str) -> Self:
+        """The same look for another wanted stiffness: what the measurements tell does not depend on it."""
+        other = copy.copy(self)
+        other._quantity = quantity
+        return other
 
     def linearised(self, names: Names) -> Linearised:
         """Figures of one set."""

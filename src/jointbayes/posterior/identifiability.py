@@ -208,6 +208,11 @@ class Identifiability:
         return f"{side} {join_unit(value, self.unit)}"
 
     @property
+    def limit_or_interval(self) -> str:
+        """The one-sided limit, or the 95 % interval, as it is printed."""
+        return self.limit or self.interval()
+
+    @property
     def limit_in_words(self) -> str:
         """The one-sided limit with what it rests on; empty where it has none."""
         return f"{self.limit} {self.source or 'with 95 % probability'}" if self.limit else ""

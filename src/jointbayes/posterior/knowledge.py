@@ -49,8 +49,8 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
         wider.pop(name, None)
     for name in wider:
         parts.append(
-            f"{name} stays {most.verdict[name]}, but its interval goes from {_printed(least.known[name])} to "
-            f"{_printed(most.known[name])}"
+            f"{name} stays {most.verdict[name]}, but its interval goes from {least.known[name].limit_or_interval} to "
+            f"{most.known[name].limit_or_interval}"
         )
     if not parts:
         return (
@@ -59,10 +59,6 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
         )
     more = [f"{len(parts) - _MOST_TOLD} more change, see the table"] if len(parts) > _MOST_TOLD else []
     return f"With {listed(most.uncertain)} uncertain: {'; '.join([*parts[:_MOST_TOLD], *more])}."
-
-
-def _printed(assessment: Identifiability) -> str:
-    return assessment.limit or assessment.interval()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -101,9 +101,13 @@ def next_step(
     theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS - 1)])
     draws = by_names(theta, posterior.problem.names, problem.names)
     least_known_first = sorted(judged, key=lambda name: (CERTAINTY.get(judged[name].verdict, 0), -judged[name].ratio))
+    try:
+        look = FirstLook(problem, candidates, least_known_first[0], draws)
+    except (JointBayesError, np.linalg.LinAlgError):
+        return None
     for wanted in least_known_first:
+        look = look.of(wanted)
         try:
-            look = FirstLook(problem, candidates, wanted, draws)
             before = look.linearised(()).median
             best = min((look.linearised((name,)) for name in candidates), key=lambda look: look.median)
         except (JointBayesError, np.linalg.LinAlgError):
@@ -158,6 +162,8 @@ def _beside_modes(part: Problem, modes: ModalData, of_test: str) -> Iterator[Can
     seen = zip(zeros.dofs, zeros.numbers, strict=True) if zeros else ()
     first = 1 + max((number for dof, number in seen if dof == reference), default=0)
     numbers = (first, first + 1)
+    if test.most_modes - 1 < first + 1:  # with that place held there is a mode less
+        return
     how = "in a wider band" if first > 1 else "by force and sensor there"
     words = f"antiresonances {first} and {first + 1} at {at}, {how}{of_test}"
     yield ModalCandidate(
