@@ -50,8 +50,9 @@ def test_frfs_of_a_free_body_are_those_of_dense_solves_and_of_a_rigid_bar_far_be
     assert misfit.chi2_gradient(NO_JOINT)[1].shape == (1, 0, 0)
 
 
-def beam_family(names):
-    recipe = BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), ModalDamping((0.01,)))
+def beam_family(names, **options):
+    steel = BeamMaterial(2.1e11, 0.3, 7800.0)
+    recipe = BeamRecipe(0.383, Section.circle(0.025), steel, ModalDamping((0.01,)), **options)
     return BeamFamily(recipe, dict.fromkeys(names, (-0.1, 0.1)))
 
 

@@ -8,13 +8,19 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from jointbayes.frf import Ports
-from jointbayes.posterior.first_look import FirstLook
+import jointbayes as jb
+from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports
+from jointbayes.inference import JointPrior, Normal, Nuisance
+from jointbayes.joint import Joint, Joints
+from jointbayes.posterior.first_look import FirstLook, measurement_information
 from jointbayes.posterior.identifiability import ratio_of
-from jointbayes.posterior.next_step import _candidates, next_step, spread_in_words
+from jointbayes.posterior.next_step import _candidates, _hit_free, next_step, spread_in_words
 from jointbayes.posterior.prediction import frfs_as_measured
-from tests.conftest import of_case
-from vibrecords import Antiresonances, ModeData, Observed
+from tests.conftest import CLAMP, PAIR, TABLE_3, of_case
+from tests.inference.test_free_test import BODY, CLAMPED, FREE, MATERIAL, PRIOR, beam_family
+from vibrecords import Antiresonances, ModeData, Observed, quantity_factor
+
+OFFSET = Nuisance("length_offset", "m", 1.0, Normal(0.0, 0.001))
 
 
 @pytest.fixture(scope="module")
@@ -136,3 +142,55 @@ def test_the_sentence_has_its_figures_and_says_that_it_is_a_forecast(cheap_poste
     changed = replace(step, sd_after=0.01).sentence
     assert "±2 %" in changed
     assert changed != step.sentence
+
+
+def test_a_test_of_the_structure_free_is_looked_at_where_its_body_is_uncertain(cheap_posterior, cheap_case):
+    """What it would tell is what its FRFs, computed densely without the joint, say of E by differences."""
+    assert not list(_hit_free(cheap_posterior.problem))
+    problem, theta = cheap_case.workshop_problem, np.append(cheap_posterior.estimate.theta, [0.0, 0.0, 0.0, 0.0])
+    (free,) = _hit_free(problem)
+    assert free.words == "a test of the structure hit free, before it is joined"
+    ports, recipe = free.ports, problem.test.structures.recipe
+    steps = [
+        DirectSolve(recipe.structure({"youngs_modulus": factor}), Joints(()), ports).receptance(np.zeros((1, 0, 0)))[0]
+        for factor in (1.0, math.exp(1e-5))
+    ]
+    frf = cheap_posterior.problem.test.data.frfs.frf
+    exact, moved = (quantity_factor(ports.frequency_hz, frf.quantity)[:, None, None] * each for each in steps)
+    sd = np.sqrt(2) * (0.008 * np.abs(exact) + 0.0016 * np.median(np.abs(exact)))  # the case's noise, each part
+    told = 2 * (np.abs((moved - exact) / 1e-5 / sd) ** 2).sum()
+    at = problem.names.index("youngs_modulus")
+    information = measurement_information(free, problem, theta)
+    assert information[at, at] == pytest.approx(told, rel=0.02)
+    assert not information[:3].any()  # of the joint it says nothing by itself
+
+
+def test_frequencies_of_the_free_structure_are_forecast_as_well_known_as_the_present_ones():
+    problem = joined(MATERIAL)
+    (free,) = _hit_free(problem)
+    exact = NaturalFrequencies(BODY, Joints(()), 3).frequency_hz(np.zeros((1, 0, 0)))[0]
+    theta = np.append(np.log(TABLE_3), np.zeros(3))
+    data = free.problem(problem, theta).test.data
+    np.testing.assert_allclose(data.frequency_hz, exact, rtol=1e-9)
+    np.testing.assert_allclose(data.sd_hz, 0.001 * exact, rtol=1e-9)
+
+
+def joined(nuisances, test=CLAMPED, *more):
+    return jb.Problem([test, *more], JointPrior(PAIR, PRIOR.marginals, tuple(nuisances)))
+
+
+@pytest.mark.parametrize(
+    ("test", "nuisances", "more", "proposed"),
+    [
+        (CLAMPED, MATERIAL, (), True),
+        (replace(CLAMPED, structure=beam_family(("density",))), MATERIAL[1:2], (), True),
+        (replace(CLAMPED, structure=beam_family(())), (), (), False),
+        (replace(CLAMPED, structure=beam_family(("length_offset",))), (OFFSET,), (), False),
+        (replace(CLAMPED, structure=beam_family(("density", "length_offset"))), (MATERIAL[1], OFFSET), (), False),
+        (replace(CLAMPED, structure=beam_family(("density",), supports=("11:y",))), MATERIAL[1:2], (), False),
+        (replace(CLAMPED, joints=Joint(CLAMP.dofs, ("11:y", "11:rz"))), MATERIAL, (), False),
+        (CLAMPED, MATERIAL, (FREE,), False),
+    ],
+)
+def test_free_is_proposed_of_an_uncertain_body_that_joints_alone_hold_to_ground(test, nuisances, more, proposed):
+    assert bool(list(_hit_free(joined(nuisances, test, *more)))) == proposed

@@ -156,7 +156,7 @@ def test_the_density_of_which_a_forecast_is_made_is_that_of_two_tests(text, name
 def test_a_forecast_is_what_sampling_both_measurements_finds(noise, name):
     """Draws of the present posterior weighted by the further data, all of them, against a run of both."""
     case = case_of(FREQUENCIES + noise + PLAN)
-    present = jb.sample(case, seed=1)
+    present = jb.sample(case.problem, seed=1)  # as stated, as what both are sampled
     truth = present.theta[np.random.default_rng(2).integers(len(present.theta))]
     further = named(FREQUENCIES + noise + PLAN)[name].problem(case.problem, truth, np.random.default_rng(3))
     log_weight = further.log_posterior.log_likelihood(present.theta)

@@ -13,14 +13,32 @@ from jointbayes.frf import AnyStructure, Ports
 from jointbayes.inference import NoiseModel, Nuisance, Problem
 from jointbayes.inference.likelihood_base import ResidualKind
 from jointbayes.inference.test import columns_of_names
-from jointbayes.joint import AnyJoint
+from jointbayes.joint import AnyJoint, Joints
 from vibrecords import FrfData, FrfSet, Quantity, RelativeNoise, quantity_factor
 from vibrecords.arrays import Array
 
 ComplexArray = NDArray[np.complex128]
 
+#: Name of a test of the structure without its joints, and what it is in a sentence.
+FREE, FREE_WORDS = "free", "the structure hit free, before it is joined"
+#: Quantities of a body of which its frequencies say the same whether it is free or joined.
+_OF_BODY = frozenset({"youngs_modulus", "density", "length"})
+
 #: Part of the largest FRF below which a value counts as zero noise in the estimate of a law: rounding.
 _TINY = 1e-12
+
+
+def is_worth_hitting_free(part: Problem) -> bool:
+    """Whether the structure of a test without its joints is the same body, hangs on nothing else, and is uncertain.
+
+    Where the edge of the clamp is uncertain as a length in mm the bar goes on behind it, and is another one free.
+    """
+    test = part.test
+    joints = test.joints.joints if isinstance(test.joints, Joints) else (test.joints,)
+    to_ground = joints and not any(joint.against for joint in joints) and not test.measured_bodies
+    supports = getattr(getattr(test.structures, "recipe", None), "supports", ())
+    uncertain = {name.rpartition(".")[2] for name in test.structures.names}
+    return bool(to_ground and not supports and "length_offset" not in uncertain and uncertain & _OF_BODY)
 
 
 class VarianceLaw(Protocol):

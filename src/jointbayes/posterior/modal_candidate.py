@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointbayes.inference import ModelErrorNoise, Problem
-from jointbayes.posterior.candidate import Candidate
+from jointbayes.joint import Joints
+from jointbayes.posterior.candidate import FREE, FREE_WORDS, Candidate
 from jointbayes.posterior.prediction import replace_values, simulated_values
 from vibrecords import Antiresonances, ModalData, ModeData, ModeShapes, Observed
 from vibrecords.arrays import Array
@@ -66,6 +67,14 @@ class ModalCandidate(Candidate):
         components = Observed(ratios[:, None], self.relative * np.maximum(np.abs(ratios), _NODE)[:, None])
         shapes = ModeShapes((self.dof,), self.reference, components)
         return ModeData(Observed(frequency, _UNKNOWN * frequency), shapes=shapes, numbers=self.numbers)
+
+
+def modes_hit_free(modes: ModalData, setup: str) -> ModalCandidate:
+    """As many natural frequencies of the structure without its joints, as well known as the present ones."""
+    numbers = tuple(range(1, modes.frequency_hz.size + 1))
+    return ModalCandidate(
+        name=FREE, words=FREE_WORDS, setup=setup, joint=Joints(()), numbers=numbers, relative=scatter(modes)
+    )
 
 
 def _of_data(problem: Problem, data: ModeData) -> Problem:

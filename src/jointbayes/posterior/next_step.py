@@ -4,6 +4,7 @@ A first look, linearised about a few draws, among what needs nothing new but a s
 simulates the measurements and knows of more kinds.
 """
 
+import itertools
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -13,12 +14,21 @@ import numpy as np
 from jointbayes.errors import JointBayesError
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
-from jointbayes.posterior.candidate import Candidate, FrfCandidate, estimated_law, repeated
+from jointbayes.joint import Joints
+from jointbayes.posterior.candidate import (
+    FREE,
+    FREE_WORDS,
+    Candidate,
+    FrfCandidate,
+    estimated_law,
+    is_worth_hitting_free,
+    repeated,
+)  # fmt: skip
 from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.first_look import FirstLook
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
-from jointbayes.posterior.modal_candidate import RELATIVE_CALIBRATION, ModalCandidate, scatter
+from jointbayes.posterior.modal_candidate import RELATIVE_CALIBRATION, ModalCandidate, modes_hit_free, scatter
 from jointbayes.posterior.rounding import factor, number
 from vibrecords import ModalData
 
@@ -95,7 +105,8 @@ def next_step(
     problem = freed or posterior.problem
     if not posterior.record.converged:
         return None
-    candidates = {candidate.name: candidate for part in problem.parts for candidate in _candidates(part)}
+    every = itertools.chain(_hit_free(problem), *map(_candidates, problem.parts))
+    candidates = {candidate.name: candidate for candidate in every}
     if not candidates:
         return None
     theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS - 1)])
@@ -118,11 +129,33 @@ def next_step(
     return None
 
 
+def _hit_free(problem: Problem) -> Iterator[Candidate]:
+    """A test of the structure without its joints, of which there is none yet, as one of the present tests is made."""
+    if not all(part.test.joints.size for part in problem.parts):
+        return
+    for part in filter(is_worth_hitting_free, problem.parts):
+        test, setup = part.test, part.test.name or FREE
+        measured, modes = test.data.frfs, test.data.modes
+        name, words = f"{setup} {FREE}", f"a test of {FREE_WORDS}{_of_test(part.test.name)}"
+        if measured is not None:
+            frf, law = measured.frf, estimated_law(measured)
+            yield FrfCandidate(
+                name=name, words=words, setup=setup, law=law, structure=test.structure, joint=Joints(()),
+                ports=Ports(frf.frequency_hz, frf.outputs, frf.inputs), quantity=frf.quantity,
+            )  # fmt: skip
+        elif modes is not None:
+            yield replace(modes_hit_free(modes, setup), name=name, words=words)
+
+
+def _of_test(setup: str) -> str:
+    return f" in test {setup}" if setup else ""
+
+
 def _candidates(part: Problem) -> Iterator[Candidate]:
     """Of one test: one sensor more, more averages, two modes more or two antiresonances."""
     test, setup = part.test, part.test.name
     measured, modes = test.data.frfs, test.data.modes
-    of_test = f" in test {setup}" if setup else ""
+    of_test = _of_test(setup)
     if measured is not None:
         frf, law = measured.frf, estimated_law(measured)
         directions = dict.fromkeys(dof.rpartition(":")[2] for dof in frf.outputs if ":r" not in dof)

@@ -11,15 +11,23 @@ import numpy as np
 
 from jointbayes.case.case import Case
 from jointbayes.case.case_objects import noise_law, recipe_of
-from jointbayes.case.combined import WORKSHOP_SD_PERCENT
 from jointbayes.case.spec.settings_tables import PlanSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError
 from jointbayes.frf import AnyStructure, Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import Joints
-from jointbayes.posterior.candidate import Candidate, FrfCandidate, VarianceLaw, estimated_law, repeated
-from jointbayes.posterior.modal_candidate import RELATIVE_CALIBRATION, ModalCandidate, scatter
+from jointbayes.posterior.candidate import (
+    FREE,
+    FREE_WORDS,
+    Candidate,
+    FrfCandidate,
+    VarianceLaw,
+    estimated_law,
+    is_worth_hitting_free,
+    repeated,
+)  # fmt: skip
+from jointbayes.posterior.modal_candidate import RELATIVE_CALIBRATION, ModalCandidate, modes_hit_free
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 from jointbayes.studies.planning.proposed_setups import proposed_setups
 from vibrecords import ModalData
@@ -27,7 +35,6 @@ from vibrecords.arrays import Array
 
 _G = 1e-3
 _DOFS = ("outputs", "inputs")
-_FREE, _FREE_WORDS = "free", "the structure hit free, before it is joined"
 
 
 def candidates_of(case: Case) -> tuple[Candidate, ...]:
@@ -69,7 +76,8 @@ class _Maker(ABC):
     """Makes candidates on one set-up; `hit_free` is whether a test of the free structure is there or proposed."""
 
     def __init__(self, spec: CaseSpec, problem: Problem, *, hit_free: bool) -> None:
-        self._problem, self._spec, self._hit_free = problem, spec, hit_free
+        self._problem, self._spec = problem, spec
+        self._hits_free = not hit_free and is_worth_hitting_free(problem)
         self._recipe = recipe_of(spec.structure, spec.data, problem.test.data)
 
     @abstractmethod
@@ -80,17 +88,6 @@ class _Maker(ABC):
         """Candidates of all kinds."""
         for candidates in self._kinds():
             yield from map(self._name_after_setup, candidates)
-
-    @property
-    def _worth_hitting_free(self) -> bool:
-        """Whether the structure without its joints is the same body, hangs on nothing else, and is uncertain itself.
-
-        Where the edge of the clamp is uncertain the bar goes on behind it, and is another one free.
-        """
-        uncertain = {name.rpartition(".")[2] for name in self._problem.test.structures.names}
-        between = any(joint.against for joint in self._spec.all_joints.values())
-        alone = not (between or self._spec.structure.supports or "length_offset" in uncertain)
-        return alone and not self._hit_free and not uncertain.isdisjoint(WORKSHOP_SD_PERCENT)
 
     def _name_after_setup(self, candidate: Candidate) -> Candidate:
         """A candidate with the name of its set-up, if it is one of several."""
@@ -153,12 +150,8 @@ class _ModalMaker(_Maker):
         return max(dofs, key=lambda dof: float(np.linalg.norm(np.array(places[dof.rpartition(":")[0]]) - here)))
 
     def _free(self, modes: ModalData) -> Iterator[Candidate]:
-        if self._worth_hitting_free:
-            numbers = tuple(range(1, modes.frequency_hz.size + 1))
-            relative, nothing = scatter(modes), Joints(())
-            yield ModalCandidate(
-                name=_FREE, words=_FREE_WORDS, setup=_FREE, joint=nothing, numbers=numbers, relative=relative
-            )
+        if self._hits_free:
+            yield modes_hit_free(modes, FREE)
 
 
 class _FrfMaker(_Maker):
@@ -191,8 +184,8 @@ class _FrfMaker(_Maker):
         return replace(like, **changes)
 
     def _free(self) -> Iterator[Candidate]:
-        if self._worth_hitting_free:
-            yield self._candidate(_FREE, _FREE_WORDS, setup=_FREE, joint=Joints(()))
+        if self._hits_free:
+            yield self._candidate(FREE, FREE_WORDS, setup=FREE, joint=Joints(()))
 
     def _at_dofs(self) -> Iterator[Candidate]:
         """New sensors, new hammers and both, without those whose pairs of DOFs say what is said already."""
