@@ -1,1 +1,1 @@
-"""Studies that make many posteriors of one case: comparison, planning, check against a reference."""
+"""Studies that make many posteriors: comparison, planning, calibration, campaigns, check against a reference."""
