@@ -2,39 +2,18 @@
 
 import re
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from vibrecords.arrays import Array, complex_of
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.columns import (
-    FREQUENCY_STEP,
-    FRF_ROLES,
-    QUANTITY_WORDS,
-    TIME_S,
-    TIME_STEP,
-    Column,
-    Role,
-    column_of,
-    filled_length,
-    groups_of,
-    layout_axis,
-    listed,
-    spectrum_kind,
-)
+from vibrecords.formats import columns as headers
+from vibrecords.formats.columns import Column, Role, column_of, listed
 from vibrecords.formats.table_text import TextTable, float_of, read_text_table, text_lines
 from vibrecords.formats.units import in_hz, read_frf_unit, read_sensor_unit, scaled
-from vibrecords.records import (
-    MOST_AVERAGES,
-    CoherenceRecord,
-    FrfRecord,
-    Record,
-    SpectrumRecord,
-    TimeRecord,
-    even_rate,
-)
+from vibrecords.records import MOST_AVERAGES, CoherenceRecord, FrfRecord, Record, SpectrumRecord, TimeRecord, even_rate
 
 _UNITLESS = "no unit, where other columns have one: values left as written, and not taken as SI"
 _DEGREES = "degrees as [deg] or radians as [rad]; correct the header"
@@ -64,7 +43,7 @@ def table_records(
     unit = table.comments.get("vertical units", "")
     if unit and not any(column.unit for column in columns[1:]):
         columns[1:] = [replace(column, unit=unit) for column in columns[1:]]
-    yield from column_records(columns, table.values, table.comments, notes, layout_axis(layout))
+    yield from column_records(columns, table.values, table.comments, notes, headers.layout_axis(layout))
 
 
 def column_records(
@@ -97,20 +76,18 @@ def column_records(
     columns = list(columns)
     empty = np.asarray(np.isnan(values).all(axis=0))
     passed = [i for i, c in enumerate(columns) if c.role == "index" or empty[i]]
-    groups = groups_of(columns, values, sorted(set(range(len(columns))) - set(passed)), axis)
+    groups = headers.groups_of(columns, values, sorted(set(range(len(columns))) - set(passed)), axis)
     if passed:
         notes = (*notes, f"passed over: {listed(columns, passed)}")
     starts = []
     for numbers, note in groups:
-        rows = values[: filled_length(values[:, numbers])]
-        group_notes = (*notes, *note)
-        if columns[numbers[0]].role == "frequency":
-            yield from _frequency_records(columns, rows, numbers, comments, group_notes)
+        rows = values[: headers.filled_length(values[:, numbers])]
+        over_frequency, instants = columns[numbers[0]].role == "frequency", rows[:2, numbers[0]]
+        group = _Group(columns, rows, numbers, comments, (*notes, *note))
+        yield from group.over_frequency() if over_frequency else group.over_time()
+        if over_frequency or len(rows) < 2 or not np.isfinite(instants).all():
             continue
-        yield from _time_records(columns, rows, numbers, comments, group_notes)
-        if len(rows) < 2 or not np.isfinite(rows[:2, numbers[0]]).all():
-            continue
-        starts.append((float(rows[0, numbers[0]]), float(rows[1, numbers[0]] - rows[0, numbers[0]])))
+        starts.append((float(instants[0]), float(instants[1] - instants[0])))
         if abs(starts[-1][0] - starts[0][0]) > 0.01 * starts[0][1]:
             raise MeasurementError(
                 f"column {numbers[0] + 1}: found a channel that begins at {starts[-1][0]:g}, the first at "
@@ -126,53 +103,138 @@ def placed(records: Iterator[Record], place: str, hit: int | None = None) -> Ite
         yield replace(record, where=f"{place}, {record.where}")
 
 
-def _frequency_records(
-    columns: list[Column],
-    values: Array,
-    numbers: list[int],
-    comments: Mapping[str, str],
-    notes: tuple[str, ...],
-) -> Iterator[Record]:
-    axis, *rest = numbers
-    unit = columns[axis].unit or ("rad/s" if "omega" in columns[axis].header.lower() else "Hz")
-    lines, converted = in_hz(values[:, axis], unit, f"column {axis + 1}", "correct the header")
-    notes = (*notes, *converted)
-    if columns[axis].header and not columns[axis].unit and not converted:
-        notes = (*notes, "frequency without unit taken as Hz")
-    if rest and not any(columns[i].header or columns[i].unit for i in rest):
-        _name_parts(columns, values, rest)
-    frfs = _pair_up(columns, rest)
-    spectra = [i for i in rest if columns[i].role == "spectrum"]
-    others = [i for i in rest if columns[i].role not in (*FRF_ROLES, "spectrum")]
-    if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, whatever its name
-        spectra = [i for i in others if read_sensor_unit(columns[i].unit)[1]]
-        others = [i for i in others if i not in spectra]
-        if not spectra:
-            raise MeasurementError(
-                f"header: found {listed(columns, numbers)}; expected frequency, real and imaginary part "
-                "(or magnitude and phase), such as 'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer "
-                "[g/N]'; name the columns so"
-            )
-    if others:
-        notes = (*notes, f"passed over: {listed(columns, others)}")
-    yield from _spectra(columns, values, spectra, lines, notes)
-    averages = iter(_averages(comments, sum(set(parts) != {"coherence"} for _, parts in frfs)))
-    has_units = any(columns[i].unit for i in rest if columns[i].role in ("real", "imaginary", "magnitude"))
-    for name, parts in frfs:
-        if set(parts) == {"coherence"}:
-            response, reference, unnamed = _channels(name)
-            where, g2 = f"column {parts['coherence'] + 1}", values[:, parts["coherence"]]
-            yield CoherenceRecord(response, reference, lines, g2, None, where, (*notes, *unnamed))
+@dataclass(slots=True)
+class _Group:
+    """Columns of a table, of which those of these numbers belong together, the axis first; and notes so far."""
+
+    columns: list[Column]
+    values: Array
+    numbers: list[int]
+    comments: Mapping[str, str]
+    notes: tuple[str, ...]
+
+    def with_role(self, *roles: Role) -> list[int]:
+        """Numbers of columns behind the axis that have one of these roles."""
+        return [i for i in self.numbers[1:] if self.columns[i].role in roles]
+
+    def over_frequency(self) -> Iterator[Record]:
+        """FRFs, coherences and spectra."""
+        columns, (axis, *rest) = self.columns, self.numbers
+        unit = columns[axis].unit or ("rad/s" if "omega" in columns[axis].header.lower() else "Hz")
+        lines, converted = in_hz(self.values[:, axis], unit, f"column {axis + 1}", "correct the header")
+        self.notes += tuple(converted)
+        if columns[axis].header and not columns[axis].unit and not converted:
+            self.notes += ("frequency without unit taken as Hz",)
+        if rest and not any(columns[i].header or columns[i].unit for i in rest):
+            _name_parts(columns, self.values, rest)
+        frfs, spectra = _pair_up(columns, rest), self.with_role("spectrum")
+        others = sorted({*rest} - {*spectra, *self.with_role(*headers.FRF_ROLES)})
+        if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, whatever its name
+            spectra = [i for i in others if read_sensor_unit(columns[i].unit)[1]]
+            if not spectra:
+                raise MeasurementError(
+                    f"header: found {listed(columns, self.numbers)}; expected frequency, real and imaginary part "
+                    "(or magnitude and phase), such as 'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer "
+                    "[g/N]'; name the columns so"
+                )
+            others = [i for i in others if i not in spectra]
+        self.pass_over(others)
+        yield from self.spectra(spectra, lines)
+        averages = iter(_averages(self.comments, sum(set(parts) != {"coherence"} for _, parts in frfs)))
+        for name, parts in frfs:
+            if set(parts) == {"coherence"}:
+                response, reference, unnamed = _channels(name)
+                where, g2 = f"column {parts['coherence'] + 1}", self.values[:, parts["coherence"]]
+                yield CoherenceRecord(response, reference, lines, g2, None, where, (*self.notes, *unnamed))
+            else:
+                yield self.frf(parts, lines, name, next(averages))
+
+    def pass_over(self, numbers: list[int]) -> None:
+        """Note columns that are not read."""
+        self.notes += (f"passed over: {listed(self.columns, numbers)}",) if numbers else ()
+
+    def spectra(self, numbers: list[int], lines: Array) -> Iterator[SpectrumRecord]:
+        """Spectra, each of one column."""
+        for i in numbers:
+            column, where = self.columns[i], f"column {i + 1}"
+            kind, values = headers.spectrum_kind(column), self.values[:, i]
+            yield SpectrumRecord(column.header or where, kind, lines, values, column.unit, where, self.notes)
+
+    @np.errstate(all="ignore")  # a file may hold any number
+    def frf(self, parts: Mapping[Role, int], lines: Array, name: str, averages: int | None) -> FrfRecord:
+        """The FRF of some columns."""
+        notes = list(self.notes)
+        cartesian = {"real", "imaginary"} <= set(parts)
+        roles: tuple[Role, Role] = ("real", "imaginary") if cartesian else ("magnitude", "phase")
+        first, second = (parts[role] for role in roles)
+        unit, other_unit = (self.columns[i].unit for i in (first, second))
+        numbers, other_numbers = self.values[:, first], self.values[:, second]
+        meant = unit.replace(")(", ")/(")  # SignalCalc's (m/s2)(N)
+        if cartesian:
+            if other_unit and read_frf_unit(other_unit)[:2] != read_frf_unit(unit)[:2]:
+                raise MeasurementError(
+                    f"columns {first + 1} and {second + 1}: found the units {unit!r} and {other_unit!r}; expected one "
+                    "unit of both parts; correct the header"
+                )
+            meant, values = meant or other_unit, complex_of(numbers, other_numbers)
         else:
-            yield _frf(columns, parts, values, lines, name, next(averages), comments, notes, has_units)
+            magnitude, meant = _magnitude(numbers, meant, f"column {first + 1}", notes)
+            values = magnitude * np.exp(1j * _phase(other_numbers, other_unit, f"column {second + 1}", notes))
+        factor, of_unit, converted = read_frf_unit(meant)
+        if not meant and any(self.columns[i].unit for i in self.with_role("real", "imaginary", "magnitude")):
+            factor, converted = None, [_UNITLESS]
+        word = self.comments.get("quantity", "").lower()
+        named = next(
+            (candidate for candidate, words in headers.QUANTITY_WORDS if word and re.fullmatch(words, word)), None
+        )
+        response, reference, unnamed = _channels(name)
+        used = sorted(parts[role] for role in (*roles, "coherence") if role in parts)
+        where = f"columns {', '.join(str(i + 1) for i in used[:-1])} and {used[-1] + 1}"
+        coherence = self.values[:, parts["coherence"]] if "coherence" in parts else None
+        about = (self.columns[first].quantity or named or of_unit, unit, coherence, averages, where)
+        said = (*notes, *converted, *unnamed)
+        return FrfRecord(response, reference, lines, scaled(values, factor), *about, said, factor)
 
+    def over_time(self) -> Iterator[Record]:
+        """Time histories."""
+        axis, *channels = self.numbers
+        spectra = self.with_role("spectrum")
+        where, unit, instants = f"column {axis + 1}", self.columns[axis].unit, self.values[:, axis]
+        if spectra and len(spectra) == len(channels):
+            self.notes += ("its first column is taken as frequency in Hz, since the file names spectra",)
+            yield from self.spectra(spectra, instants)
+            return
+        scale = headers.TIME_S.get(unit.lower() or "s")
+        if scale is None:
+            raise MeasurementError(f"{where}: found the unit {unit!r}; expected s or ms; correct the header")
+        rate = even_rate(instants * scale, where)
+        told = float_of(self.comments.get("sample_rate_hz", ""))
+        if told is not None and abs(told / rate - 1) < 1e-3:
+            rate = told  # exact, where the instants are rounded
+        elif not unit and rate < 1.001 / headers.FREQUENCY_STEP:
+            raise MeasurementError(
+                f"{where}: found time without a unit in steps of {1 / rate:g}; expected s ({rate:g} samples a second) "
+                f"or ms ({1e3 * rate:g} a second); write [s] or [ms] behind its name"
+            )
+        elif not unit and rate < 1.001 / headers.TIME_STEP:
+            self.notes += (f"time without unit taken as s, {rate:g} samples a second",)
+        self.pass_over(spectra)
+        for i in channels:
+            if i not in spectra:
+                yield self.history(i, rate)
 
-def _spectra(
-    columns: list[Column], values: Array, numbers: list[int], lines: Array, notes: tuple[str, ...]
-) -> Iterator[SpectrumRecord]:
-    for i in numbers:
-        channel, unit = columns[i].header or f"column {i + 1}", columns[i].unit
-        yield SpectrumRecord(channel, spectrum_kind(columns[i]), lines, values[:, i], unit, f"column {i + 1}", notes)
+    def history(self, number: int, rate: float) -> TimeRecord:
+        """The time history of a column."""
+        column, where = self.columns[number], f"column {number + 1}"
+        factor, quantity, converted = read_sensor_unit(column.unit)
+        if not column.unit and any(self.columns[k].unit for k in self.numbers[1:]):
+            factor, converted = None, [_UNITLESS]
+        label = column.name if column.role == "other" else column.header
+        hit = re.search(r"\bhit (\d{1,6})$", label)
+        name = label[: hit.start()].strip() if hit else label
+        values, nth = scaled(self.values[:, number], factor), int(hit[1]) if hit else None
+        about = (quantity or "unknown", column.unit, nth, where, (*self.notes, *converted), factor)
+        return TimeRecord(name or where, rate, values, *about)
 
 
 @np.errstate(all="ignore")
@@ -204,7 +266,7 @@ def _pair_up(columns: Sequence[Column], numbers: list[int]) -> list[tuple[str, d
     times: dict[tuple[str, Role], int] = {}
     for i in numbers:
         column = columns[i]
-        if column.role not in FRF_ROLES:
+        if column.role not in headers.FRF_ROLES:
             continue
         nth = times[column.name, column.role] = times.get((column.name, column.role), -1) + 1
         alike = of_name.setdefault(column.name, [])
@@ -238,57 +300,6 @@ def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:
     if len(numbers) not in (1, count):
         raise MeasurementError(f"header: found {len(numbers)} numbers of averages; expected 1 or {count}; correct it")
     return [*map(int, numbers)] * (count if len(numbers) == 1 else 1)
-
-
-@np.errstate(all="ignore")  # a file may hold any number
-def _frf(
-    columns: Sequence[Column],
-    parts: Mapping[Role, int],
-    values: Array,
-    lines: Array,
-    name: str,
-    averages: int | None,
-    comments: Mapping[str, str],
-    notes: tuple[str, ...],
-    has_units: bool,
-) -> FrfRecord:
-    record_notes = list(notes)
-    roles: tuple[Role, Role] = ("real", "imaginary") if {"real", "imaginary"} <= set(parts) else ("magnitude", "phase")
-    first, second = (parts[role] for role in roles)
-    unit = columns[first].unit.replace(")(", ")/(")  # SignalCalc's (m/s2)(N)
-    if roles[0] == "real":
-        unit = unit or columns[second].unit
-        if columns[second].unit and read_frf_unit(columns[second].unit)[:2] != read_frf_unit(columns[first].unit)[:2]:
-            raise MeasurementError(
-                f"columns {first + 1} and {second + 1}: found the units {columns[first].unit!r} and "
-                f"{columns[second].unit!r}; expected one unit of both parts; correct the header"
-            )
-        complex_ = complex_of(values[:, first], values[:, second])
-    else:
-        magnitude, unit = _magnitude(values[:, first], unit, f"column {first + 1}", record_notes)
-        phase = _phase(values[:, second], columns[second].unit, f"column {second + 1}", record_notes)
-        complex_ = magnitude * np.exp(1j * phase)
-    factor, of_unit, converted = read_frf_unit(unit)
-    if not unit and has_units:
-        factor, converted = None, [_UNITLESS]
-    record_notes += converted
-    word = comments.get("quantity", "").lower()
-    named = next((candidate for candidate, words in QUANTITY_WORDS if word and re.fullmatch(words, word)), None)
-    response, reference, unnamed = _channels(name)
-    used = sorted(parts[role] for role in (*roles, "coherence") if role in parts)
-    return FrfRecord(
-        response,
-        reference,
-        lines,
-        scaled(complex_, factor),
-        columns[first].quantity or named or of_unit,
-        columns[first].unit,
-        values[:, parts["coherence"]] if "coherence" in parts else None,
-        averages,
-        f"columns {', '.join(str(i + 1) for i in used[:-1])} and {used[-1] + 1}",
-        (*record_notes, *unnamed),
-        factor,
-    )
 
 
 def _channels(name: str) -> tuple[str, str, tuple[str, ...]]:
@@ -334,56 +345,3 @@ def _phase(values: Array, unit: str, where: str, notes: list[str]) -> Array:
         raise MeasurementError(f"{where}: found a phase without unit; expected [deg] or [rad]; add it to the header")
     notes.append("phase without unit taken as degrees, since it passes 4π")
     return np.deg2rad(values)
-
-
-def _time_records(
-    columns: list[Column],
-    values: Array,
-    numbers: list[int],
-    comments: Mapping[str, str],
-    notes: tuple[str, ...],
-) -> Iterator[Record]:
-    axis, *channels = numbers
-    spectra = [i for i in channels if columns[i].role == "spectrum"]
-    if spectra and len(spectra) == len(channels):
-        note = "its first column is taken as frequency in Hz, since the file names spectra"
-        yield from _spectra(columns, values, spectra, values[:, axis], (*notes, note))
-        return
-    scale = TIME_S.get(columns[axis].unit.lower() or "s")
-    if scale is None:
-        unit = columns[axis].unit
-        raise MeasurementError(f"column {axis + 1}: found the unit {unit!r}; expected s or ms; correct the header")
-    rate = even_rate(values[:, axis] * scale, f"column {axis + 1}")
-    told = float_of(comments.get("sample_rate_hz", ""))
-    if told is not None and abs(told / rate - 1) < 1e-3:
-        rate = told  # exact, where the instants are rounded
-    elif not columns[axis].unit and rate < 1.001 / FREQUENCY_STEP:
-        raise MeasurementError(
-            f"column {axis + 1}: found time without a unit in steps of {1 / rate:g}; expected s ({rate:g} samples a "
-            f"second) or ms ({1e3 * rate:g} a second); write [s] or [ms] behind its name"
-        )
-    elif not columns[axis].unit and rate < 1.001 / TIME_STEP:
-        notes = (*notes, f"time without unit taken as s, {rate:g} samples a second")
-    if spectra:
-        notes = (*notes, f"passed over: {listed(columns, spectra)}")
-    for i in channels:
-        if i in spectra:
-            continue
-        column = columns[i]
-        factor, quantity, converted = read_sensor_unit(column.unit)
-        if not column.unit and any(columns[k].unit for k in channels):
-            factor, converted = None, [_UNITLESS]
-        label = column.name if column.role == "other" else column.header
-        hit = re.search(r"\bhit (\d{1,6})$", label)
-        name = label[: hit.start()].strip() if hit else label
-        yield TimeRecord(
-            name or f"column {i + 1}",
-            rate,
-            scaled(values[:, i], factor),
-            quantity or "unknown",
-            column.unit,
-            int(hit[1]) if hit else None,
-            f"column {i + 1}",
-            (*notes, *converted),
-            factor,
-        )
