@@ -65,7 +65,7 @@ class FrfSet:
         object.__setattr__(self, "values", read_only(self.values, np.complex128))
         convert_fields(self, read_only, "frequency_hz", "coherence")
         convert_fields(self, tuple, "outputs", "inputs")
-        _check_lines(self.frequency_hz)
+        require_lines(self.frequency_hz, "FRF set")
         self._check_values()
 
     def __repr__(self) -> str:
@@ -153,17 +153,33 @@ def _listed(labels: tuple[str, ...]) -> str:
     return ", ".join(labels) if len(labels) <= 4 else f"{labels[0]} to {labels[-1]} ({len(labels)})"
 
 
-def _check_lines(frequency_hz: Array) -> None:
+def require_lines(frequency_hz: Array, where: str) -> None:
+    """Refuse frequency lines that are none, not finite, not above 0 Hz or out of order.
+
+    Raises
+    ------
+    MeasurementError
+        Naming the first line that is wrong.
+    """
     if frequency_hz.ndim != 1 or frequency_hz.size == 0:
-        raise MeasurementError("FRF set: found no frequency lines; expected a one-dimensional array of at least one")
-    if not np.isfinite(frequency_hz).all() or frequency_hz[0] <= 0:
-        raise MeasurementError("FRF set: expected finite frequencies above 0 Hz; drop the line at 0 Hz")
+        raise MeasurementError(f"{where}: found no frequency lines; expected a one-dimensional array of at least one")
+    broken, low = np.flatnonzero(~np.isfinite(frequency_hz)), frequency_hz[frequency_hz <= 0]
+    if broken.size:
+        raise MeasurementError(
+            f"{where}: found frequency {frequency_hz[broken[0]]} at line {broken[0] + 1}; expected finite frequencies; "
+            "repair the file"
+        )
+    if low.size:
+        raise MeasurementError(
+            f"{where}: found a line at {low[0]:g} Hz; expected lines above 0 Hz; drop the line at 0 Hz, or cut it away "
+            "with f_min_hz"
+        )
     backwards = np.flatnonzero(np.diff(frequency_hz) <= 0)
     if backwards.size:
         i = int(backwards[0])
         raise MeasurementError(
-            f"FRF set: found {frequency_hz[i + 1]:g} Hz after {frequency_hz[i]:g} Hz (line {i + 2}); "
-            "expected strictly increasing frequencies; sort the lines and drop doubles"
+            f"{where}: found {frequency_hz[i + 1]:g} Hz after {frequency_hz[i]:g} Hz (line {i + 2}); expected strictly "
+            "increasing frequencies; sort the lines and drop doubled ones"
         )
 
 

@@ -112,9 +112,8 @@ def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) 
             f"{where}: found {m} measurements that are the same to the last digit; expected independent ones, which "
             "differ by their noise; do not repeat one file"
         )
-    counts = [frf.averages for frf in frfs]
-    averages = None if None in counts else sum(n for n in counts if n is not None)
-    combined = replace(first, values=mean, coherence=None, averages=averages)
+    counts = [frf.averages for frf in frfs if frf.averages is not None]
+    combined = replace(first, values=mean, coherence=None, averages=sum(counts) if len(counts) == m else None)
     variance = scatter if least is None else np.maximum(scatter, least.variance_of_accelerance(combined))
     return FrfData(combined, variance, variance_dof=2 * (m - 1))
 

@@ -1,6 +1,6 @@
 """What a measurement file holds and what is doubtful about it, and after that the resonances of its FRFs."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -14,15 +14,7 @@ from vibrecords.formats.grid import join_frfs
 from vibrecords.modal_doubt import DoubtfulMode
 from vibrecords.modal_fit import fit_modes
 from vibrecords.provenance import MeasuredMode, MeasurementWarning
-from vibrecords.records import (
-    CoherenceRecord,
-    FrfRecord,
-    ModeRecord,
-    Record,
-    SpectrumRecord,
-    TimeRecord,
-    labels_of,
-)
+from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, Record, SpectrumRecord, TimeRecord, labels_of
 from vibrecords.signals.hits import Hit, hits_of
 from vibrecords.warnings.clear_frf import pair_of, usable
 from vibrecords.warnings.collector import WarningCollector
@@ -167,26 +159,27 @@ def contents_of(
 @np.errstate(all="ignore")  # a file may hold any number
 def contents_of_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
     """As `contents_of`, for records that come one by one."""
-    seen = _Seen(WarningCollector(mass_kg))
+    contents = _Contents(WarningCollector(mass_kg))
     for record in records:
-        seen.add(record)
-    made, note = ([], "") if seen.frf_kept() else _frfs_of_hits(seen)
+        contents.add(record)
+    made, note = ([], "") if contents.frfs else _frfs_of_hits(contents)
     for record in made:
-        seen.warnings.add(record)
-        seen.keep_frf(record)
-    warnings = seen.warnings.warnings()
-    conjugated = bool(seen.warnings.conjugated)
+        contents.collector.add(record)
+        contents.keep_frf(record)
+    warnings, conjugated = contents.collector.warnings(), bool(contents.collector.conjugated)
     if conjugated:
-        seen.contents.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
-    lows, medians = zip(*seen.coherence, strict=True) if seen.coherence else ((), ())
-    return replace(
-        seen.contents,
-        averages=tuple(sorted(seen.averages)),
+        contents.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
+    lows, medians = zip(*contents.coherence, strict=True) if contents.coherence else ((), ())
+    return Inspection(
+        channels=dict(contents.channels),
+        kinds=contents.kinds,
+        averages=tuple(sorted(contents.averages)),
         coherence=(min(lows), float(np.median(medians))) if lows else None,
-        frfs=seen.frf_kept(),
+        notes=contents.notes,
+        frfs=contents.frfs,
         conjugated=conjugated,
-        hits=tuple(seen.hits),
-        listed_modes=tuple(seen.modes),
+        hits=tuple(contents.hits),
+        listed_modes=tuple(contents.modes),
         warnings=warnings,
         modes_note=note,
     )
@@ -229,11 +222,13 @@ def with_resonances(inspection: Inspection, band_hz: _Band = (None, None)) -> In
 
 
 @dataclass(slots=True)
-class _Seen:
-    """What the records that went by hold, and what is kept of them until the last has come."""
+class _Contents:
+    """What the records so far hold, and what is kept of them until the last has come."""
 
-    warnings: WarningCollector
-    contents: Inspection = field(default_factory=Inspection)
+    collector: WarningCollector
+    channels: defaultdict[str, ChannelCount] = field(default_factory=lambda: defaultdict(ChannelCount))
+    kinds: Counter[str] = field(default_factory=Counter)
+    notes: Counter[str] = field(default_factory=Counter)
     averages: set[int] = field(default_factory=set)
     coherence: list[tuple[float, float]] = field(default_factory=list)
     drive_points: list[FrfRecord] = field(default_factory=list)
@@ -244,64 +239,60 @@ class _Seen:
     samples: int = 0
 
     def add(self, record: Record) -> None:
-        self.warnings.add(record)
-        self.contents.notes.update(record.notes)
-        if isinstance(record, TimeRecord):
-            self._add_history(record)
-            return
-        for label in labels_of(record):
-            self._use(label)
-        if isinstance(record, ModeRecord):
-            self.contents.kinds["mode"] += 1
-            if len(self.modes) < _MODES_KEPT:
-                self.modes.append(record)
-            return
-        span = _span(record.frequency_hz)
-        if isinstance(record, SpectrumRecord):
-            self.contents.kinds[f"spectrum, no FRF: {record.kind}{_unit(record.unit)}; {span}"] += 1
-            self._use(record.channel).spectra += 1
-            return
-        if record.averages is not None:
-            self.averages.add(record.averages)
-        coherence = record.values if isinstance(record, CoherenceRecord) else record.coherence
-        if coherence is not None and np.isfinite(coherence).any():
-            finite = coherence[np.isfinite(coherence)]
+        """Count a record, and keep what is asked for later."""
+        self.collector.add(record)
+        self.notes.update(record.notes)
+        uses = [self.channels[label] for label in labels_of(record)]
+        match record:
+            case TimeRecord():
+                self._add_history(record, uses[0])
+            case ModeRecord():
+                self.kinds["mode"] += 1
+                self.modes += [record] * (len(self.modes) < _MODES_KEPT)
+            case SpectrumRecord():
+                self.kinds[f"spectrum, no FRF: {record.kind}{_unit(record.unit)}; {_span(record.frequency_hz)}"] += 1
+                uses[0].spectra += 1
+            case CoherenceRecord():
+                self.kinds[f"coherence, without its FRF; {_span(record.frequency_hz)}"] += 1
+                self._add_coherence(record.averages, record.values)
+            case FrfRecord():
+                words = f"FRF: {record.quantity or 'unknown quantity'}{_unit(record.unit)}"
+                self.kinds[f"{words}; {_span(record.frequency_hz)}"] += 1
+                self._add_coherence(record.averages, record.coherence)
+                uses[0].as_response += 1
+                uses[1].as_force += 1
+                uses[0].quantities[record.quantity or "unknown"] += 1
+                self.keep_frf(record)
+
+    def _add_coherence(self, averages: int | None, coherence: Array | None) -> None:
+        if averages is not None:
+            self.averages.add(averages)
+        if coherence is not None and (finite := coherence[np.isfinite(coherence)]).size:
             self.coherence.append((float(finite.min()), float(np.median(finite))))
-        if isinstance(record, CoherenceRecord):
-            self.contents.kinds[f"coherence, without its FRF; {span}"] += 1
-            return
-        self.contents.kinds[f"FRF: {record.quantity or 'unknown quantity'}{_unit(record.unit)}; {span}"] += 1
-        self._use(record.response).as_response += 1
-        self._use(record.reference).as_force += 1
-        self._use(record.response).quantities[record.quantity or "unknown"] += 1
-        self.keep_frf(record)
+
+    def _add_history(self, record: TimeRecord, use: ChannelCount) -> None:
+        use.histories += 1
+        use.quantities[record.quantity] += 1
+        size, rate = record.values.size, record.sample_rate_hz
+        span = f"{size} samples, {size / rate:.6g} s at {rate:.6g} Hz"
+        self.kinds[f"time history: {record.quantity}{_unit(record.unit)}; {span}"] += 1
+        for hit in hits_of(record):
+            self.hits.append(_trace(record, hit, drawn=len(self.hits) < _HITS_DRAWN))
+        self.samples += size
+        if self.samples <= _SAMPLES_KEPT:
+            self.histories.append(record)
 
     def keep_frf(self, record: FrfRecord) -> None:
+        """Keep the first FRFs of drive points and the first others."""
         response, reference, _ = pair_of(record)
         kept = self.drive_points if response == reference else self.others
         if len(kept) < _KEPT and record.frequency_hz.size > 1:
             kept.append(record)
 
-    def frf_kept(self) -> tuple[FrfRecord, ...]:
+    @property
+    def frfs(self) -> tuple[FrfRecord, ...]:
+        """FRFs that were kept."""
         return (*self.drive_points, *self.others)
-
-    def _use(self, label: str) -> ChannelCount:
-        return self.contents.channels.setdefault(label, ChannelCount())
-
-    def _add_history(self, record: TimeRecord) -> None:
-        use = self._use(record.channel)
-        use.histories += 1
-        use.quantities[record.quantity] += 1
-        seconds = record.values.size / record.sample_rate_hz
-        self.contents.kinds[
-            f"time history: {record.quantity}{_unit(record.unit)}; {record.values.size} samples, {seconds:.6g} s at "
-            f"{record.sample_rate_hz:.6g} Hz"
-        ] += 1
-        for hit in hits_of(record):
-            self.hits.append(_trace(record, hit, drawn=len(self.hits) < _HITS_DRAWN))
-        self.samples += record.values.size
-        if self.samples <= _SAMPLES_KEPT:
-            self.histories.append(record)
 
 
 def _span(frequency_hz: Array) -> str:
@@ -330,20 +321,20 @@ def _trace(record: TimeRecord, hit: Hit, *, drawn: bool) -> HitTrace:
     return HitTrace(record.channel, hit, time, np.array(record.values[first:last]))
 
 
-def _frfs_of_hits(seen: _Seen) -> tuple[list[FrfRecord], str]:
+def _frfs_of_hits(contents: _Contents) -> tuple[list[FrfRecord], str]:
     """FRFs of a hammer's records that hold one hit each, and why there are none."""
     from vibrecords.signals.impact import impact_frfs
     from vibrecords.signals.spectra import sort_by_force
 
-    if not seen.histories:
+    if not contents.histories:
         return [], "there is no FRF"
-    if seen.samples > _SAMPLES_KEPT:
+    if contents.samples > _SAMPLES_KEPT:
         return [], f"the records have more than {_SAMPLES_KEPT} samples: of these only `run` makes FRFs"
-    forces = [r for r in seen.histories if r.quantity == "force"]
+    forces = [r for r in contents.histories if r.quantity == "force"]
     if not forces or any(len(hits_of(r)) != 1 for r in forces):
         return [], "the records are not one hit each: a case makes FRFs of them"
     try:
-        results = [impact_frfs(force, responses) for force, responses in sort_by_force(seen.histories) if responses]
+        results = [impact_frfs(force, responses) for force, responses in sort_by_force(contents.histories) if responses]
     except MeasurementError as error:
         return [], f"no FRFs could be made of the hits: {error}"
     return [result.frf for result in chain.from_iterable(results)], ""

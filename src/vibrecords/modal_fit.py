@@ -258,13 +258,12 @@ def _noise_squares(frf: FrfSet, inside: Flags, few: Indices) -> tuple[Array, int
     None where they do not tell. At one line σ² has 2(n − 1) degrees of freedom: weights as uncertain as that would
     spoil the fit.
     """
-    coherence, averages = frf.coherence, frf.averages
-    if coherence is None or averages is None or averages < 2:
+    try:
+        square = np.maximum(coherence_variance(frf), _LEAST.variance(frf.values))[inside].reshape(int(inside.sum()), -1)
+    except MeasurementError:
         return None
-    if not (coherence > 0).all() or (coherence >= 1 - 1e-12).all(axis=0).any():
-        return None
-    square = np.maximum(coherence_variance(frf), _LEAST.variance(frf.values))[inside].reshape(int(inside.sum()), -1)
-    return square if few.size == square.shape[1] else square[:, few], 1 + 2 * (20 // (2 * (averages - 1)))
+    assert frf.averages is not None
+    return square if few.size == square.shape[1] else square[:, few], 1 + 2 * (20 // (2 * (frf.averages - 1)))
 
 
 def _weight_of_squares(square: Array, model: ComplexArray, width: int) -> Array:

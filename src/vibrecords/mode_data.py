@@ -1,8 +1,9 @@
 """Modes as data: frequencies, antiresonances, damping, shapes and modal constants of repetitions of a modal test."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, singledispatch
+from functools import cached_property
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -171,23 +172,25 @@ class ModeData(ModalData):
         return tuple(dict.fromkeys((*(self.shapes.dofs if self.shapes else ()), *self.references, *constants)))
 
     @property
-    def _parts(self) -> tuple[tuple[ModeQuantity, Observed | None], ...]:
-        return (
-            ("eigenvalue" if self.eigenvalues else "frequency", self.frequency),
-            ("damping", self.damping),
-            ("shape", self.shapes.components if self.shapes else None),
-            ("zero", self.zeros.frequency if self.zeros else None),
-            ("constant", self.constants.constants if self.constants else None),
-        )
+    def _parts(self) -> dict[ModeQuantity, Observed]:
+        """What was observed of each quantity."""
+        parts: dict[ModeQuantity, Observed | None] = {
+            "eigenvalue" if self.eigenvalues else "frequency": self.frequency,
+            "damping": self.damping,
+            "shape": self.shapes.components if self.shapes else None,
+            "zero": self.zeros.frequency if self.zeros else None,
+            "constant": self.constants.constants if self.constants else None,
+        }
+        return {quantity: observed for quantity, observed in parts.items() if observed}
 
     @cached_property
     def observed(self) -> tuple[ModeValue, ...]:
         """What each of `values` is."""
-        mode_values = []
-        for quantity, observed in self._parts:
-            for repetition, mode, *dof in np.argwhere(~np.isnan(observed.values)).tolist() if observed else ():
-                mode_values.append(ModeValue(quantity, mode, dof[0] if dof else 0, repetition))
-        return tuple(mode_values)
+        return tuple(
+            ModeValue(quantity, mode, dof[0] if dof else 0, repetition)
+            for quantity, observed in self._parts.items()
+            for repetition, mode, *dof in np.argwhere(~np.isnan(observed.values)).tolist()
+        )
 
     @property
     def value_names(self) -> tuple[str, ...]:
@@ -207,22 +210,18 @@ class ModeData(ModalData):
     @cached_property
     def values(self) -> Array:
         """All that was observed, in the order of `observed`, shape (m,)."""
-        return np.concatenate([observed.values[~np.isnan(observed.values)] for _, observed in self._parts if observed])
+        return np.concatenate([part.values[~np.isnan(part.values)] for part in self._parts.values()])
 
     @cached_property
     def sd(self) -> Array:
         """Standard deviations of `values`, shape (m,)."""
-        return np.concatenate([observed.sd[~np.isnan(observed.values)] for _, observed in self._parts if observed])
+        return np.concatenate([part.sd[~np.isnan(part.values)] for part in self._parts.values()])
 
     @property
     def arrays(self) -> dict[str, Array]:
         """All numbers that were measured or stated."""
-        given = {name: observed for name, observed in self._parts if observed}
-        return {
-            key: a
-            for name, observed in given.items()
-            for key, a in ((name, observed.values), (f"{name}_sd", observed.sd))
-        }
+        parts = self._parts.items()
+        return {key: a for name, part in parts for key, a in ((name, part.values), (f"{name}_sd", part.sd))}
 
     @property
     def layout(self) -> dict[str, object]:
@@ -233,67 +232,66 @@ class ModeData(ModalData):
 
     def some(self, which: Flags) -> "ModeData":
         """Some of the modes, by a mask over them, shape (n,)."""
-
-        def of(observed: Observed | None) -> Observed | None:
-            if observed is None or np.isnan(observed.values[:, which]).all():
-                return None
-            return Observed(observed.values[:, which], observed.sd[:, which])
-
-        parts = [observed if quantity == "zero" else of(observed) for quantity, observed in self._parts]
-        components, shapes = parts[2], None
-        if self.shapes and components:
-            references = tuple(label for label, kept in zip(self.references, which, strict=True) if kept)
-            shapes = ModeShapes(self.shapes.dofs, references, components)
-        numbers = tuple(number for number, kept in zip(self.numbers, which, strict=True) if kept)
-        return self._made_of(parts, shapes=shapes, numbers=numbers, match=self.match if shapes else "number")
+        parts = {
+            quantity: part if quantity == "zero" else Observed(part.values[:, which], part.sd[:, which])
+            for quantity, part in self._parts.items()
+            if quantity == "zero" or not np.isnan(part.values[:, which]).all()
+        }
+        shapes = self.shapes
+        if shapes and "shape" in parts:
+            shapes = replace(shapes, reference=tuple(compress(self.references, which)))
+        match = self.match if "shape" in parts else "number"
+        return self._made_of(parts, shapes=shapes, numbers=tuple(compress(self.numbers, which)), match=match)
 
     def with_values(self, values: Array, *, relative: bool = False) -> "ModeData":
         """The same with other values, in the order of `observed`, shape (m,)."""
-        parts: list[Observed | None] = []
-        start = 0
-        for _, observed in self._parts:
-            if observed is None:
-                parts.append(None)
-                continue
-            changed, seen = np.array(observed.values), ~np.isnan(observed.values)
+        parts, start = {}, 0
+        for quantity, part in self._parts.items():
+            changed, seen = np.array(part.values), ~np.isnan(part.values)
             changed[seen] = values[start : start + seen.sum()]
             start += int(seen.sum())
-            parts.append(Observed(changed, observed.sd))
-        return self._made_of(parts)
+            parts[quantity] = Observed(changed, part.sd)
+        return self._made_of(parts, shapes=self.shapes)
 
-    def _made_of(self, parts: Sequence[Observed | None], **changes: Any) -> "ModeData":  # noqa: ANN401
+    def _made_of(
+        self,
+        parts: Mapping[ModeQuantity, Observed],
+        *,
+        shapes: ModeShapes | None,
+        **changes: Any,  # noqa: ANN401
+    ) -> "ModeData":
         """The same with other values of each of `_parts`, and other fields."""
-        frequency, damping, components, zeros, constants = parts
-        made = {
-            "frequency": frequency,
-            "damping": damping,
-            "shapes": replace(self.shapes, components=components) if self.shapes and components else None,
-            "zeros": replace(self.zeros, frequency=zeros) if self.zeros and zeros else None,
-            "constants": replace(self.constants, constants=constants) if self.constants and constants else None,
-        }
-        return replace(self, **{**made, **changes})
+        shape, zero, constant = (parts.get(quantity) for quantity in ("shape", "zero", "constant"))
+        return replace(
+            self,
+            frequency=parts["eigenvalue" if self.eigenvalues else "frequency"],
+            damping=parts.get("damping"),
+            shapes=replace(shapes, components=shape) if shapes and shape else None,
+            zeros=replace(self.zeros, frequency=zero) if self.zeros and zero else None,
+            constants=replace(self.constants, constants=constant) if self.constants and constant else None,
+            **changes,
+        )
 
 
-@singledispatch
+def _as_table(data: ModalData) -> ModeData:
+    """Natural frequencies as a table of modes."""
+    if isinstance(data, ModeData):
+        return data
+    return ModeData(Observed(data.frequency_hz, data.sd_hz), numbers=data.numbers, provenance=data.provenance)
+
+
 def renumbered(data: ModalData, shift: int, unit_hz: float = 1.0) -> ModeData:
     """The same measurement as that of modes whose numbers are higher by `shift`, its frequencies in another unit.
 
     Between two modes of a drive point lies one antiresonance: their numbers are higher by as much.
     """
-    numbers = tuple(number + shift for number in data.numbers)
-    frequency = Observed(data.frequency_hz * unit_hz, data.sd_hz * unit_hz)
-    return ModeData(frequency, numbers=numbers, provenance=data.provenance)
+    table = _as_table(data)
+    numbers = tuple(number + shift for number in table.numbers)
+    frequency = Observed(table.frequency.values * unit_hz, table.frequency.sd * unit_hz)
+    zeros = table.zeros and replace(table.zeros, numbers=tuple(number + shift for number in table.zeros.numbers))
+    return replace(table, frequency=frequency, numbers=numbers, zeros=zeros)
 
 
-@renumbered.register
-def _renumbered_table(data: ModeData, shift: int, unit_hz: float = 1.0) -> ModeData:
-    numbers = tuple(number + shift for number in data.numbers)
-    frequency = Observed(data.frequency.values * unit_hz, data.frequency.sd * unit_hz)
-    zeros = data.zeros and replace(data.zeros, numbers=tuple(number + shift for number in data.zeros.numbers))
-    return replace(data, frequency=frequency, numbers=numbers, zeros=zeros)
-
-
-@singledispatch
 def split_modes(data: ModalData, numbers: Sequence[int]) -> tuple[ModeData, ModeData]:
     """The modes but some, with the antiresonances, and these, by their numbers; each with all that was measured of it.
 
@@ -302,16 +300,11 @@ def split_modes(data: ModalData, numbers: Sequence[int]) -> tuple[ModeData, Mode
     MeasurementError
         If one of them was not measured, or no other one was.
     """
-    frequency = Observed(data.frequency_hz, data.sd_hz)
-    return split_modes(ModeData(frequency, numbers=data.numbers, provenance=data.provenance), numbers)
-
-
-@split_modes.register
-def _split_table(data: ModeData, numbers: Sequence[int]) -> tuple[ModeData, ModeData]:
-    apart = np.isin(data.numbers, numbers)
-    if apart.all() or not set(numbers) <= set(data.numbers):
-        wanted, measured = (", ".join(map(str, some)) for some in (numbers, data.numbers))
+    table = _as_table(data)
+    apart = np.isin(table.numbers, numbers)
+    if apart.all() or not set(numbers) <= set(table.numbers):
+        wanted, measured = (", ".join(map(str, some)) for some in (numbers, table.numbers))
         raise MeasurementError(
             f"left out: found modes {wanted}; expected some of {measured}, but not all; correct the numbers"
         )
-    return data.some(~apart), replace(data.some(apart), zeros=None)
+    return table.some(~apart), replace(table.some(apart), zeros=None)

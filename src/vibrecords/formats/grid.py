@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from vibrecords.arrays import Array, Flags
 from vibrecords.errors import MeasurementError
-from vibrecords.frf_set import FrfSet
+from vibrecords.frf_set import FrfSet, require_lines
 from vibrecords.records import HIGHEST_HZ, LARGEST, FrfRecord, measurable
 
 #: A coherence stored in single precision may pass 1 by this much.
@@ -67,7 +68,7 @@ def cut_to_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz:
     if f_min_hz is None and f_max_hz is None:
         return record
     lines = record.frequency_hz
-    low, high = (-np.inf if f_min_hz is None else f_min_hz), (np.inf if f_max_hz is None else f_max_hz)
+    low, high = (end if given is None else given for given, end in ((f_min_hz, -np.inf), (f_max_hz, np.inf)))
     inside = (lines >= low) & (lines <= high)
     if not inside.any():
         span = f"above {low:g}" if f_max_hz is None else f"{f'from {low:g} to' if f_min_hz else 'below'} {high:g}"
@@ -162,25 +163,7 @@ def _span(lines: Array) -> str:
 
 def _checked(record: FrfRecord, where: str) -> FrfRecord:
     lines, values, place = record.frequency_hz, record.values, f"{where}: {record.where}"
-    if lines.size == 0:
-        raise MeasurementError(f"{place}: found no frequency line; expected at least one; export the FRF again")
-    if not np.isfinite(lines).all():
-        line = int(np.argmin(np.isfinite(lines)))
-        raise MeasurementError(
-            f"{place}: found frequency {lines[line]} at line {line + 1}; expected finite frequencies; repair the file"
-        )
-    if (lines <= 0).any():
-        bad = float(lines[lines <= 0][0])
-        raise MeasurementError(
-            f"{place}: found a line at {bad:g} Hz; expected lines above 0 Hz; cut it away with f_min_hz"
-        )
-    backwards = np.flatnonzero(np.diff(lines) <= 0)
-    if backwards.size:
-        line = int(backwards[0])
-        raise MeasurementError(
-            f"{place}: found {lines[line + 1]:g} Hz after {lines[line]:g} Hz (line {line + 2}); expected strictly "
-            "increasing frequencies; sort the lines and drop doubled ones"
-        )
+    require_lines(lines, place)
     if lines[-1] > HIGHEST_HZ or lines[0] < 1 / HIGHEST_HZ:
         raise MeasurementError(
             f"{place}: found lines from {lines[0]:g} to {lines[-1]:g} Hz; expected them within {1 / HIGHEST_HZ:g} to "
@@ -236,17 +219,16 @@ def _same_kind(record: FrfRecord, first: FrfRecord, where: str) -> None:
 def _grid(frfs: dict[tuple[str, str], FrfRecord], first: FrfRecord, where: str) -> FrfSet:
     outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in frfs)) for side in (0, 1))
     rows, columns = ({label: i for i, label in enumerate(labels)} for labels in (outputs, inputs))
-    for output in outputs:
-        for input_ in inputs:
-            if (output, input_) not in frfs:
-                raise MeasurementError(
-                    f"{where}: found no FRF of {output!r} over {input_!r}; expected every output with every input; "
-                    "add it or split the file"
-                )
+    for output, input_ in product(outputs, inputs):
+        if (output, input_) not in frfs:
+            raise MeasurementError(
+                f"{where}: found no FRF of {output!r} over {input_!r}; expected every output with every input; add it "
+                "or split the file"
+            )
     shape = (first.frequency_hz.size, len(outputs), len(inputs))
     complete = all(record.coherence is not None for record in frfs.values())
-    averages = [record.averages for record in frfs.values()]
-    least = None if None in averages else min(n for n in averages if n is not None)
+    told = [record.averages for record in frfs.values() if record.averages is not None]
+    averages = min(told) if len(told) == len(frfs) else None
     values, coherence = np.empty(shape, complex), np.empty(shape) if complete else None
     while frfs:  # each record is let go once it is in place, so that no file is in memory three times
         (output, input_), record = frfs.popitem()
@@ -255,4 +237,4 @@ def _grid(frfs: dict[tuple[str, str], FrfRecord], first: FrfRecord, where: str) 
         if coherence is not None:
             coherence[cell] = record.coherence
     assert first.quantity is not None
-    return FrfSet(first.frequency_hz, values, outputs, inputs, first.quantity, coherence, least)
+    return FrfSet(first.frequency_hz, values, outputs, inputs, first.quantity, coherence, averages)
