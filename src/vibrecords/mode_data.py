@@ -11,14 +11,7 @@ import numpy as np
 from vibrecords.arrays import Array, Flags, convert_fields
 from vibrecords.data import FrfData, Match, ModalData
 from vibrecords.errors import MeasurementError, array_of, printable
-from vibrecords.mode_values import (
-    Antiresonances,
-    ModalConstants,
-    ModeQuantity,
-    ModeShapes,
-    ModeValue,
-    Observed,
-)
+from vibrecords.mode_values import Antiresonances, ModalConstants, ModeQuantity, ModeShapes, ModeValue, Observed
 from vibrecords.provenance import Provenance
 
 

@@ -19,10 +19,9 @@ from jointbayes.report.fe_cards import PROGRAMS, JointElement, Units, ascii_line
 from jointbayes.reproducibility import one_blas_thread
 from vibrecords.arrays import Array
 from vibrecords.formats.array_files import write_matlab
-from vibrecords.formats.table_write import write_table
 from vibrecords.formats.uff_write import write_uff
 from vibrecords.formats.units import si_frf_unit
-from vibrecords.formats.write import arrays_of
+from vibrecords.formats.write import arrays_of, write_table
 from vibrecords.records import FrfRecord, ModeRecord, dof_label, parse_dof
 from vibrecords.whole_file import whole_file, write_whole_file
 

@@ -308,11 +308,8 @@ def _is_plain(dtype: np.dtype[Any]) -> bool:
     Damage can make of a part a number of 16 bytes in the room of 8: h5py writes beyond its array, and ends the process.
     """
     if dtype.names is None:
-        return (
-            dtype.kind in "iuSUb"
-            or (dtype.kind == "f" and dtype.itemsize <= 8)
-            or dtype in (np.complex64, np.complex128)
-        )
+        kind = dtype.kind
+        return kind in "iuSUb" or (kind == "f" and dtype.itemsize <= 8) or dtype in (np.complex64, np.complex128)
     fields = [dtype[name] for name in dtype.names]
     wide = sum(field.itemsize for field in fields)
     return dtype.names == ("real", "imag") and all(map(_is_plain, fields)) and dtype.itemsize == wide

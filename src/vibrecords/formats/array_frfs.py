@@ -14,14 +14,7 @@ from vibrecords.formats.matlab_5 import Unread
 from vibrecords.formats.named_arrays import Block, is_complex, rises, size_of, square_error, two_axes_error
 from vibrecords.formats.units import in_hz, read_frf_unit, scaled
 from vibrecords.frf_set import Quantity
-from vibrecords.records import (
-    HIGHEST_HZ,
-    MOST_AVERAGES,
-    CoherenceRecord,
-    FrfRecord,
-    ModeRecord,
-    SpectrumRecord,
-)
+from vibrecords.records import HIGHEST_HZ, MOST_AVERAGES, CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord
 
 #: Phases beyond are in degrees: those of resonances in radians do not come near.
 _MOST_RADIANS = 4 * np.pi
@@ -68,7 +61,8 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
 
 def _frfs(block: Block) -> list[_Values]:
     """FRFs of a block: complex arrays, real and imaginary parts, magnitudes with phases."""
-    frfs = [_complex(block, *names) for names in _pairs(block, block.named("real"), block.named("imaginary"))]
+    pairs = _pairs(block, block.named("real"), block.named("imaginary"))
+    frfs = [_Values(real, complex_of(*_same_size(block, real, imaginary))) for real, imaginary in pairs]
     if block.stated("real") and not frfs:
         frfs.append(_Values("real", block.numbers("real").astype(complex), ["imaginary part taken as 0"]))
     phases = block.named("phase")
@@ -113,10 +107,6 @@ def _same_size(block: Block, name: str, other: str) -> tuple[Array, Array]:
             f"{block.where(other)}: found shape {second.shape}; expected {first.shape} as '{name}'; correct one of them"
         )
     return first, second.reshape(first.shape)
-
-
-def _complex(block: Block, real: str, imaginary: str) -> _Values:
-    return _Values(real, complex_of(*_same_size(block, real, imaginary)))
 
 
 def _polar(block: Block, name: str, of_phase: str) -> _Values:
@@ -253,29 +243,37 @@ def _frf_records(block: Block, frf: _Values, coherence: str | None, *, alone: bo
 def _labels(
     block: Block, name: str, side: Literal["output", "input"], count: int, *, alone: bool
 ) -> tuple[list[str], list[str]]:
-    """Labels of the responses or forces of an array, and notes on where they are from."""
-    small = name.lower()
-    digits, channel = re.fullmatch(r"[a-z]+_?(\d)_?(\d)", small), re.fullmatch(r".*_chan_(\d{1,6})", small)
-    if channel is not None:
+    """Labels of the responses or forces of an array, and notes on where they are from.
+
+    They stand in the name of the array, in a list that belongs to the only array of its block, or are its own name or
+    that of its struct.
+    """
+    is_output = side == "output"
+    channel = re.fullmatch(r".*_chan_(\d{1,6})", name.lower())  # of SignalCalc
+    digits = re.fullmatch(r"[a-z]+_?(\d)_?(\d)", name.lower())  # H12
+    stated = block.strings(f"{side}s") if alone and not channel and not digits else []
+    note = "channels named by variables or structs of the file"
+    if channel:
         reference = "input 1" if block.has("hf_chan_1") else "channel 1"
-        label, note = f"channel {channel[1]}", f"{reference} taken as the reference"
-        label = label if side == "output" else reference
-    elif digits is not None:
-        label = f"{side} {digits[1 if side == 'output' else 2]}"
+        label, note = f"channel {channel[1]}" if is_output else reference, f"{reference} taken as the reference"
+    elif digits:
+        label = f"{side} {digits[1 if is_output else 2]}"
         note = f"'{name}' read as response {digits[1]} over {digits[2]}"
-    elif labels := block.strings(f"{side}s") if alone else []:
-        if len(labels) != count or len(set(labels)) != count:
+    elif stated:
+        if len(stated) != count or len(set(stated)) != count:
             raise MeasurementError(
-                f"{block.where(f'{side}s')}: found {len(labels)} labels, {len(set(labels))} different; expected {count}"
+                f"{block.where(f'{side}s')}: found {len(stated)} labels, {len(set(stated))} different; expected {count}"
                 ", one for each; correct them"
             )
-        return labels, []
-    elif alone and not (block.label and side == "output"):
+        return stated, []
+    elif alone and not (is_output and block.label):
         return [f"{side} {i + 1}" for i in range(count)], [f"no {side}s named in the file, numbered instead"]
+    elif not is_output:
+        label = "input 1"
+    elif alone:
+        label = block.string("name") or block.string("label") or block.label
     else:
-        label, note = "input 1", "channels named by variables or structs of the file"
-        if side == "output":
-            label = block.string("name") or block.string("label") or block.label if alone else name
+        label = name
     return [label] if count == 1 else [f"{label} {i + 1}" for i in range(count)], [note]
 
 

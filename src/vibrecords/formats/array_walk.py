@@ -15,14 +15,8 @@ from vibrecords.formats.array_frfs import frequency_records, mode_records
 from vibrecords.formats.array_names import ALIASES, tokens_of
 from vibrecords.formats.columns import TIME_S
 from vibrecords.formats.matlab_5 import Unread
-from vibrecords.formats.named_arrays import (
-    Block,
-    is_text,
-    rises,
-    size_of,
-    strings,
-    time_records,
-)
+from vibrecords.formats.named_arrays import Block, is_text, rises, size_of, strings, time_records
+from vibrecords.formats.table_text import float_of
 from vibrecords.formats.units import frequency_factor, frf_unit, parse_unit
 from vibrecords.records import CoherenceRecord, FrfRecord, Record
 
@@ -293,11 +287,8 @@ _COLUMN = re.compile(r"\((?:(?P<row>\d{1,6}), *:|:, *(?P<column>\d{1,6}))\)$")
 
 
 def _number(text: str) -> float | None:
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if np.isfinite(number) else None
+    number = float_of(text)
+    return number if number is not None and np.isfinite(number) else None
 
 
 def _value(held: tuple[Block, str], key: str, path: str) -> tuple[Any, str]:

@@ -1,5 +1,6 @@
 """Records written in any of the formats; a file is there completely or not at all."""
 
+import csv
 import os
 from collections.abc import Callable, Iterable, Sequence
 from itertools import product
@@ -8,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError, WriteError, path_fault
 from vibrecords.formats.array_files import write_hdf5, write_matlab, write_npz
-from vibrecords.formats.table_write import write_table
 from vibrecords.formats.uff_write import write_uff
 from vibrecords.formats.units import si_frf_unit, si_sensor_unit
 from vibrecords.frf_set import FrfSet
 from vibrecords.records import FrfRecord, Record, TimeRecord
-from vibrecords.whole_file import whole_file
+from vibrecords.whole_file import WRITTEN_BY, whole_file
 
 _WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
     "uff58": lambda records, path: write_uff(records, path, binary=False),
@@ -162,3 +163,66 @@ def _time_block(group: list[TimeRecord]) -> dict[str, Any]:
         "units": [si_sensor_unit(r.quantity) or " " for r in group],
         "hits": np.array([float(r.hit or 0) for r in group]),
     }
+
+
+# ---- tables in text
+
+
+def _columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[str, str]]:
+    """Headers, columns and comments of a table that holds the records.
+
+    Raises
+    ------
+    MeasurementError
+        If the records do not share their lines, or their sampling rate and length.
+    """
+    frfs = [record for record in records if isinstance(record, FrfRecord)]
+    times = [record for record in records if isinstance(record, TimeRecord)]
+    if bool(frfs) == bool(times):
+        raise MeasurementError(
+            "table: found FRFs and time histories, or neither; expected one kind; write one file for each"
+        )
+    if frfs:
+        return _frf_columns(frfs)
+    rate, size = times[0].sample_rate_hz, times[0].values.size
+    if any((r.sample_rate_hz, r.values.size) != (rate, size) for r in times):
+        raise MeasurementError(
+            "table: found time histories of different rates or lengths; expected one time axis; write uff58 or hdf5"
+        )
+    hits = [f" hit {r.hit}" if r.hit is not None else "" for r in times]
+    names = [f"{r.channel}{hit} [{si_sensor_unit(r.quantity)}]" for r, hit in zip(times, hits, strict=True)]
+    columns = [np.arange(size) / rate, *(r.values for r in times)]
+    return ["time [s]", *names], columns, {"sample_rate_hz": repr(float(rate))}
+
+
+def _frf_columns(frfs: Sequence[FrfRecord]) -> tuple[list[str], list[Array], dict[str, str]]:
+    lines = frfs[0].frequency_hz
+    names, columns = ["frequency [Hz]"], [lines]
+    for r in frfs:
+        if not np.array_equal(r.frequency_hz, lines):
+            raise MeasurementError(
+                "table: found FRFs on different lines; expected one frequency axis; write uff58 or hdf5"
+            )
+        pair = f"{r.response} / {r.reference}"
+        unit = f" [{si_frf_unit(r.quantity)}]" if r.quantity else ""
+        names += [f"real {pair}{unit}", f"imaginary {pair}{unit}"]
+        columns += [r.values.real, r.values.imag]
+        if r.coherence is not None:
+            names.append(f"coherence {pair}")
+            columns.append(r.coherence)
+    told = [str(r.averages) for r in frfs if r.averages is not None]
+    if len(told) < len(frfs):
+        return names, columns, {}
+    return names, columns, {"averages": ", ".join(told if len(set(told)) > 1 else told[:1])}
+
+
+def write_table(records: Sequence[Record], path: Path, delimiter: str, remarks: Sequence[str] = ()) -> None:
+    """Write records as a table, remarks above; numbers with as many digits as it takes to read them back exactly."""
+    names, columns, comments = _columns(records)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        for line in (WRITTEN_BY, *remarks, *(f"{key}: {value}" for key, value in comments.items())):
+            file.write(f"# {line}\n")
+        writer = csv.writer(file, delimiter=delimiter, lineterminator="\n")
+        writer.writerow(names)
+        for row in zip(*(column.tolist() for column in columns), strict=True):
+            writer.writerow(map(repr, row))

@@ -11,25 +11,8 @@ from vibrecords.formats.grid import join_frfs
 from vibrecords.frf_set import FrfSet, Quantity
 from vibrecords.modal_fit import identify_modes
 from vibrecords.records import FrfRecord, TimeRecord
+from vibrecords.signals import spectra, windows
 from vibrecords.signals.hits import Hit, HitSettings, find_hits, hits_of, reject_overloads
-from vibrecords.signals.spectra import (
-    WINDOW_SAMPLES,
-    Estimator,
-    MadeFrfs,
-    estimate_frf,
-    estimated_record,
-    kept_lines,
-    paired,
-    sort_by_force,
-)
-from vibrecords.signals.windows import (
-    added_decay_rate,
-    exponential_window,
-    force_window,
-    independent_step,
-    line_correlation,
-    remove_added_damping,
-)
 
 Records = TimeRecord | Sequence[TimeRecord]
 
@@ -55,7 +38,7 @@ class ImpactSettings:
     hits: HitSettings = field(default_factory=HitSettings)
     force_window_s: float | None = None
     exponential_end: float = 1.0
-    estimator: Estimator = "H1"
+    estimator: spectra.Estimator = "H1"
     f_min_hz: float | None = None
     f_max_hz: float | None = None
 
@@ -103,7 +86,7 @@ def impact_frfs(
     chosen = settings or ImpactSettings()
     if not responses:
         raise MeasurementError("impact: found no response; expected one or more; add the records of a response")
-    together = [paired(force, response) for response in responses]
+    together = [spectra.paired(force, response) for response in responses]
     forces = [x for x, _ in together[0][0]]
     hits = find_hits(forces, chosen.hits)
     for pairs, _ in together:
@@ -133,19 +116,20 @@ def _estimate(
             "one length; give block_s to cut them alike"
         )
     (samples,) = lengths
-    frequency, lines = kept_lines(samples, rate, settings.f_min_hz, settings.f_max_hz)
-    decay = exponential_window(samples, settings.exponential_end)
-    spectra = [_spectra_of_hit(pairs[hit.record], hit, decay, settings) for hit in kept]
-    force, response = (np.array(channel_spectra)[:, lines] for channel_spectra in zip(*spectra, strict=True))
-    estimate = estimate_frf(force, response, settings.estimator)
-    added = added_decay_rate(settings.exponential_end, samples / rate)
+    frequency, lines = spectra.kept_lines(samples, rate, settings.f_min_hz, settings.f_max_hz)
+    decay = windows.exponential_window(samples, settings.exponential_end)
+    of_hits = [_spectra_of_hit(pairs[hit.record], hit, decay, settings) for hit in kept]
+    force, response = (np.array(channel_spectra)[:, lines] for channel_spectra in zip(*of_hits, strict=True))
+    estimate = spectra.estimate_frf(force, response, settings.estimator)
+    added = windows.added_decay_rate(settings.exponential_end, samples / rate)
     notes = [f"{settings.estimator} from {len(kept)} of {len(hits)} hits"]
     if added > 0:
         notes.append(f"exponential window adds {added:.6g} 1/s to the decay rate of each mode")
-    return ImpactResult(estimated_record(pairs[0], frequency, estimate, quantity, len(kept), notes), hits, added)
+    record = spectra.estimated_record(pairs[0], frequency, estimate, quantity, len(kept), notes)
+    return ImpactResult(record, hits, added)
 
 
-def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None = None) -> MadeFrfs:
+def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None = None) -> spectra.MadeFrfs:
     """All FRFs of the time records of an impact test, the damping of an exponential window taken out.
 
     Parameters
@@ -165,13 +149,13 @@ def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None 
     chosen = settings or ImpactSettings()
     frfs: list[FrfRecord] = []
     notes: list[str] = []
-    for forces, responses in sort_by_force(records):
+    for forces, responses in spectra.sort_by_force(records):
         results = impact_frfs(forces, responses, chosen)
         frfs += corrected_frfs(results)
         lost = [f"hit {hit.number} ({hit.reason})" for hit in results[0].hits if not hit.kept]
         if lost:
             notes.append(f"Left out of the hits on {forces[0].channel}: {', '.join(lost)}.")
-    return MadeFrfs(tuple(frfs), _line_step(chosen.exponential_end), tuple(notes))
+    return spectra.MadeFrfs(tuple(frfs), _line_step(chosen.exponential_end), tuple(notes))
 
 
 def settings_of(records: Sequence[TimeRecord], f_min_hz: float | None, f_max_hz: float | None) -> ImpactSettings:
@@ -184,7 +168,7 @@ def settings_of(records: Sequence[TimeRecord], f_min_hz: float | None, f_max_hz:
     MeasurementError
         If there is no force, or one that is no hammer's.
     """
-    found = [(record, hits_of(record)) for forces, _ in sort_by_force(records) for record in forces]
+    found = [(record, hits_of(record)) for forces, _ in spectra.sort_by_force(records) for record in forces]
     other = next((record for record, hits in found if not hits), None)
     if other is not None:
         raise MeasurementError(
@@ -199,7 +183,8 @@ def settings_of(records: Sequence[TimeRecord], f_min_hz: float | None, f_max_hz:
 
 def _line_step(exponential_end: float) -> int:
     """Every how many lines are independent behind an exponential window."""
-    return independent_step(line_correlation(exponential_window(WINDOW_SAMPLES, exponential_end), random=False))
+    window = windows.exponential_window(spectra.WINDOW_SAMPLES, exponential_end)
+    return windows.independent_step(windows.line_correlation(window, random=False))
 
 
 def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
@@ -230,7 +215,7 @@ def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
             "window's damping can be taken out; widen the band or use longer blocks without a window"
         )
     frequency, ratio = np.array([(mode.frequency_hz, mode.damping_ratio) for mode in modes]).T
-    corrected = remove_added_damping(together, frequency, ratio, rate)
+    corrected = windows.remove_added_damping(together, frequency, ratio, rate)
     note = f"damping of the exponential window ({rate:.6g} 1/s) taken out by the {len(modes)} modes that were found"
     return [
         replace(record, values=corrected.values[:, i, 0], notes=(record.notes[0], note))
@@ -263,7 +248,7 @@ def _spectra_of_hit(
     force, response = (_remove_offset(record.values[hit.start : hit.start + decay.size], trigger) for record in pair)
     if settings.force_window_s is not None:
         length = max(round(settings.force_window_s * pair[0].sample_rate_hz), 1)
-        force = force * force_window(decay.size, trigger, length)
+        force = force * windows.force_window(decay.size, trigger, length)
     return np.fft.rfft(decay * force), np.fft.rfft(decay * response)
 
 

@@ -33,13 +33,13 @@ class Sketch:
     mobility: ComplexArray
     noise: Array
 
-
-def sketch_of(record: FrfRecord, clear: ClearFrf) -> Sketch:
-    """Sketch of a record and of what can be judged of it."""
-    kept = np.unique(np.linspace(0, clear.frequency_hz.size - 1, _KEPT).astype(int))
-    # single precision is enough and half as large
-    mobility, noise = clear.mobility[kept].astype(np.complex64), clear.noise[kept].astype(np.float32)
-    return Sketch(f"{record.response}/{record.reference}", record.where, clear.frequency_hz[kept], mobility, noise)
+    @classmethod
+    def of(cls, record: FrfRecord, clear: ClearFrf) -> "Sketch":
+        """Sketch of a record and of what can be judged of it."""
+        kept = np.unique(np.linspace(0, clear.frequency_hz.size - 1, _KEPT).astype(int))
+        # single precision is enough and half as large
+        mobility, noise = clear.mobility[kept].astype(np.complex64), clear.noise[kept].astype(np.float32)
+        return cls(f"{record.response}/{record.reference}", record.where, clear.frequency_hz[kept], mobility, noise)
 
 
 def disagreement(first: Sketch, other: Sketch) -> MeasurementWarning | None:
@@ -185,32 +185,28 @@ class WarningCollector:
         if not isinstance(record, FrfRecord):
             return
         where, clear = _named(f"{record.response}/{record.reference}", record.where), ClearFrf.of(record)
-        self._judge(where, record, clear)
+        if clear is None:
+            self._tell(where, record, clear, turned=False)
+        else:
+            self._turns += clear.turns
+            turned = are_conjugates(clear.turns, _ALONE)
+            if turned is None and len(self._waiting) < _WAITING:  # for the others to tell
+                self._waiting.append((where, record, clear))
+            else:
+                self._tell(where, record, clear, turned=bool(turned))
+            pair = clear.response, clear.reference
+            self._compare_peaks(pair, Peaks.of(where, clear))
+            self._compare(pair, Sketch.of(record, clear))
         highest = float(np.max(record.frequency_hz, initial=0.0))
         if highest > self._highest_hz:
             self._highest_hz, self._highest_where = highest, where
-        if clear is not None:
-            pair = clear.response, clear.reference
-            self._compare_peaks(pair, Peaks.of(where, clear))
-            self._compare(pair, sketch_of(record, clear))
 
     @property
     def conjugated(self) -> bool | None:
         """Whether the FRFs so far are complex conjugates; None where they do not tell, or not with one voice."""
         return are_conjugates(self._turns, _TOGETHER)
 
-    def _judge(self, where: str, record: FrfRecord, clear: ClearFrf | None) -> None:
-        """Warnings of one FRF; one that does not tell by itself whether it is a conjugate waits for the others."""
-        turned: bool | None = False
-        if clear is not None:
-            self._turns += clear.turns
-            turned = are_conjugates(clear.turns, _ALONE)
-            if turned is None and len(self._waiting) < _WAITING:
-                self._waiting.append((where, record, clear))
-                return
-        self._tell(where, record, clear, bool(turned))
-
-    def _tell(self, where: str, record: FrfRecord, clear: ClearFrf | None, turned: bool) -> None:
+    def _tell(self, where: str, record: FrfRecord, clear: ClearFrf | None, *, turned: bool) -> None:
         if clear is not None and turned:
             self._keep(where, conjugated_warning(clear))
             clear = clear.conjugate
@@ -219,7 +215,7 @@ class WarningCollector:
     def warnings(self) -> tuple[MeasurementWarning, ...]:
         """All warnings so far, equal ones put together."""
         for where, record, clear in self._waiting:
-            self._tell(where, record, clear, bool(self.conjugated))
+            self._tell(where, record, clear, turned=bool(self.conjugated))
         self._waiting.clear()
         if self._highest_hz > 1.01 * self._nyquist_hz:
             self._keep(
@@ -263,16 +259,13 @@ class WarningCollector:
         swapped = (pair[1], pair[0])
         before = self._sketches.get(pair, [])
         across = self._sketches.get(swapped, []) if swapped != pair else []
-        for others, key, what in (
-            (before, "repeats_differ", "the same FRF is there twice"),
-            (across, "reciprocity", "with response and force exchanged the FRFs should be equal"),
-        ):
-            for other in others:
-                warning = disagreement(other, sketch)
-                if warning is not None:
-                    where = f"{_named(other.record, other.where)} and {sketch.where}"
-                    sentence = f"{what}, but {warning.sentence}"
-                    self._keep(where, replace(warning, key=keys.get(warning.key, key), sentence=sentence))
+        pairs = [(other, "repeats_differ", "the same FRF is there twice") for other in before]
+        exchanged = "with response and force exchanged the FRFs should be equal"
+        pairs += [(other, "reciprocity", exchanged) for other in across]
+        for other, key, what in pairs:
+            if warning := disagreement(other, sketch):
+                warning = replace(warning, key=keys.get(warning.key, key), sentence=f"{what}, but {warning.sentence}")
+                self._keep(f"{_named(other.record, other.where)} and {sketch.where}", warning)
         # two of a kind are enough to compare with
         if len(before) < 2:
             self._sketches.setdefault(pair, []).append(sketch)
