@@ -88,124 +88,84 @@ ELEMENTS = [{"name": f"P{i + 1}", "H": column(H[:, i]), "f": column(F)} for i in
 FILES = {
     "test.lab frf": ({"FRF": siemens()}, [frf("Tip:1:+Z", "Tip:2:+X", G * V, quantity="accelerance", factor=G)]),
     "test.lab frf in si": ({"FRF": siemens(unit="(m/s^2)/N")}, [frf("Tip:1:+Z", "Tip:2:+X", quantity="accelerance")]),
-    "test.lab per volt": (
-        {"FRF": siemens(unit="g/V")},
-        [frf("Tip:1:+Z", "Tip:2:+X", quantity="accelerance", factor=None)],
-    ),
+    "test.lab per volt":
+        ({"FRF": siemens(unit="g/V")}, [frf("Tip:1:+Z", "Tip:2:+X", quantity="accelerance", factor=None)]),
     "test.lab unknown unit": ({"FRF": siemens(unit="EU")}, [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="EU")]),
-    "test.lab coherence beside": (
-        {"FRF": siemens(), "Coherence": siemens(C, "", "Coherence")},
-        [frf("Tip:1:+Z", "Tip:2:+X", G * V, coherence=C)],
-    ),
-    "test.lab coherence alone": (
-        {"Coherence": siemens(C, "", "Coherence")},
-        [{"kind": CoherenceRecord, "response": "Tip:1:+Z", "reference": "Tip:2:+X", "frequency_hz": F, "values": C}],
-    ),
-    "test.lab channels in the name": (
-        {"FRF_1": siemens() | {"function_record": {"name": "FRF Tip:1:+Z/Tip:2:+X", "type": "FRF"}}},
-        [frf("Tip:1:+Z", "Tip:2:+X", G * V)],
-    ),
-    "test.lab unit and factor differ": (
-        {
-            "FRF": siemens()
-            | {
-                "y_values": {
-                    "values": column(V),
-                    "quantity": {"label": "g/N", "unit_transformation": {"factor_to_si": 1.0}},
-                }
-            }
-        },
-        [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="g/N (factor_to_si 1)")],
-    ),
-    "test.lab uneven lines": (
-        {"FRF": siemens(values=V, unit="m/N") | {"x_values": {"values": F**1.5, "quantity": {"label": "Hz"}}}},
-        [frf("Tip:1:+Z", "Tip:2:+X", lines=F**1.5, quantity="receptance")],
-    ),
-    "test.lab time": (
-        {"Signal": signal()},
+    "test.lab coherence beside":
+        ({"FRF": siemens(), "Coherence": siemens(C, "", "Coherence")},
+        [frf("Tip:1:+Z", "Tip:2:+X", G * V, coherence=C)]),
+    "test.lab coherence alone":
+        ({"Coherence": siemens(C, "", "Coherence")},
+        [{"kind": CoherenceRecord, "response": "Tip:1:+Z", "reference": "Tip:2:+X", "frequency_hz": F, "values": C}]),
+    "test.lab channels in the name":
+        ({"FRF_1": siemens() | {"function_record": {"name": "FRF Tip:1:+Z/Tip:2:+X", "type": "FRF"}}},
+        [frf("Tip:1:+Z", "Tip:2:+X", G * V)]),
+    "test.lab unit and factor differ":
+        ({"FRF":
+        siemens() | {"y_values":
+        {"values": column(V), "quantity": {"label": "g/N", "unit_transformation": {"factor_to_si": 1.0}}}}},
+        [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="g/N (factor_to_si 1)")]),
+    "test.lab uneven lines":
+        ({"FRF": siemens(values=V, unit="m/N") | {"x_values": {"values": F**1.5, "quantity": {"label": "Hz"}}}},
+        [frf("Tip:1:+Z", "Tip:2:+X", lines=F**1.5, quantity="receptance")]),
+    "test.lab time":
+        ({"Signal": signal()},
         [history("3:Point1", G * X[:, 0], quantity="acceleration"), history("4:Point2", G * X[:, 1], unit="g")],
-        WITH_LISTS,
-    ),
-    "test.lab time one": (
-        {"Signal_0": signal(X[:, :1], ["hammer"], "N"), "Signal_1": signal(X[:, 1:], ["tip"], "g")},
-        [history("hammer", X[:, 0], quantity="force"), history("tip", G * X[:, 1])],
-        WITH_LISTS,
-    ),
-    "test.lab spectrum": (
-        {"PSD": siemens(C, "g^2/Hz", "PSD")},
-        [{"kind": SpectrumRecord, "channel": "Tip:1:+Z", "frequency_hz": F, "values": C, "unit": "g^2/Hz"}],
-    ),
-    "test.lab array of structs": (
-        {"FRF": [siemens(V, labels=("a", "h")), siemens(H[:, 1], labels=("b", "h"))]},
-        [frf("a", "h", G * V), frf("b", "h", G * H[:, 1])],
-        WITH_LISTS,
-    ),
+        WITH_LISTS),
+    "test.lab time one":
+        ({"Signal_0": signal(X[:, :1], ["hammer"], "N"), "Signal_1": signal(X[:, 1:], ["tip"], "g")},
+        [history("hammer", X[:, 0], quantity="force"), history("tip", G * X[:, 1])], WITH_LISTS),
+    "test.lab spectrum":
+        ({"PSD": siemens(C, "g^2/Hz", "PSD")},
+        [{"kind": SpectrumRecord, "channel": "Tip:1:+Z", "frequency_hz": F, "values": C, "unit": "g^2/Hz"}]),
+    "test.lab array of structs":
+        ({"FRF": [siemens(V, labels=("a", "h")), siemens(H[:, 1], labels=("b", "h"))]},
+        [frf("a", "h", G * V), frf("b", "h", G * H[:, 1])], WITH_LISTS),
     "test.lab structs in a struct": ({"run": {"one": {"FRF": siemens()}}}, [frf("Tip:1:+Z", "Tip:2:+X", G * V)]),
-    "signalcalc": (
-        SIGNAL_CALC | {"PSD_chan_1": column(C), "Time_domain": column(T), "Time_chan_1": column(X[:, 0])},
-        [
-            frf("channel 2", "channel 1", coherence=C),
-            frf("channel 3", "channel 1", H[:, 1]),
-            {"kind": SpectrumRecord, "channel": "channel 1", "frequency_hz": F, "values": C},
-            history("channel 1", X[:, 0]),
-        ],
-    ),
-    "signalcalc coherence alone": (
-        {"Freq_domain": column(F), "Hf_coh_chan_2": column(C)},
-        [{"kind": CoherenceRecord, "response": "channel 2", "reference": "channel 1", "values": C, "frequency_hz": F}],
-    ),
-    "signalcalc time": (
-        {"Time_domain": T, "Time_chan_1": X[:, 0], "Time_chan_2": X[:, 1]},
-        [history("channel 1", X[:, 0]), history("channel 2", X[:, 1])],
-    ),
-    "dewesoft": (
-        {"Sample_rate": 256.0, "Data1_AI_1": column(X[:, 0]), "Data1_AI_2": column(X[:, 1])},
-        [history("Data1_AI_1", X[:, 0]), history("Data1_AI_2", X[:, 1])],
-    ),
-    "dewesoft with instants": (
-        {"Data1_time_AI_1": T, "Data1_AI_1": X[:, 0], "Data1_time_AI_2": 2 * T, "Data1_AI_2": X[:, 1]},
-        [history("Data1_AI_1", X[:, 0]), history("Data1_AI_2", X[:, 1], 128.0)],
-    ),
-    "dewesoft in days": (
-        {"Sample_rate": 256.0, "Data1_time_AI_1": 739371.5 + T / 86400, "Data1_AI_1": X[:, 0]},
-        [history("Data1_AI_1", X[:, 0])],
-    ),
-    "polytec": (
-        {"x": F[None], "y": H.T, "usd": POLYTEC},
-        [frf(f"point {i + 1}", "input 1", H[:, i], quantity="mobility") for i in range(3)],
-    ),
-    "polytec time": (
-        {"x": T[None], "y": X.T, "usd": POLYTEC | {"XUnit": "s", "YUnit": "m/s"}},
-        [history("point 1", X[:, 0], quantity="velocity"), history("point 2", X[:, 1])],
-    ),
+    "signalcalc":
+        (SIGNAL_CALC | {"PSD_chan_1": column(C), "Time_domain": column(T), "Time_chan_1": column(X[:, 0])},
+        [frf("channel 2", "channel 1", coherence=C), frf("channel 3", "channel 1", H[:, 1]),
+        {"kind": SpectrumRecord, "channel": "channel 1", "frequency_hz": F, "values": C},
+        history("channel 1", X[:, 0])]),
+    "signalcalc coherence alone":
+        ({"Freq_domain": column(F), "Hf_coh_chan_2": column(C)},
+        [{"kind": CoherenceRecord, "response": "channel 2", "reference": "channel 1", "values": C, "frequency_hz": F}]),
+    "signalcalc time":
+        ({"Time_domain": T, "Time_chan_1": X[:, 0], "Time_chan_2": X[:, 1]},
+        [history("channel 1", X[:, 0]), history("channel 2", X[:, 1])]),
+    "dewesoft":
+        ({"Sample_rate": 256.0, "Data1_AI_1": column(X[:, 0]), "Data1_AI_2": column(X[:, 1])},
+        [history("Data1_AI_1", X[:, 0]), history("Data1_AI_2", X[:, 1])]),
+    "dewesoft with instants":
+        ({"Data1_time_AI_1": T, "Data1_AI_1": X[:, 0], "Data1_time_AI_2": 2 * T, "Data1_AI_2": X[:, 1]},
+        [history("Data1_AI_1", X[:, 0]), history("Data1_AI_2", X[:, 1], 128.0)]),
+    "dewesoft in days":
+        ({"Sample_rate": 256.0, "Data1_time_AI_1": 739371.5 + T / 86400, "Data1_AI_1": X[:, 0]},
+        [history("Data1_AI_1", X[:, 0])]),
+    "polytec":
+        ({"x": F[None], "y": H.T, "usd": POLYTEC},
+        [frf(f"point {i + 1}", "input 1", H[:, i], quantity="mobility") for i in range(3)]),
+    "polytec time":
+        ({"x": T[None], "y": X.T, "usd": POLYTEC | {"XUnit": "s", "YUnit": "m/s"}},
+        [history("point 1", X[:, 0], quantity="velocity"), history("point 2", X[:, 1])]),
     "H and f": ({"H": V, "f": F}, ONE),
     "H1 and freq": ({"H1": column(V), "freq": column(F)}, ONE),
     "H2 and Freq": ({"H2": H, "Freq": column(F)}, MANY),
     "Recep and Freq": ({"Recep": column(V), "Freq": F}, [frf("output 1", "input 1", quantity="receptance")]),
     "Mob and frequencies": ({"Mob": V, "Frequencies": F}, [frf("output 1", "input 1", quantity="mobility")]),
     "FRF and frequencyBand": ({"FRF": H.T, "frequencyBand": F}, MANY),
-    "H00 and H10": (
-        {"H00": V, "H10": H[:, 1], "f": F},
-        [frf("output 0", "input 0"), frf("output 1", "input 0", H[:, 1])],
-    ),
-    "FRFs by name": (
-        {"FRF_a": V, "FRF_b": H[:, 1], "f": F},
-        [frf("FRF_a", "input 1"), frf("FRF_b", "input 1", H[:, 1])],
-    ),
-    "H_1 to H_3": (
-        {f"H{i + 1}": H[:, i] for i in range(3)} | {"f": F},
-        [frf(f"H{i + 1}", "input 1", H[:, i]) for i in range(3)],
-    ),
+    "H00 and H10":
+        ({"H00": V, "H10": H[:, 1], "f": F}, [frf("output 0", "input 0"), frf("output 1", "input 0", H[:, 1])]),
+    "FRFs by name":
+        ({"FRF_a": V, "FRF_b": H[:, 1], "f": F}, [frf("FRF_a", "input 1"), frf("FRF_b", "input 1", H[:, 1])]),
+    "H_1 to H_3":
+        ({f"H{i + 1}": H[:, i] for i in range(3)} | {"f": F}, [frf(f"H{i + 1}", "input 1", H[:, i]) for i in range(3)]),
     "lines in an outer struct": ({"f": F, "tip": {"H": V}}, ONE),
-    "structs in structs": (
-        {"a": {"b": {"c": {"H": V, "freq": F, "unit": "mm/N"}}}},
-        [frf("output 1", "input 1", V / 1000)],
-    ),
-    "three dimensions": (
-        {"frf": H.reshape(8, 3, 1), "frequency_hz": F, "outputs": np.array(["a", "b", "c"])},
-        [frf(name, "input 1", H[:, i]) for i, name in enumerate("abc")],
-        ("npz", "mat"),
-    ),
+    "structs in structs":
+        ({"a": {"b": {"c": {"H": V, "freq": F, "unit": "mm/N"}}}}, [frf("output 1", "input 1", V / 1000)]),
+    "three dimensions":
+        ({"frf": H.reshape(8, 3, 1), "frequency_hz": F, "outputs": np.array(["a", "b", "c"])},
+        [frf(name, "input 1", H[:, i]) for i, name in enumerate("abc")], ("npz", "mat")),
     "omega": ({"H": V, "omega": 2 * np.pi * F}, ONE),
     "kilohertz": ({"H": V, "f_kHz": F / 1000, "g": 9.81}, ONE),
     "unit of the axis": ({"H": V, "freq": 2 * np.pi * F, "freq_unit": "rad/s"}, ONE),
@@ -218,101 +178,64 @@ FILES = {
     "Re_H and Im_H": ({"f": F, "Re_H": V.real, "Im_H": V.imag}, ONE),
     "df and f_start": ({"H": V, "df": 0.5, "f_start": 10.0}, ONE),
     "coherence by name": ({"H11": V, "coh11": C, "f": F}, [frf("output 1", "input 1", coherence=C)]),
-    "coherence of another struct": (
-        {"one": {"H": V, "f": F}, "two": {"coh": C, "f": F}},
-        [frf("output 1", "input 1", coherence=C)],
-    ),
-    "coherence alone": (
-        {"coh": C, "f": F},
-        [{"kind": CoherenceRecord, "response": "output 1", "reference": "input 1", "values": C, "frequency_hz": F}],
-    ),
+    "coherence of another struct":
+        ({"one": {"H": V, "f": F}, "two": {"coh": C, "f": F}}, [frf("output 1", "input 1", coherence=C)]),
+    "coherence alone":
+        ({"coh": C, "f": F},
+        [{"kind": CoherenceRecord, "response": "output 1", "reference": "input 1", "values": C, "frequency_hz": F}]),
     "t, x, y": ({"t": T, "x": X[:, 0], "y": X[:, 1]}, [history("x", X[:, 0]), history("y", X[:, 1])]),
     "t and a matrix": ({"t": column(T), "x": X}, [history("x 1", X[:, 0]), history("x 2", X[:, 1])]),
     "t, xn, yn": ({"t": T, "xn": X[:, 0], "yn": X[:, 1]}, [history("xn", X[:, 0]), history("yn", X[:, 1])]),
     "f is a force": ({"f": X[:, 1], "t": T, "x": X[:, 0]}, [history("f", X[:, 1]), history("x", X[:, 0])]),
-    "dt and input, output": (
-        {"dt": 1 / 256, "input": X[:, 0], "output": X[:, 1]},
-        [history("output", X[:, 1]), history("input", X[:, 0])],
-    ),
+    "dt and input, output":
+        ({"dt": 1 / 256, "input": X[:, 0], "output": X[:, 1]}, [history("output", X[:, 1]), history("input", X[:, 0])]),
     "time in ms": ({"time_ms": 1000 * T, "x": X[:, 0]}, [history("x", X[:, 0])]),
     "hits with instants": ({"t": T, "force": X}, [history("force", X[:, 0], hit=1), history("force", X[:, 1], hit=2)]),
     "array of structs": ({"run": ELEMENTS}, [frf(f"P{i + 1}", "input 1", H[:, i]) for i in range(3)], WITH_LISTS),
-    "cells of structs": (
-        {"run": [*ELEMENTS[:2], "end"]},
-        [frf(f"P{i + 1}", "input 1", H[:, i]) for i in range(2)],
-        WITH_LISTS,
-    ),
+    "cells of structs":
+        ({"run": [*ELEMENTS[:2], "end"]}, [frf(f"P{i + 1}", "input 1", H[:, i]) for i in range(2)], WITH_LISTS),
     "cells of numbers": ({"H": [column(H[:, i]) for i in range(3)], "f": F}, MANY, WITH_LISTS),
     "sparse": ({"FRF": scipy.sparse.csc_matrix(H), "f": F}, MANY),
-    "units of each FRF": (
-        {"H": H, "f": F, "unit": np.array(["g/N", "mm/N", "EU"])},
-        [
-            frf("output 1", "input 1", G * V, quantity="accelerance"),
-            frf("output 2", "input 1", H[:, 1] / 1000, quantity="receptance"),
-            frf("output 3", "input 1", H[:, 2], factor=None),
-        ],
-        ("npz",),
-    ),
-    "units of nobody knows which": (
-        {"force": X[:, 0], "acceleration": X[:, 1], "fs": 256.0, "units": np.array(["N", "g"])},
-        [history("force", X[:, 0], factor=None, unit="N, g"), history("acceleration", X[:, 1], factor=None)],
-        ("npz",),
-    ),
-    "a unit of one of two": (
-        {"force": X[:, 0], "acceleration": X[:, 1], "fs": 256.0, "unit": "g"},
-        [history("force", X[:, 0], factor=None), history("acceleration", G * X[:, 1], factor=G)],
-    ),
+    "units of each FRF":
+        ({"H": H, "f": F, "unit": np.array(["g/N", "mm/N", "EU"])},
+        [frf("output 1", "input 1", G * V, quantity="accelerance"),
+        frf("output 2", "input 1", H[:, 1] / 1000, quantity="receptance"),
+        frf("output 3", "input 1", H[:, 2], factor=None)], ("npz",)),
+    "units of nobody knows which":
+        ({"force": X[:, 0], "acceleration": X[:, 1], "fs": 256.0, "units": np.array(["N", "g"])},
+        [history("force", X[:, 0], factor=None, unit="N, g"), history("acceleration", X[:, 1], factor=None)], ("npz",)),
+    "a unit of one of two":
+        ({"force": X[:, 0], "acceleration": X[:, 1], "fs": 256.0, "unit": "g"},
+        [history("force", X[:, 0], factor=None), history("acceleration", G * X[:, 1], factor=G)]),
     "spectra beside": ({"H": V, "f": F, "F": H[:, 1], "X": H[:, 2]}, ONE, ("mat", "mat73", "npz")),
-    "magnitudes of 20 to 60": (
-        {"mag": np.abs(V) + 20, "phase_deg": np.degrees(np.angle(V)), "f": F},
-        [
-            frf("output 1", "input 1", V + 20 * V / np.abs(V))
-            | {
-                "notes": (
-                    "magnitude taken as linear, not in decibels",
-                    "no outputs named in the file, numbered instead",
-                    "no inputs named in the file, numbered instead",
-                )
-            }
-        ],
-    ),
-    "magnitudes in dB by their unit": (
-        {"mag": 20 * np.log10(np.abs(V)), "mag_unit": "dB", "phase_deg": np.degrees(np.angle(V)), "f": F},
-        [frf("output 1", "input 1", factor=None)],
-    ),
-    "an FRF of a name that says nothing": (
-        {"G": H[:, 1], "H": V, "f": F},
-        [
-            frf(
-                "output 1",
-                "input 1",
-                notes=(
-                    "'G' not read: [data.layout] can name it",
-                    "no outputs named in the file, numbered instead",
-                    "no inputs named in the file, numbered instead",
-                ),
-            )
-        ],
-    ),
-    "beside texts and numbers of known names": (
-        {"H": V, "f": F, "force": "hammer", "samples": 4096.0, "time": "12:30", "units": {"H": "g"}, "response": 2.0},
-        ONE,
-    ),
-    "FRF and what it was made of": (
-        {"H": V, "f": F, "t": T, "input": X[:, 0], "output": X[:, 1]},
-        [*ONE, history("output", X[:, 1]), history("input", X[:, 0])],
-    ),
-    "Txy and Cxy": (
-        {"Txy": V, "Cxy": C, "Pxx": C, "f": F},
-        [frf("output 1", "input 1", coherence=C), {"kind": SpectrumRecord, "channel": "Pxx", "values": C}],
-    ),
+    "magnitudes of 20 to 60":
+        ({"mag": np.abs(V) + 20, "phase_deg": np.degrees(np.angle(V)), "f": F},
+        [frf("output 1", "input 1", V + 20 * V / np.abs(V)) | {"notes":
+        ("magnitude taken as linear, not in decibels", "no outputs named in the file, numbered instead",
+        "no inputs named in the file, numbered instead")}]),
+    "magnitudes in dB by their unit":
+        ({"mag": 20 * np.log10(np.abs(V)), "mag_unit": "dB", "phase_deg": np.degrees(np.angle(V)), "f": F},
+        [frf("output 1", "input 1", factor=None)]),
+    "an FRF of a name that says nothing":
+        ({"G": H[:, 1], "H": V, "f": F},
+        [frf("output 1", "input 1",
+        notes=("'G' not read: [data.layout] can name it", "no outputs named in the file, numbered instead",
+        "no inputs named in the file, numbered instead"))]),
+    "beside texts and numbers of known names":
+        ({"H": V, "f": F, "force": "hammer", "samples": 4096.0, "time": "12:30", "units": {"H": "g"}, "response": 2.0},
+        ONE),
+    "FRF and what it was made of":
+        ({"H": V, "f": F, "t": T, "input": X[:, 0], "output": X[:, 1]},
+        [*ONE, history("output", X[:, 1]), history("input", X[:, 0])]),
+    "Txy and Cxy":
+        ({"Txy": V, "Cxy": C, "Pxx": C, "f": F},
+        [frf("output 1", "input 1", coherence=C), {"kind": SpectrumRecord, "channel": "Pxx", "values": C}]),
     "data of an FRF": ({"frf": {"data": H, "freq": F}}, MANY),
-    "simulink": (
-        {"out": {"time": T, "signals": {"values": X, "dimensions": 2.0}}},
-        [history("values 1", X[:, 0]), history("values 2", X[:, 1])],
-    ),
+    "simulink":
+        ({"out": {"time": T, "signals": {"values": X, "dimensions": 2.0}}},
+        [history("values 1", X[:, 0]), history("values 2", X[:, 1])]),
     "beside other things": ({"H": V, "f": F, "h": 0.01, "E": 210e9, "note": "steel", "n": 8.0}, ONE),
-}
+}  # fmt: skip
 CASES = [(name, form) for name, (_, _, *only) in FILES.items() for form in (only[0] if only else WRITERS)]
 
 

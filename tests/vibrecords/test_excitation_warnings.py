@@ -62,31 +62,19 @@ def fading(lines):
 
 
 BROKEN = {
-    "frequency that wanders with the level": (
-        "leakage",
-        lambda s: [s.record(LINES), s.record(LINES, 1, spread=0.01)],
-    ),
-    "three lines across the half-power width and a dip": (
-        "leakage",
-        lambda s: [s.record(LINES[::2], 1, spread=0.02)],
-    ),
+    "frequency that wanders with the level": ("leakage", lambda s: [s.record(LINES), s.record(LINES, 1, spread=0.01)]),
+    "three lines across the half-power width and a dip": ("leakage", lambda s: [s.record(LINES[::2], 1, spread=0.02)]),
     "force that ends at 600 Hz": ("excitation_ends", lambda s: [s.record(LINES, 1, force=fading(LINES))]),
-    "the same without coherence": (
-        "excitation_ends",
-        lambda s: [replace(s.record(LINES, 1, force=fading(LINES)), coherence=None)],
-    ),
+    "the same without coherence":
+        ("excitation_ends", lambda s: [replace(s.record(LINES, 1, force=fading(LINES)), coherence=None)]),
     "hum at 50 Hz": ("mains", lambda s: [s.record(LINES, 1, hum=humming(LINES, 50))]),
     "hum at 60 Hz": ("mains", lambda s: [s.record(LINES, 0, hum=humming(LINES, 60))]),
-    "hum without coherence": (
-        "mains",
-        lambda s: [replace(s.record(LINES, 1, hum=5 * humming(LINES, 50)), coherence=None)],
-    ),
+    "hum without coherence":
+        ("mains", lambda s: [replace(s.record(LINES, 1, hum=5 * humming(LINES, 50)), coherence=None)]),
     "two levels": ("level_dependence", lambda s: [s.record(LINES, 1), s.record(LINES, 1, shift=0.985)]),
-    "roving accelerometer": (
-        "mass_loading",
-        lambda s: [s.record(LINES, 0), s.record(LINES, 1), s.record(LINES, 2, shift=0.97)],
-    ),
-}
+    "roving accelerometer":
+        ("mass_loading", lambda s: [s.record(LINES, 0), s.record(LINES, 1), s.record(LINES, 2, shift=0.97)]),
+}  # fmt: skip
 
 
 def new_keys(found):

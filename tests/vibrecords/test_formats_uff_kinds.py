@@ -32,100 +32,63 @@ def read(path, text):
 
 #: Each with the kinds of its records, and what is right of the first.
 WELL_FORMED = {
-    "normal mode, 3 DOFs at a node": (
-        mode_55(SHAPE),
-        [ModeRecord],
-        {"number": 3, "frequency_hz": 52.5, "damping_ratio": 0.012, "modal_mass": 2.0, "frequency_sd_hz": None},
-    ),
-    "normal mode, 6 DOFs at a node": (
-        mode_55({2: [1.0, 2, 3, 4, 5, 6]}),
-        [ModeRecord],
-        {"shape": {f"2:{a}+": n for n, a in enumerate(("X", "Y", "Z", "RX", "RY", "RZ"), 1)}},
-    ),
+    "normal mode, 3 DOFs at a node":
+        (mode_55(SHAPE), [ModeRecord],
+        {"number": 3, "frequency_hz": 52.5, "damping_ratio": 0.012, "modal_mass": 2.0, "frequency_sd_hz": None}),
+    "normal mode, 6 DOFs at a node":
+        (mode_55({2: [1.0, 2, 3, 4, 5, 6]}), [ModeRecord],
+        {"shape": {f"2:{a}+": n for n, a in enumerate(("X", "Y", "Z", "RX", "RY", "RZ"), 1)}}),
     "normal mode, scalars": (mode_55({2: [1.5]}), [ModeRecord], {"shape": {"2:S": 1.5}}),
-    "normal mode, hysteretic damping alone": (
-        mode_55(SHAPE, (10.0, 0.0, 0.0, 0.04)),
-        [ModeRecord],
-        {"damping_ratio": 0.02, "modal_mass": None, "notes": ("damping ratio half the hysteretic damping, 0.04",)},
-    ),
-    "complex eigenvalue of first order": (
-        mode_55({4: [1j, 2 - 1j, 0]}, (*POLE, 0.0, 1.0, 0.0, 0.0), analysis=3),
-        [ModeRecord],
-        {"frequency_hz": DAMPED[0], "damping_ratio": DAMPED[1], "shape": {"4:X+": 1j, "4:Y+": 2 - 1j, "4:Z+": 0}},
-    ),
-    "complex eigenvalue of second order, velocities": (
-        mode_55({4: [1j, 2, 0]}, (*POLE, 0.0, 1.0, 0.0, 0.0), analysis=7, motion=11),
-        [ModeRecord],
-        {"frequency_hz": DAMPED[0], "notes": ("shape in velocities",)},
-    ),
-    "modes of ARTeMIS: frequency in an ID line, no damping": (
-        mode_55(SHAPE, (52.5, 0.0, 0.0, 0.0), ids=("Mode 1, Frequency: 52.50 Hz", *["NONE"] * 4)),
-        [ModeRecord],
-        {"damping_ratio": None, "notes": ()},
-    ),
-    "modes of I-DEAS Test: reference and signal codes in ID line 5": (
-        mode_55(SHAPE, ids=(*["NONE"] * 4, f"{4:10d}{2:10d}{12:10d}{13:10d}")) + mode_55(SHAPE, number=4),
-        [ModeRecord, ModeRecord],
-        {"where": "data set 1"},
-    ),
+    "normal mode, hysteretic damping alone":
+        (mode_55(SHAPE, (10.0, 0.0, 0.0, 0.04)), [ModeRecord],
+        {"damping_ratio": 0.02, "modal_mass": None, "notes": ("damping ratio half the hysteretic damping, 0.04",)}),
+    "complex eigenvalue of first order":
+        (mode_55({4: [1j, 2 - 1j, 0]}, (*POLE, 0.0, 1.0, 0.0, 0.0), analysis=3), [ModeRecord],
+        {"frequency_hz": DAMPED[0], "damping_ratio": DAMPED[1], "shape": {"4:X+": 1j, "4:Y+": 2 - 1j, "4:Z+": 0}}),
+    "complex eigenvalue of second order, velocities":
+        (mode_55({4: [1j, 2, 0]}, (*POLE, 0.0, 1.0, 0.0, 0.0), analysis=7, motion=11), [ModeRecord],
+        {"frequency_hz": DAMPED[0], "notes": ("shape in velocities",)}),
+    "modes of ARTeMIS: frequency in an ID line, no damping":
+        (mode_55(SHAPE, (52.5, 0.0, 0.0, 0.0), ids=("Mode 1, Frequency: 52.50 Hz", *["NONE"] * 4)), [ModeRecord],
+        {"damping_ratio": None, "notes": ()}),
+    "modes of I-DEAS Test: reference and signal codes in ID line 5":
+        (mode_55(SHAPE, ids=(*["NONE"] * 4, f"{4:10d}{2:10d}{12:10d}{13:10d}")) + mode_55(SHAPE, number=4),
+        [ModeRecord, ModeRecord], {"where": "data set 1"}),
     "rigid-body mode": (mode_55(SHAPE, (0.0, 1.0, 0.0, 0.0)), [ModeRecord], {"frequency_hz": 0.0}),
     "mode without nodes": (mode_55({}), [ModeRecord], {"shape": {}}),
-    "static deflection and stress beside a mode": (
-        mode_55(SHAPE, (0.0,), analysis=1, counts=(1, 1, 1, 0)) + mode_55(SHAPE, motion=2) + mode_55(SHAPE),
-        [ModeRecord],
-        {"where": "data set 3"},
-    ),
+    "static deflection and stress beside a mode":
+        (mode_55(SHAPE, (0.0,), analysis=1, counts=(1, 1, 1, 0)) + mode_55(SHAPE, motion=2) + mode_55(SHAPE),
+        [ModeRecord], {"where": "data set 3"}),
     "mode and FRF": (mode_55(SHAPE) + function_58(H), [ModeRecord, FrfRecord], {"number": 3}),
-    "two references": (
-        "".join(function_58(H, response=("NONE", n, 3), reference=("NONE", m, 3)) for m in (1, 2) for n in (1, 2)),
-        [FrfRecord] * 4,
-        {"response": "1:Z+", "reference": "1:Z+"},
-    ),
-    "coherence in a file of its own": (
-        function_58(np.full(11, 0.5), function=6),
-        [CoherenceRecord],
-        {"response": "12:Z+", "reference": "11:Y+"},
-    ),
-    "spectra beside an FRF": (
-        "".join(function_58(H.real, function=n) for n in (2, 9, 12)) + function_58(H, function=3) + function_58(H),
+    "two references":
+        ("".join(function_58(H, response=("NONE", n, 3), reference=("NONE", m, 3)) for m in (1, 2) for n in (1, 2)),
+        [FrfRecord] * 4, {"response": "1:Z+", "reference": "1:Z+"}),
+    "coherence in a file of its own":
+        (function_58(np.full(11, 0.5), function=6), [CoherenceRecord], {"response": "12:Z+", "reference": "11:Y+"}),
+    "spectra beside an FRF":
+        ("".join(function_58(H.real, function=n) for n in (2, 9, 12)) + function_58(H, function=3) + function_58(H),
         [SpectrumRecord] * 4 + [FrfRecord],
-        {"kind": "auto spectrum", "channel": "12:Z+", "notes": ("values not read",)},
-    ),
-    "ID lines longer than 80 columns": (
-        function_58(H, ids=("x" * 200, *["NONE"] * 4)),
-        [FrfRecord],
-        {"quantity": "accelerance"},
-    ),
+        {"kind": "auto spectrum", "channel": "12:Z+", "notes": ("values not read",)}),
+    "ID lines longer than 80 columns":
+        (function_58(H, ids=("x" * 200, *["NONE"] * 4)), [FrfRecord], {"quantity": "accelerance"}),
     "two ID lines more": (function_58(H, ids=("a", "b", "c", "d", "e", "f", "g")), [FrfRecord], {"response": "12:Z+"}),
-    "text behind column 80": (
-        "\n".join(f"{line:<80}" + "   [SEQ 12]" * (6 < n < 13) for n, line in enumerate(function_58(H).split("\n"))),
-        [FrfRecord],
-        {"response": "12:Z+", "reference": "11:Y+"},
-    ),
-    "degrees of freedom in wider columns": (
-        function_58(H).replace(f"NONE      {12:10d}{3:4d}", f"NONE{12:18d}{3:8d}"),
-        [FrfRecord],
-        {"response": "12:Z+", "reference": "11:Y+", "unit": "(m/s^2)/N"},
-    ),
-    "name of an axis longer than its columns": (
-        function_58(H).replace(f"{'NONE':<20} {'m/s^2':<20}", "Acceleration of the response m/s^2"),
-        [FrfRecord],
-        {"quantity": "accelerance", "factor": 1.0},
-    ),
-    "unit longer than its columns": (
-        function_58(H, units=("Hz", "(Millimetres/s^2)/Newtons", "NONE")),
-        [FrfRecord],
-        {"unit": "(Millimetres/s^2)/Newtons"},
-    ),
-    "two systems of units one after the other": (
-        header_164(1000.0, 1.0, 5, "mm, N")
-        + function_58(H, units=("Hz", "NONE", "NONE"))
-        + header_164()
-        + function_58(H, units=("Hz", "NONE", "NONE"), response=("NONE", 2, 3)),
-        [FrfRecord, FrfRecord],
-        {"factor": 1e-3},
-    ),
-}
+    "text behind column 80":
+        ("\n".join(f"{line:<80}" + "   [SEQ 12]" * (6 < n < 13) for n, line in enumerate(function_58(H).split("\n"))),
+        [FrfRecord], {"response": "12:Z+", "reference": "11:Y+"}),
+    "degrees of freedom in wider columns":
+        (function_58(H).replace(f"NONE      {12:10d}{3:4d}", f"NONE{12:18d}{3:8d}"), [FrfRecord],
+        {"response": "12:Z+", "reference": "11:Y+", "unit": "(m/s^2)/N"}),
+    "name of an axis longer than its columns":
+        (function_58(H).replace(f"{'NONE':<20} {'m/s^2':<20}", "Acceleration of the response m/s^2"), [FrfRecord],
+        {"quantity": "accelerance", "factor": 1.0}),
+    "unit longer than its columns":
+        (function_58(H, units=("Hz", "(Millimetres/s^2)/Newtons", "NONE")), [FrfRecord],
+        {"unit": "(Millimetres/s^2)/Newtons"}),
+    "two systems of units one after the other":
+        (header_164(1000.0, 1.0, 5, "mm, N") + function_58(H,
+        units=("Hz", "NONE", "NONE")) + header_164() + function_58(H, units=("Hz", "NONE", "NONE"),
+        response=("NONE", 2, 3)), [FrfRecord, FrfRecord], {"factor": 1e-3}),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WELL_FORMED)
@@ -262,50 +225,39 @@ def notes_of(records):
 #: What could be read in two ways, and the words that say so: refused, noted, or warned of.
 HOSTILE = {
     "conjugated": (function_58(PASSIVE.conj(), **PAIR, **RECEPTANCE), "complex conjugate"),
-    "axis types against the unit": (
-        function_58(H, kinds=("frequency", "velocity", "force")),
-        "axis types say mobility",
-    ),
+    "axis types against the unit":
+        (function_58(H, kinds=("frequency", "velocity", "force")), "axis types say mobility"),
     "rad/s": (function_58(H, units=("rad/s", "m/s^2", "N")), "frequency in rad/s converted to Hz"),
     "data set 164 against the unit": (header_164(1000.0) + function_58(H), "says otherwise"),
-    "coherence of another pair": (
-        function_58(H) + function_58(np.full(11, 0.5), function=6, response=("NONE", 13, 3)),
-        "coherence of 13:Z+ stands alone",
-    ),
+    "coherence of another pair":
+        (function_58(H) + function_58(np.full(11, 0.5), function=6, response=("NONE", 13, 3)),
+        "coherence of 13:Z+ stands alone"),
     "one coherence, two FRFs": (function_58(H) * 2 + function_58(np.full(11, 0.5), function=6), "none taken"),
-    "FRF over time": (
-        function_58(H, kinds=("time", "acceleration", "force"), units=("s", "m/s^2", "N")),
-        "found a function of type 4 over an abscissa of type 17 and unit s; expected frequency",
-    ),
+    "FRF over time":
+        (function_58(H, kinds=("time", "acceleration", "force"), units=("s", "m/s^2", "N")),
+        "found a function of type 4 over an abscissa of type 17 and unit s; expected frequency"),
     "time history over frequency": (function_58(H.real, function=1), "found a function of type 1 over an abscissa"),
-    "coherence over time": (
-        function_58(H.real, function=6, kinds=("time", "none", "none"), units=("s", "NONE", "NONE")),
-        "found a function of type 6 over an abscissa of type 17",
-    ),
-    "unit of seconds at an axis of no type": (
-        function_58(H, kinds=("none", "acceleration", "force"), units=("ms", "m/s^2", "N")),
-        "found a function of type 4 over an abscissa of type 0 and unit ms",
-    ),
+    "coherence over time":
+        (function_58(H.real, function=6, kinds=("time", "none", "none"), units=("s", "NONE", "NONE")),
+        "found a function of type 6 over an abscissa of type 17"),
+    "unit of seconds at an axis of no type":
+        (function_58(H, kinds=("none", "acceleration", "force"), units=("ms", "m/s^2", "N")),
+        "found a function of type 4 over an abscissa of type 0 and unit ms"),
     "FRF over volts": (function_58(H, units=("Hz", "m/s^2", "V")), "over volts"),
     "decibels": (function_58(H.real, units=("Hz", "dB", "NONE")), "dB"),
-    "force over motion": (
-        function_58(H, kinds=("frequency", "force", "acceleration"), units=("Hz", "N", "m/s^2")),
-        "force over motion",
-    ),
+    "force over motion":
+        (function_58(H, kinds=("frequency", "force", "acceleration"), units=("Hz", "N", "m/s^2")), "force over motion"),
     "FRF without imaginary part": (function_58(np.abs(H)), "FRF without imaginary part"),
     "function of unknown type": (function_58(H, function=0), "function of unknown type taken for an FRF"),
     "damping in percent": (mode_55(SHAPE, (52.5, 1.0, 1.2, 0.0)), "damping ratio 1.2 not taken"),
     "damping in percent, below one": (mode_55(SHAPE, (52.5, 1.0, 0.5, 0.0)), "some programs write percent"),
-    "eigenvalue of the other sign": (
-        mode_55(SHAPE, (3.0, 300.0, 0.0, 0.0, 0.0, 0.0), analysis=3),
-        "negative damping ratio",
-    ),
-    "eigenvalue in hertz": (
-        mode_55(SHAPE, (-0.5, 52.5, 0.0, 0.0, 0.0, 0.0), analysis=3, ids=("Mode 1 52.5 Hz", *["NONE"] * 4)),
-        "and 52.5 Hz in an ID line",
-    ),
+    "eigenvalue of the other sign":
+        (mode_55(SHAPE, (3.0, 300.0, 0.0, 0.0, 0.0, 0.0), analysis=3), "negative damping ratio"),
+    "eigenvalue in hertz":
+        (mode_55(SHAPE, (-0.5, 52.5, 0.0, 0.0, 0.0, 0.0), analysis=3, ids=("Mode 1 52.5 Hz", *["NONE"] * 4)),
+        "and 52.5 Hz in an ID line"),
     "shape of accelerations": (mode_55(SHAPE, motion=12), "shape in accelerations"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", HOSTILE)
@@ -349,10 +301,8 @@ def put(text, line, new):
 
 #: Bytes, and the words of the one line that says what is wrong.
 BROKEN = {
-    **{
-        f"mode cut behind line {n} of its header": (cut(MODE, n + 2), f"found {n} lines of a data set 55; expected 8")
-        for n in (1, 2, 5, 6, 7)
-    },
+    **{f"mode cut behind line {n} of its header":
+        (cut(MODE, n + 2), f"found {n} lines of a data set 55; expected 8") for n in (1, 2, 5, 6, 7)},
     "mode without its content": (cut(MODE, 2), "found 0 lines of a data set 55"),
     "mode cut within a node": (cut(MODE, 11), "line 11: found 0 numbers; expected 3"),
     "mode cut within its file": (MODE[:-40], "found the end of the file; expected the delimiter -1"),
@@ -362,40 +312,27 @@ BROKEN = {
     "mode of data type 3": (mode_55(SHAPE, kind=3).encode(), "line 8: found data type 3; expected 2 .real. or 5"),
     "mode of data type 0": (put(MODE, 8, " 1 2 2 8 0 3"), "found data type 0"),
     "mode, real values called complex": (mode_55(SHAPE, kind=5).encode(), "line 12: found 3 numbers; expected 6"),
-    "mode, complex values called real": (
-        mode_55({4: [1j, 2, 0]}, kind=2).encode(),
-        "line 12: found 6 numbers; expected 3",
-    ),
-    "mode, six values called three": (
-        mode_55({4: [1.0] * 6}, per_node=3).encode(),
-        "line 12: found 6 numbers; expected 3",
-    ),
-    "mode, three values called six": (
-        mode_55({4: [1.0] * 3}, per_node=6).encode(),
-        "line 12: found 3 numbers; expected 6",
-    ),
+    "mode, complex values called real":
+        (mode_55({4: [1j, 2, 0]}, kind=2).encode(), "line 12: found 6 numbers; expected 3"),
+    "mode, six values called three":
+        (mode_55({4: [1.0] * 6}, per_node=3).encode(), "line 12: found 6 numbers; expected 3"),
+    "mode, three values called six":
+        (mode_55({4: [1.0] * 3}, per_node=6).encode(), "line 12: found 3 numbers; expected 6"),
     "mode, no counts": (put(MODE, 9, ""), "line 9: found ''; expected 4 whole numbers"),
     "mode, counts in words": (put(MODE, 9, "two four one three"), "line 9: found 'two four"),
     "mode of no parameters": (mode_55(SHAPE, counts=(2, 0, 1, 3)).encode(), "line 9: found 0 real parameters"),
     "mode of a hundred parameters": (mode_55(SHAPE, counts=(2, 100, 1, 3)).encode(), "found 100 real parameters"),
     "mode of negative parameters": (mode_55(SHAPE, counts=(2, -4, 1, 3)).encode(), "found -4 real parameters"),
-    "eigenvalue of one parameter": (
-        mode_55(SHAPE, POLE, analysis=3, counts=(2, 1, 1, 1)).encode(),
-        "found 1 real parameters",
-    ),
-    "mode, fewer parameters than it says": (
-        mode_55(SHAPE, counts=(2, 5, 1, 3)).encode(),
-        "line 10: found 4 numbers; expected 5",
-    ),
-    "mode, more parameters than it says": (
-        mode_55(SHAPE, counts=(2, 3, 1, 3)).encode(),
-        "line 10: found 4 numbers; expected 3",
-    ),
+    "eigenvalue of one parameter":
+        (mode_55(SHAPE, POLE, analysis=3, counts=(2, 1, 1, 1)).encode(), "found 1 real parameters"),
+    "mode, fewer parameters than it says":
+        (mode_55(SHAPE, counts=(2, 5, 1, 3)).encode(), "line 10: found 4 numbers; expected 5"),
+    "mode, more parameters than it says":
+        (mode_55(SHAPE, counts=(2, 3, 1, 3)).encode(), "line 10: found 4 numbers; expected 3"),
     "mode, a word for its frequency": (put(MODE, 10, f"{'fifty':>13}{1:13d}{0:13d}{0:13d}"), "line 10: found 'fifty'"),
-    "mode, a comma for a point": (
-        put(MODE, 10, f"{'52,5':>13}{1:13d}{0:13d}{0:13d}"),
-        "line 10: found '52,5'.*decimal comma|line 10: found '52,5'; expected",
-    ),
+    "mode, a comma for a point":
+        (put(MODE, 10, f"{'52,5':>13}{1:13d}{0:13d}{0:13d}"),
+        "line 10: found '52,5'.*decimal comma|line 10: found '52,5'; expected"),
     "mode, exponents with D": (MODE.replace(b"5.25000E+01", b"5.25000D+01"), "line 10: .*replace D by E"),
     "mode of a negative frequency": (mode_55(SHAPE, (-5.0, 1, 0, 0)).encode(), "line 10: found -5 Hz"),
     "mode of a frequency beyond all": (mode_55(SHAPE, (1e12, 1, 0, 0)).encode(), r"line 10: found 1e\+12 Hz"),
@@ -409,33 +346,25 @@ BROKEN = {
     "mode, a node's number missing": (put(MODE, 11, None), "line 11: found '.*' for a node"),
     "mode, a node's values missing": (put(MODE, 12, None), "line 12: found 1 numbers; expected 3"),
     "mode, a value missing": (put(MODE, 12, f"{1:13d}{2:13d}"), "line 12: found 2 numbers; expected 3"),
-    "mode, text behind its nodes": (
-        MODE.replace(b"\n    -1\n", b"\nend of mode\n    -1\n"),
-        "found 'end of mode' for a node",
-    ),
+    "mode, text behind its nodes":
+        (MODE.replace(b"\n    -1\n", b"\nend of mode\n    -1\n"), "found 'end of mode' for a node"),
     "complex mode, its second line cut": (put(COMPLEX, 12, f"{0:13d}{1:13d}"), "found 2 numbers; expected 6"),
     "mode, corrections in words": (MODE + b"    -1\n 58017\n one two\n    -1\n", "expected 10 whole numbers"),
     "mode, corrections of another count": (MODE + b"    -1\n 58017\n +1 +2\n    -1\n", "found 2 corrections"),
     "units of a file in words": (b"    -1\n   164\nSI\nmetre\n    -1\n" + MODE, "expected factors of length and force"),
     "nothing but nodes": (b"    -1\n  2411\n 1 0 0 11\n    -1\n", "found 1 of the types 2411, and no FRF, time"),
-    "coherence of no numbers": (
-        function_58(np.full(11, 0.5), function=6).encode().replace(b"5.000000000000E-01", b"coherent          ", 1),
-        "found 'coherent",
-    ),
-    "coherence, its count wrong": (
-        function_58(np.full(11, 0.5), function=6, count=13).encode(),
-        "found 11 numbers; expected 13",
-    ),
-    **{
-        f"{n} ID lines more than any header": (function_58(H, ids=("a",) * (5 + n)).encode(), "line 8: found 'a'")
-        for n in (6, 9)
-    },
+    "coherence of no numbers":
+        (function_58(np.full(11, 0.5), function=6).encode().replace(b"5.000000000000E-01", b"coherent          ", 1),
+        "found 'coherent"),
+    "coherence, its count wrong":
+        (function_58(np.full(11, 0.5), function=6, count=13).encode(), "found 11 numbers; expected 13"),
+    **{f"{n} ID lines more than any header":
+        (function_58(H, ids=("a",) * (5 + n)).encode(), "line 8: found 'a'") for n in (6, 9)},
     "an axis of frequency in words": (FUNCTION.replace(b"        18", b"   hertzes"), "found 'hertzes' in columns 1"),
-    "directions beyond rotations, in wide columns": (
-        FUNCTION.replace(f"NONE      {12:10d}{3:4d}".encode(), f"NONE {12:12d} {7:12d}".encode()),
-        "line 8: found directions 7 and 2; expected -6 to 6",
-    ),
-}
+    "directions beyond rotations, in wide columns":
+        (FUNCTION.replace(f"NONE      {12:10d}{3:4d}".encode(), f"NONE {12:12d} {7:12d}".encode()),
+        "line 8: found directions 7 and 2; expected -6 to 6"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", BROKEN)

@@ -230,16 +230,13 @@ REFUSED = {
     "NaN": (lambda: impact_frf(FORCE, replace(MOTION, values=np.full(64, np.nan))), "NaN"),
     "more forces": (lambda: impact_frf([FORCE, FORCE], MOTION), "2 of force and 1 of response"),
     "no response": (lambda: impact_frfs(FORCE, []), "no response"),
-    "no hit kept": (
-        lambda: impact_frf(FORCE, MOTION, ImpactSettings(hits=HitSettings(block_s=1.0))),
-        "no hit to keep among 1 (hit 1:",
-    ),
-    "blocks of two lengths": (
-        lambda: impact_frf(
-            [FORCE, replace(FORCE, values=FORCE.values[:32])], [MOTION, replace(MOTION, values=MOTION.values[:32])]
-        ),
-        "32 to 64 samples",
-    ),
+    "no hit kept":
+        (lambda: impact_frf(FORCE, MOTION, ImpactSettings(hits=HitSettings(block_s=1.0))),
+        "no hit to keep among 1 (hit 1:"),
+    "blocks of two lengths":
+        (lambda:
+        impact_frf([FORCE, replace(FORCE, values=FORCE.values[:32])],
+        [MOTION, replace(MOTION, values=MOTION.values[:32])]), "32 to 64 samples"),
     "empty band": (lambda: impact_frf(FORCE, MOTION, ImpactSettings(f_min_hz=1.0, f_max_hz=2.0)), "no line between"),
     "silent response": (lambda: impact_frf(FORCE, replace(MOTION, values=np.zeros(64))), "found no response"),
     "short shaker": (lambda: shaker_frf(FORCE, MOTION, ShakerSettings(1.0)), "records of at most"),
@@ -247,11 +244,10 @@ REFUSED = {
     "no force": (lambda: sort_by_force([MOTION]), "no force"),
     "a channel twice": (lambda: sort_by_force([FORCE, MOTION, MOTION]), "'a' twice"),
     "two forces at once": (lambda: sort_by_force([FORCE, replace(FORCE, channel="g")]), "'f' and 'g' at once"),
-    "a missing response": (
-        lambda: sort_by_force([replace(FORCE, hit=1), replace(MOTION, hit=1), replace(FORCE, hit=2)]),
-        "no response of 'a' to hit 2",
-    ),
-}
+    "a missing response":
+        (lambda: sort_by_force([replace(FORCE, hit=1), replace(MOTION, hit=1), replace(FORCE, hit=2)]),
+        "no response of 'a' to hit 2"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("broken", "message"), REFUSED.values(), ids=REFUSED)

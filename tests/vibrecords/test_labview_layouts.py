@@ -72,63 +72,47 @@ LVM = {
     "decimal comma": (lvm(["Force", "Tip"], [NONE, A, B], head(["N", "g"]), layout="No", decimal=","), [FORCE, TIP]),
     "no decimal sign stated": (lvm(["Force"], [T, A], head(["N"]), decimal=",", stated=False), [FORCE]),
     "separated by commas": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"]), separator="Comma"), [FORCE, TIP]),
-    "an X column for each, g in each": (
-        lvm(["Force", "Tip", "Base"], [T, A, T, B, T, C], head(["N", "g", "g"]), layout="Multi"),
-        [FORCE, TIP, time("Base", G * C, "acceleration", G)],
-    ),
-    "an X column for each, two clocks": (
-        lvm(["Force", "Tip"], [T, A, 2 * T[:8], B[:8]], head(["N", "g"]), layout="Multi"),
-        [FORCE, time("Tip", G * B[:8], "acceleration", G, rate=1024.0)],
-    ),
+    "an X column for each, g in each":
+        (lvm(["Force", "Tip", "Base"], [T, A, T, B, T, C], head(["N", "g", "g"]), layout="Multi"),
+        [FORCE, TIP, time("Base", G * C, "acceleration", G)]),
+    "an X column for each, two clocks":
+        (lvm(["Force", "Tip"], [T, A, 2 * T[:8], B[:8]], head(["N", "g"]), layout="Multi"),
+        [FORCE, time("Tip", G * B[:8], "acceleration", G, rate=1024.0)]),
     "comments": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"]), comment="LOST_1"), [FORCE, TIP]),
-    "two blocks under one header": (
-        lvm(["Force"], [NONE * 2, np.tile(A, 2)], head(["N"]), layout="No"),
-        [time("Force", A, "force", hit=1), time("Force", A, "force", hit=2)],
-    ),
-    "two blocks, X begins again": (
-        lvm(["Force"], [np.tile(T, 2), np.tile(A, 2)], head(["N"])),
-        [time("Force", A, "force", hit=1), time("Force", A, "force", hit=2)],
-    ),
-    "two blocks apart": (
-        lvm(["Force"], [T, A], head(["N"]))
-        + "".join(f"{t!r}\t{b!r}\n" for t, b in zip(T.tolist(), B.tolist(), strict=True)),
-        [time("Force", A, "force", hit=1), time("Force", B, "force", hit=2)],
-    ),
-    "two segments": (
-        lvm(["Force"], [T, A], head(["N"])) + segment(["Force"], [T, B], head(["N"])),
-        [time("Force", A, "force", hit=1), time("Force", B, "force", hit=2)],
-    ),
-    "X goes on": (
-        lvm(["Force"], [np.arange(32) / 2048, np.tile(A, 2)], head(["N"])),
-        [time("Force", np.tile(A, 2), "force")],
-    ),
+    "two blocks under one header":
+        (lvm(["Force"], [NONE * 2, np.tile(A, 2)], head(["N"]), layout="No"),
+        [time("Force", A, "force", hit=1), time("Force", A, "force", hit=2)]),
+    "two blocks, X begins again":
+        (lvm(["Force"], [np.tile(T, 2), np.tile(A, 2)], head(["N"])),
+        [time("Force", A, "force", hit=1), time("Force", A, "force", hit=2)]),
+    "two blocks apart":
+        (lvm(["Force"], [T, A], head(["N"])) + "".join(f"{t!r}\t{b!r}\n" for t,
+        b in zip(T.tolist(), B.tolist(), strict=True)),
+        [time("Force", A, "force", hit=1), time("Force", B, "force", hit=2)]),
+    "two segments":
+        (lvm(["Force"], [T, A], head(["N"])) + segment(["Force"], [T, B], head(["N"])),
+        [time("Force", A, "force", hit=1), time("Force", B, "force", hit=2)]),
+    "X goes on":
+        (lvm(["Force"], [np.arange(32) / 2048, np.tile(A, 2)], head(["N"])), [time("Force", np.tile(A, 2), "force")]),
     "a count that is too high": (lvm(["Force"], [T, A], head(["N"], samples=51200)), [FORCE]),
     "a count that fits no blocks": (lvm(["Force"], [NONE, A], head(["N"], samples=9), layout="No"), [FORCE]),
     "empty channels": (lvm(["Force", "Untitled", "Tip"], [T, A, NONE, B], head(["N", "", "g"])), [FORCE, TIP]),
-    "a shorter channel": (
-        lvm(["Force", "Tip"], [T, A, B[:9]], head(["N", "g"])),
-        [FORCE, time("Tip", np.append(G * B[:9], [np.nan] * 7), "acceleration", G)],
-    ),
-    "a slow channel": (
-        lvm(["Force", "Flow"], [T, A, [1.0 if i % 4 == 0 else None for i in range(16)]], head(["N", "g"])),
-        [FORCE],
-    ),
-    "a special block": (
-        lvm(["Force"], [T, A], head(["N"])).replace(
-            "Channels", "***Start_Special***\nfree\ttext\n***End_Special***\nChannels"
-        ),
-        [FORCE],
-    ),
-    "a spectrum in dB": (
-        lvm(["Tip - FFT - (RMS)"], [F, A[:12]], head(["dB"], 12, 20.0, 2.5)),
-        [spectrum("Tip - FFT - (RMS)", A[:12], "FFT, RMS")],
-    ),
-    "an FRF": (
-        lvm(["Real A / B", "Imaginary A / B"], [F, H.real, H.imag], head(["m/s^2/N"] * 2, 12, 20.0, 2.5, "Frequency")),
-        [frf("A", "B", quantity="accelerance")],
-    ),
+    "a shorter channel":
+        (lvm(["Force", "Tip"], [T, A, B[:9]], head(["N", "g"])),
+        [FORCE, time("Tip", np.append(G * B[:9], [np.nan] * 7), "acceleration", G)]),
+    "a slow channel":
+        (lvm(["Force", "Flow"], [T, A, [1.0 if i % 4 == 0 else None for i in range(16)]], head(["N", "g"])), [FORCE]),
+    "a special block":
+        (lvm(["Force"], [T, A], head(["N"])).replace("Channels",
+        "***Start_Special***\nfree\ttext\n***End_Special***\nChannels"), [FORCE]),
+    "a spectrum in dB":
+        (lvm(["Tip - FFT - (RMS)"], [F, A[:12]], head(["dB"], 12, 20.0, 2.5)),
+        [spectrum("Tip - FFT - (RMS)", A[:12], "FFT, RMS")]),
+    "an FRF":
+        (lvm(["Real A / B", "Imaginary A / B"], [F, H.real, H.imag], head(["m/s^2/N"] * 2, 12, 20.0, 2.5, "Frequency")),
+        [frf("A", "B", quantity="accelerance")]),
     "CR LF": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"])).replace("\n", "\r\n"), [FORCE, TIP]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", LVM)
@@ -195,41 +179,25 @@ def clock(unit="", step=STEP, **more):
 
 TDMS = {
     "waveforms": ({"Test": [("Force", A, clock("N")), ("Tip", B, clock("g"))]}, [FORCE, TIP]),
-    "groups of the same channels": (
-        {"Hit 1": [("Force", A, clock("N"))], "Hit 2": [("Force", B, clock("N"))]},
-        [time("Force", A, "force", hit=1), time("Force", B, "force", hit=2)],
-    ),
+    "groups of the same channels":
+        ({"Hit 1": [("Force", A, clock("N"))], "Hit 2": [("Force", B, clock("N"))]},
+        [time("Force", A, "force", hit=1), time("Force", B, "force", hit=2)]),
     "a channel of time": ({"Test": [("Time", T, {}), ("Force", A, {"NI_UnitDescription": "Newtons"})]}, [FORCE]),
-    "two clocks": (
-        {"Test": [("Force", A, clock("N")), ("Tip", B[:8], clock("g", 2 * STEP))]},
-        [FORCE, time("Tip", G * B[:8], "acceleration", G, rate=1024.0)],
-    ),
-    "a complex FRF": (
-        {"FRF": [("tip / hammer", H, clock("m/s", 2.5, wf_start_offset=20.0, wf_xunit_string="Hz"))]},
-        [frf("tip", "hammer", factor=None)],
-    ),
-    "whole numbers with a scale": (
-        {
-            "Test": [
-                (
-                    "Force",
-                    np.arange(16, dtype=np.int16),
-                    clock("N")
-                    | {
-                        "NI_Number_Of_Scales": np.uint32(1),
-                        "NI_Scaling_Status": "unscaled",
-                        "NI_Scale[0]_Scale_Type": "Linear",
-                        "NI_Scale[0]_Linear_Slope": 0.5,
-                        "NI_Scale[0]_Linear_Y_Intercept": 1.0,
-                        "NI_Scale[0]_Linear_Input_Source": np.uint32(0xFFFFFFFF),
-                    },
-                )
-            ]
-        },
-        [time("Force", 1 + 0.5 * np.arange(16), "force")],
-    ),
+    "two clocks":
+        ({"Test": [("Force", A, clock("N")), ("Tip", B[:8], clock("g", 2 * STEP))]},
+        [FORCE, time("Tip", G * B[:8], "acceleration", G, rate=1024.0)]),
+    "a complex FRF":
+        ({"FRF": [("tip / hammer", H, clock("m/s", 2.5, wf_start_offset=20.0, wf_xunit_string="Hz"))]},
+        [frf("tip", "hammer", factor=None)]),
+    "whole numbers with a scale":
+        ({"Test":
+        [("Force", np.arange(16, dtype=np.int16),
+        clock("N") | {"NI_Number_Of_Scales": np.uint32(1), "NI_Scaling_Status": "unscaled", "NI_Scale[0]_Scale_Type":
+        "Linear", "NI_Scale[0]_Linear_Slope": 0.5, "NI_Scale[0]_Linear_Y_Intercept": 1.0,
+        "NI_Scale[0]_Linear_Input_Source": np.uint32(0xFFFFFFFF)})]},
+        [time("Force", 1 + 0.5 * np.arange(16), "force")]),
     "volts": ({"Test": [("ai0", A, clock("V"))]}, [time("ai0", A, factor=None)]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", TDMS)

@@ -82,36 +82,29 @@ TABLES = {
     # OpenModal: modaldata.py, export_to_csv writes frq, amp_real and amp_imag of each measurement
     "OpenModal": ("frq,amp_real,amp_imag\n" + rows(F, H.real, H.imag), [frf("amp")]),
     # Data Physics SignalCalc, ASCII export: names, blank, "Units:", units (as ModeLAB's read_signalcalc has it)
-    "SignalCalc, one channel": (
-        SIGNALCALC
-        + "Frequency\tReal\tImaginary\n\nUnits:\nHz\t(m/s2)(N)\t\n\n"
-        + rows(F, H.real, H.imag, delimiter="\t"),
-        [frf(**ACC)],
-    ),
+    "SignalCalc, one channel":
+        (SIGNALCALC + "Frequency\tReal\tImaginary\n\nUnits:\nHz\t(m/s2)(N)\t\n\n" + rows(F, H.real, H.imag,
+        delimiter="\t"), [frf(**ACC)]),
     "SignalCalc, several channels": (
         "Data written for Mobilyzer\n\n\tH1,2\t\tH1,3\t\nFrequency\tReal\tImag\tReal\tImag\n\nUnits:\n"
         "Hz\tg/N\t\tg/N\t\n\n" + rows(F, H.real, H.imag, H2.real, H2.imag, delimiter="\t"),
         [frf("H1,2", values=G * H, factor=G, **ACC), frf("H1,3", values=G * H2, factor=G, **ACC)],
     ),
-    "SignalCalc, magnitude": (
-        SIGNALCALC + "Frequency\tMagnitude\tPhase\n\nUnits:\nHz\t(m/s)(N)\tdeg\n\n" + rows(F, M, P, delimiter="\t"),
-        [frf(quantity="mobility")],
-    ),
-    "SignalCalc, time": (
-        SIGNALCALC + "Time\tReal\n\nUnits:\nsec\tm/s2\n\n" + rows(T, A, delimiter="\t"),
-        [time("Real", A, "acceleration")],
-    ),
+    "SignalCalc, magnitude":
+        (SIGNALCALC + "Frequency\tMagnitude\tPhase\n\nUnits:\nHz\t(m/s)(N)\tdeg\n\n" + rows(F, M, P, delimiter="\t"),
+        [frf(quantity="mobility")]),
+    "SignalCalc, time":
+        (SIGNALCALC + "Time\tReal\n\nUnits:\nsec\tm/s2\n\n" + rows(T, A, delimiter="\t"),
+        [time("Real", A, "acceleration")]),
     "SignalCalc, autospectrum": (
         "Data written for Mobilyzer\n\n\tG1,1 autospectrum\nFrequency\tReal\n\nUnits:\nHz\t(m/s2)^2/Hz\n\n"
         + rows(F, M, delimiter="\t"),
         [spectrum("G1,1 autospectrum Real", M, "autospectrum")],
     ),
     # CutPro: the first row carries names and units behind its numbers
-    "CutPro": (
-        rows(F[:1], H.real[:1], H.imag[:1], delimiter="\t", end="\tFreq\tHz\tReal\tm/N\tImag\tReal\t\n")
-        + rows(F[1:], H.real[1:], H.imag[1:], delimiter="\t", end="\t\n"),
-        [frf(quantity="receptance")],
-    ),
+    "CutPro":
+        (rows(F[:1], H.real[:1], H.imag[:1], delimiter="\t", end="\tFreq\tHz\tReal\tm/N\tImag\tReal\t\n") + rows(F[1:],
+        H.real[1:], H.imag[1:], delimiter="\t", end="\t\n"), [frf(quantity="receptance")]),
     "CutPro, numbers alone": (rows(F, H.real, H.imag, delimiter="\t"), [frf("output 1")]),
     # pyqtgraph, exporters/CSVExporter: (x,y) per plot
     "pyqtgraph": ("x0000,y0000\n" + rows(T, A, delimiter=", ", end=",\n"), [time("y0000", A)]),
@@ -128,11 +121,9 @@ TABLES = {
         [time("CH1", A, factor=None), time("CH2", B, factor=None)],
     ),
     # Rigol DS1000Z user's guide: CSV of one channel
-    "Rigol": (
-        "X,CH1,Start,Increment,\nSequence,Volt,-1.953125e-3,4.8828125e-4,\n"
-        + "".join(f"{i},{a!r},\n" for i, a in enumerate(A.tolist())),
-        [time("CH1", A, factor=None)],
-    ),
+    "Rigol":
+        ("X,CH1,Start,Increment,\nSequence,Volt,-1.953125e-3,4.8828125e-4,\n" + "".join(f"{i},{a!r},\n" for i,
+        a in enumerate(A.tolist())), [time("CH1", A, factor=None)]),
     "Rigol, empty fields": (
         "X,CH1,CH2,Start,Increment\nSequence,Volt,Volt,0,4.8828125e-4\n"
         + "".join(f"{i},{a!r},{b!r},,\n" for i, (a, b) in enumerate(zip(A.tolist(), B.tolist(), strict=True))),
@@ -163,14 +154,12 @@ TABLES = {
         [time("Channel A", A, "force"), time("Channel B", G * B, "acceleration", G)],
     ),
     # Ansys Twin Builder, CSV file format
-    "Twin Builder, complex": (
-        '"f [kHz]","Re(y1)[m/N]","Im(y1)[m/N]"\n' + rows(F / 1000, H.real, H.imag),
-        [frf("y1", quantity="receptance")],
-    ),
-    "Twin Builder, polar": (
-        '"f [Hz]","Abs(y1)[mm/N]","Phi(y1)[rad]"\n' + rows(F, M, np.angle(H)),
-        [frf("y1", values=1e-3 * H, quantity="receptance", factor=1e-3)],
-    ),
+    "Twin Builder, complex":
+        ('"f [kHz]","Re(y1)[m/N]","Im(y1)[m/N]"\n' + rows(F / 1000, H.real, H.imag),
+        [frf("y1", quantity="receptance")]),
+    "Twin Builder, polar":
+        ('"f [Hz]","Abs(y1)[mm/N]","Phi(y1)[rad]"\n' + rows(F, M, np.angle(H)),
+        [frf("y1", values=1e-3 * H, quantity="receptance", factor=1e-3)]),
     "Twin Builder, time": (
         '"Time [ms]", "R1.F [kN]", "M1.A [g]"\n' + rows(1e3 * T, A, B),
         [time("R1.F", 1e3 * A, "force", 1e3), time("M1.A", G * B, "acceleration", G)],
@@ -193,48 +182,35 @@ TABLES = {
         [frf(values=G * H, factor=G, **ACC)],
     ),
     # Brüel & Kjær: lines with their number, decibels and degrees
-    "lines, decibels": (
-        "Line\tFrequency [Hz]\tMagnitude [dB re 1e-6 m/s²/N]\tPhase [deg]\n"
-        + rows(np.arange(12), F, 20 * np.log10(M) + 120, P, delimiter="\t"),
-        [frf(**ACC)],
-    ),
-    "German": (
-        "Messung;12\nFrequenz [Hz];Realteil A / B [m/s²/N];Imaginärteil A / B [m/s²/N];Kohärenz A / B\n"
-        + rows(F, H.real, H.imag, G2, delimiter=";", decimal=","),
-        [frf("A", "B", coherence=G2, **ACC)],
-    ),
-    "German, Latin-1": (
-        ("Frequenz in Hz;Betrag H21 [m/s/N];Phase H21 [°]\n" + rows(F, M, P, delimiter=";", decimal=",")).encode(
-            "latin-1"
-        ),
-        [frf("H21", quantity="mobility")],
-    ),
-    "German, time": (
-        "Zeit in s;Kraft in N;Beschleunigung in m/s²\n" + rows(T, A, B, delimiter=";", decimal=","),
-        [time("Kraft", A, "force"), time("Beschleunigung", B, "acceleration")],
-    ),
-    "French": (
-        "Fréquence (Hz)\tPartie réelle (m/N)\tPartie imaginaire (m/N)\tCohérence\n"
-        + rows(F, H.real, H.imag, G2, delimiter="\t", decimal=","),
-        [frf(quantity="receptance", coherence=G2)],
-    ),
-    "French, polar": (
-        "Fréquence (Hz);Module (g/N);Phase (deg)\n" + rows(F, M, P, delimiter=";", decimal=","),
-        [frf(values=G * H, factor=G, **ACC)],
-    ),
+    "lines, decibels":
+        ("Line\tFrequency [Hz]\tMagnitude [dB re 1e-6 m/s²/N]\tPhase [deg]\n" + rows(np.arange(12), F,
+        20 * np.log10(M) + 120, P, delimiter="\t"), [frf(**ACC)]),
+    "German":
+        ("Messung;12\nFrequenz [Hz];Realteil A / B [m/s²/N];Imaginärteil A / B [m/s²/N];Kohärenz A / B\n" + rows(F,
+        H.real, H.imag, G2, delimiter=";", decimal=","), [frf("A", "B", coherence=G2, **ACC)]),
+    "German, Latin-1":
+        (("Frequenz in Hz;Betrag H21 [m/s/N];Phase H21 [°]\n" + rows(F, M, P, delimiter=";",
+        decimal=",")).encode("latin-1"), [frf("H21", quantity="mobility")]),
+    "German, time":
+        ("Zeit in s;Kraft in N;Beschleunigung in m/s²\n" + rows(T, A, B, delimiter=";", decimal=","),
+        [time("Kraft", A, "force"), time("Beschleunigung", B, "acceleration")]),
+    "French":
+        ("Fréquence (Hz)\tPartie réelle (m/N)\tPartie imaginaire (m/N)\tCohérence\n" + rows(F, H.real, H.imag, G2,
+        delimiter="\t", decimal=","), [frf(quantity="receptance", coherence=G2)]),
+    "French, polar":
+        ("Fréquence (Hz);Module (g/N);Phase (deg)\n" + rows(F, M, P, delimiter=";", decimal=","),
+        [frf(values=G * H, factor=G, **ACC)]),
     "French, time": (
         "Temps (ms)\tForce (N)\tAccélération (g)\n" + rows(1e3 * T, A, B, delimiter="\t", decimal=","),
         [time("Force", A, "force"), time("Accélération", G * B, "acceleration", G)],
     ),
     # Excel: "Unicode text" is UTF-16 with tabs; text for the Macintosh ends lines with CR
-    "UTF-16": (
-        ("Frequency [Hz]\tReal [m/s²/N]\tImag [m/s²/N]\n" + rows(F, H.real, H.imag, delimiter="\t")).encode("utf-16"),
-        [frf(**ACC)],
-    ),
-    "UTF-16, big end first": (
-        ("\ufefft [s];F [N]\r\n" + rows(T, A, delimiter=";", end="\r\n")).encode("utf-16-be"),
-        [time("F", A, "force")],
-    ),
+    "UTF-16":
+        (("Frequency [Hz]\tReal [m/s²/N]\tImag [m/s²/N]\n" + rows(F, H.real, H.imag, delimiter="\t")).encode("utf-16"),
+        [frf(**ACC)]),
+    "UTF-16, big end first":
+        (("\ufefft [s];F [N]\r\n" + rows(T, A, delimiter=";", end="\r\n")).encode("utf-16-be"),
+        [time("F", A, "force")]),
     "CR": ("Hz,Real,Imag\r" + rows(F, H.real, H.imag, end="\r"), [frf()]),
     "Excel, sep=": ("sep=;\nf/Hz;Re;Im\n" + rows(F, H.real, H.imag, delimiter=";"), [frf()]),
     # pandas, DataFrame.to_csv with its index; NumPy, savetxt with a header
@@ -245,31 +221,25 @@ TABLES = {
         [time("Force", A, "force")],
     ),
     # National Instruments DIAdem and catman: names, then a row of units, each channel with its own time
-    "an axis for each channel": (
-        "Time\tForce\tTime\tTip\ns\tN\tms\tg\n" + rows(T, A, 1e3 * T[:8], B[:8], delimiter="\t"),
-        [time("Force", A, "force"), time("Tip", G * B[:8], "acceleration", G)],
-    ),
-    "coherence alone": (
-        "Frequency [Hz],Coherence tip / hammer\n" + rows(F, G2),
-        [("coherence", "tip", "hammer", F, G2)],
-    ),
-    "a marker and an empty column": (
-        "Time [s],Marker,Force [N],Spare,Tip [g]\n" + rows(T, np.zeros(16), A, [None] * 16, B),
-        [time("Force", A, "force"), time("Tip", G * B, "acceleration", G)],
-    ),
+    "an axis for each channel":
+        ("Time\tForce\tTime\tTip\ns\tN\tms\tg\n" + rows(T, A, 1e3 * T[:8], B[:8], delimiter="\t"),
+        [time("Force", A, "force"), time("Tip", G * B[:8], "acceleration", G)]),
+    "coherence alone":
+        ("Frequency [Hz],Coherence tip / hammer\n" + rows(F, G2), [("coherence", "tip", "hammer", F, G2)]),
+    "a marker and an empty column":
+        ("Time [s],Marker,Force [N],Spare,Tip [g]\n" + rows(T, np.zeros(16), A, [None] * 16, B),
+        [time("Force", A, "force"), time("Tip", G * B, "acceleration", G)]),
     "time without a header": (rows(T, A, B), [time("column 2", A), time("column 3", B)]),
-    "time without a header, 51.2 kHz": (
-        rows(np.arange(16) / 51200, A, B, C, delimiter=";"),
-        [time(f"column {i}", x, rate=51200.0) for i, x in ((2, A), (3, B), (4, C))],
-    ),
+    "time without a header, 51.2 kHz":
+        (rows(np.arange(16) / 51200, A, B, C, delimiter=";"),
+        [time(f"column {i}", x, rate=51200.0) for i, x in ((2, A), (3, B), (4, C))]),
     "time without a header, two columns": (rows(np.arange(16) / 200, A), [time("column 2", A, rate=200.0)]),
     "rows counted, without a header": (rows(np.arange(1, 17), T, A), [time("column 3", A)]),
-    "power spectral density": (
-        "Frequency (Hz),Tip (g²/Hz),PSD hammer (N^2/Hz)\n" + rows(F, G2, M),
-        [spectrum("Tip", G2, "spectrum"), spectrum("PSD hammer", M, "PSD")],
-    ),
+    "power spectral density":
+        ("Frequency (Hz),Tip (g²/Hz),PSD hammer (N^2/Hz)\n" + rows(F, G2, M),
+        [spectrum("Tip", G2, "spectrum"), spectrum("PSD hammer", M, "PSD")]),
     "one sensor over frequency": ("Frequency (Hz),Tip (g)\n" + rows(F, M), [spectrum("Tip", M, "spectrum")]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", TABLES)

@@ -95,25 +95,16 @@ def delayed(found):
 
 #: Warning, quantity of the clean file, and what makes a file of it that must raise the warning.
 BROKEN = {
-    "mobility called accelerance": (
-        "quantity_phase",
-        "mobility",
-        first(quantity="accelerance", unit=UNITS["accelerance"]),
-    ),
-    "transfer mobility called receptance": (
-        "quantity_phase",
-        "mobility",
-        lambda r: [replace(r[1], quantity="receptance", unit=UNITS["receptance"])],
-    ),
+    "mobility called accelerance":
+        ("quantity_phase", "mobility", first(quantity="accelerance", unit=UNITS["accelerance"])),
+    "transfer mobility called receptance":
+        ("quantity_phase", "mobility", lambda r: [replace(r[1], quantity="receptance", unit=UNITS["receptance"])]),
     "sign of accelerance": ("sign_flip", "accelerance", lambda r: [times(r[0], -1)]),
     "sign of mobility": ("sign_flip", "mobility", lambda r: [times(r[3], -1)]),
     "sign of receptance": ("sign_flip", "receptance", lambda r: [times(r[0], -1)]),
     "direction against the label": ("sign_flip", "accelerance", first(response="Point:1:Z-")),
-    "receptance called accelerance": (
-        "sign_flip",
-        "receptance",
-        first(quantity="accelerance", unit=UNITS["accelerance"]),
-    ),
+    "receptance called accelerance":
+        ("sign_flip", "receptance", first(quantity="accelerance", unit=UNITS["accelerance"])),
     "conjugated accelerance": ("conjugated", "accelerance", lambda r: conjugates(r)),
     "conjugated mobility": ("conjugated", "mobility", lambda r: conjugates(r)),
     "conjugated receptance": ("conjugated", "receptance", lambda r: conjugates(r)),
@@ -123,11 +114,8 @@ BROKEN = {
     "sign of a transfer": ("reciprocity", "accelerance", lambda r: [r[1], times(r[2], -1)]),
     "another sensitivity": ("reciprocity", "accelerance", lambda r: [r[1], times(r[2], 1.5)]),
     "another place": ("reciprocity", "accelerance", lambda r: [r[1], replace(r[3], response="Point:1:Z+")]),
-    "repeat of another place": (
-        "repeats_differ",
-        "accelerance",
-        lambda r: [r[0], replace(r[1], response="Point:1:Z+")],
-    ),
+    "repeat of another place":
+        ("repeats_differ", "accelerance", lambda r: [r[0], replace(r[1], response="Point:1:Z+")]),
     "drive point beside the force": ("not_passive", "accelerance", lambda r: [replace(r[1], response="Point:1:Z+")]),
     "delay": ("not_passive", "accelerance", delayed),
     "antiresonance": ("antiresonance_missing", "accelerance", lambda r: [replace(r[1], response="Point:1:Z+")]),
@@ -139,16 +127,13 @@ BROKEN = {
     "a line left out": ("uneven_lines", "accelerance", lines_kept(gap(LINES.size))),
     "lines doubled": ("lines_out_of_order", "accelerance", lines_kept(np.sort(np.r_[np.arange(LINES.size), 7]))),
     "axis in rad/s": ("rad_per_s", "accelerance", each(frequency_hz=2 * np.pi * LINES)),
-    "axis in rad/s, single precision": (
-        "rad_per_s",
-        "accelerance",
-        each(frequency_hz=(2 * np.pi * LINES).astype(np.float32)),
-    ),
+    "axis in rad/s, single precision":
+        ("rad_per_s", "accelerance", each(frequency_hz=(2 * np.pi * LINES).astype(np.float32))),
     "g in one of two transfers": ("g_against_ms2", "accelerance", lambda r: [times(r[1], 1 / 9.80665), r[2]]),
     "g in a repeat": ("g_against_ms2", "accelerance", lambda r: [r[0], times(r[0], 9.80665)]),
     "NaN": ("not_finite", "accelerance", with_values(5, np.nan)),
     "zeros": ("zero_lines", "accelerance", with_values(slice(3), 0.0)),
-}
+}  # fmt: skip
 
 
 def keys(found, **more):
