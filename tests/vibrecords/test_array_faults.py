@@ -232,17 +232,14 @@ def test_two_readings_are_refused_and_a_layout_decides(tmp_path, name, form):
     require(list(iter_records(tmp_path / "a", layout)), expected)
 
 
-@pytest.mark.parametrize(
-    ("layout", "expected"),
-    [
-        ({"frf": "HH"}, "[data.layout] frf: found no variable 'HH'; expected one of 'freq', 'run.H', 'run.f'"),
-        ({"frf": "run.HH"}, "did you mean 'run.H'?"),
-        ({"frf": "H(:,9)"}, "expected a column or row of it, counted from 1; correct the number"),
-        ({"axis": "time"}, "[data.layout]: found 'axis' for a file of arrays; expected one of frequency_hz"),
-        ({"f_start_hz": "ten", "f_step_hz": "1"}, "f_start_hz: found no variable 'ten'"),
-        ({"frf": "freq"}, "variable 'freq': found real numbers"),
-    ],
-)
+@pytest.mark.parametrize(("layout", "expected"), [
+    ({"frf": "HH"}, "[data.layout] frf: found no variable 'HH'; expected one of 'freq', 'run.H', 'run.f'"),
+    ({"frf": "run.HH"}, "did you mean 'run.H'?"),
+    ({"frf": "H(:,9)"}, "expected a column or row of it, counted from 1; correct the number"),
+    ({"axis": "time"}, "[data.layout]: found 'axis' for a file of arrays; expected one of frequency_hz"),
+    ({"f_start_hz": "ten", "f_step_hz": "1"}, "f_start_hz: found no variable 'ten'"),
+    ({"frf": "freq"}, "variable 'freq': found real numbers"),
+])  # fmt: skip
 def test_layouts_that_do_not_fit_are_told(tmp_path, layout, expected):
     assert expected in refusal(tmp_path / "a", {"run": {"H": H, "f": F}, "freq": F}, layout=layout)
 

@@ -26,27 +26,24 @@ def history(unit):
     return TimeRecord("acc", 100.0, values, quantity or "unknown", unit, notes=tuple(notes), factor=factor)
 
 
-@pytest.mark.parametrize(
-    ("unit", "response", "force", "factor", "quantity"),
-    [
-        # the file says nothing, says it in words nobody knows, or is wrong
-        ("", {"unit": "g"}, {}, G, "accelerance"),
-        ("", {"unit": "mm/s"}, {"unit": "lbf"}, 1e-3 / LBF, "mobility"),
-        ("", {}, {"unit": "kN", "quantity": "force"}, 1e-3, None),
-        ("EU/EU", {"unit": "um"}, {"unit": "N"}, 1e-6, "receptance"),
-        ("EU/N", {"unit": "g"}, {}, G, "accelerance"),
-        ("(m/s^2)/EU", {}, {"unit": "lbf"}, 1 / LBF, "accelerance"),
-        ("(m/s²)/N", {"unit": "g"}, {}, G, "accelerance"),
-        ("g/N", {}, {"unit": "lbf"}, G / LBF, "accelerance"),
-        ("m/s^2/N", {"unit": "ips"}, {}, 0.0254, "mobility"),
-        # volts with a sensitivity in volts for each unit
-        ("(m/s^2)/V", {}, {"unit": "N", "sensitivity": 0.0112}, 0.0112, "accelerance"),
-        ("g/mV", {}, {"unit": "lbf", "sensitivity": 0.05}, G / (1e-3 / 0.05 * LBF), "accelerance"),
-        ("V/N", {"unit": "g", "sensitivity": 0.1}, {}, G / 0.1, "accelerance"),
-        ("V/V", {"unit": "g", "sensitivity": 0.1}, {"unit": "N", "sensitivity": 0.01}, G / 0.1 * 0.01, "accelerance"),
-        ("", {"unit": "g", "sensitivity": 0.1}, {"unit": "N", "sensitivity": 0.01}, G / 0.1 * 0.01, "accelerance"),
-    ],
-)
+@pytest.mark.parametrize(("unit", "response", "force", "factor", "quantity"), [
+    # the file says nothing, says it in words nobody knows, or is wrong
+    ("", {"unit": "g"}, {}, G, "accelerance"),
+    ("", {"unit": "mm/s"}, {"unit": "lbf"}, 1e-3 / LBF, "mobility"),
+    ("", {}, {"unit": "kN", "quantity": "force"}, 1e-3, None),
+    ("EU/EU", {"unit": "um"}, {"unit": "N"}, 1e-6, "receptance"),
+    ("EU/N", {"unit": "g"}, {}, G, "accelerance"),
+    ("(m/s^2)/EU", {}, {"unit": "lbf"}, 1 / LBF, "accelerance"),
+    ("(m/s²)/N", {"unit": "g"}, {}, G, "accelerance"),
+    ("g/N", {}, {"unit": "lbf"}, G / LBF, "accelerance"),
+    ("m/s^2/N", {"unit": "ips"}, {}, 0.0254, "mobility"),
+    # volts with a sensitivity in volts for each unit
+    ("(m/s^2)/V", {}, {"unit": "N", "sensitivity": 0.0112}, 0.0112, "accelerance"),
+    ("g/mV", {}, {"unit": "lbf", "sensitivity": 0.05}, G / (1e-3 / 0.05 * LBF), "accelerance"),
+    ("V/N", {"unit": "g", "sensitivity": 0.1}, {}, G / 0.1, "accelerance"),
+    ("V/V", {"unit": "g", "sensitivity": 0.1}, {"unit": "N", "sensitivity": 0.01}, G / 0.1 * 0.01, "accelerance"),
+    ("", {"unit": "g", "sensitivity": 0.1}, {"unit": "N", "sensitivity": 0.01}, G / 0.1 * 0.01, "accelerance"),
+])  # fmt: skip
 def test_an_frf_has_the_units_that_the_case_states(unit, response, force, factor, quantity):
     record = restate_frf(frf(unit), ChannelUnit(**response), ChannelUnit(**force))
     np.testing.assert_allclose(record.values, factor * AS_WRITTEN, rtol=1e-12)
@@ -56,18 +53,15 @@ def test_an_frf_has_the_units_that_the_case_states(unit, response, force, factor
     assert any("as the case states" in note for note in record.notes)
 
 
-@pytest.mark.parametrize(
-    ("unit", "stated", "factor", "quantity"),
-    [
-        ("", {"unit": "g"}, G, "acceleration"),
-        ("EU", {"unit": "lbf"}, LBF, "force"),
-        ("m/s^2", {"unit": "g"}, G, "acceleration"),
-        ("mV", {"unit": "g", "sensitivity": 0.1}, G * 1e-3 / 0.1, "acceleration"),
-        ("V", {"unit": "N", "sensitivity": 0.0023}, 1 / 0.0023, "force"),
-        ("", {"quantity": "force"}, 1.0, "force"),
-        ("g", {"quantity": "acceleration"}, G, "acceleration"),
-    ],
-)
+@pytest.mark.parametrize(("unit", "stated", "factor", "quantity"), [
+    ("", {"unit": "g"}, G, "acceleration"),
+    ("EU", {"unit": "lbf"}, LBF, "force"),
+    ("m/s^2", {"unit": "g"}, G, "acceleration"),
+    ("mV", {"unit": "g", "sensitivity": 0.1}, G * 1e-3 / 0.1, "acceleration"),
+    ("V", {"unit": "N", "sensitivity": 0.0023}, 1 / 0.0023, "force"),
+    ("", {"quantity": "force"}, 1.0, "force"),
+    ("g", {"quantity": "acceleration"}, G, "acceleration"),
+])  # fmt: skip
 def test_a_time_history_has_the_unit_that_the_case_states(unit, stated, factor, quantity):
     record = restate_history(history(unit), ChannelUnit(**stated))
     np.testing.assert_allclose(record.values, factor * AS_WRITTEN.real, rtol=1e-12)
@@ -79,17 +73,14 @@ def test_nothing_stated_changes_nothing():
     assert restate_frf(record, AS_THE_FILE_SAYS, AS_THE_FILE_SAYS) is record
 
 
-@pytest.mark.parametrize(
-    ("unit", "response", "force", "message"),
-    [
-        ("EU/EU", {"unit": "g"}, {}, r"found the unit 'EU', which is none of a force or motion"),
-        ("EU/N", {}, {"unit": "lbf"}, r"found the unit 'EU', which is none of a force or motion"),
-        ("g/N", {"unit": "g", "sensitivity": 0.1}, {}, r"found the unit 'g' and a sensitivity; expected volts"),
-        ("g/N", {"quantity": "velocity"}, {}, r'found acceleration by the unit .g. and quantity = "velocity"'),
-        ("", {"unit": "N"}, {}, r"found force over a force; expected a motion over a force"),
-        ("", {"unit": "g"}, {"unit": "mm"}, r"found acceleration over displacement"),
-    ],
-)
+@pytest.mark.parametrize(("unit", "response", "force", "message"), [
+    ("EU/EU", {"unit": "g"}, {}, r"found the unit 'EU', which is none of a force or motion"),
+    ("EU/N", {}, {"unit": "lbf"}, r"found the unit 'EU', which is none of a force or motion"),
+    ("g/N", {"unit": "g", "sensitivity": 0.1}, {}, r"found the unit 'g' and a sensitivity; expected volts"),
+    ("g/N", {"quantity": "velocity"}, {}, r'found acceleration by the unit .g. and quantity = "velocity"'),
+    ("", {"unit": "N"}, {}, r"found force over a force; expected a motion over a force"),
+    ("", {"unit": "g"}, {"unit": "mm"}, r"found acceleration over displacement"),
+])  # fmt: skip
 def test_what_does_not_fit_is_refused(unit, response, force, message):
     with pytest.raises(MeasurementError, match=message) as error:
         restate_frf(frf(unit), ChannelUnit(**response), ChannelUnit(**force))
@@ -114,14 +105,11 @@ def test_a_coherence_of_a_file_of_its_own_goes_to_its_frf(first, labels):
     assert (record.averages, record.notes[-1]) == (7, "coherence taken from coh.mat")
 
 
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        ([coherence(lines=LINES[:2])], "found a coherence of 2 lines that are not the 3 of the FRF in set 1"),
-        ([coherence(lines=LINES + 0.1)], "found a coherence of 3 lines that are not the 3 of the FRF in set 1"),
-        ([coherence(), coherence()], "found 2 coherences of acc over hammer and 1 FRFs"),
-    ],
-)
+@pytest.mark.parametrize(("more", "message"), [
+    ([coherence(lines=LINES[:2])], "found a coherence of 2 lines that are not the 3 of the FRF in set 1"),
+    ([coherence(lines=LINES + 0.1)], "found a coherence of 3 lines that are not the 3 of the FRF in set 1"),
+    ([coherence(), coherence()], "found 2 coherences of acc over hammer and 1 FRFs"),
+])  # fmt: skip
 def test_a_coherence_of_another_frf_is_refused(more, message):
     with pytest.raises(MeasurementError, match=message):
         map_records([frf("g/N"), *more], CHANNELS, "frf.mat, coh.mat")

@@ -25,17 +25,14 @@ def test_an_frf_is_relabelled_by_dofs_and_left_as_it_is():
     assert np.array_equal(found.values, VALUES)
 
 
-@pytest.mark.parametrize(
-    ("response", "force", "factor"),
-    [
-        (Channel("12:z", -1.0), Channel("11:y"), -1.0),
-        (Channel("12:z"), Channel("11:y", -1.0), -1.0),
-        (Channel("12:z", -1.0), Channel("11:y", -1.0), 1.0),
-        (Channel("12:z", gain=1.02), Channel("11:y"), 1.02),
-        (Channel("12:z"), Channel("11:y", gain=1.02), 1 / 1.02),
-        (Channel("12:z", -1.0, 2.0), Channel("11:y", -1.0, 0.5), 4.0),
-    ],
-)
+@pytest.mark.parametrize(("response", "force", "factor"), [
+    (Channel("12:z", -1.0), Channel("11:y"), -1.0),
+    (Channel("12:z"), Channel("11:y", -1.0), -1.0),
+    (Channel("12:z", -1.0), Channel("11:y", -1.0), 1.0),
+    (Channel("12:z", gain=1.02), Channel("11:y"), 1.02),
+    (Channel("12:z"), Channel("11:y", gain=1.02), 1 / 1.02),
+    (Channel("12:z", -1.0, 2.0), Channel("11:y", -1.0, 0.5), 4.0),
+])  # fmt: skip
 def test_a_response_multiplies_and_a_force_divides(response, force, factor):
     mapped = map_records([record()], {"Point:12:Z+": response, "Point:11:Y+": force}, "tip.uff")
     np.testing.assert_allclose(mapped.records[0].values, factor * VALUES, rtol=1e-15)

@@ -46,20 +46,16 @@ def refusal(path):
 # ---- paths
 
 
-@pytest.mark.parametrize(
-    ("name", "found"),
-    [
-        ("a\0b", "cannot be read (embedded null byte)"),
-        ("a" * 5000, "cannot be read (File name too long)"),
-        ("loop", "cannot be read (Too many levels of symbolic links)"),
-        ("pipe", "found a directory, a device or a pipe"),
-        ("/dev/zero", "found a directory, a device or a pipe"),
-        ("/dev/stdin", "found a directory, a device or a pipe"),
-        (".", "found a directory, a device or a pipe"),
-        ("file/below", "cannot be read (Not a directory)"),
-    ],
-    ids=ascii,
-)
+@pytest.mark.parametrize(("name", "found"), [
+    ("a\0b", "cannot be read (embedded null byte)"),
+    ("a" * 5000, "cannot be read (File name too long)"),
+    ("loop", "cannot be read (Too many levels of symbolic links)"),
+    ("pipe", "found a directory, a device or a pipe"),
+    ("/dev/zero", "found a directory, a device or a pipe"),
+    ("/dev/stdin", "found a directory, a device or a pipe"),
+    (".", "found a directory, a device or a pipe"),
+    ("file/below", "cannot be read (Not a directory)"),
+], ids=ascii)  # fmt: skip
 @pytest.mark.skipif(os.name != "posix", reason="of pipes, devices and links")
 def test_what_is_no_file_is_refused_without_waiting(tmp_path, monkeypatch, name, found):
     monkeypatch.chdir(tmp_path)

@@ -193,27 +193,24 @@ def test_writing_into_no_directory_is_one_line(tmp_path):
 # units and labels
 
 
-@pytest.mark.parametrize(
-    ("label", "factor", "quantity"),
-    [
-        ("(m/s²)/N", 1.0, "accelerance"),
-        ("m/s^2/N", 1.0, "accelerance"),
-        ("m/s2/N", 1.0, "accelerance"),
-        ("m/(N s^2)", 1.0, "accelerance"),
-        ("[m/s**2/N]", 1.0, "accelerance"),
-        ("1/kg", 1.0, "accelerance"),
-        ("g/N", G_STANDARD, "accelerance"),
-        ("g/lbf", 2.2046226218487757, "accelerance"),
-        ("mm/s/N", 1e-3, "mobility"),
-        ("(in/s)/lbf", 0.0254 / 4.4482216152605, "mobility"),
-        ("µm/N", 1e-6, "receptance"),
-        ("mm/kN", 1e-6, "receptance"),
-        ("m N^-1", 1.0, "receptance"),
-        ("IN/LBF", 0.0254 / 4.4482216152605, "receptance"),
-        ("m/MN", 1e-6, "receptance"),
-        ("rad/(Nm)", 1.0, "receptance"),
-    ],
-)
+@pytest.mark.parametrize(("label", "factor", "quantity"), [
+    ("(m/s²)/N", 1.0, "accelerance"),
+    ("m/s^2/N", 1.0, "accelerance"),
+    ("m/s2/N", 1.0, "accelerance"),
+    ("m/(N s^2)", 1.0, "accelerance"),
+    ("[m/s**2/N]", 1.0, "accelerance"),
+    ("1/kg", 1.0, "accelerance"),
+    ("g/N", G_STANDARD, "accelerance"),
+    ("g/lbf", 2.2046226218487757, "accelerance"),
+    ("mm/s/N", 1e-3, "mobility"),
+    ("(in/s)/lbf", 0.0254 / 4.4482216152605, "mobility"),
+    ("µm/N", 1e-6, "receptance"),
+    ("mm/kN", 1e-6, "receptance"),
+    ("m N^-1", 1.0, "receptance"),
+    ("IN/LBF", 0.0254 / 4.4482216152605, "receptance"),
+    ("m/MN", 1e-6, "receptance"),
+    ("rad/(Nm)", 1.0, "receptance"),
+])  # fmt: skip
 def test_units_of_frfs(label, factor, quantity):
     found, said = frf_unit(label)
     assert (pytest.approx(factor, rel=1e-12), quantity) == (found, said)
@@ -272,22 +269,19 @@ def test_band_is_cut_before_anything_is_checked():
             joined(record, f_min_hz)
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ([], "found no FRF"),
-        (records()[:-1], "found no FRF of 'acc tip' over 'Point:3:Z-'"),
-        (records() + records()[:1], "again"),
-        (records(quantity=None), "no word on what the FRF is"),
-        (records()[:1] + records(quantity="mobility")[1:], "found mobility beside accelerance"),
-        (records()[:1] + records(frequency_hz=AXES["step_that_is_no_decimal"])[1:], "same lines for all"),
-        (records(frequency_hz=AXES["even"][::-1]), "found 19.5 Hz after 20 Hz"),
-        (records(frequency_hz=np.full(40, np.nan)), "found frequency nan at line 1"),
-        (records(coherence=np.full(40, 1.5)), "found coherence 1.5 at 0.5 Hz"),
-        (records(coherence=np.full(40, np.nan)), "found coherence nan"),
-        (records(coherence=np.ones(3)), "found coherence on 3 lines"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), [
+    ([], "found no FRF"),
+    (records()[:-1], "found no FRF of 'acc tip' over 'Point:3:Z-'"),
+    (records() + records()[:1], "again"),
+    (records(quantity=None), "no word on what the FRF is"),
+    (records()[:1] + records(quantity="mobility")[1:], "found mobility beside accelerance"),
+    (records()[:1] + records(frequency_hz=AXES["step_that_is_no_decimal"])[1:], "same lines for all"),
+    (records(frequency_hz=AXES["even"][::-1]), "found 19.5 Hz after 20 Hz"),
+    (records(frequency_hz=np.full(40, np.nan)), "found frequency nan at line 1"),
+    (records(coherence=np.full(40, 1.5)), "found coherence 1.5 at 0.5 Hz"),
+    (records(coherence=np.full(40, np.nan)), "found coherence nan"),
+    (records(coherence=np.ones(3)), "found coherence on 3 lines"),
+])  # fmt: skip
 def test_assembly_says_what_is_in_the_way(given, message):
     with pytest.raises(MeasurementError, match=message) as caught:
         join_frfs(given, "a.uff")

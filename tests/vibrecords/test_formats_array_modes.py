@@ -42,14 +42,11 @@ def test_frequencies_alone_and_named_channels_will_do(tmp_path):
     assert set(save(tmp_path / "b", "npz", WHOLE | channels)[0].shape) == {"1:z", "2:z", "3:z", "4:z"}
 
 
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"Xi": XI * 100}, "Xi not taken: above critical, or in percent"),
-        ({"Phi": PHI[:3]}, "square shapes read as channels x modes"),
-        ({"Fn_cov": FN}, "Fn_cov not taken: a variance or a relative one"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"Xi": XI * 100}, "Xi not taken: above critical, or in percent"),
+    ({"Phi": PHI[:3]}, "square shapes read as channels x modes"),
+    ({"Fn_cov": FN}, "Fn_cov not taken: a variance or a relative one"),
+])  # fmt: skip
 def test_what_has_two_readings_is_not_taken_and_noted(tmp_path, changes, said):
     arrays = {name: values for name, values in WHOLE.items() if "std" not in name or "Fn_cov" not in changes}
     for mode in save(tmp_path / "a", "npz", arrays | changes):
@@ -58,20 +55,17 @@ def test_what_has_two_readings_is_not_taken_and_noted(tmp_path, changes, said):
         assert mode.frequency_sd_hz is None or "cov" not in said
 
 
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"Xi": XI[:2]}, "'xi': 2"),
-        ({"Fn_std": FN[:1]}, "'fn_std': 1"),
-        ({"Phi": PHI[:, :2]}, r"shapes 'Phi' of shape \(4, 2\); expected one of each for each of 3 modes"),
-        ({"Phi": PHI[None]}, r"of shape \(1, 4, 3\)"),
-        ({"Fn": -FN}, "found no frequencies; expected 0 to"),
-        ({"Fn": FN * np.nan}, "found no frequencies"),
-        ({"Fn": FN * 1j}, "'Fn': found complex numbers; expected real numbers"),
-        ({"channels": np.array(["a", "b"])}, "'Phi': found 2 channels for 4 rows; expected one for each"),
-        ({"channels": np.array(["a", "a", "b", "c"])}, "found 4 channels for 4 rows"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"Xi": XI[:2]}, "'xi': 2"),
+    ({"Fn_std": FN[:1]}, "'fn_std': 1"),
+    ({"Phi": PHI[:, :2]}, r"shapes 'Phi' of shape \(4, 2\); expected one of each for each of 3 modes"),
+    ({"Phi": PHI[None]}, r"of shape \(1, 4, 3\)"),
+    ({"Fn": -FN}, "found no frequencies; expected 0 to"),
+    ({"Fn": FN * np.nan}, "found no frequencies"),
+    ({"Fn": FN * 1j}, "'Fn': found complex numbers; expected real numbers"),
+    ({"channels": np.array(["a", "b"])}, "'Phi': found 2 channels for 4 rows; expected one for each"),
+    ({"channels": np.array(["a", "a", "b", "c"])}, "found 4 channels for 4 rows"),
+])  # fmt: skip
 def test_modes_that_do_not_agree_are_refused_in_one_line(tmp_path, changes, said):
     with pytest.raises(MeasurementError, match=said) as caught:
         save(tmp_path / "a", "npz", WHOLE | changes)

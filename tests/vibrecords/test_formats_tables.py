@@ -141,19 +141,16 @@ def test_time_histories(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("header", "role", "name"),
-    [
-        ("force [N]", "other", "force"),
-        ("F1 [N]", "other", "F1"),
-        ("Frequenz (Hz)", "frequency", ""),
-        ("11:y / 11:y real", "real", "11:y / 11:y"),
-        ("RE_11", "other", "RE_11"),
-        ("Inertance 1:x imag. part", "imaginary", "1:x"),
-        ("gamma2 1 / 2", "coherence", "1 / 2"),
-        ("temperature", "other", "temperature"),
-    ],
-)
+@pytest.mark.parametrize(("header", "role", "name"), [
+    ("force [N]", "other", "force"),
+    ("F1 [N]", "other", "F1"),
+    ("Frequenz (Hz)", "frequency", ""),
+    ("11:y / 11:y real", "real", "11:y / 11:y"),
+    ("RE_11", "other", "RE_11"),
+    ("Inertance 1:x imag. part", "imaginary", "1:x"),
+    ("gamma2 1 / 2", "coherence", "1 / 2"),
+    ("temperature", "other", "temperature"),
+])  # fmt: skip
 def test_roles_of_columns(header, role, name):
     assert (column_of(header).role, column_of(header).name) == (role, name)
 

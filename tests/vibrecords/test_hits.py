@@ -119,16 +119,13 @@ def test_a_dead_channel_is_refused():
         find_hits([], BLOCK)
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"trigger_level": 0.0},
-        {"trigger_level": 1.0},
-        {"double_hit_level": -0.1},
-        {"block_s": 0.0},
-        {"pretrigger_s": -1.0},
-    ],
-)
+@pytest.mark.parametrize("changes", [
+    {"trigger_level": 0.0},
+    {"trigger_level": 1.0},
+    {"double_hit_level": -0.1},
+    {"block_s": 0.0},
+    {"pretrigger_s": -1.0},
+])  # fmt: skip
 def test_impossible_settings_are_refused(changes):
     with pytest.raises(MeasurementError, match="hits: found"):
         HitSettings(**changes)

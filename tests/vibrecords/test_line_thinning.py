@@ -58,18 +58,15 @@ def test_errors_of_neighbouring_lines_correlate_as_computed_for_the_same_force_i
     assert_allclose(found, line_correlation(window, random=False)[[1, 2, 5]], atol=0.01)
 
 
-@pytest.mark.parametrize(
-    ("window", "random", "step"),
-    [
-        (np.ones(128), False, 1),
-        (np.ones(128), True, 1),
-        (signal.get_window("hann", 128), True, 2),
-        (signal.get_window("hann", 128), False, 2),
-        (signal.get_window("flattop", 128), False, 5),
-        (exponential_window(512, 0.05), False, 3),
-        (exponential_window(512, 0.01), False, 5),
-    ],
-)
+@pytest.mark.parametrize(("window", "random", "step"), [
+    (np.ones(128), False, 1),
+    (np.ones(128), True, 1),
+    (signal.get_window("hann", 128), True, 2),
+    (signal.get_window("hann", 128), False, 2),
+    (signal.get_window("flattop", 128), False, 5),
+    (exponential_window(512, 0.05), False, 3),
+    (exponential_window(512, 0.01), False, 5),
+])  # fmt: skip
 def test_every_how_many_lines_are_independent(window, random, step):
     assert independent_step(line_correlation(window, random=random)) == step
 

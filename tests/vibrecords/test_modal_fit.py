@@ -143,14 +143,11 @@ def test_estimated_coherence_serves_as_variance(averages):
     assert np.std(found) == pytest.approx(1.0, abs=0.3)  # 48 scores: known to 10 %
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"f_min_hz": 100.0, "f_max_hz": 130.0}, "found 7 lines between 100 and 130 Hz"),
-        ({"variance": np.ones(3)}, "variance of shape (3,)"),
-        ({"variance": np.zeros((497, 1, 1))}, "expected positive numbers"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"f_min_hz": 100.0, "f_max_hz": 130.0}, "found 7 lines between 100 and 130 Hz"),
+    ({"variance": np.ones(3)}, "variance of shape (3,)"),
+    ({"variance": np.zeros((497, 1, 1))}, "expected positive numbers"),
+])  # fmt: skip
 def test_what_cannot_be_fitted_is_refused(change, message):
     arguments = {"variance": None, **change}
     with pytest.raises(MeasurementError) as caught:

@@ -27,15 +27,12 @@ def measured(outputs, inputs, sd=3e-3, seed=1):
     return FrfSet(HZ, values + noise, outputs, inputs, quantity="accelerance"), variance
 
 
-@pytest.mark.parametrize(
-    ("outputs", "inputs", "sd"),
-    [
-        (DOFS, ("11:y",), 3e-3),
-        (("11:y",), DOFS, 3e-3),
-        (DOFS, ("11:y", "2:y"), 3e-3),
-        (DOFS, ("11:y",), (3e-3, 3e-4, 6e-3)),  # what moves most is the noisiest
-    ],
-)
+@pytest.mark.parametrize(("outputs", "inputs", "sd"), [
+    (DOFS, ("11:y",), 3e-3),
+    (("11:y",), DOFS, 3e-3),
+    (DOFS, ("11:y", "2:y"), 3e-3),
+    (DOFS, ("11:y",), (3e-3, 3e-4, 6e-3)),  # what moves most is the noisiest
+])  # fmt: skip
 def test_ratios_are_those_of_the_shapes_within_their_standard_deviations(outputs, inputs, sd):
     errors, biggest = [], {0: "11:y", 1: "11:y", 2: "2:y"}
     for seed in range(12):

@@ -75,39 +75,25 @@ def test_which_modes_are_the_lowest_is_known():
     assert ModeData(FREQUENCY, shapes=SHAPES, match="shape").lowest_hz is None
 
 
-@pytest.mark.parametrize(
-    ("made", "words"),
-    [
-        (lambda: ModeData(Observed(np.array([-1.0]), 0.1)), "natural frequencies: .* above 0"),
-        (lambda: ModeData(Observed(np.array([[1.0, NAN]]), 0.1)), "a mode without any"),
-        (lambda: ModeData(Observed(np.array([1.0]), 0.0)), "a standard deviation that is not above 0"),
-        (lambda: ModeData(Observed(np.array([1.0]), np.ones(3))), "one for each value, shape"),
-        (
-            lambda: ModeData(FREQUENCY, Observed(np.array([0.1]), 0.1)),
-            r"damping ratios: found values of shape \(1,\)",
-        ),
-        (lambda: ModeData(FREQUENCY, Observed(np.array([1.0, 2.0]), 0.1)), "one outside 0 to 1"),
-        (lambda: ModeData(FREQUENCY, numbers=(1, 1)), "a different one"),
-        (lambda: ModeData(FREQUENCY, match="shape"), 'match = "shape" without shapes'),
-        (
-            lambda: ModeData(FREQUENCY, shapes=ModeShapes(("2:x", "1:x"), "2:x", SHAPES.components)),
-            "reference DOF",
-        ),
-        (
-            lambda: ModeData(FREQUENCY, shapes=ModeShapes(("1:x",), ("2:x",), SHAPES.components)),
-            "1 reference DOFs",
-        ),
-        (lambda: Antiresonances("1:x", Observed(np.array([5.0, -6.0]), 0.1)), "one that is not above 0 Hz"),
-        (lambda: Antiresonances("1:x", Observed(np.array([5.0, 6.0]), 0.1), (2, 2)), "a different number"),
-        (lambda: Antiresonances(("1:x",), Observed(np.array([5.0, 6.0]), 0.1)), "expected one of each"),
-        (lambda: ModalConstants(("1:x", "1:x"), ("2:x", "2:x"), SHAPES.components), "pairs, each once"),
-        (lambda: ModalConstants(("1:x", "3:x"), ("2:x",), SHAPES.components), "pairs, each once"),
-        (
-            lambda: ModeData(FREQUENCY, constants=ModalConstants(("1:x",), ("2:x",), SHAPES.components)),
-            r"modal constants: found values of shape \(2, 2\)",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("made", "words"), [
+    (lambda: ModeData(Observed(np.array([-1.0]), 0.1)), "natural frequencies: .* above 0"),
+    (lambda: ModeData(Observed(np.array([[1.0, NAN]]), 0.1)), "a mode without any"),
+    (lambda: ModeData(Observed(np.array([1.0]), 0.0)), "a standard deviation that is not above 0"),
+    (lambda: ModeData(Observed(np.array([1.0]), np.ones(3))), "one for each value, shape"),
+    (lambda: ModeData(FREQUENCY, Observed(np.array([0.1]), 0.1)), r"damping ratios: found values of shape \(1,\)"),
+    (lambda: ModeData(FREQUENCY, Observed(np.array([1.0, 2.0]), 0.1)), "one outside 0 to 1"),
+    (lambda: ModeData(FREQUENCY, numbers=(1, 1)), "a different one"),
+    (lambda: ModeData(FREQUENCY, match="shape"), 'match = "shape" without shapes'),
+    (lambda: ModeData(FREQUENCY, shapes=ModeShapes(("2:x", "1:x"), "2:x", SHAPES.components)), "reference DOF"),
+    (lambda: ModeData(FREQUENCY, shapes=ModeShapes(("1:x",), ("2:x",), SHAPES.components)), "1 reference DOFs"),
+    (lambda: Antiresonances("1:x", Observed(np.array([5.0, -6.0]), 0.1)), "one that is not above 0 Hz"),
+    (lambda: Antiresonances("1:x", Observed(np.array([5.0, 6.0]), 0.1), (2, 2)), "a different number"),
+    (lambda: Antiresonances(("1:x",), Observed(np.array([5.0, 6.0]), 0.1)), "expected one of each"),
+    (lambda: ModalConstants(("1:x", "1:x"), ("2:x", "2:x"), SHAPES.components), "pairs, each once"),
+    (lambda: ModalConstants(("1:x", "3:x"), ("2:x",), SHAPES.components), "pairs, each once"),
+    (lambda: ModeData(FREQUENCY, constants=ModalConstants(("1:x",), ("2:x",), SHAPES.components)),
+        r"modal constants: found values of shape \(2, 2\)"),
+])  # fmt: skip
 def test_impossible_modes_are_refused_in_one_line(made, words):
     with pytest.raises(MeasurementError, match=words) as refused:
         made()

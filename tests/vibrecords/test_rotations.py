@@ -101,14 +101,11 @@ def test_at_a_joint_that_carries_shear_the_shear_angle_remains_however_close_the
     assert far / near < 1.5
 
 
-@pytest.mark.parametrize(
-    ("outputs", "rotations", "message"),
-    [
-        (("41:y", "1:y"), [], r'no FRF of 1:rz, a DOF of the joint.*\[data.rotations."1:rz"\]'),
-        (("41:y", "2:y"), [], "no FRF of 1:y, a DOF of the joint.*measure it"),
-        (("41:y", "1:y"), [FIRST], "no FRF of station 2:y"),
-    ],
-)
+@pytest.mark.parametrize(("outputs", "rotations", "message"), [
+    (("41:y", "1:y"), [], r'no FRF of 1:rz, a DOF of the joint.*\[data.rotations."1:rz"\]'),
+    (("41:y", "2:y"), [], "no FRF of 1:y, a DOF of the joint.*measure it"),
+    (("41:y", "1:y"), [FIRST], "no FRF of station 2:y"),
+])  # fmt: skip
 def test_what_the_iteration_lacks_is_named(outputs, rotations, message):
     with pytest.raises(MeasurementError, match=message):
         joint_frf_set(measured(outputs), rotations, ("41:y",), JOINT)
@@ -120,15 +117,12 @@ def test_a_rotation_measured_and_derived_is_refused():
         replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
 
 
-@pytest.mark.parametrize(
-    ("dof", "stations", "axis"),
-    [
-        ("1:rz", ("1:y", "2:z"), "x"),
-        ("1:rz", ("1:z", "2:z"), "x"),
-        ("1:rx", ("1:y", "2:y"), "x"),
-        ("1:rz", ("1:y", "2:y"), "y"),
-    ],
-)
+@pytest.mark.parametrize(("dof", "stations", "axis"), [
+    ("1:rz", ("1:y", "2:z"), "x"),
+    ("1:rz", ("1:z", "2:z"), "x"),
+    ("1:rx", ("1:y", "2:y"), "x"),
+    ("1:rz", ("1:y", "2:y"), "y"),
+])  # fmt: skip
 def test_stations_that_a_rotation_does_not_move_are_refused(dof, stations, axis):
     with pytest.raises(MeasurementError, match="one direction for all"):
         Rotation(dof, stations, SPACING, "first order", axis=axis)

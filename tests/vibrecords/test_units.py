@@ -114,23 +114,20 @@ def test_milliseconds_count_twice_in_an_acceleration():
     assert np.isclose(parse_unit("mm/ms^2").factor, 1e3, rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("label", "factor", "quantity"),
-    [
-        ("(m/s^2)/Newtons", 1.0, "accelerance"),
-        ("g's/Pound(s)", 9.80665 / 4.448222, "accelerance"),
-        ("G/lbf", 9.80665 / 4.448222, "accelerance"),
-        ("ips/LBF", 0.0254 / 4.448222, "mobility"),
-        ("mils/lb", 2.54e-5 / 4.448222, "receptance"),
-        ("ms-2/N", 1.0, "accelerance"),
-        ("ms⁻²/N", 1.0, "accelerance"),
-        ("m/s\u00b2/N", 1.0, "accelerance"),
-        ("1/N*(m/s²)", 1.0, "accelerance"),
-        ("[m/s²]/[N]", 1.0, "accelerance"),
-        ("[(mm/s)/kN]", 1e-6, "mobility"),
-        ("m/s2/Newton(s)", 1.0, "accelerance"),
-    ],
-)
+@pytest.mark.parametrize(("label", "factor", "quantity"), [
+    ("(m/s^2)/Newtons", 1.0, "accelerance"),
+    ("g's/Pound(s)", 9.80665 / 4.448222, "accelerance"),
+    ("G/lbf", 9.80665 / 4.448222, "accelerance"),
+    ("ips/LBF", 0.0254 / 4.448222, "mobility"),
+    ("mils/lb", 2.54e-5 / 4.448222, "receptance"),
+    ("ms-2/N", 1.0, "accelerance"),
+    ("ms⁻²/N", 1.0, "accelerance"),
+    ("m/s\u00b2/N", 1.0, "accelerance"),
+    ("1/N*(m/s²)", 1.0, "accelerance"),
+    ("[m/s²]/[N]", 1.0, "accelerance"),
+    ("[(mm/s)/kN]", 1e-6, "mobility"),
+    ("m/s2/Newton(s)", 1.0, "accelerance"),
+])  # fmt: skip
 def test_units_as_programs_write_them(label, factor, quantity):
     found, named, _ = read_frf_unit(label)
     assert named == quantity
