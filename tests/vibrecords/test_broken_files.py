@@ -1,6 +1,7 @@
 """A corpus of broken files: one line that names file and place and says what is expected; no crash, no hang."""
 
 import os
+import random
 import re
 import tracemalloc
 from functools import cache
@@ -8,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from tests.fuzz.mutations import damaged_bytes
 from tests.vibrecords import broken_files
 from tests.vibrecords.test_formats import frf_set
 from tests.vibrecords.uff_text import function_58
@@ -100,30 +102,15 @@ def test_memory_is_bounded_by_three_times_the_file(tmp_path, name):
 @pytest.mark.parametrize("form", FORMATS)
 def test_cuts_and_flipped_bits_never_get_further_than_one_line(tmp_path, form):
     """Whatever the damage, there are records or there is an error of one line."""
-    rng = np.random.default_rng(FORMATS.index(form))
-    frf = frf_set()
-    records = {
-        "frf": None,
-        "time": [TimeRecord("1:Z+", 100.0, rng.normal(size=30), "force")],
-    }
+    number = FORMATS.index(form)
+    history = TimeRecord("1:Z+", 100.0, np.random.default_rng(number).normal(size=30), "force")
     sound = []
-    for kind in records.values():
-        write_records(kind or records_of_frf(frf), tmp_path / "a", form)
+    for records in (records_of_frf(frf_set()), [history]):
+        write_records(records, tmp_path / "a", form)
         sound.append((tmp_path / "a").read_bytes())
-    refused = 0
-    count = 60
+    choices, refused, count = random.Random(number), 0, 60
     for turn in range(count):
-        content = bytearray(sound[turn % 2])
-        match turn % 4:
-            case 0 | 1:
-                content = content[: rng.integers(len(content))]
-            case 2:
-                for _ in range(3):
-                    content[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
-            case 3:
-                at = int(rng.integers(len(content)))
-                content[at : at + 20] = rng.bytes(20)
-        (tmp_path / "b").write_bytes(content)
+        (tmp_path / "b").write_bytes(damaged_bytes(choices, sound[turn % 2]))
         message = complaint(tmp_path / "b")
         refused += bool(message)
         assert "\n" not in message
