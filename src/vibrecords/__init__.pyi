@@ -20,12 +20,12 @@ from vibrecords.inspection import Inspection as Inspection
 from vibrecords.inspection import inspect_file as inspect_file
 from vibrecords.modal_fit import identify_modes as identify_modes
 from vibrecords.modal_ratios import MotionRatio as MotionRatio
+from vibrecords.mode_data import Antiresonances as Antiresonances
+from vibrecords.mode_data import ModalConstants as ModalConstants
 from vibrecords.mode_data import ModeData as ModeData
+from vibrecords.mode_data import ModeShapes as ModeShapes
+from vibrecords.mode_data import Observed as Observed
 from vibrecords.mode_data import split_modes as split_modes
-from vibrecords.mode_values import Antiresonances as Antiresonances
-from vibrecords.mode_values import ModalConstants as ModalConstants
-from vibrecords.mode_values import ModeShapes as ModeShapes
-from vibrecords.mode_values import Observed as Observed
 from vibrecords.provenance import MeasuredFile as MeasuredFile
 from vibrecords.provenance import MeasuredMode as MeasuredMode
 from vibrecords.provenance import MeasurementWarning as MeasurementWarning

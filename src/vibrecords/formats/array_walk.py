@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.array_frfs import frequency_records, mode_records
-from vibrecords.formats.array_names import ALIASES, tokens_of
 from vibrecords.formats.columns import TIME_S
 from vibrecords.formats.matlab_5 import Unread
-from vibrecords.formats.named_arrays import Block, is_text, rises, size_of, strings, time_records
+from vibrecords.formats.named_arrays import ALIASES, Block, is_text, rises, size_of, strings, time_records, tokens_of
 from vibrecords.formats.table_text import float_of
 from vibrecords.formats.units import frequency_factor, frf_unit, parse_unit
 from vibrecords.records import CoherenceRecord, FrfRecord, Record
