@@ -1,7 +1,7 @@
 """Vibration measurements: files to records, FRFs and modes with units, errors and warnings.
 
 Names are loaded at first use, so that importing the package costs next to nothing. The one table of them is the stub
-beside this file, which type checkers read as well.
+next to this file, which type checkers read as well.
 """
 
 from importlib import import_module

@@ -69,7 +69,7 @@ def remove_accelerometers(measured: FrfData, masses: Mapping[str, float], *, rov
         correction = _correction(frf, sensors, np.array([given[s] for s in sensors]), outputs)
         rows = [frf.outputs.index(output) for output in outputs]
         clean[:, rows] = correction(values)
-        clean_variance[:, rows] = _propagated(correction, values, variance)
+        clean_variance[:, rows] = _propagate(correction, values, variance)
     corrected = replace(frf, values=clean, coherence=None).converted(measured.frf.quantity)
     return replace(measured, frf=corrected, variance=clean_variance * factor**2)
 
@@ -85,13 +85,13 @@ def _correction(
 
     def corrected(values: ComplexArray) -> ComplexArray:
         """Corrected receptances, shape (lines, outputs, inputs)."""
-        load = np.linalg.solve(flexibility + _taken(values, to_sensor), values[:, at_sensors])
-        return values[:, rows] - _taken(values, to_output) @ load
+        load = np.linalg.solve(flexibility + _take(values, to_sensor), values[:, at_sensors])
+        return values[:, rows] - _take(values, to_output) @ load
 
     return corrected
 
 
-def _taken(values: ComplexArray, places: Indices) -> ComplexArray:
+def _take(values: ComplexArray, places: Indices) -> ComplexArray:
     """Values at places of an array (lines, outputs, inputs), shape (lines, rows of places, columns)."""
     return values[:, places[..., 0], places[..., 1]]
 
@@ -107,7 +107,7 @@ def _place(frf: FrfSet, output: str, input_: str) -> tuple[int, int]:
     )
 
 
-def _propagated(correction: Callable[[ComplexArray], ComplexArray], values: ComplexArray, variance: Array) -> Array:
+def _propagate(correction: Callable[[ComplexArray], ComplexArray], values: ComplexArray, variance: Array) -> Array:
     """Variance of the corrected receptances to first order, shape (lines, outputs, inputs)."""
     here = correction(values)
     step = _STEP * np.abs(values).max(axis=(1, 2))

@@ -124,7 +124,7 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
     )
     if plan.frequencies is not None:
         return replace(_frequencies(plan.frequencies, modes, where), provenance=provenance)
-    return _chosen(replace(measured, provenance=provenance), plan, where)
+    return _select(replace(measured, provenance=provenance), plan, where)
 
 
 def _warnings(records: Sequence[FrfRecord], plan: MeasurementPlan) -> tuple[MeasurementWarning, ...]:
@@ -270,7 +270,7 @@ def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: st
     return FrequencyData(frequency, np.sqrt(fitted**2 + (plan.sd_relative * frequency) ** 2 + plan.sd_hz**2))
 
 
-def _chosen(measured: FrfData, plan: MeasurementPlan, where: str) -> FrfData:
+def _select(measured: FrfData, plan: MeasurementPlan, where: str) -> FrfData:
     """The FRFs that the likelihood sees, with those at the joint."""
     assert measured.provenance is not None
     used = replace_stations(measured, plan.rotations)

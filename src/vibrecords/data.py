@@ -19,7 +19,7 @@ Match = Literal["number", "shape"]
 
 
 class Data(ABC):
-    """Measured values with their noise: what is asked of all kinds of data, so that nobody asks which kind it is.
+    """Measured values with their noise: what is asked of all kinds of data, whichever kind it is.
 
     A kind of data inherits from it and states what is not as here. What other rooms make of its values it registers:
     its likelihood with `jointbayes.inference.likelihood_of`, and, if it has any to give, a diagnosis of misfits with
@@ -105,7 +105,7 @@ class Data(ABC):
         return None
 
     def require_enough(self) -> None:
-        """Refuse data of which nobody can say whether a model explains them.
+        """Refuse data that are too few to say whether a model explains them.
 
         Raises
         ------
@@ -200,7 +200,7 @@ class FrfData(Data):
         return f"{self.frf.quantity} {quote(pairs)}, {self.frf.n_lines} lines to {self.top_hz:g} Hz"
 
     def require_enough(self) -> None:
-        """Refuse FRFs of one line, of which nobody can say whether a model explains them.
+        """Refuse FRFs of one line, which cannot say whether a model explains them.
 
         Raises
         ------

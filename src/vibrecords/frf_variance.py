@@ -47,7 +47,7 @@ def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, whe
         alone = "" if choice.source == "relative" else " (of one average coherence says nothing)"
         floor = f" and {100 * law.floor:g} % of the median accelerance" if law.floor else ""
         words = f"as stated: {100 * law.relative:g} % of |H|{floor}{alone}"
-        smooth = _smoothed(frf, law)
+        smooth = _smooth(frf, law)
         how = "; |H| is that of a modal fit, without the noise" if smooth else ""
         return FrfData(frf, law.variance_of_accelerance(smooth or frf)), words + how
     try:
@@ -65,7 +65,7 @@ def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) 
     """Mean of repeated measurements of the same FRFs, and its variance from their scatter.
 
     σ² = Σ|H_i − H̄|²/(m(m − 1)) for m repetitions, line by line. It counts all that differs from one to the next,
-    also what no coherence shows: a sensor taken off and mounted again, a joint tightened anew. But it is the variance
+    also what no coherence shows: a sensor taken off and mounted again, a joint tightened again. But it is the variance
     of the *mean*: what all repetitions have in common, such as a calibration, it does not see. Residuals over it are
     Student-t with 2(m − 1) degrees of freedom: three repetitions leave four of them.
 
@@ -118,7 +118,7 @@ def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) 
     return FrfData(combined, variance, variance_dof=2 * (m - 1))
 
 
-def _smoothed(frf: FrfSet, law: RelativeNoise) -> FrfSet | None:
+def _smooth(frf: FrfSet, law: RelativeNoise) -> FrfSet | None:
     """FRFs of a modal fit, without the noise of the measured ones; None where none comes close to them.
 
     A variance in proportion to the *measured* |H|² favours lines that the noise made small, so that everything fitted

@@ -11,7 +11,7 @@ from vibrecords.modal_problem import ModalProblem
 _INSISTED = 3.0
 #: Shapes over FRFs whose modal assurance criterion is below this are of different modes.
 _OTHER_SHAPE = 0.9
-#: Incoherence at a resonance over that beside it, above which the resonance has a coherence dip.
+#: Incoherence at a resonance over the incoherence on both sides, above which the resonance has a coherence dip.
 _DIP = 1.5
 #: So many lines apart, or less, are neighbouring poles by which a window's leakage is fitted.
 _LEAKS = 3.0
@@ -99,7 +99,7 @@ class PoleReview:
         return ~nonlinear & np.array([not reason for reason in reasons])
 
     def _merge(self) -> Flags:
-        """Take out poles that are not modes beside another; which are of nonlinear resonances, and stay in the fit."""
+        """Take out poles that are second poles of a mode; which are of nonlinear resonances, and stay in the fit."""
         while True:
             nonlinear, named = np.zeros(self.poles.size, dtype=bool), []
             for weak, strong in self._pairs():
@@ -137,15 +137,15 @@ class PoleReview:
         return np.asarray(np.abs(self.frequency_hz - self.frequency_hz[pole]) < reach)
 
     def _coherence_dips(self, pole: int) -> bool:
-        """Whether the coherence is lower at a resonance than beside it; where unknown, whether the fit fails there."""
+        """Whether the coherence is lower at a resonance than around it; where unknown, whether the fit fails there."""
         if self.incoherence is None:
             return bool(self.local_misfit()[pole] > 2)
         width = max(self.width_hz[pole], 2 * self.line_step_hz(self.frequency_hz[pole]))
         off = np.abs(self.lines_hz - self.frequency_hz[pole]) / width
-        at, beside = self.incoherence[off <= 0.5], self.incoherence[(off > 1) & (off < 4)]
-        if not at.size or not beside.size:
+        at, sides = self.incoherence[off <= 0.5], self.incoherence[(off > 1) & (off < 4)]
+        if not at.size or not sides.size:
             return False
-        return bool((at.mean(axis=0) > _DIP * np.median(beside, axis=0)).any())
+        return bool((at.mean(axis=0) > _DIP * np.median(sides, axis=0)).any())
 
     def _shapes_differ(self, first: int, second: int) -> bool:
         a, b = self.problem.residues(self.poles)[:, [first, second]].T

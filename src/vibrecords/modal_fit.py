@@ -85,7 +85,7 @@ def identify_modes(
         If the band holds too few lines, or the variance has another shape or is not positive.
     """
     with _finite_numbers():
-        return _fitted(frf, variance, (f_min_hz, f_max_hz), max_order).modes()[0]
+        return _fit_poles(frf, variance, (f_min_hz, f_max_hz), max_order).modes()[0]
 
 
 def modes_and_doubtful(
@@ -93,7 +93,7 @@ def modes_and_doubtful(
 ) -> tuple[tuple[MeasuredMode, ...], tuple[DoubtfulMode, ...]]:
     """As `identify_modes`, and what looks like a mode and is left out."""
     with _finite_numbers():
-        fitted = _fitted(frf, variance, (None, None))
+        fitted = _fit_poles(frf, variance, (None, None))
         return fitted.modes()[0], fitted.doubtful
 
 
@@ -107,7 +107,7 @@ def fit_modes(
 ) -> ModalFit:
     """As `identify_modes`, with the fitted FRFs (in the band), misfit, covariance and doubtful modes as well."""
     with _finite_numbers():
-        fitted = _fitted(frf, variance, (f_min_hz, f_max_hz), max_order)
+        fitted = _fit_poles(frf, variance, (f_min_hz, f_max_hz), max_order)
         problem, poles = fitted.problem, fitted.poles
         every = fitted.all_frfs or (problem.values, problem.weight)
         chi2, freedom, values = 0.0, 0, []
@@ -148,7 +148,7 @@ def identify_zeros(frf: FrfSet, variance: Array | None = None) -> dict[str, Moda
         at = np.s_[:, [frf.outputs.index(dof)], [frf.inputs.index(dof)]]
         noise = None if variance is None else variance[at][:, :, None]
         with _finite_numbers():
-            direct = _fitted(frf.select((dof,), (dof,)), noise, (None, None))
+            direct = _fit_poles(frf.select((dof,), (dof,)), noise, (None, None))
             problem, lines = direct.problem, direct.problem.omega / (2 * np.pi)
             smooth, factor = problem.model(direct.poles), quantity_factor(lines, "accelerance", frf.quantity)[:, None]
             # one over the accelerance, linearised about the fitted one: its noise is Gaussian even where that is nearly
@@ -172,7 +172,7 @@ def _finite_numbers() -> Iterator[None]:
         ) from None
 
 
-def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int = 40) -> "_Fitted":
+def _fit_poles(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int = 40) -> "_PoleFit":
     """Modes, and the problem with the poles that they are.
 
     Of many FRFs poles are sought in a few, evenly spaced; then the values and weights of all follow, whose residues are
@@ -209,7 +209,7 @@ def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int 
     is_mode = review.review()
     is_mode = is_mode & (review.frequency_hz >= frequency[0]) & (review.frequency_hz <= frequency[-1])
     doubtful = tuple(doubt for doubt in review.doubtful if frequency[0] <= doubt.frequency_hz <= frequency[-1])
-    return _Fitted(problem, review.poles, is_mode, doubtful, all_frfs)
+    return _PoleFit(problem, review.poles, is_mode, doubtful, all_frfs)
 
 
 def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: _Band) -> Flags:
@@ -306,7 +306,7 @@ def _log_linear_fit(columns: Array, square: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Fitted:
+class _PoleFit:
     """Poles of least squares, which of them are modes, and values and weights of all FRFs where some were left out."""
 
     problem: ModalProblem

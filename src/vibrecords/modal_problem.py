@@ -107,7 +107,7 @@ class ModalProblem:
 
     def search(self, poles: ComplexArray, order: int) -> ComplexArray:
         """Poles, roughly climbed piece by piece: further ones join while they pay their price, idle ones must go."""
-        poles = self.by_pieces(poles, lambda piece, some: piece._searched(some, order))
+        poles = self.by_pieces(poles, lambda piece, some: piece._search_piece(some, order))
         # what two pieces found of one mode is idle
         return self._drop_idle(poles, self.price / self._misfit(poles))
 
@@ -134,7 +134,7 @@ class ModalProblem:
         return np.concatenate(answers)
 
     def without(self, poles: ComplexArray, pole: int) -> tuple[ComplexArray, float]:
-        """Poles, in order, without one of them and those beside it climbed; and by how much χ² rises about them."""
+        """Poles, in order, without one of them, its neighbours climbed; and by how much χ² rises about them."""
         low, high = max(pole - 3, 0), min(pole + 4, poles.size)
         piece, before = self._piece(poles, low, high, whole=True), poles[low:high]
         after = piece.climb(np.delete(before, pole - low))
@@ -153,7 +153,7 @@ class ModalProblem:
         values = self.values[lines] - (amplitudes.real @ in_phase + amplitudes.imag @ quadrature).T
         return ModalProblem(self.omega[lines] / (2 * np.pi), values, self.weight[lines], self.quantity)
 
-    def _searched(self, poles: ComplexArray, order: int) -> ComplexArray:
+    def _search_piece(self, poles: ComplexArray, order: int) -> ComplexArray:
         """Poles with further ones from what the fit leaves, among them two modes in the place of one.
 
         The price is what the Bayesian information criterion asks for the numbers that a mode adds, two for its pole and

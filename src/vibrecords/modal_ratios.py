@@ -1,4 +1,4 @@
-"""How much sensors move beside each other in the modes that measured FRFs show: ratios of residues, with noise."""
+"""How much sensors move relative to each other in the modes that measured FRFs show: ratios of residues, with noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

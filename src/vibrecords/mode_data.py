@@ -246,7 +246,7 @@ class ModeData(ModalData):
     constants
         Modal constants.
     read_off
-        The measured FRFs that show these modes, if they were read off any: to be seen beside what is predicted.
+        The measured FRFs that show these modes, if they were read off any: to be shown with what is predicted.
 
     Raises
     ------
@@ -479,7 +479,7 @@ def _as_table(data: ModalData) -> ModeData:
 
 
 def renumbered(data: ModalData, shift: int, unit_hz: float = 1.0) -> ModeData:
-    """The same measurement as that of modes whose numbers are higher by `shift`, its frequencies in another unit.
+    """The same measurement of modes whose numbers are higher by `shift`, its frequencies in another unit.
 
     Between two modes of a drive point lies one antiresonance: their numbers are higher by as much.
     """

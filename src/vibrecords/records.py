@@ -227,7 +227,7 @@ def require_short(where: str, *labels: str) -> None:
 
 @contextmanager
 def refuse_damage(where: str, expected: str, part: str = "a part", most: int = 80) -> Iterator[None]:
-    """Say in one line what a library raises on damaged bytes: whatever these lead it to, which is of no use to anybody.
+    """Say in one line what a library raises on damaged bytes: whatever they lead it to.
 
     Raises
     ------

@@ -180,9 +180,9 @@ def hammer_records(rig: Rig, hammer: Hammer, noise: ChannelNoise, rng: np.random
             number += 1
             force = _swing(str(kind), period, rig, hammer, rng)
             moved = respond(force, j)[: rig.block]
-            measured = _limited(force[: rig.block], _NOMINAL_N, noise.force, _FORCE_RANGE, rng)
+            measured = _sense(force[: rig.block], _NOMINAL_N, noise.force, _FORCE_RANGE, rng)
             responded = [
-                _limited(values, float(largest), noise.response, _RESPONSE_RANGE, rng)
+                _sense(values, float(largest), noise.response, _RESPONSE_RANGE, rng)
                 for values, largest in zip(moved.T, scale, strict=True)
             ]
             yield from rig.records(number, input_, measured, responded)
@@ -206,7 +206,7 @@ def _swing(kind: str, samples: int, rig: Rig, hammer: Hammer, rng: np.random.Gen
     return force
 
 
-def _limited(true: Array, scale: float, noise: float, most: float, rng: np.random.Generator) -> Array:
+def _sense(true: Array, scale: float, noise: float, most: float, rng: np.random.Generator) -> Array:
     """What a channel makes of a signal: noise added, cut off at its range, `most` times its scale."""
     return np.clip(true + noise * scale * rng.standard_normal(true.size), -most * scale, most * scale)
 

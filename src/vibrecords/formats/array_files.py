@@ -303,7 +303,7 @@ def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
 
 
 def _is_plain(dtype: np.dtype[Any]) -> bool:
-    """Whether values are numbers, text, or real and imaginary parts beside each other.
+    """Whether values are numbers, text, or pairs of real and imaginary part.
 
     Damage can make of a part a number of 16 bytes in the room of 8: h5py writes beyond its array, and ends the process.
     """

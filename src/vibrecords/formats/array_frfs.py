@@ -45,14 +45,14 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
     placed = {*pairs.values()}
     for name in (name for name in coherences if name not in placed):
         alone = not frfs and len(coherences) == 1
-        for labels, lines, values, where, notes in _laid_out(block, _Values(name, block.numbers(name)), alone=alone):
+        for labels, lines, values, where, notes in _columns(block, _Values(name, block.numbers(name)), alone=alone):
             yield CoherenceRecord(*labels, lines, values, _averages(block), where, notes)
     for name in block.named("spectrum"):
         array = block.numbers(name, np.complex128)
         if array.ndim < 3 and _axes(block, array.shape):
             kind = block.string("kind") or " ".join(w for w in re.split(r"[\W_]+", name) if not w.isdecimal())
             alone = bool(block.strings("outputs"))
-            for labels, lines, values, where, notes in _laid_out(block, _Values(name, array), alone=alone):
+            for labels, lines, values, where, notes in _columns(block, _Values(name, array), alone=alone):
                 yield SpectrumRecord(labels[0], kind, lines, values, block.told_unit(name), where, notes)
 
 
@@ -182,7 +182,7 @@ def _counted_lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Arr
     )
 
 
-def _arranged(block: Block, name: str, values: NDArray[Any], lines: int) -> tuple[NDArray[Any], list[str]]:
+def _arrange(block: Block, name: str, values: NDArray[Any], lines: int) -> tuple[NDArray[Any], list[str]]:
     """Array of shape (lines, outputs, inputs) from the shapes that occur in files."""
     shape, notes, where = values.shape, [], block.where(name)
     if values.ndim == 0 or values.ndim > 3 or lines not in shape:
@@ -202,12 +202,12 @@ def _arranged(block: Block, name: str, values: NDArray[Any], lines: int) -> tupl
 # ---- records
 
 
-def _laid_out(
+def _columns(
     block: Block, given: _Values, *, alone: bool
 ) -> Iterator[tuple[tuple[str, str], Array, NDArray[Any], str, tuple[str, ...]]]:
     """Each column of an array with its labels, lines, place and notes."""
     lines, notes = _lines(block, given.name, given.values.shape)
-    array, moved = _arranged(block, given.name, given.values, lines.size)
+    array, moved = _arrange(block, given.name, given.values, lines.size)
     outputs, of_outputs = _labels(block, given.name, "output", array.shape[1], alone=alone)
     inputs, of_inputs = _labels(block, given.name, "input", array.shape[2], alone=alone)
     said = tuple(dict.fromkeys([*notes, *given.notes, *moved, *of_outputs, *of_inputs]))
@@ -218,10 +218,10 @@ def _laid_out(
 
 
 def _frf_records(block: Block, frf: _Values, coherence: str | None, *, alone: bool) -> Iterator[FrfRecord]:
-    columns = list(_laid_out(block, frf, alone=alone))
+    columns = list(_columns(block, frf, alone=alone))
     squared: list[Array | None] = [None] * len(columns)
     if coherence is not None:
-        arranged, _ = _arranged(block, coherence, block.numbers(coherence), columns[0][1].size if columns else 0)
+        arranged, _ = _arrange(block, coherence, block.numbers(coherence), columns[0][1].size if columns else 0)
         squared = list(arranged.reshape(len(arranged), -1).T)
         if len(squared) != len(columns):
             raise MeasurementError(

@@ -58,7 +58,7 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
         If nothing is understood, or something may be read in two ways; naming what there is.
     """
     blocks = list(_blocks(tree, "", None, sign))
-    used = _name_arrays(blocks, layout) if layout else list(_described(blocks))
+    used = _name_arrays(blocks, layout) if layout else list(_expand_structs(blocks))
     apart: dict[tuple[str, str], list[CoherenceRecord]] = {}
     for record in _records(block for block in used if block.named("coherence")):
         if isinstance(record, CoherenceRecord):
@@ -101,12 +101,12 @@ def _blocks(tree: Mapping[str, Any], place: str, outer: Block | None, sign: str,
                 yield from _blocks(element, f"{position}{sign}", block, sign, label=position)
 
 
-def _described(blocks: list[Block]) -> Iterator[Block]:
+def _expand_structs(blocks: list[Block]) -> Iterator[Block]:
     """Structs that describe themselves under our own names, in place of what is within them; the others as they are."""
     outer: str | None = None  # what is within a struct follows it
     for block in blocks:
         if outer is None or not block.place.startswith(outer):
-            described = _described_blocks(block)
+            described = _expand(block)
             outer = None if described is None else block.place
             yield from [block] if described is None else described
 
@@ -126,7 +126,7 @@ def _elements(values: list[Any], place: str, brackets: str) -> Iterator[tuple[st
 # its `label`. Polytec's file access: `x`, `y` (one row for each point) and `usd`, their description.
 
 
-def _described_blocks(block: Block) -> Iterator[Block] | None:
+def _expand(block: Block) -> Iterator[Block] | None:
     """Columns of a struct that describes itself, each as a block of our own names; None of another struct.
 
     Raises

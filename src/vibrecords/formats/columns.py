@@ -152,18 +152,19 @@ def _is_unit_of(role: Role, word: str) -> bool:
     return role in ("frequency", "time") and axis_role(word.replace("_", "/")) == role
 
 
-def listed(columns: Sequence[Column], numbers: Sequence[int]) -> str:
-    """Some of the columns by number, name and role, with the nearest word where there is none: for messages."""
+def describe(columns: Sequence[Column], numbers: Sequence[int] | None = None) -> str:
+    """Columns, all or some, by number, name and role, with the nearest word where there is none: for messages."""
     words = [word for long, _ in WORDS.values() for word in re.findall(r"[a-z]{4,}", long)]
 
-    def described(column: Column) -> str:
+    def role_of(column: Column) -> str:
         if column.role != "other":
             return column.role
         near = difflib.get_close_matches(column.header.lower()[:30], words, 1, 0.7)
         return f"unknown, perhaps {near[0]}" if near else "unknown"
 
-    shown = ", ".join(f"column {i + 1} {columns[i].header[:24]!r} ({described(columns[i])})" for i in numbers[:8])
-    return shown + (f" and {len(numbers) - 8} more" if len(numbers) > 8 else "")
+    which = range(len(columns)) if numbers is None else numbers
+    shown = ", ".join(f"column {i + 1} {columns[i].header[:24]!r} ({role_of(columns[i])})" for i in which[:8])
+    return shown + (f" and {len(which) - 8} more" if len(which) > 8 else "")
 
 
 def spectrum_kind(column: Column) -> str:
@@ -196,8 +197,7 @@ def groups_of(
     note: tuple[str, ...] = ()
     if not used:
         raise MeasurementError(
-            f"header: found {listed(columns, range(len(columns)))}; expected frequency or time, and what was measured; "
-            "name the columns"
+            f"header: found {describe(columns)}; expected frequency or time, and what was measured; name the columns"
         )
     pairs = [
         _XY.fullmatch(f"{columns[i].header} {columns[k].header}") for i, k in zip(used[::2], used[1::2], strict=False)
@@ -207,14 +207,14 @@ def groups_of(
         columns[:] = [replace(c, role="other", name=c.header) for c in columns]
         for i, k, match in zip(axes, used[1::2], pairs, strict=True):
             columns[k] = replace(columns[k], name=match["name"].strip(" _.-") or columns[k].header if match else "")
-            columns[i], note = _told_axis(columns[i], values[:, i], i, axis)
+            columns[i], note = _infer_axis(columns[i], values[:, i], i, axis)
     else:
         axes = [i for i in used if columns[i].role in ("frequency", "time") and (i == used[0] or _rises(values[:, i]))]
     if not axes:
         if len(used) > 2 and _counts(values[:, used[0]]) and _rises(values[:, used[1]]):
             note = (f"column {used[0] + 1}, which counts rows, passed over",)
             used = used[1:]
-        columns[used[0]], told = _told_axis(columns[used[0]], values[:, used[0]], used[0], axis)
+        columns[used[0]], told = _infer_axis(columns[used[0]], values[:, used[0]], used[0], axis)
         axes, note = [used[0]], (*note, *told)
     elif axis is not None and not columns[axes[0]].unit and columns[axes[0]].role != axis.partition("_")[0]:
         raise MeasurementError(
@@ -246,7 +246,7 @@ def _counts(x: Array) -> bool:
 
 
 @np.errstate(all="ignore")
-def _told_axis(column: Column, x: Array, number: int, axis: str | None) -> tuple[Column, tuple[str, ...]]:
+def _infer_axis(column: Column, x: Array, number: int, axis: str | None) -> tuple[Column, tuple[str, ...]]:
     """Column of frequency or time where no name says which: by its numbers, or by the layout."""
     x = x[~np.isnan(x)]
     named = f"column {number + 1}" + (f" {column.header!r}" if column.header else "")

@@ -42,7 +42,7 @@ def join_frfs(records: Iterable[FrfRecord], where: str) -> FrfSet:
     frfs: dict[tuple[str, str], FrfRecord] = {}
     first: FrfRecord | None = None
     for record in records:
-        checked = _checked(record, where)
+        checked = _check(record, where)
         pair = (checked.response, checked.reference)
         if pair in frfs:
             raise MeasurementError(
@@ -161,7 +161,7 @@ def _span(lines: Array) -> str:
     return f"{finite.min():g} to {finite.max():g} Hz" if finite.size else "none"
 
 
-def _checked(record: FrfRecord, where: str) -> FrfRecord:
+def _check(record: FrfRecord, where: str) -> FrfRecord:
     lines, values, place = record.frequency_hz, record.values, f"{where}: {record.where}"
     require_lines(lines, place)
     if lines[-1] > HIGHEST_HZ or lines[0] < 1 / HIGHEST_HZ:
@@ -230,7 +230,7 @@ def _grid(frfs: dict[tuple[str, str], FrfRecord], first: FrfRecord, where: str) 
     told = [record.averages for record in frfs.values() if record.averages is not None]
     averages = min(told) if len(told) == len(frfs) else None
     values, coherence = np.empty(shape, complex), np.empty(shape) if complete else None
-    while frfs:  # each record is let go once it is in place, so that no file is in memory three times
+    while frfs:  # each record is dropped once it is in place, so that no file is in memory three times
         (output, input_), record = frfs.popitem()
         cell = (slice(None), rows[output], columns[input_])
         values[cell] = record.values

@@ -11,7 +11,7 @@ import numpy as np
 from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.columns import Column, column_of
-from vibrecords.formats.table import column_records, placed
+from vibrecords.formats.table import column_records, place_records
 from vibrecords.formats.table_text import Lines, bad_number, float_of, read_rows, text_lines
 from vibrecords.records import MOST_COLUMNS, Record, require_short
 
@@ -66,7 +66,7 @@ def read_lvm(path: Path) -> Generator[Record, None, None]:
                 "is cut off within a number, export it again"
             )
         hit = number if number > 1 or following is not None else None
-        yield from placed(_records(segment, names, values, layout), f"segment {number}", hit)
+        yield from place_records(_records(segment, names, values, layout), f"segment {number}", hit)
         block = following
 
 

@@ -118,7 +118,7 @@ def full_matrix(
 
 
 def list_or_texts(items: list[Any]) -> list[Any] | NDArray[np.str_]:
-    """Cells as one array where all of them are texts, or empty beside texts."""
+    """Cells as one array where all of them are texts, or texts and empty ones."""
     arrays = [item for item in items if isinstance(item, np.ndarray) and (item.size == 0 or item.dtype.kind == "U")]
     if len(arrays) == len(items) and all(item.size < 2 for item in arrays):
         return np.array([str(item.ravel()[0]) if item.size else "" for item in arrays], dtype=str)

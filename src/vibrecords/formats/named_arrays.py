@@ -246,7 +246,7 @@ class Block:
         return (self.meanings.get(name) or meaning_of(name)).rest
 
     def hints(self, name: str) -> frozenset[str]:
-        """Units that a name or the unit beside it tells: ``deg``, ``rad``, ``db``, ``khz`` and others."""
+        """Units that a name or the unit next to it tells: ``deg``, ``rad``, ``db``, ``khz`` and others."""
         unit = re.match(r"[\[(]?(°|[A-Za-z]+)", self.unit_of(name))
         words = {*self.meanings[name].hints, *([unit[1].lower()] if unit else [])}
         return frozenset(
@@ -387,7 +387,7 @@ def _of_array(block: Block, name: str, count: int) -> list[_History]:
 
 
 def _of_samples(block: Block, count: int) -> list[_History]:
-    """The columns of `samples`, by the lists beside them."""
+    """The columns of `samples`, by the lists that go with them."""
     channels = block.strings("channels") or [f"channel {i + 1}" for i in range(count)]
     units, words = block.strings("unit") or [""] * count, block.strings("quantities") or [""] * count
     hits = block.numbers("hits").ravel() if block.has("hits") else np.zeros(count)

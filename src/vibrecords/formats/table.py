@@ -10,7 +10,7 @@ import numpy as np
 from vibrecords.arrays import Array, complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import columns as headers
-from vibrecords.formats.columns import Column, Role, column_of, listed
+from vibrecords.formats.columns import Column, Role, column_of, describe
 from vibrecords.formats.table_text import TextTable, float_of, read_text_table, text_lines
 from vibrecords.formats.units import in_hz, read_frf_unit, read_sensor_unit, scaled
 from vibrecords.records import MOST_AVERAGES, CoherenceRecord, FrfRecord, Record, SpectrumRecord, TimeRecord, even_rate
@@ -78,7 +78,7 @@ def column_records(
     passed = [i for i, c in enumerate(columns) if c.role == "index" or empty[i]]
     groups = headers.groups_of(columns, values, sorted(set(range(len(columns))) - set(passed)), axis)
     if passed:
-        notes = (*notes, f"passed over: {listed(columns, passed)}")
+        notes = (*notes, f"passed over: {describe(columns, passed)}")
     starts = []
     for numbers, note in groups:
         rows = values[: headers.filled_length(values[:, numbers])]
@@ -95,7 +95,7 @@ def column_records(
             )
 
 
-def placed(records: Iterator[Record], place: str, hit: int | None = None) -> Iterator[Record]:
+def place_records(records: Iterator[Record], place: str, hit: int | None = None) -> Iterator[Record]:
     """Records with the part of the file they stand in before their place, and as the hit that it holds, if it does."""
     for record in records:
         if hit is not None and isinstance(record, TimeRecord) and record.hit is None:
@@ -133,7 +133,7 @@ class _Group:
             spectra = [i for i in others if read_sensor_unit(columns[i].unit)[1]]
             if not spectra:
                 raise MeasurementError(
-                    f"header: found {listed(columns, self.numbers)}; expected frequency, real and imaginary part "
+                    f"header: found {describe(columns, self.numbers)}; expected frequency, real and imaginary part "
                     "(or magnitude and phase), such as 'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer "
                     "[g/N]'; name the columns so"
                 )
@@ -151,7 +151,7 @@ class _Group:
 
     def pass_over(self, numbers: list[int]) -> None:
         """Note columns that are not read."""
-        self.notes += (f"passed over: {listed(self.columns, numbers)}",) if numbers else ()
+        self.notes += (f"passed over: {describe(self.columns, numbers)}",) if numbers else ()
 
     def spectra(self, numbers: list[int], lines: Array) -> Iterator[SpectrumRecord]:
         """Spectra, each of one column."""

@@ -218,7 +218,7 @@ def _header(head: list[_TableHead], delimiter: str, count: int, comments: dict[s
         cells = _cells(entry, delimiter, count)
         broken = next((cell for cell in cells if not _NUMBER.fullmatch(cell)), None)
         if broken is None and entry.is_comment:
-            continue  # a row that somebody has taken out
+            continue  # a row that was taken out
         if broken is not None and entry is head[-1] and len(cells) == count and _NUMBER.fullmatch(cells[0]):
             raise bad_number(broken, f"line {entry.number}")
         pair = cells if len(cells) > 1 else re.split(r"\s*[:=]\s*", cells[0], maxsplit=1)
@@ -338,7 +338,7 @@ def read_rows(rows: Iterable[tuple[int, list[str]]], count: int) -> tuple[Array,
                 elif "," in field or not _NUMBER.fullmatch(field.strip()):
                     raise bad_number(field, f"line {number}") from None
             numbers.extend(float(field.strip() or "nan") for field in fields)
-        if "_" in "".join(fields):  # Python's own spelling of long numbers, nobody's else
+        if "_" in "".join(fields):  # Python's own spelling of long numbers
             raise bad_number(next(f for f in fields if "_" in f), f"line {number}")
         if empty:
             gaps.update({i: line for i, line in empty.items() if i not in gaps and fields[i].strip()})

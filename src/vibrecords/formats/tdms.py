@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.columns import Column, Role, column_of, layout_axis, listed
-from vibrecords.formats.table import column_records, placed
+from vibrecords.formats.columns import Column, Role, column_of, describe, layout_axis
+from vibrecords.formats.table import column_records, place_records
 from vibrecords.records import MOST_COLUMNS, Record, refuse_damage, require_short
 
 #: Scales of a channel: npTDMS looks at each, however many a damaged file promises.
@@ -21,7 +21,7 @@ _MOST_SCALES = 100
 def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Generator[Record, None, None]:
     """Records of the groups; groups with the same channels are hits.
 
-    Sensitivities are applied where DAQmx wrote its scaling, and by nobody again: npTDMS gives engineering units.
+    Sensitivities are applied where DAQmx wrote its scaling, once: npTDMS gives engineering units.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Generator[
     for number, (name, members) in enumerate(groups.items(), start=1):
         require_short("group", name, *(text for c in members for text in (c.name, c.unit)))
         records = _group_records(name, members, layout, notes)
-        yield from placed(records, f"group {name[:60]!r}", number if alike else None)
+        yield from place_records(records, f"group {name[:60]!r}", number if alike else None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +115,7 @@ def _group_records(
                 arrays.append(values)
     if not clocks and not any(column.role in ("time", "frequency") for column in columns) and not layout:
         raise MeasurementError(
-            f"group {name[:60]!r}: found {listed(columns, range(len(columns)))} without a wf_increment; expected the "
+            f"group {name[:60]!r}: found {describe(columns)} without a wf_increment; expected the "
             "time between samples, or a channel named time or frequency; export the channels as waveforms"
         )
     table = np.full((max(a.size for a in arrays), len(arrays)), np.nan)

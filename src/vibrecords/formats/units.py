@@ -106,7 +106,7 @@ def parse_unit(label: str, *, lasting: bool = True) -> Unit | None:
     True
     """
     text = label.translate(_SUPERSCRIPTS).replace("^-^", "^-").strip()
-    if not text or len(text) > 60:  # nobody's unit is longer; a bound keeps brackets from nesting deeply
+    if not text or len(text) > 60:  # no unit is longer; a bound keeps brackets from nesting deeply
         return None
     text = _RUN_TOGETHER.sub("m*s", _PLURAL.sub("", text))
     tokens: list[re.Match[str]] = []

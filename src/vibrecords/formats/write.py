@@ -59,7 +59,7 @@ def records_of_frf(frf: FrfSet, label: Callable[[str], str] = str, where: str = 
 def write_records(records: Iterable[Record], path: str | Path, format: str) -> None:
     """Write FRFs or time histories in SI units; `format` is one of `FORMATS`.
 
-    The file is written beside its place under another name and moved there when it is complete.
+    The file is written in the same directory under another name and moved there when it is complete.
 
     Raises
     ------

@@ -135,19 +135,19 @@ def _hits_of_record(index: int, record: TimeRecord, x: Array, threshold: float, 
     if settings.block_s is None:
         if not above.size:
             return [Hit(0, index, 0, 0, 0.0, 0.0, "no force above the trigger")]
-        return [_judged(index, record, x, 0, int(above[0]), x.size, settings)]
+        return [_judge(index, record, x, 0, int(above[0]), x.size, settings)]
     samples, before = max(round(settings.block_s * rate), 1), round(settings.pretrigger_s * rate)
     hits = []
     position = 0
     while (later := above[above >= position]).size:
         trigger = int(later[0])
         start = trigger - before
-        hits.append(_judged(index, record, x, start, trigger, samples, settings))
+        hits.append(_judge(index, record, x, start, trigger, samples, settings))
         position = max(start + samples, trigger + 1)
     return hits
 
 
-def _judged(
+def _judge(
     index: int, record: TimeRecord, x: Array, start: int, trigger: int, samples: int, settings: HitSettings
 ) -> Hit:
     rate = record.sample_rate_hz

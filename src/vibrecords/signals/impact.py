@@ -86,7 +86,7 @@ def impact_frfs(
     chosen = settings or ImpactSettings()
     if not responses:
         raise MeasurementError("impact: found no response; expected one or more; add the records of a response")
-    together = [spectra.paired(force, response) for response in responses]
+    together = [spectra.pair_records(force, response) for response in responses]
     forces = [x for x, _ in together[0][0]]
     hits = find_hits(forces, chosen.hits)
     for pairs, _ in together:
@@ -125,7 +125,7 @@ def _estimate(
     notes = [f"{settings.estimator} from {len(kept)} of {len(hits)} hits"]
     if added > 0:
         notes.append(f"exponential window adds {added:.6g} 1/s to the decay rate of each mode")
-    record = spectra.estimated_record(pairs[0], frequency, estimate, quantity, len(kept), notes)
+    record = spectra.record_of_estimate(pairs[0], frequency, estimate, quantity, len(kept), notes)
     return ImpactResult(record, hits, added)
 
 
@@ -159,7 +159,7 @@ def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None 
 
 
 def settings_of(records: Sequence[TimeRecord], f_min_hz: float | None, f_max_hz: float | None) -> ImpactSettings:
-    """How FRFs are made of the records of a hammer where nobody says it: each record a block, or blocks about its hits.
+    """How FRFs are made of the records of a hammer without any settings: each record a block, or blocks about its hits.
 
     A block is a tenth shorter than hits are apart, as most of them are, and begins with a twentieth before the hit.
 

@@ -93,7 +93,7 @@ def estimate_frf(
     return values, coherence
 
 
-def estimated_record(
+def record_of_estimate(
     pair: tuple[TimeRecord, TimeRecord],
     frequency_hz: Array,
     estimate: tuple[ComplexArray, Array],
@@ -192,7 +192,7 @@ def shaker_frf(
     Welch, P. D. (1967). The use of fast Fourier transform for the estimation of power spectra. IEEE Transactions on
     Audio and Electroacoustics 15(2), 70-73. DOI 10.1109/TAU.1967.1161901
     """
-    pairs, quantity = paired(force, response)
+    pairs, quantity = pair_records(force, response)
     rate = pairs[0][0].sample_rate_hz
     samples = round(settings.block_s * rate)
     hop = max(round(samples * (1 - settings.overlap)), 1)
@@ -210,7 +210,7 @@ def shaker_frf(
     each = [len(x) for x, _ in spectra]
     effective = sum(effective_averages(count, window, hop) for count in each if count)
     note = f"{settings.estimator} from {sum(each)} blocks that count for {effective:.3g} averages"
-    frf = estimated_record(pairs[0], frequency, estimate, quantity, max(round(effective), 1), [note])
+    frf = record_of_estimate(pairs[0], frequency, estimate, quantity, max(round(effective), 1), [note])
     return ShakerResult(frf, sum(each), effective)
 
 
@@ -248,7 +248,7 @@ def kept_lines(
     return every[kept], kept
 
 
-def paired(
+def pair_records(
     force: TimeRecord | Sequence[TimeRecord], response: TimeRecord | Sequence[TimeRecord]
 ) -> tuple[list[tuple[TimeRecord, TimeRecord]], Quantity]:
     """Records of force and response in pairs, and the quantity of their FRF.

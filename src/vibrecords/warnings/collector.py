@@ -178,13 +178,13 @@ class WarningCollector:
     def add(self, record: Record) -> None:
         """Look at one record."""
         if isinstance(record, TimeRecord):
-            where = _named(record.channel, record.where)
+            where = _place(record.channel, record.where)
             self._nyquist_hz = min(self._nyquist_hz, record.sample_rate_hz / 2)
             self._keep(where, *_history_warnings(record))
             return
         if not isinstance(record, FrfRecord):
             return
-        where, clear = _named(f"{record.response}/{record.reference}", record.where), ClearFrf.of(record)
+        where, clear = _place(f"{record.response}/{record.reference}", record.where), ClearFrf.of(record)
         if clear is None:
             self._tell(where, record, clear, turned=False)
         else:
@@ -265,13 +265,13 @@ class WarningCollector:
         for other, key, what in pairs:
             if warning := disagreement(other, sketch):
                 warning = replace(warning, key=keys.get(warning.key, key), sentence=f"{what}, but {warning.sentence}")
-                self._keep(f"{_named(other.record, other.where)} and {sketch.where}", warning)
+                self._keep(f"{_place(other.record, other.where)} and {sketch.where}", warning)
         # two of a kind are enough to compare with
         if len(before) < 2:
             self._sketches.setdefault(pair, []).append(sketch)
 
 
-def _named(channel: str, where: str) -> str:
+def _place(channel: str, where: str) -> str:
     return f"{where} ({channel})" if where else channel
 
 

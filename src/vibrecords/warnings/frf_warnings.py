@@ -59,7 +59,7 @@ def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | 
         if mass_kg is not None:
             yield from _mass_line_warnings(clear, mass_kg)
     elif len(peaks) >= 2 and max(abs(p.cosine) for p in peaks) < _UNSIGNED:
-        yield _quadrature(peaks, clear.quantity)
+        yield _phase_warning(peaks, clear.quantity)
 
 
 def _line_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
@@ -200,10 +200,10 @@ def _drive_point_warnings(clear: ClearFrf, peaks: tuple[Resonance, ...]) -> Iter
     mobility, quantity = clear.mobility, clear.quantity
     cosines = np.array([p.cosine for p in peaks])
     if cosines.size and (np.abs(cosines) < _UNSIGNED).all():
-        yield _quadrature(peaks, quantity)
+        yield _phase_warning(peaks, quantity)
         return
     if cosines.size and (cosines < -_SIGNED).all():
-        yield _turned(peaks, quantity)
+        yield _sign_warning(peaks, quantity)
         return
     wrong = mobility.real < -(4 * clear.noise + _PHASE_ERROR * np.abs(mobility))
     run = scipy.ndimage.minimum_filter1d(wrong.astype(int), 5).astype(bool)  # five in a row
@@ -253,7 +253,7 @@ def _mass_line_warnings(clear: ClearFrf, mass_kg: float) -> Iterator[Measurement
         )
 
 
-def _turned(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
+def _sign_warning(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
     component, sign = {
         "accelerance": ("imaginary part of the accelerance", "negative"),
         "mobility": ("real part of the mobility", "negative"),
@@ -269,7 +269,7 @@ def _turned(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarn
     )
 
 
-def _quadrature(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
+def _phase_warning(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
     likely = "receptance or accelerance" if quantity == "mobility" else "mobility"
     component = "imaginary" if quantity == "mobility" else "real"
     return MeasurementWarning(
@@ -287,7 +287,7 @@ def _peak_words(peaks: tuple[Resonance, ...]) -> str:
 
 # ---- how it was excited: leakage, an excitation that ends, hum of the mains
 
-#: Incoherence 1 − γ² at a resonance from which on, and over that beside it, there is a dip.
+#: Incoherence 1 − γ² at a resonance from which on, and over that on both sides, there is a dip.
 _DIP, _OVER = 0.05, 3.0
 #: A mean of k degrees of freedom exceeds its expectation by 8/√k once in 100 000.
 _SCATTER = 8.0
@@ -331,11 +331,11 @@ def _leakage(clear: ClearFrf, incoherence: Array, averages: int, judged: Flags) 
         if at.size * averages < 4 or min(side.size for side in sides) < 4:
             continue
         over = max(_OVER, 1 + _SCATTER / np.sqrt(at.size * averages))
-        beside = max(float(np.median(incoherence[side])) for side in sides)
+        around = max(float(np.median(incoherence[side])) for side in sides)
         # a weak mode between strong ones has a low coherence, but no more noise than they
         noisier = noise[at].mean() > over * max(np.median(noise[side]) for side in sides)
-        if noisier and incoherence[at].mean() > max(_DIP, over * beside):
-            dips.append((peak, 1 - incoherence[at].mean(), 1 - beside))
+        if noisier and incoherence[at].mean() > max(_DIP, over * around):
+            dips.append((peak, 1 - incoherence[at].mean(), 1 - around))
     if dips:
         peak, low, high = dips[0]
         few = f", of which {peak.lines} lines are within half power" if peak.lines < 5 else ""
@@ -391,10 +391,10 @@ def _mains(clear: ClearFrf, incoherence: Array | None, averages: int) -> tuple[l
     def outlying(places: Array) -> Flags:
         """Whether one of the three lines about each place stands out of those three to six lines away."""
         about = np.clip(np.searchsorted(f, places), 7, f.size - 8)[:, None] + np.arange(-1, 2)
-        beside = np.median(values[about[:, :, None] + [-6, -5, -4, -3, 3, 4, 5, 6]], axis=2)
+        around = np.median(values[about[:, :, None] + [-6, -5, -4, -3, 3, 4, 5, 6]], axis=2)
         if incoherence is None:
-            return np.asarray((values[about] > beside + _SCATTER * clear.noise[about]).any(axis=1))
-        above = (values[about] > (1 + _SCATTER / np.sqrt(averages)) * beside) & (values[about] > _DIP)
+            return np.asarray((values[about] > around + _SCATTER * clear.noise[about]).any(axis=1))
+        above = (values[about] > (1 + _SCATTER / np.sqrt(averages)) * around) & (values[about] > _DIP)
         return np.asarray(above.any(axis=1))
 
     for mains in (50.0, 60.0):
