@@ -171,8 +171,7 @@ def require_lines(frequency_hz: Array, where: str) -> None:
         )
     if low.size:
         raise MeasurementError(
-            f"{where}: found a line at {low[0]:g} Hz; expected lines above 0 Hz; drop the line at 0 Hz, or cut it away "
-            "with f_min_hz"
+            f"{where}: found a line at {low[0]:g} Hz; expected lines above 0 Hz; drop it, or cut it away with f_min_hz"
         )
     backwards = np.flatnonzero(np.diff(frequency_hz) <= 0)
     if backwards.size:

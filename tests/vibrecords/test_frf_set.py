@@ -101,7 +101,10 @@ REFUSED = {
     "infinity": (lambda: frf_set(values=with_one(complex(0, np.inf))), "NaN or infinity"),
     "NaN frequency": (lambda: frf_set(frequency_hz=[10.0, np.nan, 30.0, 40.0]), "finite frequencies"),
     "infinite frequency": (lambda: frf_set(frequency_hz=[10.0, 20.0, 30.0, np.inf]), "finite frequencies"),
-    "line at zero": (lambda: frf_set(frequency_hz=[0.0, 20.0, 30.0, 40.0]), "drop the line at 0 Hz"),
+    "line at zero": (
+        lambda: frf_set(frequency_hz=[0.0, 20.0, 30.0, 40.0]),
+        "found a line at 0 Hz; expected lines above 0 Hz; drop it",
+    ),
     "negative frequency": (lambda: frf_set(frequency_hz=[-1.0, 20.0, 30.0, 40.0]), "above 0 Hz"),
     "double line": (lambda: frf_set(frequency_hz=[10.0, 20.0, 20.0, 40.0]), r"20 Hz after 20 Hz \(line 3\)"),
     "falling lines": (lambda: frf_set(frequency_hz=[10.0, 20.0, 30.0, 25.0]), r"25 Hz after 30 Hz \(line 4\)"),

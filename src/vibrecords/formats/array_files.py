@@ -16,17 +16,8 @@ from numpy.typing import NDArray
 
 from vibrecords.arrays import complex_of
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.matlab_5 import (
-    REMEDY,
-    UNREADABLE,
-    Block,
-    Unread,
-    full_matrix,
-    list_or_texts,
-    read_matlab,
-    refuse_deeper,
-    refuse_larger,
-)
+from vibrecords.formats import matlab_5
+from vibrecords.formats.matlab_5 import Block, Unread
 from vibrecords.records import LONGEST_LABEL, MOST_RECORDS, refuse_damage
 from vibrecords.whole_file import WRITTEN_BY
 
@@ -101,7 +92,7 @@ def zip_entries(path: Path) -> list[zipfile.ZipInfo]:
 def _read_npz(path: Path, most: int) -> Block:
     """Arrays of an archive; ``record_2/frf`` is the array ``frf`` of the group ``record_2``."""
     tree: Block = {}
-    refuse_larger(sum(member.file_size for member in zip_entries(path)), most)
+    matlab_5.refuse_larger(sum(member.file_size for member in zip_entries(path)), most)
     with np.load(path, allow_pickle=False) as arrays, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of headers as Python 2 wrote them
         for name in arrays.files:
@@ -111,7 +102,7 @@ def _read_npz(path: Path, most: int) -> Block:
             if not isinstance(array, np.ndarray):
                 raise MeasurementError(f"member '{name}': found no NumPy array; expected .npy members; save it again")
             *groups, key = name.split("/")
-            refuse_deeper(len(groups), len(arrays.files), f"variable '{name}'")
+            matlab_5.refuse_deeper(len(groups), len(arrays.files), f"variable '{name}'")
             block = tree
             for group in groups:
                 block = block.setdefault(group, {})
@@ -206,7 +197,7 @@ class _Hdf5:
             return None
         self.seen.add((where.fileno, where.addr))
         self.count += len(group)
-        refuse_deeper(depth, self.count, f"group '{place}'")
+        matlab_5.refuse_deeper(depth, self.count, f"group '{place}'")
         items: Block = {}
         for name in group:
             if len(name) > LONGEST_LABEL:
@@ -226,7 +217,7 @@ class _Hdf5:
         if self.matlab and "MATLAB_sparse" in attributes and {"ir", "jc"} <= block.keys():
             shape = (int(attributes["MATLAB_sparse"]), block["jc"].size - 1)
             parts = (block["ir"].ravel(), block["jc"].ravel(), block.get("data", np.zeros(0)).ravel())
-            return full_matrix(shape, *parts, self.most - self.bytes)
+            return matlab_5.full_matrix(shape, *parts, self.most - self.bytes)
         lists = [len(v) for n, v in block.items() if self.matlab and isinstance(v, list) and _is_struct_field(items[n])]
         if lists and len(lists) == len(block):  # the fields of an array of structs, element by element
             return [{name: values[i] for name, values in block.items()} for i in range(min(lists))]
@@ -242,16 +233,16 @@ class _Hdf5:
             return None
         # of the data set in memory, or of one of the chunks that it is unpacked in
         self.bytes += max(item.nbytes, math.prod(item.chunks or (0,)) * item.dtype.itemsize)
-        refuse_larger(self.bytes, self.most)
+        matlab_5.refuse_larger(self.bytes, self.most)
         if h5py.check_ref_dtype(item.dtype) is not h5py.Reference or not item.shape:
             return _dataset(item, f"variable '{place}'", self.matlab)
         if not self.matlab:
             return Unread("references to other places")
         self.count += item.size
-        refuse_deeper(depth, self.count, f"group '{place}'")
+        matlab_5.refuse_deeper(depth, self.count, f"group '{place}'")
         values = [self.item(self.file[r], place, depth + 1) if r else None for r in np.asarray(item[()]).T.ravel()]
         values = [np.zeros(0) if value is None else value for value in values]
-        return values if _is_struct_field(item) else list_or_texts(values)
+        return values if _is_struct_field(item) else matlab_5.list_or_texts(values)
 
 
 def _is_struct_field(item: Any) -> bool:  # noqa: ANN401
@@ -283,7 +274,7 @@ def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
     attributes = _attributes(item)
     kind = np.asarray(attributes.get("MATLAB_class", ""), dtype=str).ravel()[0]
     if "MATLAB_object_decode" in attributes or kind == "function_handle":
-        return UNREADABLE
+        return matlab_5.UNREADABLE
     if item.shape is None or "MATLAB_empty" in attributes:
         return np.array([], dtype=str) if kind == "char" else None
     if h5py.check_string_dtype(item.dtype):
@@ -330,7 +321,7 @@ def _texts(item: Any, where: str) -> NDArray[np.str_]:  # noqa: ANN401
     if longest > _LONGEST_TEXT or item.size > MOST_RECORDS:
         raise MeasurementError(
             f"{where}: found {item.size} texts of up to {longest} bytes; expected at most {MOST_RECORDS} of "
-            f"{_LONGEST_TEXT}; {REMEDY}"
+            f"{_LONGEST_TEXT}; {matlab_5.REMEDY}"
         )
     return np.array(item.asstr(errors="replace")[()], dtype=str)
 
@@ -379,7 +370,7 @@ def _matlab_variable(group: Any, key: str, value: Any) -> None:  # noqa: ANN401
 
 _READERS: dict[str, Callable[[Path, int], Block]] = {
     "npz": _read_npz,
-    "mat": read_matlab,
+    "mat": matlab_5.read_matlab,
     "mat73": partial(_read_hdf5, matlab=True),
     "hdf5": _read_hdf5,
 }
