@@ -25,7 +25,7 @@ import numpy as np
 import jointbayes as jb
 from jointbayes.progress import Progress
 from jointbayes.sampling import SamplerSettings, run_ensembles
-from jointbayes.studies.tasks import run_tasks
+from jointbayes.studies.workers import run_tasks
 
 _CASE = Path(__file__).parent.parent / "configs" / "clamped_beam.toml"
 _POINTS = 20

@@ -37,7 +37,7 @@ from jointbayes.sampling.density import newton_climb
 from jointbayes.sampling.distributions import resampled
 from jointbayes.studies.campaign.hierarchical import PopulationPrior, hierarchical_posterior
 from jointbayes.studies.campaign.reweighting import JointDraws
-from jointbayes.studies.tasks import run_tasks
+from jointbayes.studies.workers import run_tasks
 from vibrecords import FrfData, FrfSet
 
 ROOT = Path(__file__).resolve().parents[1]

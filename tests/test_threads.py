@@ -11,8 +11,8 @@ import scipy.linalg  # noqa: F401  (comes with a BLAS of its own)
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 import jointbayes as jb
-from jointbayes.reproducibility import one_blas_thread
-from jointbayes.studies.crews import attempt, packed
+from jointbayes.reproducibility import code_version, one_blas_thread
+from jointbayes.studies.workers import attempt, packed
 from tests.conftest import CONFIGS
 
 _HEAD = """
@@ -111,4 +111,4 @@ def test_every_step_runs_on_one_thread(name, first, monkeypatch):
 
 def test_tasks_of_studies_run_on_one_thread():
     with threadpool_limits(2, user_api="blas"):
-        assert set(attempt(packed(of_blas, ())).value) == {1}
+        assert set(attempt(code_version(), packed(of_blas, ())).value) == {1}

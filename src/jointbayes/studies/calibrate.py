@@ -5,7 +5,7 @@ import json
 import os
 import pickle
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import asdict, replace
@@ -23,7 +23,7 @@ from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration import A_CALIBRATION, Calibration
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, Job, analyse_packed, require_simulable
 from jointbayes.studies.study_directory import append_line, kept_lines
-from jointbayes.studies.tasks import run_tasks
+from jointbayes.studies.workers import run_tasks
 from jointbayes.workflow import Analysed, answered_case, sample
 from vibrecords.arrays import Array
 from vibrecords.own_directory import OwnDirectory
@@ -47,7 +47,7 @@ def calibrate(
     directory: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     scheduler: "str | Client | None" = None,
-    executor: Executor | Callable[[], Executor] | None = None,
+    executor: Executor | None = None,
     progress: ProgressCallback | bool | None = None,
 ) -> Calibration:
     """Judge the whole analysis of a case by simulated data whose truths are known.

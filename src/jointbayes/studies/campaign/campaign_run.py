@@ -28,7 +28,7 @@ from jointbayes.studies.campaign.index import (
     write_index,
 )
 from jointbayes.studies.study_directory import append_line
-from jointbayes.studies.tasks import Outcome, run_tasks
+from jointbayes.studies.workers import Outcome, run_tasks
 from vibrecords.own_directory import real_directory
 from vibrecords.whole_file import swept
 
@@ -108,7 +108,7 @@ def campaign(
     *,
     base: str | Path | None = None,
     workers: int | None = None,
-    executor: Executor | Callable[[], Executor] | None = None,
+    executor: Executor | None = None,
     scheduler: "str | Client | None" = None,
     seed: int = 1,
     draws: int = 4000,
@@ -134,7 +134,7 @@ def campaign(
     workers
         Number of processes of this machine, by default one a processor; else the most cases under way.
     executor
-        An executor of concurrent.futures in place of own processes, or a function that makes one.
+        An executor of concurrent.futures in place of own processes.
     scheduler
         Address of a Dask scheduler, or a client; its workers must see the same files under the same names.
     seed
@@ -144,7 +144,7 @@ def campaign(
     full
         Sample each case as long as a run of its own does, see `SamplerSettings.for_one_of_many`.
     seconds
-        Longest time for a case; one that takes longer counts as one that killed its worker.
+        Longest time for a case; one that takes longer counts as one that killed its workers.
     again
         Try cases again that killed their workers at an earlier start.
     allow_outside
