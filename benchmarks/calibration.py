@@ -1,7 +1,6 @@
 """Are posteriors calibrated? `jointbayes calibrate` for cases with ever more that is uncertain: `make science`.
 
-Finished data sets are kept in build/calibration/: what was cut off goes on where it was. Writes its part of
-docs/calibration.md and a figure for each variant.
+Writes its part of docs/calibration.md and a figure for each variant.
 """
 
 import argparse
@@ -15,7 +14,6 @@ from benchmarks.record import merged
 from jointbayes.studies.calibration import calibration_lines
 
 ROOT = Path(__file__).resolve().parents[1]
-PARTIAL = ROOT / "build" / "calibration"
 SEED = 20261122
 
 
@@ -33,10 +31,7 @@ def main() -> None:
             if progress.done % 10 == 0:
                 print(f"{variant}: {progress}", flush=True)
 
-        directory = PARTIAL / variant.replace(" ", "-")
-        found = jb.calibrate(
-            case_of(variant), options.count, seed=SEED, directory=directory, workers=options.workers, progress=tell
-        )
+        found = jb.calibrate(case_of(variant), options.count, seed=SEED, workers=options.workers, progress=tell)
         print(*calibration_lines(found), sep="\n")
         if not options.pilot:
             kept = json.loads(SUMMARY.read_text(encoding="utf-8")) if SUMMARY.exists() else {}

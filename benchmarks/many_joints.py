@@ -4,9 +4,8 @@
 `modes`: four joints with twelve springs, the truth drawn from the prior; the mode counts as found where the search
 ends no more than one in log posterior below a climb from the truth. `draws`: a whole run of four joints that goes on
 until it has 20 000 effective draws of every stiffness. `six`: a whole run, by the usual stop rule, of six joints with
-18 springs and their loss factors. `calibrate`: data sets of the four joints at fewer lines, kept in build/many_joints/:
-what was cut off goes on where it was. What was measured is kept in benchmarks/many_joints.json and written into
-docs/examples/portal-frame.md.
+18 springs and their loss factors. `calibrate`: data sets of the four joints at fewer lines. What was measured is
+kept in benchmarks/many_joints.json and written into docs/examples/portal-frame.md.
 """
 
 import argparse
@@ -33,7 +32,6 @@ Array = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "benchmarks" / "many_joints.json"
-PARTIAL = ROOT / "build" / "many_joints"
 PAGE = ROOT / "docs" / "examples" / "portal-frame.md"
 FIGURE = ROOT / "docs" / "figures" / "calibration-four-joints.svg"
 SEED = 20261122
@@ -107,9 +105,7 @@ def draws(case: jb.Case, tau_factor: float | None = None) -> dict[str, Any]:
 def calibrate(count: int, workers: int | None) -> dict[str, Any]:
     """Ranks of the truths of so many data sets, with simultaneous bands."""
     case = four_joints(few_lines=True)
-    found = jb.calibrate(
-        case, count, seed=SEED, directory=PARTIAL, workers=workers, progress=lambda p: print(p.done, flush=True)
-    )
+    found = jb.calibrate(case, count, seed=SEED, workers=workers, progress=lambda p: print(p.done, flush=True))
     print(*calibration_lines(found), sep="\n")
     FIGURE.write_text(ranks_figure(found.quantities), encoding="utf-8")
     return found.summary()

@@ -1,4 +1,4 @@
-"""Calibration of a case as a user asks for it: what is kept, what is refused, what is judged, what is written."""
+"""Calibration of a case as a user asks for it: what is refused, what is judged, what is written."""
 
 import csv
 import dataclasses
@@ -13,37 +13,31 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
-from jointbayes.errors import CaseError, MeasurementError, ModelError, SamplingError, WriteError
+from jointbayes.errors import MeasurementError, ModelError, SamplingError
 from jointbayes.studies import calibrate as driver
 from jointbayes.studies import data_sets
-from jointbayes.studies.calibrate import KEPT, kept_data_sets
 from jointbayes.studies.calibration import (
-    A_CALIBRATION,
     FALSE_ALARM,
     Calibration,
     calibration_table,
     ranks_csv,
 )
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, analyse
-from jointbayes.studies.study_directory import append_line
 from jointbayes.workflow import sample_quickly
 from tests.posterior.test_decision import of_another_truth
 from tests.studies.calibration_cases import EXACT, FREQUENCIES, Here, small_case, write_case
-from vibrecords.own_directory import OwnDirectory
 
 SETTINGS = jb.SamplerSettings(walkers=16, check_every=20, max_steps=40)
 COUNT = 4
 
 
-def calibrated(count=COUNT, directory=None, case=None, **options):
-    options = {"settings": SETTINGS, "executor": Here(), **options}
-    return jb.calibrate(case or small_case(), count, directory=directory, **options)
+def calibrated(count=COUNT, case=None, **options):
+    return jb.calibrate(case or small_case(), count, **{"settings": SETTINGS, "executor": Here(), **options})
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("kept")
-    return directory, calibrated(directory=directory)
+def done():
+    return calibrated()
 
 
 def synthetic(rank_of, count=400, seed=1, names=("k11", "k12", "k22", DENSITY), **fields):
@@ -62,8 +56,8 @@ def uniform(rng):
 
 
 @pytest.mark.whole
-def test_quantities_are_those_that_the_prior_leaves_open(kept):
-    assert kept[1].names == ("k11", "k12", "k22", DENSITY)
+def test_quantities_are_those_that_the_prior_leaves_open(done):
+    assert done.names == ("k11", "k12", "k22", DENSITY)
     signed = 'joint.parametrisation = "signed"\n'
     text = (
         small_case()
@@ -83,58 +77,21 @@ def test_a_log_density_is_ranked_only_where_both_cases_have_the_same_coordinates
 
 
 @pytest.mark.whole
-def test_a_data_set_depends_on_seed_and_number_alone(kept):
+def test_a_data_set_depends_on_seed_and_number_alone(done):
     job = driver._job(small_case(), None, SETTINGS, None, print)
     again, other = analyse(job, 3), analyse(dataclasses.replace(job, seed=2), 3)
-    assert again.rank == kept[1].data_sets[3].rank
-    assert again.truth == kept[1].data_sets[3].truth
+    assert again.rank == done.data_sets[3].rank
+    assert again.truth == done.data_sets[3].truth
     assert other.truth != again.truth
-    assert len({one.truth for one in kept[1].data_sets}) == COUNT
+    assert len({one.truth for one in done.data_sets}) == COUNT
 
 
 @pytest.mark.whole
-def test_a_rank_is_the_share_of_draws_below_the_truth(kept):
-    for one in kept[1].data_sets:
+def test_a_rank_is_the_share_of_draws_below_the_truth(done):
+    for one in done.data_sets:
         for truth, rank, low, high in zip(one.truth, one.rank, one.low, one.high, strict=True):
             assert (rank < 0.2 * DRAWS) or truth > low
             assert (rank > 0.8 * DRAWS) or truth < high
-
-
-def test_what_is_done_is_not_done_again(kept, monkeypatch):
-    directory, first = kept
-    file = directory / KEPT
-    lines = file.read_text(encoding="utf-8").splitlines()
-    file.write_text("\n".join([*lines[:3], lines[3][:40]]), encoding="utf-8")  # cut off while it was written
-    asked = []
-
-    def known(_job, i):
-        asked.append(i)
-        return first.data_sets[i]
-
-    monkeypatch.setattr(data_sets, "analyse", known)
-    again = calibrated(directory=directory)
-    assert sorted([*asked, *(json.loads(line)["index"] for line in lines[1:3])]) == [0, 1, 2, 3]
-    assert again.data_sets == first.data_sets
-    monkeypatch.undo()
-    assert calibrated(2, directory=directory).data_sets == first.data_sets[:2]
-    assert len(file.read_text(encoding="utf-8").splitlines()) == COUNT + 2  # the line cut off stays, and is passed over
-
-
-@pytest.mark.parametrize(
-    ("options", "part"),
-    [
-        ({"seed": 2}, "seed"),
-        ({"settings": dataclasses.replace(SETTINGS, walkers=18)}, "sampling.walkers"),
-        ({"data_from": small_case(name="other")}, "source of data"),
-        ({"near": True}, "source of truths"),
-        ({"case": small_case("[uncertain.length]\nsd_percent = 0.5\n")}, "uncertain.length.sd_percent"),
-    ],
-)
-def test_data_sets_of_another_calibration_are_not_mixed_in(kept, options, part):
-    before = (kept[0] / KEPT).read_bytes()
-    with pytest.raises(CaseError, match=f"data sets of another .*{part}.*; expected"):
-        calibrated(directory=kept[0], **options)
-    assert (kept[0] / KEPT).read_bytes() == before
 
 
 def analysed_near(case, index, monkeypatch):
@@ -184,35 +141,6 @@ def test_near_the_data_truths_are_draws_of_the_posterior_whatever_their_number(m
     assert seeds == [5, 5, 5]
     with pytest.raises(SamplingError, match=r"posterior of bad, .*not converged \(too short\)"):
         driver._truths_near(small_case(name="bad"), 1, 5, print)
-
-
-def test_two_calibrations_in_one_directory_are_refused(kept):
-    with OwnDirectory(kept[0], A_CALIBRATION), pytest.raises(WriteError, match="found another process at work in it"):
-        calibrated(directory=kept[0])
-    assert not (kept[0] / "lock").exists()
-
-
-@pytest.mark.parametrize("damage", [b"", b"\x00\xff", b"[1, 2]\n{}\n", b"{}\n", b'{"seed": 1}\nnull\n', b'{"se\n{}\n'])
-def test_a_damaged_file_of_data_sets_is_begun_anew_or_refused_in_a_line(tmp_path, damage):
-    (tmp_path / KEPT).write_bytes(damage)
-    if damage.endswith(b"\n"):  # a first line of something else, or a damaged one before whole ones
-        with pytest.raises(CaseError, match="expected those of this calibration"):
-            kept_data_sets(tmp_path / KEPT, {"seed": "2"}, 4)
-        assert (tmp_path / KEPT).read_bytes() == damage
-    else:
-        for _ in range(2):  # what is begun anew is whole
-            assert kept_data_sets(tmp_path / KEPT, {"seed": "2"}, 4) == {}
-
-
-def test_a_data_set_of_other_quantities_is_passed_over_and_one_that_failed_is_kept(tmp_path):
-    file, head = tmp_path / KEPT, {"seed": "1"}
-    kept_data_sets(file, head, 4)
-    append_line(
-        file, dataclasses.asdict(DataSet(0, 0.1, (1.0,) * 3, (7,) * 3, (0.5,) * 3, (1.5,) * 3, True, True, 900.0))
-    )
-    append_line(file, dataclasses.asdict(DataSet(1, 0.1, error="no start")))
-    assert kept_data_sets(file, head, 4).keys() == {1}
-    assert kept_data_sets(file, head, 3)[0].rank == (7, 7, 7)
 
 
 @pytest.mark.whole
@@ -276,9 +204,8 @@ def test_a_suspicious_calibration_passes_and_says_what_to_do():
     assert "look at another seed" in found.verdict
 
 
-def test_a_directory_holds_report_numbers_and_ranks(kept, tmp_path):
-    found = kept[1]
-    found.write(tmp_path / "out")
+def test_a_directory_holds_report_numbers_and_ranks(done, tmp_path):
+    done.write(tmp_path / "out")
     names = {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*") if p.is_file()}
     assert names - {".jointbayes"} == {
         "report.html",
@@ -290,8 +217,8 @@ def test_a_directory_holds_report_numbers_and_ranks(kept, tmp_path):
     }
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summary["data_sets"] == COUNT
-    assert summary["verdict"] == found.verdict
-    assert found.verdict.split(":")[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert summary["verdict"] == done.verdict
+    assert done.verdict.split(":")[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_table_of_ranks_has_a_row_for_every_data_set_failed_or_not():
@@ -399,16 +326,3 @@ def test_the_exit_code_tells_whether_the_analysis_is_calibrated(tmp_path, monkey
     assert result.exit_code == code, result.output
     assert ("NOT CALIBRATED" in result.output) == (not passed)
     assert (tmp_path / "reports" / "case-calibration" / "report.pdf").exists()
-
-
-def test_an_interrupted_calibration_says_that_it_goes_on(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_case(tmp_path / "case.toml", small_case())
-
-    def interrupted(*_args, **_options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(driver, "calibrate", interrupted)
-    result = CliRunner().invoke(main, ["calibrate", "case.toml"])
-    assert result.exit_code == 130
-    assert "the same command goes on" in result.output

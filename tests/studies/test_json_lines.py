@@ -1,11 +1,12 @@
 """Lines of JSON survive whatever ends the process that writes them."""
 
 import datetime
+from dataclasses import dataclass
 
 import pytest
 
-from jointbayes.errors import WriteError
-from jointbayes.studies.study_directory import append_line, read_lines
+from jointbayes.errors import CaseError, WriteError
+from jointbayes.studies.study_directory import append_line, kept_lines, read_lines
 
 
 def test_lines_read_back_as_they_were_and_dates_as_text(tmp_path):
@@ -30,3 +31,21 @@ def test_line_that_was_cut_off_takes_no_other_with_it(tmp_path):
 def test_line_that_cannot_be_written_is_an_error_in_a_line(tmp_path):
     with pytest.raises(WriteError, match="expected a place with room"):
         append_line(tmp_path / "missing" / "lines", {})
+
+
+@dataclass(frozen=True)
+class Line:
+    i: int
+
+
+@pytest.mark.parametrize("damage", [b"", b"\x00\xff", b"[1, 2]\n{}\n", b"{}\n", b'{"seed": 1}\nnull\n', b'{"se\n{}\n'])
+def test_a_damaged_file_of_a_study_is_begun_anew_or_refused_in_a_line(tmp_path, damage):
+    file = tmp_path / "lines"
+    file.write_bytes(damage)
+    if damage.endswith(b"\n"):  # a first line of something else, or a damaged one before whole ones
+        with pytest.raises(CaseError, match="expected those of this plan"):
+            kept_lines(file, {"seed": "2"}, Line, "simulations", "plan")
+        assert file.read_bytes() == damage
+    else:
+        for _ in range(2):  # what is begun anew is whole
+            assert kept_lines(file, {"seed": "2"}, Line, "simulations", "plan") == []

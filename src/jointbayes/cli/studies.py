@@ -18,6 +18,18 @@ if TYPE_CHECKING:
     from jointbayes.studies.campaign.campaign import Campaign
 
 
+def _require_place(directory: Path, kind: str) -> None:
+    """Refuse, before any work, a directory that cannot be written or holds anything but such a study."""
+    from jointbayes.report.run_directory import require_room
+    from vibrecords.own_directory import OwnDirectory
+
+    require_outside(directory)
+    require_room(directory)
+    if directory.exists():
+        with OwnDirectory(directory, kind):
+            pass
+
+
 @open_option
 @click.command()
 @click.argument("config", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -33,19 +45,13 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
       jointbayes compare springs.toml full.toml --out reports/compared
     """
     cases = [common.load(path) for path in config]
-    from jointbayes.report.run_directory import require_room
     from jointbayes.studies.compare import compare as weigh
     from jointbayes.studies.compare import require_same_data
     from jointbayes.studies.comparison_report import A_COMPARISON, evidence_table
-    from vibrecords.own_directory import OwnDirectory
 
     require_same_data(cases)
     if out is not None:
-        require_outside(out)
-        require_room(out)
-        if out.exists():
-            with OwnDirectory(out, A_COMPARISON):  # what is not one is refused before any work
-                pass
+        _require_place(out, A_COMPARISON)
     with show_progress() as progress:
         comparison = weigh(cases, seed=seed, progress=progress)
     for line in evidence_table(comparison.summary(), method=True).lines():
@@ -96,13 +102,11 @@ def plan(config: Path, out: Path | None, assume: tuple[str, ...], seed: int | No
     """
     stated = dict(_stated(text) for text in assume)
     case = common.load(config)
-    from jointbayes.report.run_directory import require_room
     from jointbayes.studies.planning.make_plan import plan as ranked
-    from jointbayes.studies.planning.plan_report import plan_lines
+    from jointbayes.studies.planning.plan_report import A_PLAN, plan_lines
 
     directory = out or Path("reports") / f"{common.directory_name(case.name, config)}-plan"
-    require_outside(directory)
-    require_room(directory)
+    _require_place(directory, A_PLAN)
     manner().unfinished = f"what is done is kept in {directory}; the same command goes on"
     with show_progress() as progress:
         result = ranked(case, seed=seed, assume=stated or None, directory=directory, progress=progress)
@@ -144,25 +148,20 @@ def calibrate(
 ) -> None:
     """Judge the analysis of a case by simulated data with known truths; exit 1 where it is not calibrated.
 
-    Data sets that are done are kept in the directory: the same command goes on where it was cut off.
-
     \b
     Examples:
       jointbayes calibrate my_case.toml --n 200 --near
     """
     case = common.load(config)
     source = common.load(data_from) if data_from is not None else None
-    from jointbayes.report.run_directory import require_room
     from jointbayes.studies.calibrate import calibrate as judged
-    from jointbayes.studies.calibration import calibration_lines
+    from jointbayes.studies.calibration import A_CALIBRATION, calibration_lines
 
     name = f"{common.directory_name(case.name, config)}-calibration{'-near' if near else ''}"
     if source is not None and data_from is not None:
         name += f"-by-{common.directory_name(source.name, data_from)}"
     directory = out or Path("reports") / name
-    require_outside(directory)
-    require_room(directory)
-    manner().unfinished = f"the data sets that are done are kept in {directory}, where the same command goes on"
+    _require_place(directory, A_CALIBRATION)
     with show_progress() as progress:
         calibration = judged(
             case,
@@ -171,7 +170,6 @@ def calibrate(
             data_from=source,
             near=near,
             settings=case.sampler.for_one_of_many(full=full),
-            directory=directory,
             workers=workers,
             scheduler=scheduler,
             progress=progress,

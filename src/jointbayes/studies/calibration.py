@@ -167,7 +167,7 @@ class Calibration:
         return tuple(notes)
 
     def write(self, directory: str | os.PathLike[str]) -> Path:
-        """Write what was found into the directory that `calibrate` was given, or any other, each file whole or absent.
+        """Write what was found into a directory, each file whole or absent.
 
         Returns
         -------
