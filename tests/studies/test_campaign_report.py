@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import datetime
 import json
 import shutil
 
@@ -21,7 +20,7 @@ from jointbayes.studies.campaign.campaign import Campaign
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
 from jointbayes.studies.campaign.campaign_report import write_campaign_report
 from jointbayes.studies.campaign.campaign_sections import campaign_sections
-from jointbayes.studies.campaign.index import chart_order, read_index
+from jointbayes.studies.campaign.index import read_index
 from jointbayes.studies.campaign.joint_draws import read_draws
 from jointbayes.workflow import load_posterior
 from tests.studies.campaign_directory import (
@@ -85,7 +84,7 @@ def test_the_directory_holds_report_and_numbers_and_nothing_is_left_behind(repor
     assert {file.name for file in directory.iterdir()} == FILES
     assert {file.name for file in (directory / "figures").iterdir()} == {
         "population.svg",
-        *(f"{kind}-{name}.svg" for kind in ("control", "ranking") for name in ("k11", "k12", "k22")),
+        *(f"ranking-{name}.svg" for name in ("k11", "k12", "k22")),
     }
     assert (directory / "report.pdf").read_bytes().startswith(b"%PDF-")
     assert (directory / "report.html").stat().st_size < 5_000_000
@@ -129,7 +128,6 @@ def test_cases_are_counted_by_what_became_of_them(summary):
     }
     assert summary["schema_version"] == 1
     assert summary["campaign"] == "line-7"
-    assert summary["order"] == "date"
 
 
 def test_the_population_holds_the_truth_of_the_joints_it_was_made_of(summary):
@@ -163,9 +161,9 @@ def test_what_is_odd_is_named_the_gravest_first(summary, campaign):
     assert "k22 is an outlier, high" in why[rows[JOINTS // 3]["key"]]
     assert "does not explain" in why[rows[JOINTS - 2]["key"]]
     assert "k11 is not identified, of most joints weakly identified" in why[rows[JOINTS - 1]["key"]]
-    outliers = [one["key"] for one in summary["control_charts"]["k22"]["outliers"]]
+    outliers = [one["key"] for one in summary["outliers"]["k22"]["outliers"]]
     assert outliers == [rows[JOINTS // 2]["key"], rows[JOINTS // 3]["key"]]
-    assert not summary["control_charts"]["k11"]["outliers"]
+    assert not summary["outliers"]["k11"]["outliers"]
 
 
 def test_every_case_has_a_line_with_its_numbers(reported, campaign):
@@ -294,7 +292,7 @@ def test_cases_in_other_coordinates_are_carried_over(tmp_path):
 
 
 @pytest.mark.usefixtures("blank_charts")
-def test_a_coupling_of_either_sign_is_charted_by_its_coordinate(tmp_path):
+def test_a_coupling_of_either_sign_is_compared_by_its_coordinate(tmp_path):
     rng = np.random.default_rng(1)
     rows, _ = campaign_rows(20, draws=10, dates=False)
     middle = np.array([22.3, 14.2, 0.0]) + [0.2, 0.1, 0.2] * rng.normal(size=(20, 3))
@@ -305,14 +303,13 @@ def test_a_coupling_of_either_sign_is_charted_by_its_coordinate(tmp_path):
     write_index(tmp_path, rows)
     write_campaign_report(tmp_path)
     found = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
-    assert list(found["control_charts"]) == ["k11", "rho", "k22"]
+    assert list(found["outliers"]) == ["k11", "rho", "k22"]
     assert found["population"]["stiffness"]["k12"]["scatter_of"] == "N"
     low, high = (
         found["population"]["stiffness"]["k12"][f"{end}_end_of_95_percent_of_joints"] for end in ("low", "high")
     )
     assert low["median"] < 0 < high["median"]
-    assert found["order"] == "serial number"
-    assert (tmp_path / "figures" / "control-rho.svg").is_file()
+    assert (tmp_path / "figures" / "ranking-rho.svg").is_file()
 
 
 @pytest.mark.whole
@@ -326,24 +323,6 @@ def test_draws_at_an_end_of_the_prior_are_told(tmp_path):
     look = {one.row.key: one.reasons for one in examine_campaign(tmp_path).look}
     assert "upper end of the prior of k11" in "; ".join(look[rows[2]["key"]])
     assert sum("end of the prior" in "; ".join(told) for told in look.values()) == 1
-
-
-def test_joints_are_ordered_by_date_then_serial_number_then_table(tmp_path):
-    rows, _ = campaign_rows(3, draws=5)
-    rows[0]["serial"], rows[1]["serial"], rows[2]["serial"] = "A10", "A9", "B1"
-    for row, day in zip(rows, (3, 1, 2), strict=True):
-        row["date"] = datetime.datetime(2026, 1, day)
-    write_index(tmp_path, rows)
-    read = read_index(tmp_path)
-    assert [row.serial for row in chart_order(read)[0]] == ["A9", "B1", "A10"]
-    rows[1]["date"] = None
-    write_index(tmp_path, rows)
-    ordered, what = chart_order(read_index(tmp_path))
-    assert ([row.serial for row in ordered], what) == (["A9", "A10", "B1"], "serial number")
-    rows[1]["serial"] = None
-    write_index(tmp_path, rows)
-    ordered, what = chart_order(read_index(tmp_path))
-    assert ([row.order for row in ordered], what) == ([0, 1, 2], "order in the table")
 
 
 @pytest.mark.whole

@@ -1,4 +1,4 @@
-"""What a campaign found, in numbers: population, every joint with and without it, control charts, what needs a look."""
+"""What a campaign found, in numbers: population, every joint with and without it, outliers, what needs a look."""
 
 import os
 from collections import Counter
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.studies.campaign.control import FEWEST, ChartedQuantity, control_chart, outlier_limit
 from jointbayes.studies.campaign.hierarchical import (
     Population,
     PopulationPrior,
@@ -16,8 +15,9 @@ from jointbayes.studies.campaign.hierarchical import (
     population_stiffness,
     weighted_quantiles,
 )
-from jointbayes.studies.campaign.index import DONE, CaseRow, chart_order, read_index
+from jointbayes.studies.campaign.index import DONE, CaseRow, read_index
 from jointbayes.studies.campaign.joint_draws import CampaignDraws, read_draws
+from jointbayes.studies.campaign.outliers import FEWEST, ComparedQuantity, outlier_limit, spread_of
 from vibrecords.arrays import Array
 
 #: Joints below which nothing is said of a population.
@@ -29,14 +29,12 @@ _CENTRAL = (0.15865525393145707, 0.8413447460685429)  # one standard deviation o
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PopulationFindings:
-    """The population, and every joint of it in its order.
+    """The population, and every joint of it.
 
     Parameters
     ----------
     draws
-        Of all joints, in their order.
-    order
-        What the order is: ``"date"``, ``"serial number"`` or ``"order in the table"``.
+        Of all joints, in the order of the table.
     prior, population, stiffness
         What was assumed, and what was found, in coordinates and in stiffness.
     quantities
@@ -44,11 +42,10 @@ class PopulationFindings:
     """
 
     draws: CampaignDraws
-    order: str
     prior: PopulationPrior
     population: Population
     stiffness: tuple[PopulationStiffness, ...]
-    quantities: tuple[ChartedQuantity, ...]
+    quantities: tuple[ComparedQuantity, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,20 +114,17 @@ def examine_campaign(directory: str | os.PathLike[str], seed: int = 1) -> Campai
 
 
 def _examined(draws: CampaignDraws, seed: int) -> PopulationFindings:
-    ordered, order = chart_order(draws.rows)
-    place = {row.key: i for i, row in enumerate(draws.rows)}
-    draws = draws.taken([place[row.key] for row in ordered])
     prior = PopulationPrior.from_joints(draws.prior_mean, draws.prior_sd)
     population = hierarchical_posterior(draws.draws, prior, draws.parametrisation, seed)
     stiffness = population_stiffness(population, draws.parametrisation, seed)
     quantities = _quantities(draws, population, np.random.default_rng([seed, 9]))
-    return PopulationFindings(draws, order, prior, population, stiffness, quantities)
+    return PopulationFindings(draws, prior, population, stiffness, quantities)
 
 
-def _quantities(draws: CampaignDraws, population: Population, rng: np.random.Generator) -> tuple[ChartedQuantity, ...]:
+def _quantities(draws: CampaignDraws, population: Population, rng: np.random.Generator) -> tuple[ComparedQuantity, ...]:
     """Every stiffness that is positive, by its logarithm; for one of either sign the coordinate that stands for it."""
     parametrisation, theta = draws.parametrisation, draws.draws.theta
-    names, charted = parametrisation.names, []
+    names, compared = parametrisation.names, []
     free = [q for q in parametrisation.quantities if any(axis.quantity == q.name for axis in parametrisation.axes)]
     limit = outlier_limit(len(theta), len(free)) if len(theta) >= FEWEST else np.inf
     there = draws.draws.log_prior < np.inf
@@ -147,12 +141,12 @@ def _quantities(draws: CampaignDraws, population: Population, rng: np.random.Gen
         label = name if name == quantity.name else f"{name}, for {quantity.name}"
         quantiles = weighted_quantiles(values, weight, (0.025, 0.5, 0.975, *_CENTRAL))
         median, least = quantiles[:, 1], np.finfo(float).eps * np.maximum(np.abs(quantiles[:, 1]), 1.0)
-        chart = control_chart(median, np.maximum((quantiles[:, 4] - quantiles[:, 3]) / 2, least))
+        spread = spread_of(median, np.maximum((quantiles[:, 4] - quantiles[:, 3]) / 2, least))
         scale = np.exp if logarithmic else np.asarray
         ends = scale(quantiles[:, :3]), scale(population.shrunken(values))
         rank = _ranks(values, population.weight, rng)
-        charted.append(ChartedQuantity(name, label, unit, logarithmic, *ends, rank, chart, limit))
-    return tuple(charted)
+        compared.append(ComparedQuantity(name, label, unit, logarithmic, *ends, rank, spread, limit))
+    return tuple(compared)
 
 
 def _ranks(values: Array, weight: Array, rng: np.random.Generator) -> Array:
@@ -203,17 +197,14 @@ def _needing_a_look(
 
 
 def _unlike_the_others(joints: PopulationFindings) -> list[tuple[str, int, str]]:
-    """Key, gravity and words for joints that are outliers or beyond control limits."""
+    """Key, gravity and words for joints that are outliers."""
     told = []
     rows = joints.draws.rows
     for quantity in joints.quantities:
-        score = quantity.chart.score
+        score = quantity.spread.score
         for i in np.flatnonzero(quantity.outlier):
             side = "high" if score[i] > 0 else "low"
             told.append((rows[i].key, 4, f"{quantity.name} is an outlier, {side} by {abs(score[i]):.1f} sd"))
-        for i in np.flatnonzero(quantity.chart.exceeds_limits & ~quantity.outlier):
-            side = "above" if quantity.chart.value[i] > quantity.chart.centre else "below"
-            told.append((rows[i].key, 8, f"{quantity.name} lies {side} its control limits"))
     return told
 
 

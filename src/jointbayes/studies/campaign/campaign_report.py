@@ -19,9 +19,9 @@ from jointbayes.studies.campaign.campaign_findings import (
     examine_campaign,
 )
 from jointbayes.studies.campaign.campaign_sections import campaign_lead, campaign_sections
-from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS, ChartedQuantity
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
 from jointbayes.studies.campaign.index import DONE
+from jointbayes.studies.campaign.outliers import FALSE_ALARM, ComparedQuantity
 
 #: Raised when a reader of the older form would misread the newer one.
 SCHEMA_VERSION = 1
@@ -36,9 +36,8 @@ def campaign_summary(name: str, findings: CampaignFindings) -> dict[str, Any]:
             "schema_version": SCHEMA_VERSION,
             "campaign": name,
             "counts": dict(findings.counts),
-            "order": None if joints is None else joints.order,
             "population": None if joints is None else _population(joints),
-            "control_charts": {} if joints is None else {q.name: _chart(joints, q) for q in joints.quantities},
+            "outliers": {} if joints is None else {q.name: _outliers(joints, q) for q in joints.quantities},
             "left_out": dict(findings.left_out),
             "need_a_look": [
                 {"key": look.row.key, "serial": look.row.serial, "status": look.row.status, "reasons": look.reasons}
@@ -91,21 +90,18 @@ def _stiffness(k: PopulationStiffness) -> dict[str, Any]:
     }
 
 
-def _chart(joints: PopulationFindings, quantity: ChartedQuantity) -> dict[str, Any]:
-    chart, keys = quantity.chart, [row.key for row in joints.draws.rows]
+def _outliers(joints: PopulationFindings, quantity: ComparedQuantity) -> dict[str, Any]:
+    spread, keys = quantity.spread, [row.key for row in joints.draws.rows]
     return {
         "scale": f"ln {quantity.name}" if quantity.logarithmic else quantity.name,
         "unit": quantity.unit,
-        "centre": float(quantity.value_in_unit(np.array(chart.centre))),
-        "short_term_scatter": chart.short_term,
-        "long_term_scatter": chart.long_term,
-        "limits_in_sd": SIGMAS,
-        "beyond_limits": [key for key, beyond in zip(keys, chart.exceeds_limits, strict=True) if beyond],
-        "outlier_limit": quantity.outlier_limit,
+        "centre": float(quantity.value_in_unit(np.array(spread.centre))),
+        "scatter": spread.scatter,
+        "limit_in_sd": quantity.outlier_limit,
         "probability_of_a_false_outlier_in_the_campaign": FALSE_ALARM,
         "outliers": [
-            {"key": keys[i], "score": float(chart.score[i])}
-            for i in np.flatnonzero(quantity.outlier)[np.argsort(-np.abs(chart.score[quantity.outlier]))]
+            {"key": keys[i], "score": float(spread.score[i])}
+            for i in np.flatnonzero(quantity.outlier)[np.argsort(-np.abs(spread.score[quantity.outlier]))]
         ],
     }
 
@@ -137,7 +133,7 @@ def joints_csv(findings: CampaignFindings) -> str:
         line.append(f"{joints.population.effective[i]:.1f}")
         for q in quantities:
             ends = [values[i, k] for values in (q.unpooled, q.shrunken) for k in (1, 0, 2)]
-            line += [f"{value:.6g}" for value in (*ends, q.chart.score[i], *(q.rank[i, k] for k in (1, 0, 2)))]
+            line += [f"{value:.6g}" for value in (*ends, q.spread.score[i], *(q.rank[i, k] for k in (1, 0, 2)))]
         writer.writerow(line)
     return stream.getvalue()
 

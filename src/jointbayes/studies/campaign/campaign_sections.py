@@ -1,4 +1,4 @@
-"""Sections of a campaign's report: what became of the cases, the population, charts, ranking, what needs a look."""
+"""Sections of a campaign's report: what became of the cases, the population, outliers, ranking, what needs a look."""
 
 from collections import Counter
 
@@ -11,16 +11,10 @@ from jointbayes.report.markup import foreign
 from jointbayes.report.methods import references, report_text
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
 from jointbayes.studies.campaign.campaign_findings import FEWEST_JOINTS, CampaignFindings, PopulationFindings
-from jointbayes.studies.campaign.charts import (
-    MOST_INTERVALS,
-    control_figure,
-    control_plot,
-    population_figure,
-    ranking_figure,
-)
-from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS, ChartedQuantity
+from jointbayes.studies.campaign.charts import population_figure, ranking_figure
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
 from jointbayes.studies.campaign.index import DONE
+from jointbayes.studies.campaign.outliers import FALSE_ALARM, ComparedQuantity
 from vibrecords.arrays import Array
 
 _MOST_LOOKS = 40
@@ -29,7 +23,6 @@ _MOST_JOINTS = 30  # in the table of joints
 _MOVED = 15  # joints in it where there are more
 _LONGEST = 160  # characters of a reason
 _NOISY = 0.3  # Monte Carlo error in posterior sd that is said aloud
-_BEYOND = 0.0027  # of normal values lie beyond three standard deviations
 _MOST_NAMED = 12
 
 
@@ -82,7 +75,7 @@ def campaign_sections(findings: CampaignFindings) -> tuple[ReportSection, ...]:
     joints = findings.joints
     if joints is None:
         return (_look_section(findings),)
-    of_joints = (_population_section, _control_section, _ranking_section, _joint_section, _method_section)
+    of_joints = (_population_section, _outlier_section, _ranking_section, _joint_section, _method_section)
     return (_look_section(findings), *(section(joints) for section in of_joints))
 
 
@@ -171,11 +164,11 @@ def _coordinate_row(joints: PopulationFindings, i: int, axis: Coordinate) -> tup
     )
 
 
-def _density(joints: PopulationFindings, quantity: ChartedQuantity) -> tuple[Array, Array, Array, Array]:
-    """Abscissa on the chart's scale and the population's density there: 2.5, 50 and 97.5 %."""
+def _density(joints: PopulationFindings, quantity: ComparedQuantity) -> tuple[Array, Array, Array, Array]:
+    """Abscissa on the scale of the spread and the population's density there: 2.5, 50 and 97.5 %."""
     i = joints.draws.parametrisation.names.index(quantity.name)
     mean, scatter = joints.population.mean[:, i], joints.population.scatter[:, i]
-    value = quantity.chart.value
+    value = quantity.spread.value
     middle, reach = float(np.median(mean)), 4 * float(np.median(scatter))
     low, high = np.quantile(value, [0.005, 0.995])
     low, high = min(low, middle - reach), max(high, middle + reach)
@@ -185,48 +178,20 @@ def _density(joints: PopulationFindings, quantity: ChartedQuantity) -> tuple[Arr
     return (x, *np.quantile(density, [0.025, 0.5, 0.975], axis=0))
 
 
-def _control_section(joints: PopulationFindings) -> ReportSection:
-    rows, count = joints.draws.rows, len(joints.draws.rows)
-    dated = joints.order == "date" and count > _MOST_JOINTS
-    labels = [row.date.date().isoformat() if dated and row.date else row.label for row in rows]
-    chance = {"share": 100 * _BEYOND, "by_chance": number(_BEYOND * count, 2), "count": count}
-    text = report_text("charts", order=joints.order, sigmas=SIGMAS, **chance)
-    blocks: list[Block] = [Paragraph(text), _chart_table(joints)]
-    for q in joints.quantities:
-        beyond = int((q.chart.exceeds_limits | q.outlier).sum())
-        shown = "each joint with its 95 % credible interval" if count <= MOST_INTERVALS else (
-            "medians; joints beyond their limits with their 95 % credible intervals, the limits as medians over "
-            "stretches of joints"
-        )  # fmt: skip
-        blocks.append(
-            Figure(
-                f"control-{q.name}",
-                f"Control chart of {q.label} by {joints.order}: {shown}.",
-                f"Control chart of {q.label} of {count} joints by {joints.order}; {beyond} lie beyond their limits.",
-                control_figure(q, labels, joints.order),
-                control_plot(q, joints.order),
-            )
-        )
-    return ReportSection("control", "Control charts and outliers", tuple(blocks))
-
-
-def _chart_table(joints: PopulationFindings) -> Table:
-    head = ("Quantity", "Centre line", "Scatter, joint to joint", "Scatter of all", "Beyond limits", "Outliers")
+def _outlier_section(joints: PopulationFindings) -> ReportSection:
+    head = ("Quantity", "Median of the joints", "Scatter", "Outliers")
     rows = []
     for q in joints.quantities:
-        centre = f"{number(float(q.value_in_unit(np.array(q.chart.centre))))}{'' if q.unit == '1' else f' {q.unit}'}"
-        scatter = [
-            f"{number(100 * s, 2)} %" if q.logarithmic else number(s, 2)
-            for s in (q.chart.short_term, q.chart.long_term)
-        ]
-        rows.append((q.label, centre, *scatter, str(int(q.chart.exceeds_limits.sum())), str(int(q.outlier.sum()))))
+        centre = f"{number(float(q.value_in_unit(np.array(q.spread.centre))))}{'' if q.unit == '1' else f' {q.unit}'}"
+        scatter = f"{number(100 * q.spread.scatter, 2)} %" if q.logarithmic else number(q.spread.scatter, 2)
+        rows.append((q.label, centre, scatter, str(int(q.outlier.sum()))))
     limit = joints.quantities[0].outlier_limit
-    note = "Scatter by medians, in percent that of ln k; a scatter of all above that from joint to joint is a drift. "
+    note = "Scatter by medians, without what the joints' own errors add, in percent that of ln k. "
     if np.isfinite(limit):
         note += report_text("outliers", limit=limit, count=len(joints.draws.rows), share=100 * FALSE_ALARM)
     else:
         note += "There are too few joints to call one of them an outlier."
-    return Table("Control charts", head, tuple(rows), note=note)
+    return ReportSection("outliers", "Outliers", (Table("Outliers", head, tuple(rows), note=note),))
 
 
 def _ranking_section(joints: PopulationFindings) -> ReportSection:
@@ -255,7 +220,7 @@ def _ranking_section(joints: PopulationFindings) -> ReportSection:
     return ReportSection("ranking", "Ranking", tuple(blocks))
 
 
-def _rank_row(q: ChartedQuantity, label: str, i: int, place: int) -> tuple[str, ...]:
+def _rank_row(q: ComparedQuantity, label: str, i: int, place: int) -> tuple[str, ...]:
     low, median, high = q.shrunken[i]
     return (
         str(place),
@@ -295,10 +260,10 @@ def _joint_section(joints: PopulationFindings) -> ReportSection:
     return ReportSection("joints", "Joints with and without the others", tuple(blocks))
 
 
-def _moved(q: ChartedQuantity) -> Array:
+def _moved(q: ComparedQuantity) -> Array:
     """How far the others move a joint's median, in its own standard deviations."""
     scale = np.log if q.logarithmic else np.asarray
-    return np.asarray((scale(q.shrunken[:, 1]) - q.chart.value) / q.chart.sd)
+    return np.asarray((scale(q.shrunken[:, 1]) - q.spread.value) / q.spread.sd)
 
 
 def _method_section(joints: PopulationFindings) -> ReportSection:

@@ -1,99 +1,32 @@
-"""Figures of a campaign's report: control charts, ranking and population; small and legible for ten joints and 5000."""
+"""Figures of a campaign's report: ranking and population; small and legible for ten joints and 5000."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from jointbayes.posterior.rounding import number
-from jointbayes.report.canvas import add_strokes, legend_above, margin_labels, panels, svg
-from jointbayes.report.line_plot import SERIES_COLOURS, LinePlot, Series
+from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
+from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.markup import format_numbers
-from jointbayes.studies.campaign.control import ChartedQuantity
+from jointbayes.studies.campaign.outliers import ComparedQuantity
 from vibrecords.arrays import Array
 
 Flags = NDArray[np.bool_]
 Curve = tuple[Array, Array, Array, Array]
 
-#: Joints up to which a chart shows each one's interval.
-MOST_INTERVALS = 250
 _MOST_NAMED = 40  # joints that a figure names
-_STRETCHES = 300  # of limits and ranks, where there are more joints
-_LABELS = 8  # along an axis of joints
+_STRETCHES = 300  # of ranks, where there are more joints
 _BINS = 40
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
 _GREY = "0.45"
 
 
-def control_figure(quantity: ChartedQuantity, labels: Sequence[str], order: str) -> str:
-    """A control chart: every joint with its 95 % interval, centre line, and limits that know each joint's own error.
-
-    Of more than `MOST_INTERVALS` joints only those beyond their limits have intervals.
-    """
-
-    def draw(canvas: Canvas) -> None:
-        axes = panels(canvas, left=1.05, bottom=0.95, top=0.3)[0, 0]
-        chart, place = quantity.chart, np.arange(1.0, len(labels) + 1)
-        beyond = chart.exceeds_limits | quantity.outlier
-        _limits(axes, quantity, place)
-        axes.axhline(float(quantity.value_in_unit(np.array(chart.centre))), color=_GREEN, lw=1.0, label="centre line")
-        few = len(place) <= MOST_INTERVALS
-        _points(axes, place[~beyond], quantity.unpooled[~beyond], _BLUE, intervals=few, label="joint")
-        if beyond.any():
-            _points(axes, place[beyond], quantity.unpooled[beyond], _ORANGE, intervals=True, label="beyond its limits")
-        axes.set_xlim(0.3, len(place) + 0.7)
-        _scale(axes, quantity, beyond, few)
-        _joint_labels(axes, labels, order)
-        axes.set_ylabel(quantity.label + quantity.in_unit)
-        legend_above(axes)
-
-    return svg(draw, 7.2, 3.3)
-
-
-def _points(axes: Axes, place: Array, ends: Array, colour: str, *, intervals: bool, label: str) -> None:
-    """Medians as dots, on request with their intervals as strokes; one path for all, since there may be thousands."""
-    size = 4.0 if len(place) <= 60 else 2.4 if len(place) <= MOST_INTERVALS else 1.2
-    axes.plot([], [], "o", ms=3, color=colour, label=label)
-    if intervals:
-        add_strokes(axes, place, ends[:, 0], ends[:, 2], ec=colour, lw=size / 4, alpha=0.7)
-    add_strokes(axes, place, ends[:, 1], ends[:, 1], ec=colour, lw=size)
-
-
-def _limits(axes: Axes, quantity: ChartedQuantity, place: Array) -> None:
-    """Control limits of each joint as steps; of many joints their median over stretches."""
-    centre, half = quantity.chart.centre, quantity.chart.half_width
-    if len(place) > MOST_INTERVALS:
-        groups = np.array_split(np.arange(len(place)), _STRETCHES)
-        place = np.array([place[group].mean() for group in groups])
-        half = np.array([np.median(half[group]) for group in groups])
-    for side, label in ((1, "control limits"), (-1, None)):
-        limit = quantity.value_in_unit(centre + side * half)
-        style = {"lw": 0.9, "ls": "--"} if len(place) <= _MOST_NAMED else {"lw": 0.6}
-        axes.step(place, limit, where="mid", color=_GREY, label=label, **style)
-
-
-def _scale(axes: Axes, quantity: ChartedQuantity, beyond: Flags, few: bool) -> None:
-    """Reach of the axis of values: all medians, limits, and what intervals are shown, but no more than is legible."""
-    chart = quantity.chart
-    ends = np.log(quantity.unpooled) if quantity.logarithmic else quantity.unpooled
-    shown = ends if few else ends[beyond]
-    usual = float(np.quantile(chart.half_width, 0.95))
-    far = np.concatenate([chart.value, [chart.centre - usual, chart.centre + usual]])
-    low, high = float(far.min()), float(far.max())
-    if len(shown):
-        room = high - low
-        low, high = max(low - room, min(low, shown.min())), min(high + room, max(high, shown.max()))
-    margin = 0.05 * (high - low)
-    _value_axis(axes.yaxis, axes.set_yscale, quantity)
-    axes.set_ylim(*quantity.value_in_unit(np.array([low - margin, high + margin])))
-
-
-def _value_axis(axis: Axis, set_scale: Callable[[str], None], quantity: ChartedQuantity) -> None:
+def _value_axis(axis: Axis, set_scale: Callable[[str], None], quantity: ComparedQuantity) -> None:
     """An axis of values: logarithmic with plain labels at 1, 2 and 5 where the quantity is."""
     if not quantity.logarithmic:
         axis.set_major_locator(MaxNLocator(6))
@@ -124,33 +57,7 @@ class _RoundValues(MaxNLocator):
         return inside[:: max(1, -(-len(inside) // self._most))]
 
 
-def _joint_labels(axes: Axes, labels: Sequence[str], order: str) -> None:
-    """Names of a few joints along the axis, all of them where they have room."""
-    count = len(labels)
-    at = np.arange(count) if count <= _MOST_NAMED else np.linspace(0, count - 1, _LABELS).round().astype(int)
-    short = [labels[i] if len(labels[i]) <= 16 else f"{labels[i][:15]}…" for i in at]
-    axes.set_xticks(at + 1, short, rotation=30 if count > _MOST_NAMED else 60, ha="right", fontsize=7)
-    axes.set_xlabel(f"Joint, by {order}")
-
-
-def control_plot(quantity: ChartedQuantity, order: str) -> LinePlot:
-    """The interactive twin of a control chart."""
-    chart = quantity.chart
-    place = np.arange(1.0, len(chart.value) + 1)
-    low, high = (quantity.value_in_unit(chart.centre + side * chart.half_width) for side in (-1, 1))
-    centre = quantity.value_in_unit(np.full(len(place), chart.centre))
-    beyond = chart.exceeds_limits | quantity.outlier
-    series = [
-        Series("within control limits", place, kind="band", y_low=low, y_high=high),
-        Series("centre line", place, centre),
-        Series("median of the joint", place, quantity.unpooled[:, 1], kind="points"),
-    ]
-    if beyond.any():
-        series.append(Series("beyond its limits", place[beyond], quantity.unpooled[beyond, 1], kind="points"))
-    return LinePlot(f"Joint, by {order}", quantity.label + quantity.in_unit, tuple(series), log_y=quantity.logarithmic)
-
-
-def ranking_figure(quantity: ChartedQuantity, labels: Sequence[str]) -> str:
+def ranking_figure(quantity: ComparedQuantity, labels: Sequence[str]) -> str:
     """All joints from the softest up, each given all the others, with its 95 % interval; named where they have room."""
     order = np.argsort(quantity.shrunken[:, 1])
     ends = quantity.shrunken[order]
@@ -171,7 +78,7 @@ def ranking_figure(quantity: ChartedQuantity, labels: Sequence[str]) -> str:
     return svg(draw, 7.2, 0.8 + 0.16 * len(order))
 
 
-def _ranked_curve(quantity: ChartedQuantity, ends: Array) -> str:
+def _ranked_curve(quantity: ComparedQuantity, ends: Array) -> str:
     def draw(canvas: Canvas) -> None:
         axes = panels(canvas, left=1.05, top=0.3)[0, 0]
         groups = np.array_split(np.arange(len(ends)), min(_STRETCHES, len(ends)))
@@ -189,17 +96,17 @@ def _ranked_curve(quantity: ChartedQuantity, ends: Array) -> str:
 
 
 def population_figure(
-    quantities: Sequence[ChartedQuantity], curves: Sequence[tuple[Array, Array, Array, Array]]
+    quantities: Sequence[ComparedQuantity], curves: Sequence[tuple[Array, Array, Array, Array]]
 ) -> str:
     """Estimates of the joints by themselves, and the population's density with its 95 % band, side by side.
 
-    Each curve is abscissa on the chart's scale and lower, middle and upper density there.
+    Each curve is abscissa on the scale of the spread and lower, middle and upper density there.
     """
 
     def draw(canvas: Canvas) -> None:
         row = panels(canvas, columns=len(quantities), left=0.35, top=0.3, apart=(0.1, 0.25))[0]
         for axes, quantity, (x, low, middle, high) in zip(row, quantities, curves, strict=True):
-            value = quantity.chart.value
+            value = quantity.spread.value
             edges = np.linspace(x[0], x[-1], min(_BINS, max(8, int(2 * np.sqrt(len(value)))) + 1))
             count, _ = np.histogram(np.clip(value, x[0], x[-1]), edges)
             height = count / (len(value) * (edges[1] - edges[0]))

@@ -7,8 +7,7 @@ last. At the end the index is written anew, whole, in the order of the table.
 import datetime
 import json
 import os
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -146,20 +145,3 @@ def date_of(text: str) -> datetime.datetime:
     """A date without its time zone: those of one table are compared with each other only."""
     date = datetime.datetime.fromisoformat(text)
     return date.astimezone(datetime.UTC).replace(tzinfo=None) if date.tzinfo else date
-
-
-def chart_order(rows: Sequence[CaseRow]) -> tuple[tuple[CaseRow, ...], str]:
-    """Cases in the order of a control chart, and what that is: by date, by serial number or as in the table.
-
-    By date if every case has one that is not the same for all, else by serial number if every case has one, in which
-    numbers count as numbers, else as they stand in the table.
-    """
-    if rows and all(row.date is not None for row in rows) and len({row.date for row in rows}) > 1:
-        return tuple(sorted(rows, key=lambda row: (row.date or datetime.datetime.min, row.order))), "date"
-    if rows and all(row.serial for row in rows):
-        return tuple(sorted(rows, key=lambda row: (_natural(row.serial or ""), row.order))), "serial number"
-    return tuple(sorted(rows, key=lambda row: row.order)), "order in the table"
-
-
-def _natural(text: str) -> list[tuple[int, float, str]]:
-    return [(0, float(p), "") if p.isdigit() else (1, 0.0, p) for p in re.split(r"(\d+)", text[:200]) if p]

@@ -4,7 +4,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -47,12 +47,6 @@ class CampaignDraws:
     prior_sd: Array
     at_edge: Mapping[str, str]
     left_out: Mapping[str, str]
-
-    def taken(self, places: Sequence[int]) -> "CampaignDraws":
-        """The same joints in another order."""
-        chosen = list(places)
-        draws = JointDraws(self.draws.theta[chosen], self.draws.log_prior[chosen])
-        return replace(self, rows=tuple(self.rows[i] for i in chosen), draws=draws)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,12 +1,7 @@
-"""Control charts of estimates that are themselves uncertain: centre, scatter, limits, and which joints are outliers.
+"""Outliers among estimates that are themselves uncertain: centre and scatter of all joints, and which differ by more.
 
 Each joint has an estimate and its own standard deviation; what is asked is whether the joint differs from the others by
 more than both allow. Centre and scatter are medians, which a few odd joints do not move.
-
-References
-----------
-W. A. Shewhart (1931). Economic control of quality of manufactured product. Van Nostrand.
-D. J. Wheeler, D. S. Chambers (1992). Understanding statistical process control. SPC Press: individuals charts.
 """
 
 from dataclasses import dataclass
@@ -19,8 +14,6 @@ from vibrecords.arrays import Array
 
 #: Joints below which scatter by medians says too little to call one of them an outlier.
 FEWEST = 8
-#: Standard deviations between centre line and control limit.
-SIGMAS = 3.0
 #: Probability of one or more outliers, over all stiffnesses, in a campaign of joints of one normal population.
 FALSE_ALARM = 0.05
 
@@ -32,8 +25,8 @@ _AT_ONCE = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ControlChart:
-    """One quantity over joints in their order.
+class Spread:
+    """Centre and scatter of one quantity over joints.
 
     Parameters
     ----------
@@ -41,36 +34,23 @@ class ControlChart:
         Estimate of each joint and its standard deviation, shape (joints,).
     centre
         Weighted median of all.
-    short_term
-        Scatter from one joint to the next, without what the estimates' own errors add.
-    long_term
-        Scatter of all joints about the centre, without what the estimates' own errors add.
+    scatter
+        Of all joints about the centre, without what the estimates' own errors add.
     """
 
     value: Array
     sd: Array
     centre: float
-    short_term: float
-    long_term: float
-
-    @property
-    def half_width(self) -> Array:
-        """Distance of each joint's control limits from the centre line, shape (joints,)."""
-        return SIGMAS * np.hypot(self.short_term, self.sd)
-
-    @property
-    def exceeds_limits(self) -> NDArray[np.bool_]:
-        """Whether a joint lies beyond its control limits, shape (joints,)."""
-        return np.asarray(np.abs(self.value - self.centre) > self.half_width)
+    scatter: float
 
     @property
     def score(self) -> Array:
         """Distance of each joint from the centre in standard deviations of scatter and error together, (joints,)."""
-        return np.asarray((self.value - self.centre) / np.hypot(self.long_term, self.sd))
+        return np.asarray((self.value - self.centre) / np.hypot(self.scatter, self.sd))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChartedQuantity:
+class ComparedQuantity:
     """One stiffness of every joint, or the coordinate that stands for one of either sign; joints in their order.
 
     Intervals have rows of 2.5, 50 and 97.5 %, shape (joints, 3), in `unit`.
@@ -80,15 +60,15 @@ class ChartedQuantity:
     name, label, unit
         Of the stiffness or coordinate; the label is that of an axis.
     logarithmic
-        Whether chart and scores are those of the logarithm.
+        Whether spread and scores are those of the logarithm.
     unpooled
         Median and interval of each joint by itself.
     shrunken
         Median and interval of each joint given all the others.
     rank
         Rank of each joint among all, 1 the lowest: median and 95 % interval, shape (joints, 3).
-    chart
-        Control chart, of the logarithm where `logarithmic`.
+    spread
+        Over the joints, of the logarithm where `logarithmic`.
     outlier_limit
         Score beyond which a joint is an outlier; infinite where there are too few joints.
     """
@@ -100,7 +80,7 @@ class ChartedQuantity:
     unpooled: Array
     shrunken: Array
     rank: Array
-    chart: ControlChart
+    spread: Spread
     outlier_limit: float
 
     @property
@@ -111,43 +91,37 @@ class ChartedQuantity:
     @property
     def outlier(self) -> NDArray[np.bool_]:
         """Whether a joint is an outlier, shape (joints,)."""
-        return np.asarray(np.abs(self.chart.score) > self.outlier_limit)
+        return np.asarray(np.abs(self.spread.score) > self.outlier_limit)
 
     def value_in_unit(self, value: Array) -> Array:
-        """What the chart calls a value, in `unit`."""
+        """What the spread calls a value, in `unit`."""
         return np.asarray(np.exp(value)) if self.logarithmic else value
 
 
-def control_chart(value: Array, sd: Array) -> ControlChart:
-    """Centre, scatter and limits of estimates in their order.
-
-    The short-term scatter is that for which the median of |difference of neighbours|, each over its own standard
-    deviation, is that of a normal distribution: a moving range that one odd joint or a slow drift hardly changes.
+def spread_of(value: Array, sd: Array) -> Spread:
+    """Centre and scatter of estimates.
 
     Parameters
     ----------
     value, sd
         Estimate of each joint and its standard deviation, shape (joints,), the latter above zero.
     """
-    long_term = 0.0
+    scatter = 0.0
     for _ in range(_ROUNDS):
-        centre = _weighted_median(value, 1 / np.hypot(long_term, sd))
-        long_term = _scatter(value - centre, sd, 1.0)
-    short_term = _scatter(np.diff(value), np.sqrt(sd[1:] ** 2 + sd[:-1] ** 2), 2.0) if len(value) > 1 else 0.0
-    return ControlChart(value, sd, centre, short_term, long_term)
+        centre = _weighted_median(value, 1 / np.hypot(scatter, sd))
+        scatter = _scatter(np.abs(value - centre), sd)
+    return Spread(value, sd, centre, scatter)
 
 
-def _scatter(difference: Array, sd: Array, share: float) -> float:
-    """τ, 0 or more, for which |difference|/√(share·τ² + sd²) has the median of a normal distribution."""
-    if not difference.size:
-        return 0.0
+def _scatter(distance: Array, sd: Array) -> float:
+    """τ, 0 or more, for which distance/√(τ² + sd²) has the median of a normal distribution."""
 
     def median(tau: float) -> float:
-        return float(np.median(np.abs(difference) / np.sqrt(share * tau**2 + sd**2)))
+        return float(np.median(distance / np.hypot(tau, sd)))
 
     if median(0.0) <= _MEDIAN_OF_NORMAL:
         return 0.0
-    low, high = 0.0, float(np.abs(difference).max()) / _MEDIAN_OF_NORMAL
+    low, high = 0.0, float(distance.max()) / _MEDIAN_OF_NORMAL
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         low, high = (middle, high) if median(middle) > _MEDIAN_OF_NORMAL else (low, middle)
