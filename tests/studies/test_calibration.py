@@ -165,10 +165,6 @@ def test_missing_ranks_count_at_the_end_that_looks_worse():
         lambda rng: rank_statistic([0.0], np.zeros((5, 1)), 6, rng),
         lambda rng: rank_statistic([0.0, 1.0], np.zeros((5, 1)), 5, rng),
         lambda rng: rank_statistic([np.nan], np.zeros((5, 1)), 5, rng),
-        lambda rng: ecdf_band(0, 5),
-        lambda rng: ecdf_band(5, 5, 1.0),
-        lambda rng: coverage([[0.0, 1.0]], [0.0, 1.0]),
-        lambda rng: judge({"k": [7]}, {"k": [[0.0, 1.0]]}, {"k": [0.5]}, 6),
     ],
 )
 def test_impossible_input_is_refused_in_words(call):

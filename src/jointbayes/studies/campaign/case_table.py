@@ -8,7 +8,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from glob import glob
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,10 @@ from jointbayes.case.case_text import CaseText, find_outside, read_case_text
 from jointbayes.case.keys import named_files
 from jointbayes.case.spec.parse import parse_case
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import key_parts, similar, toml_text
+from jointbayes.case.toml_text import key_parts, printable, similar, toml_text
 from jointbayes.errors import CaseError
 from jointbayes.studies.campaign.index import date_of
 from vibrecords.errors import path_fault
-
-_MARK = "row"  # stands in fault lines for the file, until it is known whether the row or the base is at fault
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,29 +72,21 @@ class BaseCase:
         for key, value in values.items():
             _set(data, key, value, where)
         try:
-            return data, parse_case(self._marked(data)), []
+            return data, parse_case(CaseText(str(self.path), "", data, self.source.places)), []
         except CaseError as error:
             return data, None, str(error).splitlines()
 
-    @cached_property
-    def _files(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys((str(self.path), *(file for file, _ in self.source.places.values()))))
-
-    def _marked(self, data: dict[str, Any]) -> CaseText:
-        """Other data with the places of the base's, each file under a mark with its number."""
-        number = {file: f"{_MARK}{i}" for i, file in enumerate(self._files)}
-        places = {path: (number[file], line) for path, (file, line) in self.source.places.items()}
-        return CaseText(f"{_MARK}0", "", data, places)
-
     def _placed(self, fault: str, given: Mapping[str, str], where: str) -> str:
         """A fault with the row in place of the base's line, where the row gives that key."""
-        match = re.fullmatch(rf"{_MARK}(\d+):(\d+): ([^:]*): (.*)", fault, re.DOTALL)
-        if match is None:  # a key in quotes that holds a colon
-            return re.sub(rf"^{_MARK}\d+", lambda _: where, fault)
-        number, line, key, words = match.groups()
+        files = {printable(file) for file in (str(self.path), *(file for file, _ in self.source.places.values()))}
+        file = max((file for file in files if fault.startswith(f"{file}:")), key=len, default=None)
+        if file is None:
+            return f"{where}: {fault}"
+        line, _, rest = fault.removeprefix(f"{file}:").partition(": ")
+        key, _, words = rest.partition(": ")
         if any(key == column or key.startswith(f"{column}.") for column in given):
-            return f"{where}: {key}: {words}"
-        return f"{where}: {key}, {self._files[int(number)]}:{line}: {words}"
+            return f"{where}: {rest}"
+        return f"{where}: {key}, {file}:{line}: {words}"
 
 
 def _parsed(cell: str) -> Any:  # noqa: ANN401 (whatever TOML knows)

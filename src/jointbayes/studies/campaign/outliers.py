@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.studies.campaign.hierarchical import weighted_quantiles
 from vibrecords.arrays import Array
 
 #: Joints below which scatter by medians says too little to call one of them an outlier.
@@ -108,7 +109,8 @@ def spread_of(value: Array, sd: Array) -> Spread:
     """
     scatter = 0.0
     for _ in range(_ROUNDS):
-        centre = _weighted_median(value, 1 / np.hypot(scatter, sd))
+        weight = 1 / np.hypot(scatter, sd)
+        centre = float(weighted_quantiles(value[None], weight[None] / weight.sum(), (0.5,))[0, 0])
         scatter = _scatter(np.abs(value - centre), sd)
     return Spread(value, sd, centre, scatter)
 
@@ -126,13 +128,6 @@ def _scatter(distance: Array, sd: Array) -> float:
         middle = (low + high) / 2
         low, high = (middle, high) if median(middle) > _MEDIAN_OF_NORMAL else (low, middle)
     return high
-
-
-def _weighted_median(value: Array, weight: Array) -> float:
-    order = np.argsort(value)
-    steps = np.cumsum(weight[order])
-    middle = steps - weight[order] / 2
-    return float(np.interp(steps[-1] / 2, middle, value[order]))
 
 
 @lru_cache(maxsize=16)
