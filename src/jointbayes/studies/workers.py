@@ -19,6 +19,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future,
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import forkserver, get_context, parent_process, resource_tracker
+from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -293,14 +294,8 @@ class ProcessWorkers(Executor):
         self._mine = threading.local()
         self._processes: set[Any] = set()
         # afresh, never as copies of this process, which may hold locks and threads
-        self._context = get_context("spawn" if sys.platform == "win32" else "forkserver")
-        if sys.platform != "win32":
-            # not the caller's script, as by default: what it starts, threads for one, must not be there to be copied
-            self._context.set_forkserver_preload([__name__, *preload])
-            with _one_thread():
-                forkserver.ensure_running()
-            resource_tracker.ensure_running()  # else a thread that starts it would let Ctrl-C through again
-        self._threads = ThreadPoolExecutor(workers, initializer=_hold_interrupts)
+        self._context = get_context("spawn") if sys.platform == "win32" else _fork_server(preload)
+        self._threads = ThreadPoolExecutor(workers)
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:  # noqa: ANN401
         """Do a call in a process that has nothing else to do.
@@ -369,22 +364,22 @@ class ProcessWorkers(Executor):
         self._threads.shutdown()
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let processes that are started now have one thread each: they inherit what the environment says."""
+def _fork_server(preload: Sequence[str]) -> BaseContext:
+    """Start the process that workers are copies of, with one thread and deaf to Ctrl-C from its birth, as they are."""
+    context = get_context("forkserver")
+    # not the caller's script, as by default: what it starts, threads for one, must not be there when workers are copied
+    context.set_forkserver_preload([__name__, *preload])
+    resource_tracker.ensure_running()  # else that would let Ctrl-C through again
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    masked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGHUP])
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
     try:
-        yield
+        forkserver.ensure_running()
     finally:
         for name, value in before.items():
             os.environ.pop(name) if value is None else os.environ.update({name: value})
-
-
-def _hold_interrupts() -> None:
-    """Hold Ctrl-C back in this thread: processes inherit that and never see one, not even at birth."""
-    if hasattr(signal, "pthread_sigmask"):  # not on Windows
-        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGHUP])
+        signal.pthread_sigmask(signal.SIG_SETMASK, masked)
+    return context
 
 
 class _Ended(SystemExit):
