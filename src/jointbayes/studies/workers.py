@@ -172,30 +172,42 @@ def _outcomes(
     first = True
 
     def submit() -> None:
-        while len(running) < (1 if first else room()):
+        while True:
+            with _executor_lasts():
+                if len(running) >= (1 if first else room()):
+                    return
             task = next(source, None) or (again.popleft() if again else None)
             if task is None:
                 return
             task.attempts += 1
-            running[executor.submit(attempt, code_version(), packed(function, task.arguments))] = task
+            call = packed(function, task.arguments)
+            with _executor_lasts():
+                running[executor.submit(attempt, code_version(), call)] = task
 
     try:
-        with _executor_lasts():
-            submit()
+        submit()
         while running:
             watch(tuple(task.key for task in running.values()))
-            ended: list[Outcome] = []
-            for future in futures.wait(running, _TICK, futures.FIRST_COMPLETED).done:
-                task, first = running.pop(future), False
-                outcome = _outcome(task, future)
-                again.extend([task] if outcome is None else [])
-                ended += [] if outcome is None else [outcome]
-            with _executor_lasts():
+            done = futures.wait(running, _TICK, futures.FIRST_COMPLETED).done
+            # what is done is not lost with an executor that breaks
+            ended = [(future, running.pop(future)) for future in sorted(done, key=_lacks_reply)]
+            first = first and not ended
+            if ended and not _lacks_reply(ended[-1][0]):
                 submit()  # workers go on while the caller looks at the outcomes
-            yield from ended
+            for future, task in ended:
+                outcome = _outcome(task, future)
+                if outcome is None:
+                    again.append(task)
+                else:
+                    yield outcome
+            submit()
     finally:
         for future in running:
             future.cancel()
+
+
+def _lacks_reply(future: Future[Reply]) -> bool:
+    return future.cancelled() or future.exception() is not None
 
 
 @contextmanager
