@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import forkserver
 from pathlib import Path
 
@@ -212,6 +212,20 @@ def test_executor_that_breaks_ends_the_loop_in_a_line(tmp_path):
         list(executor.map(time.sleep, [0.2, 0.2]))  # one that is started as it breaks would never end
         with pytest.raises(WorkerError, match="executor: found that it has gone, or lost a worker"):
             list(run_tasks(kill_some, numbered(8, str(tmp_path), (), (3,)), executor=executor))
+
+
+def test_what_is_done_is_handed_out_before_an_executor_that_breaks_is_reported():
+    class Breaks(ThreadPoolExecutor):
+        def submit(self, *call):
+            if self._threads:
+                raise BrokenExecutor
+            return super().submit(*call)
+
+    with Breaks(1) as executor:
+        outcomes = run_tasks(square, numbered(3), executor=executor)
+        assert next(outcomes).key == "task 0"
+        with pytest.raises(WorkerError, match=r"executor: found that it has gone.*\(BrokenExecutor\)"):
+            next(outcomes)
 
 
 @pytest.mark.whole

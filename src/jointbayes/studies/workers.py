@@ -189,17 +189,20 @@ def _outcomes(
         while running:
             watch(tuple(task.key for task in running.values()))
             done = futures.wait(running, _TICK, futures.FIRST_COMPLETED).done
-            # what is done is not lost with an executor that breaks
             ended = [(future, running.pop(future)) for future in sorted(done, key=_lacks_reply)]
-            first = first and not ended
-            if ended and not _lacks_reply(ended[-1][0]):
+            first, broken = first and not ended, None
+            try:
                 submit()  # workers go on while the caller looks at the outcomes
+            except WorkerError as error:
+                broken = error  # what is done is handed out before
             for future, task in ended:
                 outcome = _outcome(task, future)
                 if outcome is None:
                     again.append(task)
                 else:
                     yield outcome
+            if broken is not None:
+                raise broken
             submit()
     finally:
         for future in running:
