@@ -183,12 +183,6 @@ def test_right_analyses_fail_no_more_often_than_stated():
     assert sum(not synthetic(uniform, count=30, seed=i).passed for i in range(100)) <= 5
 
 
-def test_bands_and_p_value_give_one_verdict():
-    for seed in range(20):
-        found = synthetic(lambda rng: min(DRAWS, rng.integers(0, DRAWS + 14)), count=40, seed=seed)
-        assert found.passed == (found.p_value > FALSE_ALARM)
-
-
 def test_a_wrong_analysis_fails_and_the_verdict_says_how():
     found = synthetic(lambda rng: np.clip(round(31.5 + 1.6 * (uniform(rng) - 31.5)), 0, DRAWS))
     assert not found.passed
