@@ -121,7 +121,7 @@ def spindle_files() -> tuple[FrfSet, FrfSet]:
 
 if __name__ == "__main__":
     for file, frf in zip(SPINDLE_FILES, spindle_files(), strict=True):
-        write_frf(frf, CONFIGS / file, "uff58")
+        write_frf(frf, CONFIGS / file, "uff58b")
     print("eigenvalues", eigenvalues().round(2).tolist())
     for mode in TWO_STOREYS["modes"]:
         median, sd_log = log_normal(mode)

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 #: Formats of `simulate`, each with the endings that choose it.
 FORMATS: dict[str, tuple[str, ...]] = {
-    "uff58": (".uff", ".unv", ".uf"),
-    "uff58b": (),
+    "uff58": (),
+    "uff58b": (".uff", ".unv", ".uf"),
     "mat": (".mat",),
     "mat73": (),
     "csv": (".csv",),

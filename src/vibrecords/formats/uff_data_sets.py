@@ -23,8 +23,6 @@ AXIS_TYPES: dict[SensorQuantity, int] = {
     "acceleration": 12,
     "force": 13,
 }
-#: Type of the data set of ours that restores the digits which columns 20 wide cannot hold; other programs pass over it.
-CORRECTIONS = 58017
 #: Ordinate types: real single, real double, complex single, complex double.
 _TYPES = (2, 4, 5, 6)
 #: Function, version and degrees of freedom, columns apart by blanks: whatever the widths of columns, it is read alike.

@@ -18,7 +18,6 @@ from vibrecords.errors import MeasurementError
 from vibrecords.formats.columns import TIME_S
 from vibrecords.formats.table_text import float_of
 from vibrecords.formats.uff_data_sets import (
-    CORRECTIONS,
     FunctionHeader,
     LineError,
     UffDataSet,
@@ -62,7 +61,7 @@ _LISTED = {
     12: "spectrum",
 }
 _PART = 2**22  # bytes of a function that are decoded at once
-#: An FRF has up to four: values, coherence, and corrections of both.
+#: An FRF has up to four: values and coherence, each with one of another type behind it in files of earlier versions.
 _MOST_SETS = 4 * MOST_RECORDS + 100
 #: Type of function, labels of response and reference, and of time histories what the sensor measures.
 Place = tuple[int, str, str, int]
@@ -70,7 +69,7 @@ Place = tuple[int, str, str, int]
 
 @dataclass(slots=True)
 class _UniversalFile:
-    """An open file and what its first pass found: corrections and units by the number of their data set.
+    """An open file and what its first pass found: units by the number of their data set.
 
     Each data set comes with its place, and which of that place it is.
     """
@@ -78,7 +77,6 @@ class _UniversalFile:
     file: BinaryIO
     sets: list[tuple[UffDataSet, Place, int]] = field(default_factory=list)
     places: dict[Place, list[UffDataSet]] = field(default_factory=dict)
-    corrections: dict[int, UffDataSet] = field(default_factory=dict)
     units: dict[int, FileUnits] = field(default_factory=dict)
 
     def body(self, data_set: UffDataSet, most: int = MOST_BYTES) -> bytes:
@@ -113,25 +111,7 @@ class _UniversalFile:
         header = data_set.header
         assert header is not None
         with self.located(data_set):
-            abscissa, ordinate = decode(header, self.lines(data_set), data_set.stop - data_set.start)
-        self.correct(data_set, abscissa, ordinate.view(np.float64))
-        return header, abscissa, ordinate
-
-    def correct(self, data_set: UffDataSet, *numbers: Array) -> None:
-        """Add the digits that did not fit the columns: steps in units of the last place, for each number."""
-        if data_set.number not in self.corrections:
-            return
-        text = self.body(self.corrections[data_set.number]).split()
-        count = sum(array.size for array in numbers)
-        if len(text) != count or not all(re.fullmatch(rb"[+-]\d{1,18}", step) for step in text):
-            raise MeasurementError(
-                f"data set {data_set.number + 1}: found {len(text)} corrections; expected {count} whole numbers; "
-                "take the data set out or export again"
-            )
-        steps = np.array(text, dtype="S20").astype(np.int64)
-        for array in numbers:
-            array.reshape(-1).view(np.int64)[...] += steps[: array.size]
-            steps = steps[array.size :]
+            return header, *decode(header, self.lines(data_set), data_set.stop - data_set.start)
 
     def units_of(self, data_set: UffDataSet) -> FileUnits:
         """Those of the last data set 164 before it, or else of the first in the file."""
@@ -177,9 +157,7 @@ def _index(file: BinaryIO) -> _UniversalFile:
                 f"data sets: found more than {_MOST_SETS}; expected at most {MOST_RECORDS} FRFs and time histories "
                 "with what belongs to them; split the file"
             )
-        if data_set.kind == CORRECTIONS:
-            source.corrections[data_set.number - 1] = data_set
-        elif data_set.kind == 164:
+        if data_set.kind == 164:
             with source.located(data_set):
                 source.units[data_set.number] = units_of(source.body(data_set, 4096))
         else:
@@ -214,8 +192,7 @@ def _record(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int
         if kind != _MODES:
             return None
         with source.located(data_set):
-            body = source.body(data_set, MOST_MODE_BYTES)
-            return read_mode(body, data_set.number, lambda *numbers: source.correct(data_set, *numbers))
+            return read_mode(source.body(data_set, MOST_MODE_BYTES), data_set.number)
     if kind not in (_TIME, _FRF, _COHERENCE):
         words, none = _LISTED.get(kind, f"function of type {kind}"), np.empty(0)
         told = header.even and header.abscissa.kind == 18 and header.count <= data_set.stop - data_set.start

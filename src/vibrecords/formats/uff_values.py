@@ -9,7 +9,7 @@ import io
 import math
 import re
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import TypeVar
@@ -258,7 +258,7 @@ _LIKELY_DAMPING = 0.2
 _MODE_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+|[+-]\d{3})?")
 
 
-def read_mode(body: bytes, number: int, correct: Callable[[Array, Array], None]) -> ModeRecord | None:
+def read_mode(body: bytes, number: int) -> ModeRecord | None:
     """The mode of a data set 55; None where it holds something else: static deflections, stresses, time steps.
 
     Parameters
@@ -267,8 +267,6 @@ def read_mode(body: bytes, number: int, correct: Callable[[Array, Array], None])
         Content of the data set.
     number
         Of the data set, counted from 1.
-    correct
-        Adds the digits to the parameters and the values that did not fit the columns of our writer.
 
     Raises
     ------
@@ -291,13 +289,12 @@ def read_mode(body: bytes, number: int, correct: Callable[[Array, Array], None])
     if not (1 <= n_real <= 12 and n_real >= (2 if analysis in _COMPLEX else 1)):
         raise LineError(6, f"found {n_real} real parameters; expected those of a mode, 4 or 6; export the modes again")
     end = 7 + -(-n_real // 6)
-    stated = np.array(list(_mode_numbers(lines, 7, end, n_real)))
+    stated = list(_mode_numbers(lines, 7, end, n_real))
     nodes, values = _shape(lines, end, per_node * (2 if kind in (5, 6) else 1))
-    correct(stated, values)
     shape = values.view(complex) if kind in (5, 6) else values
     labels = [dof_label(Dof("", node, direction)) for node in nodes for direction in _DIRECTIONS[per_node]]
     notes = [f"shape in {_MOTIONS[motion]}"] if _MOTIONS.get(motion) else []
-    frequency, ratio, mass = _parameters(analysis, [*stated.tolist(), *[0.0] * 4], notes)
+    frequency, ratio, mass = _parameters(analysis, [*stated, *[0.0] * 4], notes)
     told = re.search(r"(?:mode|freq)[^=]*?(\d+\.\d+)\s*Hz", " ".join(lines[:5]), re.IGNORECASE)
     if told and not math.isclose(float(told[1]), frequency, rel_tol=0.02, abs_tol=0.02):
         notes.append(f"frequency {frequency:.6g} Hz, and {told[1]} Hz in an ID line")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.uff_data_sets import AXIS_TYPES, CORRECTIONS
+from vibrecords.formats.uff_data_sets import AXIS_TYPES
 from vibrecords.formats.uff_values import NORMAL_MODES
 from vibrecords.formats.units import MOTION_OF, si_sensor_unit
 from vibrecords.records import (
@@ -24,14 +24,17 @@ from vibrecords.records import (
     parse_dof,
 )
 
+#: Type of the data set of remarks: one that the format leaves to users.
+_REMARKS = 58018
 _AXIS_NAMES = {8: "Displacement", 11: "Velocity", 12: "Acceleration", 13: "Force", 17: "Time", 18: "Frequency"}
 
 
 def write_uff(records: Iterable[Record], path: Path, *, binary: bool, remarks: Sequence[str] = ()) -> None:
-    """Write FRFs, their coherence, time histories and modes; what is read back is the same to the last bit.
+    """Write FRFs, their coherence, time histories and modes.
 
-    Text has columns 20 wide, too few for the last digits of a double: what is missing follows each function in a data
-    set of a type that other programs pass over. They read 13 digits, of modes 6. Remarks, ASCII, stand in another such.
+    What is read back from binary functions is the same to the last bit. Text has columns for 13 digits, of an uneven
+    abscissa for 6 to 10; a data set 55, which is always text, for 6. Remarks, ASCII, stand in a data set that other
+    programs pass over.
 
     Raises
     ------
@@ -42,16 +45,14 @@ def write_uff(records: Iterable[Record], path: Path, *, binary: bool, remarks: S
         _data_set(file, 151, ["jointbayes", *(["NONE"] * 6)])
         _data_set(file, 164, [f"{1:10d}{'SI: metre, newton':<20}{2:10d}", f"{1.0:25.17E}" * 3, f"{273.15:25.17E}"])
         if remarks:
-            _data_set(file, CORRECTIONS + 1, remarks)
+            _data_set(file, _REMARKS, remarks)
         for record in records:
             if isinstance(record, FrfRecord):
                 _frf(file, record, binary)
             elif isinstance(record, TimeRecord):
                 _time(file, record, binary)
             elif isinstance(record, ModeRecord):
-                lines, true, read = _mode_lines(record)
-                _data_set(file, 55, lines)
-                _corrections(file, true, read)
+                _data_set(file, 55, _mode_lines(record))
             else:
                 raise MeasurementError(
                     f"records: found a {type(record).__name__}; expected FRFs, time histories or modes; leave it out"
@@ -123,15 +124,8 @@ def _function(
         file.write(np.asarray(columns, "<f8").tobytes())
         file.write(b"    -1\n")
         return
-    text, read = _text(columns, even)
-    file.write(text)
+    file.write(_text(columns, even))
     _lines(file, ["    -1"])
-    read_abscissa = float(minimum) + np.arange(abscissa.size) * float(increment)
-    if not even:
-        read_abscissa, read = read[:, 0], read[:, 1:]
-    if always_even:
-        read_abscissa = abscissa
-    _corrections(file, np.concatenate([abscissa, numbers.ravel()]), np.concatenate([read_abscissa, read.ravel()]))
 
 
 def _dofs(pair: tuple[str, str]) -> tuple[list[Dof], list[str]]:
@@ -170,34 +164,22 @@ def _spacing(abscissa: Array) -> tuple[bool, str, str]:
     return False, "0.00000E+00", "0.00000E+00"
 
 
-def _text(columns: Array, even: bool) -> tuple[bytes, Array]:
-    """Lines of 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12, and the numbers as they will be read from them."""
+def _text(columns: Array, even: bool) -> bytes:
+    """Lines of 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12."""
     wide = [_cell(value) for value in columns.ravel()]
-    rows, per_value = columns.shape
+    per_value = columns.shape[1]
     if not even:
         wide[::per_value] = [f"{_short(value):>13}" for value in columns[:, 0]]
     per_line = 3 if per_value == 3 else 4
-    lines = ("".join(wide[i : i + per_line]) + "\n" for i in range(0, len(wide), per_line))
-    return "".join(lines).encode(), np.array([float(cell) for cell in wide]).reshape(rows, per_value)
+    return "".join("".join(wide[i : i + per_line]) + "\n" for i in range(0, len(wide), per_line)).encode()
 
 
 def _cell(value: float) -> str:
     return f"{value:20.12E}" if math.isfinite(value) else f"{value:20}"
 
 
-def _corrections(file: BinaryIO, true: Array, read: Array) -> None:
-    """Steps in units of the last place from what is read to what is true, where there are any."""
-    steps = true.view(np.int64) - np.asarray(read, float).view(np.int64)
-    steps[np.isnan(true)] = 0
-    if not steps.any():
-        return
-    # a single blank and a sign before each: no line of it can be taken for a delimiter
-    words = [f"{step:+d}" for step in steps.tolist()]
-    _data_set(file, CORRECTIONS, (" ".join(words[i : i + 12]) for i in range(0, len(words), 12)))
-
-
-def _mode_lines(mode: ModeRecord) -> tuple[list[str], Array, Array]:
-    """Lines of a data set 55, the numbers that they stand for, and those that will be read from them.
+def _mode_lines(mode: ModeRecord) -> list[str]:
+    """Lines of a data set 55.
 
     Raises
     ------
@@ -224,10 +206,8 @@ def _mode_lines(mode: ModeRecord) -> tuple[list[str], Array, Array]:
     definition = (1, NORMAL_MODES, per_node // 3 + 1, 8, 5 if complex_ else 2, per_node)
     lines.append("".join(f"{number:10d}" for number in definition))
     lines += [f"{2:10d}{4:10d}{1:10d}{mode.number:10d}", "".join(f"{x:13.5E}" for x in stated)]
-    true = list(stated)
     for node, row in rows.items():
         numbers = np.array(row, complex).view(float) if complex_ else np.array(row, complex).real
         cells = [f"{x:13.5E}" for x in numbers]
         lines += [f"{node:10d}", *("".join(cells[i : i + 6]) for i in range(0, len(cells), 6))]
-        true += numbers.tolist()
-    return lines, np.array(true), np.array([float(f"{x:13.5E}") for x in true])
+    return lines

@@ -34,7 +34,9 @@ FORMATS = tuple(_WRITERS)
 
 
 def write_frf(frf: FrfSet, path: str | Path, format: str) -> None:
-    """Write a set of FRFs; `format` is one of `FORMATS`. Read back, it is the same, to the last bit.
+    """Write a set of FRFs; `format` is one of `FORMATS`.
+
+    Read back, it is the same to the last bit; of ``"uff58"``, which is text, values have 13 digits.
 
     Raises
     ------
