@@ -2,11 +2,8 @@
 
 import dataclasses
 import datetime
-import os
 import pkgutil
 import re
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -301,25 +298,6 @@ def test_every_start_of_the_map_search_is_listed_with_its_fate(whole, cheap_post
     assert text.startswith(
         f"{len(table.rows) - len(estimate.failed_starts)} of {len(table.rows)} starting points lead to the best fit"
     )
-
-
-@pytest.mark.whole
-def test_the_package_corner_draws_the_corner_plot_without_loading_arviz():
-    script = """
-import sys, numpy as np
-from jointbayes.report import drawing, figures
-drawn = []
-package = drawing.corner_package()
-drawing.corner_package = lambda: package
-whole = package.corner
-package.corner = lambda values, **options: drawn.append(values.shape) or whole(values, **options)
-draws = np.random.default_rng(1).normal(size=(500, 2))
-figures.corner_plot(["a", "b"], draws, draws, None, draws[0])
-assert drawn == [(500, 2)] and "arviz" not in sys.modules
-import corner
-assert sys.modules["corner.corner"].arviz_corner is not None  # what a user imports later is whole
-"""
-    subprocess.run([sys.executable, "-W", "ignore", "-c", script], check=True, env=os.environ | {"MPLBACKEND": "Agg"})
 
 
 @pytest.mark.whole

@@ -1,9 +1,6 @@
 """What each figure shows, drawn onto axes that somebody else has laid out: a page of a report or a notebook's cell."""
 
-import importlib
-import sys
 from collections.abc import Callable, Sequence
-from types import ModuleType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -11,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from jointbayes.posterior.storage import imported_arviz
 from jointbayes.report.canvas import add_strokes, extremes, legend_above, logarithmic
 from jointbayes.report.line_plot import SERIES_COLOURS, FrfPlot, Wireframe
 from vibrecords.arrays import Array
@@ -157,9 +155,12 @@ def draw_corner(
     ----------
     Foreman-Mackey, D. (2016). corner.py: Scatterplot matrices in Python. DOI 10.21105/joss.00024
     """
+    imported_arviz()  # half a second, for this figure alone: corner loads it, and it would announce what we know
+    from corner import corner
+
     count = len(labels)
     ranges = [_range(posterior[:, i], None if published is None else published[i]) for i in range(count)]
-    corner_package().corner(
+    corner(
         posterior,
         bins=_BINS,
         range=ranges,
@@ -200,18 +201,6 @@ def _label_beyond_ticks(below: Sequence[Any], beside: Sequence[Any]) -> None:
             text = axis.get_label_text()
             axis.set_label_text(text.replace(" ", "\n", 1) if len(text) * _DIGIT_INCHES > width else text)
             axis.set_label_coords(*((0.5, beyond) if line is below else (beyond, 0.5)))
-
-
-def corner_package() -> ModuleType:
-    """The package corner, without ArviZ, which it loads for inputs that it is not given here: a second of each run."""
-    if "corner" not in sys.modules and "arviz" not in sys.modules:
-        sys.modules["corner.arviz_corner"] = None  # type: ignore[assignment]  # as if ArviZ were not installed
-        try:
-            return importlib.import_module("corner")
-        finally:  # whoever imports corner next has it whole
-            for name in [name for name in sys.modules if name.partition(".")[0] == "corner"]:
-                del sys.modules[name]
-    return importlib.import_module("corner")
 
 
 def _range(values: Array, reference: float | None) -> tuple[float, float]:
