@@ -19,7 +19,6 @@ from jointbayes.posterior import gather_knowledge, uncertain_inputs
 from jointbayes.posterior.identifiability import NO_VALID_VALUE, assess
 from jointbayes.posterior.knowledge import KeptKnowledge, effect_sentence
 from jointbayes.posterior.rounding import rounded, rounded_interval
-from jointbayes.posterior.storage import typed_value
 from jointbayes.posterior.uncertain_inputs import (
     UncertainInputsRow,
     assumed_beyond,
@@ -33,6 +32,7 @@ from jointbayes.report.markup import badge, nuisance_label
 from jointbayes.report.model import Lights, Paragraph, Table
 from jointbayes.report.sections import lead
 from jointbayes.report.sections.identifiable import freed_blocks
+from jointbayes.stored_values import stored_value
 from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, judged_as, of_case, plain_reports
 
 INITIAL = (1e8, 0.0, 0.0)
@@ -478,7 +478,7 @@ def test_uncertain_quantities_have_short_labels(name, label):
 @pytest.mark.whole
 def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
     text = json.dumps(asdict(gathered.kept), default=lambda array: array.tolist())
-    kept = typed_value(KeptKnowledge, json.loads(text), "")
+    kept = stored_value(KeptKnowledge, json.loads(text), "")
     for name in ("knowledge._profiles", "posterior.effect_of_uncertain_inputs", "knowledge.next_step"):
         monkeypatch.setattr(f"jointbayes.posterior.{name}", lambda *_: pytest.fail("found anew"))
     again = gather_knowledge(judged_as(replace(uncertain, _kept_knowledge=kept), uncertain))

@@ -8,6 +8,7 @@ import numpy as np
 
 from jointbayes.identification.paper_iteration import IterationHistory, listed_values
 from jointbayes.inference import JointPrior
+from jointbayes.stored_values import StoredArray
 from vibrecords.arrays import Array
 from vibrecords.notebook_view import paragraph_html, table_html
 
@@ -24,8 +25,8 @@ class StartOutcome:
     """Where one start led: its first and last joint, shape (q,), log density, and whether that is the best mode."""
 
     name: str
-    start: Array
-    stiffness: Array
+    start: StoredArray
+    stiffness: StoredArray
     log_posterior: float
     reached_mode: bool
 
@@ -46,10 +47,10 @@ class LocalMode:
         Of a mode on an edge of the prior's support, a point nearby inside it and the Laplace covariance there.
     """
 
-    theta: Array
-    covariance: Array
+    theta: StoredArray
+    covariance: StoredArray
     log_posterior: float
-    inside: tuple[Array, Array] | None = None
+    inside: tuple[StoredArray, StoredArray] | None = None
 
     @property
     def start(self) -> tuple[Array, Array]:
@@ -138,9 +139,9 @@ class MapEstimate:
         Value at the mode and unit of each uncertain quantity besides the joint, by name; empty of such a file too.
     """
 
-    theta: Array
-    values: Array
-    covariance: Array
+    theta: StoredArray
+    values: StoredArray
+    covariance: StoredArray
     log_posterior: float
     starts: tuple[StartOutcome, ...]
     modes: tuple[LocalMode, ...] = ()

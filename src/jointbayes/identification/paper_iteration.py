@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from jointbayes.frf import Ports, receptance_model
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Parametrisation, parametrisation_named
+from jointbayes.stored_values import StoredArray
 from jointbayes.structure import Body
 from vibrecords import FrfSet
 from vibrecords.arrays import Array, ComplexArray
@@ -57,8 +58,8 @@ class IterationHistory:
         Name and unit of each quantity.
     """
 
-    stiffness_history: Array
-    residual_norm: Array
+    stiffness_history: StoredArray
+    residual_norm: StoredArray
     converged: bool
     left_cone: tuple[int, ...]
     reason: str

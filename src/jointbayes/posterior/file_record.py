@@ -12,9 +12,8 @@ from jointbayes.errors import MeasurementError
 from jointbayes.identification import MapEstimate
 from jointbayes.posterior.knowledge import KeptKnowledge
 from jointbayes.posterior.run_record import RunRecord
-from jointbayes.posterior.storage import typed_value
 from jointbayes.posterior.stored_problem import StoredProblem
-from vibrecords.arrays import Array
+from jointbayes.stored_values import StoredArray, stored_value
 
 #: Of the file: raised when an older reader would misread it. Version 1 held the text of a case instead of a problem.
 FILE_VERSION = 2
@@ -24,7 +23,7 @@ FILE_VERSION = 2
 class BestDraw:
     """The best draw refined, shape (d,), and its log density."""
 
-    theta: Array
+    theta: StoredArray
     log_density: float
 
 
@@ -73,7 +72,7 @@ def parse_estimate(plain: Any, place: str) -> MapEstimate:  # noqa: ANN401
     MeasurementError
         If it is something else: what.
     """
-    return typed_value(MapEstimate, _with_values(plain), place)
+    return stored_value(MapEstimate, _with_values(plain), place)
 
 
 def _with_values(plain: Any) -> Any:  # noqa: ANN401
@@ -115,4 +114,4 @@ def parse_record(text: str, where: str) -> FileRecord:
             f"{where}: found file version {version!r:.60}; expected {FILE_VERSION} or less; "
             "read it with the jointbayes that wrote it, or a later one"
         )
-    return typed_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")
+    return stored_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")

@@ -26,6 +26,7 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import LogPosterior
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.limit_climb import LimitClimb
+from jointbayes.stored_values import StoredArray
 from vibrecords.arrays import Array
 
 Ends = tuple[float, float]
@@ -72,9 +73,9 @@ class ProfileLikelihood:
     """
 
     coordinate: Coordinate
-    value: Array
-    log_ratio: Array
-    theta: Array
+    value: StoredArray
+    log_ratio: StoredArray
+    theta: StoredArray
     level: float
     interval: Ends
     open_below: bool

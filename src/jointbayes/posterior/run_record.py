@@ -5,10 +5,12 @@ import platform
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Annotated, Any, NotRequired, Protocol, TypedDict
+from typing import Annotated, Any, NotRequired, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, with_config
+from typing_extensions import TypedDict
 
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import ErrorSizes, Problem
@@ -17,9 +19,10 @@ from jointbayes.reproducibility import code_version
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
 from vibrecords.arrays import Array
 
-_Count = Annotated[int, (0, 2**63)]
+_Count = Annotated[int, Field(ge=0, le=2**63)]
 
 
+@with_config(ConfigDict(extra="allow"))
 class SamplerFigures(TypedDict):
     """Settings and figures of the sampler; NaN where a chain was too short for one."""
 
@@ -29,15 +32,15 @@ class SamplerFigures(TypedDict):
     max_steps: _Count
     burn_in: _Count
     processes: NotRequired[_Count]
-    thin: Annotated[int, (1, 2**31)]
-    acceptance: Annotated[float, (0, 1)]
+    thin: Annotated[int, Field(ge=1, le=2**31)]
+    acceptance: Annotated[float, Field(ge=0, le=1)]
     move_acceptance: Mapping[str, float]
     proposal_efficiency: float
     tau: Mapping[str, float]
     ess: Mapping[str, float]
     evaluations: _Count
     singular: _Count
-    seconds: Annotated[float, (0, 1e12)]
+    seconds: Annotated[float, Field(ge=0, le=1e12)]
     ess_per_second: float
 
 
@@ -63,7 +66,7 @@ class RunRecord:
 
     case_name: str
     case_text: str
-    seed: Annotated[int, (0, 2**128)]
+    seed: Annotated[int, Field(ge=0, le=2**128)]
     converged: bool
     reason: str
     sampler: SamplerFigures

@@ -20,8 +20,9 @@ from jointbayes.inference import Problem
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import FileRecord, parse_record
 from jointbayes.posterior.posterior import Posterior
-from jointbayes.posterior.storage import RECORD, REMEDY, value_units, values_tree
+from jointbayes.posterior.storage import RECORD, value_units, values_tree
 from jointbayes.posterior.stored_problem import PROBLEM_GROUP, problem_from, require_same_problem
+from jointbayes.stored_values import REMEDY
 from vibrecords.arrays import Array
 from vibrecords.formats.array_files import read_groups
 

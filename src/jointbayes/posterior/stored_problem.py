@@ -7,19 +7,21 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from importlib import import_module
 from pkgutil import iter_modules
 from types import UnionType
-from typing import Any, Literal, TypedDict, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from typing_extensions import TypedDict
 
 import jointbayes.inference.noise
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
 from jointbayes.posterior.run_record import SampledCase, bodies_of, package_versions, sha256_of
-from jointbayes.posterior.storage import REMEDY, array_dataset, is_plain, typed_value
+from jointbayes.posterior.storage import array_dataset
 from jointbayes.sampling import SamplerSettings
+from jointbayes.stored_values import REMEDY, stored_value
 from vibrecords import Data
 from vibrecords.provenance import Provenance
 
@@ -199,7 +201,7 @@ class _Restoring:
         if "array" in plain:
             return self.array(str(plain["array"]))
         if "provenance" in plain:
-            return typed_value(Provenance, plain["provenance"], f"{self.where}: {place}")
+            return stored_value(Provenance, plain["provenance"], f"{self.where}: {place}")
         if "mapping" in plain:
             return self._mapping(plain["mapping"], place)
         if "scipy.stats" in plain:
@@ -241,7 +243,7 @@ class _Restoring:
         args, kwds = self.part(plain.get("args", []), place), self.part(plain.get("kwds", {"mapping": []}), place)
         if not isinstance(args, tuple) or not isinstance(kwds, dict):
             raise self._fault(place, "no arguments", "numbers of a distribution")
-        if not all(is_plain(value, float) for value in (*args, *kwds.values())):
+        if not all(_fits(value, float) for value in (*args, *kwds.values())):
             raise self._fault(place, "other arguments than numbers", "numbers of a distribution")
         try:
             return law(*args, **kwds)
@@ -255,8 +257,12 @@ class _Restoring:
 def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401
     """Whether a value is of a plain type; of other hints nothing is said."""
     kinds = get_args(hint)
-    if hint in (float, int, bool, str) or get_origin(hint) is Literal:
-        return is_plain(value, hint)
+    if get_origin(hint) is Literal:
+        return any(type(value) is type(choice) and value == choice for choice in kinds)
+    if hint is float and type(value) is int:
+        return abs(value) < 10**300
+    if hint in (float, int, bool, str):
+        return type(value) is hint
     if get_origin(hint) in (Union, UnionType):
         return any(_fits(value, kind) for kind in kinds)
     if get_origin(hint) is tuple:

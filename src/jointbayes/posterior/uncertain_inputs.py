@@ -43,6 +43,7 @@ from jointbayes.sampling import (
     quantile_spread,
     released_draws,
 )
+from jointbayes.stored_values import StoredArray
 from vibrecords.arrays import Array
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ class UncertainInputsRow:
     uncertain: tuple[str, ...]
     source: Source
     known: Mapping[str, Identifiability]
-    draws: Array = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
+    draws: StoredArray = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
 
     def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
         """Equal-tailed credible interval of a stiffness, in its unit.
