@@ -307,28 +307,9 @@ def test_empty_report_renders():
     assert render_pdf(empty).startswith(b"%PDF")
 
 
-@pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])
-@pytest.mark.parametrize("field", ["x", "y", "y_low", "y_high"])
-def test_series_refuses_what_json_cannot_say(field, bad):
-    values = {"x": (1.0, 2.0), "y": (1.0, 2.0), "y_low": (1.0, 2.0), "y_high": (1.0, 2.0)}
-    with pytest.raises(ValueError, match="NaN or infinite"):
-        Series("s", kind="band", **(values | {field: (1.0, bad)}))
-
-
-def test_series_takes_arrays():
-    series = Series("s", np.arange(3), np.ones(3, dtype=np.float32))
-    assert [part.tolist() for part in series.columns] == [[0.0, 1.0, 2.0], [1.0, 1.0, 1.0], [], []]
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Series("s", (), ()), "no points"),
-        (lambda: Series("s", (2.0, 1.0), (0.0, 0.0)), "increase"),
-        (lambda: Series("s", (1.0, 2.0), (0.0,)), "expected 2"),
-        (lambda: Series("s", (1.0,), (1.0,), "line", (1.0,), (1.0,)), "expected 0 values"),
-        (lambda: LinePlot("x", "y", ()), "no series"),
-        (lambda: LinePlot("x", "y", (Series("s", (1.0,), (0.0,)),), log_y=True), "y must be positive"),
         (lambda: Table("t", (), ()), "at least one column"),
         (lambda: Table("t", ("a",), (("1", "2"),)), "row 1: 2 cells, expected 1"),
         (lambda: Table("t", ("a",), (), align="c"), "align 'c'"),

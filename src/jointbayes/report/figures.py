@@ -1,6 +1,6 @@
 """Figures of a report as SVG text, drawn with matplotlib; no file, no screen, the same bytes in every run.
 
-Each lays out the axes on a page. What they show is drawn by :mod:`jointbayes.report.drawing`, which describes the
+What is here lays out axes on a page. What they show is drawn by :mod:`jointbayes.report.drawing`, which describes the
 arguments, for pages and notebooks alike.
 """
 
@@ -24,6 +24,17 @@ _COLUMNS = 4  # of panels that are alike
 def _page(draw: Callable[[AxesArray], None], size: tuple[float, float], **layout: Any) -> str:  # noqa: ANN401
     """SVG text of what is drawn onto axes, shape (rows, columns), on a canvas of so many inches."""
     return svg(lambda canvas: draw(panels(canvas, **layout)), *size)
+
+
+def draw_alone(
+    draw: Callable[..., None],
+    *values: Any,  # noqa: ANN401 (those of `draw`)
+    width: float = 6.2,
+    height: float = 2.6,
+    top: float = 0.12,
+) -> str:
+    """SVG text of what one function of `drawing` puts onto axes of their own: inches, with the margin above."""
+    return _page(lambda grid: draw(grid[0, 0], *values), (width, height), top=top)
 
 
 def _in_rows(draw: Callable[[AxesArray], None], count: int, height: float, **layout: Any) -> str:  # noqa: ANN401
@@ -66,19 +77,9 @@ def wireframes(frame: Wireframe) -> str:
     return _page(lambda axes: drawing.draw_wireframes(axes.ravel(), frame), (7.4, rows * height), **layout)
 
 
-def squares_by_line(frequency_hz: Array, square: Array) -> str:
-    """Squared residuals over their expectation by frequency."""
-    return _page(lambda a: drawing.draw_squares_by_line(a[0, 0], frequency_hz, square), (7.2, 2.4), top=0.3)
-
-
 def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
     """Profile likelihoods side by side."""
     return _in_rows(lambda axes: drawing.draw_profiles(axes, curves), len(curves), 2.4, apart=(0.5, 0.1), sharey=True)
-
-
-def residual_norm(norm: Array) -> str:
-    """The paper's Fig. 7."""
-    return _page(lambda a: drawing.draw_residual_norm(a[0, 0], norm), (6.2, 2.6))
 
 
 def histories(titles: Sequence[str], history: Array, published: Array | None) -> str:
@@ -99,25 +100,3 @@ def traces(names: Sequence[str], theta: Array, ensemble: NDArray[Any]) -> str:
     layout: Any = {"rows": len(names), "left": 0.9, "bottom": 0.42, "sharex": True}
     size = (7.2, max(4.6, 0.9 + 0.8 * len(names)))
     return _page(lambda a: drawing.draw_traces(a[:, 0], names, theta, ensemble), size, **layout)
-
-
-def autocorrelation(names: Sequence[str], theta: Array, thin: int) -> str:
-    """Autocorrelation over lags of at most `MOST_CURVES` parameters."""
-    return _page(lambda a: drawing.draw_autocorrelation(a[0, 0], names, theta, thin), (6.2, 2.6))
-
-
-def mode_shape(labels: Sequence[str], measured: Array, sd: Array, best: Array, low: Array, high: Array) -> str:
-    """Components of one mode at DOFs."""
-    values = (measured, sd, best, low, high)
-    return _page(lambda a: drawing.draw_mode_shape(a[0, 0], labels, *values), (6.2, 2.6), top=0.3)
-
-
-def level_curve(level: Array, median: Array, low: Array, high: Array, x_label: str, y_label: str) -> str:
-    """A quantity over levels."""
-    values = (level, median, low, high)
-    return _page(lambda a: drawing.draw_level_curve(a[0, 0], *values, x_label, y_label), (6.2, 3.0))
-
-
-def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) -> str:
-    """Deviation of predicted from measured natural frequencies."""
-    return _page(lambda a: drawing.draw_frequency_errors(a[0, 0], measured, sd, rows), (6.2, 3.0), top=0.3)

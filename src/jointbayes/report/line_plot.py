@@ -23,20 +23,15 @@ class Series:
     name : str
         Legend entry.
     x : array_like, shape (n,)
-        Strictly increasing abscissae; series of one plot need not share them.
+        Strictly increasing, finite abscissae; series of one plot need not share them.
     y : array_like, shape (n,), optional
-        Ordinates. A band may leave it empty, or give the centre line.
+        Finite ordinates. A band may leave it empty, or give the centre line.
     kind : {"line", "points", "band"}
         How to draw it.
     y_low, y_high : array_like, shape (n,), optional
         Edges of a band, and only of a band.
     dashed : bool
         Draw the line dashed.
-
-    Raises
-    ------
-    ValueError
-        If lengths disagree, `x` does not increase, or a value is NaN or infinite (JSON has neither).
     """
 
     name: str
@@ -47,33 +42,11 @@ class Series:
     y_high: ArrayLike = ()
     dashed: bool = False
 
-    def __post_init__(self) -> None:
-        where = f"series {self.name!r}"
-        for name in ("x", "y", "y_low", "y_high"):
-            values = np.array(getattr(self, name), dtype=float)
-            values.setflags(write=False)
-            if not np.isfinite(values).all():
-                raise ValueError(f"{where}: {name} has NaN or infinite values; leave those points out")
-            object.__setattr__(self, name, values)
-        self._check_shapes(where)
-
     @property
     def columns(self) -> tuple[Array, ...]:
-        """x, y, y_low and y_high as read-only arrays, shape (n,) each, or (0,) where there are none."""
-        x, y, low, high = (np.asarray(values) for values in (self.x, self.y, self.y_low, self.y_high))
+        """x, y, y_low and y_high as arrays, shape (n,) each, or (0,) where there are none."""
+        x, y, low, high = (np.asarray(values, dtype=float) for values in (self.x, self.y, self.y_low, self.y_high))
         return x, y, low, high
-
-    def _check_shapes(self, where: str) -> None:
-        x, y, low, high = self.columns
-        if x.size == 0:
-            raise ValueError(f"{where}: no points")
-        if (np.diff(x) <= 0).any():
-            raise ValueError(f"{where}: x must increase strictly")
-        edges = x.size if self.kind == "band" else 0
-        if low.size != edges or high.size != edges:
-            raise ValueError(f"{where}: expected {edges} values in y_low and in y_high")
-        if y.size != x.size and (self.kind != "band" or y.size):
-            raise ValueError(f"{where}: {y.size} values in y, expected {x.size}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,26 +60,13 @@ class LinePlot:
     series : tuple of Series
         Drawn bands first, then lines, then points; colours follow :data:`SERIES_COLOURS` in this order.
     log_y : bool
-        Whether the vertical axis is logarithmic.
-
-    Raises
-    ------
-    ValueError
-        If there is no series, or a logarithmic axis would have to show a value that is not positive.
+        Whether the vertical axis is logarithmic; then all ordinates are positive.
     """
 
     x_label: str
     y_label: str
     series: tuple[Series, ...]
     log_y: bool = False
-
-    def __post_init__(self) -> None:
-        if not self.series:
-            raise ValueError(f"plot of {self.y_label!r}: no series")
-        for series in self.series:
-            _, *ordinates = series.columns
-            if self.log_y and np.concatenate(ordinates).min() <= 0:
-                raise ValueError(f"series {series.name!r}: y must be positive on a logarithmic axis")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

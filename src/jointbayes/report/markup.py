@@ -7,7 +7,7 @@ file, `foreign`, is not read for markup either, and is isolated: it turns nothin
 
 import re
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -73,6 +73,12 @@ def readable(name: str) -> str:
     if name.startswith("damping_ratio_"):
         return f"damping ratio of mode {name.rsplit('_', 1)[1]}"
     return _WORDS.get(name, (name, ""))[0]
+
+
+def listed_names(names: Sequence[str]) -> str:
+    """Names in a sentence."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,7 @@ from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior, PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.rounding import number
-from jointbayes.report import figures
-from jointbayes.report.drawing import running_mean
+from jointbayes.report import drawing, figures
 from jointbayes.report.frf_curves import frf_curves
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.line_plot import FrfPlot, LinePlot, Series
@@ -39,7 +38,7 @@ def _residuals(data: FrfData, check: PredictiveCheck) -> Figure:
     """Where the model does not explain the data."""
     lines, each = data.frf.frequency_hz, np.maximum(check.chi2_by_line, 1e-4)  # none is 0 on a logarithmic axis
     series = [Series("each line", lines, each, "points")]
-    middle, mean, name = running_mean(lines, check.chi2_by_line)
+    middle, mean, name = drawing.running_mean(lines, check.chi2_by_line)
     if mean.size:
         series.append(Series(name, middle, np.maximum(mean, 1e-4)))
     return Figure(
@@ -47,7 +46,7 @@ def _residuals(data: FrfData, check: PredictiveCheck) -> Figure:
         "Squared misfit of each line over that of the noise, mean over the draws; the line is a running mean over 1 % "
         "of the lines. Where it stays above 1 the model is wrong.",
         f"Squared residual by frequency; the largest is at {lines[int(np.argmax(check.chi2_by_line))]:.0f} Hz.",
-        figures.squares_by_line(lines, check.chi2_by_line),
+        figures.draw_alone(drawing.draw_squares_by_line, lines, check.chi2_by_line, width=7.2, height=2.4, top=0.3),
         LinePlot("Frequency (Hz)", "Squared residual", tuple(series), log_y=True),
     )
 

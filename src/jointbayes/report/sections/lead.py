@@ -19,7 +19,7 @@ from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.posterior.rounding import engineering, factor, join_unit, number
 from jointbayes.posterior.uncertain_inputs import RANK, quantities_taken_as_exact, uncertain_quantities
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.markup import foreign, kind_of, readable
+from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
 from jointbayes.report.sections.tested import blocks_on_tests
 from jointbayes.report.sections.trust import lights_of, worst_setup
@@ -108,12 +108,6 @@ def _which(known: Mapping[str, Identifiability]) -> str:
     if len(known) > _MOST_NAMED:
         return ", ".join(f"{len(names)} of {len(known)} {words}" for words, names in said)
     return "; ".join(f"{words} {listed_names(names)}" for words, names in said)
-
-
-def listed_names(names: Sequence[str]) -> str:
-    """Names in a sentence."""
-    *first, last = names
-    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _accuracy(known: Identifiability) -> str:

@@ -7,9 +7,9 @@ from jointbayes.identification import IterationHistory, missing_for_iteration
 from jointbayes.joint import Quantity
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import fixed, number
-from jointbayes.report import figures
+from jointbayes.report import drawing, figures
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.markup import coordinate_labels, foreign
+from jointbayes.report.markup import coordinate_labels, foreign, listed_names
 from jointbayes.report.model import Block, Code, Figure, Paragraph, ReportSection, Table
 from vibrecords.arrays import Array
 
@@ -54,6 +54,7 @@ def _iteration_blocks(
     )
     text = f"**The paper's iteration (Eqs. 3–9)** {foreign(history.on_setup)} {history.reason}. ".replace("  ", " ")
     text += f"Step 5 differs from the last step by: {foreign(settled)}."
+    named = listed_names([q.name for q in iterated])
     if len(iterated) < len(quantities):
         text += " Quantities that do not act in that set-up stay at the first guess."
     return [
@@ -62,12 +63,12 @@ def _iteration_blocks(
             "iteration-norm",
             "Norm of the residual FRF over the iteration, as in the paper's Fig. 7.",
             f"Residual norm falls from {number(norm[0])} to {number(norm[-1])} in {history.steps} steps.",
-            figures.residual_norm(norm),
+            figures.draw_alone(drawing.draw_residual_norm, norm),
         ),
         Figure(
             "iteration-stiffness",
             "Stiffnesses over the iteration, as in the paper's Fig. 8.",
-            f"History of {_listed([q.name for q in iterated])} over the iteration steps with the published values.",
+            f"History of {named} over the iteration steps with the published values.",
             figures.histories(
                 [f"{q.name} ({q.unit})" for q in iterated],
                 history.stiffness_history[:, history.iterated],
@@ -75,11 +76,6 @@ def _iteration_blocks(
             ),
         ),
     ]
-
-
-def _listed(names: list[str]) -> str:
-    *first, last = names
-    return f"{', '.join(first)} and {last}" if first else last
 
 
 def sampling_section(inputs: ReportInputs) -> ReportSection:
@@ -138,7 +134,7 @@ def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
                 f"autocorrelation{suffix}",
                 f"Autocorrelation{these or ' of the kept draws'}, averaged over walkers.",
                 "Autocorrelation of each coordinate against lag in steps, falling to zero.",
-                figures.autocorrelation(names[page], theta[..., page], thin),
+                figures.draw_alone(drawing.draw_autocorrelation, names[page], theta[..., page], thin),
             )
         )
     return [*traces, *correlations]
