@@ -54,18 +54,10 @@ JOINTS = {
         K2,
         {((1, i), (1, j)): K2[m, n] for m, i in enumerate((Y, RZ)) for n, j in enumerate((Y, RZ))},
     ),
-    "springs to ground": (
-        GROUND,
-        np.diag(K2.diagonal()),
-        {((1, Y), (1, Y)): 2e6, ((1, RZ), (1, RZ)): 40.0},
-    ),
+    "springs to ground": (GROUND, np.diag(K2.diagonal()), {((1, Y), (1, Y)): 2e6, ((1, RZ), (1, RZ)): 40.0}),
     "springs between two nodes": (PAIR, np.diag(K3.diagonal()), two_sided(np.diag(K3.diagonal()), (X, Y, RZ))),
     "full matrix between two nodes": (PAIR, K3, two_sided(K3, (X, Y, RZ))),
-    "springs with offsets": (
-        OFFSET,
-        np.diag(K3.diagonal()),
-        strain_matrix(np.diag(K3.diagonal()), with_offset),
-    ),
+    "springs with offsets": (OFFSET, np.diag(K3.diagonal()), strain_matrix(np.diag(K3.diagonal()), with_offset)),
     "full matrix in its own axes": (
         Joint(PAIR.dofs, PAIR.against, axes=tuple(map(tuple, TURN))),
         K3,

@@ -151,10 +151,7 @@ def test_hostile_studies_run_nothing_and_ask_for_nothing(tmp_path, cheap_case):
         )  # fmt: skip
         for place, report in (
             ("compare", build_comparison_report(Comparison(candidates, 1, text).summary())),
-            (
-                "calibrate",
-                build_calibration_report(Calibration(text, text, 1, ("k11",), (numbers, failed), text)),
-            ),
+            ("calibrate", build_calibration_report(Calibration(text, text, 1, ("k11",), (numbers, failed), text))),
             ("plan", build_plan_report(Plan(text, text, 1, "k12", now, measured, False, text).summary())),
         ):
             path = tmp_path / f"{place}.html"

@@ -86,15 +86,9 @@ SWITCHES = {
     "walkers": (lambda i: with_sampler(i, walkers=99), "ensembles of 99 walkers"),
     "thin": (lambda i: with_sampler(i, thin=7), "thinned by a factor of 7"),
     "reason": (lambda i: with_record(i, reason="not converged after 10 steps"), "The sampler: not converged after 10"),
-    "check": (
-        lambda i: with_check(i, chi2_per_line=9.0),
-        "the data: the misfit is 3.00 times",
-    ),
+    "check": (lambda i: with_check(i, chi2_per_line=9.0), "the data: the misfit is 3.00 times"),
     "seed": (lambda i: with_record(i, seed=17), "seed 17;"),
-    "versions": (
-        lambda i: with_record(i, versions=i.posterior.record.versions | {"numpy": "9.9"}),
-        "NumPy 9.9,",
-    ),
+    "versions": (lambda i: with_record(i, versions=i.posterior.record.versions | {"numpy": "9.9"}), "NumPy 9.9,"),
 }
 
 

@@ -26,12 +26,7 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Lights, Paragraph, Table
 from jointbayes.report.sections.lead import lead
 from jointbayes.report.sections.run_details import starts_section
-from jointbayes.report.sections.several_setups import (
-    assembly_section,
-    curve_section,
-    overview_section,
-    setup_section,
-)
+from jointbayes.report.sections.several_setups import assembly_section, curve_section, overview_section, setup_section
 from jointbayes.sampling import Draws
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
 from tests.case.test_setups import HEARD as OF_PEAKS

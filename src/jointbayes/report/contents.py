@@ -25,12 +25,7 @@ from jointbayes.report.sections.measured_data import (
 from jointbayes.report.sections.methods import methods_section, terms_section
 from jointbayes.report.sections.natural_frequencies import frequency_section, own_section
 from jointbayes.report.sections.run_details import sampling_section, settings_section, starts_section
-from jointbayes.report.sections.several_setups import (
-    assembly_section,
-    curve_section,
-    overview_section,
-    setup_section,
-)
+from jointbayes.report.sections.several_setups import assembly_section, curve_section, overview_section, setup_section
 from jointbayes.report.sections.trust import worst_setup
 
 Inputs = TypeVar("Inputs")

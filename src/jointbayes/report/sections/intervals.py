@@ -121,9 +121,7 @@ def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
         "none: the posterior is as wide as the prior or wider."
     )
     return ReportSection(
-        "nuisances",
-        "What else was uncertain",
-        (Table("Other uncertain quantities", head, rows, note=note),),
+        "nuisances", "What else was uncertain", (Table("Other uncertain quantities", head, rows, note=note),)
     )
 
 

@@ -99,10 +99,7 @@ def sampling_section(inputs: ReportInputs) -> ReportSection:
     return ReportSection(
         "sampling",
         "Sampling",
-        (
-            Table("Sampler", ("Figure", "Value"), rows, align="ll"),
-            *chain_figures(inputs.posterior, s["thin"]),
-        ),
+        (Table("Sampler", ("Figure", "Value"), rows, align="ll"), *chain_figures(inputs.posterior, s["thin"])),
     )
 
 
