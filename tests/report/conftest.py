@@ -35,22 +35,27 @@ SAMPLER = {
 }  # fmt: skip
 
 
-def made_up(name, text, joint):
-    """A posterior of draws about a joint: only its pages matter here."""
-    case, rng = jb.case_from_text(name, text, directory=CONFIGS), np.random.default_rng(1)
-    problem = case.problem
-    middle = np.concatenate([problem.parametrisation.coordinates(joint), np.zeros(len(problem.prior.nuisances))])
-    widths = np.concatenate([np.full(len(joint), 0.02), 0.3 * problem.prior.sd[len(joint) :]])
+def posterior_about(case, middle, widths):
+    """A posterior of made-up draws about a point: only where they go matters."""
+    problem, rng = case.problem, np.random.default_rng(1)
     theta = middle + widths * rng.normal(size=(4, 25, middle.size))
     density = problem.log_posterior(theta.reshape(100, -1)).reshape(4, 25)
     tree = draws_tree(problem, Draws(theta, density, np.arange(4)), problem.prior.sample(rng, 100))
     at = float(problem.log_posterior(middle)[0])
-    estimate = jb.MapEstimate(middle, np.array(joint), np.diag(widths**2), at, ())
+    estimate = jb.MapEstimate(middle, problem.prior.values(middle), np.diag(widths**2), at, ())
     ones = dict.fromkeys(problem.names, 1.0)
-    record = RunRecord(
-        case.name, case.text, 1, True, "made up", SAMPLER | {"tau": ones, "ess": ones}, ones, package_versions()
-    )
-    return of_case(jb.Posterior(problem, tree, estimate, middle, at, record), title=case.title)
+    sampler = SAMPLER | {"tau": ones, "ess": ones}
+    record = RunRecord(case.name, case.text, 1, True, "made up", sampler, ones, package_versions())
+    return jb.Posterior(problem, tree, estimate, middle, at, record, case)
+
+
+def made_up(name, text, joint):
+    """The same of a case's text about a joint, for its pages."""
+    case = jb.case_from_text(name, text, directory=CONFIGS)
+    prior = case.problem.prior
+    middle = np.concatenate([prior.parametrisation.coordinates(joint), np.zeros(len(prior.nuisances))])
+    widths = np.concatenate([np.full(len(joint), 0.02), 0.3 * prior.sd[len(joint) :]])
+    return of_case(posterior_about(case, middle, widths), title=case.title)
 
 
 def report_of(posterior):

@@ -11,7 +11,6 @@ import pytest
 import xarray as xr
 
 import jointbayes.report.sections
-from jointbayes.case.case import case_from_text
 from jointbayes.posterior import summarise
 from jointbayes.report import Figure, ReportInputs, build_report, figures, render_html, render_pdf
 from jointbayes.report.contents import APPENDIX, PAGES
@@ -22,8 +21,7 @@ from jointbayes.report.sections.lead import lead
 from jointbayes.report.sections.methods import terms_section
 from jointbayes.report.sections.natural_frequencies import frequency_section
 from jointbayes.report.sections.run_details import chain_figures
-from jointbayes.workflow import sample
-from tests.conftest import TO_CONVERGE, cheap_text, edited, of_case
+from tests.conftest import cheap_text, of_case
 from tests.posterior.test_verdicts import with_cached
 
 DATE = datetime.date(2026, 1, 5)
@@ -341,21 +339,6 @@ def test_a_published_coupling_that_has_no_logarithm_is_no_obstacle(cheap_posteri
     found = posterior_section(inputs_of(cheap_posterior, reference=np.array([5.05e9, k12, 1.52e6])))
     said = [block.text for block in of_kind(found.blocks, Paragraph)]
     assert said[-1] == "The published values do NOT agree with the data: 100.0 % of the draws are likelier."
-
-
-@pytest.mark.whole
-@pytest.mark.usefixtures("plain_reports")
-def test_a_coupling_of_free_sign_from_frfs_builds_too():
-    text = edited(cheap_text(), ('parametrisation = "log"', 'parametrisation = "signed"'))
-    at, end = text.index("[prior.k12]"), text.index("[prior.k22]")
-    rho = '[prior.rho]\ndistribution = "uniform"\nlow = -1.0\nhigh = 1.0\n\n'
-    case = case_from_text("signed", text[:at] + rho + text[end:])
-    posterior = sample(case, settings=TO_CONVERGE)
-    assert posterior.converged  # or there is no sentence on the coupling
-    assert (posterior.values("k12") > 0).all()  # although the prior allows either sign
-    assert (posterior.prior_values("k12") < 0).any()
-    report = report_of(posterior)
-    assert "roughly known k12 (its interval spans a factor of" in of_kind(report.lead, Paragraph)[1].text
 
 
 @pytest.mark.usefixtures("plain_reports")

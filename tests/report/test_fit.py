@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 
 from jointbayes.case.case import case_from_text
-from jointbayes.identification import MapEstimate
-from jointbayes.posterior import Posterior, RunRecord, summarise
+from jointbayes.posterior import summarise
 from jointbayes.posterior.diagnosis import Diagnosis, PairFit
-from jointbayes.posterior.storage import draws_tree
 from jointbayes.report import ReportInputs
 from jointbayes.report.frf_curves import frf_unit
 from jointbayes.report.model import Figure
 from jointbayes.report.sections.fit_to_data import MOST_FIGURES, MOST_ROWS, _correlations, _shown, fit_section
-from jointbayes.sampling import Draws
 from jointbayes.workflow import sample
 from tests.conftest import FEW_STEPS, TABLE_3, cheap_text, edited
+from tests.report.conftest import posterior_about
 from vibrecords import FrfSet
 
 INITIAL = (1e8, 0.0, 0.0)
@@ -31,26 +29,14 @@ HEAVY = edited(
 ) + ("\n[uncertain.accelerometer_mass]\nlow_factor = 0.5\nhigh_factor = 4.0\n\n[uncertain.length]\nsd_percent = 2.0\n")
 
 
-def near_the_truth(case, truth):
-    """A posterior as sampling would leave it, by a shorter way: the MAP at the truth, draws close about it."""
-    problem, theta = case.problem, np.concatenate([np.log(TABLE_3), np.log(truth)])
-    draws = theta + 1e-4 * np.random.default_rng(1).normal(size=(4, 50, theta.size))
-    density = problem.log_posterior(draws.reshape(-1, theta.size)).reshape(4, 50)
-    at = float(problem.log_posterior(theta)[0])
-    estimate = MapEstimate(theta, TABLE_3, 1e-8 * np.eye(theta.size), at, ())
-    sampler = {"steps": 50}
-    record = RunRecord(case.name, case.text, 1, True, "", sampler, dict.fromkeys(problem.names, 1.0), {})
-    tree = draws_tree(problem, Draws(draws, density, np.arange(4)), problem.prior.sample(np.random.default_rng(2), 99))
-    return Posterior(problem, tree, estimate, theta, at, record)
-
-
 @pytest.fixture(scope="module", params=["gain of 26", "heavy accelerometer on a longer beam"])
 def fitted(request):
     if request.param == "gain of 26":
         return sample(case_from_text("gain", GAIN), seed=1, settings=FEW_STEPS)
     case = case_from_text("heavy", HEAVY)
     assert [n.name for n in case.problem.prior.nuisances] == ["length", "accelerometer_mass"]
-    return near_the_truth(case, [391.0 / 383.0, 120.0 / 60.0])
+    middle = np.log([*TABLE_3, 391.0 / 383.0, 120.0 / 60.0])
+    return posterior_about(case, middle, np.full(middle.size, 1e-4))
 
 
 def drawn(posterior, initial=INITIAL):

@@ -16,7 +16,7 @@ import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.errors import ModelError
 from jointbayes.identification import missing_for_iteration, part_to_iterate
-from jointbayes.posterior import Posterior, RunRecord, data_sha256
+from jointbayes.posterior import Posterior, data_sha256
 from jointbayes.posterior.curves import Curve, _change, curves_of
 from jointbayes.posterior.homogeneity import ModeShift
 from jointbayes.posterior.storage import draws_tree
@@ -31,6 +31,7 @@ from jointbayes.sampling import Draws
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
 from tests.case.test_setups import HEARD as OF_PEAKS
 from tests.conftest import TABLE_3
+from tests.report.conftest import posterior_about
 from vibrecords.provenance import Provenance
 
 HEARD = """
@@ -59,32 +60,18 @@ k22 = 0.6e6
 [setups.usual]
 level = 10.0
 """
-SAMPLER = {
-    "ensembles": 4, "walkers": 4, "steps": 50, "max_steps": 50, "burn_in": 0, "thin": 1, "acceptance": 0.5,
-    "move_acceptance": {}, "proposal_efficiency": 0.5, "evaluations": 1, "singular": 0,
-    "seconds": 1.0, "ess_per_second": 1.0,
-}  # fmt: skip
-VERSIONS = {"jointbayes": "0"}
 OWN = BASE.replace("[joint]", "[joint]\nown = true")
 
 
-def posterior_of(case, sd=0.01, spread=0.002):
-    """Made-up draws about the truth: only where they go matters here."""
-    problem, rng = case.problem, np.random.default_rng(1)
+def posterior_of(case, sd=0.01):
+    """Made-up draws about the truth."""
+    prior = case.problem.prior
     truth = [one.spec.data.truth.stiffness_by_name for one in case.setups if hasattr(one.spec.data, "truth")]
-    own = len(problem.parametrisation.stiffness_names) > 3
+    own = len(case.problem.parametrisation.stiffness_names) > 3
     joints = [list(k.values()) for k in truth] if own else [TABLE_3]
-    middle = np.concatenate([*np.log(joints), np.zeros(len(problem.prior.nuisances))])
-    widths = np.concatenate([np.full(3 * len(joints), sd), 0.03 * problem.prior.sd[3 * len(joints) :]])
-    theta = middle + widths * rng.normal(size=(4, 25, middle.size))
-    density = problem.log_posterior(theta.reshape(100, -1)).reshape(4, 25)
-    tree = draws_tree(problem, Draws(theta, density, np.arange(4)), problem.prior.sample(rng, 100))
-    stiffness = problem.prior.values(middle)
-    at = float(problem.log_posterior(middle)[0])
-    estimate = jb.MapEstimate(middle, stiffness, np.diag(widths**2), at, ())
-    sampler = SAMPLER | {key: dict.fromkeys(problem.names, 1.0) for key in ("tau", "ess")}
-    record = RunRecord(case.name, case.text, 1, True, "made up", sampler, dict.fromkeys(problem.names, 1.0), VERSIONS)
-    return Posterior(problem, tree, estimate, middle, at, record, case)
+    middle = np.concatenate([*np.log(joints), np.zeros(len(prior.nuisances))])
+    widths = np.concatenate([np.full(3 * len(joints), sd), 0.03 * prior.sd[3 * len(joints) :]])
+    return posterior_about(case, middle, widths)
 
 
 @pytest.fixture(scope="module")
