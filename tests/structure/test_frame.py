@@ -8,12 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from jointbayes.structure import (
     BeamMaterial,
-    BeamRecipe,
     FrameBody,
     FrameRecipe,
     LossFactor,
     Member,
-    ModalDamping,
     PointMass,
     Section,
 )
@@ -181,38 +179,6 @@ def test_a_mass_at_the_end_of_a_rod_satisfies_its_frequency_equation(direction):
     recipe = FrameRecipe(body, LAW, (direction,), supports=(f"1:{direction}",))
     number = recipe.structure({}, recipe.mesh(None, 2e4)).modes().frequency_hz[:4] * 2 * np.pi * length / speed
     assert_allclose(number * np.tan(number) * ratio, 1.0, rtol=1e-7)
-
-
-# the beam that was there before
-
-
-@pytest.mark.parametrize("plane", [("y", "rz"), ("x", "y", "z", "ry", "rz")])
-def test_a_straight_frame_is_the_beam(plane):
-    law, section = ModalDamping((0.01,)), Section.rectangle(0.02, 0.03)
-    mass = {"accelerometer_mass": 0.02, "accelerometer_dofs": ("6:y", "11:y"), "supports": ("1:y",)}
-    beam = BeamRecipe(0.383, section, STEEL, law, dofs_per_node=len(plane), **mass)
-    body = FrameBody({1: (0, 0, 0), 11: (0.383, 0, 0)}, (Member((1, 11), section, STEEL),))
-    frame = FrameRecipe(body, law, plane, **mass)
-    used = ("1:y", "6:y", "11:y")
-    here, there = (r.structure({}, r.mesh(used, 5000.0)) for r in (frame, beam))
-    lines = 2 * np.pi * np.arange(15.0, 5000.0, 331.0)
-    labels = ["6:y", "11:y", "11:rz"]
-    found, expected = (
-        s.solve_lines(lines, np.eye(s.n_dofs)[:, s.index(labels)], np.eye(s.n_dofs)[:, s.index(labels)])
-        for s in (here, there)
-    )
-    assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max(axis=(1, 2), keepdims=True).max())
-    assert_allclose(here.modes().frequency_hz[:8], there.modes().frequency_hz[:8], rtol=1e-10, atol=1e-6)
-
-
-def test_the_papers_element_of_a_frame_is_that_of_its_beam():
-    law = ModalDamping((0.01,))
-    beam = BeamRecipe(0.383, FLAT, STEEL, law, dofs_per_node=5, element="paper").structure()
-    body = FrameBody({1: (0, 0, 0), 11: (0.383, 0, 0)}, (Member((1, 11), FLAT, STEEL),))
-    frame = FrameRecipe(body, law, ("x", "y", "z", "ry", "rz"), element="paper").structure()
-    order = frame.index(beam.dofs)
-    assert_allclose(frame.stiffness[np.ix_(order, order)], beam.stiffness, rtol=1e-9, atol=1e-3)
-    assert_allclose(frame.mass[np.ix_(order, order)], beam.mass, rtol=1e-9, atol=1e-15)
 
 
 # other routes

@@ -40,8 +40,6 @@ def test_an_offset_makes_the_beam_that_is_so_much_longer(length, more):
     both = BeamFamily(recipe(length, **more), {"length": (-0.02, 0.02), **OFFSET})
     factors = np.array([[(length + 0.001) / length, math.exp(0.004)]])
     assert_allclose(frequencies(both, factors), longer, rtol=1e-7)
-    assembled = both.structure(factors[0])
-    assert_allclose(assembled.mass, recipe(length + 0.005, **more).structure(mesh=both.mesh).mass, rtol=1e-9)
 
 
 def test_its_value_is_in_millimetres_and_may_be_negative():

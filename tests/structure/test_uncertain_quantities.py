@@ -20,7 +20,6 @@ from jointbayes.structure import (
     Section,
     shape_modes,
 )
-from jointbayes.structure.beam_recipe import BeamShape, mesh_through
 from jointbayes.structure.matrices import Modes
 from jointbayes.structure.shape_modes import ModeTable, _hopeless
 from tests.conftest import pair_matrix
@@ -205,13 +204,6 @@ def test_forces_at_the_tip_of_many_responses_need_no_more_modes_than_at_the_tip_
 )
 def test_a_table_is_given_up_when_more_points_cannot_make_it_accurate(errors, hopeless):
     assert _hopeless(errors) is hopeless
-
-
-@pytest.mark.parametrize(("dofs_per_node", "most"), [(2, 280), (5, 130)])
-def test_beams_of_more_than_hundreds_of_dofs_are_refused(dofs_per_node, most):
-    shape = BeamShape(0.383, Section.circle(1e-5), BeamMaterial(2.1e11, 0.3, 7800.0))
-    with pytest.raises(ModelError, match=rf"nodes; expected at most {most}, a hundred natural frequencies"):
-        mesh_through(shape, 11, [3], 2.5e5, dofs_per_node)
 
 
 def test_the_error_of_a_table_without_elastic_modes_below_is_a_number():

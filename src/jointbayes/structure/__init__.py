@@ -1,9 +1,8 @@
 """Structures as matrices: beams, their damping and their DOF labels."""
 
-from jointbayes.structure.beam import BeamMaterial as BeamMaterial
-from jointbayes.structure.beam import beam as beam
 from jointbayes.structure.beam_recipe import STRUCTURE_QUANTITIES as STRUCTURE_QUANTITIES
 from jointbayes.structure.beam_recipe import BeamRecipe as BeamRecipe
+from jointbayes.structure.beam_recipe import beam as beam
 from jointbayes.structure.body import Body as Body
 from jointbayes.structure.body import FreeModes as FreeModes
 from jointbayes.structure.damping import DampingLaw as DampingLaw
@@ -23,6 +22,7 @@ from jointbayes.structure.modes import Modes as Modes
 from jointbayes.structure.modes import Reduction as Reduction
 from jointbayes.structure.recipe import ElementKind as ElementKind
 from jointbayes.structure.recipe import is_additive as is_additive
+from jointbayes.structure.section import BeamMaterial as BeamMaterial
 from jointbayes.structure.section import Section as Section
 from jointbayes.structure.uncertain_bodies import BeamFamily as BeamFamily
 from jointbayes.structure.uncertain_bodies import FrameFamily as FrameFamily

@@ -60,13 +60,8 @@ class UncertainBody(Body):
             self.recipe.require_quantity(name)
 
     def __repr__(self) -> str:
-        uncertain = ", ".join(self.names) or "nothing"
-        return f"{type(self).__name__}({self.what}, {type(self.recipe.damping).__name__}, uncertain: {uncertain})"
-
-    @property
-    def what(self) -> str:
-        """The structure in a word or two."""
-        raise NotImplementedError
+        law, uncertain = type(self.recipe.damping).__name__, ", ".join(self.names) or "nothing"
+        return f"{type(self).__name__}({self.recipe.what}, {law}, uncertain: {uncertain})"
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -74,20 +69,9 @@ class UncertainBody(Body):
         return tuple(self.ranges)
 
     @property
-    def factor_ranges(self) -> Mapping[str, tuple[float, float]]:
-        """Ranges of the logarithm of each factor, what is added to a quantity among them."""
-        return self.ranges
-
-    @cached_property
     def reach_of_modes_hz(self) -> float | None:
-        """Frequency up to which modes are wanted: at the ends of the ranges they may be so much lower."""
-        if self.top_hz is None:
-            return None
-        sizes, log_widest = {name: max(map(abs, ends)) for name, ends in self.factor_ranges.items()}, 0.0
-        for name, power in {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0}.items():
-            of_bodies = max((size for other, size in sizes.items() if other.endswith(f".{name}")), default=0.0)
-            log_widest += power * (sizes.get(name, 0.0) + of_bodies)
-        return self.top_hz * float(np.exp(log_widest))
+        """Frequency up to which modes are wanted."""
+        return self.top_hz
 
     @cached_property
     def mesh(self) -> Any:  # noqa: ANN401 (of the recipe's own kind)
@@ -167,6 +151,10 @@ class UncertainBody(Body):
         named = dict(zip(self.names, values.tolist(), strict=True)) if values.size else {}
         return self.recipe.structure(named, self.mesh)
 
+    def named(self, factors: Array) -> dict[str, Array]:
+        """Factors (n, q) by their names, each (n,); none where no column gives them."""
+        return dict(zip(self.names, factors.T, strict=True)) if factors.shape[1] else {}
+
     def free_modes(self, dofs: Rows, motions: Array, forced: Forced = None) -> FreeModes:
         """Interpolated modes; where modes cross or meet, so that they cannot be, one solution for each row."""
         forms = self.nominal.on_all_dofs(dofs, motions)
@@ -204,11 +192,8 @@ class UncertainBody(Body):
         return self.recipe.damping.hysteretic * self.factor(factors, "loss_factor")
 
     def factor(self, factors: Array, name: str) -> Array:
-        """Factor on one quantity, shape (n,), or all mass at an accelerometer; ones where it is certain."""
-        if name not in self.names or not factors.shape[1]:
-            return np.ones(len(factors))
-        factor = factors[:, self.names.index(name)]
-        return self.recipe.lumped_factor(factor) if name == "accelerometer_mass" else factor
+        """Factor on one quantity, shape (n,); ones where it is certain."""
+        return np.broadcast_to(self.named(factors).get(name, 1.0), len(factors))
 
 
 def is_hashable(values: object) -> bool:

@@ -5,12 +5,12 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.beam import BeamMaterial
-from jointbayes.structure.section import Section
+from jointbayes.structure.section import BeamMaterial, Section
 from vibrecords.arrays import Array, convert_fields
 from vibrecords.errors import printable
 
@@ -98,7 +98,7 @@ class Member:
             up = np.array(self.up) / max(np.abs(self.up).max(), np.finfo(float).tiny)
             up = up / max(float(np.linalg.norm(up)), _PARALLEL)
         else:
-            up = np.cross([0.0, 0.0, 1.0], x)
+            up = np.array([-x[1], x[0], 0.0])  # z × x
             up = np.array([0.0, 1.0, 0.0]) if np.linalg.norm(up) < _PARALLEL else up
         y = up - (up @ x) * x
         if np.linalg.norm(y) < _PARALLEL:
@@ -174,7 +174,7 @@ class Station:
     numbered: bool
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FrameBody:
     """Members that hold together, and masses at their points.
 
@@ -273,7 +273,7 @@ class FrameBody:
             stations.append(Station(name, _tuple(place), _tuple(offset), share, name not in member.points))
         return tuple(stations)
 
-    @property
+    @cached_property
     def all_points(self) -> tuple[tuple[str, Vector], ...]:
         """Name and place of every point, those that members count through among them."""
         counted = [

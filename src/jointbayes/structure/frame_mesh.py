@@ -1,31 +1,44 @@
-"""How a frame is cut into elements, so rich that no mesh shows below a frequency, and their sparse assembly."""
+"""How frames are cut into elements, so rich that no mesh shows below a frequency, and their assembly.
 
+References
+----------
+Ainsworth, M. (2004). Discrete dispersion relation for hp-version finite element approximation at high wave number.
+SIAM Journal on Numerical Analysis 42(2), 553-575. DOI 10.1137/S0036142903423460 (how an element's error falls).
+"""
+
+import bisect
 import itertools
 import math
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import linalg
 
 from jointbayes.errors import ModelError
 from jointbayes.structure.frame import SPATIAL, FrameBody, Vector
 from jointbayes.structure.frame_element import (
     FIELDS,
+    BodyFactors,
     Stretch,
     end_transformation,
-    local_matrices,
     mass_matrix,
-    paper_matrices,
     part_matrices,
 )
-from jointbayes.structure.high_order import ACCURACY, RICHER, ROUNDING, cheapest_elements, condensed_to_ends
 from vibrecords.arrays import Array, Indices
 
-#: Beyond so many DOFs of one body dense modes take minutes: units are mistaken, or it is no frame of beams.
-MOST_DOFS = 2400
-_HIGHEST_HZ = 1e20
+_ORDERS = (10, 8, 7, 6, 5, 4, 3)  # the highest first: it bounds how many elements the others may take
+_MOST_ELEMENTS = 4096  # between two points: beyond, the frequency asked for is no beam's
+_RICHER = 4  # orders by which the element is richer that another is compared with
+#: Largest relative error of an element's strain and kinetic energy: eigenvalues are as exact, an FRF's peak to this
+#: over the damping ratio.
+ACCURACY = 2e-10
+#: Of so many segments and more elements are so short that none needs to be as rich as that bound makes them.
+MANY = 32
+_VISIBLE_OF_MANY = 1 / 64  # of the ω at which an element's error shows: still far above rounding
+_AT_REST = 1e-9  # of a unit motion
+_ROUNDING = 2000.0  # of machine epsilon times κGA l²/EI: what condensing a thin element was seen to leave
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,18 +64,6 @@ class Segment:
 
 
 @dataclass(frozen=True, slots=True)
-class BodyFactors:
-    """Factors on a body's E, ρ, length, every dimension of its sections, κ, and on its masses at points."""
-
-    youngs_modulus: float = 1.0
-    density: float = 1.0
-    length: float = 1.0
-    section_size: float = 1.0
-    shear_coefficient: float = 1.0
-    masses: float = 1.0
-
-
-@dataclass(frozen=True, slots=True)
 class BodyMesh:
     """Elements of a body: of each segment their number and order; order 0 is the paper's two-node element."""
 
@@ -80,23 +81,26 @@ def segments_of(body: FrameBody, used: Collection[str] | None = None) -> tuple[S
     used
         Of the points that only have their place by their number those where something acts or is observed; None: all.
     """
-    segments = []
+    segments, stretches = [], dict[object, Stretch]()
     for member in body.members:
         kept = [s for s in body.stations(member) if not s.numbered or used is None or s.point in used]
         for first, second in itertools.pairwise(kept):
             gap = np.subtract(second.place, first.place)
             end = member.end_section or member.section
             start, end = (member.section.between(end, share) for share in (first.share, second.share))
-            stretch = Stretch(float(np.linalg.norm(gap)), member.material, start, end, member.kappas)
+            length = float(np.linalg.norm(gap))
+            stretch = Stretch(length, member.material, start, end, member.kappas)
+            # equal spans are so to rounding, and become so to the last bit
+            stretch = stretches.setdefault(replace(stretch, length=float(f"{length:.11g}")), stretch)
             x, y, z = ((float(a), float(b), float(c)) for a, b, c in member.axes(gap))
             segments.append(Segment((first.point, second.point), (x, y, z), (first.offset, second.offset), stretch))
     return tuple(segments)
 
 
 def mesh_of(
-    segments: Sequence[Segment], directions: Sequence[str], top_hz: float | None, extra_order: int = 0
+    segments: Sequence[Segment], directions: Sequence[str], top_hz: float, kind: str, *, richer: bool = False
 ) -> BodyMesh:
-    """Elements that are exact up to a frequency in Hz; None takes the paper's element, one for each segment.
+    """Elements that are exact up to a frequency in Hz.
 
     Parameters
     ----------
@@ -104,80 +108,135 @@ def mesh_of(
         Straight beams of a body.
     directions
         Those of `SPATIAL` in which points move.
-    extra_order
-        Polynomial orders more than that takes: for a reference.
+    kind
+        What the body is, where a message begins.
+    richer
+        Whether elements are four orders richer than that takes, one where segments are many: for a reference.
 
     Raises
     ------
     ModelError
-        If the frequency is too high for the body.
+        If no number of elements is enough.
     """
-    if top_hz is None:
-        return BodyMesh(tuple(segments), ((1, 0),) * len(segments))
-    if not 0 <= top_hz <= _HIGHEST_HZ:
-        raise ModelError(f"frame: found lines up to {top_hz:g} Hz; expected up to {_HIGHEST_HZ:g} Hz; correct them")
-    elements, nodes = [], 1
-    for segment in segments:
-        count, order = _cheapest(segment.stretch, _moving_fields(segment, directions), 2 * math.pi * top_hz)
-        elements.append((count, order + extra_order))
-        nodes += count * (order + extra_order)
-    if nodes * len(directions) > MOST_DOFS:
-        lengths = [segment.stretch.length for segment in segments]
-        raise ModelError(
-            f"frame: found members of {min(lengths):g} to {max(lengths):g} m and lines up to {top_hz:g} Hz, which "
-            f"take {nodes * len(directions)} DOFs; expected at most {MOST_DOFS}; lower the frequencies, or correct the "
-            "units of length and material"
-        )
-    return BodyMesh(tuple(segments), tuple(elements))
+    many = len(segments) >= MANY
+    share, extra = (_VISIBLE_OF_MANY, 1) if many else (1.0, _RICHER)
+    elements = [
+        _cheapest(segment.stretch, fields_of(segment, directions), 2 * math.pi * top_hz, share, kind)
+        for segment in segments
+    ]
+    return BodyMesh(tuple(segments), tuple((count, order + extra * richer) for count, order in elements))
 
 
-def _moving_fields(segment: Segment, directions: Sequence[str]) -> tuple[str, ...]:
+def fields_of(segment: Segment, directions: Sequence[str]) -> tuple[str, ...]:
     """Those of `FIELDS` that move where points move in some directions only."""
-    free = np.array([direction in directions for direction in SPATIAL])
-    axes = np.abs(np.array(segment.axes)) > 1e-9
-    moves = np.concatenate([axes @ free[:3], axes @ free[3:]])
-    return tuple(field for field, motions in FIELDS.items() if any(moves[motion] for motion in motions))
+    return tuple(_turns(segment.axes, segment.offsets, tuple(directions), 2, True, True))
 
 
 @lru_cache(maxsize=1024)
-def _cheapest(stretch: Stretch, fields: tuple[str, ...], omega: float) -> tuple[int, int]:
-    """Number of elements and order that are accurate enough for these motions up to ω and need the fewest nodes."""
-    at = stretch.rigidities(np.array([0.0, 1.0]))
+def _turns(
+    axes: tuple[Vector, Vector, Vector],
+    offsets: tuple[Vector, Vector],
+    directions: tuple[str, ...],
+    nodes: int,
+    first: bool,
+    last: bool,
+) -> dict[str, Array]:
+    """Motions of an element of a segment in local axes from those of its nodes, by the fields that move.
+
+    An element is the `first` or the `last` of its segment, at whose ends the offsets are.
+    """
+    free = [SPATIAL.index(direction) for direction in SPATIAL if direction in directions]
+    arms = [np.zeros(3)] * nodes
+    arms[0], arms[-1] = (np.array(o) * at_end for o, at_end in zip(offsets, (first, last), strict=True))
+    motions = [end_transformation(np.array(axes), arm)[:, free] for arm in arms]
+    turns = {field: linalg.block_diag(*(each[list(own)] for each in motions)) for field, own in FIELDS.items()}
+    return {field: turn for field, turn in turns.items() if np.abs(turn).max() > _AT_REST}
+
+
+@lru_cache(maxsize=1024)
+def _cheapest(stretch: Stretch, fields: tuple[str, ...], omega: float, share: float, kind: str) -> tuple[int, int]:
+    """Number of elements and order that are accurate enough for these motions up to ω and need the fewest nodes.
+
+    Raises
+    ------
+    ModelError
+        If none is.
+    """
+    at, bent = stretch.rigidities(np.array([0.0, 1.0])), [field for field in fields if len(FIELDS[field]) == 2]
     # shear strain is a difference of two slopes: in a thin beam rounding leaves no more of it than this
-    slender = max(float((at.shear_y / at.bending_z).max()), float((at.shear_z / at.bending_y).max()))
-    rounding = ROUNDING * np.finfo(float).eps * slender * stretch.length**2 * any(len(f) == 2 for f in fields)
-    enough = max(ACCURACY, rounding)
+    slender = max((float(np.max(shear / bending)) for bending, shear, _ in map(at.bending, bent)), default=0.0)
+    enough = max(ACCURACY, _ROUNDING * np.finfo(float).eps * slender * stretch.length**2)
 
     def accurate(order: int, elements: int) -> bool:
         # of a taper the first and the last element are the thinnest and the steepest
         ends = {0, elements - 1} if stretch.tapered else {0}
         parts = [stretch.part(i / elements, (i + 1) / elements) for i in ends]
-        return all(_error(piece, order, field, omega) <= enough for piece in parts for field in fields)
+        return all(element_error(piece, order, field, omega, share) <= enough for piece in parts for field in fields)
 
-    return cheapest_elements(accurate, stretch.length, omega, "frame: found a member")
+    best: tuple[int, int] | None = None
+    for order in _ORDERS:
+        most = _MOST_ELEMENTS if best is None else math.ceil(best[0] * best[1] / order) - 1
+        doubled = (n for n in (2**k for k in range(13)) if n >= most or accurate(order, n))
+        enough_of_them = next(doubled, most + 1)
+        if enough_of_them > most or (enough_of_them == most and not accurate(order, most)):
+            continue
+        fewer = range(enough_of_them // 2 + 1, enough_of_them)
+        best = fewer.start + bisect.bisect_left(fewer, True, key=partial(accurate, order)), order
+    if best is None:
+        raise ModelError(
+            f"{kind}: found {stretch.length:g} m between points and a frequency of {omega / (2 * math.pi):g} Hz; "
+            "expected one at which the wavelength is not thousands of times shorter; correct units of length, material "
+            "or frequency"
+        )
+    return best
 
 
-def _error(stretch: Stretch, order: int, field: str, omega: float) -> float:
+def element_error(stretch: Stretch, order: int, field: str, omega: float, share: float = 1.0) -> float:
     """Largest relative error of an element's energy for motions that fall off as e^(−ωt), seen from its ends.
 
-    As `jointbayes.structure.high_order.element_error`, for each of the motions; that of a taper has a part that
-    does not fall with ω, and is not scaled down with it.
+    Compared with an element of four orders more: K + ω²M of both, what lies between the ends condensed. An element is
+    never too soft, so that the error has one sign; eigenvalues near ω² are off by no more than twice as much. Where
+    the element is so short that rounding would hide the error it is taken at a higher ω and scaled down with ω²,
+    which is more than is left of it at any order from 3 on; at a `share` of that ω the bound is closer. That of a taper
+    has a part that does not fall with ω, and is not scaled down with it.
     """
     length, rigid = stretch.length, stretch.rigidities(np.array([0.0, 1.0]))
-    bending = rigid.bending_z if field == "xy" else rigid.bending_y
-    velocity = np.sqrt({"axial": rigid.axial / rigid.mass, "torsion": rigid.torsion / rigid.polar}.get(field, 0.0))
-    waves = np.max(velocity) / length if len(FIELDS[field]) == 1 else np.max(np.sqrt(bending / rigid.mass)) / length**2
-    at = max(omega, float(waves))  # a wave number of at least 1/length: below it rounding would hide the error
-    finer = (part_matrices(stretch, p, field) for p in (order, order + RICHER))
-    coarse, fine = (condensed_to_ends(matrices, at, length, len(FIELDS[field])) for matrices in finer)
-    error = float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max())
+    if len(FIELDS[field]) == 2:
+        visible = np.max(np.sqrt(rigid.bending(field)[0] / rigid.mass)) / length**2  # a wave number of 1/length
+    else:
+        of_field = rigid.axial / rigid.mass if field == "axial" else rigid.torsion / rigid.polar
+        visible = np.max(np.sqrt(of_field)) / length
+    at = max(omega, share * float(visible))
+    finer = (part_matrices(stretch, p, field) for p in (order, order + _RICHER))
+    coarse, fine = (_condensed(matrices, at, length, len(FIELDS[field])) for matrices in finer)
+    try:
+        error = float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max())
+    except linalg.LinAlgError:  # what rounding leaves of an absurd element is not positive definite
+        return math.inf
     return error if stretch.tapered else error * (omega / at) ** 2
 
 
+def _condensed(matrices: tuple[Array, Array], omega: float, length: float, per_node: int) -> Array:
+    """K + ω²M of an element, rotations times its length, seen from its two end nodes, (2 per_node, 2 per_node)."""
+    stiffness, mass = matrices
+    scale = np.tile([1.0, 1 / length][:per_node], len(mass) // per_node)
+    dynamic = (stiffness + omega**2 * mass) * np.outer(scale, scale)
+    last, ends = len(dynamic) - per_node, 2 * per_node
+    order_of = np.r_[:per_node, last : last + per_node, per_node:last]  # the ends first
+    sorted_: Array = dynamic[order_of][:, order_of]
+    inner = sorted_[ends:, ends:]
+    condensed: Array = sorted_[:ends, :ends] - sorted_[:ends, ends:] @ np.linalg.solve(inner, sorted_[ends:, :ends])
+    return (condensed + condensed.T) / 2
+
+
 def assembled(
-    body: FrameBody, mesh: BodyMesh, factors: BodyFactors, loads: Iterable[tuple[str, float]]
-) -> tuple[sparse.csr_array, sparse.csr_array, tuple[str, ...]]:
-    """Sparse stiffness and mass of a body with six DOFs at each of its nodes, and the nodes' names.
+    body: FrameBody,
+    mesh: BodyMesh,
+    factors: BodyFactors,
+    loads: Iterable[tuple[str, float]],
+    directions: tuple[str, ...] = SPATIAL,
+) -> tuple[Array, Array, tuple[str, ...]]:
+    """Stiffness and mass of a body with so many DOFs at each of its nodes, and the nodes' names, along each segment.
 
     Parameters
     ----------
@@ -185,51 +244,52 @@ def assembled(
         The body, its elements, and factors on its quantities.
     loads
         Points and the masses in kg that sit there, beside those of the body.
+    directions
+        Those of `SPATIAL` in which points move.
     """
-    ends = dict.fromkeys(point for segment in mesh.segments for point in segment.points)
-    nodes = {name: i for i, name in enumerate(ends)}
-    entries: list[tuple[Sequence[int] | Indices, Array, Array]] = []
+    nodes: dict[str, int] = {}
+    along = []
     for number, (segment, (count, order)) in enumerate(zip(mesh.segments, mesh.elements, strict=True)):
-        per = max(order, 1)
-        stretch = segment.stretch.scaled(
-            factors.youngs_modulus, factors.density, factors.length, factors.section_size, factors.shear_coefficient
-        )
-        inner = [f"~{number}~{i}" for i in range(1, count * per)]
-        first = len(nodes)
-        nodes |= {name: first + i for i, name in enumerate(inner)}
-        row = np.array([nodes[segment.points[0]], *range(first, first + len(inner)), nodes[segment.points[1]]])
-        turns = _turns(segment, len(row))
-        for i in range(count):
-            element = stretch.part(i / count, (i + 1) / count)
-            stiffness, mass = local_matrices(element, order) if order else paper_matrices(element)
-            inside = slice(i * per, (i + 1) * per + 1)
-            turn = linalg.block_diag(*turns[inside])
-            entries.append((row[inside], turn.T @ stiffness @ turn, turn.T @ mass @ turn))
-    none, nowhere = np.zeros((6, 6)), np.zeros(3)
-    for heavy in body.masses:
-        mass = mass_matrix(heavy.mass, heavy.inertia_matrix, np.array(heavy.offset))
-        entries.append(([nodes[heavy.point]], none, factors.masses * mass))
-    for point, load in loads:
-        entries.append(([nodes[point]], none, mass_matrix(load, np.zeros((3, 3)), nowhere)))
-    return *_summed(entries, 6 * len(nodes)), tuple(nodes)
+        first, last = segment.points
+        inner = (f"~{number}~{i}" for i in range(1, count * max(order, 1)))
+        along.append(np.array([nodes.setdefault(name, len(nodes)) for name in (first, *inner, last)]))
+    per = len(directions)
+    stiffness, mass = np.zeros((2, per * len(nodes), per * len(nodes)))
+
+    def rows(at: Indices) -> tuple[Indices, Indices]:
+        every = (per * at[:, None] + np.arange(per)).ravel()
+        return every[:, None], every
+
+    made: dict[object, list[tuple[Array, Array]]] = {}
+    for segment, (count, order), row in zip(mesh.segments, mesh.elements, along, strict=True):
+        alike = segment.stretch, segment.axes, segment.offsets, count, order
+        if alike not in made:
+            made[alike] = _elements(segment, count, order, factors, directions)
+        for i, (of_stiffness, of_mass) in enumerate(made[alike]):
+            at = rows(row[i * max(order, 1) : (i + 1) * max(order, 1) + 1])
+            stiffness[at] += of_stiffness
+            mass[at] += of_mass
+    free = [SPATIAL.index(direction) for direction in SPATIAL if direction in directions]
+    rigid = [(m.point, factors.masses * mass_matrix(m.mass, m.inertia_matrix, np.array(m.offset))) for m in body.masses]
+    rigid += [(point, mass_matrix(load, np.zeros((3, 3)), np.zeros(3))) for point, load in loads]
+    for point, heavy in rigid:
+        mass[rows(np.array([nodes[point]]))] += heavy[np.ix_(free, free)]
+    return stiffness, mass, tuple(nodes)
 
 
-def _turns(segment: Segment, count: int) -> list[Array]:
-    """From the motion of each node along a segment, global, to that of the beam's axis, in local axes."""
-    axes = np.array(segment.axes)
-    first, last = (end_transformation(axes, np.array(offset)) for offset in segment.offsets)
-    return [first, *[end_transformation(axes, np.zeros(3))] * (count - 2), last]
-
-
-def _summed(
-    entries: Sequence[tuple[Sequence[int] | Indices, Array, Array]], size: int
-) -> tuple[sparse.csr_array, sparse.csr_array]:
-    """Stiffness and mass of nodes by their numbers, six DOFs each, added up."""
-    dofs = [(6 * np.asarray(nodes)[:, None] + np.arange(6)).ravel() for nodes, _, _ in entries]
-    rows = np.concatenate([np.repeat(own, own.size) for own in dofs])
-    columns = np.concatenate([np.tile(own, own.size) for own in dofs])
-    both = zip(*((stiffness, mass) for _, stiffness, mass in entries), strict=True)
-    # an element's matrices are symmetric but for the last bits of its turn
-    values = (np.concatenate([((matrix + matrix.T) / 2).ravel() for matrix in matrices]) for matrices in both)
-    stiffness, mass = (sparse.coo_array((each, (rows, columns)), shape=(size, size)).tocsr() for each in values)
-    return stiffness, mass
+def _elements(
+    segment: Segment, count: int, order: int, factors: BodyFactors, directions: tuple[str, ...]
+) -> list[tuple[Array, Array]]:
+    """Stiffness and mass of each element of a segment, DOFs those of the directions at each of its nodes."""
+    stretch = segment.stretch.scaled(factors)
+    alike = not stretch.tapered and not any(map(any, segment.offsets))
+    elements = []
+    for i in range(1 if alike else count):
+        piece, nodes = stretch.part(i / count, (i + 1) / count), max(order, 1) + 1
+        turns = _turns(segment.axes, segment.offsets, directions, nodes, i == 0, i == count - 1)
+        whole = np.zeros((2, nodes * len(directions), nodes * len(directions)))
+        for field, turn in turns.items():
+            whole += turn.T @ np.stack(part_matrices(piece, order, field)) @ turn
+        stiffness, mass = (whole + whole.swapaxes(1, 2)) / 2  # its turn leaves the last bits unsymmetric
+        elements.append((stiffness, mass))
+    return elements * count if alike else elements

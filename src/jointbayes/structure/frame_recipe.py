@@ -1,20 +1,22 @@
-"""A frame as a recipe: everything its matrices are made from, each quantity open to a factor."""
+"""Frames as recipes: everything their matrices are made from, each quantity open to a factor."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg
 
 from jointbayes.errors import ModelError
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.frame import SPATIAL, FrameBody, Vector
-from jointbayes.structure.frame_mesh import BodyFactors, BodyMesh, Segment, assembled, mesh_of, segments_of
+from jointbayes.structure.frame_element import BodyFactors
+from jointbayes.structure.frame_mesh import BodyMesh, Segment, assembled, mesh_of, segments_of
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.recipe import HALF_WAVES, ElementKind, Recipe
-from vibrecords.arrays import convert_fields
+from vibrecords.arrays import Array, convert_fields
 from vibrecords.errors import printable
 
 FrameMesh = tuple[BodyMesh, ...]
@@ -24,11 +26,211 @@ FrameMesh = tuple[BodyMesh, ...]
 BODY_QUANTITIES = ("youngs_modulus", "density", "length", "section_size", "shear_coefficient")
 _OF_ALL = ("accelerometer_mass", "damping_ratio", "loss_factor")
 _BODY_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
-_RICHER = 4  # polynomial orders that a reference has more
+_HIGHEST_HZ = 1e20  # with squares and products that stay finite
+_ONE = np.array(1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class FrameRecipe(Recipe):
+class MemberRecipe(Recipe):
+    """What recipes of straight members share, which make up one body or several: frames, and the beam of one member."""
+
+    __slots__ = ()
+    supports: tuple[str, ...]
+    richer: bool
+
+    #: Beyond so many DOFs of one body, and nodes for each point, dense modes take minutes: units are mistaken.
+    most_dofs: ClassVar[tuple[int, int]] = (2400, 0)
+    most_are: ClassVar[str] = ""
+
+    if TYPE_CHECKING:  # a property would be taken for the default value of a field
+
+        @property
+        def bodies(self) -> tuple[tuple[str, FrameBody], ...]:
+            """Each body with its name."""
+
+        @property
+        def directions(self) -> tuple[str, ...]:
+            """In which points move, some of `SPATIAL`."""
+
+    @cached_property
+    def positions(self) -> dict[str, Vector]:
+        """Place of every point, m, by its name with that of its body."""
+        return {f"{_prefix(name)}{point}": place for name, body in self.bodies for point, place in body.all_points}
+
+    def require_dof(self, label: str) -> None:
+        """Refuse a DOF that no point has.
+
+        Raises
+        ------
+        ModelError
+            If there is no such point, or no point moves so.
+        """
+        point, _, direction = label.partition(":")
+        places = self.positions
+        if point not in places or direction not in self.directions:
+            raise ModelError(
+                f"{self.kind}: found the DOF {printable(label)!r}; expected a point, such as {next(iter(places))}, and "
+                f"one of the directions {', '.join(self.directions)}; correct the label"
+            )
+
+    def _body_at(self, point: str) -> tuple[str, FrameBody]:
+        """Name and body of a point."""
+        return next(
+            (name, body) for name, body in self.bodies if any(_prefix(name) + p == point for p, _ in body.all_points)
+        )
+
+    def own_stiffness(self, row: str, column: str) -> float:
+        """EI/L³ (N/m), EI/L² (N) or EI/L (N·m/rad) of two DOFs of a point.
+
+        EI is the smallest of the members that end or pass there, about any axis and at either end; L is the diagonal of
+        the box that holds the body: a short member at the point says little of how the body gives way.
+        """
+        self.require_dof(row)
+        point = row.rpartition(":")[0]
+        name, body = self._body_at(point)
+        stations = [body.stations(member) for member in body.members]
+        bending = [
+            member.material.youngs_modulus * min(section.inertia_y, section.inertia_z)
+            for member, along in zip(body.members, stations, strict=True)
+            if any(_prefix(name) + station.point == point for station in along)
+            for section in (member.section, member.end_section or member.section)
+        ]
+        extent = _diagonal([station.place for along in stations for station in along])
+        return min(bending) / extent ** (3 - (":r" in row) - (":r" in column))
+
+    def own_inertia(self, dof: str) -> float:
+        """Mass of the members of the body of a point (kg), or for a rotation times a third of the diagonal squared."""
+        self.require_dof(dof)
+        body = self._body_at(dof.rpartition(":")[0])[1]
+        mass, places = 0.0, []
+        for member in body.members:
+            along = [station.place for station in body.stations(member)]
+            ends = (member.section, member.end_section or member.section)
+            area = sum(section.area for section in ends) / 2
+            length = np.linalg.norm(np.diff(along, axis=0), axis=1).sum()
+            mass += member.material.density * area * float(length)
+            places += along
+        return mass * _diagonal(places) ** 2 / 3 if ":r" in dof else mass
+
+    @property
+    def extent(self) -> float:
+        """Largest distance between two corners of the box that holds all points, m."""
+        return _diagonal(list(self.positions.values()))
+
+    def body_factor(self, number: int, factors: Mapping[str, Array], quantity: str) -> Array:
+        """Factor on a quantity of a body from those by name, that of all bodies among them."""
+        name, _ = self.bodies[number]
+        if quantity == "accelerometer_mass":
+            return self.lumped_factor(factors.get(quantity, _ONE))
+        return factors.get(quantity, _ONE) * factors.get(f"{name}.{quantity}", _ONE)
+
+    def factors_of(self, number: int, factors: Mapping[str, float]) -> BodyFactors:
+        """Factors on the quantities of a body from those by name."""
+        arrays = {name: np.array(factor) for name, factor in factors.items()}
+        return BodyFactors(**{q: float(self.body_factor(number, arrays, q)) for q in BODY_QUANTITIES})
+
+    def loaded_points(self, number: int) -> tuple[str, ...]:
+        """Points of a body, without its name, at which accelerometers sit."""
+        name, body = self.bodies[number]
+        loaded = dict.fromkeys(d.split(":")[0] for d in self.accelerometer_dofs if ":r" not in d)
+        return tuple(point for point, _ in body.all_points if f"{_prefix(name)}{point}" in loaded)
+
+    def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> FrameMesh:
+        """Elements that are exact up to a frequency and end where something acts or is observed.
+
+        Parameters
+        ----------
+        dofs
+            Labels of such DOFs, beside supports and accelerometers; None takes all points.
+        top_hz
+            Highest frequency, Hz; None that of ten half waves along the straight beam where it is lowest.
+
+        Raises
+        ------
+        ModelError
+            If the frequency is too high for the frame.
+        """
+        used = None if dofs is None else {d.split(":")[0] for d in (*dofs, *self.supports, *self.accelerometer_dofs)}
+        paper, of_bodies = self.element == "paper", []
+        for name, body in self.bodies:
+            prefix = _prefix(name)
+            here = None if used is None else {p.removeprefix(prefix) for p in used if p.startswith(prefix)}
+            of_bodies.append(segments_of(body, None if paper else here))
+        if paper:
+            return tuple(BodyMesh(segments, ((1, 0),) * len(segments)) for segments in of_bodies)
+        slowest = min(s.stretch.bending_frequency_hz(HALF_WAVES) for segments in of_bodies for s in segments)
+        return tuple(self._fine_mesh(segments, slowest if top_hz is None else top_hz) for segments in of_bodies)
+
+    def _fine_mesh(self, segments: Sequence[Segment], top_hz: float) -> BodyMesh:
+        if not 0 <= top_hz <= _HIGHEST_HZ:
+            raise ModelError(
+                f"{self.kind}: found lines up to {top_hz:g} Hz; expected up to {_HIGHEST_HZ:g} Hz; correct them"
+            )
+        mesh = mesh_of(segments, self.directions, top_hz, self.kind, richer=self.richer)
+        nodes, (dofs, at_a_point) = 1 + sum(count * order for count, order in mesh.elements), self.most_dofs
+        most = dofs // len(self.directions) + at_a_point * (len(segments) + 1)
+        if nodes > most:
+            raise ModelError(
+                f"{self.kind}: found a length of {sum(s.stretch.length for s in segments):g} m and lines up to "
+                f"{top_hz:g} Hz, which take {nodes} nodes; expected at most {most}{self.most_are}; lower the "
+                "frequencies, or correct the units of length and material"
+            )
+        return mesh
+
+    def structure(self, factors: Mapping[str, float] | None = None, mesh: FrameMesh | None = None) -> Structure:
+        """Assemble the frame with its quantities multiplied by factors, 1 where none is given; bodies as blocks.
+
+        Parameters
+        ----------
+        factors
+            By name, see `quantities`.
+        mesh
+            Elements, as `mesh` gives them; None takes those through all points.
+
+        Raises
+        ------
+        ModelError
+            If a name is unknown or a quantity becomes impossible.
+        """
+        named = self.checked_factors(factors)
+        stiffnesses, masses, labels = zip(
+            *(
+                self.matrices(number, self.factors_of(number, named), self.load(named), body_mesh)
+                for number, body_mesh in enumerate(mesh or self.mesh())
+            ),
+            strict=True,
+        )
+        stiffness, mass = (linalg.block_diag(*blocks) for blocks in (stiffnesses, masses))
+        dofs = tuple(label for of_body in labels for label in of_body)
+        return Structure(stiffness, mass, self.damping.scaled(named), dofs, self.positions)
+
+    def matrices(
+        self, number: int, factors: BodyFactors, load: float, mesh: BodyMesh
+    ) -> tuple[Array, Array, tuple[str, ...]]:
+        """Stiffness and mass of one body with its supports, and the labels of its DOFs.
+
+        Parameters
+        ----------
+        number
+            Which body.
+        factors
+            On its quantities.
+        load
+            Mass of each accelerometer with what is added to it, kg.
+        mesh
+            Its elements.
+        """
+        name, body = self.bodies[number]
+        prefix = _prefix(name)
+        loads = [(point, load) for point in self.loaded_points(number)]
+        stiffness, mass, nodes = assembled(body, mesh, factors, loads, self.directions)
+        moving = [direction for direction in SPATIAL if direction in self.directions]
+        labels = [f"{prefix}{node}:{direction}" for node in nodes for direction in moving]
+        free = [i for i, label in enumerate(labels) if label not in self.supports]
+        return stiffness[np.ix_(free, free)], mass[np.ix_(free, free)], tuple(labels[i] for i in free)
+
+
+@dataclass(frozen=True)
+class FrameRecipe(MemberRecipe):
     """What a frame is made from: one body or several, which joints alone connect.
 
     A DOF is ``"point:direction"``, of several bodies ``"body.point:direction"``, in global axes.
@@ -96,75 +298,15 @@ class FrameRecipe(Recipe):
             self.require_dof(label)
 
     @property
-    def positions(self) -> dict[str, Vector]:
-        """Place of every point, m, by its name with that of its body."""
-        return {f"{_prefix(name)}{point}": place for name, body in self.bodies for point, place in body.all_points}
-
-    def require_dof(self, label: str) -> None:
-        """Refuse a DOF that no point has.
-
-        Raises
-        ------
-        ModelError
-            If there is no such point, or no point moves so.
-        """
-        point, _, direction = label.partition(":")
-        places = self.positions
-        if point not in places or direction not in self.directions:
-            raise ModelError(
-                f"frame: found the DOF {printable(label)!r}; expected a point, such as {next(iter(places))}, and one "
-                f"of the directions {', '.join(self.directions)}; correct the label"
-            )
+    def what(self) -> str:
+        """The frame by its bodies."""
+        return ", ".join(name for name, _ in self.bodies) or "frame"
 
     @property
     def quantities(self) -> tuple[str, ...]:
         """Quantities that may be uncertain, beside ``damping_ratio_1`` and so on."""
         of_bodies = [f"{_prefix(name)}{q}" for name, _ in self.bodies if name for q in BODY_QUANTITIES]
         return (*BODY_QUANTITIES, *of_bodies, *_OF_ALL)
-
-    def _body_at(self, point: str) -> tuple[str, FrameBody]:
-        """Name and body of a point."""
-        return next(
-            (name, body) for name, body in self.bodies if any(_prefix(name) + p == point for p, _ in body.all_points)
-        )
-
-    def own_stiffness(self, row: str, column: str) -> float:
-        """EI/L³ (N/m), EI/L² (N) or EI/L (N·m/rad) of two DOFs of a point.
-
-        EI is the smallest of the members that end or pass there, about any axis and at either end; L is the diagonal of
-        the box that holds the body: a short member at the point says little of how the body gives way.
-        """
-        self.require_dof(row)
-        point = row.rpartition(":")[0]
-        name, body = self._body_at(point)
-        stations = [body.stations(member) for member in body.members]
-        bending = [
-            member.material.youngs_modulus * min(section.inertia_y, section.inertia_z)
-            for member, along in zip(body.members, stations, strict=True)
-            if any(_prefix(name) + station.point == point for station in along)
-            for section in (member.section, member.end_section or member.section)
-        ]
-        extent = _diagonal([station.place for along in stations for station in along])
-        return min(bending) / extent ** (3 - (":r" in row) - (":r" in column))
-
-    def own_inertia(self, dof: str) -> float:
-        """Mass of the members of the body of a point (kg), or for a rotation times a third of the diagonal squared."""
-        self.require_dof(dof)
-        body = self._body_at(dof.rpartition(":")[0])[1]
-        mass, places = 0.0, []
-        for member in body.members:
-            along = [station.place for station in body.stations(member)]
-            ends = (member.section, member.end_section or member.section)
-            area = sum(section.area for section in ends) / 2
-            length = np.linalg.norm(np.diff(along, axis=0), axis=1).sum()
-            mass += member.material.density * area * float(length)
-            places += along
-        return mass * _diagonal(places) ** 2 / 3 if ":r" in dof else mass
-
-    @property
-    def extent(self) -> float:
-        """Largest distance between two corners of the box that holds all points, m."""
-        return _diagonal(list(self.positions.values()))
 
     def require_quantity(self, name: str) -> None:
         """Refuse a quantity that the frame does not have.
@@ -174,7 +316,7 @@ class FrameRecipe(Recipe):
         ModelError
             If the name is unknown, or a body's length is not one number.
         """
-        Recipe.require_quantity(self, name)
+        MemberRecipe.require_quantity(self, name)
         owner, _, quantity = name.rpartition(".")
         bent = [n or "the frame" for n, body in self.bodies if (not owner or owner == n) and not body.straight]
         if quantity == "length" and bent:
@@ -183,97 +325,6 @@ class FrameRecipe(Recipe):
                 "directions, offsets or inertias at points; expected a straight body, whose length is one number; "
                 "make the quantity that of a straight body"
             )
-
-    def body_factors(self, number: int, factors: Mapping[str, float]) -> BodyFactors:
-        """Factors on the quantities of a body, those of all bodies among them."""
-        name, _ = self.bodies[number]
-        named = {q: factors.get(q, 1.0) * (factors.get(f"{name}.{q}", 1.0) if name else 1.0) for q in BODY_QUANTITIES}
-        return BodyFactors(**named)
-
-    def loaded_points(self, number: int) -> tuple[str, ...]:
-        """Points of a body, without its name, at which accelerometers sit."""
-        name, body = self.bodies[number]
-        loaded = dict.fromkeys(d.split(":")[0] for d in self.accelerometer_dofs if ":r" not in d)
-        return tuple(point for point, _ in body.all_points if f"{_prefix(name)}{point}" in loaded)
-
-    def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> FrameMesh:
-        """Elements that are exact up to a frequency and end where something acts or is observed.
-
-        Parameters
-        ----------
-        dofs
-            Labels of such DOFs, beside supports and accelerometers; None takes all points.
-        top_hz
-            Highest frequency, Hz; None that of ten half waves along the straight beam where it is lowest.
-
-        Raises
-        ------
-        ModelError
-            If the frequency is too high for the frame.
-        """
-        used = None if dofs is None else {d.split(":")[0] for d in (*dofs, *self.supports, *self.accelerometer_dofs)}
-        of_bodies = []
-        for name, body in self.bodies:
-            prefix = _prefix(name)
-            used_here = None if used is None else {p.removeprefix(prefix) for p in used if p.startswith(prefix)}
-            of_bodies.append(segments_of(body, None if self.element == "paper" else used_here))
-        extra = _RICHER if self.richer else 0
-        if self.element == "paper":
-            return tuple(mesh_of(segments, self.directions, None) for segments in of_bodies)
-        top = min(map(_half_waves_hz, (s for segments in of_bodies for s in segments))) if top_hz is None else top_hz
-        return tuple(mesh_of(segments, self.directions, top, extra) for segments in of_bodies)
-
-    def structure(self, factors: Mapping[str, float] | None = None, mesh: FrameMesh | None = None) -> Structure:
-        """Assemble the frame with its quantities multiplied by factors, 1 where none is given; bodies as blocks.
-
-        Parameters
-        ----------
-        factors
-            By name, see `quantities`.
-        mesh
-            Elements, as `mesh` gives them; None takes those through all points.
-
-        Raises
-        ------
-        ModelError
-            If a name is unknown or a quantity becomes impossible.
-        """
-        named = self.checked_factors(factors)
-        stiffnesses, masses, labels = zip(
-            *(
-                self.matrices(number, self.body_factors(number, named), self.load(named), body_mesh)
-                for number, body_mesh in enumerate(mesh or self.mesh())
-            ),
-            strict=True,
-        )
-        stiffness, mass = (sparse.block_diag(list(blocks), format="csr").toarray() for blocks in (stiffnesses, masses))
-        dofs = tuple(label for of_body in labels for label in of_body)
-        return Structure(stiffness, mass, self.damping.scaled(named), dofs, self.positions)
-
-    def matrices(
-        self, number: int, factors: BodyFactors, load: float, mesh: BodyMesh
-    ) -> tuple[sparse.csr_array, sparse.csr_array, tuple[str, ...]]:
-        """Sparse stiffness and mass of one body with its supports, and the labels of its DOFs.
-
-        Parameters
-        ----------
-        number
-            Which body.
-        factors
-            On its quantities.
-        load
-            Mass of each accelerometer with what is added to it, kg.
-        mesh
-            Its elements.
-        """
-        name, body = self.bodies[number]
-        prefix = _prefix(name)
-        loads = [(point, load) for point in self.loaded_points(number)]
-        stiffness, mass, nodes = assembled(body, mesh, factors, loads)
-        labels = [f"{prefix}{node}:{direction}" for node in nodes for direction in SPATIAL]
-        held = set(self.supports)
-        free = [i for i, d in enumerate(labels) if d.rpartition(":")[2] in self.directions and d not in held]
-        return stiffness[free][:, free], mass[free][:, free], tuple(labels[i] for i in free)
 
 
 def _diagonal(places: Sequence[Vector]) -> float:
@@ -284,14 +335,3 @@ def _diagonal(places: Sequence[Vector]) -> float:
 
 def _prefix(name: str) -> str:
     return f"{name}." if name else ""
-
-
-def _half_waves_hz(segment: Segment) -> float:
-    """Frequency at which so many half waves of bending fit a straight beam: of a slender one, or of pure shear."""
-    at = segment.stretch.rigidities(np.array([0.0, 1.0]))
-    wave_number = HALF_WAVES * np.pi / segment.stretch.length
-    planes = ((at.bending_y, at.shear_z), (at.bending_z, at.shear_y))
-    slow = [
-        np.minimum(wave_number**2 * np.sqrt(b / at.mass), wave_number * np.sqrt(s / at.mass)).min() for b, s in planes
-    ]
-    return float(max(slow)) / (2 * np.pi)

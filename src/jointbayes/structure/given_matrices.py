@@ -103,6 +103,11 @@ class MatrixRecipe(Recipe):
         return float(self.mass[at, at])
 
     @property
+    def what(self) -> str:
+        """The structure by its size."""
+        return f"{len(self.dofs)} DOFs"
+
+    @property
     def reference(self) -> Self:
         """The same: matrices are what they are."""
         return self
@@ -143,11 +148,6 @@ class MatrixFamily(UncertainBody):
     """
 
     recipe: MatrixRecipe
-
-    @property
-    def what(self) -> str:
-        """The structure by its size."""
-        return f"{len(self.recipe.dofs)} DOFs"
 
     def reach_hz(self, count: int) -> float:
         """A frequency above the first `count` natural frequencies, Hz."""

@@ -81,6 +81,11 @@ class Recipe(ABC):
 
     @property
     @abstractmethod
+    def what(self) -> str:
+        """The structure in a word or two."""
+
+    @property
+    @abstractmethod
     def extent(self) -> float:
         """Size, m."""
 

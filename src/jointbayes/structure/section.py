@@ -1,4 +1,4 @@
-"""Cross-sections of beams: area, second moments of area, torsion constant and Cowper's shear coefficient.
+"""Materials and cross-sections of beams: area, second moments of area, torsion constant and Cowper's shear coefficient.
 
 References
 ----------
@@ -17,6 +17,28 @@ from jointbayes.errors import ModelError
 #: Sizes beyond these are none of this world, m; their fourth powers stay finite.
 _SMALLEST, _LARGEST = 1e-15, 1e15
 _ZETA_5 = 1.0369277551433699  # Σ 1/n⁵
+_MOST = 1e100  # of a modulus in Pa or a density in kg/m³: finite, also times a length
+
+
+@dataclass(frozen=True, slots=True)
+class BeamMaterial:
+    """Isotropic material: Young's modulus E in Pa, Poisson's ratio ν, density ρ in kg/m³."""
+
+    youngs_modulus: float
+    poissons_ratio: float
+    density: float
+
+    def __post_init__(self) -> None:
+        if not (0 < self.youngs_modulus < _MOST and 0 < self.density < _MOST and -1 < self.poissons_ratio < 0.5):
+            raise ModelError(
+                f"material: found E = {self.youngs_modulus:g} Pa, nu = {self.poissons_ratio:g}, "
+                f"rho = {self.density:g} kg/m3; expected E > 0, -1 < nu < 0.5, rho > 0; correct the material"
+            )
+
+    @property
+    def shear_modulus(self) -> float:
+        """G = E / 2(1 + ν), Pa."""
+        return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
 
 
 def _possible(size: float) -> bool:

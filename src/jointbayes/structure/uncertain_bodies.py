@@ -14,11 +14,11 @@ from functools import cache, cached_property, lru_cache, partial
 import numpy as np
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.beam_recipe import BeamMesh, BeamRecipe
+from jointbayes.structure.beam_recipe import BeamRecipe
 from jointbayes.structure.body import MOST_HELD, Discretisation, FreeModes
 from jointbayes.structure.family import UncertainBody, is_hashable
-from jointbayes.structure.frame_mesh import BodyFactors
-from jointbayes.structure.frame_recipe import FrameMesh, FrameRecipe
+from jointbayes.structure.frame_element import BodyFactors
+from jointbayes.structure.frame_recipe import FrameMesh, FrameRecipe, MemberRecipe
 from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced
@@ -34,22 +34,18 @@ from jointbayes.structure.shape_modes import (
 )
 from vibrecords.arrays import Array
 
-_OFFSET, _SHORTEST = "length_offset", 0.1  # what is added to the length; of which so much must be left
-
-
-#: Powers in which quantities of a beam change each of its shape numbers.
-_BEAM_POWERS: dict[str, Powers] = {
+_SHORTEST = 0.1  # of a beam's length must be left
+#: Powers in which quantities of a body change each of its shape numbers.
+_POWERS: dict[str, Powers] = {
     "section_size": {"section_size": 1.0, "length": -1.0},
     "shear_coefficient": {"shear_coefficient": 1.0},
-    # the mass beside that of the beam, ρ d² L
-    "accelerometer_mass": {"accelerometer_mass": 1.0, "density": -1.0, "section_size": -2.0, "length": -1.0},
+    # masses beside that of the body of nominal section, ρ L³
+    "masses": {"density": -1.0, "length": -3.0},
+    "accelerometer_mass": {"accelerometer_mass": 1.0, "density": -1.0, "length": -3.0},
 }
-
-
-def _changed(axes: Mapping[str, Powers], uncertain: Callable[[str], bool]) -> dict[str, Powers]:
-    """Those of some shape numbers that uncertain quantities change, each with the powers of these alone."""
-    of_uncertain = {axis: {q: p for q, p in powers.items() if uncertain(q)} for axis, powers in axes.items()}
-    return {axis: powers for axis, powers in of_uncertain.items() if powers}
+#: Powers in which a body's quantities change its natural frequencies by similarity, but for their sign.
+_FREQUENCY_POWERS = {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0}
+_TRIES = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,116 +92,8 @@ class _BodiesModes:
         return rising(np.concatenate([e for e, _ in modes], axis=1), np.concatenate([m for _, m in modes], axis=2))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class BeamFamily(UncertainBody):
-    """Beams whose quantities are uncertain.
-
-    Parameters
-    ----------
-    recipe
-        The beam at its nominal quantities.
-    ranges
-        Smallest and largest logarithm of the factor by quantity, see `STRUCTURE_QUANTITIES`; outside these
-        the modes are not defined.
-    dofs, top_hz
-        DOFs where something acts or is observed, and the highest frequency that is wanted, Hz; see `at`.
-    exact
-        Whether the beam is assembled and solved anew for each row of factors, and every mode kept: a reference.
-
-    Raises
-    ------
-    ModelError
-        If a quantity is unknown or does not belong to the damping law, or the frequency is too high for the beam.
-    """
-
-    recipe: BeamRecipe
-
-    @property
-    def what(self) -> str:
-        """The beam by its length."""
-        return f"{1e3 * self.recipe.length:g} mm"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        low, _ = self.ranges.get(_OFFSET, (0.0, 0.0))
-        if math.exp(self.ranges.get("length", (0.0, 0.0))[0]) + low / self.recipe.length < _SHORTEST:
-            raise ModelError(
-                f"uncertain structure: found a length_offset of {1e3 * low:.4g} mm within six standard deviations, for "
-                f"a length of {1e3 * self.recipe.length:.4g} mm; expected one that leaves a beam; lower it"
-            )
-
-    @cached_property
-    def factor_ranges(self) -> Mapping[str, tuple[float, float]]:
-        """Ranges of the logarithm of each factor; that of the length with its offset."""
-        if _OFFSET not in self.ranges:
-            return self.ranges
-        others = {name: ends for name, ends in self.ranges.items() if name != _OFFSET}
-        factors, added = np.exp(others.get("length", (0.0, 0.0))), np.array(self.ranges[_OFFSET]) / self.recipe.length
-        low, high = np.log(factors + added).tolist()
-        return {**others, "length": (low, high)}
-
-    def factor(self, factors: Array, name: str) -> Array:
-        """Factor on one quantity, shape (n,), on the length with what its offset makes of it."""
-        factor = super().factor(factors, name)
-        if name == "length" and _OFFSET in self.names and factors.shape[1]:
-            factor = factor + np.log(super().factor(factors, _OFFSET)) / self.recipe.length
-        return factor
-
-    @cached_property
-    def axes(self) -> dict[str, Powers]:
-        """Shape numbers that uncertain quantities change, each with the powers in which they do."""
-        loaded = self.recipe.lumped.accelerometer_mass > 0 and self.recipe.accelerometer_dofs
-        axes = {axis: powers for axis, powers in _BEAM_POWERS.items() if loaded or axis != "accelerometer_mass"}
-        return _changed(axes, self.factor_ranges.__contains__)
-
-    def _range(self, quantity: str) -> tuple[float, float]:
-        """Range of the logarithm of the factor on a quantity, or on all mass at an accelerometer."""
-        ends = self.factor_ranges[quantity]
-        if quantity == "accelerometer_mass":
-            low, high = np.log(self.recipe.lumped_factor(np.exp(ends))).tolist()
-            return low, high
-        return ends
-
-    @property
-    def discretisation(self) -> Discretisation:
-        """Elements; the paper's are cubic in the deflection."""
-        mesh: BeamMesh | None = self.mesh
-        if mesh is None:
-            return Discretisation("paper", self.recipe.elements, 3)
-        return Discretisation("converged", mesh.elements, mesh.order)
-
-    def reach_hz(self, count: int) -> float:
-        """A frequency above the first `count` natural frequencies, Hz: that of so many half waves in a slender beam."""
-        return self.recipe.shape.bending_frequency_hz(count + MOST_HELD + len(self.recipe.supports))
-
-    def structure_at(self, numbers: Sequence[float]) -> Structure:
-        """Beam of nominal length, E and ρ at shape numbers (axes,), assembled anew."""
-        factors = dict(zip(self.axes, np.exp(numbers).tolist(), strict=True))
-        if "accelerometer_mass" in factors:  # the section's size changes the beam's mass, and the ratio is wanted
-            factors["accelerometer_mass"] *= factors.get("section_size", 1.0) ** 2
-        return self.recipe.lumped.structure(factors, self.mesh)
-
-    def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
-        """Modes over the shape numbers, scaled."""
-        parts, nominal = parts_of(self.nominal.dofs, motions, forced), self.nominal.modes()
-        ends, reach = ends_of(self.axes.values(), self._range), self.reach_of_modes_hz
-        modes = modes_over_shape(self.structure_at, nominal, ends, parts.motions, parts.forced, reach)
-        return _BodiesModes([_ScaledModes(modes, parts, self.axes, self.factor)], bool(self.names))
-
-
-#: Powers in which quantities of a body change each of its shape numbers.
-_BODY_POWERS: dict[str, Powers] = {
-    "section_size": {"section_size": 1.0, "length": -1.0},
-    "shear_coefficient": {"shear_coefficient": 1.0},
-    # masses beside that of the body of nominal section, ρ L³
-    "masses": {"density": -1.0, "length": -3.0},
-    "accelerometer_mass": {"accelerometer_mass": 1.0, "density": -1.0, "length": -3.0},
-}
-_TRIES = 60
-
-
 @lru_cache(maxsize=64)
-def _reach_hz(recipe: FrameRecipe, count: int) -> float:
+def _reach_hz(recipe: FrameRecipe | BeamRecipe, count: int) -> float:
     """See `FrameFamily.reach_hz`: each call meshes and solves the frame several times."""
     recipe, wanted = replace(recipe, element="converged"), count + MOST_HELD
     top = 1.0
@@ -242,12 +130,18 @@ class FrameFamily(UncertainBody):
         length, or the frequency is too high.
     """
 
-    recipe: FrameRecipe
+    recipe: FrameRecipe | BeamRecipe
 
-    @property
-    def what(self) -> str:
-        """The frame by its bodies."""
-        return ", ".join(name for name, _ in self.recipe.bodies) or "frame"
+    @cached_property
+    def reach_of_modes_hz(self) -> float | None:
+        """Frequency up to which modes are wanted: at the ends of the ranges they may be so much lower."""
+        if self.top_hz is None:
+            return None
+        widest = (
+            sum(power * max(map(abs, self.range_of(number, q))) for q, power in _FREQUENCY_POWERS.items())
+            for number in range(len(self.recipe.bodies))
+        )
+        return self.top_hz * math.exp(max(widest))
 
     @property
     def discretisation(self) -> Discretisation:
@@ -276,9 +170,41 @@ class FrameFamily(UncertainBody):
 
     def body_factor(self, number: int, factors: Array, quantity: str) -> Array:
         """Factor on one quantity of a body, shape (n,)."""
-        name, _ = self.recipe.bodies[number]
-        common = self.factor(factors, quantity)
-        return common * self.factor(factors, f"{name}.{quantity}") if name else common
+        return np.broadcast_to(self.recipe.body_factor(number, self.named(factors), quantity), len(factors))
+
+    def range_of(self, number: int, quantity: str) -> tuple[float, float]:
+        """Smallest and largest logarithm of the factor on one quantity of a body."""
+        ends = np.exp(list(self.ranges.values())).T.reshape(2, -1)
+        low, high = np.log(self.body_factor(number, ends, quantity)).tolist()
+        return low, high
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BeamFamily(FrameFamily):
+    """Beams whose quantities are uncertain: frames of one member, see `FrameFamily` and `STRUCTURE_QUANTITIES`.
+
+    Raises
+    ------
+    ModelError
+        If a quantity is unknown or does not belong to the damping law, no beam is left of a length, or the frequency is
+        too high for the beam.
+    """
+
+    recipe: BeamRecipe
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        ends = {name: np.exp(range_) for name, range_ in self.ranges.items()}
+        if np.min(self.recipe.body_factor(0, ends, "length")) < _SHORTEST:
+            raise ModelError(
+                f"uncertain structure: found a length_offset of {1e3 * self.ranges['length_offset'][0]:.4g} mm within "
+                f"six standard deviations, for a length of {1e3 * self.recipe.length:.4g} mm; expected one that leaves "
+                "a beam; lower it"
+            )
+
+    def reach_hz(self, count: int) -> float:
+        """A frequency above the first `count` natural frequencies, Hz: that of so many half waves in a slender beam."""
+        return self.recipe.whole.bending_frequency_hz(count + MOST_HELD + len(self.recipe.supports))
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,31 +214,31 @@ class _Body:
     family: FrameFamily
     number: int
 
-    def _named(self, quantity: str) -> tuple[str, str]:
-        """Names of a quantity: that of all bodies, and the body's own."""
-        return quantity, f"{self.family.recipe.bodies[self.number][0]}.{quantity}"
-
-    def _uncertain(self, quantity: str) -> bool:
-        return any(name in self.family.names for name in self._named(quantity))
+    @cached_property
+    def _recipe(self) -> MemberRecipe:
+        return self.family.recipe.lumped
 
     def _range(self, quantity: str) -> tuple[float, float]:
-        ends = [self.family.ranges.get(name, (0.0, 0.0)) for name in self._named(quantity)]
-        low, high = (sum(sides) for sides in zip(*ends, strict=True))
-        if quantity == "accelerometer_mass":
-            low, high = np.log(self.family.recipe.lumped_factor(np.exp([low, high]))).tolist()
-        return low, high
+        return self.family.range_of(self.number, quantity)
+
+    def _uncertain(self, quantity: str) -> bool:
+        low, high = self._range(quantity)
+        return low < high
 
     @cached_property
     def _axes(self) -> dict[str, Powers]:
         """Shape numbers that uncertain quantities change, each with the powers in which they do."""
-        recipe = self.family.recipe.lumped
-        _, body = recipe.bodies[self.number]
-        loaded = recipe.accelerometer_mass > 0 and bool(recipe.loaded_points(self.number))
+        _, body = self._recipe.bodies[self.number]
+        loaded = self._recipe.accelerometer_mass > 0 and bool(self._recipe.loaded_points(self.number))
         sensors = loaded and self._uncertain("accelerometer_mass")
         heavy = any(mass.mass > 0 or any(mass.inertia) for mass in body.masses) or (loaded and not sensors)
         absent = {"masses": not heavy, "accelerometer_mass": not sensors}
-        axes = {axis: powers for axis, powers in _BODY_POWERS.items() if not absent.get(axis)}
-        return _changed(axes, self._uncertain)
+        of_uncertain = {
+            axis: {q: power for q, power in powers.items() if self._uncertain(q)}
+            for axis, powers in _POWERS.items()
+            if not absent.get(axis)
+        }
+        return {axis: powers for axis, powers in of_uncertain.items() if powers}
 
     def scaled(self, motions: Array, forced: Forced) -> _ScaledModes:
         """Its modes at all factors with its part of motions (DOFs, k)."""
@@ -328,13 +254,12 @@ class _Body:
 
     def structure_at(self, numbers: Sequence[float]) -> Structure:
         """The body at nominal E, ρ and length and at shape numbers (axes,), assembled anew."""
-        recipe, mesh = self.family.recipe.lumped, self.family.mesh
         factors = dict(zip(self._axes, np.exp(numbers).tolist(), strict=True))
         masses = factors.pop("masses", 1.0)
-        load = recipe.accelerometer_mass * factors.pop("accelerometer_mass", masses)
+        load = self._recipe.accelerometer_mass * factors.pop("accelerometer_mass", masses)
         of_body = BodyFactors(**factors, masses=masses)
-        stiffness, mass, labels = recipe.matrices(self.number, of_body, load, mesh[self.number])
-        return Structure(stiffness.toarray(), mass.toarray(), recipe.damping, labels)
+        stiffness, mass, labels = self._recipe.matrices(self.number, of_body, load, self.family.mesh[self.number])
+        return Structure(stiffness, mass, self._recipe.damping, labels)
 
 
 StructureRecipe = BeamRecipe | FrameRecipe | MatrixRecipe
