@@ -234,7 +234,7 @@ def assembled(
     mesh: BodyMesh,
     factors: BodyFactors,
     loads: Iterable[tuple[str, float]],
-    directions: tuple[str, ...] = SPATIAL,
+    directions: tuple[str, ...],
 ) -> tuple[Array, Array, tuple[str, ...]]:
     """Stiffness and mass of a body with so many DOFs at each of its nodes, and the nodes' names, along each segment.
 
@@ -245,14 +245,19 @@ def assembled(
     loads
         Points and the masses in kg that sit there, beside those of the body.
     directions
-        Those of `SPATIAL` in which points move.
+        Those of `SPATIAL` in which points move, in its order.
     """
     nodes: dict[str, int] = {}
-    along = []
+    made: dict[object, list[tuple[Array, Array]]] = {}
+    elements: list[tuple[Indices, tuple[Array, Array]]] = []
     for number, (segment, (count, order)) in enumerate(zip(mesh.segments, mesh.elements, strict=True)):
+        alike, each = (segment.stretch, segment.axes, segment.offsets, count, order), max(order, 1)
+        if alike not in made:
+            made[alike] = _elements(segment, count, order, factors, directions)
         first, last = segment.points
-        inner = (f"~{number}~{i}" for i in range(1, count * max(order, 1)))
-        along.append(np.array([nodes.setdefault(name, len(nodes)) for name in (first, *inner, last)]))
+        names = (first, *(f"~{number}~{i}" for i in range(1, count * each)), last)
+        along = np.array([nodes.setdefault(name, len(nodes)) for name in names])
+        elements += [(along[i * each : (i + 1) * each + 1], matrices) for i, matrices in enumerate(made[alike])]
     per = len(directions)
     stiffness, mass = np.zeros((2, per * len(nodes), per * len(nodes)))
 
@@ -260,16 +265,10 @@ def assembled(
         every = (per * at[:, None] + np.arange(per)).ravel()
         return every[:, None], every
 
-    made: dict[object, list[tuple[Array, Array]]] = {}
-    for segment, (count, order), row in zip(mesh.segments, mesh.elements, along, strict=True):
-        alike = segment.stretch, segment.axes, segment.offsets, count, order
-        if alike not in made:
-            made[alike] = _elements(segment, count, order, factors, directions)
-        for i, (of_stiffness, of_mass) in enumerate(made[alike]):
-            at = rows(row[i * max(order, 1) : (i + 1) * max(order, 1) + 1])
-            stiffness[at] += of_stiffness
-            mass[at] += of_mass
-    free = [SPATIAL.index(direction) for direction in SPATIAL if direction in directions]
+    for at, (of_stiffness, of_mass) in elements:
+        stiffness[rows(at)] += of_stiffness
+        mass[rows(at)] += of_mass
+    free = [SPATIAL.index(direction) for direction in directions]
     rigid = [(m.point, factors.masses * mass_matrix(m.mass, m.inertia_matrix, np.array(m.offset))) for m in body.masses]
     rigid += [(point, mass_matrix(load, np.zeros((3, 3)), np.zeros(3))) for point, load in loads]
     for point, heavy in rigid:

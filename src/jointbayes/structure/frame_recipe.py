@@ -222,8 +222,8 @@ class MemberRecipe(Recipe):
         name, body = self.bodies[number]
         prefix = _prefix(name)
         loads = [(point, load) for point in self.loaded_points(number)]
-        stiffness, mass, nodes = assembled(body, mesh, factors, loads, self.directions)
-        moving = [direction for direction in SPATIAL if direction in self.directions]
+        moving = tuple(direction for direction in SPATIAL if direction in self.directions)
+        stiffness, mass, nodes = assembled(body, mesh, factors, loads, moving)
         labels = [f"{prefix}{node}:{direction}" for node in nodes for direction in moving]
         free = [i for i, label in enumerate(labels) if label not in self.supports]
         return stiffness[np.ix_(free, free)], mass[np.ix_(free, free)], tuple(labels[i] for i in free)
