@@ -5,7 +5,7 @@ supports, accelerometers, measured and excited points only, and their number and
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Integral
 from typing import ClassVar, Literal
@@ -164,6 +164,8 @@ def beam(
 ) -> Structure:
     """Free-free straight beam along x of equal elements of the paper's kind, see `BeamRecipe`.
 
+    Its points have no places, so that a joint may connect any two.
+
     Raises
     ------
     ModelError
@@ -178,4 +180,4 @@ def beam(
     [123.41, 762.62]
     """
     recipe = BeamRecipe(length, section, material, damping, elements, dofs_per_node, shear_coefficient, element="paper")
-    return recipe.structure()
+    return replace(recipe.structure(), positions={})
