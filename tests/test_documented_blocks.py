@@ -18,7 +18,7 @@ from benchmarks import quoted, reference_pages
 from click.testing import CliRunner
 
 from jointbayes.case.case_text import read_case_text
-from jointbayes.case.spec.parse import parse_planned, parse_setups
+from jointbayes.case.parse import parse_planned, parse_setups
 from jointbayes.cli.commands import main
 
 pytestmark = pytest.mark.docs

@@ -7,7 +7,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.case.case_text import case_text, read_case_text
-from jointbayes.case.spec.parse import parse_case
+from jointbayes.case.parse import parse_case
 from jointbayes.errors import CaseError
 
 BASE = """\

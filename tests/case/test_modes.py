@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case.spec.parse import parse_case
+from jointbayes.case.parse import parse_case
 from jointbayes.errors import CaseError
 from jointbayes.inference import OfStiffness
 from tests.conftest import CONFIGS, edited, shipped_text

@@ -12,8 +12,8 @@ from pydantic import BaseModel
 import jointbayes as jb
 from jointbayes.case import plausibility
 from jointbayes.case.case_text import case_text
+from jointbayes.case.parse import parse_case
 from jointbayes.case.spec.fields import LIMITS, TABLE, limit_text
-from jointbayes.case.spec.parse import parse_case
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError
 from jointbayes.posterior import summarise

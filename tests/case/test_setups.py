@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
-from jointbayes.case.spec.parse import parse_case, parse_setups
+from jointbayes.case.parse import parse_case, parse_setups
 from jointbayes.errors import CaseError
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import LogStiffness

@@ -3,7 +3,7 @@
 import pytest
 
 from jointbayes.case.case_text import case_text, drop_inherited, setup_texts
-from jointbayes.case.spec.parse import parse_planned, parse_setups
+from jointbayes.case.parse import parse_planned, parse_setups
 from jointbayes.errors import CaseError
 from jointbayes.inference import StudentNoise
 from tests.case.test_bodies import TEXT as MEASURED

@@ -31,10 +31,10 @@ from jointbayes.case.combined import (
     require_lowest,
 )
 from jointbayes.case.keys import DATA_FILE
+from jointbayes.case.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
 from jointbayes.case.spec.fields import show_key
 from jointbayes.case.spec.joint_table import joint_table
-from jointbayes.case.spec.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_line, toml_text
@@ -331,13 +331,13 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
         tell("joints" if spec.joints else "joint")
         joint = joints_of(spec.joint_objects)
         _require_dofs_of_offsets(spec, source)
-        if spec.data.files is not None:
+        if spec.files is not None:
             from vibrecords.assemble import read_measurement  # with all formats, which others do not need
 
             tell("data")
             if data is None:
-                home.require_inside(("data", "file"), spec.data.files.file)
-            data = data or read_measurement(spec.data.files.file, home.directory, plan_of(spec))
+                home.require_inside(("data", "file"), spec.files.file)
+            data = data or read_measurement(spec.files.file, home.directory, plan_of(spec))
             spec = complete_from_data(spec, data)
         tell("structure")
         recipe = recipe_of(spec.structure, spec.data, data)

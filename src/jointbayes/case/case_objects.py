@@ -43,7 +43,7 @@ _DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from t
 
 def plan_of(spec: CaseSpec) -> MeasurementPlan:
     """What a case with data in measurement files asks for of these."""
-    files, joints = spec.data.files, joints_of(spec.joint_objects)
+    files, joints = spec.files, joints_of(spec.joint_objects)
     assert files is not None
     free_gain = spec.uncertain.gain is not None
     asked = files.asked_for(spec.structure)
@@ -89,7 +89,7 @@ def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:
 
 def recipe_of(spec: StructureBase, data: DataTable, measurement: Data | None = None) -> StructureRecipe:
     """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
-    if not data.files:
+    if not isinstance(data, MeasuredSpec):
         return spec.recipe(data.loaded)
     loaded = measurement.provenance.loaded if measurement and measurement.provenance else ()
     return spec.recipe(tuple(label for label in loaded if spec.absent(label) is None))
@@ -97,8 +97,8 @@ def recipe_of(spec: StructureBase, data: DataTable, measurement: Data | None = N
 
 def _synthetic(spec: CaseSpec) -> SyntheticFrfSpec:
     """The table of data that a truth makes, of a case that has one."""
-    assert spec.data.synthetic is not None
-    return spec.data.synthetic
+    assert spec.synthetic is not None
+    return spec.synthetic
 
 
 def true_stiffness(spec: CaseSpec) -> Array:

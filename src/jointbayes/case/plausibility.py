@@ -70,7 +70,7 @@ def input_warnings(spec: CaseSpec, text: CaseText, band_hz: tuple[float, float] 
         if not findings and band_hz is not None:  # with findings the frequencies are off because of these
             findings = [*_band(spec, structure, band_hz)]
     top = getattr(spec.data, "f_max_hz", None)
-    if spec.data.files is not None and top and band_hz is not None and top > 1.05 * band_hz[1]:
+    if spec.files is not None and top and band_hz is not None and top > 1.05 * band_hz[1]:
         expected, remedy = f"at most {band_hz[1]:g}, where the lines of the file end", "lower it, or measure further"
         findings.append(Finding(("data", "f_max_hz"), f"found {top:g}", expected, remedy))
     return text.warnings([*findings, *_fractions(text.data)])
@@ -247,9 +247,9 @@ def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: boo
 
 def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding]:
     """Yield stiffnesses of the truth that have no coordinates, or coordinates of it that the prior excludes."""
-    if spec.data.synthetic is None:
+    if spec.synthetic is None:
         return
-    joint, loc, stated = prior.parametrisation, ("data", "truth"), spec.data.synthetic.truth
+    joint, loc, stated = prior.parametrisation, ("data", "truth"), spec.synthetic.truth
     truth = [stated.stiffness_by_name[_name_in_tables(setup, name)] for name in joint.stiffness_names]
     if not joint.describes(truth):
         each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))

@@ -72,7 +72,7 @@ class Truth:
     @cached_property
     def data(self) -> SyntheticFrfSpec:
         """The case's `[data]`."""
-        data = self.case_setup.spec.data.synthetic
+        data = self.case_setup.spec.synthetic
         if data is None:
             expected = '"synthetic_frf", whose [data.truth] a virtual test can measure'
             words = f'found "{self.case_setup.spec.data.kind}"', expected, "state a truth"

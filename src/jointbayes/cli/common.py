@@ -62,8 +62,8 @@ layout_option = click.option(
 def load(config: Path) -> "Case":
     """Read a case file; what in it is probably a slip is said on standard error, before any work where possible."""
     from jointbayes.case.case_text import read_case_text, setup_texts
+    from jointbayes.case.parse import parse_setups
     from jointbayes.case.plausibility import input_warnings
-    from jointbayes.case.spec.parse import parse_setups
     from jointbayes.case.toml_text import fault_line
 
     # what is wrong with the file itself is said before anything heavy is loaded

@@ -95,11 +95,6 @@ class SyntheticFrfSpec(DataTable):
     noise: Annotated[NoiseSpec, Field(description="the noise: relative, floor, seed")]
 
     @property
-    def synthetic(self) -> SyntheticFrfSpec:
-        """The table itself."""
-        return self
-
-    @property
     def labelled(self) -> dict[KeyPath, tuple[str, ...]]:
         """Outputs and inputs."""
         return {("data", "outputs"): self.outputs, ("data", "inputs"): self.inputs}

@@ -17,8 +17,6 @@ from pydantic_core import PydanticCustomError
 from jointbayes.joint import COUPLED
 
 if TYPE_CHECKING:
-    from jointbayes.case.spec.data_table import SyntheticFrfSpec
-    from jointbayes.case.spec.measured_table import MeasuredSpec
     from vibrecords import Data
 
 KeyPath = tuple[str | int, ...]
@@ -302,16 +300,6 @@ class DataTable(Spec):
 
     #: Whether the data are FRFs.
     frfs: ClassVar[bool] = False
-
-    @property
-    def synthetic(self) -> SyntheticFrfSpec | None:
-        """The table, if a stated truth makes the data."""
-        return None
-
-    @property
-    def files(self) -> MeasuredSpec | None:
-        """The table, if the data are in measurement files."""
-        return None
 
     @property
     def labelled(self) -> Mapping[KeyPath, tuple[str, ...]]:

@@ -244,11 +244,6 @@ class MeasuredSpec(DataTable):
     variance: Annotated[VarianceSpec | None, _VARIANCE] = None
 
     @property
-    def files(self) -> MeasuredSpec:
-        """The table itself."""
-        return self
-
-    @property
     def loaded(self) -> tuple[str, ...]:
         """DOFs of the channels."""
         return tuple(channel.label for channel in self.channels.values())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from jointbayes.case.spec.data_table import DataSpec
+from jointbayes.case.spec.data_table import DataSpec, SyntheticFrfSpec
 from jointbayes.case.spec.fields import Finding, KeyPath, listed, show_key
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table
 from jointbayes.case.spec.measured_table import MeasuredSpec
@@ -51,8 +51,8 @@ def dof_findings(
         if apart and not immovable and loc[0] in ("joint", "joints"):
             fault = f'found "{labels[apart[0]]}" beside "{labels[0]}"'
             yield Finding((*loc, apart[0]), fault, f"DOFs of one point, {point}", "correct it, or make it two joints")
-    if data.files is not None:
-        yield from _channel_findings(structure, data.files, elsewhere)
+    if isinstance(data, MeasuredSpec):
+        yield from _channel_findings(structure, data, elsewhere)
 
 
 def _each(loc: KeyPath, labels: Sequence[str]) -> dict[KeyPath, str]:
@@ -278,14 +278,14 @@ def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Ite
 
 def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield a truth about damping ratios where the structure has none, and ratios to be measured without a file."""
-    if structure.damping.measured and data.files is None:
+    if structure.damping.measured and not isinstance(data, MeasuredSpec):
         fault = f'found "measured" with data of kind = "{data.kind}"'
         remedy = "state the ratio: ratio = 0.01"
         expected = 'data of kind = "measured_frf" or "measured_frequencies"'
         yield Finding(("structure", "damping", "ratio"), fault, expected, remedy)
-    if data.synthetic is None:
+    if not isinstance(data, SyntheticFrfSpec):
         return
-    truth = data.synthetic.truth
+    truth = data.truth
     for name, key in (("youngs_modulus", "youngs_modulus_gpa"), ("density", "density_kg_m3"), ("length", "length_mm")):
         offered = name in structure.stated and (name != "length" or structure.spans is not None)
         if getattr(truth, key) is not None and not offered:
@@ -299,7 +299,7 @@ def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding
 def noise_findings(noise: NoiseModelSpec, model_error: ModelErrorSpec | None, data: DataSpec) -> Iterator[Finding]:
     """Yield how residuals cannot be judged where the data are natural frequencies, or computed."""
     if data.frfs:
-        if model_error is not None and data.synthetic is not None:
+        if model_error is not None and isinstance(data, SyntheticFrfSpec):
             fault = "found the model's errors in modes, where the data are computed FRFs"
             yield Finding(
                 quantity_table("model_error"), fault, "measured FRFs, modes or natural frequencies", "remove it"
@@ -344,26 +344,26 @@ def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
             if key in plan.model_fields_set:
                 yield Finding(("plan", key), "found it beside natural frequencies", _FRF_ONLY, "remove it")
     elif plan.f_max_hz is not None:
-        if (made := data.synthetic) is None:
+        if not isinstance(data, SyntheticFrfSpec):
             fault = "the lines of a file are those that were measured"
             yield Finding(("plan", "f_max_hz"), fault, 'data of kind = "synthetic_frf"', "remove it")
-        elif made.f_max_hz is None:
+        elif data.f_max_hz is None:
             fault = "no band to widen, data.frequencies_hz is a list"
             yield Finding(("plan", "f_max_hz"), fault, "f_min_hz, f_max_hz, f_step_hz in [data]", "remove it")
-        elif plan.f_max_hz <= made.f_max_hz:
-            fault = f"found {plan.f_max_hz!r}, which does not widen the band up to {made.f_max_hz!r} Hz"
-            yield Finding(("plan", "f_max_hz"), fault, f"a number above {made.f_max_hz!r}", "raise or remove it")
+        elif plan.f_max_hz <= data.f_max_hz:
+            fault = f"found {plan.f_max_hz!r}, which does not widen the band up to {data.f_max_hz!r} Hz"
+            yield Finding(("plan", "f_max_hz"), fault, f"a number above {data.f_max_hz!r}", "raise or remove it")
 
 
 def virtual_test_findings(test: VirtualTestSpec, structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield a virtual test without a truth, and extra outputs that do not exist, are held or are measured anyway."""
-    if data.synthetic is None:
+    if not isinstance(data, SyntheticFrfSpec):
         if test != VirtualTestSpec():
             yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
         return
     loc = ("virtual_test", "extra_outputs")
     yield from _immovable_dofs(structure, _each(loc, test.extra_outputs))
-    measured = frozenset(data.synthetic.outputs)
+    measured = frozenset(data.outputs)
     for i, label in enumerate(test.extra_outputs):
         if label in measured:
             fault = f'"{label}" is one of data.outputs, which are measured anyway'

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import BeforeValidator, Field, Strict
 
 from jointbayes.case.spec import rules
-from jointbayes.case.spec.data_table import DataSpec
+from jointbayes.case.spec.data_table import DataSpec, SyntheticFrfSpec
 from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, key_field
 from jointbayes.case.spec.frame_table import FrameSpec
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table, prior_table
-from jointbayes.case.spec.measured_table import MeasuredBodySpec
+from jointbayes.case.spec.measured_table import MeasuredBodySpec, MeasuredSpec
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec, PriorsSpec, UncertainSpec, quantity_table
 from jointbayes.case.spec.settings_tables import (
     AssemblySpec,
@@ -118,6 +118,16 @@ class CaseSpec(Spec):
         return dict(self.joints) if self.joint is None else {"": self.joint}
 
     @property
+    def synthetic(self) -> SyntheticFrfSpec | None:
+        """The table of the data, if a stated truth makes them."""
+        return self.data if isinstance(self.data, SyntheticFrfSpec) else None
+
+    @property
+    def files(self) -> MeasuredSpec | None:
+        """The table of the data, if they are in measurement files."""
+        return self.data if isinstance(self.data, MeasuredSpec) else None
+
+    @property
     def measured_labels(self) -> frozenset[str]:
         """DOFs of all bodies that are given by their FRFs."""
         return frozenset(label for body in self.bodies.values() for label in body.labels)
@@ -195,7 +205,7 @@ class CaseSpec(Spec):
         yield from rules.dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels)
         if self.prior is not None and self.joint is not None:
             yield from rules.prior_findings(self.joint, self.prior)
-        truth = self.data.synthetic.truth if self.data.synthetic else None
+        truth = self.synthetic.truth if self.synthetic else None
         lone_pair = self.joint is not None and self.joint.kind == "coupled" and not self.joint.damping
         named: dict[KeyPath, NamedStiffnessSpec | None] = {("data", "truth"): truth, ("reference",): self.reference}
         for loc, stated in named.items():
@@ -268,7 +278,7 @@ class CaseSpec(Spec):
     def _measured_body_findings(self) -> Iterator[Finding]:
         """Yield data and quantities that need modes, and joints between measured bodies alone without priors."""
         beside = "beside a body that is given by its FRFs and has no modes"
-        if not (self.data.frfs and self.data.files):
+        if not (self.data.frfs and self.files):
             fault = f'found "{self.data.kind}" {beside}'
             yield Finding(("data", "kind"), fault, 'kind = "measured_frf"', "write it so")
         if self.structure.damping.measured:

@@ -159,13 +159,13 @@ class _FrfMaker(_Maker):
 
     def __init__(self, spec: CaseSpec, problem: Problem, *, hit_free: bool) -> None:
         super().__init__(spec, problem, hit_free=hit_free)
-        measurement, data = problem.test.data.frfs, spec.data
+        measurement, made = problem.test.data.frfs, spec.synthetic
         assert measurement is not None
         self._data, self._lines = measurement.frf, measurement.frf.frequency_hz
         self._law: VarianceLaw = estimated_law(measurement)
         self._step_hz: float | None = None
-        if data.synthetic is not None:
-            self._law, self._step_hz = noise_law(data.synthetic.noise), data.synthetic.f_step_hz
+        if made is not None:
+            self._law, self._step_hz = noise_law(made.noise), made.f_step_hz
 
     def _kinds(self) -> Iterable[Iterator[Candidate]]:
         return self._at_dofs(), self._averages(), self._band(), self._mass(), self._free()

@@ -11,7 +11,7 @@ from jointbayes.case.case import Case
 from jointbayes.case.case_objects import complete_from_data, noise_law, noise_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
 from jointbayes.case.combined import CaseSetup, quantities_of
-from jointbayes.case.spec.parse import parse_planned
+from jointbayes.case.parse import parse_planned
 from jointbayes.case.spec.structure_kinds import MatricesSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_start
@@ -51,7 +51,7 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
     if not case.setups:
         raise ModelError("found a case without its set-ups; expected the case file, of which they are; load it again")
     first = case.setups[0]
-    if spec.data.files is not None:
+    if spec.files is not None:
         spec = complete_from_data(spec, first.data)
     if isinstance(spec.structure, MatricesSpec):
         raise ModelError(
@@ -111,7 +111,7 @@ def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
 
 def _frfs_of(setup: CaseSetup) -> tuple[Ports, VarianceLaw, Quantity]:
     """FRFs that a proposed set-up would give, with their noise: as it states, or those of the present data."""
-    measured, data = setup.data.frfs, setup.spec.data.synthetic
+    measured, data = setup.data.frfs, setup.spec.synthetic
     assert measured is not None
     frf = measured.frf
     ports, quantity = Ports(frf.frequency_hz, frf.outputs, frf.inputs), frf.quantity
