@@ -339,7 +339,8 @@ class FrequencyData(ModalData):
                 "expected positive, strictly increasing values; sort them"
             )
         if not (np.isfinite(self.sd_hz).all() and (self.sd_hz > 0).all()):
-            raise MeasurementError("natural frequencies: expected standard deviations above 0 Hz; correct them")
+            found, expected = f"found standard deviations {self.sd_hz.tolist()} Hz", "all above 0"
+            raise MeasurementError.of("natural frequencies", ("sd_hz",), found, expected, "correct them")
 
     def __repr__(self) -> str:
         pairs = zip(self.frequency_hz, self.sd_hz, strict=True)

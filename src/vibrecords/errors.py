@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,19 +47,28 @@ def printable(text: str, keep: str = "") -> str:
 class UserError(Exception):
     """Base of every error that a user's input can cause; a command prints it and exits 2.
 
-    As text it is one line that is safe on a terminal, whatever names of files and channels are in it.
+    As text it is one line that is safe on a terminal, whatever names of files and channels are in it. What refuses its
+    fields says by `key` which one is to blame, and by `words` what was found, what is expected and what to do, so that
+    whoever read that field from a file can put file, line and key in front of them.
     """
+
+    def __init__(self, message: str = "", *key: str | int) -> None:
+        super().__init__(message)
+        self.key, self.words = key, (message, "", "")
+
+    @classmethod
+    def of(cls, where: str, key: tuple[str | int, ...], found: str, expected: str, remedy: str = "") -> Self:
+        """The error of one field, by its key: where: found; expected; what to do."""
+        error = cls("; ".join((f"{where}: {found}", f"expected {expected}", *[remedy] * bool(remedy))), *key)
+        error.words = found, expected, remedy
+        return error
 
     def __str__(self) -> str:
         return printable(super().__str__())
 
 
 class MeasurementError(UserError):
-    """Measured data are malformed, inconsistent or not usable; `key` of the table of the data is to blame, if any."""
-
-    def __init__(self, message: str, *key: str) -> None:
-        super().__init__(message)
-        self.key = key
+    """Measured data are malformed, inconsistent or not usable."""
 
 
 class WriteError(UserError):

@@ -34,8 +34,8 @@ class Observed:
     values: Array
     sd: Array
 
-    def rows(self, shape: tuple[int, ...], what: str) -> "Observed":
-        """The same with one row for each repetition, shape (repetitions, *shape); checked.
+    def rows(self, shape: tuple[int, ...], what: str, *key: str) -> "Observed":
+        """The same with one row for each repetition, shape (repetitions, *shape); checked. `key` is its own, in errors.
 
         Raises
         ------
@@ -45,21 +45,22 @@ class Observed:
         values = array_of(self.values, float, what, MeasurementError)
         given, values = values.shape, values[None] if values.ndim == len(shape) else values
         if values.shape[1:] != shape or len(values) == 0:
-            expected = f"(repetitions, {', '.join(map(str, shape))})"
-            raise MeasurementError(f"{what}: found values of shape {given}; expected {expected}; correct them")
+            found, expected = f"found values of shape {given}", f"(repetitions, {', '.join(map(str, shape))})"
+            raise MeasurementError.of(what, (*key, "values"), found, expected, "correct them")
         stated = array_of(self.sd, float, f"{what}: sd", MeasurementError)
         try:
             sd = np.broadcast_to(stated, values.shape)
         except ValueError:
-            raise MeasurementError(
-                f"{what}: found standard deviations of shape {stated.shape}; expected one for each value, shape "
-                f"{values.shape}, or one for all; correct them"
-            ) from None
+            found = f"found standard deviations of shape {stated.shape}"
+            expected = f"one for each value, shape {values.shape}, or one for all"
+            raise MeasurementError.of(what, (*key, "sd"), found, expected, "correct them") from None
         seen = ~np.isnan(values)
         if not (np.abs(values[seen]) < _WIDEST).all() or not seen.any():
-            raise MeasurementError(f"{what}: found no finite value, or infinity; expected numbers, NaN where none is")
+            found = "found no finite value, or infinity"
+            raise MeasurementError.of(what, (*key, "values"), found, "numbers, NaN where none is")
         if not ((sd[seen] > 1 / _WIDEST) & (sd[seen] < _WIDEST)).all():
-            raise MeasurementError(f"{what}: found a standard deviation that is not above 0; expected one; correct it")
+            found = "found a standard deviation that is not above 0"
+            raise MeasurementError.of(what, (*key, "sd"), found, "one above 0", "state what a value is uncertain by")
         return Observed(read_only(values), read_only(np.where(seen, sd, np.nan)))
 
     def mean(self) -> tuple[Array, Array]:
@@ -99,17 +100,19 @@ class ModeShapes:
         dofs = tuple(self.dofs)
         reference = self.reference if isinstance(self.reference, str) else tuple(self.reference)
         if not dofs or len(set(dofs)) != len(dofs):
-            raise MeasurementError(f"mode shapes: found DOFs {dofs}; expected one or more, each once; correct them")
+            raise _wrong_shapes("dofs", f"found DOFs {dofs}", "one or more, each once", "correct them")
         if not isinstance(reference, str) and len(reference) != n:
-            raise MeasurementError(
-                f"mode shapes: found {len(reference)} reference DOFs for {n} modes; expected one, or one for each mode"
-            )
+            found = f"found {len(reference)} reference DOFs for {n} modes"
+            raise _wrong_shapes("reference", found, "one, or one for each mode", "correct the list")
         if isinstance(reference, str) and reference in dofs:
-            raise MeasurementError(
-                f'mode shapes: found the reference DOF "{reference}" among the DOFs; expected it to be none of them, '
-                "since its component is 1; leave it out"
-            )
-        return ModeShapes(dofs, reference, self.components.rows((n, len(dofs)), "mode shapes"))
+            found = f'found the reference DOF "{reference}" among the DOFs'
+            expected = "it to be none of them, since its component is 1"
+            raise _wrong_shapes("dofs", found, expected, "leave it out")
+        return ModeShapes(dofs, reference, self.components.rows((n, len(dofs)), "mode shapes", "shapes", "components"))
+
+
+def _wrong_shapes(key: str, *words: str) -> MeasurementError:
+    return MeasurementError.of("mode shapes", ("shapes", key), *words)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,17 +141,17 @@ class Antiresonances:
     def __post_init__(self) -> None:
         given = array_of(self.frequency.values, float, "antiresonances", MeasurementError)
         n = given.shape[-1] if given.ndim else 0
-        frequency = self.frequency.rows((n,), "antiresonances")
-        if not (np.nan_to_num(frequency.values, nan=1.0) > 0).all():
-            raise MeasurementError("antiresonances: found one that is not above 0 Hz; expected frequencies; correct it")
+        where, frequency = "antiresonances", self.frequency.rows((n,), "antiresonances", "frequency")
+        if np.isnan(frequency.values).all(axis=0).any() or (frequency.values <= 0).any():
+            found, remedy = "found one without any, or one that is not above 0 Hz", "correct it or leave it out"
+            raise MeasurementError.of(where, ("frequency", "values"), found, "one above 0 for each", remedy)
         dofs = (self.dofs,) * n if isinstance(self.dofs, str) else tuple(self.dofs)
         numbers = tuple(map(int, self.numbers)) or tuple(dofs[: i + 1].count(dof) for i, dof in enumerate(dofs))
         apart = len(set(zip(dofs, numbers, strict=False)))
         if not len(dofs) == len(numbers) == apart == n or min(numbers) < 1:
-            raise MeasurementError(
-                f"antiresonances: found DOFs {dofs} and numbers {numbers} for {n}; expected one of each, a different "
-                "number, from 1, for each at a DOF; correct them"
-            )
+            key, found = "dofs" if len(dofs) != n else "numbers", f"found DOFs {dofs} and numbers {numbers} for {n}"
+            expected = "one of each, a different number, from 1, for each at a DOF"
+            raise MeasurementError.of(where, (key,), found, expected, "correct them")
         for name, value in (("dofs", dofs), ("frequency", frequency), ("numbers", numbers)):
             object.__setattr__(self, name, value)
 
@@ -177,10 +180,9 @@ class ModalConstants:
     def __post_init__(self) -> None:
         convert_fields(self, lambda given: (given,) if isinstance(given, str) else tuple(given), "outputs", "inputs")
         if not self.pairs or len(set(self.pairs)) != len(self.inputs) or len(self.outputs) != len(self.inputs):
-            raise MeasurementError(
-                f"modal constants: found outputs {self.outputs} and inputs {self.inputs}; expected pairs, each once; "
-                "correct them"
-            )
+            key = "inputs" if len(self.outputs) != len(self.inputs) else "outputs"
+            found = f"found outputs {self.outputs} and inputs {self.inputs}"
+            raise MeasurementError.of("modal constants", (key,), found, "pairs, each once", "correct them")
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -195,7 +197,7 @@ class ModalConstants:
         MeasurementError
             If shapes of arrays disagree.
         """
-        return replace(self, constants=self.constants.rows((n, len(self.inputs)), "modal constants"))
+        return replace(self, constants=self.constants.rows((n, len(self.inputs)), "modal constants", "constants"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,29 +278,27 @@ class ModeData(ModalData):
         what = "eigenvalues" if self.eigenvalues else "natural frequencies"
         given = array_of(self.frequency.values, float, what, MeasurementError)
         n = given.shape[-1] if given.ndim else 0
-        object.__setattr__(self, "frequency", self.frequency.rows((n,), what))
+        of_frequency = "eigenvalues" if self.eigenvalues else "frequency"
+        object.__setattr__(self, "frequency", self.frequency.rows((n,), what, of_frequency))
         seen = self.frequency.values
         if np.isnan(seen).all(axis=0).any() or (seen <= 0).any():
-            raise MeasurementError(
-                f"{what}: found a mode without any, or one that is not above 0; expected one above 0 for each mode; "
-                "leave out modes of which only the shape is known"
-            )
+            found, remedy = "found a mode without any, or one that is not above 0", "leave out modes without one"
+            raise MeasurementError.of(what, (of_frequency, "values"), found, "one above 0 for each mode", remedy)
         object.__setattr__(self, "numbers", tuple(map(int, self.numbers)) or tuple(range(1, n + 1)))
         if len(self.numbers) != n or len(set(self.numbers)) != n or min(self.numbers) < 1:
-            raise MeasurementError(
-                f"mode numbers: found {self.numbers} for {n} modes; expected a different one, from 1, for each"
-            )
+            found, expected = f"found {self.numbers} for {n} modes", "a different one, from 1, for each"
+            raise MeasurementError.of("mode numbers", ("numbers",), found, expected, "correct the list")
         if self.damping is not None:
-            damping = self.damping.rows((n,), "damping ratios")
+            damping = self.damping.rows((n,), "damping ratios", "damping")
             object.__setattr__(self, "damping", damping)
             if not (np.nan_to_num(damping.values) < 1).all() or (damping.values < 0).any():
-                raise MeasurementError("damping ratios: found one outside 0 to 1; expected ratios, 0.01 for 1 %")
+                key, found = ("damping", "values"), "found one outside 0 to 1"
+                raise MeasurementError.of("damping ratios", key, found, "ratios", "write 0.01 for 1 %")
         convert_fields(self, lambda part: part.rows(n), "shapes", "constants")
         if self.match not in ("number", "shape") or (self.match == "shape" and self.shapes is None):
-            raise MeasurementError(
-                f'modes: found match = "{self.match}"{"" if self.shapes else " without shapes"}; expected "number", or '
-                '"shape" where shapes are given; correct it'
-            )
+            found = f'found match = "{self.match}"{"" if self.shapes else " without shapes"}'
+            expected = '"number", or "shape" where shapes are given'
+            raise MeasurementError.of("modes", ("match",), found, expected, "correct it")
 
     @property
     def shown_frfs(self) -> FrfData | None:

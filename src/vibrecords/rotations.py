@@ -77,16 +77,22 @@ class Rotation:
         if self.scheme not in _SCHEMES:
             raise MeasurementError(f"rotation: found scheme {self.scheme!r}; expected one of {', '.join(_SCHEMES)}")
         count = len(_SCHEMES[self.scheme])
-        if len(self.stations) != count or not np.isfinite(self.spacing) or self.spacing == 0.0:
-            raise MeasurementError(
-                f"rotation: found {len(self.stations)} stations {self.spacing:g} m apart; expected {count} stations a "
-                f"non-zero distance apart for scheme {self.scheme!r}; correct the stations or the scheme"
-            )
+        where = f"rotation {self.dof}"
+        if ":r" not in self.dof:
+            expected = "a rotation"
+            raise MeasurementError.of(where, ("dof",), f'found "{self.dof}"', expected, 'write for example "1:rz"')
+        if len(self.stations) != count:
+            expected, remedy = f'{count} stations for scheme "{self.scheme}"', "correct the stations or the scheme"
+            raise MeasurementError.of(where, ("stations",), f"found {len(self.stations)} stations", expected, remedy)
+        if not np.isfinite(self.spacing) or self.spacing == 0.0:
+            found = f"found stations {self.spacing:g} m apart"
+            raise MeasurementError.of(where, ("spacing",), found, "a distance other than 0", "correct it")
         if not self._sign:
-            raise MeasurementError(
-                f"rotation {self.dof}: found stations {', '.join(self.stations)} along {self.axis}; expected one "
-                "direction for all, at right angles to their line and to the axis of the rotation; correct them"
-            )
+            turn, directions = direction_of(self.dof), dict.fromkeys(map(direction_of, self.stations))
+            found = f"found stations along {self.axis} that move in {' and '.join(directions)} for {turn}"
+            fitting = next((way for way in "xyz" if rotation_sign(turn, way, self.axis)), "")
+            expected = f"all of them in {fitting}" if fitting else "stations along an axis that the rotation turns"
+            raise MeasurementError.of(where, ("stations",), found, expected, "correct them, the rotation or the axis")
 
     @property
     def _sign(self) -> int:

@@ -34,10 +34,11 @@ class RelativeNoise:
 
     def __post_init__(self) -> None:
         if not (self.relative >= 0 and self.floor >= 0 and self.relative + self.floor > 0):
-            raise MeasurementError(
-                f"noise: found relative {self.relative:g} and floor {self.floor:g}; "
-                "expected both 0 or more and not both 0; correct them"
+            found, expected = (
+                f"found relative {self.relative:g} and floor {self.floor:g}",
+                "both 0 or more and not both 0",
             )
+            raise MeasurementError.of("noise", ("relative",), found, expected, "correct them")
 
     def sd_of_part(self, magnitude: Array) -> Array:
         """Standard deviation of real and of imaginary part, shape as |H| (lines first)."""

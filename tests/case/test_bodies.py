@@ -100,7 +100,7 @@ def test_the_noise_of_a_body_may_be_ignored_and_the_workshop_problem_keeps_the_b
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"nose:rz"]\n\n[prior', '"nose:rx"]\n\n[prior', r'joint\.against: found "nose:rx" against "1:rz"'),
+        ('"nose:rz"]\n\n[prior', '"nose:rx"]\n\n[prior', r'joint\.against: "nose:rx": there is no node nose'),
         ("spacing_mm = 62.5\n", "", r'bodies\.spindle\.rotations\."nose:rz"\.spacing_mm: missing'),
         (
             '\n"4:y" = "-back:y"',

@@ -120,7 +120,7 @@ def test_a_stated_joint_is_refused_as_soon_as_it_is_not_positive_semidefinite(fa
     if possible:
         assert case_of(*changes).spec.data.truth.k12 == k12
     else:
-        with pytest.raises(CaseError, match=r"data\.truth\.k12: k12² = .* not positive semidefinite"):
+        with pytest.raises(CaseError, match=r"data\.truth\.k12: found k11 = .* expected a positive semidefinite"):
             case_of(*changes)
 
 

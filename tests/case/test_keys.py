@@ -26,6 +26,7 @@ from jointbayes import workflow
 from jointbayes.case import case as case_module
 from jointbayes.case import case_objects, simulated_test
 from jointbayes.case.case import case_from_text
+from jointbayes.case.spec.measured_table import RotationSpec
 from jointbayes.case.spec.prior_tables import PriorsSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import toml_text
@@ -175,7 +176,7 @@ class Bench:
         monkeypatch.setattr(case_objects, "synthesise_frf", self._synthesised)
         monkeypatch.setattr(assemble, "read_measurement", self._read)
         monkeypatch.setattr(case_module, "split_data", self._split)
-        monkeypatch.setattr(case_objects, "Rotation", self._rotation)
+        monkeypatch.setattr(RotationSpec, "built", self._rotation_of(RotationSpec.built))
         monkeypatch.setattr(workflow, "sensitivity_iteration", self._iterated)
         monkeypatch.setattr(make_plan, "_chosen", self._planned)
         for name in ("FirstLook", "Simulator", "coordinate_systems"):
@@ -247,11 +248,14 @@ class Bench:
         self.seen["left_out"] = {"modes": left_out.modes, "bands_hz": left_out.bands_hz}
         return data, None
 
-    def _rotation(self, *given: Any, **named: Any) -> Rotation:
-        rotation = Rotation(*given, **named)
-        if "axis" in named:  # of a body: those of the data are in their plan
-            self.seen.setdefault("rotations", []).append(rotation)
-        return rotation
+    def _rotation_of(self, built: Callable[..., Rotation]) -> Callable[..., Rotation]:
+        def note(spec: RotationSpec, label: str, spacing_mm: float) -> Rotation:
+            rotation = built(spec, label, spacing_mm)
+            if label[0].isalpha() and spacing_mm == spec.spacing_mm:  # of a body: those of the data are in their plan
+                self.seen.setdefault("rotations", []).append(rotation)
+            return rotation
+
+        return note
 
 
 def lines_of_key(key: str, numbers: dict[str, float]) -> dict[str, Value]:

@@ -113,7 +113,7 @@ beam :: "1:y", "1:rz"=>"1:y", "1:ry" :: set structure.dofs_per_node = 5
 beam :: "1:y", "1:rz"=>"1:y" :: write for example dofs = ["1:y", "1:rz"]
 beam :: "1:y", "1:rz"=>"12:y", "12:rz" :: write for example "11:y" :: 2
 beam :: dofs = ["1:y"=>dof = ["1:y" :: did you mean "dofs"? rename it
-beam :: k12 = 0.0=>k12 = 1e9 :: set k12 = 0, or give k11 and k22
+beam :: k12 = 0.0=>k12 = 1e9 :: lower |k12| to 0 N or less, or raise k11 or k22
 beam :: [prior.k11]=>[prior.k33] :: rename it to prior.k11
 beam :: high = 1.0e11=>high = 1.0 :: exchange or correct them
 beam :: distribution = "log_uniform"=>distribution = "lognormal" :: did you mean "log_normal"?

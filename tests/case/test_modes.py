@@ -9,6 +9,7 @@ import jointbayes as jb
 from jointbayes.case.parse import parse_case
 from jointbayes.errors import CaseError
 from jointbayes.inference import OfStiffness
+from tests.case.refusal_rows import refusal_rows
 from tests.conftest import CONFIGS, edited, shipped_text
 
 MODES = """
@@ -97,56 +98,44 @@ def test_eigenvalues_and_repeated_shapes_are_taken():
     assert measured.shapes.components.values.shape == (2, 2, 2)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (("frequencies_hz = [[118.0, 750.0], [122.0, nan]]\n", ""), "data.frequencies_hz: missing"),
-        (("[122.0, nan]", "[122.0]"), r"data.frequencies_hz: found 1 modes in repetition 2 and 2 in the first"),
-        (("[118.0, 750.0]", "[118.0, nan]"), "data.frequencies_hz: found a mode without any"),
-        (("118.0", "0.0"), "data.frequencies_hz: found one that is not above 0"),
-        (("sd_relative = [0.01, 0.02]", "sd_relative = [0.01, 0.02, 0.03]"), "data.sd_relative: found 3 for 2 modes"),
-        (("sd_hz = 0.5", "sd_hz = 0.0\neigenvalues = [1.0]"), "data.eigenvalues: given together with"),
-        (
-            ("sd_hz = 0.5", "eigenvalue_sd = 9.0"),
-            "data.eigenvalue_sd: found it with frequencies_hz; expected sd_rel.* sd_hz",
-        ),
-        (("damping_sd_relative = 0.1\n", ""), "damping_sd_relative and damping_sd are both 0"),
-        (("[0.011, 0.009]", "[1.1, 0.9]"), "data.damping_ratios: found one outside 0 to 1"),
-        (("[0.011, 0.009]", "[0.011]"), "data.damping_ratios: found 1 modes in repetition 1 and 2"),
-        (("numbers = [1, 2]", "numbers = [2, 2]"), "data.numbers: found 2 twice"),
-        (("numbers = [1, 2]", "numbers = [1, 999]"), "data.numbers: 999 frequencies for 22 free DOFs"),
-        (('"8:y"', '"11:y"'), 'data.shapes.dofs: found the reference "11:y"'),
-        (('"8:y"', '"18:y"'), "data.shapes.dofs: .*18:y"),
-        (("[-0.61, nan]", "[-0.61]"), "data.shapes.components: found 1 components of mode 2 at 2 DOFs"),
-        (("sd = [0.02, 0.03]", "sd = 0.0"), "data.shapes.sd: found 0"),
-        (
-            ("[[500.0, 1600.0], [505.0, nan]]", "[[500.0, nan]]"),
-            "data.zeros.frequencies_hz: found an antiresonance without",
-        ),
-        (("[505.0, nan]", "[505.0]"), "data.zeros.frequencies_hz: found 1 antiresonances in repetition 2 and 2 in the"),
-        (("505.0", "-505.0"), "data.zeros.frequencies_hz: found one that is not above 0"),
-        (("sd_hz = [1.0, 2.0]", "sd_hz = [1.0, 2.0, 3.0]"), "data.zeros.sd_hz: found 3 for 2 antiresonances"),
-        (("sd_hz = [1.0, 2.0]", "numbers = [2, 2]"), "data.zeros.numbers: found 2 of 11:y twice"),
-        (("sd_hz = [1.0, 2.0]", "numbers = [2]"), "data.zeros.numbers: found 1 for 2 antiresonances"),
-        (("sd_hz = [1.0, 2.0]", "numbers = [2, 99]"), "data.zeros.dof: 100 frequencies for 22 free DOFs"),
-        (('dof = "11:y"', 'dof = "18:y"'), "data.zeros.dof: .*18:y"),
-        (('inputs = "11:y"', 'inputs = ["11:y", "8:y", "6:y"]'), "data.constants.inputs: found 3 for 2 outputs"),
-        (('outputs = ["8:y", "11:y"]', 'outputs = ["8:y", "8:y"]'), "data.constants.outputs: found 8:y/11:y twice"),
-        (("[-0.4, nan]", "[-0.4]"), "data.constants.values_per_kg: found 1 constants of mode 2 at 2 outputs"),
-        (
-            (", [-0.4, nan]]\nsd_relative = 0.05\nsd_per_kg = [0.01, 0.02]", "]\nsd_relative = 0.05"),
-            "data.constants.values_per_kg: found 1 constants for 2 modes",
-        ),
-        (("0.05\nsd_per_kg = [0.01, 0.02]", "0.0"), "data.constants.sd_relative: sd_relative and sd_per_kg are both 0"),
-        (
-            ("[sampling]", "[uncertain.gain]\nsd_percent = 1.0\n[sampling]"),
-            "uncertain.gain: natural frequencies do not",
-        ),
-    ],
-)
-def test_impossible_modes_are_refused_in_one_line_with_their_key(change, words):
-    with pytest.raises(CaseError, match=words) as refused:
-        parse_case(edited(BASE + ZEROS, change), "modes.toml")
+IMPOSSIBLE = r"""
+frequencies_hz = [[118.0, 750.0], [122.0, nan]]\n=> ;; data.frequencies_hz ;; missing
+[122.0, nan]=>[122.0] ;; data.frequencies_hz ;; found a list of 1 beside one of 2
+[118.0, 750.0]=>[118.0, nan] ;; data.frequencies_hz ;; found a mode without any
+118.0=>0.0 ;; data.frequencies_hz ;; found .* one that is not above 0
+sd_relative = [0.01, 0.02]=>sd_relative = [0.01, 0.02, 0.03] ;; data.sd_relative ;; found 3 for 2
+sd_hz = 0.5=>sd_hz = 0.0\neigenvalues = [1.0] ;; data.eigenvalues ;; given together with
+sd_hz = 0.5=>eigenvalue_sd = 9.0 ;; data.eigenvalue_sd ;; found it with frequencies_hz; expected sd_rel.* sd_hz
+damping_sd_relative = 0.1\n=> ;; data.damping_sd_relative ;; found a standard deviation that is not above 0
+[0.011, 0.009]=>[1.1, 0.9] ;; data.damping_ratios ;; found one outside 0 to 1
+[0.011, 0.009]=>[0.011] ;; data.damping_ratios ;; found values of shape .1, 1.; expected .repetitions, 2.
+numbers = [1, 2]=>numbers = [2, 2] ;; data.numbers ;; found .2, 2. for 2 modes; expected a different one
+numbers = [1, 2]=>numbers = [1, 999] ;; data.numbers ;; 999 frequencies for 22 free DOFs
+"8:y"=>"11:y" ;; data.shapes.dofs ;; found the reference DOF "11:y"
+"8:y"=>"18:y" ;; data.shapes.dofs ;; .*18:y
+[-0.61, nan]=>[-0.61] ;; data.shapes.components ;; found a list of 1 beside one of 2
+sd = [0.02, 0.03]=>sd = 0.0 ;; data.shapes.sd ;; found a standard deviation that is not above 0
+[[500.0, 1600.0], [505.0, nan]]=>[[500.0, nan]] ;; data.zeros.frequencies_hz ;; found one without any
+[505.0, nan]=>[505.0] ;; data.zeros.frequencies_hz ;; found a list of 1 beside one of 2
+505.0=>-505.0 ;; data.zeros.frequencies_hz ;; found .* one that is not above 0
+sd_hz = [1.0, 2.0]=>sd_hz = [1.0, 2.0, 3.0] ;; data.zeros.sd_hz ;; found 3 for 2
+sd_hz = [1.0, 2.0]=>numbers = [2, 2] ;; data.zeros.numbers ;; found DOFs .* and numbers .2, 2. for 2
+sd_hz = [1.0, 2.0]=>numbers = [2] ;; data.zeros.numbers ;; found DOFs .* and numbers .2,. for 2
+sd_hz = [1.0, 2.0]=>numbers = [2, 99] ;; data.zeros.dof ;; 100 frequencies for 22 free DOFs
+dof = "11:y"=>dof = "18:y" ;; data.zeros.dof ;; .*18:y
+inputs = "11:y"=>inputs = ["11:y", "8:y", "6:y"] ;; data.constants.inputs ;; found outputs .*; expected pairs
+outputs = ["8:y", "11:y"]=>outputs = ["8:y", "8:y"] ;; data.constants.outputs ;; found outputs .*; expected pairs, each once
+[-0.4, nan]=>[-0.4] ;; data.constants.values_per_kg ;; found a list of 1 beside one of 2
+, [-0.4, nan]]\nsd_relative = 0.05\nsd_per_kg = [0.01, 0.02]=>]\nsd_relative = 0.05 ;; data.constants.values_per_kg ;; found values of shape .1, 1, 2.; expected .repetitions, 2, 2.
+0.05\nsd_per_kg = [0.01, 0.02]=>0.0 ;; data.constants.sd_relative ;; found a standard deviation that is not above 0
+[sampling]=>[uncertain.gain]\nsd_percent = 1.0\n[sampling] ;; uncertain.gain ;; natural frequencies do not
+"""  # noqa: E501
+
+
+@pytest.mark.parametrize(("changes", "key", "words"), refusal_rows(IMPOSSIBLE))
+def test_impossible_modes_are_refused_in_one_line_with_their_key(changes, key, words):
+    with pytest.raises(CaseError, match=rf"^modes\.toml:\d+: {key}: .*{words}") as refused:
+        parse_case(edited(BASE + ZEROS, *changes), "modes.toml")
     assert "\n" not in str(refused.value)
 
 

@@ -124,16 +124,16 @@ ratio = 0.01=>ratio = [] ;; structure.damping.ratio ;; an empty list
 "1:y", "1:rz"] =>"1:rz", "1:y"]  ;; joint.dofs ;; no translation
 "1:y", "1:rz"] =>"1:y", "99:rz"]  ;; joint.dofs ;; no node 99
 supports = []=>supports = ["1:rz"] && dofs = =>@dofs =  ;; joint.dofs ;; held fixed
-against = []=>against = ["2:y"] ;; joint.against ;; no DOF (joint to ground) or two
-against = []=>against = ["1:y", "2:rz"] ;; joint.against ;; at another node
-_node = 2=>_node = 5 && against = []=>against = ["2:z", "2:rz"] ;; joint.against ;; direction of joint.dofs, y
+against = []=>against = ["2:y"] ;; joint.against ;; as many on both sides, or none (ground)
+against = []=>against = ["1:y", "2:rz"] ;; joint.against ;; found DOFs 1:y, 1:rz, 1:y, 2:rz; expected one or more, each once
+_node = 2=>_node = 5 && against = []=>against = ["2:z", "2:rz"] ;; joint.against ;; the same direction on both sides, y
 against = []=>against = ["12:y", "2:rz"] ;; joint.against ;; no node 12
-k12 = 0.0=>k12 = 1.0 ;; joint.initial.k12 ;; not positive semidefinite
+k12 = 0.0=>k12 = 1.0 ;; joint.initial.k12 ;; a positive semidefinite matrix
 = "log"=>= "signed" && [prior.k12]=>@[prior.k12] ;; prior.k12 ;; replace it by rho
 = "log"=>= "elastic_centre" && [prior.k12]=>@[prior.k12] && [prior.k22]=>[prior.k22c] ;; prior.k12 ;; replace it by arm
 = "log"=>= "elastic" ;; joint.parametrisation ;; did you mean "elastic_centre"?
 [prior.k11]=>[prior.rho]\ndistribution="uniform"\nlow=0\nhigh=1\n[prior.k11] ;; prior.rho ;; there is no rho
-high = 1.0e11=>high = 1.0e6 ;; prior.k11.high ;; not above low
+high = 1.0e11=>high = 1.0e6 ;; prior.k11.high ;; found low 1e+06, high 1e+06
 kind = "synthetic_frf"=> && [data]=>@[data] ;; data.kind ;; "natural_frequencies"
 outputs = ["11:y"]=>outputs = [] ;; data.outputs ;; at least one
 outputs = ["11:y"]=>outputs = ["11:ry"] ;; data.outputs ;; no direction ry
@@ -166,13 +166,13 @@ length_mm = 383.0=>length_mm = 0xyz ;; length_mm ;; expected TOML
 """  # noqa: E501
 BROKEN_SIGNED = r"""
 low = -1.0=>low = -1.1 ;; prior.rho.low ;; from -1 to 1
-high = 1.0\n=>high = -1.0\n ;; prior.rho.high ;; not above low
+high = 1.0\n=>high = -1.0\n ;; prior.rho.high ;; found low -1, high -1
 parametrisation = "signed"=># && [prior.rho]=>@[prior.rho] ;; prior.rho ;; replace it by k12
 [prior.rho]=>[rho] ;; rho ;; unknown table
 [120.0, 762.0, 2101.0]=>[] ;; data.frequencies_hz ;; in Hz
 [120.0, 762.0, 2101.0]=>[120.0,\n762.0,\n@762.0] ;; data.frequencies_hz ;; after 762.0
 s = 10=>s = 1 && supports = []=>supports = ["2:y", "2:rz"] && frequencies_hz =>@frequencies_hz  ;; data.frequencies_hz ;; for 2 free DOFs
-sd_hz = 0.5=>sd_hz = 0 && sd_relative = 0.005=>@sd_relative = 0 ;; data.sd_relative ;; both 0
+sd_hz = 0.5=>sd_hz = 0 && sd_relative = 0.005=>@sd_relative = 0 ;; data.sd_relative ;; found standard deviations [0.0, 0.0, 0.0] Hz
 sd_hz = 0.5=>sd_khz = 0.0005 ;; data.sd_khz ;; write sd_hz = 0.5, the value in Hz
 """  # noqa: E501
 BROKEN_FULL = r"""
@@ -187,7 +187,7 @@ sd_percent = 0.5=>low_factor = 0.9 && [uncertain.length]=>@[uncertain.length] ;;
 sd_percent = 0.5=>high_factor = 1.1 && [uncertain.length]=>@[uncertain.length] ;; uncertain.length.low_factor ;; add low_factor = 0.1
 sd_percent = 0.5=> && [uncertain.length]=>@[uncertain.length] ;; uncertain.length ;; sd_percent, sd_mm, or low_factor and high_factor
 sd_percent = 0.5=>low_factor = 0.9\nhigh_factor = 1.1\n@sd_percent = 0.5 ;; uncertain.length.sd_percent ;; not both
-low_factor = 0.1=>low_factor = 1.0 && high_factor = 10.0=>@high_factor = 1.0 ;; uncertain.damping_ratio.high_factor ;; not above low_factor
+low_factor = 0.1=>low_factor = 1.0 && high_factor = 10.0=>@high_factor = 1.0 ;; uncertain.damping_ratio.high_factor ;; found low 1, high 1
 high_factor = 10.0=>high_factor = 100.0 ;; uncertain.damping_ratio.high_factor ;; below 100
 ratio = 0.01=>ratio = [0.01, 0.0] && [uncertain.damping_ratio]=>@[uncertain.damping_ratio] ;; uncertain.damping_ratio ;; a damping ratio is 0
 [uncertain.gain]=>[uncertain.loss_factor] ;; uncertain.loss_factor ;; law = "loss_factor" with a loss factor above 0

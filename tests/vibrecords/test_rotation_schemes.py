@@ -131,7 +131,7 @@ REFUSED = {
     "unknown scheme": ((THREE[:2], 0.1, "third order"), "third order"),
     "three stations, first order": ((THREE, 0.1, SCHEMES[0]), "2 stations"),
     "two stations, second": ((THREE[:2], 0.1, SCHEMES[1]), "3 stations"),
-    "no distance": ((THREE[:2], 0.0, SCHEMES[0]), "non-zero distance"),
+    "no distance": ((THREE[:2], 0.0, SCHEMES[0]), "a distance other than 0"),
     "NaN distance": ((THREE[:2], np.nan, SCHEMES[0]), "nan m apart"),
 }
 

@@ -365,9 +365,7 @@ def _require_one_place(spec: CaseSpec, joint: AnyJoint, recipe: StructureRecipe,
         try:
             side.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
         except ModelError as error:
-            message = str(error).partition(": ")[2]  # without the name of the joint, which the key has
-            way = message.partition("(")[2].partition(")")[0]
-            raise CaseError(source.fault((*joint_table(name), "against"), f"{message}: offset_mm = [{way}]")) from error
+            raise CaseError(source.fault((*joint_table(name), *error.key), *error.words)) from error
 
 
 def _require_dofs_of_offsets(spec: CaseSpec, source: CaseText) -> None:

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from jointbayes.case.case_text import CaseText, find_outside
-from jointbayes.case.spec.data_table import NoiseSpec, SyntheticFrfSpec
+from jointbayes.case.spec.data_table import SyntheticFrfSpec
 from jointbayes.case.spec.fields import DataTable, KeyPath
-from jointbayes.case.spec.measured_table import ChannelSpec, MeasuredBodySpec, MeasuredSpec, VarianceSpec
+from jointbayes.case.spec.measured_table import ChannelSpec, MeasuredBodySpec, MeasuredSpec
 from jointbayes.case.spec.prior_tables import FactorPriorSpec, UncertainSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix, matrix_findings
@@ -23,12 +23,11 @@ from jointbayes.inference import NoiseModel, Nuisance
 from jointbayes.inference.noise.base import ErrorSizes, NoiseChoice
 from jointbayes.joint import AnyJoint, joints_of
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
-from vibrecords import CoherenceNoise, Data, NoiseLaw, RelativeNoise, split_modes
+from vibrecords import Data, split_modes
 from vibrecords.arrays import Array
 from vibrecords.errors import printable
 from vibrecords.formats.channel_units import ChannelUnit
-from vibrecords.measurement_plan import Channel, MeasurementPlan, VarianceSource
-from vibrecords.rotations import Rotation
+from vibrecords.measurement_plan import Channel, MeasurementPlan
 from vibrecords.signals.hits import HitSettings
 from vibrecords.signals.impact import ImpactSettings
 from vibrecords.signals.spectra import ShakerSettings
@@ -36,7 +35,7 @@ from vibrecords.signals.spectra import ShakerSettings
 _MOST_BYTES = 200_000_000
 _MOST_ROWS = 2000
 
-_MM, _G = 1e-3, 1e-3
+_G = 1e-3
 _NEARLY_GAUSSIAN = 400  # degrees of freedom: the mean square is half a per cent off
 _DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from the data
 
@@ -54,7 +53,7 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
     """What all tables of measurement files ask for of these."""
     return MeasurementPlan(
         {name: _channel(channel) for name, channel in data.channels.items()},
-        _variance(data.variance) if data.variance else None,
+        data.variance.built() if data.variance else None,
         data.quantity,
         data.f_min_hz,
         data.f_max_hz,
@@ -70,11 +69,6 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
 def _channel(spec: ChannelSpec) -> Channel:
     unit = ChannelUnit(spec.unit, spec.quantity, spec.sensitivity)
     return Channel(spec.label, spec.sign, spec.gain, spec.accelerometer_mass_g * _G, unit)
-
-
-def _variance(spec: VarianceSpec) -> VarianceSource:
-    law = RelativeNoise(spec.relative, spec.floor) if spec.relative + spec.floor > 0 else None
-    return VarianceSource(spec.source, law, spec.averages, "relative" in spec.model_fields_set)
 
 
 def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:
@@ -150,7 +144,7 @@ def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Data:
         joint,
         parametrisation.matrix(truth),
         ports,
-        noise_law(spec.noise),
+        spec.noise.law(),
         spec.quantity,
         generator_of(spec.noise.seed, setup) if spec.noise.added else None,
         gain=spec.truth.gain,
@@ -188,13 +182,6 @@ def true_family(spec: CaseSpec) -> Body:
         stated["damping"] = ModalDampingSpec(law="modal", ratio=truth.damping_ratio)
     changed = {key: value for key, value in stated.items() if value is not None}
     return family_of_recipe(recipe_of(structure.model_copy(update=changed), spec.data))
-
-
-def noise_law(spec: NoiseSpec) -> NoiseLaw:
-    """Law of the noise of synthetic data."""
-    if spec.coherence is not None and spec.averages is not None:
-        return CoherenceNoise(spec.coherence, spec.averages, spec.floor)
-    return RelativeNoise(spec.relative, spec.floor)
 
 
 @dataclass(frozen=True)
@@ -312,8 +299,7 @@ def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: 
     for label, rotation in spec.rotations.items():
         if label in wanted:
             assert rotation.spacing_mm is not None  # as its table asks
-            spacing = rotation.spacing_mm * _MM
-            weights = Rotation(label, rotation.stations, spacing, rotation.scheme, axis=rotation.axis).weights
+            weights = rotation.built(label, rotation.spacing_mm).weights
             motions[label] = dict(zip(rotation.stations, weights.tolist(), strict=True))
     if not motions:
         raise MeasurementError(

@@ -62,9 +62,9 @@ def stem_of(key: str) -> str:
 
 def same_stem(key: str, keys: Iterable[str]) -> str | None:
     """The key that differs in its unit alone, one whose unit measures the same first; None where none does."""
-    alike = [name for name in keys if stem_of(name) == stem_of(key)]
+    alike = [name for name in keys if key == name or stem_of(name) == stem_of(key)]
     kind = UNITS.get(unit_of(key), ("",))[0]
-    return min(alike, key=lambda name: UNITS.get(unit_of(name), ("",))[0] != kind, default=None)
+    return min(alike, key=lambda name: (name != key, UNITS.get(unit_of(name), ("",))[0] != kind), default=None)
 
 
 def other_units(unit: str) -> list[tuple[str, float]]:

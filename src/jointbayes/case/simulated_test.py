@@ -9,7 +9,7 @@ import numpy as np
 import scipy  # its parts load at first use
 
 from jointbayes.case.case import AnyCase, Case, require_case
-from jointbayes.case.case_objects import generator_of, noise_law, true_family, true_stiffness
+from jointbayes.case.case_objects import generator_of, true_family, true_stiffness
 from jointbayes.case.combined import CaseSetup
 from jointbayes.case.spec.data_table import SyntheticFrfSpec
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
@@ -152,7 +152,7 @@ def _measured(truth: Truth, test: VirtualTestSpec, rng: np.random.Generator) -> 
     averages = test.averages or truth.data.noise.averages or _AVERAGES
     if test.method == "frf":
         true = truth.frf(np.array(truth.data.lines_hz()), outputs)
-        noisy = noisy_frf(true, noise_law(truth.data.noise), averages, rng)
+        noisy = noisy_frf(true, truth.data.noise.law(), averages, rng)
         return list(records_of_frf(noisy, channel_label, "virtual test"))
     histories = _impact if test.method == "impact" else _shaker
     records, frfs_of = histories(truth, test, _rig(truth, test, outputs), averages, rng)

@@ -68,6 +68,11 @@ class Normal:
         return rng.normal(self.mean, self.sd, size)
 
 
+def _wrong_ends(low: float, high: float, also: str = "") -> ModelError:
+    expected = f"finite numbers {also}low < high"
+    return ModelError.of("prior", ("high",), f"found low {low:g}, high {high:g}", expected, "exchange or correct them")
+
+
 @dataclass(frozen=True, slots=True)
 class Uniform:
     """Uniform prior on one coordinate between `low` and `high`.
@@ -85,13 +90,13 @@ class Uniform:
 
     def __post_init__(self) -> None:
         if not -_WIDEST < self.low < self.high < _WIDEST:
-            raise ModelError(f"prior: found low {self.low:g}, high {self.high:g}; expected finite low < high")
+            raise _wrong_ends(self.low, self.high)
 
     @classmethod
     def of_logarithm(cls, low: float, high: float) -> Self:
         """Uniform in ln k between two stiffnesses: nothing is known but the range."""
         if not 0 < low < high < math.inf:
-            raise ModelError(f"prior: found low {low:g}, high {high:g}; expected 0 < low < high")
+            raise _wrong_ends(low, high, "above 0 and ")
         return cls(math.log(low), math.log(high))
 
     @property

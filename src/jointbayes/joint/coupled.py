@@ -57,7 +57,7 @@ class CoupledPair(Parametrisation):
         k11, _, k22 = values.tolist()
         return (
             f"a positive semidefinite matrix (k11 >= 0, k22 >= 0, k12² <= k11·k22 = {k11 * k22:g}); "
-            "lower |k12| or raise k11, k22"
+            f"lower |k12| to {math.sqrt(max(k11, 0)) * math.sqrt(max(k22, 0)):.6g} N or less, or raise k11 or k22"
         )
 
     def uncoupled(self, values: ArrayLike) -> Array:

@@ -51,10 +51,9 @@ class Damped(Parametrisation):
         ):
             alone = "all" not in names or len(names) == 1
             if len(set(names)) != len(names) or not set(names) <= set(allowed) or not alone:
-                raise ModelError(
-                    f"damped joint: found {what} {', '.join(names)}; expected each once and among "
-                    f"{', '.join(allowed)}, all by itself; correct the names"
-                )
+                expected = f"each once of {', '.join(allowed) or 'none'}, all by itself"
+                found = f"found {what} {', '.join(names)}"
+                raise ModelError.of("damped joint", (what,), found, expected, "correct the names")
         if not (self.viscous or self.loss_factors):
             raise ModelError("damped joint: found no damping; expected a dashpot or a loss factor; name a spring")
 

@@ -75,47 +75,46 @@ class Joint:
         convert_fields(self, tuple, "dofs", "against")
         both = self.dofs + self.against
         if not self.dofs or len(set(both)) != len(both):
-            raise ModelError(f"{self._where}: found DOFs {both}; expected one or more, each once; correct the labels")
+            key = "dofs" if len(set(self.dofs)) < max(len(self.dofs), 1) else "against"
+            found = f"found DOFs {', '.join(both) or 'of no name'}"
+            raise self._error((key,), found, "one or more, each once", "correct the labels")
         if self.against and len(self.against) != len(self.dofs):
-            raise ModelError(
-                f"{self._where}: found {len(self.dofs)} DOFs against {len(self.against)}; "
-                "expected as many on both sides, or none (ground) on the other; correct the labels"
-            )
+            found = f"found {len(self.dofs)} DOFs against {len(self.against)}"
+            expected = "as many on both sides, or none (ground) on the other"
+            raise self._error(("against",), found, expected, "correct the labels")
         self._require_points_and_directions()
         if self.axes is not None:
             turn = np.asarray(self.axes, dtype=float)
             if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=_ORTHONORMAL):
-                raise ModelError(
-                    f"{self._where}: found axes {self.axes}; expected three unit vectors at right angles to each "
-                    "other, one a row; correct them"
-                )
+                expected = "three unit vectors at right angles to each other, one a row"
+                raise self._error(("axes",), f"found axes {self.axes}", expected, "correct them")
             if np.linalg.det(turn) < 0:
-                raise ModelError(
-                    f"{self._where}: found left-handed axes {self.axes}; expected z = x × y; turn one of them round"
-                )
+                found = f"found left-handed axes {self.axes}"
+                raise self._error(("axes",), found, "z = x × y", "turn one of them round")
             object.__setattr__(self, "axes", tuple(map(tuple, turn.tolist())))
         for side in ("offset_m", "offset_against_m"):
             offset = getattr(self, side)
             if offset is None:
                 continue
             if np.shape(offset) != (3,) or not np.isfinite(offset).all():
-                raise ModelError(f"{self._where}: found {side} {offset}; expected x, y and z in m; correct it")
+                raise self._error((side,), f"found {side} {offset}", "x, y and z in m", "correct it")
             object.__setattr__(self, side, tuple(map(float, offset)))
 
     def _require_points_and_directions(self) -> None:
-        for side in (self.dofs, self.against):
-            points = dict.fromkeys(label.rpartition(":")[0] for label in side)
-            if len(points) > 1:
-                raise ModelError(
-                    f"{self._where}: found DOFs {', '.join(side)} at {len(points)} points; expected those of one point "
-                    "on each side; make it several joints, each with a name"
-                )
-        for near, far in zip(self.dofs, self.against, strict=False):
+        for key, side in (("dofs", self.dofs), ("against", self.against)):
+            points = [label.rpartition(":")[0] for label in side]
+            other = next((i for i, point in enumerate(points) if point != points[0]), None)
+            if other is not None:
+                expected = f"DOFs of one point on each side, {points[0]}"
+                found, remedy = f"found {side[other]} beside {side[0]}", "make it several joints, each with a name"
+                raise self._error((key, other), found, expected, remedy)
+        for i, (near, far) in enumerate(zip(self.dofs, self.against, strict=False)):
             if ":" in near and ":" in far and direction_of(near) != direction_of(far):
-                raise ModelError(
-                    f"{self._where}: found {near} against {far}; expected the same direction on both sides, in the "
-                    "same order; correct the labels"
-                )
+                expected = f"the same direction on both sides, {direction_of(near)}, in the same order"
+                raise self._error(("against", i), f"found {far} against {near}", expected, "correct the labels")
+
+    def _error(self, key: tuple[str | int, ...], found: str, expected: str, remedy: str) -> ModelError:
+        return ModelError.of(self._where, key, found, expected, remedy)
 
     def __str__(self) -> str:
         other_side = ", ".join(self.against) or "ground"
@@ -206,10 +205,9 @@ class Joint:
             gap = np.subtract(there, here) + np.subtract(self.offset_against_m or _NOWHERE, self.offset_m or _NOWHERE)
             if np.abs(gap).max() > _SAME_PLACE:
                 apart = ", ".join(f"{1e3 * component:g}" for component in gap)
-                raise ModelError(
-                    f"{self._where}: found {near} and {far} at different places, ({apart}) mm apart; expected both "
-                    "sides of a joint at one place; add the way between them to its offset"
-                )
+                found, expected = f"found {near} and {far} at different places", "both sides of a joint at one place"
+                remedy = f"add the way between them to its offset: offset_mm = [{apart}]"
+                raise self._error(("against",), f"{found}, ({apart}) mm apart", expected, remedy)
 
 
 @dataclass(frozen=True, slots=True)

@@ -360,7 +360,9 @@ class Parametrisation(ABC):
         if not self.is_positive_semidefinite(k):
             pairs = zip(self.quantities, k.tolist(), strict=True)
             listed = ", ".join(f"{quantity.name} = {value:g} {quantity.unit}" for quantity, value in pairs)
-            raise ModelError(f"joint: found {listed}; expected {self._semidefinite(k)}")
+            coupling = next((quantity.name for quantity in self.quantities if quantity.may_be_negative), "")
+            expected, _, remedy = self._semidefinite(k).partition("; ")
+            raise ModelError.of("joint", (coupling,), f"found {listed}", expected, remedy)
 
     def _semidefinite(self, values: Array) -> str:
         """What is expected of a joint, shape (q,), that is not positive semidefinite."""

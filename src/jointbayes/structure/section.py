@@ -88,10 +88,9 @@ class Section:
             If not 0 ≤ inner < outer.
         """
         if not (0.0 <= inner_diameter < outer_diameter and _possible(outer_diameter)):
-            raise ModelError(
-                f"section: found outer diameter {outer_diameter:g} m and inner diameter {inner_diameter:g} m; "
-                "expected 0 <= inner < outer; correct the diameters"
-            )
+            found = f"found {1e3 * inner_diameter:g} mm in an outer diameter of {1e3 * outer_diameter:g} mm: no wall"
+            key = ("inner_diameter",) if _possible(outer_diameter) else ("outer_diameter",)
+            raise ModelError.of("section", key, found, "0 <= inner < outer", "correct the diameters")
         inertia = math.pi / 64 * (outer_diameter**4 - inner_diameter**4)
         m2 = (inner_diameter / outer_diameter) ** 2
         # Cowper (1966), hollow circle; m = 0 gives 6(1+ν)/(7+6ν)
@@ -129,10 +128,9 @@ class Section:
             If the walls do not fit: 0 < 2 wall < min(width, height) is needed.
         """
         if not (_possible(width) and _possible(height) and _possible(wall) and 2 * wall < min(width, height)):
-            raise ModelError(
-                f"section: found a wall of {wall:g} m in a {width:g} m x {height:g} m box; "
-                "expected 0 < 2 wall < the smaller side; correct the wall or use a solid rectangle"
-            )
+            found = f"found a wall of {1e3 * wall:g} mm in a box of {1e3 * width:g} mm x {1e3 * height:g} mm"
+            expected = f"a wall above 0 and below {500 * min(width, height):g} mm, half the smaller side"
+            raise ModelError.of("section", ("wall",), found, expected, "make it thinner or use a solid rectangle")
         outer, inner = cls.rectangle(width, height), cls.rectangle(width - 2 * wall, height - 2 * wall)
         flange, web = width - wall, height - wall  # sides at mid-wall
         cowper = (*_cowper_thin_box(flange, web), *_cowper_thin_box(web, flange))

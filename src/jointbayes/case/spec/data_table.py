@@ -31,7 +31,7 @@ from jointbayes.case.spec.mode_data_table import ModesSpec
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
 
 if TYPE_CHECKING:
-    from vibrecords import FrequencyData
+    from vibrecords import FrequencyData, NoiseLaw
 
 _MOST_LINES = 1_000_000  # frequency lines; more is a slip in f_step_hz, and would fill the memory
 
@@ -53,9 +53,21 @@ class NoiseSpec(Spec):
     seed: Annotated[int, count_field("the seed", 1, 0)]
     added: Annotated[bool, key_field("true (noise in the data) or false (in the likelihood only)", True)] = True
 
+    def law(self) -> NoiseLaw:
+        """The law."""
+        from vibrecords import CoherenceNoise, RelativeNoise
+
+        if self.coherence is not None and self.averages is not None:
+            return CoherenceNoise(self.coherence, self.averages, self.floor)
+        return RelativeNoise(self.relative, self.floor)
+
+    def try_objects(self) -> None:
+        """The law."""
+        self.law()
+
     def _findings(self) -> Iterator[Finding]:
         if self.coherence is None and self.averages is None:
-            yield from law_findings(self, self.relative, self.floor)
+            yield from law_findings(self)
         elif self.coherence is None or self.averages is None:
             yield Finding(("coherence" if self.coherence is None else "averages",), missing=True)
         elif self.relative > 0:
@@ -152,6 +164,8 @@ class SyntheticFrfSpec(DataTable):
 class NaturalFrequenciesSpec(DataTable):
     """Measured natural frequencies, the lowest ones in order; the two deviations add in quadrature."""
 
+    field_keys = {"sd_hz": "sd_relative"}  # noqa: RUF012 (no field)
+
     kind: Annotated[Literal["natural_frequencies"], DATA_KIND]
     frequencies_hz: Annotated[Frequencies, Field(min_length=1), FREQUENCIES]
     sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.005)] = 0.0
@@ -181,12 +195,9 @@ class NaturalFrequenciesSpec(DataTable):
         frequency = np.array(self.frequencies_hz)
         return FrequencyData(frequency, np.hypot(self.sd_relative * frequency, self.sd_hz))
 
-    def _findings(self) -> Iterator[Finding]:
-        if self.sd_relative + self.sd_hz == 0:
-            stated = self.model_fields_set & {"sd_relative", "sd_hz"}
-            fault = "sd_relative and sd_hz are both 0" if stated else "missing, and sd_hz too"
-            remedy = "write sd_relative = 0.005 for half a per cent of each frequency"
-            yield Finding(("sd_relative",), fault, "sd_relative, sd_hz or both above 0", remedy)
+    def try_objects(self) -> None:
+        """The natural frequencies."""
+        self.stated()
 
 
 DataSpec = Annotated[

@@ -14,6 +14,8 @@ import pydantic
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict
 from pydantic_core import PydanticCustomError
 
+from jointbayes.case.keys import same_stem
+from jointbayes.errors import JointBayesError
 from jointbayes.joint import COUPLED
 
 if TYPE_CHECKING:
@@ -261,6 +263,8 @@ Ratios = Annotated[
 class Spec(BaseModel):
     """Frozen model that refuses unknown keys; subclasses add checks between keys in `_findings`."""
 
+    #: Keys by fields of what the table describes, where they differ by more than a unit; of both parts in each other.
+    field_keys: ClassVar[Mapping[str, str]] = {}
     #: By keys that serve some choices alone: the key of the choice, and these choices.
     used_with: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
@@ -293,6 +297,37 @@ class Spec(BaseModel):
     def _findings(self) -> Iterator[Finding]:
         """Yield what is wrong between keys that are each right by themselves."""
         yield from ()
+
+    def try_objects(self) -> None:
+        """Make what the table describes, whose rules stand there: what it refuses is refused by the key here."""
+
+    def object_findings(self, at: KeyPath = ()) -> Iterator[Finding]:
+        """Yield what the objects refuse that this table, or one in it, describes; of tables in each other the inner."""
+        inner = [finding for table, place in _tables_in(dict(self), at) for finding in table.object_findings(place)]
+        if inner:
+            yield from inner
+            return
+        try:
+            self.try_objects()
+        except JointBayesError as error:
+            yield Finding((*at, *self._key_of(error.key)), *error.words)
+
+    def _key_of(self, field: KeyPath) -> KeyPath:
+        """The key here of a field of an object."""
+        if stated := self.field_keys.get(".".join(map(str, field))):
+            return tuple(stated.split("."))
+        key = same_stem(str(field[0]), type(self).model_fields) if field else None
+        return (key, *field[1:]) if key else ()
+
+
+def _tables_in(value: object, place: KeyPath) -> Iterator[tuple[Spec, KeyPath]]:
+    """Yield tables in lists and tables of these, each with its place."""
+    if isinstance(value, Spec):
+        yield value, place
+        return
+    parts = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, tuple) else ()
+    for key, entry in parts:
+        yield from _tables_in(entry, (*place, key))
 
 
 class DataTable(Spec):
@@ -337,13 +372,9 @@ class DataTable(Spec):
         return None
 
 
-def law_findings(law: Spec, relative: float, floor: float) -> Iterator[Finding]:
-    """Yield that a law of noise states less than both of its parts, or nothing above 0."""
-    needed = {"relative", "floor"} - law.model_fields_set
-    if needed:
-        yield from (Finding((key,), missing=True) for key in sorted(needed))
-    elif relative + floor == 0:
-        yield Finding(("relative",), "relative and floor are both 0", "at least one above 0", "raise one")
+def law_findings(law: Spec) -> Iterator[Finding]:
+    """Yield that a law of noise states less than both of its parts."""
+    yield from (Finding((key,), missing=True) for key in sorted({"relative", "floor"} - law.model_fields_set))
 
 
 def not_above(low: float, high: float, low_key: str, high_key: str, unit: str) -> Iterator[Finding]:

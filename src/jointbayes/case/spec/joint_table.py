@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -23,8 +22,6 @@ from jointbayes.joint import (
     full_stiffnesses,
     spring_stiffnesses,
 )
-
-_CROOKED = 1e-6  # of the products of axes
 
 if TYPE_CHECKING:
     from jointbayes.joint import Joint, Parametrisation
@@ -142,7 +139,12 @@ class JointSpec(Spec):
         from jointbayes.joint import Damped, parametrisation_named
 
         kind = parametrisation_named(self.parametrisation if self.kind == _COUPLED else self.kind, self.directions)
-        return Damped(kind, self.viscous, self.loss_factors) if self.damping else kind
+        return Damped(kind, self.viscous, self.loss_factors) if self.viscous or self.loss_factors else kind
+
+    def try_objects(self) -> None:
+        """Where it acts, and its coordinates."""
+        self.built()
+        _ = self.parametrisation_object
 
     def _findings(self) -> Iterator[Finding]:
         if self.kind == _COUPLED:
@@ -153,28 +155,8 @@ class JointSpec(Spec):
         if self.kind != _COUPLED and "parametrisation" in self.model_fields_set:
             fault = f'found "{self.parametrisation}" with kind = "{self.kind}"'
             yield Finding(("parametrisation",), fault, f'kind = "{_COUPLED}"', "remove it")
-        if len(self.against) not in (0, len(self.dofs)):
-            pair = "no DOF (joint to ground) or two, the other side's translation and rotation"
-            yield Finding(("against",), "", pair if self.kind == _COUPLED else "")
         if self.offset_against_mm is not None and not self.against:
             yield Finding(("offset_against_mm",), "found an offset of no side", "against, the other side", "remove it")
-        for i, (here, there) in enumerate(zip(self.dofs, self.against, strict=False)):
-            if here.split(":")[1] != there.split(":")[1] or here == there:
-                expected = f"the direction of joint.dofs, {here.split(':')[1]}, at another node"
-                yield Finding(("against", i), f'found "{there}" against "{here}"', expected, "correct the label")
-        yield from self._crooked_axes()
-        yield from self._undamped()
-
-    def _undamped(self) -> Iterator[Finding]:
-        """Yield damping beside what is no spring of the joint."""
-        springs = [quantity.name for quantity in self.stiffnesses if not quantity.may_be_negative]
-        for key, names in (("viscous", self.viscous), ("loss_factors", self.loss_factors)):
-            alone = key == "loss_factors" and names == ("all",) and springs
-            for i, name in enumerate(() if alone else names):
-                if name not in springs or name in names[:i]:
-                    choices = either(f'"{spring}"' for spring in springs) if springs else "none"
-                    expected = f"each once of {choices}"
-                    yield Finding((key, i), f'found "{name}"', expected, "correct the name or remove it")
 
     def _no_pair(self) -> Iterator[Finding]:
         """Yield DOFs that are no translation and rotation."""
@@ -187,23 +169,6 @@ class JointSpec(Spec):
                     fault = f'found entry {i + 1} = "{label}", which is no {kind}'
                     yield Finding((name, i), fault, "", 'write for example ["1:y", "1:rz"]')
                     break  # two labels in the wrong order are one fault
-
-    def _crooked_axes(self) -> Iterator[Finding]:
-        """Yield axes that are no unit vectors at right angles to each other, or left-handed."""
-        if self.axes is None:
-            return
-        for i, axis in enumerate(self.axes):
-            for k, other in enumerate(self.axes[: i + 1]):
-                product = math.fsum(a * b for a, b in zip(axis, other, strict=True))
-                if abs(product - (i == k)) > _CROOKED:
-                    fault = f"entries {k + 1} and {i + 1} are not at right angles"
-                    if i == k:
-                        fault = f"entry {i + 1} has length {math.sqrt(product):.6g}"
-                    yield Finding(("axes",), fault, "three unit vectors at right angles to each other", "correct them")
-                    return
-        (a, b, c), (d, e, f), (u, v, w) = self.axes
-        if a * (e * w - f * v) - b * (d * w - f * u) + c * (d * v - e * u) < 0:
-            yield Finding(("axes",), "found left-handed axes", "z = x × y", "turn one of them round")
 
 
 class NamedJointSpec(JointSpec):

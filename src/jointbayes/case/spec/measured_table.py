@@ -34,11 +34,11 @@ from jointbayes.case.spec.fields import (
     to_list,
 )
 from jointbayes.case.spec.layout_table import LayoutSpec
-from jointbayes.joint.quantities import DIRECTIONS
-from vibrecords.labels import direction_of, rotation_sign
+from jointbayes.errors import MeasurementError
 
 if TYPE_CHECKING:
     from jointbayes.case.spec.structure_table import StructureBase
+    from vibrecords.measurement_plan import VarianceSource
     from vibrecords.rotations import Rotation
 
 
@@ -118,36 +118,11 @@ class RotationSpec(Spec):
     in_likelihood: Annotated[bool, _USE] = False
     axis: Annotated[Literal["x", "y", "z"], _AXIS] = "x"
 
-    def _findings(self) -> Iterator[Finding]:
-        needed = 2 if self.scheme == "first order" else 3
-        if len(self.stations) != needed:
-            fault = f'found {len(self.stations)} stations with scheme = "{self.scheme}"'
-            other = '"first order"' if len(self.stations) == 2 else '"second order, end" or "second order, centre"'
-            yield Finding(("stations",), fault, f"{needed} stations", f"correct them or write scheme = {other}")
-        for i, station in enumerate(self.stations):
-            if ":r" in station:
-                yield Finding(("stations", i), f'found "{station}"', "a translation", 'write for example "1:y"')
-
-    def built(self, label: str, structure: StructureBase) -> Rotation:
-        """The rotation with the distance of its stations, negative where they run backwards."""
+    def built(self, label: str, spacing_mm: float) -> Rotation:
+        """The rotation of this label, its stations so far apart; negative where they run backwards."""
         from vibrecords.rotations import Rotation
 
-        first, second, *_ = (int(station.split(":")[0]) for station in self.stations)
-        assert structure.spans is not None  # as the rules of the tables ask
-        spacing = (second - first) * structure.stated["length"][1] / structure.spans
-        if self.spacing_mm is not None:
-            spacing = math.copysign(self.spacing_mm, spacing)
-        return Rotation(label, self.stations, spacing * 1e-3, self.scheme, self.in_likelihood, self.axis)
-
-    def wrong_directions(self, label: str) -> Iterator[Finding]:
-        """Yield stations that the rotation of this label does not move in one known sense."""
-        turn, directions = direction_of(label), list(dict.fromkeys(map(direction_of, self.stations)))
-        if len(directions) == 1 and rotation_sign(turn, directions[0], self.axis):
-            return
-        fitting = [d for d in DIRECTIONS[:3] if rotation_sign(turn, d, self.axis)]
-        fault = f"found stations along {self.axis} that move in {' and '.join(directions)} for {turn}"
-        expected = f"all of them in {fitting[0]}" if fitting else "stations along an axis that the rotation turns"
-        yield Finding(("rotations", label, "stations"), fault, expected, "correct the stations, the rotation or axis")
+        return Rotation(label, self.stations, spacing_mm * 1e-3, self.scheme, self.in_likelihood, self.axis)
 
 
 _SOURCE = key_field('where the variance comes from, "coherence", "repeats" or "relative"', "coherence")
@@ -164,9 +139,22 @@ class VarianceSpec(Spec):
     floor: Annotated[float, not_negative("the least standard deviation as a fraction of the median |H|", 0.001)] = 0.0
     averages: Annotated[int | None, _AVERAGES] = None
 
+    def built(self) -> VarianceSource:
+        """The variance; without a law where nothing is the least that is believed."""
+        from vibrecords import RelativeNoise
+        from vibrecords.measurement_plan import VarianceSource
+
+        stated = self.source == "relative" or self.relative + self.floor > 0
+        law = RelativeNoise(self.relative, self.floor) if stated else None
+        return VarianceSource(self.source, law, self.averages, "relative" in self.model_fields_set)
+
+    def try_objects(self) -> None:
+        """The variance."""
+        self.built()
+
     def _findings(self) -> Iterator[Finding]:
         if self.source == "relative":
-            yield from law_findings(self, self.relative, self.floor)
+            yield from law_findings(self)
 
 
 _METHOD = key_field('how the structure was excited, "impact" or "shaker"', "impact")
@@ -261,6 +249,15 @@ class MeasuredSpec(DataTable):
         """Yield what the structure lacks for it."""
         yield from ()
 
+    def try_objects(self) -> None:
+        """Its rotations, which know no distance of their stations yet."""
+        for label, rotation in getattr(self, "rotations", {}).items():
+            try:
+                rotation.built(label, 1.0)
+            except MeasurementError as error:
+                error.key = "rotations", label, *rotation._key_of(error.key)
+                raise
+
     def _findings(self) -> Iterator[Finding]:
         if self.f_min_hz is not None and self.f_max_hz is not None:
             yield from not_above(self.f_min_hz, self.f_max_hz, "f_min_hz", "f_max_hz", "in Hz")
@@ -290,9 +287,16 @@ class MeasuredFrfSpec(MeasuredSpec):
     ] = {}  # noqa: RUF012 (frozen model)
 
     def asked_for(self, structure: StructureBase) -> dict[str, Any]:
-        """Outputs, inputs and rotations."""
-        rotations = tuple(rotation.built(label, structure) for label, rotation in self.rotations.items())
-        return {"outputs": self.outputs, "inputs": self.inputs, "rotations": rotations}
+        """Outputs, inputs and rotations, whose stations are points of a straight beam."""
+        rotations = []
+        for label, rotation in self.rotations.items():
+            first, second, *_ = (int(station.split(":")[0]) for station in rotation.stations)
+            assert structure.spans is not None  # as the rules of the tables ask
+            spacing = (second - first) * structure.stated["length"][1] / structure.spans
+            if rotation.spacing_mm is not None:
+                spacing = math.copysign(rotation.spacing_mm, spacing)
+            rotations.append(rotation.built(label, spacing))
+        return {"outputs": self.outputs, "inputs": self.inputs, "rotations": tuple(rotations)}
 
     def structure_findings(self, structure: StructureBase) -> Iterator[Finding]:
         """Yield rotations of a structure without evenly spaced points, or from other points than these."""
@@ -320,14 +324,9 @@ class MeasuredFrfSpec(MeasuredSpec):
                     fault = f'found "{label}", which no channel stands for'
                     yield Finding((key, i), fault, f"one of {listed(list(measured))}", "map its channel or remove it")
         for label, rotation in self.rotations.items():
-            if ":r" not in label:
-                fault, expected = f'found "{label}"', "a rotation"
-                yield Finding(("rotations", label), fault, expected, 'write for example [data.rotations."1:rz"]')
-                continue
             if rotation.axis != "x":
                 place = ("rotations", label, "axis")
                 yield Finding(place, f'found "{rotation.axis}"', '"x", along which the beam lies', "remove it")
-            yield from rotation.wrong_directions(label)
 
 
 class MeasuredFrequenciesSpec(MeasuredSpec):
@@ -369,10 +368,6 @@ class MeasuredBodySpec(MeasuredSpec):
         yield from super()._findings()
         measured = {channel.label for channel in self.channels.values()}
         for label, rotation in self.rotations.items():
-            if ":r" not in label:
-                yield Finding(("rotations", label), f'found "{label}"', "a rotation", 'write for example "spindle:rz"')
-            else:
-                yield from rotation.wrong_directions(label)
             if rotation.spacing_mm is None:
                 yield Finding(("rotations", label, "spacing_mm"), missing=True)
             if rotation.in_likelihood:

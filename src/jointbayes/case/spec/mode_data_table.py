@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BeforeValidator, Field, Strict
+from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
 from jointbayes.case.spec.fields import (
     DATA_KIND,
@@ -21,10 +21,10 @@ from jointbayes.case.spec.fields import (
     Spec,
     key_field,
     max_length,
-    numbers_in,
-    repeated,
+    raise_findings,
     to_list,
 )
+from vibrecords.errors import MeasurementError
 
 if TYPE_CHECKING:
     from vibrecords import Antiresonances, ModalConstants, ModeData, Observed
@@ -37,6 +37,21 @@ def _depth(value: object) -> int:
     return 1 + (_depth(value[0]) if value else 0) if isinstance(value, list | tuple) else 0
 
 
+def _uneven(value: object, place: KeyPath = ()) -> Iterator[Finding]:
+    """Yield lists in lists of another length than the first beside them."""
+    lists = [entry for entry in value if isinstance(entry, tuple)] if isinstance(value, tuple) else []
+    for i, entry in enumerate(lists):
+        if len(entry) != len(lists[0]):
+            found, expected = f"found a list of {len(entry)} beside one of {len(lists[0])}", "as many in each"
+            yield Finding((*place, i), found, expected, "correct the list; nan stands where none was found")
+        yield from _uneven(entry, (*place, i))
+
+
+def _even(value: object) -> object:
+    raise_findings(_uneven(value))
+    return value
+
+
 def _repeated(depth: int) -> BeforeValidator:
     """Takes the list of one repetition for the list of one such list that it stands for."""
     return BeforeValidator(lambda value: [value] if _depth(value) == depth - 1 else value)
@@ -44,12 +59,16 @@ def _repeated(depth: int) -> BeforeValidator:
 
 _Number = Annotated[float, Field(allow_inf_nan=True)]  # NaN where nothing was observed
 _Row = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
-_Rows = Annotated[tuple[_Row, ...], Strict(False), Field(min_length=1), _repeated(2), max_length(_MOST_REPETITIONS)]
+_Rows = Annotated[
+    tuple[_Row, ...], Strict(False), AfterValidator(_even), Field(min_length=1), _repeated(2),
+    max_length(_MOST_REPETITIONS),
+]  # fmt: skip
 _Shape = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(MOST_LABELS)]
 _Shapes = Annotated[tuple[_Shape, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
 _AllShapes = Annotated[
-    tuple[_Shapes, ...], Strict(False), Field(min_length=1), _repeated(3), max_length(_MOST_REPETITIONS)
-]
+    tuple[_Shapes, ...], Strict(False), AfterValidator(_even), Field(min_length=1), _repeated(3),
+    max_length(_MOST_REPETITIONS),
+]  # fmt: skip
 _EachLabel = Annotated[
     tuple[Label, ...], Strict(False), Field(min_length=1), BeforeValidator(to_list), max_length(_MOST_MODES)
 ]
@@ -111,19 +130,13 @@ class ModeShapesSpec(Spec):
     components: Annotated[_AllShapes, _COMPONENTS]
     sd: Annotated[_EachMode, key_field(f"the standard deviation of a component, {_EACH}", 0.02)]
 
-    def _findings(self) -> Iterator[Finding]:
-        if min(self.sd) == 0:
-            yield Finding(("sd",), "found 0", "a number above 0", "state what a component is uncertain by")
-        if len(self.reference) == 1 and self.reference[0] in self.dofs:
-            fault = f'found the reference "{self.reference[0]}"'
-            place = ("dofs", self.dofs.index(self.reference[0]))
-            yield Finding(place, fault, "other DOFs, since its component is 1", "remove it and its components")
-        yield from _length_findings(self, ("reference", "sd"), len(self.components[0]))
-        yield from _component_findings("components", self.components, "components", len(self.dofs), "dofs")
-
 
 class AntiresonancesSpec(Spec):
     """Antiresonances of drive points."""
+
+    field_keys = {  # noqa: RUF012 (no field)
+        "dofs": "dof", "frequency.values": "frequencies_hz", "frequency.sd": "sd_relative"
+    }  # fmt: skip
 
     dof: Annotated[_EachLabel, _ZERO_DOF]
     frequencies_hz: Annotated[_Rows, _ZEROS]
@@ -141,22 +154,11 @@ class AntiresonancesSpec(Spec):
         from vibrecords import Antiresonances
 
         dofs = self.dof[0] if len(self.dof) == 1 else self.dof
-        return Antiresonances(dofs, _observed(self.frequencies_hz, self.sd_relative, self.sd_hz), self.numbers or ())
+        return Antiresonances(dofs, _observed(self, self.frequencies_hz, "sd_relative", "sd_hz"), self.numbers or ())
 
-    def _findings(self) -> Iterator[Finding]:
-        n = len(self.frequencies_hz[0])
-        yield from _row_findings("frequencies_hz", self.frequencies_hz, n, "an antiresonance")
-        yield from _sd_findings(self, "sd_relative", "sd_hz", n, "antiresonances")
-        for key, given in (("dof", self.dof), ("numbers", self.numbers or self.frequencies_hz[0])):
-            if len(given) != n and not (key == "dof" and len(given) == 1):
-                yield Finding((key,), f"found {len(given)} for {n} antiresonances", "one for each", "correct the list")
-                return
-        if any(value <= 0 or math.isinf(value) for _, value in numbers_in(self.frequencies_hz)):
-            fault, remedy = "found one that is not above 0", "correct it, or write nan where none was found"
-            yield Finding(("frequencies_hz",), fault, "", remedy)
-        dofs = self.dof * n if len(self.dof) == 1 else self.dof
-        for i, name in repeated(f"{number} of {dof}" for number, dof in zip(self.numbers or (), dofs, strict=False)):
-            yield Finding(("numbers", i), f"found {name} twice", "each number once at a DOF", "correct the list")
+    def try_objects(self) -> None:
+        """The antiresonances."""
+        self.stated()
 
 
 class ConstantsSpec(Spec):
@@ -168,29 +170,16 @@ class ConstantsSpec(Spec):
     sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH}", 0.05)] = (0.0,)
     sd_per_kg: Annotated[_EachMode, key_field(f"the standard deviation in 1/kg, {_EACH}", 0.02)] = (0.0,)
 
-    @property
-    def pairs(self) -> tuple[tuple[str, str], ...]:
-        """Output and input of each."""
-        inputs = self.inputs * len(self.outputs) if len(self.inputs) == 1 else self.inputs
-        return tuple(zip(self.outputs, inputs, strict=False))
-
     def stated(self) -> ModalConstants:
         """The modal constants."""
         from vibrecords import ModalConstants
 
-        outputs, inputs = zip(*self.pairs, strict=True)
-        return ModalConstants(outputs, inputs, _observed(self.values_per_kg, self.sd_relative, self.sd_per_kg))
+        inputs = self.inputs * len(self.outputs) if len(self.inputs) == 1 else self.inputs
+        return ModalConstants(self.outputs, inputs, _observed(self, self.values_per_kg, "sd_relative", "sd_per_kg"))
 
-    def _findings(self) -> Iterator[Finding]:
-        if len(self.inputs) not in (1, len(self.outputs)):
-            fault = f"found {len(self.inputs)} for {len(self.outputs)} outputs"
-            yield Finding(("inputs",), fault, "one, or one for each output", "correct the list")
-            return
-        for i, name in repeated(map("/".join, self.pairs)):
-            yield Finding(("outputs", i), f"found {name} twice", "each pair once", "remove one")
-        values = self.values_per_kg
-        yield from _component_findings("values_per_kg", values, "constants", len(self.outputs), "outputs")
-        yield from _sd_findings(self, "sd_relative", "sd_per_kg", len(values[0]))
+    def try_objects(self) -> None:
+        """The modal constants."""
+        self.stated()
 
 
 _SHAPES_TABLE = "the mode shapes: dofs, reference, components, sd"
@@ -200,6 +189,12 @@ _CONSTANTS_TABLE = "the modal constants: outputs, inputs, values_per_kg, sd_rela
 
 class ModesSpec(DataTable):
     """Modes of a modal test, or of several repetitions of it."""
+
+    field_keys = {  # noqa: RUF012 (no field)
+        "frequency.values": "frequencies_hz", "frequency.sd": "sd_relative", "eigenvalues.sd": "sd_relative",
+        "damping.values": "damping_ratios", "damping.sd": "damping_sd_relative", "shapes.components.sd": "shapes.sd",
+        "constants.values": "constants.values_per_kg", "constants.sd": "constants.sd_relative",
+    }  # fmt: skip
 
     kind: Annotated[Literal["modes"], DATA_KIND]
     frequencies_hz: Annotated[_Rows | None, _FREQUENCIES] = None
@@ -272,7 +267,7 @@ class ModesSpec(DataTable):
 
         damping = shapes = None
         if self.damping_ratios is not None:
-            damping = _observed(self.damping_ratios, self.damping_sd_relative, self.damping_sd)
+            damping = _observed(self, self.damping_ratios, "damping_sd_relative", "damping_sd")
         if (given := self.shapes) is not None:
             reference = given.reference[0] if len(given.reference) == 1 else given.reference
             components = Observed(np.array(given.components), np.array(given.sd)[:, None])
@@ -280,11 +275,15 @@ class ModesSpec(DataTable):
         rows = self.frequencies_hz or self.eigenvalues
         assert rows is not None
         of_eigenvalues = self.eigenvalues is not None
-        frequency = _observed(rows, self.sd_relative, self.eigenvalue_sd if of_eigenvalues else self.sd_hz)
+        frequency = _observed(self, rows, "sd_relative", "eigenvalue_sd" if of_eigenvalues else "sd_hz")
         made = ModeData(frequency, damping, shapes, self.numbers or (), self.match, of_eigenvalues)
         if self.zeros is not None:
             made = replace(made, zeros=self.zeros.stated())
         return made if self.constants is None else replace(made, constants=self.constants.stated())
+
+    def try_objects(self) -> None:
+        """The modes."""
+        self.stated()
 
     def _findings(self) -> Iterator[Finding]:
         given = [key for key in ("frequencies_hz", "eigenvalues") if getattr(self, key) is not None]
@@ -295,101 +294,26 @@ class ModesSpec(DataTable):
             else:
                 yield Finding(("frequencies_hz",), missing=True)
             return
-        (key,) = given
-        rows = getattr(self, key)
-        yield from _row_findings(key, rows, len(rows[0]))
-        if any(value <= 0 or math.isinf(value) for _, value in numbers_in(rows)):
-            yield Finding((key,), "found one that is not above 0", "", "correct it, or write nan where none was found")
-            return
+        key = given[0]
         absolute, other = ("eigenvalue_sd", "sd_hz") if key == "eigenvalues" else ("sd_hz", "eigenvalue_sd")
         if max(getattr(self, other)) > 0:
             yield Finding((other,), f"found it with {key}", f"sd_relative or {absolute}", f"state {absolute}")
-        n = len(rows[0])
-        yield from _sd_findings(self, "sd_relative", absolute, n)
-        if self.damping_ratios is not None:
-            yield from _row_findings("damping_ratios", self.damping_ratios, n)
-            if any(not 0 <= value < 1 for _, value in numbers_in(self.damping_ratios) if not math.isnan(value)):
-                yield Finding(("damping_ratios",), "found one outside 0 to 1", "", "write 0.01 for 1 %")
-            yield from _sd_findings(self, "damping_sd_relative", "damping_sd", n)
-        yield from self._number_findings(n)
-
-    def _number_findings(self, n: int) -> Iterator[Finding]:
-        """Yield numbers of modes, and shapes, that are not one for each mode."""
-        if self.numbers is not None and len(self.numbers) != n:
-            fault = f"found {len(self.numbers)} for {n} modes"
-            yield Finding(("numbers",), fault, "one for each mode", "correct the list")
-        for i, number in repeated(map(str, self.numbers or ())):
-            yield Finding(("numbers", i), f"found {number} twice", "each number once", "correct the list")
-        if self.match == "shape" and self.shapes is None:
-            yield Finding(("match",), 'found "shape" without shapes', '"number", or [data.shapes]', "add [data.shapes]")
-        shapes, constants = self.shapes, self.constants
-        for loc, given in (
-            (("shapes", "components"), n if shapes is None else len(shapes.components[0])),
-            (("constants", "values_per_kg"), n if constants is None else len(constants.values_per_kg[0])),
-        ):
-            if given != n:
-                fault = f"found {given} {loc[0]} for {n} modes"
-                yield Finding(loc, fault, "one for each mode, nan where none was found", "correct the list")
 
 
-def _row_findings(key: str, rows: Sequence[Sequence[float]], n: int, what: str = "a mode") -> Iterator[Finding]:
-    """Yield repetitions that hold other numbers of modes, and modes that none holds."""
-    name = what.split()[1]
-    for i, row in enumerate(rows):
-        if len(row) != n:
-            fault = f"found {len(row)} {name}s in repetition {i + 1} and {n} in the first of the frequencies"
-            yield Finding((key, i), fault, "as many, nan where none was found", "correct the list")
-            return
-    if key != "damping_ratios" and any(all(math.isnan(row[i]) for row in rows) for i in range(n)):
-        expected = f"a frequency of each {name} in one repetition at least"
-        yield Finding((key,), f"found {what} without any", expected, f"leave the {name} out")
-
-
-def _length_findings(table: Spec, keys: Sequence[str], n: int, what: str = "modes") -> Iterator[Finding]:
-    """Yield lists that hold neither one entry nor one for each of n."""
-    for key in keys:
-        given = getattr(table, key)
-        if len(given) not in (1, n):
-            fault = f"found {len(given)} for {n} {what}"
-            yield Finding((key,), fault, f"one, or one for each {what[:-1]}", "correct the list")
-
-
-def _sd_findings(table: Spec, relative: str, absolute: str, n: int, what: str = "modes") -> Iterator[Finding]:
-    """Yield standard deviations that are 0, or not one for each mode."""
-    wrong = next(_length_findings(table, (relative, absolute), n, what), None)
-    if wrong is not None:
-        yield wrong
-    elif min(getattr(table, relative)) + min(getattr(table, absolute)) == 0:
-        fault, expected = f"{relative} and {absolute} are both 0", f"at least one above 0, for each {what[:-1]}"
-        yield Finding((relative,), fault, expected, "raise one")
-
-
-def _component_findings(
-    key: str, given: Sequence[Sequence[Sequence[float]]], what: str, width: int, of: str
-) -> Iterator[Finding]:
-    """Yield modes that hold other numbers of components than their DOFs, and repetitions of other numbers of modes."""
-    n = len(given[0])
-    for i, modes in enumerate(given):
-        for j, values in enumerate(modes):
-            if len(values) != width:
-                fault = f"found {len(values)} {what} of mode {j + 1} at {width} {'DOFs' if of == 'dofs' else of}"
-                yield Finding((key, i), fault, f"one for each of {of}, nan where none", "correct the list")
-        if len(modes) != n:
-            held = "shapes" if of == "dofs" else "modes"
-            fault = f"found {len(modes)} {held} in repetition {i + 1} and {n} in the first"
-            yield Finding((key, i), fault, "as many, nan where none was found", "correct the list")
-    if any(math.isinf(value) for _, value in numbers_in(given)):
-        yield Finding((key,), "found inf", "", "write nan where nothing was found")
-
-
-def _observed(rows: Sequence[object], relative: tuple[float, ...], absolute: tuple[float, ...]) -> Observed:
+def _observed(table: Spec, rows: Sequence[object], relative_key: str, absolute_key: str) -> Observed:
+    """Values with standard deviations that are fractions of their means over repetitions, or absolute, or both."""
     import numpy as np
 
     from vibrecords import Observed
 
     values = np.array(rows, dtype=float)
+    for key in (relative_key, absolute_key):
+        if (given := len(getattr(table, key))) not in (1, values.shape[1]):
+            found, expected = f"found {given} for {values.shape[1]}", "one, or one for each"
+            raise MeasurementError.of("modes", (key,), found, expected, "correct the list")
     # a fraction of the mean over repetitions: the spread does not depend on what one of them happened to give
     seen = ~np.isnan(values)
     mean = np.where(seen, values, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
     each = (slice(None), None) if values.ndim > 2 else ...  # of a mode, at each of its DOFs
-    return Observed(values, np.hypot(np.array(relative)[each] * np.abs(mean), np.array(absolute)[each]))
+    relative, absolute = (np.array(getattr(table, key))[each] for key in (relative_key, absolute_key))
+    return Observed(values, np.hypot(relative * np.abs(mean), absolute))

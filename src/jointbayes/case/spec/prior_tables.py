@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
@@ -15,7 +16,6 @@ from jointbayes.case.spec.fields import (
     Spec,
     ascii_unit,
     key_field,
-    not_above,
     not_negative,
     positive,
 )
@@ -61,14 +61,10 @@ K12_FIELD = key_field(f"{_IN[_K12.name]}, a number with k12² ≤ k11·k22", 0.0
 K22_FIELD = not_negative(_IN[_K22.name], 1e6)
 
 
-def pair_findings(k11: float, k12: float, k22: float) -> Iterator[Finding]:
-    """Yield that a joint matrix [[k11, k12], [k12, k22]] is not positive semidefinite."""
-    bound = math.sqrt(k11) * math.sqrt(k22)  # not sqrt(k11 k22), which may overflow
-    if abs(k12) > bound * (1 + 1e-12):
-        squares = f"k12² = {k12 * k12:.6g} exceeds k11·k22 = {k11 * k22:.6g}"
-        fault = f"{squares}: the joint matrix is not positive semidefinite"
-        lower = f"lower |k12| to {bound:.6g} N or less, or raise k11 or k22"
-        yield Finding((_K12.name,), fault, "k12² ≤ k11·k22", lower if bound else "set k12 = 0, or give k11 and k22")
+def _require_pair(*stiffnesses: float) -> None:
+    from jointbayes.joint import parametrisation_named
+
+    parametrisation_named(next(iter(COORDINATES)), ("y", "rz")).check(stiffnesses)
 
 
 class StiffnessSpec(Spec):
@@ -78,8 +74,9 @@ class StiffnessSpec(Spec):
     k12: Annotated[float, K12_FIELD]
     k22: Annotated[float, K22_FIELD]
 
-    def _findings(self) -> Iterator[Finding]:
-        yield from pair_findings(self.k11, self.k12, self.k22)
+    def try_objects(self) -> None:
+        """The joint."""
+        _require_pair(self.k11, self.k12, self.k22)
 
     def values(self) -> Array:
         """(k11, k12, k22), shape (3,)."""
@@ -117,30 +114,42 @@ class NamedStiffnessSpec(Spec):
                 yield Finding(
                     (name,), "given together with a table stiffness", "one of the two", "remove one of the two"
                 )
-        elif len(given) < len(pair):
-            yield from (Finding((name,), missing=True) for name in pair if name not in given)
         else:
-            yield from pair_findings(**given)
+            yield from (Finding((name,), missing=True) for name in pair if name not in given)
+
+    def try_objects(self) -> None:
+        """The joint, if the table states a coupled pair."""
+        if self.k11 is not None and self.k12 is not None and self.k22 is not None:
+            _require_pair(self.k11, self.k12, self.k22)
 
 
-class LogUniformPriorSpec(Spec):
+class _PriorSpec(Spec):
+    """A prior, which refuses impossible constants itself."""
+
+    @abstractmethod
+    def marginal(self) -> Marginal:
+        """The prior on the coordinate."""
+
+    def try_objects(self) -> None:
+        """The prior."""
+        self.marginal()
+
+
+class LogUniformPriorSpec(_PriorSpec):
     """Every order of magnitude between two bounds is equally probable."""
 
     distribution: Annotated[Literal["log_uniform"], _DISTRIBUTION]
     low: Annotated[float, positive(f"the lower bound {_UNIT}", 1e6)]
     high: Annotated[float, positive(f"the upper bound {_UNIT}", 1e11)]
 
-    def _findings(self) -> Iterator[Finding]:
-        yield from not_above(self.low, self.high, "low", "high", _UNIT)
-
     def marginal(self) -> Marginal:
         """The prior on the coordinate."""
         from jointbayes.inference import Uniform
 
-        return Uniform(math.log(self.low), math.log(self.high))
+        return Uniform.of_logarithm(self.low, self.high)
 
 
-class LogNormalPriorSpec(Spec):
+class LogNormalPriorSpec(_PriorSpec):
     """The logarithm of the stiffness is normal about the logarithm of the median."""
 
     distribution: Annotated[Literal["log_normal"], _DISTRIBUTION]
@@ -154,7 +163,7 @@ class LogNormalPriorSpec(Spec):
         return Normal(math.log(self.median), self.sd_log)
 
 
-class DecadesPriorSpec(Spec):
+class DecadesPriorSpec(_PriorSpec):
     """A guess that is good to so many decades either way with 95 % probability."""
 
     distribution: Annotated[Literal["decades"], _DISTRIBUTION]
@@ -168,15 +177,12 @@ class DecadesPriorSpec(Spec):
         return Normal.from_decades(self.guess, self.decades)
 
 
-class UniformStiffnessPriorSpec(Spec):
+class UniformStiffnessPriorSpec(_PriorSpec):
     """Every value of the stiffness itself is equally probable between two bounds."""
 
     distribution: Annotated[Literal["uniform"], _DISTRIBUTION]
     low: Annotated[float, not_negative(f"the lower bound {_UNIT}", 1e6)]
     high: Annotated[float, positive(f"the upper bound {_UNIT}", 1e8)]
-
-    def _findings(self) -> Iterator[Finding]:
-        yield from not_above(self.low, self.high, "low", "high", _UNIT)
 
     def marginal(self) -> Marginal:
         """The prior on the coordinate."""
@@ -185,7 +191,7 @@ class UniformStiffnessPriorSpec(Spec):
         return OfStiffness(Uniform(self.low, self.high))
 
 
-class NormalStiffnessPriorSpec(Spec):
+class NormalStiffnessPriorSpec(_PriorSpec):
     """The stiffness itself is normal, cut off at zero."""
 
     distribution: Annotated[Literal["normal"], _DISTRIBUTION]
@@ -211,14 +217,11 @@ def _uniform_prior(axis: Coordinate) -> type[Spec]:
     within = f"from {least:g} to {most:g}" if axis.bounded else f"in {ascii_unit(axis.unit)}"
     kind = f'"uniform", the only kind of prior for {axis.name}'
 
-    class BoundedPriorSpec(Spec):
+    class BoundedPriorSpec(_PriorSpec):
         # every value of the coordinate is equally probable between two bounds
         distribution: Annotated[Literal["uniform"], key_field(kind, "uniform")]
         low: Annotated[float, Field(ge=least, le=most), key_field(f"the lower bound, a number {within}", -1.0)]
         high: Annotated[float, Field(ge=least, le=most), key_field(f"the upper bound, a number {within}", 1.0)]
-
-        def _findings(self) -> Iterator[Finding]:
-            yield from not_above(self.low, self.high, "low", "high", f"({within})")
 
         def marginal(self) -> Marginal:
             """The prior on the coordinate."""
@@ -269,7 +272,6 @@ class _SpreadSpec(Spec):
 
     def _findings(self) -> Iterator[Finding]:
         spreads = [key for key in self._spreads if getattr(self, key) is not None]
-        low, high = (getattr(self, key) for key in self._ends)
         given = [*spreads, *(key for key in self._ends if getattr(self, key) is not None)]
         forms = f"{', '.join(self._spreads)}, or {' and '.join(self._ends)}"
         if spreads:
@@ -278,10 +280,8 @@ class _SpreadSpec(Spec):
                 yield Finding((given[0],), fault, f"{forms}, not both", "remove one of the two")
         elif not given:
             yield Finding((), "no prior", forms, f"add {self._examples}")
-        elif low is None or high is None:
-            yield from (Finding((key,), missing=True) for key in self._ends if key not in given)
         else:
-            yield from not_above(low, high, *self._ends, "")
+            yield from (Finding((key,), missing=True) for key in self._ends if key not in given)
 
     def marginal(self, value: float = 1.0) -> Marginal:
         """Prior on the logarithm of a factor on a value, a length in mm; or on an offset in m, that is `value` mm."""
@@ -295,7 +295,11 @@ class _SpreadSpec(Spec):
         ends = [getattr(self, key) for key in self._ends]
         if isinstance(self, OffsetPriorSpec):
             return Uniform(*(end / value for end in ends))
-        return Uniform(*map(math.log, ends))
+        return Uniform.of_logarithm(*ends)
+
+    def try_objects(self) -> None:
+        """The prior."""
+        self.marginal()
 
 
 class FactorPriorSpec(_SpreadSpec):

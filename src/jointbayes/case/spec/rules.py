@@ -44,13 +44,7 @@ def dof_findings(
             yield Finding(key_path, f"{count} frequencies for {free} free DOFs", f"at most {free} frequencies", remedy)
     labelled |= {**data.labelled, ("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
-        immovable = list(_immovable_dofs(structure, _each(loc, labels), elsewhere))
-        yield from immovable
-        point = labels[0].split(":")[0] if labels else ""
-        apart = [i for i, label in enumerate(labels) if label.split(":")[0] != point]
-        if apart and not immovable and loc[0] in ("joint", "joints"):
-            fault = f'found "{labels[apart[0]]}" beside "{labels[0]}"'
-            yield Finding((*loc, apart[0]), fault, f"DOFs of one point, {point}", "correct it, or make it two joints")
+        yield from _immovable_dofs(structure, _each(loc, labels), elsewhere)
     if isinstance(data, MeasuredSpec):
         yield from _channel_findings(structure, data, elsewhere)
 

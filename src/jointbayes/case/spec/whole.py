@@ -195,14 +195,24 @@ class CaseSpec(Spec):
         return prefixed(setup, name) if name else setup, prefixed(setup, owner) if owner else setup
 
     def _findings(self) -> Iterator[Finding]:
-        """Yield where its tables do not agree with each other."""
+        """Yield what is impossible by itself, and where nothing is, where tables do not agree with each other."""
+        structure = self.structure.object_findings(("structure",))
+        for each in (structure, self._dof_findings(), self.object_findings(), self._table_findings()):
+            found = list(each)
+            if found:
+                yield from found
+                return
+
+    def _dof_findings(self) -> Iterator[Finding]:
+        return rules.dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels)
+
+    def _table_findings(self) -> Iterator[Finding]:
         yield from self._setup_findings()
         if self.joined and not self.all_joints:
             yield Finding(("joint",), missing=True)
             return
         yield from self._body_findings()
         yield from rules.joints_findings(self.joint, self.joints, self.prior)
-        yield from rules.dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels)
         if self.prior is not None and self.joint is not None:
             yield from rules.prior_findings(self.joint, self.prior)
         truth = self.synthetic.truth if self.synthetic else None

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from jointbayes.case.case import Case
-from jointbayes.case.case_objects import noise_law, recipe_of
+from jointbayes.case.case_objects import recipe_of
 from jointbayes.case.spec.settings_tables import PlanSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError
@@ -165,7 +165,7 @@ class _FrfMaker(_Maker):
         self._law: VarianceLaw = estimated_law(measurement)
         self._step_hz: float | None = None
         if made is not None:
-            self._law, self._step_hz = noise_law(made.noise), made.f_step_hz
+            self._law, self._step_hz = made.noise.law(), made.f_step_hz
 
     def _kinds(self) -> Iterable[Iterator[Candidate]]:
         return self._at_dofs(), self._averages(), self._band(), self._mass(), self._free()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jointbayes.case.case import Case
-from jointbayes.case.case_objects import complete_from_data, noise_law, noise_of, recipe_of
+from jointbayes.case.case_objects import complete_from_data, noise_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
 from jointbayes.case.combined import CaseSetup, quantities_of
 from jointbayes.case.parse import parse_planned
@@ -118,7 +118,7 @@ def _frfs_of(setup: CaseSetup) -> tuple[Ports, VarianceLaw, Quantity]:
     law: VarianceLaw = estimated_law(measured)
     if data is not None:
         ports, quantity = Ports(np.array(data.lines_hz()), data.outputs, data.inputs), data.quantity
-        law = noise_law(data.noise)
+        law = data.noise.law()
     for label in ports.outputs + ports.inputs:
         if setup.spec.structure.absent(label) is not None:
             raise ModelError(f"found no {label} in its structure; expected the DOFs of the present data; number alike")
