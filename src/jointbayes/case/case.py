@@ -12,24 +12,22 @@ import numpy as np
 
 from jointbayes.case.case_objects import (
     CaseHome,
+    CaseSetup,
     complete_from_data,
+    default_priors_of,
     measured_bodies,
     measurement_of,
     model_error_of,
     noise_of,
     plan_of,
+    prior_of,
+    problem_of,
     read_matrices,
     recipe_of,
+    require_lowest,
     split_data,
 )
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
-from jointbayes.case.combined import (
-    CaseSetup,
-    default_priors_of,
-    prior_of,
-    problem_of,
-    require_lowest,
-)
 from jointbayes.case.keys import DATA_FILE
 from jointbayes.case.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings

@@ -9,8 +9,7 @@ import numpy as np
 import scipy  # its parts load at first use
 
 from jointbayes.case.case import AnyCase, Case, require_case
-from jointbayes.case.case_objects import generator_of, true_family, true_stiffness
-from jointbayes.case.combined import CaseSetup
+from jointbayes.case.case_objects import CaseSetup, generator_of, true_family, true_stiffness
 from jointbayes.case.spec.data_table import SyntheticFrfSpec
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
 from jointbayes.errors import CaseError, MeasurementError

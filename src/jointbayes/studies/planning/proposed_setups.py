@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from jointbayes.case.case import Case
-from jointbayes.case.case_objects import complete_from_data, noise_of, recipe_of
+from jointbayes.case.case_objects import CaseSetup, complete_from_data, noise_of, quantities_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
-from jointbayes.case.combined import CaseSetup, quantities_of
 from jointbayes.case.parse import parse_planned
 from jointbayes.case.spec.structure_kinds import MatricesSpec
 from jointbayes.case.spec.whole import CaseSpec
