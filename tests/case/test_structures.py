@@ -276,8 +276,8 @@ def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
     line = next(i for i, row in enumerate(text.splitlines(), 1) if row.startswith("stiffness"))
     given = "[[2e5, -1e4], [-1e4, 1e3]]"
     for name, words in [
-        ("K.npy", "K.npy: found -10000 and -20000 at row 1, column 2"),
-        ("M.npy", "found 3 rows of 3 numbers; expected 2 rows"),
+        ("K.npy", "K.npy: found an unsymmetric stiffness matrix, -10000 and -20000 at row 1, column 2"),
+        ("M.npy", "M.npy: found a stiffness matrix of shape (3, 3) for 2 DOFs; expected (2, 2)"),
         ("K.csv", "no readable array"),
         ("K.txt", "ending '.txt'"),
         ("none.npy", "no such file"),
@@ -291,12 +291,12 @@ def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
 
 
 BROKEN_MATRICES = r"""
-[-1e4, 1e3]]=>[-2e4, 1e3]] ;; structure.stiffness ;; found -10000 and -20000 at row 1, column 2
-[2.0, 0.01]=>[2.0] ;; structure.mass ;; found 1 numbers; expected 2 rows
-law = "loss_factor", loss_factor = 0.02=>law = "matrix", damping_matrix = [2.0] ;; structure.damping.damping_matrix ;; found 1
-[[2e5, -1e4], [-1e4, 1e3]]=>[[2e5, -1e4], [-1e4, -1e3]] ;; structure ;; positive semidefinite
+[-1e4, 1e3]]=>[-2e4, 1e3]] ;; structure.stiffness ;; -10000 and -20000 at row 1, column 2
+[2.0, 0.01]=>[2.0] ;; structure.mass ;; found a mass matrix of shape (1, 1) for 2 DOFs; expected (2, 2)
+law = "loss_factor", loss_factor = 0.02=>law = "matrix", damping_matrix = [2.0] ;; structure.damping.damping_matrix ;; found a damping matrix of 1 rows for 2 DOFs
+[[2e5, -1e4], [-1e4, 1e3]]=>[[2e5, -1e4], [-1e4, -1e3]] ;; structure.stiffness ;; positive semidefinite
 dofs = ["1:y", "1:rz"]\nst=>dofs = ["1:y", "1:y"]\nst ;; structure.dofs ;; listed twice
-law = "loss_factor", loss_factor = 0.02=>law = "matrix", damping_matrix = [[-20.0, 0.0], [0.0, 1.0]] ;; structure ;; structure.damping.damping_matrix: found one with -20 as lowest eigenvalue
+law = "loss_factor", loss_factor = 0.02=>law = "matrix", damping_matrix = [[-20.0, 0.0], [0.0, 1.0]] ;; structure.damping.damping_matrix ;; found one with -20 as lowest eigenvalue
 """  # noqa: E501
 BROKEN_PORTAL = r"""
 right = [500, 0, 0]=>right = [500, 0] ;; structure.points.right ;; found

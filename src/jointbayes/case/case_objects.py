@@ -21,7 +21,7 @@ from jointbayes.case.spec.joint_table import JointSpec
 from jointbayes.case.spec.measured_table import ChannelSpec, MeasuredBodySpec, MeasuredSpec
 from jointbayes.case.spec.prior_tables import FactorPriorSpec, UncertainSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec
-from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix, matrix_findings
+from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix
 from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, MeasurementError
@@ -352,14 +352,19 @@ def read_matrices(spec: CaseSpec, home: CaseHome) -> CaseSpec:
             path = ("structure", *loc)
             home.require_inside(path, [name])
             try:
-                read[loc[-1]] = _matrix(home.directory / name, len(structure.dofs))
+                read[loc[-1]] = _matrix(home.directory / name)
             except CaseError as error:
                 raise CaseError(home.source.fault(path, f"{printable(name)}: {error}")) from error
     damping = structure.damping.model_copy(update={key: read.pop(key) for key in ["damping_matrix"] if key in read})
-    return spec.model_copy(update={"structure": structure.model_copy(update={**read, "damping": damping})})
+    whole = structure.model_copy(update={**read, "damping": damping})
+    for wrong in whole.object_findings(("structure",)):
+        file = structure.matrices.get(tuple(map(str, wrong.loc[1:])))
+        found = f"{printable(file)}: {wrong.found}" if isinstance(file, str) else wrong.found
+        raise CaseError(home.source.fault(wrong.loc, found, wrong.expected, wrong.remedy))
+    return spec.model_copy(update={"structure": whole})
 
 
-def _matrix(file: Path, rows: int) -> Matrix:
+def _matrix(file: Path) -> Matrix:
     """Matrix of a .npy or .csv file."""
     kinds = (".npy", ".csv")
     if file.suffix.lower() not in kinds:
@@ -382,10 +387,7 @@ def _matrix(file: Path, rows: int) -> Matrix:
         ) from error
     if not np.isfinite(array).all():
         raise CaseError("found NaN or infinity; expected finite numbers; correct the file")
-    matrix: Matrix = tuple(tuple(row) if array.ndim == 2 else row for row in array.astype(float).tolist())
-    for wrong in matrix_findings((), matrix, rows):
-        raise CaseError(f"{wrong.found}; expected {wrong.expected}; {wrong.remedy}")
-    return matrix
+    return tuple(tuple(row) if array.ndim == 2 else row for row in array.astype(float).tolist())
 
 
 #: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses. At its lower

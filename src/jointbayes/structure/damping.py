@@ -31,6 +31,23 @@ def lowest_eigenvalue(matrix: Array, where: str) -> float:
     return float(np.linalg.eigvalsh(scaled).min()) if scaled.size else 0.0
 
 
+def require_symmetric(matrix: Array, where: str, key: str, what: str) -> None:
+    """Refuse a matrix that is not symmetric: where it stands, which field it is, and what was found.
+
+    Raises
+    ------
+    ModelError
+        If it is none: the entries that differ most.
+    """
+    with np.errstate(over="ignore"):
+        gap = np.abs(matrix - matrix.T)
+    if gap.max(initial=0.0) > 1e-10 * np.abs(matrix).max(initial=0.0):
+        row, column = divmod(int(gap.argmax()), len(matrix))
+        pair = f"{matrix[row, column]:g} and {matrix[column, row]:g} at row {row + 1}, column {column + 1}"
+        remedy = "correct one of the two entries"
+        raise ModelError.of(where, (key,), f"found {what}, {pair} and across the diagonal", "a symmetric one", remedy)
+
+
 class DampingLaw:
     """What forward models ask of any damping law."""
 
@@ -159,16 +176,12 @@ class ViscousMatrix(DampingLaw):
             raise ModelError(
                 f"damping matrix: found an array of shape {matrix.shape}; expected a square one of finite numbers"
             )
-        with np.errstate(over="ignore"):
-            gap = np.abs(matrix - matrix.T).max(initial=0.0)
-        if gap > 1e-10 * np.abs(matrix).max(initial=0.0):
-            raise ModelError("damping matrix: found an unsymmetric one; expected a symmetric one; correct it")
+        require_symmetric(matrix, "damping matrix", "viscous_matrix", "an unsymmetric one")
         lowest = lowest_eigenvalue(matrix, "damping matrix: found one")
         if lowest < -NOT_NEGATIVE:
-            raise ModelError(
-                f"damping matrix: found one with {lowest:.3g} as lowest eigenvalue, diagonal scaled to 1; expected a "
-                "positive semidefinite one, which takes energy out; correct it"
-            )
+            found = f"found one with {lowest:.3g} as lowest eigenvalue, diagonal scaled to 1"
+            expected = "a positive semidefinite one, which takes energy out"
+            raise ModelError.of("damping matrix", ("viscous_matrix",), found, expected, "correct it")
 
     @property
     def matrix(self) -> Array:

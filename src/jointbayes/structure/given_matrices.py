@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jointbayes.errors import ModelError
 from jointbayes.structure.body import FreeModes
@@ -84,10 +83,9 @@ class MatrixRecipe(Recipe):
         if lowest < -NOT_NEGATIVE or (definite and lowest <= NOT_NEGATIVE / 1e3):
             kind = "positive definite" if definite else "positive semidefinite"
             at = self.dofs[int(np.argmin(diagonal))]
-            raise ModelError(
-                f"structure: found a {name} matrix with {lowest:.3g} as lowest eigenvalue, diagonal scaled to 1, and "
-                f"{diagonal.min():.4g} at {printable(at)}; expected a {kind} one; correct the {name} matrix"
-            )
+            found = f"found a {name} matrix with {lowest:.3g} as lowest eigenvalue, diagonal scaled to 1"
+            found += f", and {diagonal.min():.4g} at {printable(at)}"
+            raise ModelError.of("structure", (name,), found, f"a {kind} one", f"correct the {name} matrix")
 
     def own_stiffness(self, row: str, column: str) -> float:
         """The structure's stiffness at a DOF, N/m or of a rotation N·m/rad; of two DOFs the root of their product.
@@ -219,35 +217,17 @@ def _connection_matrix(
     """Matrix of springs or dampers between masses."""
     at = {name: i for i, name in enumerate(masses)}
     matrix = np.zeros((len(at), len(at)))
-    for first, second, value in connections:
+    for i, (first, second, value) in enumerate(connections):
         ends = [str(first), str(second)]
         wrong = [end for end in ends if end != GROUND and end not in at]
         if wrong or ends[0] == ends[1] or not 0 <= value < np.inf:
-            raise ModelError(
-                f"chain: found {what} from {printable(ends[0])!r} to {printable(ends[1])!r} of {value:g} {unit}; "
-                f"expected two of {', '.join([*at, GROUND])} and a number of at least 0; correct it"
-            )
+            found = f"found {what} from {printable(ends[0])!r} to {printable(ends[1])!r} of {value:g} {unit}"
+            expected = f"two of {', '.join([*[*at][:12], GROUND])} and a number of at least 0"
+            raise ModelError.of("chain", (f"{what.split()[-1]}s", i, "between"), found, expected, "correct it")
         form = np.zeros(len(at))
         for end, sign in zip(ends, (1.0, -1.0), strict=True):
             if end != GROUND:
                 form[at[end]] = sign
         with np.errstate(over="ignore"):  # found to be infinite later
             matrix += value * np.outer(form, form)
-    return matrix
-
-
-def matrix_of(values: ArrayLike, where: str) -> Array:
-    """A square matrix from lists of rows, or from one list of its diagonal.
-
-    Raises
-    ------
-    ModelError
-        If it is neither, or not of finite numbers; `where` begins the message.
-    """
-    array = array_of(values, float, where, ModelError)
-    matrix = np.diag(array) if array.ndim == 1 else array
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
-        raise ModelError(f"{where}: found an array of shape {array.shape}; expected a square matrix, or its diagonal")
-    if not np.isfinite(matrix).all():
-        raise ModelError(f"{where}: found NaN or infinity; expected finite numbers; correct them")
     return matrix

@@ -10,7 +10,7 @@ from scipy import linalg
 
 from jointbayes.errors import ModelError, require
 from jointbayes.structure.body import MOST_HELD, Body, FreeModes, Rows
-from jointbayes.structure.damping import DampingLaw
+from jointbayes.structure.damping import DampingLaw, require_symmetric
 from jointbayes.structure.modes import Forced, Modes, Reduction
 from vibrecords.arrays import Array, ComplexArray
 from vibrecords.errors import array_of
@@ -85,20 +85,20 @@ class Structure(Body):
             matrix = array_of(dense, float, f"structure: {name}", ModelError)
             object.__setattr__(self, name, matrix)
             if matrix.shape != (n, n):
-                raise ModelError(
-                    f"structure: found a {name} matrix of shape {matrix.shape} for {n} DOFs; "
-                    f"expected ({n}, {n}); give one row and column per DOF label"
-                )
+                found = f"found a {name} matrix of shape {matrix.shape} for {n} DOFs"
+                remedy = "give one row and column per DOF label"
+                raise ModelError.of("structure", (name,), found, f"({n}, {n})", remedy)
             if not np.isfinite(matrix).all():
-                raise ModelError(f"structure: found NaN or infinity in the {name} matrix; expected finite numbers")
-            if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-10 * np.abs(matrix).max(initial=0.0):
-                raise ModelError(f"structure: found an unsymmetric {name} matrix; expected a symmetric one")
+                found = f"found NaN or infinity in the {name} matrix"
+                raise ModelError.of("structure", (name,), found, "finite numbers", "correct them")
+            require_symmetric(matrix, "structure", name, f"an unsymmetric {name} matrix")
             matrix.setflags(write=False)
         law = "a damping law, such as LossFactor(0.01) or ModalDamping((0.01,))"
         require(self.damping, DampingLaw, "structure: found as damping", law)
         viscous = self.damping.matrix
         if viscous is not None and len(viscous) != n:
-            raise ModelError(f"structure: found a damping matrix of {len(viscous)} rows for {n} DOFs; expected {n}")
+            found = f"found a damping matrix of {len(viscous)} rows for {n} DOFs"
+            raise ModelError.of("structure", ("damping",), found, str(n), "give one row and column per DOF label")
 
     @property
     def labels(self) -> tuple[str, ...]:

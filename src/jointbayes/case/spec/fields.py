@@ -234,6 +234,22 @@ def _increasing(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
+def _uneven(value: object, place: KeyPath = ()) -> Iterator[Finding]:
+    """Yield lists in lists of another length than the first beside them."""
+    lists = [entry for entry in value if isinstance(entry, tuple)] if isinstance(value, tuple) else []
+    for i, entry in enumerate(lists):
+        if len(entry) != len(lists[0]):
+            found, expected = f"found a list of {len(entry)} beside one of {len(lists[0])}", "as many in each"
+            yield Finding((*place, i), found, expected, "correct the list; nan stands where none was found")
+        yield from _uneven(entry, (*place, i))
+
+
+def even(value: object) -> object:
+    """Refuses lists in a list that are not all of one length."""
+    raise_findings(_uneven(value))
+    return value
+
+
 def to_list(value: object) -> object:
     """A value alone, as the list of one that it stands for."""
     return value if isinstance(value, list | tuple) else [value]
@@ -314,8 +330,9 @@ class Spec(BaseModel):
 
     def _key_of(self, field: KeyPath) -> KeyPath:
         """The key here of a field of an object."""
-        if stated := self.field_keys.get(".".join(map(str, field))):
-            return tuple(stated.split("."))
+        for n in range(len(field), 0, -1):
+            if stated := self.field_keys.get(".".join(map(str, field[:n]))):
+                return (*stated.split("."), *field[n:])
         key = same_stem(str(field[0]), type(self).model_fields) if field else None
         return (key, *field[1:]) if key else ()
 

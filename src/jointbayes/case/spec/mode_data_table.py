@@ -19,9 +19,9 @@ from jointbayes.case.spec.fields import (
     Label,
     Labels,
     Spec,
+    even,
     key_field,
     max_length,
-    raise_findings,
     to_list,
 )
 from vibrecords.errors import MeasurementError
@@ -37,21 +37,6 @@ def _depth(value: object) -> int:
     return 1 + (_depth(value[0]) if value else 0) if isinstance(value, list | tuple) else 0
 
 
-def _uneven(value: object, place: KeyPath = ()) -> Iterator[Finding]:
-    """Yield lists in lists of another length than the first beside them."""
-    lists = [entry for entry in value if isinstance(entry, tuple)] if isinstance(value, tuple) else []
-    for i, entry in enumerate(lists):
-        if len(entry) != len(lists[0]):
-            found, expected = f"found a list of {len(entry)} beside one of {len(lists[0])}", "as many in each"
-            yield Finding((*place, i), found, expected, "correct the list; nan stands where none was found")
-        yield from _uneven(entry, (*place, i))
-
-
-def _even(value: object) -> object:
-    raise_findings(_uneven(value))
-    return value
-
-
 def _repeated(depth: int) -> BeforeValidator:
     """Takes the list of one repetition for the list of one such list that it stands for."""
     return BeforeValidator(lambda value: [value] if _depth(value) == depth - 1 else value)
@@ -60,13 +45,13 @@ def _repeated(depth: int) -> BeforeValidator:
 _Number = Annotated[float, Field(allow_inf_nan=True)]  # NaN where nothing was observed
 _Row = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
 _Rows = Annotated[
-    tuple[_Row, ...], Strict(False), AfterValidator(_even), Field(min_length=1), _repeated(2),
+    tuple[_Row, ...], Strict(False), AfterValidator(even), Field(min_length=1), _repeated(2),
     max_length(_MOST_REPETITIONS),
 ]  # fmt: skip
 _Shape = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(MOST_LABELS)]
 _Shapes = Annotated[tuple[_Shape, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
 _AllShapes = Annotated[
-    tuple[_Shapes, ...], Strict(False), AfterValidator(_even), Field(min_length=1), _repeated(3),
+    tuple[_Shapes, ...], Strict(False), AfterValidator(even), Field(min_length=1), _repeated(3),
     max_length(_MOST_REPETITIONS),
 ]  # fmt: skip
 _EachLabel = Annotated[

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field, Strict
+from pydantic import AfterValidator, Field, Strict
 
 from jointbayes.case.spec.fields import (
     Finding,
     Fraction,
-    KeyPath,
     Labels,
     Positive,
     Spec,
     count_field,
+    even,
     key_field,
     max_length,
     not_negative,
@@ -34,7 +34,6 @@ from jointbayes.case.spec.structure_table import (
     StructureBase,
     metres,
 )
-from jointbayes.errors import ModelError
 
 if TYPE_CHECKING:
     from jointbayes.structure import BeamRecipe, MatrixRecipe, ViscousMatrix
@@ -155,7 +154,9 @@ class DampersSpec(DampingSpec):
     ]
 
 
-_Rows = Annotated[tuple[Annotated[tuple[float, ...], Strict(False)], ...], Strict(False), max_length(_MOST)]
+_Rows = Annotated[
+    tuple[Annotated[tuple[float, ...], Strict(False)], ...], Strict(False), AfterValidator(even), max_length(_MOST)
+]
 _Diagonal = Annotated[tuple[float, ...], Strict(False), max_length(_MOST)]
 Matrix = str | _Diagonal | _Rows
 _MATRIX_TEXT = "a list of rows, a list of the diagonal, or the name of a .npy or .csv file"
@@ -164,6 +165,8 @@ _MATRIX_TEXT = "a list of rows, a list of the diagonal, or the name of a .npy or
 class MatrixDampingSpec(DampingSpec):
     """Viscous damping by its matrix C."""
 
+    field_keys = {"viscous_matrix": "damping_matrix"}  # noqa: RUF012 (no field)
+
     law: Annotated[Literal["matrix"], LAW]
     damping_matrix: Annotated[Matrix, key_field(f"C in SI units (N s/m): {_MATRIX_TEXT}", "C.npy")]
 
@@ -171,12 +174,12 @@ class MatrixDampingSpec(DampingSpec):
         """The law of the matrix."""
         from jointbayes.structure import ViscousMatrix
 
-        key = "structure.damping.damping_matrix"
-        matrix = _array(self.damping_matrix, key)
-        try:
-            return ViscousMatrix(matrix)
-        except ModelError as error:
-            raise ModelError(f"{key}: {str(error).partition(': ')[2]}") from error
+        return ViscousMatrix(_array(self.damping_matrix))
+
+    def try_objects(self) -> None:
+        """The law, once its file is read."""
+        if not isinstance(self.damping_matrix, str):
+            self.built()
 
 
 class ChainSpec(StructureBase):
@@ -191,6 +194,8 @@ class ChainSpec(StructureBase):
     ] = ()
     direction: Annotated[Literal["x", "y", "z", "rx", "ry", "rz"], key_field("the direction of the DOFs", "x")] = "x"
     damping: Annotated[LAWS | DampersSpec, DAMPING]
+
+    field_keys = {"dampers": "damping.dampers"}  # noqa: RUF012 (no field)
 
     @property
     def points_in_order(self) -> tuple[str, ...]:
@@ -225,21 +230,16 @@ class ChainSpec(StructureBase):
             accelerometer_dofs=loaded,
         )
 
+    def try_objects(self) -> None:
+        """The chain, as far as its damping is known."""
+        if not self.damping.measured:
+            self.recipe(())
+
     def _findings(self) -> Iterator[Finding]:
         for name in self.masses_kg:
             if not POINT.fullmatch(name) or name == _GROUND:
                 expected = "a number from 1, or a word of letters, digits, _ and - other than ground"
                 yield Finding(("masses_kg",), f'found the name "{name[:40]}"', expected, "rename the mass")
-        lists: dict[tuple[str, ...], list[tuple[str, str]]] = {("springs",): [s.between for s in self.springs]}
-        if isinstance(self.damping, DampersSpec):
-            lists[("damping", "dampers")] = [d.between for d in self.damping.dampers]
-        for loc, pairs in lists.items():
-            for i, pair in enumerate(pairs):
-                wrong = [end for end in pair if end != _GROUND and end not in self.masses_kg]
-                if wrong or pair[0] == pair[1]:
-                    fault = f'found "{pair[0][:40]}" and "{pair[1][:40]}"'
-                    expected = f"two of {', '.join([*list(self.masses_kg)[:12], _GROUND])}"
-                    yield Finding((*loc, i, "between"), fault, expected, "correct the names")
         yield from super()._findings()
 
 
@@ -255,6 +255,8 @@ class MatricesSpec(StructureBase):
         Field(description="the places of points in mm by their names, where they are known"),
     ] = {}  # noqa: RUF012 (pydantic copies it)
     damping: Annotated[LAWS | MatrixDampingSpec, DAMPING]
+
+    field_keys = {"damping": "damping.damping_matrix"}  # noqa: RUF012 (no field)
 
     @property
     def matrices(self) -> dict[tuple[str, ...], Matrix]:
@@ -285,8 +287,8 @@ class MatricesSpec(StructureBase):
         from jointbayes.structure import MatrixRecipe
 
         return MatrixRecipe(
-            _array(self.stiffness, "structure.stiffness"),
-            _array(self.mass, "structure.mass"),
+            _array(self.stiffness),
+            _array(self.mass),
             self.dofs,
             self.damping.built(),
             self.supports,
@@ -295,36 +297,14 @@ class MatricesSpec(StructureBase):
             accelerometer_dofs=loaded,
         )
 
-    def _findings(self) -> Iterator[Finding]:
-        for loc, matrix in self.matrices.items():
-            yield from matrix_findings(loc, matrix, len(self.dofs))
-        yield from super()._findings()
+    def try_objects(self) -> None:
+        """The structure, once its files are read and its damping is known."""
+        if not self.damping.measured and not any(isinstance(matrix, str) for matrix in self.matrices.values()):
+            self.recipe(())
 
 
-def _array(matrix: Matrix, key: str) -> Array:
+def _array(matrix: Matrix) -> Array:
     import numpy as np
 
-    from jointbayes.structure.given_matrices import matrix_of
-
-    return matrix_of(np.array(matrix), key)
-
-
-def matrix_findings(loc: KeyPath, given: Matrix, rows: int) -> Iterator[Finding]:
-    """Yield that a matrix is not square, not of the right size or not symmetric; of a file only once it is read."""
-    if isinstance(given, str):
-        return
-    lengths = sorted({len(row) for row in given if isinstance(row, tuple)})
-    if len(given) != rows or lengths not in ([], [rows]):
-        size = f"{rows} rows of {rows} numbers, or {rows} numbers of the diagonal"
-        of_rows = f"rows of {' or '.join(map(str, lengths))} " if lengths else ""
-        yield Finding(loc, f"found {len(given)} {of_rows}numbers", size, "correct the matrix, or structure.dofs")
-    elif lengths:
-        import numpy as np  # with matrices alone: other cases are read without it
-
-        matrix = np.array(given)
-        gap = abs(matrix - matrix.T)
-        row, column = divmod(int(gap.argmax()), rows)
-        if gap[row, column] > 1e-10 * abs(matrix).max():
-            values = f"{matrix[row, column]:g} and {matrix[column, row]:g}"
-            fault = f"found {values} at row {row + 1}, column {column + 1} and across the diagonal"
-            yield Finding(loc, fault, "a symmetric matrix", "correct one of the two entries")
+    array = np.array(matrix, dtype=float)
+    return np.diag(array) if array.ndim == 1 else array
