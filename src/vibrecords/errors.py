@@ -54,7 +54,9 @@ class UserError(Exception):
 
     def __init__(self, message: str = "", *key: str | int) -> None:
         super().__init__(message)
-        self.key, self.words = key, (message, "", "")
+        found, _, rest = message.partition("; expected ")
+        expected, _, remedy = rest.partition("; ")
+        self.key, self.words = key, (found, expected, remedy)
 
     @classmethod
     def of(cls, where: str, key: tuple[str | int, ...], found: str, expected: str, remedy: str = "") -> Self:

@@ -313,9 +313,9 @@ bodies.tool.density]=>bodies.tol.density] ;; uncertain.bodies.tol.density ;; wit
 tool.density]=>tool.length] ;; uncertain.bodies.tool.length ;; inertias at points
 youngs_modulus]=>length] ;; uncertain.length ;; inertias at points
 "tool.shank:rz"]=>"tool.shnk:rz"] ;; joint.against ;; no point tool.shnk
-["nose", "step"]=>["nose", "stop"] ;; structure.bodies.holder.members ;; "stop"
+["nose", "step"]=>["nose", "stop"] ;; structure.bodies.holder.members ;; point 'stop'
 mass_kg = 0.02=>mass_kg = -0.02 ;; structure.bodies.tool.masses.mass_kg ;; at least 0
-[1e-6, 2e-6, 2e-6]=>[1e-6, 2e-6] ;; structure.bodies.tool.masses.inertia_kg_m2 ;; found 2
+[1e-6, 2e-6, 2e-6]=>[1e-6, 2e-6] ;; structure.bodies.tool.masses.inertia_kg_m2 ;; with the inertia [1e-06, 2e-06]
 bodies.tool]=>bodies.2] ;; structure.bodies.2 ;; begins with a letter
 [structure.bodies.holder]=>points = { a = [0, 0, 0], b = [1, 0, 0] }\n[structure.bodies.holder] ;; structure.points ;; beside
 """  # noqa: E501

@@ -147,10 +147,10 @@ class PointMass:
             matrix = self.inertia_matrix
             possible = self.mass >= 0 and np.linalg.eigvalsh(matrix).min() >= -1e-12 * np.abs(matrix).max(initial=0.0)
         if not possible:
-            raise ModelError(
-                f"frame: found a mass of {self.mass:g} kg with the inertia {list(self.inertia)} kg m2 at point "
-                f"{self.point}; expected a mass of at least 0 and three moments of inertia, or six with xy, yz, xz, "
-                "of a matrix that is positive semidefinite; correct them"
+            given = f"{self.mass:g} kg with the inertia {list(self.inertia)} kg m2 at point {self.point}"
+            expected = "a mass of at least 0 and three moments of inertia, or six with xy, yz, xz, of a matrix that is "
+            raise ModelError.of(
+                "frame", ("inertia",), f"found a mass of {given}", f"{expected}positive semidefinite", "correct them"
             )
 
     @property
@@ -227,18 +227,17 @@ class FrameBody:
         names = [name for name, _ in self.points]
         for name in names:
             if not _NAME.fullmatch(name) or names.count(name) > 1:
-                raise ModelError(
-                    f"frame: found the point {printable(name)!r}{' twice' * (names.count(name) > 1)}; expected names "
-                    "of letters, digits, _ and -, each once; rename it"
-                )
+                found = f"found the point {printable(name)!r}{' twice' * (names.count(name) > 1)}"
+                expected = "names of letters, digits, _ and -, each once"
+                raise ModelError.of("frame", ("points",), found, expected, "rename it")
         if not self.members:
             raise ModelError("frame: found a body without members; expected at least one; state a member")
-        for point in [*(p for member in self.members for p in member.points), *(mass.point for mass in self.masses)]:
+        at = [(("members", i), point) for i, member in enumerate(self.members) for point in member.points]
+        for key, point in [*at, *((("masses", i), mass.point) for i, mass in enumerate(self.masses))]:
             if point not in names:
-                raise ModelError(
-                    f"frame: found a member or mass at point {printable(point)!r}; expected one of "
-                    f"{', '.join(names[:12])}; correct the name or state the point's place"
-                )
+                found = f"found a member or mass at point {printable(point)!r}"
+                remedy = "correct the name or state the point's place"
+                raise ModelError.of("frame", key, found, f"one of {', '.join(names[:12])}", remedy)
 
     def _require_one_piece(self) -> None:
         reached, rest = set(self.members[0].points), list(self.members[1:])

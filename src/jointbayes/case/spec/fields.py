@@ -240,7 +240,7 @@ def _uneven(value: object, place: KeyPath = ()) -> Iterator[Finding]:
     for i, entry in enumerate(lists):
         if len(entry) != len(lists[0]):
             found, expected = f"found a list of {len(entry)} beside one of {len(lists[0])}", "as many in each"
-            yield Finding((*place, i), found, expected, "correct the list; nan stands where none was found")
+            yield Finding((*place, i), found, expected, "correct the list")
         yield from _uneven(entry, (*place, i))
 
 
@@ -326,7 +326,8 @@ class Spec(BaseModel):
         try:
             self.try_objects()
         except JointBayesError as error:
-            yield Finding((*at, *self._key_of(error.key)), *error.words)
+            found, expected, remedy = error.words
+            yield Finding((*at, *self._key_of(error.key)), found, expected, remedy or "correct it")
 
     def _key_of(self, field: KeyPath) -> KeyPath:
         """The key here of a field of an object."""

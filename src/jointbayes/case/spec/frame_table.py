@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, Strict
 
-from jointbayes.case.spec.fields import Finding, Fraction, Spec, key_field, listed, max_length, not_negative, positive
+from jointbayes.case.spec.fields import Finding, Fraction, Spec, key_field, max_length, not_negative, positive
 from jointbayes.case.spec.structure_table import (
     DAMPING,
     KIND,
@@ -21,10 +21,11 @@ from jointbayes.case.spec.structure_table import (
     StructureBase,
     metres,
 )
+from jointbayes.errors import ModelError
 from jointbayes.joint import DIRECTIONS
 
 if TYPE_CHECKING:
-    from jointbayes.structure import FrameBody, FrameRecipe, Member
+    from jointbayes.structure import FrameBody, FrameRecipe, Member, PointMass
 
 _MOST = 2000  # points, members and masses
 _VECTOR = "three numbers x, y, z"
@@ -103,9 +104,15 @@ class PointMassSpec(Spec):
     inertia_kg_m2: Annotated[tuple[float, ...], Strict(False), max_length(6), _INERTIA] = (0.0, 0.0, 0.0)
     offset_mm: Annotated[_Place, _OFFSET] = (0.0, 0.0, 0.0)
 
-    def _findings(self) -> Iterator[Finding]:
-        if len(self.inertia_kg_m2) not in (3, 6):
-            yield Finding(("inertia_kg_m2",), f"found {len(self.inertia_kg_m2)} numbers")
+    def built(self) -> PointMass:
+        """The mass."""
+        from jointbayes.structure import PointMass
+
+        return PointMass(self.point, self.mass_kg, self.inertia_kg_m2, metres(self.offset_mm))
+
+    def try_objects(self) -> None:
+        """The mass."""
+        self.built()
 
 
 _Members = Annotated[
@@ -150,30 +157,11 @@ class BodySpec(_Stuff):
 
     def body(self, frame: _Stuff | FrameSpec) -> FrameBody:
         """The body, in a frame that states what it does not."""
-        from jointbayes.structure import FrameBody, PointMass
+        from jointbayes.structure import FrameBody
 
         members = self.members or (MemberSpec(points=tuple(self.points)),)
-        masses = (PointMass(m.point, m.mass_kg, m.inertia_kg_m2, metres(m.offset_mm)) for m in self.masses)
         places = tuple((name, metres(place)) for name, place in self.points.items())
-        return FrameBody(places, tuple(member.member(self, frame) for member in members), tuple(masses))
-
-    def _findings(self) -> Iterator[Finding]:
-        for name in self.points:
-            if not POINT.fullmatch(name):
-                fault = f'found the name "{name[:40]}"'
-                expected = "a number from 1, or a word of letters, digits, _ and - that begins with a letter"
-                yield Finding(("points",), fault, expected, "rename the point")
-        if len(self.points) < 2:
-            yield Finding(("points",), f"found {len(self.points)} points", "two points or more", "add a point")
-        for kind, named in (
-            ("members", self.rows if self.members else ()),
-            ("masses", [(m.point,) for m in self.masses]),
-        ):
-            for i, names in enumerate(named):
-                unknown = [name for name in names if name not in self.points]
-                if unknown:
-                    expected = f"one of {listed(list(self.points))}"
-                    yield Finding((kind, i), f'found the point "{unknown[0][:40]}"', expected, "correct the name")
+        return FrameBody(places, tuple(m.member(self, frame) for m in members), tuple(m.built() for m in self.masses))
 
 
 def numbers_between(first: str, second: str, names: Mapping[str, object]) -> list[str]:
@@ -248,6 +236,15 @@ class FrameSpec(StructureBase):
             element=self.element,
         )
 
+    def try_objects(self) -> None:
+        """Its bodies."""
+        for name, body in self.all_bodies.items():
+            try:
+                body.body(self)
+            except ModelError as error:
+                error.key = ("bodies", name, *error.key) if name else error.key
+                raise
+
     def _findings(self) -> Iterator[Finding]:
         yield from self._geometry_findings()
         for i, direction in enumerate(self.directions):
@@ -265,8 +262,6 @@ class FrameSpec(StructureBase):
         if not self.bodies and not self.points:
             yield Finding(("points",), missing=True)
             return
-        if not self.bodies:
-            yield from self.all_bodies[""]._findings()
         for name, body in self.all_bodies.items():
             loc = ("bodies", name) if self.bodies else ()
             if name and (not POINT.fullmatch(name) or name[0].isdecimal()):

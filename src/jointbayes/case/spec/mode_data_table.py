@@ -45,13 +45,13 @@ def _repeated(depth: int) -> BeforeValidator:
 _Number = Annotated[float, Field(allow_inf_nan=True)]  # NaN where nothing was observed
 _Row = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
 _Rows = Annotated[
-    tuple[_Row, ...], Strict(False), AfterValidator(even), Field(min_length=1), _repeated(2),
+    tuple[_Row, ...], Strict(False), Field(min_length=1), AfterValidator(even), _repeated(2),
     max_length(_MOST_REPETITIONS),
 ]  # fmt: skip
 _Shape = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(MOST_LABELS)]
 _Shapes = Annotated[tuple[_Shape, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
 _AllShapes = Annotated[
-    tuple[_Shapes, ...], Strict(False), AfterValidator(even), Field(min_length=1), _repeated(3),
+    tuple[_Shapes, ...], Strict(False), Field(min_length=1), AfterValidator(even), _repeated(3),
     max_length(_MOST_REPETITIONS),
 ]  # fmt: skip
 _EachLabel = Annotated[

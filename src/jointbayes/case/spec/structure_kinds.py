@@ -154,11 +154,9 @@ class DampersSpec(DampingSpec):
     ]
 
 
-_Rows = Annotated[
-    tuple[Annotated[tuple[float, ...], Strict(False)], ...], Strict(False), AfterValidator(even), max_length(_MOST)
-]
+_Rows = Annotated[tuple[Annotated[tuple[float, ...], Strict(False)], ...], Strict(False), max_length(_MOST)]
 _Diagonal = Annotated[tuple[float, ...], Strict(False), max_length(_MOST)]
-Matrix = str | _Diagonal | _Rows
+Matrix = Annotated[str | _Diagonal | _Rows, AfterValidator(even)]
 _MATRIX_TEXT = "a list of rows, a list of the diagonal, or the name of a .npy or .csv file"
 
 
