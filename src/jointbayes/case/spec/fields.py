@@ -328,6 +328,8 @@ class Spec(BaseModel):
         except JointBayesError as error:
             found, expected, remedy = error.words
             yield Finding((*at, *self._key_of(error.key)), found, expected, remedy or "correct it")
+        except (ArithmeticError, ValueError, MemoryError):  # numbers too far apart: told where the case is built
+            return
 
     def _key_of(self, field: KeyPath) -> KeyPath:
         """The key here of a field of an object."""
