@@ -195,9 +195,8 @@ class CaseSpec(Spec):
         return prefixed(setup, name) if name else setup, prefixed(setup, owner) if owner else setup
 
     def _findings(self) -> Iterator[Finding]:
-        """Yield what is impossible by itself, and where nothing is, where tables do not agree with each other."""
-        structure = self.structure.object_findings(("structure",))
-        for each in (structure, self._dof_findings(), self.object_findings(), self._table_findings()):
+        """Yield DOFs that do not exist, else what no object can be, else where tables do not agree with each other."""
+        for each in (self._dof_findings(), self.object_findings(), self._table_findings()):
             found = list(each)
             if found:
                 yield from found
