@@ -204,22 +204,23 @@ def most_likely_mixture(mixture: StudentMixture, x: Array, weight: Array) -> Stu
     O. Cappé et al., Adaptive importance sampling in general mixture classes (2008), section 4 on t distributions,
     DOI 10.1007/s11222-008-9059-x.
     """
-    d = x.shape[1]
+    d, columns = x.shape[1], np.ascontiguousarray(x.T)
     mean, overall = _moments(x, weight)
     for _ in range(_EM_STEPS):
-        each = mixture.log_densities(x)
-        belongs = np.exp(each - each.max(axis=1, keepdims=True))
-        belongs *= (weight / belongs.sum(axis=1))[:, None]
+        belongs, squared = mixture.log_densities(x)
+        belongs -= belongs.max(axis=0)
+        np.exp(belongs, out=belongs)
+        belongs *= weight / belongs.sum(axis=0)
         narrow, masses = [], []
-        for share, component in zip(belongs.T, mixture.components[:-1], strict=False):
+        for share, distance in zip(belongs[:-1], squared, strict=False):
             mass = float(share.sum())
             if mass <= 0 or mass**2 < _STARVED * (d + 1) * float(share @ share):
                 continue
             # far draws count for less: tails are expected
-            near = share * (DOF + d) / (DOF + component.squared_distance(x))
-            centre = near @ x / near.sum()
-            z = x - centre
-            narrow.append(StudentT(centre, (z.T * near) @ z / mass + _FLOOR * overall, DOF))
+            near = share * (DOF + d) / (DOF + distance)
+            centre = columns @ near / near.sum()
+            z = columns - centre[:, None]
+            narrow.append(StudentT(centre, (z * near) @ z.T / mass + _FLOOR * overall, DOF))
             masses.append(mass)
         if not narrow:
             narrow, masses = [StudentT(mean, overall, DOF)], [1.0]

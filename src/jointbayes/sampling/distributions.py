@@ -121,7 +121,9 @@ class StudentMixture:
     weights: Array
     _means: Array = field(init=False, repr=False)
     _factors: Array = field(init=False, repr=False)
+    _whiten: Array = field(init=False, repr=False)
     _dof: Array = field(init=False, repr=False)
+    _log_peaks: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         weights = np.array(self.weights, dtype=np.float64)
@@ -138,8 +140,10 @@ class StudentMixture:
         derived = {
             "weights": weights / weights.sum(),
             "_means": np.array([c.mean for c in self.components]),
-            "_factors": np.array([np.linalg.cholesky(c.scale) for c in self.components]),
+            "_factors": np.array([c._factor for c in self.components]),
+            "_whiten": np.array([c._whiten for c in self.components]),
             "_dof": np.array([c.dof for c in self.components]),
+            "_log_peaks": np.array([c._log_peak for c in self.components]) + np.log(weights / weights.sum()),
         }
         for name, array in derived.items():
             array.setflags(write=False)
@@ -161,15 +165,24 @@ class StudentMixture:
         scale = sum(w * (c.scale + np.outer(c.mean - mean, c.mean - mean)) for w, c in zip(share, narrow, strict=True))
         return StudentT(mean, np.asarray(scale), narrow[0].dof)
 
-    def log_densities(self, x: Array) -> Array:
-        """Log of weight times density of each component, shape (n, components), at x, shape (n, d)."""
-        return np.stack([component.log_density(x) for component in self.components], axis=1) + np.log(self.weights)
+    def log_densities(self, x: Array) -> tuple[Array, Array]:
+        """Log of weight times density of each component at x, shape (n, d), and squared distance, (components, n)."""
+        count, d = self._means.shape
+        # one product for all components, about a place among them, so that few digits cancel
+        centre = self.weights @ self._means
+        z = (self._whiten.reshape(count * d, d) @ np.ascontiguousarray((x - centre).T)).reshape(count, d, len(x))
+        z -= self._whiten @ (self._means - centre)[:, :, None]
+        z *= z
+        squared = z.sum(axis=1)
+        fall = np.log(1.0 + squared / self._dof[:, None])
+        return self._log_peaks[:, None] - (self._dof[:, None] + d) / 2 * fall, squared
 
     def log_density(self, x: Array) -> Array:
         """Log of the normalised density, shape (n,), at x, shape (n, d)."""
-        each = self.log_densities(x)
-        top = each.max(axis=1)
-        return top + np.log(np.exp(each - top[:, None]).sum(axis=1))
+        each, _ = self.log_densities(x)
+        top = each.max(axis=0)
+        each -= top
+        return np.asarray(top + np.log(np.exp(each, out=each).sum(axis=0)))
 
 
 def importance_efficiency(log_weight: Array) -> float:
