@@ -375,10 +375,14 @@ class Pool:
     def add(self, density: ProposalDensity, coordinates: Coordinates, theta: Array, value: Array, n: int) -> None:
         """Add those of n draws from a proposal at which the density is above zero."""
         old = np.log(n) + log_density_over_theta(density, coordinates, self.theta)
-        new = [
-            np.log(m) + log_density_over_theta(q, c, theta) for q, c, m in (*self._sources, (density, coordinates, n))
-        ]
         self._sources.append((density, coordinates, n))
+        # many of them in the same coordinates, the change to which is as dear as a density
+        changed = {
+            id(c): (c.forward(theta), c.log_volume(theta)) for c in {id(c): c for _, c, _ in self._sources}.values()
+        }
+        new = [
+            np.log(m) + _over_theta(q.log_density(changed[id(c)][0]), changed[id(c)][1]) for q, c, m in self._sources
+        ]
         before = np.logaddexp(self._log_mixture, old) if len(self._sources) > 1 else old
         self._log_mixture = np.concatenate([before, np.logaddexp.reduce(np.stack(new), axis=0)])
         self.theta = np.concatenate([self.theta, theta])
@@ -392,5 +396,10 @@ class Pool:
 
 def log_density_over_theta(density: ProposalDensity, coordinates: Coordinates, theta: Array) -> Array:
     """Log of a proposal's density over θ, shape (n,), at θ, shape (n, d); −inf outside its coordinates."""
-    value = density.log_density(coordinates.forward(theta)) - coordinates.log_volume(theta)
+    return _over_theta(density.log_density(coordinates.forward(theta)), coordinates.log_volume(theta))
+
+
+def _over_theta(log_density: Array, log_volume: Array) -> Array:
+    """Log of a density over θ of that over φ; −inf where that is no number."""
+    value = log_density - log_volume
     return np.where(np.isfinite(value), value, -np.inf)
