@@ -14,6 +14,7 @@ from vibrecords.arrays import Array, Flags
 _EDGE = 1e-12  # of a width: nearer to an end a difference has no digits left
 _FARTHEST = 7.0  # score there
 _LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
+_RIDGE = 1e-11  # of each term's square, added to it
 _LEAST = 0.2  # share of a coordinate's variance that the others must explain, for it to be straightened
 
 
@@ -231,9 +232,11 @@ def straightened(base: Coordinates, theta: Array) -> StraightCoordinates:
     centre, scale = phi.mean(axis=0), phi.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     z = (phi - centre) / scale
+    products = _terms(z)
+    products = products.T @ products / len(z)
     left, order, coefficients = list(range(z.shape[1])), list[int](), list[Array]()
     while len(left) > 1:
-        fits = {k: _fit(z[:, [j for j in left if j != k]], z[:, k]) for k in left}
+        fits = {k: _fit(products, [j for j in left if j != k], k, z.shape[1]) for k in left}
         best = max(left, key=lambda k: fits[k][0])
         left.remove(best)
         order.insert(0, best)
@@ -241,14 +244,20 @@ def straightened(base: Coordinates, theta: Array) -> StraightCoordinates:
     return StraightCoordinates(base, centre, scale, (*left, *order), (np.zeros(0), *coefficients))
 
 
-def _fit(others: Array, column: Array) -> tuple[float, Array]:
-    """Share of the variance of one coordinate that a quadratic in the others explains, and its coefficients."""
-    terms = _terms(others)
-    coefficient = np.asarray(np.linalg.lstsq(terms, column, rcond=1e-10)[0], dtype=np.float64)
-    return 1.0 - float(np.var(column - terms @ coefficient)), coefficient
+def _fit(products: Array, others: list[int], column: int, count: int) -> tuple[float, Array]:
+    """Share of the variance of one coordinate that a quadratic in the others explains, and its coefficients.
+
+    From mean products of all terms of so many coordinates. A ridge bears terms that are alike.
+    """
+    pairs = {pair: 1 + count + i for i, pair in enumerate(combinations_with_replacement(range(count), 2))}
+    used = [0, *(1 + k for k in others), *(pairs[pair] for pair in combinations_with_replacement(others, 2))]
+    own, mixed = products[np.ix_(used, used)], products[used, 1 + column]
+    coefficient = np.asarray(np.linalg.solve(own + _RIDGE * np.diag(np.diag(own)), mixed), dtype=np.float64)
+    return float((2 * mixed - own @ coefficient) @ coefficient), coefficient
 
 
 def _terms(z: Array) -> Array:
     """1, each column, and each product of two, shape (n, terms), of z, shape (n, columns)."""
-    pairs = [z[:, i] * z[:, j] for i, j in combinations_with_replacement(range(z.shape[1]), 2)]
-    return np.column_stack([np.ones(len(z)), z, *pairs])
+    first, second = np.array([*combinations_with_replacement(range(z.shape[1]), 2)], dtype=np.intp).reshape(-1, 2).T
+    columns = np.ascontiguousarray(z.T)
+    return np.concatenate([np.ones((1, len(z))), columns, columns[first] * columns[second]]).T
