@@ -39,7 +39,6 @@ from jointbayes.sampling import (
     Quantities,
     Restraint,
     fit_each_mode,
-    fit_proposal,
     quantile_spread,
     released_draws,
 )
@@ -315,10 +314,7 @@ class _Part:
             return self.sample(drawn, modes, rng, restraint=restraint)
         starts = [(start, self.covariance(start)) for start in self.starts(posterior)]
         systems = self.coordinate_systems()
-        if len(starts) > 1:
-            proposal = fit_each_mode(self.log_density, systems, starts, None, rng)
-        else:
-            proposal = fit_proposal(self.log_density, systems, starts, rng, enough=_ENOUGH)
+        proposal = fit_each_mode(self.log_density, systems, starts, None, rng, enough=_ENOUGH)
         return self.sample(np.zeros((0, len(self._names))), modes, rng, proposal=proposal)
 
     def starts(self, posterior: "Posterior") -> list[Array]:

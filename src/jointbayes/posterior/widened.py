@@ -44,7 +44,7 @@ _EDGE = 0.1  # of a decade, or of ρ's range: the part of the prior's range that
 _DRAWS = 8000
 _ENOUGH_SHARE = 0.25  # effective, of draws that are reweighted
 _UNCHANGED_SHARE = 0.99  # effective: the weights are all but equal
-_LEAST_EFFECTIVE = 400.0  # importance draws; with fewer a short run takes their place
+_ENOUGH = 0.1  # efficiency of a proposal from which rounds of importance draws begin
 #: Independent draws at each end that are enough for a class: the 2.5 % beyond it are known to a fifth.
 ENOUGH_FOR_CLASS = 1000.0
 _PRIOR_DRAWS = 8000
@@ -198,7 +198,7 @@ def widen(
 
 
 def _drawn_anew(posterior: PosteriorDraws, rng: np.random.Generator, wide: JointPrior) -> DrawsOfWorth:
-    """Importance draws from a proposal fitted to the wider posterior, once or in rounds; else of walkers."""
+    """Importance draws in rounds, from a proposal fitted to the wider posterior or from the draws; else of walkers."""
     problem = replace_prior(posterior.problem, wide)
     log_posterior, systems = problem.log_posterior, coordinate_systems(problem)
     ends = [refine(log_posterior, posterior.mode_theta)]
@@ -206,21 +206,24 @@ def _drawn_anew(posterior: PosteriorDraws, rng: np.random.Generator, wide: Joint
         ends += [refine_where_possible(log_posterior, mode.theta) for mode in posterior.estimate.modes]
     modes = local_modes(log_posterior, ends) if len(ends) > 1 else ()
     if len(modes) > 1:
-        proposal = fit_each_mode(log_posterior, systems, [mode.start for mode in modes], None, rng)
+        starts = [mode.start for mode in modes]
+        proposal = fit_each_mode(log_posterior, systems, starts, None, rng, enough=_ENOUGH)
     else:
         covariance = np.atleast_2d(np.cov(posterior.theta.T))
         # The mode may stand at the end of a plateau, where no curvature tells its size; the middle of the draws not.
         away = (posterior.theta - np.median(posterior.theta, axis=0)) / np.sqrt(np.diag(covariance))
         middle = posterior.theta[np.argmin((away**2).sum(axis=1))]
-        proposal = fit_proposal(log_posterior, systems, [(ends[0][0], covariance), (middle, covariance)], rng)
-    weighted = WeightedDraws(*proposal.weighted_draws(log_posterior, rng, _DRAWS))
-    if weighted.effective >= _LEAST_EFFECTIVE:
-        return weighted.resample(rng, _DRAWS), weighted.effective, True
+        starts = [(ends[0][0], covariance), (middle, covariance)]
+        proposal = fit_proposal(log_posterior, systems, starts, rng, enough=_ENOUGH)
     beyond = moved_beyond_bounds(posterior.problem.prior, posterior.theta)
     judged, count = judged_quantities(wide), max(1, len(modes))
-    adapted = released_draws(log_posterior, systems, beyond, rng, judged, modes=count, enough=ENOUGH_FOR_CLASS)
-    if adapted is not None:
-        return adapted.theta, adapted.effective, True
+    for first in (proposal, None):
+        adapted = released_draws(
+            log_posterior, systems, beyond, rng, judged, proposal=first, modes=count, enough=ENOUGH_FOR_CLASS
+        )
+        if adapted is not None:
+            return adapted.theta, adapted.effective, True
+    weighted = WeightedDraws(*proposal.weighted_draws(log_posterior, rng, _DRAWS))
     chains = _short_run(log_posterior, proposal, np.concatenate([weighted.theta, posterior.theta]), rng)
     return chains.draws().theta.reshape(-1, len(problem.names)), float(chains.ess.min()), chains.converged
 

@@ -322,6 +322,8 @@ def fit_each_mode(
     starts: Sequence[Start],
     images: Array | None,
     rng: np.random.Generator,
+    *,
+    enough: float | None = None,
 ) -> Proposal:
     """Fit a proposal to the density about each mode as if there were no other, and mix them by the modes' shares.
 
@@ -330,16 +332,17 @@ def fit_each_mode(
 
     Parameters
     ----------
-    log_density, systems, starts, rng
+    log_density, systems, starts, rng, enough
         As for `fit_proposal`.
     images
         As for `SeveralModes.from_starts`.
     """
     if len(starts) == 1:
-        return fit_proposal(log_density, systems, starts, rng)
+        return fit_proposal(log_density, systems, starts, rng, enough=enough)
     modes = SeveralModes.from_starts(starts, images)
     densities = [AboutModes(log_density, modes, number) for number in range(len(starts))]
-    parts = [fit_proposal(density, systems, [start], rng) for density, start in zip(densities, starts, strict=True)]
+    pairs = zip(densities, starts, strict=True)
+    parts = [fit_proposal(density, systems, [start], rng, enough=enough) for density, start in pairs]
     return joined(log_density, parts, modes, rng)
 
 
