@@ -26,7 +26,7 @@ from jointbayes.identification import (
     sensitivity_iteration,
     why_not_iterated,
 )
-from jointbayes.inference import LogPosterior, Premises, Problem, on_nodes
+from jointbayes.inference import Independent, LogPosterior, Premises, Problem, on_nodes
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.decision import decide, is_of_measured_frfs
@@ -467,7 +467,16 @@ def sample_quickly(
     nowhere, rounds = np.zeros((0, d)), lambda text: tell(Progress("sampling", text))
     budget = settings.budget(d)
     drawn = released_draws(
-        density, systems, nowhere, rng, quantities, proposal=proposal, modes=modes, tell=rounds, budget=budget
+        density,
+        systems,
+        nowhere,
+        rng,
+        quantities,
+        proposal=proposal,
+        wide=Independent(problem.prior.all_marginals),
+        modes=modes,
+        tell=rounds,
+        budget=budget,
     )
     if drawn is None:
         return _by_ensembles(problem, case, seed, settings, estimate, proposal, tell, keeper)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from jointbayes.inference import Independent, Uniform
 from jointbayes.sampling import ENOUGH, NormalScores, Quantities, Restraint, independent_chains, released_draws
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.released import END_TOLERANCE, interval_errors
@@ -96,6 +97,24 @@ def test_an_end_on_a_plateau_is_good_enough_once_the_probability_beyond_it_is_kn
     assert re.search(r"the 2\.5 % beyond each end of a 95 % interval are good to 0\.\d+ %$", chains.reason)
     released_draws(on_a_plateau, [Identity()], around, rng, judged, enough=np.inf, tell=many.append)
     assert 10 <= len(few) < len(many) / 2
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_far_shelf_is_seen_by_draws_of_all_that_is_possible(seed):
+    """A twentieth of the probability lies on a thin bent shelf that no draw near the bulk says anything of."""
+
+    def bulk_and_shelf(theta):
+        x, y = theta.T
+        bulk = np.log(0.95) + norm.logpdf(x, 0, 0.1) + norm.logpdf(y, 0, 0.1)
+        shelf = np.where((x > 1) & (x < 9), np.log(0.05 / 8) + norm.logpdf(y, x**2 / 10, 0.2), -np.inf)
+        return np.where((np.abs(theta) < 10).all(axis=1), np.logaddexp(bulk, shelf), -np.inf)
+
+    rng, systems = np.random.default_rng(seed), (NormalScores([-10.0, -10.0], [10.0, 10.0]),)
+    near, wide = 0.1 * rng.standard_normal((2000, 2)), Independent((Uniform(-10.0, 10.0),) * 2)
+    drawn = released_draws(bulk_and_shelf, systems, near, rng, Quantities(("x", "y"), everything), wide=wide)
+    low, high = np.quantile(drawn.theta[:, 0], [0.025, 0.975])
+    assert low == pytest.approx(-0.194, abs=0.03)
+    assert high == pytest.approx(5.0, abs=3 * drawn.error * (high - low))
 
 
 def test_nothing_is_said_where_the_density_is_not_found():

@@ -4,6 +4,7 @@ from jointbayes.inference.assemblies import AssemblyScatter as AssemblyScatter
 from jointbayes.inference.likelihood import FrfLikelihood as FrfLikelihood
 from jointbayes.inference.likelihood_base import Likelihood as Likelihood
 from jointbayes.inference.log_posterior import LogPosterior as LogPosterior
+from jointbayes.inference.marginals import Independent as Independent
 from jointbayes.inference.marginals import Marginal as Marginal
 from jointbayes.inference.marginals import Normal as Normal
 from jointbayes.inference.marginals import OfStiffness as OfStiffness

@@ -329,6 +329,22 @@ class OfStiffness:
 Marginal = Normal | Uniform | OwnMarginal | OfStiffness
 
 
+@dataclass(frozen=True, eq=False)
+class Independent:
+    """Independent marginals, one for each coordinate, as a distribution to propose from: a prior without its cut."""
+
+    marginals: tuple[Marginal, ...]
+
+    def draw(self, random: np.random.Generator | np.random.RandomState, n: int) -> Array:
+        """Independent draws, shape (n, d)."""
+        assert isinstance(random, np.random.Generator)
+        return np.stack([marginal.sample(random, n) for marginal in self.marginals], axis=1)
+
+    def log_density(self, x: Array) -> Array:
+        """Log of the normalised density, shape (n,), at x, shape (n, d)."""
+        return np.sum([m.log_density(column) for m, column in zip(self.marginals, x.T, strict=True)], axis=0)
+
+
 def marginal_of(given: object) -> Marginal:
     """A prior on one coordinate as it is, or a distribution of one's own as `OwnMarginal`."""
     return given if isinstance(given, Marginal) else OwnMarginal(given)

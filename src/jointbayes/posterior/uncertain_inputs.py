@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from jointbayes.errors import JointBayesError, ModelError, require_probability
-from jointbayes.inference import JointPrior, Normal, Nuisance, Problem
+from jointbayes.inference import Independent, JointPrior, Normal, Nuisance, Problem
 from jointbayes.joint import Quantity
 from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
 from jointbayes.posterior.fisher import fisher_information
@@ -295,9 +295,11 @@ class _Part:
         """As `released_draws` of the free coordinates, but draws of all coordinates."""
         judged, systems = judged_quantities(self._problem.prior), self.coordinate_systems()
         quantities = Quantities(judged.names, lambda theta: judged.values(self.whole(theta)))
+        marginals = self._problem.prior.all_marginals
+        wide = None if restraint is not None else Independent(tuple(marginals[i] for i in self._free))
         sample = released_draws(
             self.log_density, systems, theta, rng, quantities,
-            restraint=restraint, proposal=proposal, modes=modes, enough=enough,
+            restraint=restraint, proposal=proposal, wide=wide, modes=modes, enough=enough,
         )  # fmt: skip
         return None if sample is None else (self.whole(sample.theta), sample.effective)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from jointbayes.identification import refine, refine_where_possible
 from jointbayes.identification.mode_search import local_modes
-from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, OfStiffness, Problem, Uniform
+from jointbayes.inference import Independent, JointPrior, LogPosterior, Marginal, Normal, OfStiffness, Problem, Uniform
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.draws import PosteriorDraws
@@ -216,11 +216,12 @@ def _drawn_anew(posterior: PosteriorDraws, rng: np.random.Generator, wide: Joint
         starts = [(ends[0][0], covariance), (middle, covariance)]
         proposal = fit_proposal(log_posterior, systems, starts, rng, enough=_ENOUGH)
     beyond = moved_beyond_bounds(posterior.problem.prior, posterior.theta)
-    judged, count = judged_quantities(wide), max(1, len(modes))
+    judged, count, everywhere = judged_quantities(wide), max(1, len(modes)), Independent(wide.all_marginals)
     for first in (proposal, None):
         adapted = released_draws(
-            log_posterior, systems, beyond, rng, judged, proposal=first, modes=count, enough=ENOUGH_FOR_CLASS
-        )
+            log_posterior, systems, beyond, rng, judged,
+            proposal=first, wide=everywhere, modes=count, enough=ENOUGH_FOR_CLASS,
+        )  # fmt: skip
         if adapted is not None:
             return adapted.theta, adapted.effective, True
     weighted = WeightedDraws(*proposal.weighted_draws(log_posterior, rng, _DRAWS))

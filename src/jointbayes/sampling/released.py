@@ -9,11 +9,12 @@ import numpy as np
 
 from jointbayes.progress import Budget
 from jointbayes.sampling.chains import Chains
-from jointbayes.sampling.coordinate_maps import Coordinates
+from jointbayes.sampling.coordinate_maps import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.diagnostics import split_r_hat
 from jointbayes.sampling.distributions import (
     Pool,
+    ProposalDensity,
     WeightedDraws,
     importance_efficiency,
     resampled,
@@ -87,6 +88,7 @@ def released_draws(
     *,
     restraint: Restraint | None = None,
     proposal: Proposal | None = None,
+    wide: ProposalDensity | None = None,
     modes: int = 1,
     enough: float = ENOUGH,
     tell: Callable[[str], object] = lambda _: None,
@@ -118,6 +120,8 @@ def released_draws(
         On the columns that are released; by default none are.
     proposal
         From which the first draws without restraint come as well, in place of `theta`, if there is one.
+    wide
+        As wide as the support, over θ: draws of it come first, so that no part far from the others stays unseen.
     modes
         Number of modes of the density.
     enough
@@ -140,6 +144,8 @@ def released_draws(
     density, dimension, budget = Checked(log_density), theta.shape[1], budget or Budget()
     pool, settled_before = Pool(density, dimension), False
     theta = theta[rng.permutation(len(theta))[:_FITTED]]
+    if wide is not None:
+        pool.extend(wide, Identity(), rng, _POOLED)
     if proposal is not None:
         pool.extend(proposal.density, proposal.coordinates, rng, _POOLED)
         draws: _Draws | None = pool.theta[:0], pool.value[:0]
