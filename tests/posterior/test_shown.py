@@ -10,8 +10,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.identification import SearchEffort
-from jointbayes.posterior.summary import NuisanceSummary
-from jointbayes.posterior.summary_tables import value_rows
+from jointbayes.posterior.summary import NuisanceSummary, value_rows
 from tests.conftest import cheap_frequencies_text
 from vibrecords.notebook_view import frf_svg, table_html
 

@@ -9,7 +9,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.cli.common import print_summary
-from jointbayes.posterior.summary_tables import stiffness_row
+from jointbayes.posterior.summary import stiffness_row
 from jointbayes.posterior.verdicts import line_of
 from jointbayes.report import ReportInputs, build_report, figures, render_html, render_pdf
 from jointbayes.report.export import central_joint, export
@@ -86,7 +86,7 @@ def plain_figures(monkeypatch):
     monkeypatch.setattr(
         figures, "svg", lambda *_: '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
     )
-    monkeypatch.setattr("jointbayes.posterior.knowledge._profiles", lambda *_: ())
+    monkeypatch.setattr("jointbayes.posterior.examination._profiles", lambda *_: ())
     monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda *_: None)
 
 

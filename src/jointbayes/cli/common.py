@@ -135,7 +135,7 @@ def unfinished(
 
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
     """Print convergence, verdicts, and what may be wrong with them."""
-    from jointbayes.posterior.assemblies import assembly_scatters
+    from jointbayes.posterior.curves import assembly_scatters
     from jointbayes.posterior.verdicts import lines_of
 
     say(posterior.record.headline)

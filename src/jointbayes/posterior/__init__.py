@@ -3,8 +3,9 @@
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import diagnose
 from jointbayes.posterior.evidence import evidence, importance_evidence, nested_evidence
+from jointbayes.posterior.examination import gather_knowledge
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.knowledge import Knowledge, gather_knowledge
+from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.run_record import RunRecord, data_sha256, package_versions
 from jointbayes.posterior.summary import summarise

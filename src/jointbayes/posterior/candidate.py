@@ -1,4 +1,4 @@
-"""Further measurements that could be made, as data of the model itself."""
+"""Further measurements that could be made, as data of the model itself: FRFs, modes, their ratios, antiresonances."""
 
 import math
 from abc import ABC, abstractmethod
@@ -10,11 +10,23 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from jointbayes.frf import AnyStructure, Ports
-from jointbayes.inference import NoiseModel, Nuisance, Problem
+from jointbayes.inference import ModelErrorNoise, NoiseModel, Nuisance, Problem
 from jointbayes.inference.likelihood_base import ResidualKind
 from jointbayes.inference.test import columns_of_names
 from jointbayes.joint import AnyJoint, Joints
-from vibrecords import FrfData, FrfSet, Quantity, RelativeNoise, quantity_factor
+from jointbayes.posterior.prediction import replace_values, simulated_values
+from vibrecords import (
+    Antiresonances,
+    FrfData,
+    FrfSet,
+    ModalData,
+    ModeData,
+    ModeShapes,
+    Observed,
+    Quantity,
+    RelativeNoise,
+    quantity_factor,
+)
 from vibrecords.arrays import Array
 
 ComplexArray = NDArray[np.complex128]
@@ -26,6 +38,12 @@ _OF_BODY = frozenset({"youngs_modulus", "density", "length"})
 
 #: Part of the largest FRF below which a value counts as zero noise in the estimate of a law: rounding.
 _TINY = 1e-12
+#: How well a sensor that roves, or one calibrated beside another, knows a ratio of components, as a fraction of it.
+RELATIVE_CALIBRATION = 0.01
+_NODE = 0.01  # ratios below this are not known better than one of this size
+#: Standard deviation of natural frequencies beside a ratio of which nothing is to be said, as a fraction.
+_UNKNOWN = 1e3
+_KNOWN = 1 + 1e-6  # factor by which the size of an error may be larger where it is known
 
 
 def is_worth_hitting_free(part: Problem) -> bool:
@@ -226,3 +244,83 @@ def _noise(
     # noise is made in both parts even where only the magnitude is looked at
     shape = exact.frf.values.shape
     return noise.fitted_to(exact, 2).draw(rng, hyper, shape[0], math.prod(shape[1:]))[0].reshape(shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ModalCandidate(Candidate):
+    """Natural frequencies; the ratio of each mode's component at a DOF to that at a reference; or antiresonances.
+
+    Errors of the model in natural frequencies are those of the present ones, of which a further measurement of the same
+    structure says nothing: beside ratios and antiresonances natural frequencies do not count.
+
+    Parameters
+    ----------
+    numbers
+        Of the modes, or of the antiresonances, from 1.
+    relative
+        Standard deviation of each value as a fraction of it.
+    dof, reference
+        Labels; empty of natural frequencies.
+    held
+        Label of the DOF at which force and sensor are, of antiresonances.
+    """
+
+    numbers: tuple[int, ...]
+    relative: float
+    dof: str = ""
+    reference: str = ""
+    held: str = ""
+
+    def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
+        """The modes measured where θ is the truth, see `Candidate`."""
+        point, there = np.asarray(theta, dtype=float), self.without_data(problem)
+        exact = _of_data(there, self._measured(np.ones(2 * len(self.numbers)))).log_posterior.predicted(point)[0]
+        there = _of_data(there, self._measured(exact))
+        if rng is None:
+            return _with_usual_errors(there)
+        values = simulated_values(there, point, rng)
+        if self.dof or self.held:
+            values[: len(self.numbers)] = exact[: len(self.numbers)]
+        return replace_values(there, values)
+
+    def _measured(self, values: Array) -> ModeData:
+        """Data of some values: natural frequencies, then ratios or antiresonances."""
+        frequency, ratios = np.split(values[: 2 * len(self.numbers)], [len(self.numbers)])
+        if self.held:
+            held = Antiresonances((self.held,) * len(ratios), Observed(ratios, self.relative * ratios), self.numbers)
+            return ModeData(Observed(frequency, _UNKNOWN * frequency), numbers=self.numbers, zeros=held)
+        if not self.dof:
+            return ModeData(Observed(frequency, self.relative * frequency), numbers=self.numbers)
+        components = Observed(ratios[:, None], self.relative * np.maximum(np.abs(ratios), _NODE)[:, None])
+        shapes = ModeShapes((self.dof,), self.reference, components)
+        return ModeData(Observed(frequency, _UNKNOWN * frequency), shapes=shapes, numbers=self.numbers)
+
+
+def modes_hit_free(modes: ModalData, setup: str) -> ModalCandidate:
+    """As many natural frequencies of the structure without its joints, as well known as the present ones."""
+    numbers = tuple(range(1, modes.frequency_hz.size + 1))
+    return ModalCandidate(
+        name=FREE, words=FREE_WORDS, setup=setup, joint=Joints(()), numbers=numbers, relative=scatter(modes)
+    )
+
+
+def _of_data(problem: Problem, data: ModeData) -> Problem:
+    """The problem of one test with other modes as its data, judged as its own."""
+    noise = problem.test.noise
+    if noise is not None:
+        noise = noise.fitted_to(data, noise.parts)  # type: ignore[arg-type]  # that of modes takes modes
+    return problem.with_test(data=data, noise=noise)
+
+
+def _with_usual_errors(problem: Problem) -> Problem:
+    """With errors of the model as large as they usually are: data that fit exactly would say that there are none."""
+    noise = problem.test.noise
+    if not isinstance(noise, ModelErrorNoise):
+        return problem
+    test = problem.test.with_model_error(replace(noise.sizes, factor=_KNOWN))
+    return problem.with_test(noise=test.noise)
+
+
+def scatter(modes: ModalData) -> float:
+    """Standard deviation of natural frequencies that are measured as the present ones, as a fraction."""
+    return float(np.median(modes.sd_hz / modes.frequency_hz))

@@ -1,20 +1,22 @@
-"""A quantity over the levels of the set-ups: whether it changes, and by how much."""
+"""A quantity over the levels of the set-ups, whether it changes; and how a joint scatters between its assemblies."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jointbayes.errors import ModelError, require_probability
-from jointbayes.inference import Level, Test
+from jointbayes.inference import AssemblyScatter, Level, Test
 from jointbayes.inference.test import own_name
-from jointbayes.posterior.assemblies import usual_assemblies
-from jointbayes.posterior.draws import PosteriorDraws
+from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.homogeneity import compare_tests
+from jointbayes.posterior.rounding import number
 from jointbayes.posterior.verdicts import reasons_for_no_verdict
 from vibrecords.arrays import Array
 
 _TINY = float(np.finfo(float).tiny)
+_STREAM = 11  # of random numbers, beside the seed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +104,7 @@ class Curve:
         return f"{text}; it {'rises' if low > least else 'falls'} {between}."
 
 
-def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) -> Curve:
+def curve_of(posterior: AnyPosterior, name: str, probability: float = 0.95) -> Curve:
     """The curve of one quantity.
 
     Raises
@@ -173,7 +175,7 @@ def _change(
     return (i, j), len(pairs), (float(middle), float(low), float(high))
 
 
-def _is_positive(posterior: PosteriorDraws, name: str) -> bool:
+def _is_positive(posterior: AnyPosterior, name: str) -> bool:
     """Whether a quantity is above 0 whatever the data say, so that a ratio of two tells their change."""
     problem = posterior.problem
     logarithmic = {axis.quantity for axis in problem.parametrisation.axes if axis.logarithmic}
@@ -181,7 +183,7 @@ def _is_positive(posterior: PosteriorDraws, name: str) -> bool:
     return (name in logarithmic or name not in signed) and bool((posterior.values(name) > 0).all())
 
 
-def curves_of(posterior: PosteriorDraws) -> tuple[Curve, ...]:
+def curves_of(posterior: AnyPosterior) -> tuple[Curve, ...]:
     """The curve of every quantity of the joints that set-ups with levels have for themselves."""
     levels: dict[str, set[float]] = {}
     for name in posterior.stiffness_names:
@@ -198,3 +200,69 @@ def _sorted_by_level(setups: Sequence[Test]) -> list[Test]:
 def _value(test: Test) -> float:
     assert test.level is not None
     return test.level.value
+
+
+@dataclass(frozen=True, slots=True)
+class ScatterSummary:
+    """Standard deviation of ln k between assemblies.
+
+    Parameters
+    ----------
+    quantity, assemblies
+        What scatters, and the number of assemblies.
+    median, interval95, prior_interval95
+        Of the standard deviation; its 95 % interval before the data.
+    """
+
+    quantity: str
+    assemblies: int
+    median: float
+    interval95: tuple[float, float]
+    prior_interval95: tuple[float, float]
+
+    @property
+    def sentence(self) -> str:
+        """How much it scatters, in per cent."""
+        middle, low, high = (number(100 * value, 2) for value in (self.median, *self.interval95))
+        interval = f"95 % credible interval {low} to {high} %"
+        return f"Between {self.assemblies} assemblies {self.quantity} scatters by {middle} % ({interval})."
+
+
+def assembly_scatters(posterior: AnyPosterior) -> tuple[ScatterSummary, ...]:
+    """How much each quantity scatters between assemblies; empty where the prior knows of none."""
+    summaries = []
+    for scatter in posterior.problem.prior.scatters:
+        low, middle, high = np.quantile(_drawn(posterior, scatter), [0.025, 0.5, 0.975]).tolist()
+        before = tuple(scatter.median * scatter.factor**score for score in (-1.96, 1.96))
+        summaries.append(ScatterSummary(scatter.quantity, scatter.count, middle, (low, high), (before[0], before[1])))
+    return tuple(summaries)
+
+
+def usual_assemblies(posterior: AnyPosterior, name: str, values: Array, level: Array) -> Array | None:
+    """Quantity of the usual assembly at each level, drawn from N(mean of ln k there, τ²/n); None where none scatters.
+
+    Parameters
+    ----------
+    posterior
+        Of the draws.
+    name
+        The quantity as a set-up calls it.
+    values, level
+        At each draw of each set-up, shape (draws, n), and the level of each, shape (n,).
+    """
+    scatter = next((each for each in posterior.problem.prior.scatters if each.quantity == name), None)
+    if scatter is None:
+        return None
+    spread, usual = _drawn(posterior, scatter), np.empty(values.shape)
+    rng = np.random.default_rng([posterior.record.seed, _STREAM, 1])
+    for at in np.unique(level):
+        here = level == at
+        middle = np.log(values[:, here]).mean(axis=1)
+        usual[:, here] = np.exp(middle + spread / math.sqrt(here.sum()) * rng.standard_normal(len(values)))[:, None]
+    return usual
+
+
+def _drawn(posterior: AnyPosterior, scatter: AssemblyScatter) -> Array:
+    """The standard deviation at each draw, shape (draws,)."""
+    rng = np.random.default_rng([posterior.record.seed, _STREAM])
+    return scatter.draw_scatter(posterior.theta, posterior.problem.prior.names, rng)

@@ -14,18 +14,16 @@ DOI 10.2307/2289471
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.special import chdtri
 
 from jointbayes.joint.parametrisation import RIGID
+from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.identifiability import CERTAINTY
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.rounding import likelihood_ratio
-
-if TYPE_CHECKING:
-    from jointbayes.posterior.posterior import Posterior
 
 #: Probability that the likelihood ratio of a joint that is so exceeds the limit.
 LEVEL = 1e-3
@@ -60,7 +58,7 @@ class SimplerJoint:
         return self.ratio > self.limit
 
 
-def known_by_bounds(posterior: "Posterior") -> tuple[str, ...]:
+def known_by_bounds(posterior: AnyPosterior) -> tuple[str, ...]:
     """Joints of which most stiffnesses are neither identified nor weakly identified, by name; none without verdicts.
 
     One that is not identified only because solutions differ in it is known by more than bounds.
@@ -75,7 +73,7 @@ def known_by_bounds(posterior: "Posterior") -> tuple[str, ...]:
     return tuple(name for name, each in verdicts.items() if 2 * sum(v in CERTAINTY for v in each) < len(each))
 
 
-def simpler_joints(posterior: "Posterior") -> tuple[SimplerJoint, ...]:
+def simpler_joints(posterior: AnyPosterior) -> tuple[SimplerJoint, ...]:
     """Rigid, absent and uncoupled joints in place of each that is known by bounds at most; none of damped joints."""
     problem = posterior.problem
     if problem.parametrisation.damped or problem.extra_log_likelihood is not None:

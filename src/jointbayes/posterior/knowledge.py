@@ -1,31 +1,23 @@
 """What the data say beyond the draws: does the model explain them, what is known of the joint, and resting on what."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from jointbayes.errors import ModelError
 from jointbayes.posterior.checks import PredictiveCheck
-from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
-from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences, simpler_joints
+from jointbayes.posterior.directions import NamedDirection, summary_sentence
+from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences
 from jointbayes.posterior.identifiability import CERTAINTY, IF_MODEL_RIGHT, ExactInputs, Identifiability, listed
 from jointbayes.posterior.limits import ProfileLikelihood
-from jointbayes.posterior.next_step import NextStep, next_step
+from jointbayes.posterior.next_step import NextStep
 from jointbayes.posterior.uncertain_inputs import (
     LARGEST_CHANGE,
     RANK,
     UncertainInputsRow,
-    assumed_beyond,
     inputs_taken_as_exact,
     known_in_workshop,
     quantities_taken_as_exact,
 )
-from jointbayes.posterior.verdicts import MOST_UNKNOWNS
-from vibrecords.arrays import Array
-
-if TYPE_CHECKING:
-    from jointbayes.posterior.posterior import Posterior
 
 _MOST_TOLD = 4  # stiffnesses in a sentence
 #: What ``summary.json`` holds of each combination.
@@ -196,58 +188,3 @@ class Knowledge:
             "freed_assumptions": list(self.assumed),
             "freed_sentence": self.freed_sentence,
         }
-
-
-def gather_knowledge(posterior: "Posterior") -> Knowledge:
-    """Check and examine a posterior; the seed of its run also replicates the data of the check.
-
-    What a workshop does not know exactly, for the table of what freeing it does, is that of its case, if it has one.
-    """
-    kept: KeptKnowledge | None = posterior._kept_knowledge
-    steps = kept.next_steps if kept else None
-    freed = posterior.case.workshop_problem if steps is None and posterior.case is not None else None
-    rows = posterior.rows
-    assessments = {name: posterior.verdict(name) for name in posterior.stiffness_names}
-    simpler = None if kept is None else kept.simpler
-    if steps is None and all(check.explains for check in posterior.checks):
-        workshop = known_in_workshop(rows)
-        step = next_step(posterior, freed if workshop else None, workshop or assessments)
-    else:
-        step = next(iter(steps or ()), None)
-    return Knowledge(
-        posterior.check,
-        name_directions(
-            posterior.stiffness,
-            posterior.prior_stiffness,
-            assessments,
-            _wider_prior_draws(posterior),
-            posterior.problem.parametrisation,
-        ),
-        kept.profiles if kept else _profiles(posterior),
-        rows,
-        kept.assumed if kept else assumed_beyond(posterior.problem, freed),
-        simpler_joints(posterior) if simpler is None else simpler,
-        step,
-    )
-
-
-def _wider_prior_draws(posterior: "Posterior") -> tuple[Array, Array] | None:
-    """Posterior and prior draws of the stiffnesses under wider priors; None where these change nothing.
-
-    Where no draws were found that may be trusted the prior stands for the posterior: nothing is then known.
-    """
-    wide = posterior.widened
-    if wide is None:
-        return None
-    drawn = wide.prior.values(wide.prior_theta)
-    return (wide.prior.values(wide.theta) if wide.reliable else drawn), drawn
-
-
-def _profiles(posterior: "Posterior") -> tuple[ProfileLikelihood, ...]:
-    profiles: list[ProfileLikelihood] = []
-    if len(posterior.problem.names) > MOST_UNKNOWNS:
-        return ()
-    for name in posterior.problem.parametrisation.names:
-        with suppress(ModelError):  # no residual depends on it: its prior is all there is, and the verdict says so
-            profiles.append(posterior.likelihood_region.profile(name))
-    return tuple(profiles)

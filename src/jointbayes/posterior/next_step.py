@@ -15,20 +15,23 @@ from jointbayes.errors import JointBayesError
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import Joints
+from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.candidate import (
     FREE,
     FREE_WORDS,
+    RELATIVE_CALIBRATION,
     Candidate,
     FrfCandidate,
+    ModalCandidate,
     estimated_law,
     is_worth_hitting_free,
+    modes_hit_free,
     repeated,
+    scatter,
 )  # fmt: skip
 from jointbayes.posterior.coordinates import by_names
-from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.first_look import FirstLook
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
-from jointbayes.posterior.modal_candidate import RELATIVE_CALIBRATION, ModalCandidate, modes_hit_free, scatter
 from jointbayes.posterior.rounding import factor, number
 from vibrecords import ModalData
 
@@ -83,9 +86,7 @@ def spread_in_words(sd: float) -> str:
     return f"a factor of {factor(math.exp(_HALF_WIDTH * sd))} either way" if sd <= _LARGEST else "unknown"
 
 
-def next_step(
-    posterior: PosteriorDraws, freed: Problem | None, judged: Mapping[str, Identifiability]
-) -> NextStep | None:
+def next_step(posterior: AnyPosterior, freed: Problem | None, judged: Mapping[str, Identifiability]) -> NextStep | None:
     """The further measurement that would tell most of the stiffness that is known least.
 
     Parameters

@@ -2,19 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from jointbayes.frf import rigid_body_modes
 from jointbayes.inference import Level, Problem
+from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.run_record import data_sha256
 from vibrecords.arrays import Array
-
-if TYPE_CHECKING:
-    from jointbayes.posterior.posterior import Posterior
 
 Interval = tuple[float, float]
 _LEAST_MODES, _MOST_MODES = 3, 12  # whose frequencies are told where none was measured, or as many as there are
@@ -65,7 +63,7 @@ class SetupSummary:
 
 
 def setup_summaries(
-    posterior: "Posterior", initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None
+    posterior: AnyPosterior, initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None
 ) -> dict[str, SetupSummary]:
     """What is said of each set-up by its name; of a lone test by an empty one, with frequencies measured beside it."""
     tests = posterior.problem.tests
@@ -74,7 +72,7 @@ def setup_summaries(
 
 
 def _setup(
-    posterior: "Posterior", number: int, initial: Sequence[float], measured_hz: Sequence[float] | None
+    posterior: AnyPosterior, number: int, initial: Sequence[float], measured_hz: Sequence[float] | None
 ) -> SetupSummary:
     part = posterior.problem.parts[number]
     measured = part.test.data
@@ -90,7 +88,7 @@ def _setup(
 
 
 def frequency_summary(
-    posterior: "Posterior", problem: Problem, initial: Sequence[float], measured: Sequence[float] | None, seen: int
+    posterior: AnyPosterior, problem: Problem, initial: Sequence[float], measured: Sequence[float] | None, seen: int
 ) -> FrequencySummary:
     """Of as many modes as were measured, or as the FRFs show resonances."""
     theta, test = posterior.estimate.theta, problem.test

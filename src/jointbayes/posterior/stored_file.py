@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.inference import Problem
-from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import FileRecord, parse_record
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.storage import RECORD, value_units, values_tree
@@ -272,7 +271,7 @@ def _is_covariance(matrix: Array, dimension: int) -> bool:
     return bool(np.allclose(correlation, correlation.T, atol=1e-6) and np.linalg.eigvalsh(correlation).min() > -1e-6)
 
 
-def _require_same_density(posterior: PosteriorDraws, where: str, *, passed: bool) -> None:
+def _require_same_density(posterior: Posterior, where: str, *, passed: bool) -> None:
     """Refuse draws that are not of the problem's density: far outside its prior, or with another ln p.
 
     Parameters
@@ -316,7 +315,7 @@ def _require_same_density(posterior: PosteriorDraws, where: str, *, passed: bool
 
 
 def _coordinates(
-    posterior: PosteriorDraws, stiffness: Array, values: Callable[[str], Array], where: str, what: str
+    posterior: Posterior, stiffness: Array, values: Callable[[str], Array], where: str, what: str
 ) -> Array:
     """θ of draws, shape (n, d); refused where nobody can have drawn them, which arithmetic may not survive."""
     prior = posterior.problem.prior

@@ -1,21 +1,25 @@
 """The numbers of a run: typed, as a table for people, and as `summary.json`, described in docs/summary-json.md."""
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from html import escape
+from typing import Any
 
 import numpy as np
 
 from jointbayes.inference import Premises
-from jointbayes.posterior.assemblies import ScatterSummary, assembly_scatters
+from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.curves import ScatterSummary, assembly_scatters
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.homogeneity import Homogeneity, compare_setups
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
 from jointbayes.posterior.prediction import LeftOut, left_out_json, sentence_of_left_out
-from jointbayes.posterior.rounding import align_columns, json_ready, number, rounded
+from jointbayes.posterior.rounding import align_columns, engineering, json_ready, number, rounded
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
 from jointbayes.posterior.setup_summary import (
     FitSummary,
@@ -27,14 +31,12 @@ from jointbayes.posterior.setup_summary import (
     setup_summaries,
 )
 from jointbayes.posterior.solutions import ModeSummary
-from jointbayes.posterior.summary_tables import quantity_frame, summary_html
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
+from jointbayes.sampling import INTERVAL, quantile_error
 from jointbayes.sampling.diagnostics import effective_sizes
 from vibrecords import MeasuredFile
 from vibrecords.arrays import Array
-
-if TYPE_CHECKING:
-    from jointbayes.posterior.posterior import Posterior
+from vibrecords.notebook_view import table_html
 
 #: Raised when a reader of the older form would misread the newer one.
 SCHEMA_VERSION = 3
@@ -248,7 +250,7 @@ class Summary:
 
 
 def summarise(
-    posterior: "Posterior",
+    posterior: AnyPosterior,
     initial: Sequence[float],
     measured_frequencies_hz: Sequence[float] | None = None,
     knowledge: Knowledge | None = None,
@@ -318,7 +320,7 @@ def _interval95(values: Array) -> Interval:
     return low, high
 
 
-def stiffness_summary(posterior: "Posterior", index: int, name: str) -> StiffnessSummary:
+def stiffness_summary(posterior: AnyPosterior, index: int, name: str) -> StiffnessSummary:
     """The numbers of the stiffness at one place."""
     values, r_hat = posterior.values(name), posterior.record.r_hat
     ess_bulk, ess_tail = effective_sizes(np.log(values) if (values > 0).all() else values)
@@ -335,7 +337,7 @@ def stiffness_summary(posterior: "Posterior", index: int, name: str) -> Stiffnes
     )
 
 
-def nuisance_summary(posterior: "Posterior", index: int) -> NuisanceSummary:
+def nuisance_summary(posterior: AnyPosterior, index: int) -> NuisanceSummary:
     """The numbers of the uncertain quantity at one place."""
     prior = posterior.problem.prior
     nuisance = prior.nuisances[index]
@@ -385,3 +387,52 @@ def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
         "ess_bulk": p.ess_bulk,
         "ess_tail": p.ess_tail,
     }
+
+
+def value_rows(drawn: Mapping[str, tuple[Array, str]]) -> list[tuple[str, str, str, str]]:
+    """Name, median, 95 % interval and unit of quantities, with the digits that their Monte Carlo errors support.
+
+    Of each its draws, shape (ensembles, draws, walkers), and its unit.
+    """
+    rows, probabilities = [], (0.5, *INTERVAL)
+    for name, (draws, unit) in drawn.items():
+        errors = [quantile_error(draws, probability) for probability in probabilities]
+        (middle, low, high), prefixed = engineering(np.quantile(draws, probabilities).tolist(), unit, errors)
+        rows.append((name, middle, f"{low} to {high}", prefixed))
+    return rows
+
+
+def quantity_frame(summary: Mapping[str, Any]) -> Any:  # noqa: ANN401 (a pandas.DataFrame)
+    """One row for each quantity of what ``summary.json`` holds; what does not exist is NaN."""
+    import pandas
+
+    rows = {**summary["parameters"], **summary["nuisances"]}
+    return pandas.DataFrame.from_dict({name: _cells(row) for name, row in rows.items()}, orient="index")
+
+
+def _cells(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row without lists: of a pair of ends ``interval95`` as ``low95`` and ``high95``, and so on."""
+    cells: dict[str, Any] = {}
+    for name, value in row.items():
+        if isinstance(value, list):
+            stem = re.sub("_?(interval)?95", "_{}95", name).lstrip("_") if "95" in name else f"{name}_{{}}"
+            cells |= {stem.format(side): end for side, end in zip(("low", "high"), value, strict=True)}
+        else:  # inputs that a verdict needs exact are a table: of it the names
+            cells[name] = ", ".join(value["quantities"]) if isinstance(value, dict) else value
+    return {name: math.nan if value is None else value for name, value in cells.items()}
+
+
+STIFFNESS_HEAD = ("Stiffness", "Median", "95 % interval", "Unit", "Verdict")
+
+
+def stiffness_row(name: str, known: Identifiability) -> tuple[str, ...]:
+    """What is printed of one stiffness, below `STIFFNESS_HEAD`."""
+    ends = known.limit.removesuffix(f" {known.unit}") or known.interval()
+    return name, known.row[0], f"{ends} {known.source}".strip(), known.unit, known.words
+
+
+def summary_html(text: str, parameters: Mapping[str, "StiffnessSummary"]) -> str:
+    """A table of the stiffnesses between the lines of a summary that are no table."""
+    rows = [stiffness_row(name, p.known) for name, p in parameters.items()]
+    title, _, *rest = (block.replace("]]\n", "\n", 1) for block in text.removeprefix("[[").split("\n[["))
+    return table_html(title, STIFFNESS_HEAD, rows, f"<pre>{escape(chr(10).join(rest))}</pre>")

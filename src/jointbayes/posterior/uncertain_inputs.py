@@ -11,13 +11,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from jointbayes.errors import JointBayesError, ModelError, require_probability
 from jointbayes.inference import Independent, JointPrior, Normal, Nuisance, Problem
 from jointbayes.joint import Quantity
+from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.identifiability import ExactInputs, Identifiability, Verdict, assess, listed
@@ -44,9 +45,6 @@ from jointbayes.sampling import (
 )
 from jointbayes.stored_values import StoredArray
 from vibrecords.arrays import Array
-
-if TYPE_CHECKING:
-    from jointbayes.posterior.posterior import Posterior
 
 Source = Literal["this run", "importance sampling", "short run", "none"]  # a short run: in files of before
 #: Verdicts that say something, best first.
@@ -172,7 +170,7 @@ def _is_weaker(freed: Identifiability, run: Identifiability) -> bool:
     return bool(not low <= median <= high or change > max(LARGEST_CHANGE * width, 2 * error))
 
 
-def effect_of_uncertain_inputs(posterior: "Posterior", freed: Problem | None = None) -> tuple[UncertainInputsRow, ...]:
+def effect_of_uncertain_inputs(posterior: AnyPosterior, freed: Problem | None = None) -> tuple[UncertainInputsRow, ...]:
     """What the verdicts rest on: the run, then other sets of uncertain quantities.
 
     Parameters
@@ -204,7 +202,7 @@ def effect_of_uncertain_inputs(posterior: "Posterior", freed: Problem | None = N
 
 
 def _row(
-    posterior: "Posterior", problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
+    posterior: AnyPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
 ) -> UncertainInputsRow:
     """Draws of the problem with only these quantities uncertain, and what they say, by the rule of a run."""
     part, modes = _Part(problem, uncertain), int((posterior.solutions.shares >= LEAST_SHARE).sum())
@@ -233,7 +231,7 @@ def _row(
 
 
 def _judged(
-    posterior: "Posterior",
+    posterior: AnyPosterior,
     quantity: Quantity,
     values: Array,
     effective: float,
@@ -303,7 +301,7 @@ class _Part:
         )  # fmt: skip
         return None if sample is None else (self.whole(sample.theta), sample.effective)
 
-    def draws(self, posterior: "Posterior", modes: int, rng: np.random.Generator) -> tuple[Array, float] | None:
+    def draws(self, posterior: AnyPosterior, modes: int, rng: np.random.Generator) -> tuple[Array, float] | None:
         """Draws of all coordinates, and how many independent ones they are worth; None where they do not settle.
 
         Where the run takes any of the coordinates as exact from its draws; else, and of several modes or many
@@ -319,7 +317,7 @@ class _Part:
         proposal = fit_each_mode(self.log_density, systems, starts, None, rng, enough=_ENOUGH)
         return self.sample(np.zeros((0, len(self._names))), modes, rng, proposal=proposal)
 
-    def starts(self, posterior: "Posterior") -> list[Array]:
+    def starts(self, posterior: AnyPosterior) -> list[Array]:
         """The likeliest point, shape (f,), among draws of each solution with what is held put at its stated value."""
         candidates = np.vstack([posterior.estimate.theta, posterior.thinned(_TRIED)])
         nearest = posterior.solutions.nearest(candidates)

@@ -16,11 +16,10 @@ import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jointbayes.posterior.draws import PosteriorDraws
+from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
     IF_MODEL_RIGHT,
@@ -47,15 +46,12 @@ MOST_CHARACTERS = 200
 #: Of more unknowns no likelihood-ratio limits are sought: each would take seconds.
 MOST_UNKNOWNS = 10
 
-if TYPE_CHECKING:
-    from jointbayes.posterior.posterior import Posterior
-
 _LIMIT: dict[Side, float] = {"upper": 0.05, "lower": 0.95}  # probability of the limit, by the bound opposite
 _SAME_DENSITY = 1e-3  # difference in log density of two points that are equally the mode, as `mode_agrees` has it
 _WIDER = "priors a decade wider on each side"
 
 
-def reasons_for_no_verdict(posterior: PosteriorDraws) -> tuple[str, ...]:
+def reasons_for_no_verdict(posterior: AnyPosterior) -> tuple[str, ...]:
     """Why a run gives no verdict on any stiffness, one phrase for each reason; empty where it does."""
     reasons = []
     if not posterior.converged:
@@ -98,7 +94,7 @@ class PrintedEnds:
 
 
 def judge_stiffness(
-    posterior: "Posterior", name: str, exact: Mapping[str, ExactInputs] | None = None
+    posterior: AnyPosterior, name: str, exact: Mapping[str, ExactInputs] | None = None
 ) -> Identifiability:
     """Median, interval with errors, and verdict of one stiffness or other quantity.
 
@@ -150,7 +146,7 @@ def concluded(
     )
 
 
-def _found(posterior: "Posterior", name: str, drawn: Identifiability, error: Error) -> Finding:
+def _found(posterior: AnyPosterior, name: str, drawn: Identifiability, error: Error) -> Finding:
     """What the draws say, after a look at all that may stand against it."""
     if reasons := (*reasons_for_no_verdict(posterior), *_moved_by_mesh(posterior, name)):
         reach = bounds_within_reach(posterior.problem.prior, posterior.theta)
@@ -163,7 +159,7 @@ def _found(posterior: "Posterior", name: str, drawn: Identifiability, error: Err
     return Finding(drawn.verdict, drawn.verdict_reason)
 
 
-def _moved_by_mesh(posterior: "Posterior", name: str) -> tuple[str, ...]:
+def _moved_by_mesh(posterior: AnyPosterior, name: str) -> tuple[str, ...]:
     """That the elements of the model move a stiffness too far for a verdict, if they do."""
     mesh = posterior.mesh
     if mesh is None or not mesh.moves(name):
@@ -193,7 +189,7 @@ def lines_of(name: str, assessment: Identifiability) -> list[str]:
     return [text, *(f"    {part}" for reason in given for part in textwrap.wrap(reason, MOST_CHARACTERS - 4))]
 
 
-def mode_sentence(posterior: "Posterior") -> str:
+def mode_sentence(posterior: AnyPosterior) -> str:
     """Why the joint mode lies outside a 95 % interval; empty where it does not."""
     outside = [name for name in posterior.stiffness_names if not _holds(posterior.interval(name), posterior.mode[name])]
     if not outside:
@@ -207,7 +203,7 @@ def _holds(interval: tuple[float, float], value: float) -> bool:
 
 
 def found_with_wider_priors(
-    posterior: "Posterior",
+    posterior: AnyPosterior,
     wide: WidenedPosterior,
     name: str,
     drawn: Identifiability,
@@ -255,7 +251,7 @@ def found_with_wider_priors(
     return Finding(worst, f"rests on the prior: {drawn.verdict} with the {which}, {wider.verdict} with {_WIDER}")
 
 
-def _bounded(posterior: "Posterior", name: str, wider: Verdict, side: Side, values: Array, error: Error) -> Finding:
+def _bounded(posterior: AnyPosterior, name: str, wider: Verdict, side: Side, values: Array, error: Error) -> Finding:
     """What the draws say of a stiffness that a bound of its prior holds: a 95 % limit to the other side.
 
     Draws that exclude next to nothing of the prior's draws give none.
@@ -270,7 +266,7 @@ def _bounded(posterior: "Posterior", name: str, wider: Verdict, side: Side, valu
 
 
 def by_likelihood(
-    posterior: "Posterior", region: Callable[[], LikelihoodRegion], name: str, drawn: Identifiability, finding: Finding
+    posterior: AnyPosterior, region: Callable[[], LikelihoodRegion], name: str, drawn: Identifiability, finding: Finding
 ) -> tuple[Finding, PrintedEnds]:
     """What is printed: at each end the more cautious of what the draws and what the likelihood say.
 
@@ -300,7 +296,7 @@ def by_likelihood(
     )
 
 
-def _bound_in_words(posterior: "Posterior", name: str, side: Side) -> str:
+def _bound_in_words(posterior: AnyPosterior, name: str, side: Side) -> str:
     """Such as "the prior's upper bound 1e8 N·m/rad"; what nobody stated is named as that."""
     bounds = posterior.problem.prior.bounds_of(name)
     assert bounds is not None

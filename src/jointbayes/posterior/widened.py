@@ -14,7 +14,7 @@ from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import Independent, JointPrior, LogPosterior, Marginal, Normal, OfStiffness, Problem, Uniform
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
-from jointbayes.posterior.draws import PosteriorDraws
+from jointbayes.posterior.solutions import AnyDraws
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
     Chains,
@@ -151,7 +151,7 @@ def bounds_within_reach(prior: JointPrior, theta: Array) -> tuple[tuple[str, Sid
 
 
 @one_blas_thread()
-def widen_posterior(posterior: PosteriorDraws) -> WidenedPosterior | None:
+def widen_posterior(posterior: AnyDraws) -> WidenedPosterior | None:
     """Draws under wider priors: reweighted where the draws at hand suffice, drawn anew where they do not.
 
     Uniform priors whose bounds are out of the posterior's reach, and normal priors that hardly vary over it, change
@@ -197,7 +197,7 @@ def widen(
     return WidenedPosterior(wide, draws, wide.sample(rng, _PRIOR_DRAWS), worth, reliable)
 
 
-def _drawn_anew(posterior: PosteriorDraws, rng: np.random.Generator, wide: JointPrior) -> DrawsOfWorth:
+def _drawn_anew(posterior: AnyDraws, rng: np.random.Generator, wide: JointPrior) -> DrawsOfWorth:
     """Importance draws in rounds, from a proposal fitted to the wider posterior or from the draws; else of walkers."""
     problem = replace_prior(posterior.problem, wide)
     log_posterior, systems = problem.log_posterior, coordinate_systems(problem)

@@ -20,14 +20,16 @@ from jointbayes.joint import Joints
 from jointbayes.posterior.candidate import (
     FREE,
     FREE_WORDS,
+    RELATIVE_CALIBRATION,
     Candidate,
     FrfCandidate,
+    ModalCandidate,
     VarianceLaw,
     estimated_law,
     is_worth_hitting_free,
+    modes_hit_free,
     repeated,
 )  # fmt: skip
-from jointbayes.posterior.modal_candidate import RELATIVE_CALIBRATION, ModalCandidate, modes_hit_free
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 from jointbayes.studies.planning.proposed_setups import proposed_setups
 from vibrecords import ModalData

@@ -18,8 +18,7 @@ from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import joints_of
-from jointbayes.posterior.candidate import Candidate, FrfCandidate, VarianceLaw, estimated_law
-from jointbayes.posterior.modal_candidate import ModalCandidate, scatter
+from jointbayes.posterior.candidate import Candidate, FrfCandidate, ModalCandidate, VarianceLaw, estimated_law, scatter
 from vibrecords import Quantity
 
 #: So many of a set-up's changes are named in a sentence.
