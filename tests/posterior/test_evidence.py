@@ -1,6 +1,5 @@
 """The evidence: its parts against closed forms, and when which method is used."""
 
-import importlib
 import json
 import math
 
@@ -16,11 +15,10 @@ from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import LogStiffness, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
-from jointbayes.posterior.evidence import Quadrature
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
 from jointbayes.sampling import Proposal, StudentT, fit_proposal, starting_walkers
 from jointbayes.sampling.diagnostics import pareto_k
-from tests.conftest import CONFIGS, first_in_ci
+from tests.conftest import CONFIGS
 
 LOG = JointPrior(LogStiffness(), (Normal(20.0, 2.0), Normal(16.0, 1.5), Uniform(11.0, 16.0)))
 SIGNED = JointPrior(SignedCoupling(), (Normal(20.0, 1.0), Uniform(11.0, 16.0), Normal(0.6, 0.5)))
@@ -163,30 +161,19 @@ class TestChoice:
         assert found.log_z == pytest.approx(math.log(2 * math.pi / 400), abs=0.01)
 
     @pytest.mark.science
-    def test_quadrature_where_they_are_not(self):
+    @pytest.mark.parametrize(
+        ("draws", "method", "off"),
+        [(20_000, "importance sampling", 0.05), pytest.param(200, "nested sampling", 0.45, marks=pytest.mark.long)],
+    )
+    def test_where_they_are_not_a_mixture_of_the_draws_of_nested_sampling_or_these_alone(self, draws, method, off):
         start = (np.array([6.0, 0.0]), 1e-4 * np.eye(2))
-        found = evidence(FakePosterior(self.ring), [None], [start], np.random.default_rng(9), draws=2000)
-        assert found.method == "quadrature"
+        found = evidence(FakePosterior(self.ring), [None], [start], np.random.default_rng(9), draws=draws)
+        assert found.method == method
         area = math.sqrt(2 * math.pi) * 0.015 * 2 * math.pi * 6.0
-        assert found.log_z == pytest.approx(math.log(area / 400), abs=2e-3)
-        assert found.error < 0.003
+        assert abs(found.log_z - math.log(area / 400)) < min(4 * found.error, off)
         drawn = found.draws.resample(np.random.default_rng(1), 4000)
         assert np.hypot(*drawn.T) == pytest.approx(6.0, abs=0.075)
-        assert drawn.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.3)
-
-    @pytest.mark.science
-    @pytest.mark.long
-    @pytest.mark.parametrize(
-        "quadrature", first_in_ci([Quadrature(-100.0, 1e-3, np.full((1, 2), 0.5), np.zeros(1), 9), None], 1)
-    )
-    def test_nested_sampling_where_quadrature_gives_up_or_missed_what_draws_saw(self, quadrature, monkeypatch):
-        module = importlib.import_module("jointbayes.posterior.evidence")  # the package has a function of that name
-        monkeypatch.setattr(module, "integrate", lambda *_: quadrature)
-        start = (np.array([6.0, 0.0]), 1e-4 * np.eye(2))
-        found = evidence(FakePosterior(self.ring), [None], [start], np.random.default_rng(9), draws=2000)
-        assert found.method == "nested sampling"
-        area = math.sqrt(2 * math.pi) * 0.015 * 2 * math.pi * 6.0
-        assert abs(found.log_z - math.log(area / 400)) < 4 * found.error
+        assert drawn.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.8)
 
     def test_without_parameters_the_evidence_is_the_likelihood(self):
         class Rigid:

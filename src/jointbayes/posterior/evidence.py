@@ -1,51 +1,41 @@
-"""The evidence Z = ∫ p(data | θ) p(θ) dθ of a model: by importance sampling, else by quadrature or nested sampling.
+"""The evidence Z = ∫ p(data | θ) p(θ) dθ of a model: by importance sampling, else by way of nested sampling."""
 
-Quadrature cuts the unit cube, of which the prior makes θ, into boxes with three Gauss points along each axis, which are
-halved where the integrand needs it. A likelihood may be a ridge thinner than any first box. So its powers L^β are
-integrated one after the other, β rising fourfold to 1: each is about half as wide as the one before, whose boxes see
-it. No value of L is computed twice.
-"""
-
-import itertools
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jointbayes.errors import SamplingError
 from jointbayes.inference import LogPosterior
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.sampling import Coordinates, LogDensity, Proposal, Start, WeightedDraws, fit_proposal
+from jointbayes.sampling import (
+    Coordinates,
+    LogDensity,
+    Proposal,
+    Start,
+    WeightedDraws,
+    fit_proposal,
+    proposal_from_draws,
+)
+from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.diagnostics import pareto_k
 from vibrecords.arrays import Array
 
-Method = Literal["exact", "importance sampling", "quadrature", "nested sampling"]
+Method = Literal["exact", "importance sampling", "nested sampling"]
 
 PARETO_LIMIT = 0.7
 """Pareto k of importance weights above which their mean is not trusted."""
 
 _LEAST_SHARE = 0.25  # of the draws, effective
 _DRAWS = 20_000
-_MISSED = 0.05  # ln Z
 _LIVE = 400
 _STOP = 0.01  # ln Z that the live points may still add
 _IMPOSSIBLE = -1e300  # dynesty knows no −inf
-
-#: Of more unknowns boxes along a ridge are too many.
-MOST_DIMENSIONS = 3
-_FIRST = 4  # boxes along each axis to begin with
-_RISE = 4.0  # of the power β from one integral to the next
-_SETTLED = (0.02, 0.04, 0.08)
-_VAGUE, _WEIGHT = 0.3, 1e-4  # that difference in one box, relative to its integral, and its share in the whole
-_ACCURATE = 0.003  # of the last integral: what halving all boxes that count may change
-_COUNTS = 1e-3  # share in the sum of these differences, times the number of boxes, below which a box does not count
-_MOST_VALUES = 500_000
-_POINTS = 0.5 + math.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
-_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
+_REFITTED = 8000  # draws of nested sampling to which another proposal is fitted
+_AGREE = 4.0  # of its standard errors, to which the evidence of that proposal's draws must agree with its own
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,11 +47,11 @@ class Evidence:
     log_z : float
         ln of the evidence; −inf where no draw has any likelihood.
     error : float
-        Monte Carlo standard error of ``log_z``; of quadrature what the last halving of its boxes changed.
+        Monte Carlo standard error of ``log_z``.
     pareto_k : float
         Shape of the tail of the importance weights: above 0.7 neither ``log_z`` nor ``error`` can be trusted. NaN
         where no importance weights were drawn.
-    method : {"exact", "importance sampling", "quadrature", "nested sampling"}
+    method : {"exact", "importance sampling", "nested sampling"}
         How it was found; exact where there is no parameter.
     evaluations : int
         Number of evaluations of the density, the fit of the proposal included.
@@ -202,12 +192,13 @@ def evidence(
     rng: np.random.Generator,
     draws: int = _DRAWS,
 ) -> Evidence:
-    """Evidence by importance sampling from a proposal fitted here; where that cannot be trusted by other methods.
+    """Evidence by importance sampling from a proposal fitted here; where not trusted, by way of nested sampling.
 
-    Of up to three unknowns by quadrature; of more, or where that does not settle either, by nested sampling.
     Importance sampling is not trusted where the Pareto k of the weights is above 0.7, nor where fewer than a quarter of
     the draws are effective: a density that the fit did not come near to may have parts where no draw ever fell, of
-    which k knows nothing.
+    which k knows nothing. Nested sampling finds these parts, but knows ln Z to ± 0.1 at best; a mixture fitted to its
+    draws is proposed from once more. The evidence is that of these weights where their k is good, their error is the
+    smaller one and the two agree; else that of nested sampling.
 
     Parameters
     ----------
@@ -241,141 +232,15 @@ def evidence(
             density[inside] = log_posterior.log_likelihood(theta[inside])
         return density
 
-    if len(prior.names) <= MOST_DIMENSIONS:
-        integral = integrate(lambda u: log_likelihood(prior.transform(u)), len(prior.names))
-        # where it holds much less than these draws saw it has missed a mode
-        if integral is not None and integral.log_integral > estimate.log_z - 4 * estimate.error - _MISSED:
-            nodes = WeightedDraws(prior.transform(integral.points), integral.log_weight)
-            count = estimate.evaluations + integral.evaluations
-            return Evidence(
-                integral.log_integral, integral.error, math.nan, "quadrature", count, nodes.effective, nodes
-            )
-    return nested_evidence(log_likelihood, prior.transform, len(prior.names), rng)
+    nested = nested_evidence(log_likelihood, prior.transform, len(prior.names), rng)
+    assert nested.draws is not None
+    maps, seen = [coordinates or Identity() for coordinates in systems], nested.draws.resample(rng, _REFITTED)
+    refitted = importance_evidence(log_posterior, proposal_from_draws(log_posterior, maps, seen, rng), rng, draws)
+    agrees = abs(refitted.log_z - nested.log_z) < _AGREE * nested.error
+    if refitted.pareto_k <= PARETO_LIMIT and refitted.error < nested.error and agrees:
+        return replace(refitted, evaluations=estimate.evaluations + nested.evaluations + refitted.evaluations)
+    return nested
 
 
 def _constant_evidence(log_density: LogDensity) -> Evidence:
     return Evidence(float(log_density(np.zeros((1, 0)))[0]), 0.0, -math.inf, "exact", 1, 1.0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Quadrature:
-    """An integral over the unit cube, and its points.
-
-    Parameters
-    ----------
-    log_integral
-        ln ∫ L du.
-    error
-        What the last halving of the boxes changed, summed box by box, relative to the integral.
-    points
-        Points u, shape (n, d).
-    log_weight
-        ln of L times the volume each stands for, shape (n,).
-    evaluations
-        Number of values of L.
-    """
-
-    log_integral: float
-    error: float
-    points: Array
-    log_weight: Array
-    evaluations: int
-
-
-class _Boxes:
-    """Boxes with the values of ln L at their points."""
-
-    def __init__(self, log_likelihood: LogDensity, dimension: int) -> None:
-        self._log_likelihood, self._dimension, self.evaluations = log_likelihood, dimension, 0
-        each = np.array(list(itertools.product(range(3), repeat=dimension)))
-        self._offsets, self.weights = _POINTS[each], _WEIGHTS[each].prod(axis=1)
-        # rules that have one point along an axis, the middle, and three along the others
-        self._coarse = self.weights[:, None] * np.where(each == 1, 1 / _WEIGHTS[1], 0.0)
-        corners = np.array(list(itertools.product(range(_FIRST), repeat=dimension)), dtype=float)
-        self.low, self.size = corners / _FIRST, np.full((len(corners), dimension), 1 / _FIRST)
-        self.log_values = self._values(self.low, self.size)
-
-    def points(self, low: Array, size: Array) -> Array:
-        """Points of boxes, shape (boxes, points of one, d)."""
-        return low[:, None] + size[:, None] * self._offsets
-
-    def _values(self, low: Array, size: Array) -> Array:
-        points = self.points(low, size)
-        self.evaluations += len(low) * len(self.weights)
-        return self._log_likelihood(points.reshape(-1, self._dimension)).reshape(points.shape[:2])
-
-    def integrals(self, power: float) -> tuple[Array, Array]:
-        """∫ (L/L_max)^β of each box (boxes,), and how far coarser rules along each axis are from it (boxes, d)."""
-        value = np.exp(power * (self.log_values - self.log_values.max()))
-        value *= self.size.prod(axis=1)[:, None]
-        fine = value @ self.weights
-        return fine, np.abs(fine[:, None] - value @ self._coarse)
-
-    def halve(self, chosen: NDArray[np.bool_], axis: NDArray[np.intp]) -> None:
-        """Replace chosen boxes (boxes,) by their halves along an axis of each; the halves come last, in pairs."""
-        low, size = np.repeat(self.low[chosen], 2, axis=0), np.repeat(self.size[chosen], 2, axis=0)
-        row, along = np.arange(len(low)), np.repeat(axis[chosen], 2)
-        size[row, along] /= 2
-        low[row[1::2], along[1::2]] += size[row[1::2], along[1::2]]
-        values = self._values(low, size)
-        self.low, self.size, self.log_values = (
-            np.concatenate([kept[~chosen], new])
-            for kept, new in ((self.low, low), (self.size, size), (self.log_values, values))
-        )
-
-
-def integrate(log_likelihood: LogDensity, dimension: int) -> Quadrature | None:
-    """∫ L over the unit cube of up to three dimensions.
-
-    Parameters
-    ----------
-    log_likelihood
-        ln L, (n, d) array of points of the unit cube to (n,) array, −inf where the data are impossible.
-    dimension
-        d, at least 1.
-
-    Returns
-    -------
-    Quadrature or None
-        None where half a million values do not give the integral to 0.3 %, or L is zero at all of the first.
-    """
-    boxes = _Boxes(log_likelihood, dimension)
-    possible = boxes.log_values[np.isfinite(boxes.log_values)]
-    if not possible.size:
-        return None
-    settled = _SETTLED[dimension - 1]
-    power = min(1.0, 1 / max(possible.max() - float(np.median(possible)), 1.0))
-    while boxes.evaluations < _MOST_VALUES:
-        integrals, differences = boxes.integrals(power)
-        largest, total = differences.max(axis=1), integrals.sum()
-        # a box of some weight that is not seen clearly may hold what counts most at the next power
-        chosen = (largest > _VAGUE * integrals) & (integrals > _WEIGHT * total)
-        if not chosen.any() and largest.sum() > settled * total:
-            # the boxes that differ most, which make up for half of it all
-            order = np.argsort(-largest)
-            last = int(np.searchsorted(np.cumsum(largest[order]), largest.sum() / 2))
-            chosen = largest >= largest[order[last]]
-        if chosen.any():
-            boxes.halve(chosen, differences.argmax(axis=1))
-        elif power < 1:
-            power = min(1.0, _RISE * power)
-        else:
-            chosen = largest > _COUNTS * largest.sum() / len(largest)
-            before, top = integrals[chosen], boxes.log_values.max()
-            boxes.halve(chosen, differences.argmax(axis=1))
-            integrals, _ = boxes.integrals(1.0)
-            halves = integrals[len(integrals) - 2 * len(before) :].reshape(-1, 2).sum(axis=1)
-            before = before * math.exp(top - boxes.log_values.max())
-            error = float(np.abs(halves - before).sum() / integrals.sum())
-            if error < _ACCURATE:
-                return _result(boxes, float(integrals.sum()), error)
-    return None
-
-
-def _result(boxes: _Boxes, integral: float, error: float) -> Quadrature:
-    values = boxes.log_values
-    with np.errstate(divide="ignore"):
-        log_weight = (values + np.log(boxes.weights) + np.log(boxes.size).sum(axis=1)[:, None]).ravel()
-    seen = log_weight > log_weight.max() - 100.0  # the others weigh nothing
-    points = boxes.points(boxes.low, boxes.size).reshape(len(log_weight), -1)[seen]
-    return Quadrature(math.log(integral) + float(values.max()), error, points, log_weight[seen], boxes.evaluations)
