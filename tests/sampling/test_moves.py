@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from jointbayes.sampling.coordinate_maps import Identity
-from jointbayes.sampling.moves import DEMove, settle
+from jointbayes.sampling.moves import DEMove
+from jointbayes.sampling.moves.base import settle
 
 
 class Sinh:

@@ -192,7 +192,6 @@ def test_the_verdict_names_the_winner_the_next_and_a_prior_that_decides():
         ("importance sampling", 0.71, False),
         ("importance sampling", np.inf, False),
         ("nested sampling", np.nan, True),
-        ("quadrature", np.nan, True),
     ],
 )
 def test_an_importance_sample_is_trusted_up_to_a_pareto_k_of_0_7(method, pareto_k, trusted):

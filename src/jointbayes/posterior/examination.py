@@ -53,10 +53,7 @@ def _wider_prior_draws(posterior: Posterior) -> tuple[Array, Array] | None:
     Where no draws were found that may be trusted the prior stands for the posterior: nothing is then known.
     """
     wide = posterior.widened
-    if wide is None:
-        return None
-    drawn = wide.prior.values(wide.prior_theta)
-    return (wide.prior.values(wide.theta) if wide.reliable else drawn), drawn
+    return None if wide is None else (wide.prior.values(wide.theta), wide.prior.values(wide.prior_theta))
 
 
 def _profiles(posterior: Posterior) -> tuple[ProfileLikelihood, ...]:

@@ -53,7 +53,6 @@ RANK: dict[Verdict, int] = {
 }  # fmt: skip
 #: An interval that is wider, or whose ends lie further out, by more than this share of its width is another one.
 LARGEST_CHANGE = 0.5
-_DRAWS = 8000
 _PILOT = 2000
 _REGION_DRAWS = 4000
 _KEPT = 2000  # draws of a row, with the run
@@ -215,10 +214,9 @@ def _row(
     theta, effective = sample
     (random,) = rng.spawn(1)  # the rows that follow do not depend on whether a bound is within reach
 
-    def drawn_anew(wide: JointPrior) -> tuple[Array, float, bool]:
+    def drawn_anew(wide: JointPrior) -> tuple[Array, float] | None:
         part_of_wide = _Part(replace_prior(problem, wide), uncertain)
-        anew = part_of_wide.sample(part.free(theta), modes, random, enough=ENOUGH_FOR_CLASS)
-        return (wide.sample(random, _DRAWS), 0.0, False) if anew is None else (*anew, True)
+        return part_of_wide.sample(part.free(theta), modes, random, enough=ENOUGH_FOR_CLASS)
 
     wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew)
     values = problem.prior.values(theta)

@@ -17,20 +17,16 @@ from jointbayes.posterior.coordinates import coordinate_systems, judged_quantiti
 from jointbayes.posterior.solutions import AnyDraws
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
-    Chains,
-    Proposal,
-    SamplerSettings,
     WeightedDraws,
     fit_each_mode,
     fit_proposal,
     released_draws,
-    run_ensembles,
 )
 from vibrecords.arrays import Array
 
 Side = Literal["lower", "upper"]
-#: Draws of θ, how many independent ones they are worth, and whether they may be trusted.
-DrawsOfWorth = tuple[Array, float, bool]
+#: Draws of θ, and how many independent ones they are worth; None where none were found that may be trusted.
+DrawsOfWorth = tuple[Array, float] | None
 DrawnAnew = Callable[[JointPrior], DrawsOfWorth]
 
 #: By how much each bound of ln k is moved out.
@@ -60,13 +56,13 @@ class WidenedPosterior:
     prior
         The wider priors.
     theta
-        Equally weighted draws of θ, shape (n, d).
+        Equally weighted draws of θ, shape (n, d); those of the wider prior where none of the posterior may be trusted.
     prior_theta
         Draws from the wider prior, shape (m, d).
     effective
         Number of independent draws that `theta` is worth.
     reliable
-        Whether the draws may be trusted: a run that did not converge gives none that may.
+        Whether the draws may be trusted.
     """
 
     prior: JointPrior
@@ -193,12 +189,13 @@ def widen(
         if share >= _ENOUGH_SHARE:
             draws = weighted.resample(rng, _DRAWS)
             return WidenedPosterior(wide, draws, wide.sample(rng, _PRIOR_DRAWS), max(1.0, share * effective()))
-    draws, worth, reliable = drawn_anew(wide)
-    return WidenedPosterior(wide, draws, wide.sample(rng, _PRIOR_DRAWS), worth, reliable)
+    anew, before = drawn_anew(wide), wide.sample(rng, _PRIOR_DRAWS)
+    theta, worth = anew or (before, 0.0)
+    return WidenedPosterior(wide, theta, before, worth, anew is not None)
 
 
 def _drawn_anew(posterior: AnyDraws, rng: np.random.Generator, wide: JointPrior) -> DrawsOfWorth:
-    """Importance draws in rounds, from a proposal fitted to the wider posterior or from the draws; else of walkers."""
+    """Importance draws in rounds, from a proposal fitted to the wider posterior or from the draws."""
     problem = replace_prior(posterior.problem, wide)
     log_posterior, systems = problem.log_posterior, coordinate_systems(problem)
     ends = [refine(log_posterior, posterior.mode_theta)]
@@ -223,10 +220,8 @@ def _drawn_anew(posterior: AnyDraws, rng: np.random.Generator, wide: JointPrior)
             proposal=first, wide=everywhere, modes=count, enough=ENOUGH_FOR_CLASS,
         )  # fmt: skip
         if adapted is not None:
-            return adapted.theta, adapted.effective, True
-    weighted = WeightedDraws(*proposal.weighted_draws(log_posterior, rng, _DRAWS))
-    chains = _short_run(log_posterior, proposal, np.concatenate([weighted.theta, posterior.theta]), rng)
-    return chains.draws().theta.reshape(-1, len(problem.names)), float(chains.ess.min()), chains.converged
+            return adapted.theta, adapted.effective
+    return None
 
 
 def moved_beyond_bounds(prior: JointPrior, theta: Array) -> Array:
@@ -244,15 +239,3 @@ def moved_beyond_bounds(prior: JointPrior, theta: Array) -> Array:
         copies[:, column] += step
         moved.append(copies)
     return np.concatenate(moved)
-
-
-def _short_run(log_posterior: LogPosterior, proposal: Proposal, around: Array, rng: np.random.Generator) -> Chains:
-    """Run of the ensembles from points θ, shape (n, d), the first of which are the better places to start."""
-    dimension = around.shape[1]
-    settings = SamplerSettings(walkers=max(32, 4 * dimension), max_steps=2000, tau_factor=20.0, end_tolerance=0.05)
-    start = around[: settings.ensembles * settings.walkers]
-    start = rng.permutation(start).reshape(settings.ensembles, settings.walkers, dimension)
-    quantities = judged_quantities(log_posterior.prior)
-    return run_ensembles(
-        log_posterior, start, rng, settings, coordinates=proposal.coordinates, proposal=proposal, quantities=quantities
-    )

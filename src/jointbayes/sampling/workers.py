@@ -197,7 +197,7 @@ def advance(
     """
     from emcee import State
 
-    from jointbayes.sampling.moves import Driver
+    from jointbayes.sampling.moves.base import Driver
 
     walkers, dimension = state.theta.shape
     counted = {chosen.name: _Counted(chosen.move) for chosen in moves}

@@ -1,0 +1,127 @@
+"""What moves have in common, and emcee's loop that makes them."""
+
+from typing import Any
+
+import emcee
+import numpy as np
+from emcee import State
+from emcee.model import Model
+from emcee.moves import Move, RedBlueMove
+
+from jointbayes.sampling.coordinate_maps import Coordinates
+from jointbayes.sampling.distributions import ProposalDensity
+from vibrecords.arrays import Array, Flags, Indices
+
+Walkers = Indices | slice
+
+
+class Driver(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee is not typed
+    """emcee's sampler, whose state of random numbers is never read.
+
+    emcee copies the 624 words of the generator's state at every step. With vectorised moves that would be a fourth of
+    the time of a step.
+    """
+
+    @property
+    def random_state(self) -> None:
+        """Nothing: the next block has a seed of its own."""
+        return
+
+    @random_state.setter
+    def random_state(self, state: tuple[Any, ...]) -> None:
+        self._random.set_state(state)
+
+
+def settle(model: Model, state: State, walkers: Walkers, proposed: Array, log_factor: Array) -> Flags:
+    """Accept or refuse proposals by the rule of Metropolis and Hastings, in place.
+
+    emcee's own moves do this walker by walker in Python, which costs more than a fast log-density.
+
+    Parameters
+    ----------
+    model, state
+        As emcee hands them to a move; the log-density is asked directly, which the sampler has wrapped in its check.
+    walkers : ndarray of int, shape (n,), or slice
+        Those that move.
+    proposed : ndarray, shape (n, d)
+        Where to.
+    log_factor : ndarray, shape (n,)
+        ln of the ratio q(back)/q(forth) of the proposal's densities.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        Which proposals were accepted.
+
+    References
+    ----------
+    W. K. Hastings, Monte Carlo sampling methods using Markov chains (1970), DOI 10.1093/biomet/57.1.97.
+    """
+    log_density = np.asarray(model.log_prob_fn(proposed))
+    # minus an exponential variate is the log of a uniform one
+    gain = log_factor + log_density - state.log_prob[walkers]
+    accepted: Flags = gain > -model.random.standard_exponential(len(proposed))
+    state.coords[walkers] = np.where(accepted[:, None], proposed, state.coords[walkers])
+    state.log_prob[walkers] = np.where(accepted, log_density, state.log_prob[walkers])
+    return accepted
+
+
+class HalvesMove(RedBlueMove):  # type: ignore[misc]  # emcee is not typed
+    """Move each random half of the walkers by the positions of the other half, all of a half at once.
+
+    Subclasses give `get_proposal`, as those of emcee's own move of two halves do.
+
+    References
+    ----------
+    D. Foreman-Mackey et al., emcee: the MCMC hammer (2013), section 3, DOI 10.1086/670067.
+    """
+
+    def propose(self, model: Model, state: State) -> tuple[State, Flags]:
+        """Move both halves in turn; return the state and who accepted, shape (walkers,)."""
+        walkers = len(state.coords)
+        order = model.random.permutation(walkers)
+        halves = order[: walkers // 2], order[walkers // 2 :]
+        accepted = np.zeros(walkers, dtype=bool)
+        for moving, resting in (halves, halves[::-1]):
+            proposed, log_factor = self.get_proposal(state.coords[moving], [state.coords[resting]], model.random)
+            accepted[moving] = settle(model, state, moving, proposed, log_factor)
+        return state, accepted
+
+
+class EachAlone(Move):  # type: ignore[misc]  # emcee is not typed
+    """Move all walkers at once, each by its own place alone; subclasses give `get_proposal`."""
+
+    def propose(self, model: Model, state: State) -> tuple[State, Flags]:
+        """Move all walkers; return the state and who accepted, shape (walkers,)."""
+        proposed, log_factor = self.get_proposal(state.coords, model.random)
+        return state, settle(model, state, slice(None), proposed, log_factor)
+
+
+class FittedMove(EachAlone):
+    """Propose by a fitted distribution in coordinates φ, with respect to which the proposal is reversible.
+
+    The acceptance compares the importance weights p/q of the two places, with q the distribution's density over θ: that
+    over φ divided by |∂θ/∂φ|. Subclasses give `new_places`.
+
+    Parameters
+    ----------
+    coordinates
+        Coordinates in which to propose.
+    density
+        Distribution in these coordinates.
+    """
+
+    def __init__(self, coordinates: Coordinates, density: ProposalDensity) -> None:
+        self._coordinates, self._density = coordinates, density
+
+    def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Propose for the walkers at θ, shape (n, d), with ln q(θ) − ln q(proposed), shape (n,)."""
+        coordinates, density = self._coordinates, self._density
+        here = coordinates.forward(theta)
+        there = self.new_places(here, random)
+        proposed, inside = coordinates.inverse(there)
+        # a walker sent out of the region is proposed where it is, and refused
+        proposed = np.where(inside[:, None], proposed, theta)
+        before = density.log_density(here) - coordinates.log_volume(theta)
+        after = density.log_density(there) - coordinates.log_volume(proposed)
+        return proposed, np.where(inside, before - after, -np.inf)
