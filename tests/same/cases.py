@@ -102,8 +102,3 @@ def quick(settings: SamplerSettings, *, full: bool = False) -> SamplerSettings:
 def quick_run(case: Case) -> SamplerSettings:
     """The same for the run of a case, with as few walkers as its unknowns allow."""
     return replace(quick(case.sampler), walkers=max(16, 2 * len(case.problem.prior.names)))
-
-
-def quick_widened(**settings: float) -> SamplerSettings:
-    """The same for a run with wider priors, `posterior.widened`."""
-    return SamplerSettings(**settings | {"max_steps": STEPS})

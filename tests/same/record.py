@@ -17,13 +17,13 @@ import numba
 import numpy as np
 from threadpoolctl import threadpool_info
 
-from jointbayes.posterior import Posterior, widened
+from jointbayes.posterior import Posterior
 from jointbayes.report import ReportInputs, build_report, figures, render_html
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
 from tests.conftest import plain_reports
-from tests.same.cases import DEAR, made, quick, quick_run, quick_widened
+from tests.same.cases import DEAR, made, quick, quick_run
 
 #: Keys of a summary that say when, where and how fast, not what.
 _PASSING = ("seconds", "ess_per_second", "versions")
@@ -46,7 +46,6 @@ def shortened(name: str) -> Iterator[None]:
     with (
         patch.object(figures, "svg", lambda *_: _BLANK),
         patch.object(SamplerSettings, "for_one_of_many", quick),
-        patch.object(widened, "SamplerSettings", quick_widened),
         plain_reports() if name in DEAR else nullcontext(),
     ):
         yield

@@ -18,7 +18,7 @@ from jointbayes.sampling import (
 )
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.moves import JumpMove
-from jointbayes.sampling.sampler import _refitted
+from jointbayes.sampling.proposal import refit_proposal
 from jointbayes.sampling.starting import weighted_moves
 from jointbayes.sampling.stopping import diagnose
 
@@ -116,12 +116,12 @@ def test_a_proposal_is_fitted_anew_to_the_draws_of_each_mode():
     x = 4 + rng.normal(size=20_000)
     draws = np.column_stack([x, (x - 4) ** 2 - 4 + 0.05 * rng.normal(size=x.size)])
     draws[::2] = draws[::2, ::-1]
-    again = _refitted(mirrored, [Identity()], first, draws, rng)
+    again = refit_proposal(mirrored, [Identity()], first, draws, rng)
     assert again.modes is first.modes
     assert again.efficiency > 0.5
     assert again.shares == pytest.approx([0.5, 0.5], abs=0.03)
     # where a mode has too few draws its proposal stays
-    few = _refitted(mirrored, [Identity()], first, draws[draws[:, 0] > draws[:, 1]], rng)
+    few = refit_proposal(mirrored, [Identity()], first, draws[draws[:, 0] > draws[:, 1]], rng)
     assert few.parts[1] is first.parts[1]
     assert few.parts[0] is not first.parts[0]
 

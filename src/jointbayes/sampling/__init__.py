@@ -19,12 +19,12 @@ from jointbayes.sampling.proposal import Proposal as Proposal
 from jointbayes.sampling.proposal import Start as Start
 from jointbayes.sampling.proposal import fit_each_mode as fit_each_mode
 from jointbayes.sampling.proposal import fit_proposal as fit_proposal
+from jointbayes.sampling.proposal import proposal_from_draws as proposal_from_draws
 from jointbayes.sampling.released import END_TOLERANCE as END_TOLERANCE
 from jointbayes.sampling.released import ENOUGH as ENOUGH
 from jointbayes.sampling.released import Restraint as Restraint
 from jointbayes.sampling.released import independent_chains as independent_chains
 from jointbayes.sampling.released import released_draws as released_draws
-from jointbayes.sampling.sampler import proposal_from_draws as proposal_from_draws
 from jointbayes.sampling.sampler import run_adapted as run_adapted
 from jointbayes.sampling.sampler import run_ensembles as run_ensembles
 from jointbayes.sampling.starting import replace_far_walkers as replace_far_walkers

@@ -360,3 +360,81 @@ def joined(
     evaluations = sum(proposal.evaluations for proposal in parts) + len(parts) * _WEIGHED + _CONFIRMING
     mixture = Proposal(OneOfProposals(tuple(parts), weights), 0.0, evaluations, Finite(), modes)
     return replace(mixture, efficiency=mixture.confirmed_efficiency(log_density, rng, _CONFIRMING))
+
+
+_FITTED = 6000  # draws to which a mixture is fitted
+_HELD_OUT = 2000  # others than these, by which the coordinates are chosen
+#: Both together.
+DRAWS_OF_A_FIT = _FITTED + _HELD_OUT
+_MISSED = 1.5  # ln of an importance weight: draws above it are hardly ever proposed
+_FEWEST = 5  # such draws for each parameter, for components to be added for them
+_MORE, _MOST = 3.0, 0.3  # times their share of all draws is the weight of what is added, but no more than this
+_ADDED, _ROUNDS = 4, 8  # components in each round
+
+
+def proposal_from_draws(
+    log_density: LogDensity, systems: Sequence[Coordinates], theta: Array, rng: np.random.Generator
+) -> Proposal:
+    """Fit a mixture of Student-t distributions to draws of a density, in the best of several coordinates.
+
+    Each system is tried as it is and straightened (:func:`straightened`); the best is that in which draws held back are
+    the likeliest. Components are added for draws that the mixture hardly proposes.
+
+    Parameters
+    ----------
+    log_density : callable
+        Log of the unnormalised density over θ.
+    systems : sequence of Coordinates
+        Coordinates to choose from.
+    theta : ndarray, shape (n, d)
+        Equally weighted draws, in any order.
+    rng : numpy.random.Generator
+        Source of all randomness.
+    """
+    theta = theta[rng.permutation(len(theta))]
+    held_out, fitted = theta[:_HELD_OUT], theta[_HELD_OUT : _HELD_OUT + _FITTED]
+    coordinates, mixture = likeliest_mixture(systems, fitted, held_out, _COMPONENTS, rng)
+    mixture = _reaching(mixture, coordinates, fitted, log_density(fitted), rng)
+    proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, coordinates)
+    return replace(proposal, efficiency=proposal.confirmed_efficiency(log_density, rng, _CONFIRMING))
+
+
+def refit_proposal(
+    log_density: LogDensity, systems: Sequence[Coordinates], proposal: Proposal, theta: Array, rng: np.random.Generator
+) -> Proposal:
+    """The proposal fitted to draws θ, shape (n, d); of several modes to those of each, where there are enough."""
+    modes = proposal.modes
+    if modes is None:
+        return proposal_from_draws(log_density, systems, theta, rng)
+    nearest, parts = modes.nearest(theta), list(proposal.parts)
+    for number in range(len(parts)):
+        draws = theta[nearest == number]
+        if len(draws) >= 2 * _HELD_OUT:
+            parts[number] = proposal_from_draws(AboutModes(log_density, modes, number), systems, draws, rng)
+    return joined(log_density, parts, modes, rng)
+
+
+def _reaching(
+    mixture: StudentMixture, coordinates: Coordinates, theta: Array, value: Array, rng: np.random.Generator
+) -> StudentMixture:
+    """Mixture with components added where draws θ lie that it hardly proposes: there a walker would wait for long.
+
+    `value` is the log of the density at θ, normalised or not.
+    """
+    phi = coordinates.forward(theta)
+    volume = coordinates.log_volume(theta)
+    for _ in range(_ROUNDS):
+        log_weight = value - (mixture.log_density(phi) - volume)
+        # the mean of q/p over draws from p is 1/Z
+        log_weight += np.logaddexp.reduce(-log_weight) - np.log(log_weight.size)
+        missed = phi[(log_weight > _MISSED) & np.isfinite(phi).all(axis=1)]
+        if len(missed) < _FEWEST * (phi.shape[1] + 1):
+            break
+        weight = np.full(len(missed), 1 / len(missed))
+        added = most_likely_mixture(first_mixture(missed, weight, _ADDED, rng), missed, weight)
+        share = min(_MORE * len(missed) / len(theta), _MOST)
+        mixture = StudentMixture(
+            (*added.components[:-1], *mixture.components),
+            np.concatenate([share * added.weights[:-1] / added.weights[:-1].sum(), (1 - share) * mixture.weights]),
+        )
+    return mixture

@@ -11,10 +11,9 @@ from jointbayes.sampling.chains import Chains, Slow, Stage
 from jointbayes.sampling.checkpoint import UnfinishedRun, require_same_density
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.distribution_fit import GOOD_MIXTURE, first_mixture, good_efficiency, most_likely_mixture
-from jointbayes.sampling.distributions import StudentMixture
+from jointbayes.sampling.distribution_fit import GOOD_MIXTURE, good_efficiency
 from jointbayes.sampling.ensemble import SamplerSettings, Streams
-from jointbayes.sampling.proposal import AboutModes, Proposal, joined, likeliest_mixture
+from jointbayes.sampling.proposal import DRAWS_OF_A_FIT, Proposal, refit_proposal
 from jointbayes.sampling.starting import initial_states, weighted_moves
 from jointbayes.sampling.stopping import Quantities
 from jointbayes.sampling.workers import finished_first, mover
@@ -26,14 +25,6 @@ _STAGES = (500, 1000, 2000, 4000)
 _SLOW_TAU = 20.0
 #: Before these, where the first proposal is not good: each reaches a little further out from what the last one found.
 _EXPLORING = (200, 200, 200, 200)
-_FITTED = 6000  # draws to which a mixture is fitted
-_HELD_OUT = 2000  # others than these, by which the coordinates are chosen
-_COMPONENTS = 12
-_CONFIRMING = 4000
-_MISSED = 1.5  # ln of an importance weight: draws above it are hardly ever proposed
-_FEWEST = 5  # such draws for each parameter, for components to be added for them
-_MORE, _MOST = 3.0, 0.3  # times their share of all draws is the weight of what is added, but no more than this
-_ADDED, _ROUNDS = 4, 8  # components in each round
 _HALF = 0.3  # efficiency that stands for half independence moves, half local ones
 _STATED = 0.5  # of a proposal's efficiency: if draws of the posterior find less, a part of it was missed
 _FAR = 100.0  # ln of an importance weight that is as good as infinite
@@ -225,80 +216,12 @@ def run_adapted(
             break
         discarded += chains.steps
         explores = explores and number + 1 < len(_EXPLORING)
-        proposal = _refitted(log_density, systems, proposal, _draws(chains), streams.refit())
+        proposal = refit_proposal(log_density, systems, proposal, _draws(chains), streams.refit())
         start = chains.theta[:, -1]
     reason = chains.reason
     if discarded:
         reason += f"; {discarded} earlier steps served to fit the proposal and were discarded"
     return replace(chains, discarded=discarded, evaluations=evaluations, seconds=seconds, reason=reason), proposal
-
-
-def proposal_from_draws(
-    log_density: LogDensity, systems: Sequence[Coordinates], theta: Array, rng: np.random.Generator
-) -> Proposal:
-    """Fit a mixture of Student-t distributions to draws of a density, in the best of several coordinates.
-
-    Each system is tried as it is and straightened (:func:`straightened`); the best is that in which draws held back are
-    the likeliest. Components are added for draws that the mixture hardly proposes.
-
-    Parameters
-    ----------
-    log_density : callable
-        Log of the unnormalised density over θ.
-    systems : sequence of Coordinates
-        Coordinates to choose from.
-    theta : ndarray, shape (n, d)
-        Equally weighted draws, in any order.
-    rng : numpy.random.Generator
-        Source of all randomness.
-    """
-    theta = theta[rng.permutation(len(theta))]
-    held_out, fitted = theta[:_HELD_OUT], theta[_HELD_OUT : _HELD_OUT + _FITTED]
-    coordinates, mixture = likeliest_mixture(systems, fitted, held_out, _COMPONENTS, rng)
-    mixture = _reaching(mixture, coordinates, fitted, log_density(fitted), rng)
-    proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, coordinates)
-    return replace(proposal, efficiency=proposal.confirmed_efficiency(log_density, rng, _CONFIRMING))
-
-
-def _refitted(
-    log_density: LogDensity, systems: Sequence[Coordinates], proposal: Proposal, theta: Array, rng: np.random.Generator
-) -> Proposal:
-    """The proposal fitted to draws θ, shape (n, d); of several modes to those of each, where there are enough."""
-    modes = proposal.modes
-    if modes is None:
-        return proposal_from_draws(log_density, systems, theta, rng)
-    nearest, parts = modes.nearest(theta), list(proposal.parts)
-    for number in range(len(parts)):
-        draws = theta[nearest == number]
-        if len(draws) >= 2 * _HELD_OUT:
-            parts[number] = proposal_from_draws(AboutModes(log_density, modes, number), systems, draws, rng)
-    return joined(log_density, parts, modes, rng)
-
-
-def _reaching(
-    mixture: StudentMixture, coordinates: Coordinates, theta: Array, value: Array, rng: np.random.Generator
-) -> StudentMixture:
-    """Mixture with components added where draws θ lie that it hardly proposes: there a walker would wait for long.
-
-    `value` is the log of the density at θ, normalised or not.
-    """
-    phi = coordinates.forward(theta)
-    volume = coordinates.log_volume(theta)
-    for _ in range(_ROUNDS):
-        log_weight = value - (mixture.log_density(phi) - volume)
-        # the mean of q/p over draws from p is 1/Z
-        log_weight += np.logaddexp.reduce(-log_weight) - np.log(log_weight.size)
-        missed = phi[(log_weight > _MISSED) & np.isfinite(phi).all(axis=1)]
-        if len(missed) < _FEWEST * (phi.shape[1] + 1):
-            break
-        weight = np.full(len(missed), 1 / len(missed))
-        added = most_likely_mixture(first_mixture(missed, weight, _ADDED, rng), missed, weight)
-        share = min(_MORE * len(missed) / len(theta), _MOST)
-        mixture = StudentMixture(
-            (*added.components[:-1], *mixture.components),
-            np.concatenate([share * added.weights[:-1] / added.weights[:-1].sum(), (1 - share) * mixture.weights]),
-        )
-    return mixture
 
 
 def _misses_mass(proposal: Proposal, chains: Chains) -> bool:
@@ -318,7 +241,7 @@ def _misses_mass(proposal: Proposal, chains: Chains) -> bool:
 def _draws(chains: Chains) -> Array:
     """Every draw after burn-in, shape (n, d), of at most some ten thousand."""
     kept = chains.theta[:, chains.held_burn_in :]
-    every = max(1, kept[..., 0].size // (4 * (_FITTED + _HELD_OUT)))
+    every = max(1, kept[..., 0].size // (4 * DRAWS_OF_A_FIT))
     return kept[:, ::every].reshape(-1, kept.shape[-1])
 
 
