@@ -24,7 +24,7 @@ LEAST_CONTRACTION = 0.5
 NOTHING = 0.05
 #: Share of the credible interval by which likelihood-ratio limits differ from its ends where the prior's volume speaks.
 VOLUME_SHARE = 0.1
-_NO_ENDS = (math.nan, math.nan)
+NO_ENDS = (math.nan, math.nan)
 
 #: The rule in words, as reports print it.
 RULE = (
@@ -142,8 +142,8 @@ class Identifiability:
     limit95_error: float = math.nan
     unit: str = ""
     if_model_right: bool = False
-    likelihood95: tuple[float, float] = _NO_ENDS
-    printed95: tuple[float, float] = _NO_ENDS
+    likelihood95: tuple[float, float] = NO_ENDS
+    printed95: tuple[float, float] = NO_ENDS
     exact: ExactInputs | None = None
 
     @property

@@ -26,7 +26,6 @@ from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.solutions import LEAST_SHARE
 from jointbayes.posterior.verdicts import (
     Finding,
-    PrintedEnds,
     by_likelihood,
     concluded,
     found_with_wider_priors,
@@ -239,14 +238,14 @@ def _judged(
     """One stiffness by its draws, those under wider priors, and of one that is bounded by the likelihood."""
     name, error = quantity.name, partial(quantile_spread, values, effective=effective)
     drawn = assess(values, posterior.prior_values(name).ravel(), error, quantity.unit)
-    finding, ends = Finding(drawn.verdict, drawn.verdict_reason), PrintedEnds()
+    finding = Finding(drawn.verdict, drawn.verdict_reason)
     if name in posterior.solutions.split:
         finding = Finding("not identified", "several solutions")
     elif wider is not None:
         finding = found_with_wider_priors(posterior, wider, name, drawn, values, error)
     if math.isfinite(finding.limit95):  # which no volume of a prior moves
-        finding, ends = by_likelihood(posterior, region, name, drawn, finding)
-    return concluded(drawn, finding, ends, explained=posterior.check.explains)
+        finding = by_likelihood(posterior, region, name, drawn, finding)
+    return concluded(drawn, finding, explained=posterior.check.explains)
 
 
 class _Part:

@@ -14,7 +14,7 @@ limit have chosen the verdict as well, so that among joints with one verdict mor
 import math
 import textwrap
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -23,6 +23,7 @@ from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
     IF_MODEL_RIGHT,
+    NO_ENDS,
     Error,
     ExactInputs,
     Identifiability,
@@ -77,20 +78,14 @@ def reasons_for_no_verdict(posterior: AnyPosterior) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The class of a stiffness with its reason, and the draws' limit of one that is bounded, with its error."""
+    """What is found of a stiffness beyond what its draws say, by the names that `Identifiability` has for it."""
 
     verdict: Verdict
     verdict_reason: str
     limit95: float = math.nan
     limit95_error: float = math.nan
-
-
-@dataclass(frozen=True, slots=True)
-class PrintedEnds:
-    """Likelihood-ratio limits, and the ends that are printed; NaN where none were sought."""
-
-    likelihood95: tuple[float, float] = (math.nan, math.nan)
-    printed95: tuple[float, float] = (math.nan, math.nan)
+    likelihood95: tuple[float, float] = NO_ENDS
+    printed95: tuple[float, float] = NO_ENDS
 
 
 def judge_stiffness(
@@ -114,36 +109,24 @@ def judge_stiffness(
     """
     error = partial(quantile_error, posterior.by_ensemble(name))
     drawn = assess(posterior.values(name), posterior.prior_values(name), error, posterior.unit(name))
-    finding, ends = _found(posterior, name, drawn, error), PrintedEnds()
+    finding = _found(posterior, name, drawn, error)
     if finding.verdict not in ("no verdict", "identified") and name in posterior.stiffness_names:
-        finding, ends = by_likelihood(posterior, lambda: posterior.likelihood_region, name, drawn, finding)
-    reason = finding.verdict_reason
+        finding = by_likelihood(posterior, lambda: posterior.likelihood_region, name, drawn, finding)
     narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
     if narrow and finding.verdict != "no verdict" and not posterior.solutions.reason(name):
-        reason = f"{reason}; {narrow}"
-    finding = replace(finding, verdict_reason=reason)
-    return concluded(
-        drawn, finding, ends, None if exact is None else exact.get(name), explained=posterior.check.explains
-    )
+        finding = replace(finding, verdict_reason=f"{finding.verdict_reason}; {narrow}")
+    return concluded(drawn, finding, (exact or {}).get(name), explained=posterior.check.explains)
 
 
 def concluded(
-    drawn: Identifiability, finding: Finding, ends: PrintedEnds, exact: ExactInputs | None = None, *, explained: bool
+    drawn: Identifiability, finding: Finding, exact: ExactInputs | None = None, *, explained: bool
 ) -> Identifiability:
-    """What draws say of a stiffness, with the class found, the ends to print, and the conditions it stands under."""
+    """What draws say of a stiffness, with what was found, and the conditions it stands under."""
     says = finding.verdict not in ("no verdict", "not identified")
     conditional = says and not explained
-    return replace(
-        drawn,
-        verdict=finding.verdict,
-        verdict_reason=f"{IF_MODEL_RIGHT}: {finding.verdict_reason}" if conditional else finding.verdict_reason,
-        limit95=finding.limit95,
-        limit95_error=finding.limit95_error,
-        if_model_right=conditional,
-        likelihood95=ends.likelihood95,
-        printed95=ends.printed95,
-        exact=exact if says else None,
-    )
+    if conditional:
+        finding = replace(finding, verdict_reason=f"{IF_MODEL_RIGHT}: {finding.verdict_reason}")
+    return replace(drawn, **asdict(finding), if_model_right=conditional, exact=exact if says else None)
 
 
 def _found(posterior: AnyPosterior, name: str, drawn: Identifiability, error: Error) -> Finding:
@@ -267,14 +250,14 @@ def _bounded(posterior: AnyPosterior, name: str, wider: Verdict, side: Side, val
 
 def by_likelihood(
     posterior: AnyPosterior, region: Callable[[], LikelihoodRegion], name: str, drawn: Identifiability, finding: Finding
-) -> tuple[Finding, PrintedEnds]:
-    """What is printed: at each end the more cautious of what the draws and what the likelihood say.
+) -> Finding:
+    """The finding with what is printed: at each end the more cautious of what the draws and what the likelihood say.
 
     A limit that excludes next to nothing of the prior by the likelihood is none. `region` gives the joints that fit
     nearly as well as the best, which takes seconds to find.
     """
     if len(posterior.problem.names) > MOST_UNKNOWNS:
-        return finding, PrintedEnds()
+        return finding
     bounded, index = math.isfinite(finding.limit95), posterior.stiffness_names.index(name)
     fall = FALL_ONE_SIDED if bounded else FALL_TWO_SIDED
     at95, (low, high) = region().limits(index, fall, FALL_PRINTED)
@@ -283,13 +266,13 @@ def by_likelihood(
         if finding.verdict_reason == drawn.verdict_reason:
             _, reason = verdict_by_rule(drawn.ratio, drawn.contraction, ratio_of(ends))
             finding = replace(finding, verdict_reason=reason)
-        return finding, PrintedEnds(at95, ends)
+        return replace(finding, likelihood95=at95, printed95=ends)
     low, high = min(finding.limit95, low), max(finding.limit95, high)
     ends = (low, math.nan) if finding.verdict == "bounded below" else (math.nan, high)
     prior = posterior.prior_values(name)
     excluded = float(((prior < ends[0]) | (prior > ends[1])).mean())
     if excluded >= LEAST_EXCLUDED:
-        return finding, PrintedEnds(at95, ends)
+        return replace(finding, likelihood95=at95, printed95=ends)
     few = f"by likelihood the data exclude {100 * excluded:.0f} % of the prior"
     return by_likelihood(
         posterior, region, name, drawn, Finding("not identified", f"{finding.verdict_reason}, and {few}")
