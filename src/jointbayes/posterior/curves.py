@@ -136,11 +136,12 @@ def curve_of(posterior: AnyPosterior, name: str, probability: float = 0.95) -> C
     first = named[0][0].level
     assert first is not None
     compared = compare_tests(*(named[place][0] for place in pair))
-    unit, unjudged = posterior.unit(named[0][1]), "; ".join(reasons_for_no_verdict(posterior))
-    of, quantities = tuple(test.name for test, _ in named), tuple(quantity for _, quantity in named)
-    curve = (level, median, low, high, probability)
-    compared_as = (relative, change, unjudged, compared is not None and compared.equal, usual is not None)
-    return Curve(name, unit, first, of, quantities, *curve, pair, pairs, *compared_as)
+    return Curve(
+        name, posterior.unit(named[0][1]), first, tuple(test.name for test, _ in named), tuple(q for _, q in named),
+        level=level, median=median, low=low, high=high, probability=probability, pair=pair, pairs=pairs,
+        relative=relative, change=change, unjudged="; ".join(reasons_for_no_verdict(posterior)),
+        equal_data=compared is not None and compared.equal, of_usual=usual is not None,
+    )  # fmt: skip
 
 
 def _change(
