@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from vibrecords import whole_file
+from vibrecords import files
 
 #: Calls that need room.
 SPACE = frozenset({"open", "mkdir", "write", "fsync", "rename", "replace"})
@@ -34,7 +34,7 @@ def each_change(folder: Path, answer: Answer) -> Iterator[None]:
     """
     root = os.path.realpath(folder)
     kept = {name: getattr(os, name) for name in _CALLS}
-    opening, exchange = io.open, whole_file._swapped_at_once
+    opening, exchange = io.open, files._swapped_at_once
 
     def is_below(place: Any, at: int | None = None) -> bool:
         if isinstance(place, int):
@@ -78,13 +78,13 @@ def each_change(folder: Path, answer: Answer) -> Iterator[None]:
         for name, call in kept.items():
             setattr(os, name, watched(name, call))
         io.open = builtins.open = opened
-        whole_file._swapped_at_once = watched("exchange", exchange)
+        files._swapped_at_once = watched("exchange", exchange)
         yield
     finally:
         for name, call in kept.items():
             setattr(os, name, call)
         io.open = builtins.open = opening
-        whole_file._swapped_at_once = exchange
+        files._swapped_at_once = exchange
 
 
 def full_from(number: int) -> Answer:

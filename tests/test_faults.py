@@ -17,7 +17,7 @@ from jointbayes import workflow
 from jointbayes.cli.commands import main
 from jointbayes.sampling import checkpoint
 from tests.conftest import cheap_frequencies_text, cheap_text, edited, first_in_ci
-from vibrecords.own_directory import MARK
+from vibrecords.files import MARK
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="descriptors are followed by /proc")
 

@@ -288,14 +288,12 @@ def test_any_stiffness_has_finite_coordinates_or_is_an_error(joint, stiffness):
 
 @EASY
 @given(
-    ensembles=ANY, walkers=ANY, steps=ANY, every=ANY, factor=ANY, tolerance=ANY, r_hat=ANY, end=ANY, processes=ANY,
+    ensembles=ANY, walkers=ANY, steps=ANY, every=ANY, factor=ANY, tolerance=ANY, r_hat=ANY, end=ANY,
 )  # fmt: skip
-def test_any_sampler_settings_are_possible_or_an_error(
-    ensembles, walkers, steps, every, factor, tolerance, r_hat, end, processes
-):
+def test_any_sampler_settings_are_possible_or_an_error(ensembles, walkers, steps, every, factor, tolerance, r_hat, end):
     found = made(
         jb.SamplerSettings, ensembles=ensembles, walkers=walkers, max_steps=steps, check_every=every, tau_factor=factor,
-        tau_tolerance=tolerance, r_hat_max=r_hat, end_tolerance=end, processes=processes,
+        tau_tolerance=tolerance, r_hat_max=r_hat, end_tolerance=end,
     )  # fmt: skip
     assert_sound(found)
 

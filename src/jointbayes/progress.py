@@ -29,18 +29,15 @@ class Budget:
     ----------
     seconds
         How much.
-    elsewhere
-        Whether the work is done by other processes: the time that passes counts then.
     """
 
-    def __init__(self, seconds: float = BUDGET_S, *, elsewhere: bool = False) -> None:
-        self._clock = time.perf_counter if elsewhere else time.process_time
-        self._end, self._seconds = self._clock() + seconds, seconds
+    def __init__(self, seconds: float = BUDGET_S) -> None:
+        self._end, self._seconds = time.process_time() + seconds, seconds
 
     @property
     def is_spent(self) -> bool:
         """Whether the stage has to end with what there is."""
-        return self._clock() > self._end
+        return time.process_time() > self._end
 
     def __str__(self) -> str:
         return f"stopped after {self._seconds:g} s of processor time (budget_s)"

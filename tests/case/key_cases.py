@@ -357,7 +357,6 @@ ensembles = 5
 walkers = 52
 max_steps = 21000
 budget_s = 130
-processes = 3
 [reference]
 source = "a table"
 k11 = 1.5e9

@@ -300,10 +300,7 @@ def of_settings() -> list[tuple[str, str, Value]]:
     impact, hammer = "frfs_of_hits[1].", "hammer_records"
     return [
         *((f"identification.{key}", f"iteration.{key}", 1) for key in ("max_steps", "threshold", "line_weight")),
-        *(
-            (f"sampling.{key}", f"sampler.{key}", 1)
-            for key in ("ensembles", "walkers", "max_steps", "processes", "budget_s")
-        ),
+        *((f"sampling.{key}", f"sampler.{key}", 1) for key in ("ensembles", "walkers", "max_steps", "budget_s")),
         ("sampling.seed", "seed", 1),
         *((f"reference.{key}", f"reference[{i}]", 1) for i, key in enumerate(("k11", "k12", "k22"))),
         *(

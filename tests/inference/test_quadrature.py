@@ -163,11 +163,3 @@ def test_draws_that_all_lines_do_not_confirm_are_drawn_anew(cheap_case, monkeypa
     posterior = jb.sample(cheap_case, settings=FEW_STEPS)
     assert "quadrature" not in posterior.reason
     np.testing.assert_array_equal(posterior.theta, expected.theta)
-
-
-@pytest.mark.whole
-def test_two_processes_sample_by_quadrature_to_the_same_bits(cheap_case, for_all):
-    one, two = (jb.sample(cheap_case, settings=replace(FEW_STEPS, processes=count)) for count in (1, 2))
-    assert "quadrature" in two.reason
-    np.testing.assert_array_equal(one.theta, two.theta)
-    np.testing.assert_array_equal(one.log_density, two.log_density)

@@ -16,7 +16,7 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ReportError, ReportInterruptedError, WriteError
 from jointbayes.report.run_directory import write_report
 from tests.conftest import cheap_frequencies_text
-from vibrecords.whole_file import write_whole_file
+from vibrecords.files import write_whole_file
 
 FAILURES = {
     "nobody expected it": (IndexError("list index\nout of range"), "found IndexError (list index out of range)"),
@@ -153,7 +153,7 @@ def test_an_earlier_run_comes_back_where_the_new_one_cannot_take_its_place(confi
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         return rename(self, target)
 
-    monkeypatch.setattr("vibrecords.whole_file._swapped_at_once", lambda *_names: False)  # as on a disk that cannot
+    monkeypatch.setattr("vibrecords.files._swapped_at_once", lambda *_names: False)  # as on a disk that cannot
     monkeypatch.setattr(type(config), "replace", not_into_place)
     result = cli("run", config, "--out", "out")
     assert result.exit_code == 2

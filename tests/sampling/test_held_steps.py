@@ -8,8 +8,8 @@ import pytest
 
 from jointbayes.sampling import SamplerSettings, run_ensembles
 from jointbayes.sampling.chains import spacing
+from jointbayes.sampling.moves import advance
 from jointbayes.sampling.stopping import diagnose
-from jointbayes.sampling.workers import advance
 
 NEVER = SamplerSettings(walkers=8, max_steps=480, check_every=10, tau_factor=1e9)
 
@@ -43,13 +43,13 @@ def whole():
 def held_and_blocks():
     blocks = []
 
-    def advanced(*arguments):
-        blocks.append(advance(*arguments))
+    def advanced(*arguments, **options):
+        blocks.append(advance(*arguments, **options))
         return blocks[-1]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jointbayes.sampling.chains.MOST_HELD", 60)
-        patch.setattr("jointbayes.sampling.workers.advance", advanced)
+        patch.setattr("jointbayes.sampling.moves.advance", advanced)
         return run(density=Counted()), blocks
 
 

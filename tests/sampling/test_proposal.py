@@ -17,7 +17,32 @@ from jointbayes.sampling.sampler import run_ensembles
 from jointbayes.sampling.starting import KEPT, MANY_DIMENSIONS, independence_share, weighted_moves
 from jointbayes.workflow import sample
 from tests.conftest import edited, first_in_ci
-from tests.sampling.worker_densities import GaussianInCompliance
+
+
+class GaussianInCompliance:
+    """Gaussian with independent coordinates in compliance about the paper's Table 3, as a density over θ."""
+
+    def __init__(self, parametrisation, relative):
+        self.coordinates = ComplianceCoordinates(parametrisation)
+        self.theta = parametrisation.coordinates([5.05e9, 3.44e7, 1.52e6])
+        self.mean = self.coordinates.forward(self.theta[None])[0]
+        self.sd = relative * np.abs(self.mean)
+
+    def __call__(self, theta):
+        out = np.full(len(theta), -np.inf)
+        inside = self.coordinates.parametrisation.feasible(theta)
+        z = (self.coordinates.forward(theta[inside]) - self.mean) / self.sd
+        out[inside] = -0.5 * np.sum(z**2, axis=1) - self.coordinates.log_volume(theta[inside])
+        return out
+
+    @property
+    def covariance(self):
+        """Of θ, to first order."""
+        step = 1e-5 * np.eye(3)
+        jacobian = (self.coordinates.forward(self.theta + step) - self.coordinates.forward(self.theta - step)).T / 2e-5
+        inverse = np.linalg.inv(jacobian)
+        return inverse @ np.diag(self.sd**2) @ inverse.T
+
 
 MEAN, SCALE = np.array([1.0, -2.0, 0.5]), np.array([[2.0, 0.9, 0.0], [0.9, 1.0, -0.3], [0.0, -0.3, 0.5]])
 

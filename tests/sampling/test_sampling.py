@@ -15,6 +15,7 @@ from jointbayes.errors import SamplingError
 from jointbayes.sampling import SamplerSettings, quantile_error, run_ensembles
 from jointbayes.sampling.diagnostics import autocorrelation_time, split_r_hat
 from jointbayes.sampling.ensemble import EnsembleState, Streams
+from jointbayes.sampling.moves import advance
 from jointbayes.sampling.starting import weighted_moves
 from jointbayes.sampling.stopping import (
     Check,
@@ -27,7 +28,6 @@ from jointbayes.sampling.stopping import (
     next_check,
     worst_end_error,
 )
-from jointbayes.sampling.workers import advance
 
 SHORT = SamplerSettings(walkers=8, max_steps=300, check_every=100)
 
@@ -73,8 +73,6 @@ class TestSettings:
             ("tau_tolerance", 1.0),
             ("r_hat_max", 1.0),
             ("r_hat_max", float("nan")),
-            ("processes", 0),
-            ("processes", 1.5),
         ],
     )
     def test_value_out_of_range_is_refused_with_its_name_and_value(self, name, value):

@@ -14,8 +14,7 @@ from scipy import stats
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.distributions import StudentT
 from jointbayes.sampling.ensemble import EnsembleState, WeightedMove
-from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove
-from jointbayes.sampling.workers import advance
+from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove, advance
 from tests.science.known_densities import TARGETS
 
 # A step of an ensemble takes as long for many walkers as for few: few ensembles of many are as many draws for less.

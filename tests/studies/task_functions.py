@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 import jointbayes as jb
-from vibrecords.whole_file import whole_file
+from vibrecords.files import whole_file
 
 
 def square(number):

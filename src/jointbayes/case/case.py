@@ -209,7 +209,6 @@ class Case:
             ensembles=spec.ensembles,
             walkers=spec.walkers,
             max_steps=spec.max_steps,
-            processes=spec.processes,
             budget_s=spec.budget_s,
         )
         if "walkers" in spec.model_fields_set:

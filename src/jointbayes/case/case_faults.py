@@ -39,8 +39,12 @@ _SYMBOLS = {
 #: Law and key of [structure.damping] for a symbol that stands in [structure].
 _OF_DAMPING = {"zeta": ("modal", "ratio"), "eta": ("loss_factor", "loss_factor")}
 _MIDDLES = ("mean", "median", "value", "nominal")
-#: Keys of earlier versions, in whose place errors of the model are stated.
-_REMOVED = {("noise", "discrepancy"), ("noise", "model_error"), ("uncertain", "mode_frequencies")}
+#: Keys of earlier versions, and what to do about them.
+_OF_MODES = "use [uncertain.model_error], an error of the model in each mode"
+_REMOVED = {
+    **dict.fromkeys([("noise", "discrepancy"), ("noise", "model_error"), ("uncertain", "mode_frequencies")], _OF_MODES),
+    ("sampling", "processes"): "delete it, a run is one process (campaign and calibrate take --workers)",
+}
 #: Texts that mean one of the allowed ones.
 _SYNONYMS = {"hysteretic": "loss_factor", "structural": "loss_factor"}
 
@@ -229,7 +233,7 @@ def _elsewhere(place: _Place, root: type[BaseModel]) -> str:
     if path[:-1] == ("joint",) and isinstance(place.value, Mapping):
         return f"one of several joints is a table [joints.{key}]"
     if path in _REMOVED:
-        return "it was removed: use [uncertain.model_error], an error of the model in each mode"
+        return f"it was removed: {_REMOVED[path]}"
     if path[:-1] == ("structure",) and key in _OF_DAMPING:
         return 'write {1} in [structure.damping] with law = "{0}"'.format(*_OF_DAMPING[key])
     if path[0] == "uncertain" and len(path) == 3 and key in _MIDDLES:

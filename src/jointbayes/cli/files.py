@@ -51,7 +51,7 @@ def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, s
     from importlib.resources import files
 
     from jointbayes.case.first_case import propose_case
-    from vibrecords.whole_file import write_whole_file
+    from vibrecords.files import write_whole_file
 
     cases = [path for path in file if not measured or path.suffix == ".toml" or path.is_dir()]
     if len(cases) > 1:
@@ -150,9 +150,10 @@ def inspect_command(
       jointbayes inspect hits.uff --band 20 2500 --figure hits.svg
     """
     show_stage(Progress("reading the file", str(file)), on_terminal_only=not file.is_file())
+    from vibrecords.files import write_whole_file
+    from vibrecords.formats.written_by import WRITTEN_BY
     from vibrecords.inspection import contents_of, with_resonances
     from vibrecords.inspection_text import contents_text, resonances_text
-    from vibrecords.whole_file import WRITTEN_BY, write_whole_file
 
     if figure is not None:
         manner().read.append(file)

@@ -5,7 +5,7 @@ import platform
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Annotated, Any, NotRequired, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,6 @@ class SamplerFigures(TypedDict):
     steps: _Count
     max_steps: _Count
     burn_in: _Count
-    processes: NotRequired[_Count]
     thin: Annotated[int, Field(ge=1, le=2**31)]
     acceptance: Annotated[float, Field(ge=0, le=1)]
     move_acceptance: Mapping[str, float]
@@ -165,7 +164,6 @@ def sampler_figures(
         "max_steps": settings.max_steps,
         "burn_in": chains.discarded + chains.burn_in,
         "thin": chains.thin,
-        "processes": settings.processes,
         "acceptance": float(chains.acceptance.mean()),
         "move_acceptance": dict(chains.move_acceptance),
         "proposal_efficiency": proposal.efficiency,

@@ -20,7 +20,7 @@ from jointbayes.inference import JointPrior, Problem
 from jointbayes.joint import Blocks
 from jointbayes.sampling import Draws
 from vibrecords.arrays import Array
-from vibrecords.whole_file import write_whole_file
+from vibrecords.files import write_whole_file
 
 #: Attribute that holds the record.
 RECORD = "jointbayes"

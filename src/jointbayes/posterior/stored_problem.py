@@ -29,8 +29,8 @@ from vibrecords.provenance import Provenance
 PROBLEM_GROUP = "problem"
 #: Rooms whose public classes may stand in a description.
 _ROOMS = ("jointbayes.structure", "jointbayes.joint", "jointbayes.frf", "vibrecords", "jointbayes.inference")
-#: Settings that change no draw, and tables of a case that are only shown or compared with the result.
-_NO_MATTER = frozenset({"processes", "budget_s"})
+#: A setting that changes no draw, and tables of a case that are only shown or compared with the result.
+_NO_MATTER = frozenset({"budget_s"})
 _ONLY_SHOWN = frozenset({"title", "reference", "sampling", "compare", "plan", "virtual_test", "setups"})
 _LONGEST = 60  # characters of a part as it is shown; of longer ones a digest
 _VERSIONS = ("python", "numpy", "scipy", "numba", "emcee", "jointbayes")

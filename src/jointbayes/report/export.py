@@ -18,12 +18,12 @@ from jointbayes.posterior.verdicts import lines_of
 from jointbayes.report.fe_cards import PROGRAMS, JointElement, Units, ascii_lines, fe_cards, joint_element
 from jointbayes.reproducibility import one_blas_thread
 from vibrecords.arrays import Array
+from vibrecords.files import whole_file, write_whole_file
 from vibrecords.formats.array_files import write_matlab
 from vibrecords.formats.uff_write import write_uff
 from vibrecords.formats.units import si_frf_unit
 from vibrecords.formats.write import arrays_of, write_table
 from vibrecords.records import FrfRecord, ModeRecord, dof_label, parse_dof
-from vibrecords.whole_file import whole_file, write_whole_file
 
 #: Measurement formats that FRFs and modes are written in.
 FILES = ("uff58", "uff58b", "mat", "csv")

@@ -17,8 +17,7 @@ from jointbayes.report.guides import with_guides
 from jointbayes.report.kept_draws import draws_kept
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
-from vibrecords.own_directory import real_directory
-from vibrecords.whole_file import exchanged, scratch_directory, swept, write_whole_file
+from vibrecords.files import real_directory, scratch_file, sweep, whole_directory, write_whole_file
 
 _MARK = "summary.json"  # by which a run directory is known
 #: What may be in a run directory; any other file is the user's.
@@ -129,39 +128,25 @@ def json_text(numbers: dict[str, Any]) -> str:
 def write_whole(target: Path, report: Report, files: Mapping[str, str], save_draws: Callable[[Path], None]) -> None:
     """Write report, figures, other files and draws beside the target, then put them in its place."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    with scratch_directory(target) as scratch:
-        new = scratch / "new"
-        new.mkdir()
-        for name, content in _contents(report, files).items():
-            (new / name).parent.mkdir(exist_ok=True)
-            _write_synced(new / name, content)
+    with whole_directory(target) as new:
+        _write_files(new, report, files)
         save_draws(new / "posterior.nc")
         if target.is_dir():
             _require_ours(target)  # once more: hours may have passed
-        exchanged(new, target, scratch)
 
 
 def write_into(target: Path, report: Report, files: Mapping[str, str]) -> None:
     """Write report, figures and other files, in this order, into a directory of a study; each is whole or absent."""
-    for name, content in _contents(with_guides(report), files).items():
-        if "/" in name:
-            real_directory((target / name).parent)
-        write_whole_file(target / name, content)
+    _write_files(target, with_guides(report), files)
 
 
-def _contents(report: Report, files: Mapping[str, str]) -> dict[str, bytes]:
-    """What is written of a report, its figures and other files, by name and in this order."""
+def _write_files(directory: Path, report: Report, files: Mapping[str, str]) -> None:
     figures = {f"figures/{block.identifier}.svg": block.svg for block in report.blocks() if isinstance(block, Figure)}
     rendered = {"report.html": render_html(report).encode(), "report.pdf": render_pdf(report)}
-    return rendered | {name: text.encode() for name, text in {**figures, **files}.items()}
-
-
-def _write_synced(path: Path, content: bytes) -> None:
-    """Write a file and force it to the disk: what stands beside the directory goes when this one is in place."""
-    with path.open("wb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
+    for name, content in (rendered | {name: text.encode() for name, text in {**figures, **files}.items()}).items():
+        if "/" in name:
+            real_directory((directory / name).parent)
+        write_whole_file(directory / name, content)
 
 
 def require_writable(target: Path, room: int = _ROOM) -> None:
@@ -198,7 +183,7 @@ def require_writable(target: Path, room: int = _ROOM) -> None:
     parent = next(p for p in place.parents if p.exists())
     if not parent.is_dir():
         raise CaseError(f"{target}: found that {parent} is a file; {_REMEDY}")
-    swept(parent)
+    sweep(parent)
     require_room(target, room)
 
 
@@ -251,9 +236,9 @@ def require_room(target: Path, room: int = _ROOM) -> None:
     remedy = "choose another --out"
     parent = next(p for p in Path(os.path.abspath(target)).parents if p.exists())
     try:
-        with scratch_directory(parent / target.name) as scratch:
-            (scratch / "trial").write_bytes(bytes(4096))
-            free = shutil.disk_usage(scratch).free
+        with scratch_file(parent / target.name) as scratch:
+            scratch.write_bytes(bytes(4096))
+            free = shutil.disk_usage(parent).free
     except OSError as error:
         raise WriteError(
             f"{target}: found that {parent} cannot be written to ({error.strerror or error}); expected a directory "

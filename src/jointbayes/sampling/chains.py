@@ -7,7 +7,7 @@ import numpy as np
 
 from jointbayes.progress import Progress
 from jointbayes.sampling.density import LogDensity, SeveralModes
-from jointbayes.sampling.ensemble import EnsembleState, MoveCount, MoveOn, SamplerSettings, StepBlock, Streams
+from jointbayes.sampling.ensemble import Advance, EnsembleState, MoveCount, SamplerSettings, StepBlock, Streams
 from jointbayes.sampling.stopping import (
     Check,
     Quantities,
@@ -292,7 +292,7 @@ class Stage:
 
     def extend(
         self,
-        move_on: MoveOn,
+        advance: Advance,
         states: list[EnsembleState],
         streams: Streams,
         settings: SamplerSettings,
@@ -300,8 +300,7 @@ class Stage:
         """Move every ensemble on by one block and return where they stand."""
         size = min(settings.check_every, settings.max_steps - self.step)
         number = self.step // settings.check_every
-        seeds = [streams.block(ensemble, number) for ensemble in range(len(states))]
-        row = move_on(states, size, seeds)
+        row = [advance(state, size, streams.block(ensemble, number)) for ensemble, state in enumerate(states)]
         self.step += size
         self.blocks.append(row)
         self.accepted = self.accepted or [0] * len(row)

@@ -1,16 +1,17 @@
-"""A run on disk while it is not finished: its stages so far, beside the result, so that it can go on."""
+"""A run on disk while it is not finished: all of it in one file beside the result, so that it can go on."""
 
 import io
 import json
-import re
+import signal
+import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
-from os import O_RDONLY, PathLike, fdopen
+from os import PathLike, path
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self, TypeVar
+from types import FrameType
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,27 +23,26 @@ from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.ensemble import EnsembleState, MoveCount
 from jointbayes.sampling.stopping import Check, EndError
 from vibrecords.arrays import Array
-from vibrecords.own_directory import OwnDirectory
-from vibrecords.whole_file import swept, write_whole_file
+from vibrecords.files import OwnDirectory, open_regular, sweep, write_whole_file
 
 #: Least time between two writings, and how many times as long as the last one took: they cost less than 2 %.
-SECONDS_BETWEEN = 5.0
+SECONDS_BETWEEN = 1.0
 _TIMES_THE_COST = 50
 
-_Made = TypeVar("_Made")
-
-_VERSION = 3
-_RUN, _STAGE = "run.npz", "stage-{}.npz"
-_OLDER = {"blocks", "draws"}  # files of version 2
+_VERSION = 4
+_FILE = "run.npz"
 _DRAWS = "posterior.nc"  # while the report is written
+
+KeptStage = tuple[Stage, list[EnsembleState], float]
+"""A stage so far, where its ensembles stand, and the seconds spent on it."""
 
 
 class UnfinishedRun:
     """The directory of a run that is not finished, locked by the process that is at work on it.
 
-    ``run.npz`` says what the run is of, and has the mode that was found; ``stage-N.npz`` has the steps of a stage so
-    far. Each is written whole or not at all, and its archive has a check sum. The random numbers of a block of steps
-    are a function of its number: a stage whose file is damaged is made again, bit for bit.
+    ``run.npz`` says what the run is of, and has the mode that was found and the steps of all stages so far. It is
+    written whole or not at all, and its archive has check sums. The random numbers of a block of steps are a function
+    of its number: where the file is damaged, the run is made again, bit for bit.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class UnfinishedRun:
     resume
         Go on with what is there; where nothing is, begin.
     progress
-        Called with a remark where a stage is damaged, where there is no run to go on with, and where nothing can be
+        Called with a remark where the file is damaged, where there is no run to go on with, and where nothing can be
         written.
     remedy
         What a user should do who did not ask to go on.
@@ -60,7 +60,7 @@ class UnfinishedRun:
     ------
     CheckpointError
         On entering: if the directory is not ours, if another process is at work on it, if a run is there and `resume`
-        is false, or if what it is a run of cannot be read or is of another version.
+        is false, or if it is one of another version.
     WriteError
         On entering: if a link or anything but a regular file has the name of one of its files.
     """
@@ -74,27 +74,22 @@ class UnfinishedRun:
         remedy: str = "pass resume=True",
     ) -> None:
         self.path = Path(path)
+        #: The mode that was found, as it was kept.
         self.estimate: Any = None
-        self._own = OwnDirectory(
-            path,
-            "an unfinished run",
-            "choose another place, or remove it if an older jointbayes left it",
-            error=CheckpointError,
-            private=True,
-        )
-        self._resume, self._progress, self._remedy = resume, progress, remedy
-        self._fingerprint: dict[str, str] | None = None
-        self._stages: dict[int, tuple[Stage, list[EnsembleState], float]] = {}  # as they were read
-        self._steps: dict[int, int] = {}  # of each stage, on disk
         #: Whether there is anything to go on from.
         self.holds_a_run = False
-        self._run_is_written = self._failed = self._discarded = False
-        self._saved = self._cost = 0.0
+        what_to_do = "choose another place, or remove it if an older jointbayes left it"
+        self._own = OwnDirectory(path, "an unfinished run", what_to_do, error=CheckpointError, private=True)
+        self._resume, self._progress, self._remedy = resume, progress, remedy
+        self._fingerprint: dict[str, str] | None = None
+        self._stages: dict[int, KeptStage] = {}
+        self._steps: dict[int, int] = {}  # of each stage, on disk
+        self._failed, self._saved, self._cost = False, 0.0, 0.0
 
     def __enter__(self) -> Self:
         self._own.__enter__()
         try:
-            swept(self.path)
+            sweep(self.path)
             self._look()
         except BaseException:
             self._own.leave()
@@ -102,10 +97,8 @@ class UnfinishedRun:
         self._saved = time.monotonic()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if not self._discarded and not self.holds_a_run:
+    def __exit__(self, *_error: object) -> None:
+        if not self.holds_a_run:
             self.discard()
         self._own.leave()
 
@@ -138,17 +131,17 @@ class UnfinishedRun:
 
     def keep_estimate(self, estimate: dict[str, Any]) -> None:
         """Keep what was found before the first step; written at once where finding it took long."""
-        self.estimate, self._run_is_written = estimate, False
-        if self._due(now=False):
-            with self._timed():
-                self._write_run()
+        self.estimate = estimate
+        self._save()
 
-    def stage(self, number: int) -> tuple[Stage, list[EnsembleState], float] | None:
-        """A stage that was on disk, where its ensembles stand, and the seconds spent on it; None where it was not."""
-        return self._stages.pop(number, None)
+    def stage(self, number: int) -> KeptStage | None:
+        """A stage that was on disk; None where it was not."""
+        return self._stages.get(number)
 
-    def keep(self, number: int, stage: Stage, seconds: float, *, now: bool = False) -> None:
-        """Write a stage if it has new steps and the last writing is long enough ago, or now.
+    def keep(
+        self, number: int, stage: Stage, states: list[EnsembleState], seconds: float, *, now: bool = False
+    ) -> None:
+        """Write the run if a stage has new steps and the last writing is long enough ago, or now.
 
         Parameters
         ----------
@@ -156,34 +149,26 @@ class UnfinishedRun:
             Number of the stage.
         stage : Stage
             All steps so far.
+        states : list of EnsembleState
+            Where its ensembles stand.
         seconds : float
             Time spent on it.
         now : bool
             Write whenever there is something new.
         """
-        if self._steps.get(number, 0) == stage.step or not self._due(now=now):
-            return
-        with self._timed():
-            self._write_run()
-            self._write(_STAGE.format(number), *_stage_record(stage, seconds))
-            self._steps[number] = stage.step
+        if self._steps.get(number, 0) != stage.step:
+            self._stages[number] = stage, states, seconds
+            self._save(now=now)
 
     def discard(self) -> None:
         """Remove the directory: the run is finished, or was never begun. What is not ours in it stays."""
-        self._own.dissolve(_RUN, _DRAWS, *(_STAGE.format(number) for number in self._stage_numbers()))
-        self._discarded = True
-
-    def _stage_numbers(self) -> list[int]:
-        matches = (re.fullmatch(r"stage-(\d{1,3})\.npz", name) for name in self._own.names())
-        return sorted(int(match[1]) for match in matches if match)
+        self.holds_a_run = False
+        self._own.dissolve(_FILE, _DRAWS)
 
     def _look(self) -> None:
-        """Read what is there, and leave out what is damaged."""
-        names = self._own.names()
-        self.holds_a_run = bool(names & {_RUN, *_OLDER})
+        """Read what is there."""
+        self.holds_a_run = path.lexists(self.path / _FILE)
         if not self.holds_a_run:
-            for number in self._stage_numbers():  # of a run whose end was killed as it removed them
-                self._own.remove(_STAGE.format(number))
             if self._resume:
                 self._tell("found no unfinished run; beginning one")
             return
@@ -192,69 +177,105 @@ class UnfinishedRun:
                 f"{self.path}: found an unfinished run; expected none; to go on with it {self._remedy}, or remove that "
                 "directory to begin anew"
             )
-        record: dict[str, Any] | None
-        record = self._read(_RUN, lambda plain, _: dict(plain)) if _RUN in names else {"version": 2}
-        if record is None or record.get("version") != _VERSION:
-            state = "a damaged checkpoint" if record is None else f"checkpoint version {record.get('version')}"
+        found = self._read()
+        if found is None:
+            self._tell(f"found a damaged {_FILE}; its steps are made again")
+            return
+        record, self._stages = found
+        if record.get("version") != _VERSION:
             raise CheckpointError(
-                f"{self.path}: found {state}; expected version {_VERSION}; remove that directory to begin anew"
+                f"{self.path}: found checkpoint version {record.get('version')}; expected version {_VERSION}; remove "
+                "that directory to begin anew"
             )
         self._fingerprint, self.estimate = record.get("fingerprint", {}), record.get("estimate")
-        self._run_is_written = True
-        for number in self._stage_numbers():
-            stage = self._read(_STAGE.format(number), _stage_from_record)
-            if stage is None:
-                self._tell(f"found a damaged {_STAGE.format(number)}; its steps are made again")
-            else:
-                self._stages[number], self._steps[number] = stage, stage[0].step
+        self._steps = {number: stage.step for number, (stage, _, _) in self._stages.items()}
+
+    def _read(self) -> tuple[dict[str, Any], dict[int, KeptStage]] | None:
+        """The record and the stages of the file; None where they are not what was written."""
+        with open_regular(self.path / _FILE, "rb") as stream:
+            try:
+                with np.load(stream, allow_pickle=False) as archive:
+                    arrays = dict(archive)
+                record = json.loads(str(arrays["record"]))
+                stages = record.get("stages", {}).items()
+                return record, {int(number): _stage_from_record(plain, arrays, number) for number, plain in stages}
+            except Exception:  # a flipped bit may lead to any
+                return None
 
     def _tell(self, remark: str) -> None:
         self._progress(Progress("checkpoint", f"{self.path}: {remark}"))
 
-    def _read(self, name: str, make: Callable[[dict[str, Any], dict[str, NDArray[Any]]], _Made]) -> _Made | None:
-        """What is made of the record and the arrays of a file; None where they are not what was written."""
-        with fdopen(self._own.open(name, O_RDONLY), "rb") as stream:
-            try:
-                with np.load(stream, allow_pickle=False) as archive:
-                    arrays = dict(archive)
-                return make(json.loads(str(arrays.pop("record"))), arrays)
-            except Exception:  # a flipped bit may lead to any
-                return None
-
-    def _due(self, *, now: bool) -> bool:
-        return now or time.monotonic() - self._saved >= max(SECONDS_BETWEEN, _TIMES_THE_COST * self._cost)
-
-    @contextmanager
-    def _timed(self) -> Iterator[None]:
-        """Time what is written; a disk that takes nothing costs no draws, they are still in memory."""
+    def _save(self, *, now: bool = False) -> None:
+        """Write all, now or if the time has come; a disk that takes nothing costs no draws, they are in memory."""
         begun = time.monotonic()
+        if not now and begun - self._saved < max(SECONDS_BETWEEN, _TIMES_THE_COST * self._cost):
+            return
+        stages = {number: _stage_record(*kept) for number, kept in self._stages.items()}
+        record = {
+            "version": _VERSION,
+            "fingerprint": self._fingerprint,
+            "estimate": self.estimate,
+            "stages": {number: plain for number, (plain, _) in stages.items()},
+        }
+        arrays: dict[str, Any] = {f"{n}.{name}": array for n, (_, of) in stages.items() for name, array in of.items()}
+        text, content = json.dumps(record, default=lambda value: value.tolist()), io.BytesIO()
+        np.savez(content, record=np.array(text), **arrays)
         try:
-            yield
+            write_whole_file(self.path / _FILE, content.getvalue())
         except WriteError as error:
             reason = getattr(error.__cause__, "strerror", None) or error
             if not self._failed:
                 self._tell(f"no checkpoint could be written ({reason}); going on without")
             self._failed = True
+        else:
+            self.holds_a_run = True
+            self._steps = {number: stage.step for number, (stage, _, _) in self._stages.items()}
         self._saved = time.monotonic()
         self._cost = self._saved - begun
 
-    def _write_run(self) -> None:
-        if not self._run_is_written:
-            record = {"version": _VERSION, "fingerprint": self._fingerprint, "estimate": self.estimate}
-            self._write(_RUN, record, {})
-            self._run_is_written = True
 
-    def _write(self, name: str, record: dict[str, Any], arrays: Mapping[str, Any]) -> None:
-        content = io.BytesIO()
-        text = json.dumps(record, default=lambda value: value.tolist())
-        np.savez(content, record=np.array(text), **arrays)
-        write_whole_file(self.path / name, content.getvalue())
-        self.holds_a_run = True
+@contextmanager
+def finished_first(*, wait: bool = True) -> Iterator[list[int]]:
+    """Let SIGINT, SIGTERM and SIGHUP wait for the end of the body, where Python answers them; a second one does not.
+
+    Whatever the body raises after a signal gives way to what the signal's own handler raises.
+
+    Parameters
+    ----------
+    wait
+        Whether they wait at all.
+
+    Yields
+    ------
+    list of int
+        Signals that have come so far.
+    """
+    if not wait or threading.current_thread() is not threading.main_thread():
+        yield []  # signals come to the main thread only
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM))
+    answered = {int(number): handler for number in numbers if callable(handler := signal.getsignal(number))}
+    waiting: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        waiting.append(number)
+        if len(waiting) > 1:
+            answered[number](number, frame)
+
+    for number in answered:
+        signal.signal(number, note)
+    try:
+        yield waiting
+    finally:
+        for number, handler in answered.items():
+            signal.signal(number, handler)
+        if waiting:
+            answered[waiting[0]](waiting[0], None)
 
 
-def _stage_record(stage: Stage, seconds: float) -> tuple[dict[str, Any], dict[str, Array]]:
+def _stage_record(stage: Stage, states: list[EnsembleState], seconds: float) -> tuple[dict[str, Any], dict[str, Array]]:
     """A stage as plain values and arrays: of a long one the steps that it holds, and always the last."""
-    every, ends = spacing(stage.step), [block.end for block in stage.blocks[-1]]
+    every = spacing(stage.step)
     theta, log_density = stage.held.joined(stage.blocks, every)
     record = {
         "step": stage.step,
@@ -268,25 +289,25 @@ def _stage_record(stage: Stage, seconds: float) -> tuple[dict[str, Any], dict[st
     return record, {
         "theta": theta,
         "log_density": log_density,
-        "end": np.stack([state.theta for state in ends]),
-        "end_log_density": np.stack([state.log_density for state in ends]),
+        "end": np.stack([state.theta for state in states]),
+        "end_log_density": np.stack([state.log_density for state in states]),
     }
 
 
-def _stage_from_record(
-    record: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
-) -> tuple[Stage, list[EnsembleState], float]:
-    """A stage, where its ensembles stand, and the seconds spent on it, from what `_stage_record` made of it."""
+def _stage_from_record(record: dict[str, Any], arrays: Mapping[str, NDArray[Any]], number: str) -> KeptStage:
+    """A stage from what `_stage_record` made of it."""
+    theta, log_density, end, end_log_density = (
+        arrays[f"{number}.{name}"] for name in ("theta", "log_density", "end", "end_log_density")
+    )
     stage = Stage(
         checks=[_check(plain) for plain in record["checks"]],
         step=record["step"],
-        held=HeldSteps(record["step"], record["every"], [arrays["theta"]], [arrays["log_density"]]),
+        held=HeldSteps(record["step"], record["every"], [theta], [log_density]),
         counts={name: MoveCount(*count) for name, count in record["counts"].items()},
         accepted=list(record["accepted"]),
         singular=record["singular"],
     )
-    pairs = zip(arrays["end"], arrays["end_log_density"], strict=True)
-    return stage, [EnsembleState(theta, log_density) for theta, log_density in pairs], record["seconds"]
+    return stage, list(map(EnsembleState, end, end_log_density)), record["seconds"]
 
 
 def _check(plain: dict[str, Any]) -> Check:

@@ -52,9 +52,6 @@ class SamplerSettings:
         Monte Carlo standard error of each end of each 95 % interval, as a share of the interval's width on the
         scale of the coordinate (ln k), must be below this; above 0. A Gaussian asks for 1200 effective draws at
         0.02, a density with a long tail for ten times as many.
-    processes : int
-        Number of processes among which the ensembles are divided, at least 1; no more than ensembles are started.
-        The draws do not depend on it.
     budget_s : float or None
         Processor time after which the run ends, at the next check, whether it has converged or not, s; above 0. None
         is 120 s, or 10 s for each parameter where that is more. Where a run ends so, and there alone, the draws depend
@@ -79,7 +76,6 @@ class SamplerSettings:
     tau_tolerance: float = 0.02
     r_hat_max: float = 1.01
     end_tolerance: float = 0.02
-    processes: int = 1
     budget_s: float | None = None
 
     def __post_init__(self) -> None:
@@ -87,7 +83,6 @@ class SamplerSettings:
         self._require_integer("walkers", 4, "each half of the walkers moves along differences within the other")
         self._require_integer("check_every", 10, "fewer steps say nothing about the autocorrelation")
         self._require_integer("max_steps", 2 * self.check_every, "the stop rule compares two checks")
-        self._require_integer("processes", 1, "the ensembles need a process to run in")
         if self.walkers % 2:
             raise SamplingError(
                 f"sampler setting walkers: found {self.walkers}, expected an even number: "
@@ -100,20 +95,19 @@ class SamplerSettings:
         if self.budget_s is not None:
             self._require_between("budget_s", 0.0, math.inf)
 
-    def budget(self, dimension: int, *, elsewhere: bool = False) -> Budget:
-        """Processor time of a density of so many parameters, from now on; of work in other processes as it passes."""
-        return Budget(usual_budget_s(dimension) if self.budget_s is None else self.budget_s, elsewhere=elsewhere)
+    def budget(self, dimension: int) -> Budget:
+        """Processor time of a density of so many parameters, from now on."""
+        return Budget(usual_budget_s(dimension) if self.budget_s is None else self.budget_s)
 
     def for_one_of_many(self, *, full: bool = False) -> "SamplerSettings":
-        """The same for one of many analyses, on one process: a stop rule that asks for some 4000 effective draws.
+        """The same for one of many analyses: a stop rule that asks for some 4000 effective draws.
 
         The ends of a 95 % credible interval are then known to 5 % of its half width, where a run of its own asks for
         2 %; it takes half of the time or less. With `full` the stop rule stays that of a run of its own.
         """
-        alone = replace(self, processes=1)
         if full:
-            return alone
-        return replace(alone, check_every=25, tau_factor=20.0, tau_tolerance=0.05, end_tolerance=0.05)
+            return self
+        return replace(self, check_every=25, tau_factor=20.0, tau_tolerance=0.05, end_tolerance=0.05)
 
     def for_dimension(self, dimension: int) -> "SamplerSettings":
         """The same with as many walkers as a density of so many parameters needs, if it has fewer.
@@ -238,16 +232,16 @@ class StepBlock:
         return EnsembleState(self.theta[-1], self.log_density[-1])
 
 
-MoveOn = Callable[[list[EnsembleState], int, list[np.random.SeedSequence]], list[StepBlock]]
-"""Moves each ensemble on by so many steps, each with a seed of its own."""
+Advance = Callable[[EnsembleState, int, np.random.SeedSequence], StepBlock]
+"""Moves an ensemble on by so many steps, with a seed of their own."""
 
 
 @dataclass(frozen=True, slots=True)
 class Streams:
     """Seeds of everything that is drawn in a run: one for each stage, ensemble and block of steps.
 
-    No two are alike, and each can be had without those before it: a block drawn by another process, or after the
-    process that drew the block before has died, is the same.
+    No two are alike, and each can be had without those before it: a block drawn after the process that drew the
+    block before has died is the same.
 
     Parameters
     ----------

@@ -3,12 +3,13 @@
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from jointbayes.progress import Budget, Progress, ProgressCallback
 from jointbayes.sampling.chains import Chains, Slow, Stage
-from jointbayes.sampling.checkpoint import UnfinishedRun, require_same_density
+from jointbayes.sampling.checkpoint import UnfinishedRun, finished_first, require_same_density
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.distribution_fit import GOOD_MIXTURE, good_efficiency
@@ -16,7 +17,6 @@ from jointbayes.sampling.ensemble import SamplerSettings, Streams
 from jointbayes.sampling.proposal import DRAWS_OF_A_FIT, Proposal, refit_proposal
 from jointbayes.sampling.starting import initial_states, weighted_moves
 from jointbayes.sampling.stopping import Quantities
-from jointbayes.sampling.workers import finished_first, mover
 from vibrecords.arrays import Array
 
 #: Steps of each stage, and τ of a run that mixes slowly: after a stage it starts again from where it stands, with a
@@ -56,7 +56,7 @@ def run_ensembles(
         Source of all randomness: one child is spawned from it, and from that a seed for each ensemble and block; or
         the seeds themselves, of one stage of several.
     settings : SamplerSettings
-        Size, length, stop rule and number of processes. The draws do not depend on the latter.
+        Size, length and stop rule.
     progress : callable, optional
         Called with a :class:`Progress` after each block.
     coordinates : Coordinates, optional
@@ -77,7 +77,7 @@ def run_ensembles(
     ------
     jointbayes.errors.SamplingError
         If the start is of another shape, not finite, in a subspace or somewhere of zero density, or if the
-        log-density returns NaN, +inf or an array of another shape, or cannot be sent to the processes.
+        log-density returns NaN, +inf or an array of another shape.
 
     References
     ----------
@@ -92,7 +92,7 @@ def run_ensembles(
     >>> run_ensembles(lambda x: -0.5 * x[:, 0] ** 2, rng.normal(size=(4, 8, 1)), rng, settings).converged
     True
     """
-    import jointbayes.sampling.moves  # noqa: F401  (emcee's import is no part of the sampling that is timed)
+    from jointbayes.sampling.moves import advance  # emcee's import is no part of the sampling that is timed
 
     streams = rng if isinstance(rng, Streams) else Streams.from_generator(rng)
     number = streams.stage
@@ -103,7 +103,8 @@ def run_ensembles(
         stage, states, spent = kept
         require_same_density(log_density, states)
     verdict, whole_steps, began = stage.verdict(settings), stage.step, time.perf_counter() - spent
-    budget = budget or _budget(settings, start)
+    budget = budget or settings.budget(start.shape[-1])
+    advance_one = partial(advance, log_density, moves=weighted_moves(coordinates, proposal))
 
     def is_done() -> bool:
         if verdict.converged or stage.step >= settings.max_steps or (slow and stage.is_slow(slow)):
@@ -112,21 +113,19 @@ def run_ensembles(
 
     def keep(*, now: bool) -> None:
         if keeper is not None:
-            keeper.keep(number, stage, time.perf_counter() - began, now=now)
+            keeper.keep(number, stage, states, time.perf_counter() - began, now=now)
 
-    moves, processes = weighted_moves(coordinates, proposal), min(settings.processes, settings.ensembles)
     try:
-        with mover(log_density, moves, processes) as move_on:
-            while not is_done():
-                with finished_first(wait=keeper is not None) as asked_to_stop:
-                    states = stage.extend(move_on, states, streams, settings)
-                    whole_steps = stage.step
-                    stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
-                    verdict = stage.verdict(settings)
-                    keep(now=bool(asked_to_stop) or is_done())
-                    stage.condense()
-                if progress is not None:
-                    progress(stage.report(settings, verdict, time.perf_counter() - began))
+        while not is_done():
+            with finished_first(wait=keeper is not None) as asked_to_stop:
+                states = stage.extend(advance_one, states, streams, settings)
+                whole_steps = stage.step
+                stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
+                verdict = stage.verdict(settings)
+                keep(now=bool(asked_to_stop) or is_done())
+                stage.condense()
+            if progress is not None:
+                progress(stage.report(settings, verdict, time.perf_counter() - began))
     except KeyboardInterrupt:
         if stage.step == whole_steps:  # a second signal may have come before a block was counted
             keep(now=True)
@@ -134,10 +133,6 @@ def run_ensembles(
     if not verdict.converged and stage.step < settings.max_steps and budget.is_spent:
         verdict = replace(verdict, reason=f"{verdict.reason}; {budget}")
     return stage.chains(settings, verdict, time.perf_counter() - began)
-
-
-def _budget(settings: SamplerSettings, start: Array) -> Budget:
-    return settings.budget(start.shape[-1], elsewhere=min(settings.processes, settings.ensembles) > 1)
 
 
 def run_adapted(
@@ -189,7 +184,7 @@ def run_adapted(
     C. Andrieu, J. Thoms, A tutorial on adaptive MCMC (2008), section 4.1, DOI 10.1007/s11222-008-9110-y.
     """
     discarded, evaluations, seconds = 0, 0, 0.0
-    streams, budget = Streams.from_generator(rng), _budget(settings, start)
+    streams, budget = Streams.from_generator(rng), settings.budget(start.shape[-1])
     explores = _HALF < proposal.efficiency < GOOD_MIXTURE * good_efficiency(proposal.dimension)
     for number, stage in enumerate((*(_EXPLORING if explores else ()), *_STAGES, None)):
         streams = streams.with_stage(number)

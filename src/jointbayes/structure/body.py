@@ -31,7 +31,7 @@ class Discretisation:
 class FreeModes(Protocol):
     """Modes without the joint as functions of the factors, shape (n, q), on the body's uncertain quantities.
 
-    An object that can be pickled, so that draws may be made in several processes.
+    An object that can be pickled, so that a calibration can send it to its workers.
     """
 
     def __call__(self, factors: Array) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from jointbayes.errors import CaseError, WriteError
 from jointbayes.report import Report
 from jointbayes.report.run_directory import write_into
 from vibrecords.errors import printable
-from vibrecords.own_directory import OwnDirectory, open_regular
+from vibrecords.files import OwnDirectory, open_regular
 
 T = TypeVar("T")
 
@@ -38,7 +38,7 @@ def append_line(file: Path, value: object) -> None:
     """
     line = json.dumps(value, default=datetime.datetime.isoformat).encode() + b"\n"
     try:
-        with os.fdopen(open_regular(file, os.O_RDWR | os.O_CREAT | os.O_APPEND), "a+b") as stream:
+        with open_regular(file, "a+b") as stream:
             if stream.tell():
                 stream.seek(-1, os.SEEK_END)
                 line = line if stream.read(1) == b"\n" else b"\n" + line
@@ -61,11 +61,10 @@ def read_lines(file: Path) -> list[Any]:
         If it is a link, a pipe or a device, which might never end.
     """
     try:
-        descriptor = open_regular(file, os.O_RDONLY)
+        with open_regular(file, "rb") as stream:
+            return [_parsed(line) for line in stream.read().split(b"\n")]
     except FileNotFoundError:
         return []
-    with os.fdopen(descriptor, "rb") as stream:
-        return [_parsed(line) for line in stream.read().split(b"\n")]
 
 
 def kept_lines(file: Path | None, head: Mapping[str, str], line_type: type[T], kind: str, study: str) -> list[T]:

@@ -18,8 +18,8 @@ from vibrecords.arrays import complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import matlab_5
 from vibrecords.formats.matlab_5 import Block, Unread
+from vibrecords.formats.written_by import WRITTEN_BY
 from vibrecords.records import LONGEST_LABEL, MOST_RECORDS, refuse_damage
-from vibrecords.whole_file import WRITTEN_BY
 
 #: A compressed file may unpack to this many times its size, which measured FRFs do not come near, or to 1 MiB: small
 #: files have headers and constant coherences, which pack well.

@@ -11,12 +11,13 @@ import numpy as np
 
 from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError, WriteError, path_fault
+from vibrecords.files import whole_file
 from vibrecords.formats.array_files import write_hdf5, write_matlab, write_npz
 from vibrecords.formats.uff_write import write_uff
 from vibrecords.formats.units import si_frf_unit, si_sensor_unit
+from vibrecords.formats.written_by import WRITTEN_BY
 from vibrecords.frf_set import FrfSet
 from vibrecords.records import FrfRecord, Record, TimeRecord
-from vibrecords.whole_file import WRITTEN_BY, whole_file
 
 _WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
     "uff58": lambda records, path: write_uff(records, path, binary=False),

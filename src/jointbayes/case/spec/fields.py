@@ -61,7 +61,7 @@ def quoted(text: str) -> str:
 
 
 #: Of the sampler: beyond these a run fills the memory of any computer, or never ends.
-MOST_ENSEMBLES, MOST_WALKERS, MOST_STEPS, MOST_PROCESSES = 64, 10_000, 10_000_000, 256
+MOST_ENSEMBLES, MOST_WALKERS, MOST_STEPS = 64, 10_000, 10_000_000
 #: Entries of lists: DOFs of 501 points with 5 each; ratios, each of which may be uncertain; files.
 MOST_LABELS, MOST_RATIOS, MOST_FILES = 2505, 100, 1000
 #: Values of the FRFs of synthetic data: more fill the memory.

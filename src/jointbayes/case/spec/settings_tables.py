@@ -15,7 +15,6 @@ from jointbayes.case.spec.fields import (
     FREQUENCIES,
     JOINED,
     MOST_ENSEMBLES,
-    MOST_PROCESSES,
     MOST_STEPS,
     MOST_WALKERS,
     OWN,
@@ -59,7 +58,6 @@ class SamplingSpec(Spec):
     ensembles: Annotated[int, count_field("the number of ensembles", 4, 4, MOST_ENSEMBLES)] = 4
     walkers: Annotated[int, count_field("the number of walkers", 48, 8, MOST_WALKERS, 2)] = 48
     max_steps: Annotated[int, count_field("the largest number of steps", 20000, 200, MOST_STEPS)] = 20000
-    processes: Annotated[int, count_field("the number of processes", 2, 1, MOST_PROCESSES)] = 1
     budget_s: Annotated[int | None, count_field("the processor time of search and of sampling, s", 120, 1, 10**6)] = (
         None
     )

@@ -17,7 +17,7 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 from jointbayes.errors import WriteError
 from vibrecords.arrays import Array
-from vibrecords.own_directory import OwnDirectory
+from vibrecords.files import OwnDirectory
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -9,7 +9,9 @@ from emcee.model import Model
 from emcee.moves import Move, RedBlueMove
 
 from jointbayes.sampling.coordinate_maps import Coordinates
+from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.distributions import ProposalDensity
+from jointbayes.sampling.ensemble import EnsembleState, MoveCount, StepBlock, WeightedMove
 from vibrecords.arrays import Array, Flags, Indices
 
 Walkers = Indices | slice
@@ -125,3 +127,71 @@ class FittedMove(EachAlone):
         before = density.log_density(here) - coordinates.log_volume(theta)
         after = density.log_density(there) - coordinates.log_volume(proposed)
         return proposed, np.where(inside, before - after, -np.inf)
+
+
+def advance(
+    log_density: LogDensity,
+    state: EnsembleState,
+    steps: int,
+    seed: np.random.SeedSequence,
+    moves: tuple[WeightedMove, ...],
+) -> StepBlock:
+    """Move one ensemble on by some steps.
+
+    A pure function of its arguments: the same state and seed give the same block, also in a run that goes on.
+
+    Parameters
+    ----------
+    log_density : callable
+        Log of the unnormalised density, (n, d) array to (n,) array.
+    state : EnsembleState
+        Where the ensemble stands.
+    steps : int
+        Number of steps.
+    seed : numpy.random.SeedSequence
+        Of all random numbers of these steps.
+    moves : tuple of WeightedMove
+        Moves to choose from at each step.
+
+    Returns
+    -------
+    StepBlock
+        The steps and the state after the last one.
+
+    Raises
+    ------
+    jointbayes.errors.SamplingError
+        If the log-density returns NaN, +inf or an array of the wrong shape.
+    """
+    walkers, dimension = state.theta.shape
+    counted = {chosen.name: _Counted(chosen.move) for chosen in moves}
+    weighted = [(counted[chosen.name], chosen.weight) for chosen in moves]
+    sampler = Driver(walkers, dimension, None, moves=weighted, vectorize=True)
+    # emcee's own wrapper prints whatever a log-density raises to the terminal; this room never prints.
+    sampler.log_prob_fn = Checked(log_density)
+    # emcee only knows the Mersenne twister, and takes its state with the positions, else NumPy's global one.
+    twister = np.random.RandomState(np.random.MT19937(seed))
+    singular = getattr(log_density, "singular", 0)
+    before = State(state.theta, log_prob=state.log_density, random_state=twister.get_state())
+    sampler.run_mcmc(before, steps, skip_initial_state_check=True)
+    return StepBlock(
+        theta=sampler.get_chain(),
+        log_density=sampler.get_log_prob(),
+        moves={name: MoveCount(move.accepted, move.proposed) for name, move in counted.items()},
+        singular=getattr(log_density, "singular", 0) - singular,
+    )
+
+
+class _Counted:
+    """A move of emcee that counts; one per block, so that the steps depend on the state alone."""
+
+    def __init__(self, move: Move) -> None:
+        self.accepted = self.proposed = 0
+        self._move = move
+
+    def propose(self, model: Model, state: State) -> tuple[State, Flags]:
+        """Pass the move's step on."""
+        state, accepted = self._move.propose(model, state)
+        self.accepted += int(np.count_nonzero(accepted))
+        self.proposed += accepted.size
+        return state, accepted

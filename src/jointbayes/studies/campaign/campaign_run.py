@@ -29,8 +29,7 @@ from jointbayes.studies.campaign.index import (
 )
 from jointbayes.studies.study_directory import append_line
 from jointbayes.studies.workers import Outcome, run_tasks
-from vibrecords.own_directory import real_directory
-from vibrecords.whole_file import swept
+from vibrecords.files import real_directory, sweep
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -189,7 +188,7 @@ def run_cases(
     `do` is what a worker does for a case: a function at the top of a module.
     """
     real_directory(directory / "cases")
-    swept(directory / "cases")  # what workers that were killed as they wrote have left
+    sweep(directory / "cases")  # what workers that were killed as they wrote have left
     earlier = kept_rows(directory)
     kept: dict[str, Row] = {}
     for case in cases:
@@ -224,7 +223,7 @@ def run_cases(
                 append_line(directory / INDEX, row)
                 count.ended(row)
     finally:
-        swept(directory / "cases")
+        sweep(directory / "cases")
         write_index(directory, kept_rows(directory).values())
 
 

@@ -16,8 +16,7 @@ from pydantic import TypeAdapter
 
 from jointbayes.errors import MeasurementError
 from jointbayes.studies.study_directory import read_lines
-from vibrecords.own_directory import OwnDirectory
-from vibrecords.whole_file import write_whole_file
+from vibrecords.files import OwnDirectory, write_whole_file
 
 #: File of the rows.
 INDEX = "index.jsonl"

@@ -27,7 +27,7 @@ from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulatio
 from jointbayes.studies.planning.simulator import Simulator, assumed_truth, stated_joint
 from jointbayes.studies.study_directory import append_line, kept_lines
 from jointbayes.workflow import sample
-from vibrecords.own_directory import OwnDirectory
+from vibrecords.files import OwnDirectory
 
 #: Name of the file of simulations that are done.
 KEPT = "simulations.jsonl"

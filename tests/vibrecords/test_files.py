@@ -10,24 +10,19 @@ from functools import partial
 
 import pytest
 
-from vibrecords import whole_file as files
+from vibrecords import files
 from vibrecords.errors import WriteError
-from vibrecords.own_directory import LOCK, MARK, locked
-from vibrecords.whole_file import exchanged, scratch_directory, swept, whole_file, write_whole_file
+from vibrecords.files import lock_file, sweep, whole_directory, whole_file, write_whole_file
 
 pytestmark = pytest.mark.skipif(not files.HAS_LOCKS, reason="this system has no locks on files that end with a process")
 
 WRITER = """
 import sys, time
 from pathlib import Path
-from vibrecords.whole_file import exchanged, scratch_directory, whole_file
+from vibrecords.files import whole_directory, whole_file
 kind, target = sys.argv[1], Path(sys.argv[2])
-with (whole_file(target) if kind == "file" else scratch_directory(target)) as scratch:
-    if kind == "file":
-        scratch.write_bytes(b"half")
-    else:
-        (scratch / "new").mkdir()
-        (scratch / "new" / "half").write_bytes(b"half")
+with (whole_file if kind == "file" else whole_directory)(target) as scratch:
+    (scratch if kind == "file" else scratch / "half").write_bytes(b"half")
     print("writing", flush=True)
     time.sleep(60)
 """
@@ -58,15 +53,15 @@ def names(folder):
 @pytest.mark.parametrize("kind", ["file", "directory"])
 def test_what_a_killed_process_left_is_swept_and_what_a_living_one_writes_stays(tmp_path, writing, kind):
     living, dead = writing(kind, tmp_path / "one"), writing(kind, tmp_path / "two")
-    assert len(names(tmp_path)) == 2
+    of_each = {"file": 1, "directory": 2}[kind]
+    assert len(names(tmp_path)) == 2 * of_each
     dead.send_signal(signal.SIGKILL)
     dead.wait()
-    swept(tmp_path)
-    (left,) = names(tmp_path)
-    assert left.startswith(".one.")
+    sweep(tmp_path)
+    assert [name.startswith(".one.") for name in names(tmp_path)] == [True] * of_each
     living.send_signal(signal.SIGKILL)
     living.wait()
-    swept(tmp_path)
+    sweep(tmp_path)
     assert names(tmp_path) == []
 
 
@@ -85,41 +80,40 @@ def test_nothing_is_swept_that_only_looks_like_a_scrap(tmp_path):
     for name in others:
         (tmp_path / name).write_bytes(b"mine")
     os.mkfifo(tmp_path / ".pipe.12345678.jointbayes")  # would wait for a writer if it were opened as a file is
-    swept(tmp_path)
+    sweep(tmp_path)
     assert set(others) <= set(names(tmp_path))
 
 
-def test_a_scrap_with_no_lock_in_it_is_swept(tmp_path):
-    (tmp_path / ".one.12345678.jointbayes").mkdir()  # killed before it was locked
-    swept(tmp_path)
-    assert names(tmp_path) == []
-
-
-def scrap(place):
+def scrap(folder, name=".one.12345678.jointbayes"):
     """A directory as a process leaves it that was killed as it wrote in it."""
-    place.mkdir()
-    (place / MARK).write_text(f"jointbayes: {files._KIND}\n", encoding="utf-8")
-    (place / LOCK).write_text("process 1 on somewhere\n", encoding="utf-8")
-    return place
+    (folder / name).touch()
+    (folder / f"{name}.d").mkdir()
+    return folder / f"{name}.d"
 
 
-def test_a_directory_without_our_mark_is_not_swept(tmp_path):
-    others = tmp_path / ".one.12345678.jointbayes"
-    (others / "new").mkdir(parents=True)
-    (others / "new" / "thesis").write_text("mine", encoding="utf-8")
-    swept(tmp_path)
-    assert (others / "new" / "thesis").read_text(encoding="utf-8") == "mine"
-    assert names(others) == ["new"]
+@pytest.mark.parametrize("name", [".one.12345678.jointbayes", ".one.12345678.jointbayes.d"])
+def test_a_directory_that_was_not_begun_by_us_is_not_swept(tmp_path, name):
+    (tmp_path / name / "new").mkdir(parents=True)
+    (tmp_path / name / "new" / "thesis").write_text("mine", encoding="utf-8")
+    sweep(tmp_path)
+    assert (tmp_path / name / "new" / "thesis").read_text(encoding="utf-8") == "mine"
+    assert names(tmp_path) == [name]
 
 
 def test_nothing_is_moved_out_of_a_directory_that_a_scrap_links_to(tmp_path):
     (tmp_path / "victim").mkdir()
     (tmp_path / "victim" / "thesis").write_text("mine", encoding="utf-8")
     (tmp_path / "here").mkdir()
-    (scrap(tmp_path / "here" / ".one.12345678.jointbayes") / "old").symlink_to(tmp_path / "victim")
-    swept(tmp_path / "here")
+    (scrap(tmp_path / "here") / "old").symlink_to(tmp_path / "victim")
+    sweep(tmp_path / "here")
     assert names(tmp_path / "victim") == ["thesis"]
     assert names(tmp_path / "here") == []
+    (tmp_path / "here" / ".one.12345678.jointbayes").touch()
+    (tmp_path / "here" / ".one.12345678.jointbayes.d").symlink_to(tmp_path)
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "thesis").write_text("mine", encoding="utf-8")
+    sweep(tmp_path / "here")
+    assert names(tmp_path / "old") == names(tmp_path / "victim") == ["thesis"]
 
 
 def directory(place, content):
@@ -133,10 +127,9 @@ def test_a_directory_takes_the_place_of_another(tmp_path, monkeypatch, at_once):
     if not at_once:
         monkeypatch.setattr(files, "_swapped_at_once", lambda *_names: False)
     target = directory(tmp_path / "run", "old")
-    with scratch_directory(target) as scratch:
-        exchanged(directory(scratch / "new", "new"), target, scratch)
-        kept = (scratch / "new" if at_once else scratch / "old" / "run") / "content"
-        assert kept.read_text(encoding="utf-8") == "old"
+    with whole_directory(target) as new:
+        (new / "content").write_text("new", encoding="utf-8")
+        assert (target / "content").read_text(encoding="utf-8") == "old"
     assert (target / "content").read_text(encoding="utf-8") == "new"
     assert names(tmp_path) == ["run"]
 
@@ -153,34 +146,32 @@ def test_an_older_directory_comes_back_where_the_new_one_cannot_take_its_place(t
     rename = type(tmp_path).replace
 
     def failing(self, to):
-        if self.name == "new":
+        if "new" in self.parts:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         return rename(self, to)
 
     monkeypatch.setattr(type(tmp_path), "replace", failing)
     target = directory(tmp_path / "run", "old")
-    with pytest.raises(OSError, match="Input/output"), scratch_directory(target) as scratch:
-        exchanged(directory(scratch / "new", "new"), target, scratch)
+    with pytest.raises(OSError, match="Input/output"), whole_directory(target):
+        pass
     assert (target / "content").read_text(encoding="utf-8") == "old"
     assert names(tmp_path) == ["run"]
 
 
 def test_an_older_directory_comes_back_where_a_process_was_killed_between_two_renames(tmp_path):
     name = "r" * 130 + ".1"  # of which a scrap's name has the beginning only
-    (scrap(tmp_path / ".r.12345678.jointbayes") / "old").mkdir()
-    directory(tmp_path / ".r.12345678.jointbayes" / "old" / name, "old")
-    swept(tmp_path)
+    older = scrap(tmp_path) / "old"
+    older.mkdir()
+    directory(older / name, "old")
+    sweep(tmp_path)
     assert names(tmp_path) == [name]
     assert (tmp_path / name / "content").read_text(encoding="utf-8") == "old"
 
 
 def test_a_lock_is_one_process_s_and_free_when_it_has_gone(tmp_path):
-    lock = locked(tmp_path / "lock")
-    assert locked(tmp_path / "lock") is None
-    os.close(lock)
-    again = locked(tmp_path / "lock")
-    assert again is not None
-    os.close(again)
+    with lock_file(tmp_path / "lock"):
+        assert lock_file(tmp_path / "lock") is None
+    lock_file(tmp_path / "lock").close()
 
 
 def test_a_disk_without_locks_is_written_to_and_never_swept(tmp_path, monkeypatch):
@@ -189,7 +180,7 @@ def test_a_disk_without_locks_is_written_to_and_never_swept(tmp_path, monkeypatc
 
     monkeypatch.setattr("fcntl.flock", no_locks)
     (tmp_path / ".other.12345678.jointbayes").write_bytes(b"another machine may be writing this")
-    swept(tmp_path)
+    sweep(tmp_path)
     write_whole_file(tmp_path / "one", b"whole")
     assert names(tmp_path) == [".other.12345678.jointbayes", "one"]
 
@@ -221,17 +212,17 @@ def test_files_are_opened_as_bytes_where_the_system_would_translate_lines():
     program = """
 import fcntl, os, sys
 os.O_BINARY = os.O_APPEND
-from vibrecords.own_directory import open_regular
-print(bool(fcntl.fcntl(open_regular(sys.argv[1], os.O_RDWR), fcntl.F_GETFL) & os.O_APPEND))
+from vibrecords.files import open_regular
+print(bool(fcntl.fcntl(open_regular(sys.argv[1], "rb"), fcntl.F_GETFL) & os.O_APPEND))
 """
     done = subprocess.run([sys.executable, "-c", program, __file__], capture_output=True, text=True, check=True)
     assert done.stdout == "True\n"
 
 
-@pytest.mark.parametrize("calls", range(7))
+@pytest.mark.parametrize("calls", range(6))
 def test_a_directory_that_a_process_was_killed_in_as_it_removed_it_is_swept(tmp_path, monkeypatch, calls):
-    """Whatever it had got to: the mark, by which the next process knows it, goes last."""
-    place = scrap(tmp_path / ".one.12345678.jointbayes")
+    """Whatever it had got to: the file, by which the next process knows it, goes last."""
+    place = scrap(tmp_path)
     (place / "trial").write_bytes(b"some")
     (place / "new").mkdir()
     (place / "new" / "half").write_bytes(b"half")
@@ -246,6 +237,6 @@ def test_a_directory_that_a_process_was_killed_in_as_it_removed_it_is_swept(tmp_
         for name in ("unlink", "rmdir"):
             killing.setattr(os, name, partial(kill_after_some, getattr(os, name)))
         with suppress(KeyboardInterrupt):
-            files._remove_marked(place)
-    swept(tmp_path)
+            sweep(tmp_path)
+    sweep(tmp_path)
     assert names(tmp_path) == []
