@@ -232,7 +232,7 @@ BROKEN_SIGNED += r"""
 [data]\n=>@[noise.discrepancy]\nlength_low_hz = 1\nlength_high_hz = 9\n[data]\n ;; noise.discrepancy ;; it was removed: use [uncertain.model_error]
 [data]\n=>@[noise.model_error]\nfrequency_error = 0.01\n[data]\n ;; noise.model_error ;; it was removed: use [uncertain.model_error]
 [data]\n=>@[uncertain.mode_frequencies]\nsd_percent = 3\n[data]\n ;; uncertain.mode_frequencies ;; it was removed: use [uncertain.model_error]
-[data]\n=>[sampling]\n@processes = 2\n[data]\n ;; sampling.processes ;; it was removed: delete it, a run is one process (campaign
+[sampling]\n=>[sampling]\n@processes = 2\n ;; sampling.processes ;; it was removed: delete it, a run is one process (campaign
 [data]\n=>[plan]\n@averages_factor = 2.0\n[data]\n ;; plan.averages_factor ;; beside natural frequencies
 """  # noqa: E501
 # Whole texts that are no case at all.
