@@ -117,7 +117,7 @@ class OwnDirectory:
                 with suppress(OSError):
                     os.unlink(self.path / name)
             if set(os.listdir(self.path)) <= {MARK, LOCK}:
-                os.unlink(self.path / MARK)
+                (self.path / MARK).unlink(missing_ok=True)
             self.leave()
         with suppress(OSError):  # it is not empty
             self.path.rmdir()
@@ -132,8 +132,7 @@ class OwnDirectory:
             if self._lock is None:
                 return False
             self._lock.truncate(0)
-            self._lock.write(f"process {os.getpid()} on {socket.gethostname()}\n".encode())
-            self._lock.flush()
+            os.write(self._lock.fileno(), f"process {os.getpid()} on {socket.gethostname()}\n".encode())
             if self._is_new():  # once more: another process may have removed the mark
                 with open_regular(self.path / MARK, "a+b") as stream:
                     stream.write(self._mark)

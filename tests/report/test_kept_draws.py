@@ -16,7 +16,6 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ReportError, ReportInterruptedError, WriteError
 from jointbayes.report.run_directory import write_report
 from tests.conftest import cheap_frequencies_text
-from vibrecords.files import write_whole_file
 
 FAILURES = {
     "nobody expected it": (IndexError("list index\nout of range"), "found IndexError (list index out of range)"),
@@ -257,25 +256,6 @@ def test_a_file_that_does_not_fit_is_one_error_and_leaves_the_old_one(tmp_path):
         "make room or choose another place\n"
     )
     assert content(tmp_path) == {p.relative_to(tmp_path): b"old" for p in tmp_path.iterdir()}
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
-def test_only_a_regular_file_is_replaced(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "directory").mkdir()
-    for name in ("pipe", "directory"):
-        with pytest.raises(WriteError, match="found no regular file"):
-            write_whole_file(tmp_path / name, b"new")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["directory", "pipe"]
-    assert (tmp_path / "pipe").is_fifo()
-
-
-def test_a_written_file_has_the_permissions_of_any_other(tmp_path):
-    write_whole_file(tmp_path / "new", b"new")
-    (tmp_path / "usual").write_bytes(b"")
-    assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode
-    write_whole_file(tmp_path / "new", b"newer")
-    assert (tmp_path / "new").read_bytes() == b"newer"
 
 
 def test_draws_survive_a_climb_from_the_best_of_them_that_fails(cheap_case, monkeypatch):

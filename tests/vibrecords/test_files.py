@@ -12,7 +12,7 @@ import pytest
 
 from vibrecords import files
 from vibrecords.errors import WriteError
-from vibrecords.files import lock_file, sweep, whole_directory, whole_file, write_whole_file
+from vibrecords.files import LOCK, MARK, OwnDirectory, lock_file, sweep, whole_directory, whole_file, write_whole_file
 
 pytestmark = pytest.mark.skipif(not files.HAS_LOCKS, reason="this system has no locks on files that end with a process")
 
@@ -201,6 +201,14 @@ def test_what_is_no_regular_file_is_never_replaced(tmp_path, kind):
     assert names(tmp_path) == ["one"]
 
 
+def test_a_written_file_has_the_permissions_of_any_other(tmp_path):
+    (tmp_path / "usual").write_bytes(b"")
+    for content in (b"new", b"newer"):
+        write_whole_file(tmp_path / "new", content)
+        assert (tmp_path / "new").read_bytes() == content
+        assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode
+
+
 def test_a_writer_that_fails_leaves_nothing(tmp_path):
     with pytest.raises(ValueError, match="no"), whole_file(tmp_path / "one"):
         raise ValueError("no")
@@ -239,4 +247,59 @@ def test_a_directory_that_a_process_was_killed_in_as_it_removed_it_is_swept(tmp_
         with suppress(KeyboardInterrupt):
             sweep(tmp_path)
     sweep(tmp_path)
+    assert names(tmp_path) == []
+
+
+# ---- directories of ours
+
+
+@pytest.mark.parametrize(
+    "left", [{}, {LOCK: b""}, {LOCK: b"process 7 on"}, {MARK: b""}, {MARK: b"", LOCK: b"process 7 on a\n"}]
+)
+def test_a_directory_that_a_process_was_killed_in_as_it_made_it_is_taken(tmp_path, left):
+    (tmp_path / "own").mkdir()
+    for name, content in left.items():
+        (tmp_path / "own" / name).write_bytes(content)
+    with OwnDirectory(tmp_path / "own", "a test"):
+        assert (tmp_path / "own" / LOCK).read_text(encoding="utf-8").startswith(f"process {os.getpid()} on ")
+    assert (tmp_path / "own" / MARK).read_bytes() == b"jointbayes: a test\n"
+    assert names(tmp_path / "own") == [MARK]
+
+
+@pytest.mark.parametrize("name", [LOCK, MARK, "thesis"])
+def test_a_directory_with_a_file_of_somebody_else_is_not_taken(tmp_path, name):
+    (tmp_path / name).write_text("mine", encoding="utf-8")
+    with pytest.raises(WriteError, match="holds other files, and no mark"), OwnDirectory(tmp_path, "a test"):
+        pass
+    assert (tmp_path / name).read_text(encoding="utf-8") == "mine"
+    assert names(tmp_path) == [name]
+
+
+@pytest.mark.parametrize("call", range(5))
+def test_a_directory_that_cannot_be_made_whole_leaves_nothing(tmp_path, monkeypatch, call):
+    """The disk is full at the directory, at its lock and what is in it, at its mark, and as that is forced to the disk."""
+    calls = iter(range(call))
+
+    def refuse(function, *arguments):
+        if "rb" not in arguments and next(calls, None) is None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return function(*arguments)
+
+    with monkeypatch.context() as full:
+        for module, name in ((os, "mkdir"), (files, "open_regular"), (os, "write"), (os, "fsync")):
+            full.setattr(module, name, partial(refuse, getattr(module, name)))
+        with pytest.raises(WriteError, match="cannot be written"):
+            OwnDirectory(tmp_path / "own", "a test").__enter__()
+    assert names(tmp_path) == []
+
+
+def test_one_that_has_let_go_removes_nothing_of_the_next(tmp_path):
+    first, second = (OwnDirectory(tmp_path / "own", "a test") for _ in range(2))
+    with first:
+        assert not second.take()
+    with second:
+        (tmp_path / "own" / "kept").write_bytes(b"")
+        first.dissolve("kept")
+        assert names(tmp_path / "own") == [MARK, "kept", LOCK]
+        second.dissolve("kept")
     assert names(tmp_path) == []

@@ -4,7 +4,7 @@ import datetime
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -96,15 +96,18 @@ def write_run(
     require_writable(target)
     inputs = inputs or ReportInputs(posterior)
     judge_aloud(posterior, progress)
-    summary = inputs.summary
-    progress(Progress("drawing figures"))
-    report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
-
-    files = {"summary.json": json_text(summary.to_json())}
+    files = {"summary.json": json_text(inputs.summary.to_json())}
     if inputs.case_text:
         files["case.toml"] = inputs.case_text
+    progress(Progress("drawing figures"))
+    report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
     progress(Progress("writing HTML, PDF and draws"))
-    write_whole(target, report, files, lambda path: posterior.save(path, inputs.knowledge))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with whole_directory(target) as new:
+        write_into(new, report, files)
+        posterior.save(new / "posterior.nc", inputs.knowledge)
+        if target.is_dir():
+            _require_ours(target)  # once more: hours may have passed
     return target
 
 
@@ -125,22 +128,9 @@ def json_text(numbers: dict[str, Any]) -> str:
     return json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def write_whole(target: Path, report: Report, files: Mapping[str, str], save_draws: Callable[[Path], None]) -> None:
-    """Write report, figures, other files and draws beside the target, then put them in its place."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with whole_directory(target) as new:
-        _write_files(new, report, files)
-        save_draws(new / "posterior.nc")
-        if target.is_dir():
-            _require_ours(target)  # once more: hours may have passed
-
-
-def write_into(target: Path, report: Report, files: Mapping[str, str]) -> None:
-    """Write report, figures and other files, in this order, into a directory of a study; each is whole or absent."""
-    _write_files(target, with_guides(report), files)
-
-
-def _write_files(directory: Path, report: Report, files: Mapping[str, str]) -> None:
+def write_into(directory: Path, report: Report, files: Mapping[str, str]) -> None:
+    """Write report, figures and other files, in this order, into a directory; each is whole or absent."""
+    report = with_guides(report)
     figures = {f"figures/{block.identifier}.svg": block.svg for block in report.blocks() if isinstance(block, Figure)}
     rendered = {"report.html": render_html(report).encode(), "report.pdf": render_pdf(report)}
     for name, content in (rendered | {name: text.encode() for name, text in {**figures, **files}.items()}).items():
