@@ -277,7 +277,7 @@ def test_a_directory_with_a_file_of_somebody_else_is_not_taken(tmp_path, name):
 
 @pytest.mark.parametrize("call", range(5))
 def test_a_directory_that_cannot_be_made_whole_leaves_nothing(tmp_path, monkeypatch, call):
-    """The disk is full at the directory, at its lock and what is in it, at its mark, and as that is forced to the disk."""
+    """The disk is full at the directory, its lock, what is in that, its mark, and as that is forced to the disk."""
     calls = iter(range(call))
 
     def refuse(function, *arguments):
