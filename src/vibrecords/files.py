@@ -199,7 +199,7 @@ def whole_file(path: str | os.PathLike[str], size: int | None = None) -> Iterato
         ) from error
 
 
-def write_whole_file(path: str | os.PathLike[str], content: bytes) -> None:
+def write_whole_file(path: str | os.PathLike[str], content: bytes | memoryview) -> None:
     """Write bytes as `whole_file` does."""
     with whole_file(path, len(content)) as scratch:
         scratch.write_bytes(content)

@@ -221,7 +221,7 @@ class UnfinishedRun:
         text, content = json.dumps(record, default=lambda value: value.tolist()), io.BytesIO()
         np.savez(content, record=np.array(text), **arrays)
         try:
-            write_whole_file(self.path / _FILE, content.getvalue())
+            write_whole_file(self.path / _FILE, content.getbuffer())
         except WriteError as error:
             reason = getattr(error.__cause__, "strerror", None) or error
             if not self._failed:
