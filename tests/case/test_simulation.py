@@ -53,9 +53,8 @@ def test_the_frfs_of_a_virtual_test_are_those_of_the_truth(quantity, unit):
     ]
     lines = np.array(case.spec.data.lines_hz())
     ports = Ports(lines, ("5:y", "3:y", "1:rz"), ("5:y",))
-    exact = DirectSolve(case.problem.test.structures_of_data.nominal, case.problem.test.joints, ports).receptance(
-        pair_matrix(TABLE_3)
-    )[0]
+    body = case.problem.test.structures_of_data.at(ports.outputs, lines[-1])
+    exact = DirectSolve(body.nominal, case.problem.test.joints, ports).receptance(pair_matrix(TABLE_3))[0]
     factor = (2j * np.pi * lines) ** (2 * (quantity == "accelerance"))
     for i, record in enumerate(records):
         assert_array_equal(record.frequency_hz, lines)
