@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, singledispatch
 from itertools import compress
 from typing import Any, Literal
 
@@ -471,11 +471,15 @@ class ModeData(ModalData):
         )
 
 
+@singledispatch
 def _as_table(data: ModalData) -> ModeData:
     """Natural frequencies as a table of modes."""
-    if isinstance(data, ModeData):
-        return data
     return ModeData(Observed(data.frequency_hz, data.sd_hz), numbers=data.numbers, provenance=data.provenance)
+
+
+@_as_table.register
+def _table_itself(data: ModeData) -> ModeData:
+    return data
 
 
 def renumbered(data: ModalData, shift: int, unit_hz: float = 1.0) -> ModeData:
