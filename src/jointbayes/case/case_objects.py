@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from jointbayes.case.case_text import CaseText, find_outside
-from jointbayes.case.spec.data_table import SyntheticFrfSpec
+from jointbayes.case.spec.data_table import SyntheticFrfSpec, files_table
 from jointbayes.case.spec.fields import DataTable, KeyPath
 from jointbayes.case.spec.joint_table import JointSpec
 from jointbayes.case.spec.measured_table import ChannelSpec, MeasuredBodySpec, MeasuredSpec
@@ -110,7 +110,7 @@ def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:
 
 def recipe_of(spec: StructureBase, data: DataTable, measurement: Data | None = None) -> StructureRecipe:
     """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
-    if not isinstance(data, MeasuredSpec):
+    if files_table(data) is None:
         return spec.recipe(data.loaded)
     loaded = measurement.provenance.loaded if measurement and measurement.provenance else ()
     return spec.recipe(tuple(label for label in loaded if spec.absent(label) is None))

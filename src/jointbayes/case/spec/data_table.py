@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from functools import singledispatch
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
@@ -26,7 +27,7 @@ from jointbayes.case.spec.fields import (
     not_negative,
     positive,
 )
-from jointbayes.case.spec.measured_table import MeasuredFrequenciesSpec, MeasuredFrfSpec
+from jointbayes.case.spec.measured_table import MeasuredFrequenciesSpec, MeasuredFrfSpec, MeasuredSpec
 from jointbayes.case.spec.mode_data_table import ModesSpec
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
 
@@ -198,6 +199,28 @@ class NaturalFrequenciesSpec(DataTable):
     def try_objects(self) -> None:
         """The natural frequencies."""
         self.stated()
+
+
+@singledispatch
+def synthetic_table(data: DataTable) -> SyntheticFrfSpec | None:
+    """The table of data that a stated truth makes."""
+    return None
+
+
+@synthetic_table.register
+def _synthetic_table(data: SyntheticFrfSpec) -> SyntheticFrfSpec:
+    return data
+
+
+@singledispatch
+def files_table(data: DataTable) -> MeasuredSpec | None:
+    """The table of data that are in measurement files."""
+    return None
+
+
+@files_table.register
+def _files_table(data: MeasuredSpec) -> MeasuredSpec:
+    return data
 
 
 DataSpec = Annotated[

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from jointbayes.case.spec.data_table import DataSpec, SyntheticFrfSpec
+from jointbayes.case.spec.data_table import DataSpec, files_table, synthetic_table
 from jointbayes.case.spec.fields import Finding, KeyPath, listed, show_key
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table
 from jointbayes.case.spec.measured_table import MeasuredSpec
@@ -45,8 +45,8 @@ def dof_findings(
     labelled |= {**data.labelled, ("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
         yield from _immovable_dofs(structure, _each(loc, labels), elsewhere)
-    if isinstance(data, MeasuredSpec):
-        yield from _channel_findings(structure, data, elsewhere)
+    if (files := files_table(data)) is not None:
+        yield from _channel_findings(structure, files, elsewhere)
 
 
 def _each(loc: KeyPath, labels: Sequence[str]) -> dict[KeyPath, str]:
@@ -272,14 +272,14 @@ def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Ite
 
 def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield a truth about damping ratios where the structure has none, and ratios to be measured without a file."""
-    if structure.damping.measured and not isinstance(data, MeasuredSpec):
+    if structure.damping.measured and files_table(data) is None:
         fault = f'found "measured" with data of kind = "{data.kind}"'
         remedy = "state the ratio: ratio = 0.01"
         expected = 'data of kind = "measured_frf" or "measured_frequencies"'
         yield Finding(("structure", "damping", "ratio"), fault, expected, remedy)
-    if not isinstance(data, SyntheticFrfSpec):
+    if (made := synthetic_table(data)) is None:
         return
-    truth = data.truth
+    truth = made.truth
     for name, key in (("youngs_modulus", "youngs_modulus_gpa"), ("density", "density_kg_m3"), ("length", "length_mm")):
         offered = name in structure.stated and (name != "length" or structure.spans is not None)
         if getattr(truth, key) is not None and not offered:
@@ -293,7 +293,7 @@ def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding
 def noise_findings(noise: NoiseModelSpec, model_error: ModelErrorSpec | None, data: DataSpec) -> Iterator[Finding]:
     """Yield how residuals cannot be judged where the data are natural frequencies, or computed."""
     if data.frfs:
-        if model_error is not None and isinstance(data, SyntheticFrfSpec):
+        if model_error is not None and synthetic_table(data) is not None:
             fault = "found the model's errors in modes, where the data are computed FRFs"
             yield Finding(
                 quantity_table("model_error"), fault, "measured FRFs, modes or natural frequencies", "remove it"
@@ -338,26 +338,26 @@ def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
             if key in plan.model_fields_set:
                 yield Finding(("plan", key), "found it beside natural frequencies", _FRF_ONLY, "remove it")
     elif plan.f_max_hz is not None:
-        if not isinstance(data, SyntheticFrfSpec):
+        if (made := synthetic_table(data)) is None:
             fault = "the lines of a file are those that were measured"
             yield Finding(("plan", "f_max_hz"), fault, 'data of kind = "synthetic_frf"', "remove it")
-        elif data.f_max_hz is None:
+        elif made.f_max_hz is None:
             fault = "no band to widen, data.frequencies_hz is a list"
             yield Finding(("plan", "f_max_hz"), fault, "f_min_hz, f_max_hz, f_step_hz in [data]", "remove it")
-        elif plan.f_max_hz <= data.f_max_hz:
-            fault = f"found {plan.f_max_hz!r}, which does not widen the band up to {data.f_max_hz!r} Hz"
-            yield Finding(("plan", "f_max_hz"), fault, f"a number above {data.f_max_hz!r}", "raise or remove it")
+        elif plan.f_max_hz <= made.f_max_hz:
+            fault = f"found {plan.f_max_hz!r}, which does not widen the band up to {made.f_max_hz!r} Hz"
+            yield Finding(("plan", "f_max_hz"), fault, f"a number above {made.f_max_hz!r}", "raise or remove it")
 
 
 def virtual_test_findings(test: VirtualTestSpec, structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield a virtual test without a truth, and extra outputs that do not exist, are held or are measured anyway."""
-    if not isinstance(data, SyntheticFrfSpec):
+    if (made := synthetic_table(data)) is None:
         if test != VirtualTestSpec():
             yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
         return
     loc = ("virtual_test", "extra_outputs")
     yield from _immovable_dofs(structure, _each(loc, test.extra_outputs))
-    measured = frozenset(data.outputs)
+    measured = frozenset(made.outputs)
     for i, label in enumerate(test.extra_outputs):
         if label in measured:
             fault = f'"{label}" is one of data.outputs, which are measured anyway'

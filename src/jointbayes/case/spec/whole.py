@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import BeforeValidator, Field, Strict
 
 from jointbayes.case.spec import rules
-from jointbayes.case.spec.data_table import DataSpec, SyntheticFrfSpec
+from jointbayes.case.spec.data_table import DataSpec, SyntheticFrfSpec, files_table, synthetic_table
 from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, key_field
 from jointbayes.case.spec.frame_table import FrameSpec
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table, prior_table
@@ -120,12 +120,12 @@ class CaseSpec(Spec):
     @property
     def synthetic(self) -> SyntheticFrfSpec | None:
         """The table of the data, if a stated truth makes them."""
-        return self.data if isinstance(self.data, SyntheticFrfSpec) else None
+        return synthetic_table(self.data)
 
     @property
     def files(self) -> MeasuredSpec | None:
         """The table of the data, if they are in measurement files."""
-        return self.data if isinstance(self.data, MeasuredSpec) else None
+        return files_table(self.data)
 
     @property
     def measured_labels(self) -> frozenset[str]:
