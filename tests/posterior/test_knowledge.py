@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case import combined
+from jointbayes.case import case_objects
 from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
 from jointbayes.errors import ModelError
@@ -439,7 +439,7 @@ def test_other_premises_have_verdicts_and_draws_of_their_own_that_are_kept(cheap
 
 def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):
     assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 3 %"
-    monkeypatch.setitem(combined.WORKSHOP_SD_PERCENT, "youngs_modulus", 4.0)
+    monkeypatch.setitem(case_objects.WORKSHOP_SD_PERCENT, "youngs_modulus", 4.0)
     assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 4 %"
 
 
@@ -480,7 +480,7 @@ def test_uncertain_quantities_have_short_labels(name, label):
 def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
     text = json.dumps(asdict(gathered.kept), default=lambda array: array.tolist())
     kept = stored_value(KeptKnowledge, json.loads(text), "")
-    for name in ("knowledge._profiles", "posterior.effect_of_uncertain_inputs", "knowledge.next_step"):
+    for name in ("examination._profiles", "posterior.effect_of_uncertain_inputs", "examination.next_step"):
         monkeypatch.setattr(f"jointbayes.posterior.{name}", lambda *_: pytest.fail("found anew"))
     again = gather_knowledge(judged_as(replace(uncertain, _kept_knowledge=kept), uncertain))
     assert repr(again.freed) == repr(gathered.freed)

@@ -178,7 +178,7 @@ def test_all_stages_together_make_no_more_steps_than_allowed_and_progress_counts
         fitted.append(len(draws))
         return proposal
 
-    monkeypatch.setattr(sampler, "_refitted", as_poor)  # what a stage ends with is dear and makes no step
+    monkeypatch.setattr(sampler, "refit_proposal", as_poor)  # what a stage ends with is dear and makes no step
     poor = Proposal(StudentT(np.full(3, 9.0), 1e-4 * np.eye(3), 5.0), 0.5, 0)
     start = exact(4 * 8, rng).reshape(4, 8, 3)
     settings = replace(SETTINGS, walkers=8, max_steps=limit, tau_factor=1e6)  # never converged

@@ -103,7 +103,7 @@ def test_a_run_of_several_stages_goes_on_to_the_same_bits(tmp_path, monkeypatch)
     def about_the_draws(_density, _systems, _proposal, draws, rng):
         return Proposal(StudentT(draws.mean(axis=0) + 1e-3 * rng.normal(size=3), np.cov(draws.T), 5.0), 0.4, 0)
 
-    monkeypatch.setattr(sampler, "_refitted", about_the_draws)  # a mixture is dear to fit
+    monkeypatch.setattr(sampler, "refit_proposal", about_the_draws)  # a mixture is dear to fit
     monkeypatch.setattr(sampler, "_EXPLORING", (20, 20, 20, 20))
     monkeypatch.setattr(sampler, "_STAGES", (30,))
     rng = np.random.default_rng(3)

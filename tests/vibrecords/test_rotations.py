@@ -117,12 +117,12 @@ def test_a_rotation_measured_and_derived_is_refused():
         replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
 
 
-@pytest.mark.parametrize(("dof", "stations", "axis"), [
-    ("1:rz", ("1:y", "2:z"), "x"),
-    ("1:rz", ("1:z", "2:z"), "x"),
-    ("1:rx", ("1:y", "2:y"), "x"),
-    ("1:rz", ("1:y", "2:y"), "y"),
+@pytest.mark.parametrize(("dof", "stations", "axis", "told"), [
+    ("1:rz", ("1:y", "2:z"), "x", "move in y and z for rz; expected all of them in y"),
+    ("1:rz", ("1:z", "2:z"), "x", "move in z for rz; expected all of them in y"),
+    ("1:rx", ("1:y", "2:y"), "x", "move in y for rx; expected stations along an axis that the rotation turns"),
+    ("1:rz", ("1:y", "2:y"), "y", "move in y for rz; expected all of them in x"),
 ])  # fmt: skip
-def test_stations_that_a_rotation_does_not_move_are_refused(dof, stations, axis):
-    with pytest.raises(MeasurementError, match="one direction for all"):
+def test_stations_that_a_rotation_does_not_move_are_refused(dof, stations, axis, told):
+    with pytest.raises(MeasurementError, match=told):
         Rotation(dof, stations, SPACING, "first order", axis=axis)

@@ -20,9 +20,8 @@ if TYPE_CHECKING:
 
 def _require_place(directory: Path, kind: str) -> None:
     """Refuse, before any work, a directory that cannot be written or holds anything but such a study."""
-    from vibrecords.files import OwnDirectory
-
     from jointbayes.report.run_directory import require_room
+    from vibrecords.files import OwnDirectory
 
     require_outside(directory)
     require_room(directory)
