@@ -28,6 +28,8 @@ from vibrecords.arrays import Array, ComplexArray
 
 _Coupling = PairCoupling | MultiDofCoupling
 
+#: Rows of joints whose structure is prepared for many of them at once.
+_PAIR = 2
 #: Receptances of so many structures are held in memory together.
 _AT_ONCE = 16
 
@@ -181,8 +183,8 @@ class LowRankCoupling:
     def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """Receptances (batch, lines, outputs, inputs), see `ReceptanceModel`."""
         batch = joint_matrix_of(matrices).batch
-        if batch.damped:
-            return self._damped(batch, factors)
+        if batch.damped or (self._known is None and len(self.along) <= _PAIR):
+            return self._by_line(batch, factors)
         if self._known is not None:
             return self._known.receptance(batch.stiffness)
         factor_rows = factors_batch(factors, len(batch))
@@ -208,8 +210,8 @@ class LowRankCoupling:
         """Coupling of the structure at factors (q,)."""
         return self._coupling(self.free(factors[None])[0])
 
-    def _damped(self, matrices: JointMatrix, factors: ArrayLike | None) -> ComplexArray:
-        """Receptances of a batch of joints with damping."""
+    def _by_line(self, matrices: JointMatrix, factors: ArrayLike | None) -> ComplexArray:
+        """Receptances of a batch of joints, with damping or not, each solved at each line."""
         factor_rows, receptances = factors_batch(factors, len(matrices)), []
         for start in range(0, len(matrices), _AT_ONCE):
             batch = slice(start, start + _AT_ONCE)
@@ -236,7 +238,7 @@ class LowRankCoupling:
         return value, slopes
 
     def _coupling(self, free: ComplexArray) -> _Coupling:
-        return (PairCoupling if len(self.along) <= 2 else MultiDofCoupling)(free, self.along, self.n_out)
+        return (PairCoupling if len(self.along) <= _PAIR else MultiDofCoupling)(free, self.along, self.n_out)
 
 
 class _MisfitOfAnyJoint:
@@ -268,7 +270,7 @@ class _MisfitOfAnyJoint:
 
 
 class _UncertainMisfit:
-    """χ² = Σ |H − H^x|² w² as a function of joint and structure, one draw after the other."""
+    """χ² = Σ |H − H^x|² w² as a function of joint and structure, both those of a draw."""
 
     def __init__(self, model: LowRankCoupling, measured: ComplexArray, weight: Array) -> None:
         self._model, self._measured, self._weight = model, measured, weight
@@ -276,9 +278,14 @@ class _UncertainMisfit:
     def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), see `Misfit`."""
         factor_rows = factors_batch(factors, len(stiffness))
-        return np.concatenate(
-            [self._coupling_at(row).chi2(k[None]) for k, row in zip(stiffness, factor_rows, strict=True)]
-        )
+        if len(self._model.along) > _PAIR:
+            return np.concatenate(
+                [self._coupling_at(row).chi2(k[None]) for k, row in zip(stiffness, factor_rows, strict=True)]
+            )
+        # a structure that serves one joint only is not worth what `PairCoupling` prepares for many
+        batches = [slice(start, start + _AT_ONCE) for start in range(0, len(stiffness), _AT_ONCE)]
+        values = (self._model._by_line(joint_matrix_of(stiffness[rows]), factor_rows[rows]) for rows in batches)
+        return np.concatenate([np.empty(0), *(chi2_of(value, self._measured, self._weight) for value in values)])
 
     def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient by the joint, see `Misfit`."""
