@@ -15,6 +15,7 @@ from jointbayes.sampling import (
     replace_far_walkers,
     run_ensembles,
     starting_walkers,
+    starts_of_hills,
 )
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.moves import JumpMove
@@ -81,6 +82,22 @@ def test_a_proposal_of_each_mode_knows_the_shares_and_is_as_good_as_that_of_one(
     weight = np.exp(log_weight - log_weight.max())
     assert weight[theta[:, 0] < 4].sum() / weight.sum() == pytest.approx(SHARE, abs=0.015)
     assert np.exp(np.logaddexp.reduce(log_weight)) / 20_000 == pytest.approx(2 * np.pi, rel=0.02)  # unit volume
+
+
+@pytest.mark.parametrize(("apart", "left"), [(1.0, 2), (4.5, 2), (5.0, 3)])
+def test_of_starts_that_no_deep_valley_parts_one_is_left(apart, left):
+    # between the first two the log density falls by 0, 1.8 and 2.4
+    starts = [(np.array([place, 0.0]), np.eye(2)) for place in (0.0, apart, 40.0)]
+
+    def hills(theta):
+        return np.logaddexp.reduce([one_gaussian(theta, *start) for start in starts], axis=0)
+
+    kept = starts_of_hills(hills, starts)
+    assert len(kept) == left
+    assert kept[-1] is starts[-1]
+    # of two on one hill the one with more probability about it, not the higher one
+    narrow, wide = (starts[2][0], NARROW), (starts[2][0] + 0.1, np.eye(2))
+    assert starts_of_hills(hills, [narrow, wide])[0] is wide
 
 
 def test_of_one_mode_nothing_changes():

@@ -41,6 +41,7 @@ from jointbayes.sampling import (
     fit_each_mode,
     quantile_spread,
     released_draws,
+    starts_of_hills,
 )
 from jointbayes.stored_values import StoredArray
 from vibrecords.arrays import Array
@@ -309,8 +310,8 @@ class _Part:
             restraint = Restraint(freed, self._problem.prior.sd[self._free[freed]])
             drawn = by_names(posterior.thinned(_PILOT), posterior.problem.names, self._names)
             return self.sample(drawn, modes, rng, restraint=restraint)
-        starts = [(start, self.covariance(start)) for start in self.starts(posterior)]
-        systems = self.coordinate_systems()
+        about = [(start, self.covariance(start)) for start in self.starts(posterior)]
+        starts, systems = starts_of_hills(self.log_density, about), self.coordinate_systems()
         proposal = fit_each_mode(self.log_density, systems, starts, None, rng, enough=_ENOUGH)
         return self.sample(np.zeros((0, len(self._names))), modes, rng, proposal=proposal)
 

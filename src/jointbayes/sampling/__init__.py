@@ -20,6 +20,7 @@ from jointbayes.sampling.proposal import Start as Start
 from jointbayes.sampling.proposal import fit_each_mode as fit_each_mode
 from jointbayes.sampling.proposal import fit_proposal as fit_proposal
 from jointbayes.sampling.proposal import proposal_from_draws as proposal_from_draws
+from jointbayes.sampling.proposal import starts_of_hills as starts_of_hills
 from jointbayes.sampling.released import END_TOLERANCE as END_TOLERANCE
 from jointbayes.sampling.released import ENOUGH as ENOUGH
 from jointbayes.sampling.released import Restraint as Restraint

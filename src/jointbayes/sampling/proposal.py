@@ -316,6 +316,36 @@ class Finite(Identity):
         return phi, np.asarray(np.isfinite(phi).all(axis=1))
 
 
+_DIP = 2.0  # ln of a density: across a valley no deeper a fit about one mode reaches the other
+_PLACES = np.linspace(0.0, 1.0, 21)[1:-1, None]  # of the way between two
+
+
+def starts_of_hills(log_density: LogDensity, starts: Sequence[Start]) -> tuple[Start, ...]:
+    """Of starts that no deep valley parts that with the most probability about it: a fit there has the others too.
+
+    Along the straight way between two the density falls at least as deep as between their modes.
+
+    Parameters
+    ----------
+    log_density, starts
+        As for `fit_proposal`; those that are left have the same order.
+    """
+    if len(starts) == 1:
+        return tuple(starts)
+    height = log_density(np.array([place for place, _ in starts]))
+    mass = height + np.array([np.linalg.slogdet(covariance)[1] for _, covariance in starts]) / 2
+
+    def is_parted(one: int, other: int) -> bool:
+        between = starts[one][0] + _PLACES * (starts[other][0] - starts[one][0])
+        return bool(log_density(between).min() < min(height[one], height[other]) - _DIP)
+
+    left: list[int] = []
+    for number in np.argsort(-mass, kind="stable").tolist():
+        if all(is_parted(number, other) for other in left):
+            left.append(number)
+    return tuple(starts[number] for number in sorted(left))
+
+
 def fit_each_mode(
     log_density: LogDensity,
     systems: Sequence[Coordinates],
