@@ -17,7 +17,7 @@ from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.examination import _profiles
 from jointbayes.posterior.identifiability import WEAK_RATIO, assess
-from jointbayes.posterior.limit_climb import LimitClimb, farthest_in_ball
+from jointbayes.posterior.limit_climb import LimitClimb, climb_together, farthest_in_ball
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
 from jointbayes.posterior.rounding import factor as ratio_in_words
 from jointbayes.posterior.rounding import rounded, rounded_interval
@@ -251,7 +251,8 @@ def heights_at(region, at, profile) -> np.ndarray:
     """ln L over its maximum of the best joints with a coordinate held at its limits, by the rest of its profile."""
     others = profile.theta[~np.isin(profile.value, profile.interval)]
     assert len(others) == len(profile.theta) - 2
-    best = np.concatenate([region._best_at(at, end, others) for end in profile.interval])
+    climbs = [region._along(at, np.array([end]), others) for end in profile.interval]
+    best = np.array([known[-1] for known in climb_together(region._height, climbs)])
     return region._height(best) - region.greatest
 
 

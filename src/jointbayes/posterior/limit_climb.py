@@ -2,12 +2,14 @@
 
 About a point the density is a paraboloid, by differences of second order, and what is high enough a ball in axes that
 follow its curvature. The farthest point of that ball is the next one; of a whole line of shorter steps to it, tried in
-one call, the farthest that really is high enough is taken. Every point on the way is a joint that fits.
+one call, the farthest that really is high enough is taken. Every point on the way is a joint that fits. Several climbs
+go side by side: a call for the points of all costs little more than one for those of each.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,14 +24,32 @@ _LENGTHS = 2.0 ** -np.arange(10)
 _TOUCHING = 1e-9  # of a face of the support
 
 
+#: Asks for ln of the density at points θ, shape (n, d), and returns where it ends, shape (d,).
+Climb = Generator[Array, Any, Array]
+
+
+def climb_together(height: Callable[[Array], Array], climbs: Sequence[Climb]) -> list[Array]:
+    """What each climb returns; what all of them ask for next is found in one call of `height`."""
+    ends: dict[int, Array] = {}
+    told: dict[int, Array | None] = dict.fromkeys(range(len(climbs)))
+    while told:
+        asked: dict[int, Array] = {}
+        for number, heights in told.items():
+            try:
+                asked[number] = climbs[number].send(heights)
+            except StopIteration as stop:
+                ends[number] = stop.value
+        together = height(np.concatenate(list(asked.values()))) if asked else np.empty(0)
+        told = dict(zip(asked, np.split(together, np.cumsum([len(theta) for theta in asked.values()])), strict=False))
+    return [ends[number] for number in range(len(climbs))]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LimitClimb:
     """What is climbed, and where.
 
     Parameters
     ----------
-    height
-        ln of the density, θ, shape (n, d), to (n,); `nowhere` or less where it is no number.
     sought
         The quantity, (n, d) to (n,); None where the density itself is.
     sides, ends
@@ -39,10 +59,9 @@ class LimitClimb:
     margin
         How far differences may leave it, shape (d,), beyond the first d faces and the next d, those of a box.
     nowhere
-        See `height`.
+        The height, ln of the density, where that is no number.
     """
 
-    height: Callable[[Array], Array]
     sought: Callable[[Array], Array] | None
     sides: Array
     ends: Array
@@ -50,7 +69,7 @@ class LimitClimb:
     margin: Array
     nowhere: float
 
-    def end(self, start: Array, axes: Array, level: float, *, steps: int, gain: float, slack: float) -> Array:
+    def end(self, start: Array, axes: Array, level: float, *, steps: int, gain: float, slack: float) -> Climb:
         """Where a climb ends, shape (d,), in steps that gain so much at least, and `steps` at most.
 
         Parameters
@@ -68,15 +87,17 @@ class LimitClimb:
             steps -= 1
             step = _STEP * _CLOSER**failed
             around = np.clip(stencil(place, axes, step), low - self.margin, high + self.margin)
-            heights, values = self._both(around)
+            heights = yield around
             if heights.min() <= self.nowhere:
                 failed += 1
                 continue
+            values = self._values(around, heights)
             move, turn = self._move(place, axes, heights, values, step, level)
             # axes far wider than the density is say little of it: the next ones, which follow its curvature, do
             settled, axes = np.linalg.norm(turn, 2, axis=0).min() > _SETTLED, axes @ turn
             trials = np.clip(place + _LENGTHS[:, None] * move, low, high)
-            trial_heights, trial_values = self._both(trials)
+            trial_heights = yield trials
+            trial_values = self._values(trials, trial_heights)
             allowed = (trial_heights >= level - slack) & self.possible(trials)
             if not allowed.any():
                 failed += 1
@@ -89,10 +110,9 @@ class LimitClimb:
                 break
         return place
 
-    def _both(self, theta: Array) -> tuple[Array, Array]:
-        """Height and what is sought, shapes (n,)."""
-        heights = self.height(theta)
-        return heights, heights if self.sought is None else self.sought(theta) + _HIGHER * heights
+    def _values(self, theta: Array, heights: Array) -> Array:
+        """What is sought, shape (n,)."""
+        return heights if self.sought is None else self.sought(theta) + _HIGHER * heights
 
     def _move(
         self, place: Array, axes: Array, heights: Array, values: Array, step: float, level: float

@@ -25,7 +25,7 @@ from scipy.special import chdtri
 from jointbayes.errors import ModelError
 from jointbayes.inference import LogPosterior
 from jointbayes.joint import Coordinate
-from jointbayes.posterior.limit_climb import LimitClimb
+from jointbayes.posterior.limit_climb import Climb, LimitClimb, climb_together
 from jointbayes.stored_values import StoredArray
 from vibrecords.arrays import Array
 
@@ -47,6 +47,7 @@ _ITERATIONS = 60  # of a climb
 _AGAIN = 20  # climbs from where another has ended
 _GAIN, _PART = 1e-3, 1e-4  # while they gain so much of a standard deviation, or so large a part of the value
 _OF_HEIGHT, _OF_QUANTITY = 1e-6, 1e-5  # gain of ln L, and of a quantity in standard deviations, at which a climb ends
+_SIGNS = -1.0, 1.0  # of the least and of the greatest value
 _CLOSE = 20  # draws among which a profile looks for where to climb from
 
 
@@ -133,7 +134,7 @@ class LikelihoodRegion:
         low, high = np.maximum(low, prior.mean - far), np.minimum(high, prior.mean + far)
         self._low, self._high = low + _EDGE * (high - low), high - _EDGE * (high - low)
         solution = np.zeros(len(theta), dtype=np.intp) if solution is None else solution
-        self._ends: dict[tuple[int, float, float], tuple[Array, Array]] = {}
+        self._ends: dict[tuple[int, float], Array] = {}
         away, each = theta.copy(), [np.flatnonzero(solution == number) for number in np.unique(solution)]
         for rows in each:
             away[rows] -= theta[rows].mean(axis=0)
@@ -141,7 +142,7 @@ class LikelihoodRegion:
         self._draws = np.clip(theta, self._low, self._high)
         self._heights = self._height(self._draws)
         best = self._draws[[rows[np.argmax(self._heights[rows])] for rows in each]]
-        self._tops = np.array([self._bettered(start) for start in best])
+        self._tops = np.array(climb_together(self._height, [self._better(start, self._root) for start in best]))
         heights = self._height(self._tops)
         self._top, self.greatest = self._tops[np.argmax(heights)], float(heights.max())
 
@@ -188,7 +189,8 @@ class LikelihoodRegion:
         """
         name, names = self._prior.parametrisation.stiffness_names[index], self._prior.names
         # where a quantity is a coordinate, its logarithm, that is sought, as for its profile
-        near, far = self._points(self._column(names.index(name)) if name in names else index, fall, fall_printed)
+        column = self._column(names.index(name)) if name in names else index
+        near, far = self._points(column, fall), self._points(column, fall_printed)
         low, high = np.where(self._is_above(near, fall), math.nan, self._of(index, near)).tolist()
         low_printed, high_printed = self._of(index, far).tolist()
         return (low, high), (low_printed, high_printed)
@@ -215,14 +217,17 @@ class LikelihoodRegion:
                     f"profile: found that no residual depends on {name}; expected a coordinate that the model predicts "
                     "with; profile another one"
                 )
-        near, far = self._points(self._column(at), FALL_TWO_SIDED, FALL_PRINTED)
+        near, far = (self._points(self._column(at), fall) for fall in (FALL_TWO_SIDED, FALL_PRINTED))
         is_open, top, (first, last) = self._is_above(near, FALL_TWO_SIDED), self._top, far[:, at]
-        ends = [self._bettered(end, at) for end in far[is_open]]  # whatever fits well enough has led to an open end
+        root = self._root_across(at)
+        # whatever fits well enough has led to an open end
+        ends = climb_together(self._height, [self._better(end, root) for end in far[is_open]])
         known = np.array([top, *near[~is_open], *far[~is_open], *ends])
         shares = (np.arange(1, _POINTS) / _POINTS) ** 2  # of the way from the top, where the likelihood is round
         between = np.append(top[at] + np.outer(far[:, at] - top[at], shares), self._tops[:, at])
-        for value in np.unique(between[(between > first) & (between < last)].round(9)):
-            known = np.concatenate([known, self._best_at(at, value, known)])
+        values = np.unique(between[(between > first) & (between < last)].round(9))
+        sides = (values[values <= top[at]], values[values > top[at]])
+        known = np.concatenate(climb_together(self._height, [self._along(at, side, known) for side in sides]))
         known = known[np.unique(known[:, at].round(9), return_index=True)[1]]
         heights = self._height(known)
         low, high = np.where(is_open, (self._low[at], self._high[at]), near[:, at]).tolist()
@@ -230,32 +235,40 @@ class LikelihoodRegion:
         ratio = heights - heights.max()
         return ProfileLikelihood(coordinate, known[:, at], ratio, known, _LEVEL, (low, high), *is_open.tolist())
 
-    def _best_at(self, at: int, value: float, known: Array) -> Array:
-        """θ, shape (1, d), of the best joint with a coordinate at a value, (0, d) if none; from known ones, (n, d)."""
-        known = known[known[:, at].argsort()]
-        between = [np.interp(value, known[:, at], column) for column in known.T]
-        close = self._draws[np.abs(self._draws[:, at] - value).argsort()[:_CLOSE]]
-        along = self._root @ self._root[at] / (self._root[at] @ self._root[at])
-        starts = np.array([between, *(close + (value - close[:, at, None]) * along)])
-        starts = np.clip(starts, self._low, self._high)
-        starts = starts[self._prior.feasible(starts)]
-        best = starts[self._height(starts).argsort()[-1:]]
-        return np.array([self._bettered(start, at) for start in best]).reshape(best.shape)
+    def _along(self, at: int, values: Array, known: Array) -> Climb:
+        """Known points θ, shape (n, d), with the best joint at each value of a coordinate, one after the other."""
+        along, root = self._root @ self._root[at] / (self._root[at] @ self._root[at]), self._root_across(at)
+        for value in values:
+            ordered = known[known[:, at].argsort()]
+            between = [np.interp(value, ordered[:, at], column) for column in ordered.T]
+            close = self._draws[np.abs(self._draws[:, at] - value).argsort()[:_CLOSE]]
+            starts = np.array([between, *(close + (value - close[:, at, None]) * along)])
+            starts = np.clip(starts, self._low, self._high)
+            starts = starts[self._prior.feasible(starts)]
+            if len(starts):
+                best = starts[np.argmax((yield starts))]
+                known = np.array([*known, (yield from self._better(best, root))])
+        return known
 
-    def _bettered(self, start: Array, held: int | None = None) -> Array:
-        """θ, shape (d,), to which a climb of ln L leads, with a coordinate held; the start where that is no better."""
-        root = self._root if held is None else self._root @ linalg.null_space(self._root[held : held + 1])
-        end = self._climbed(start, root) if root.size else start
-        higher = self._prior.feasible(end) and np.diff(self._height(np.array([start, end])))[0] > 0
-        return end if higher else start
+    def _root_across(self, held: int) -> Array:
+        """Columns along which all but one coordinate move, shape (d, d − 1)."""
+        return self._root @ linalg.null_space(self._root[held : held + 1])
 
-    def _points(self, index: int, fall: float, fall_printed: float) -> tuple[Array, Array]:
-        """Points θ, shape (2, d), with the least and the greatest value of a quantity at either fall; kept."""
-        key = index, fall, fall_printed
-        if key not in self._ends:
-            near = self._extremes(index, fall, np.array([self._top, self._top]))
-            self._ends[key] = near, self._extremes(index, fall_printed, near)
-        return self._ends[key]
+    def _better(self, start: Array, root: Array) -> Climb:
+        """θ, shape (d,), to which a climb of ln L along columns of `root` leads; the start where that is no better."""
+        if not root.size:
+            return start
+        end = yield from self._climb(start, root)
+        heights = yield np.array([start, end])
+        return end if self._prior.feasible(end) and heights[1] > heights[0] else start
+
+    def _points(self, index: int, fall: float) -> Array:
+        """Points θ, shape (2, d), with the least and the greatest value of a quantity at a fall; kept."""
+        if (index, fall) not in self._ends:
+            lesser = [known for known in self._ends if known[0] == index and known[1] < fall]
+            near = self._ends[max(lesser)] if lesser else np.array([self._top, self._top])
+            self._ends[index, fall] = self._extremes(index, fall, near)
+        return self._ends[index, fall]
 
     def _is_above(self, ends: Array, fall: float) -> NDArray[np.bool_]:
         """Whether ln L has not fallen so far at extremes, shape (n, d)."""
@@ -263,31 +276,43 @@ class LikelihoodRegion:
 
     def _extremes(self, index: int, fall: float, near: Array) -> Array:
         """Points θ, shape (2, d), with the least and the greatest value, from one near each and the farthest draws."""
-        level, spread = self.greatest - fall, float(self._of(index, self._draws).std())
+        level = self.greatest - fall
         inside = self._draws[self._heights >= level]
-        ends = []
-        for sign, first in zip((-1.0, 1.0), near, strict=True):
-            starts = np.array([first, *inside[np.argsort(sign * self._of(index, inside))][-1:]])
-            climbs = [self._climbed(start, self._root, index, level, sign) for start in starts]
-            end, value = self._farthest(np.array([*starts, *climbs]), index, level, sign), math.nan
-            for _ in range(_AGAIN):
-                reached = self._climbed(end, self._root, index, level, sign)
-                end = self._farthest(np.array([end, reached]), index, level, sign)
-                before, value = value, float(self._of(index, end[None])[0])
-                if abs(value - before) <= min(_GAIN * spread, _PART * abs(value)):  # it may span decades
-                    break
-            ends.append(end)
-        return np.array(ends)
+        drawn, ends = self._of(index, inside), []
+        tried = [
+            (sign, start)
+            for sign, first in zip(_SIGNS, near, strict=True)
+            for start in (first, *inside[np.argsort(sign * drawn)][-1:])
+        ]
+        climbs = [self._climb(start, self._root, index, level, sign) for sign, start in tried]
+        points = np.array([*(start for _, start in tried), *climb_together(self._height, climbs)])
+        heights, signs = self._height(points), np.array([sign for sign, _ in (*tried, *tried)])
+        for sign in _SIGNS:
+            end = self._farthest(points[signs == sign], heights[signs == sign], index, level, sign)
+            ends.append(self._go_on(end, index, level, sign))
+        return np.array(climb_together(self._height, ends))
 
-    def _farthest(self, reached: Array, index: int, level: float, sign: float) -> Array:
+    def _go_on(self, end: Array, index: int, level: float, sign: float) -> Climb:
+        """Climb from where a climb has ended until that leads nowhere."""
+        spread, value = float(self._of(index, self._draws).std()), math.nan
+        for _ in range(_AGAIN):
+            reached = yield from self._climb(end, self._root, index, level, sign)
+            both = np.array([end, reached])
+            end = self._farthest(both, (yield both), index, level, sign)
+            before, value = value, float(self._of(index, end[None])[0])
+            if abs(value - before) <= min(_GAIN * spread, _PART * abs(value)):  # it may span decades
+                break
+        return end
+
+    def _farthest(self, reached: Array, heights: Array, index: int, level: float, sign: float) -> Array:
         """Of points, shape (n, d), that with the greatest value among those that are high enough."""
-        allowed = reached[(self._height(reached) >= level - _SLACK) & self._prior.feasible(reached)]
+        allowed = reached[(heights >= level - _SLACK) & self._prior.feasible(reached)]
         farthest: Array = allowed[np.argmax(sign * self._of(index, allowed))]
         return farthest
 
-    def _climbed(
+    def _climb(
         self, start: Array, root: Array, index: int | None = None, level: float = -math.inf, sign: float = 1.0
-    ) -> Array:
+    ) -> Climb:
         """θ, shape (d,), of the greatest value of a quantity where ln L is at least `level`; without one of ln L.
 
         It begins in steps of the columns of `root`, shape (d, k), such as a Cholesky factor of a covariance.
@@ -302,7 +327,6 @@ class LikelihoodRegion:
         spread = sign * (float(measure(self._draws).std()) or 1.0)
         cones = [cone.normal(start.size) for cone in self._prior.parametrisation.cones]
         climb = LimitClimb(
-            self._height,
             None if index is None else lambda theta: measure(theta) / spread,
             np.array([*np.eye(start.size), *-np.eye(start.size), *cones]),
             np.concatenate([self._high, -self._low, np.full(len(cones), -_EDGE)]),
