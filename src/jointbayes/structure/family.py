@@ -128,7 +128,13 @@ class UncertainBody(Body):
 
     def at(self, dofs: Iterable[str], top_hz: float) -> Self:
         """The same structures, exact at these DOFs up to this frequency; elements end at their points."""
-        return replace(self, dofs=tuple(dofs), top_hz=top_hz)
+        there = replace(self, dofs=tuple(dofs), top_hz=top_hz)
+        return there if self.exact or not is_hashable(there._made_from) else _one_of(there._made_from)
+
+    @property
+    def _made_from(self) -> tuple[Any, ...]:
+        """Equal for equal ones."""
+        return type(self), self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz
 
     def reference(self, *, solved: bool = True) -> Self:
         """The same of much richer elements; solved anew for each row of factors, or interpolated as ever."""
@@ -160,10 +166,9 @@ class UncertainBody(Body):
         forms = self.nominal.on_all_dofs(dofs, motions)
         if self.exact:
             return _ModesSolvedAnew(self, forms)
-        made_from = type(self), self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz  # equal for equal ones
-        if forms.shape[1] > _KEPT_MOTIONS or not is_hashable(made_from):
+        if forms.shape[1] > _KEPT_MOTIONS or not is_hashable(self._made_from):
             return self.over_factors(forms, forced)
-        return _kept(made_from, forms.shape, forms.tobytes(), None if forced is None else tuple(forced.tolist()))
+        return _kept(self._made_from, forms.shape, forms.tobytes(), None if forced is None else tuple(forced.tolist()))
 
     def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
         """The free modes with motions given as forms on all DOFs, shape (DOFs, k)."""
@@ -206,11 +211,17 @@ def is_hashable(values: object) -> bool:
 
 
 @lru_cache(maxsize=_KEPT)
+def _one_of(made_from: tuple[Any, ...]) -> Any:  # noqa: ANN401 (of the kind that is asked for)
+    """A body with its mesh and its nominal structure, which are made once."""
+    kind, recipe, ranges, dofs, top_hz = made_from
+    return kind(recipe, dict(ranges), dofs=dofs, top_hz=top_hz)
+
+
+@lru_cache(maxsize=_KEPT)
 def _kept(
     made_from: tuple[Any, ...], shape: tuple[int, ...], motions: bytes, forced: tuple[bool, ...] | None
 ) -> FreeModes:
-    kind, recipe, ranges, dofs, top_hz = made_from
-    family: UncertainBody = kind(recipe, dict(ranges), dofs=dofs, top_hz=top_hz)
+    family: UncertainBody = _one_of(made_from)
     forms = np.frombuffer(motions).reshape(shape)
     return family.over_factors(forms, None if forced is None else np.array(forced, dtype=bool))
 
