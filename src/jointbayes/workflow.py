@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -41,7 +41,6 @@ from jointbayes.sampling import (
     Chains,
     Proposal,
     SamplerSettings,
-    Start,
     UnfinishedRun,
     fit_each_mode,
     independent_chains,
@@ -312,18 +311,18 @@ def sample(
         problem = replace(problem, premises=Premises(asked=AS_ASKED))
         whole = replace(whole, problem=problem, stated=whole.stated and problem)
     tell(Progress("preparing the sampling"))
-    starts = starts_of_hills(problem.log_posterior, estimate.starts_for_draws)
-    proposal = _fitted_proposal(problem, starts, seed)
-    return _by_ensembles(problem, whole, seed, settings, estimate, starts, proposal, tell, checkpoint)
+    proposal = _fitted_proposal(problem, estimate, seed)
+    return _by_ensembles(problem, whole, seed, settings, estimate, proposal, tell, checkpoint)
 
 
 def _are_computed(problem: Problem) -> bool:
     return all(test.data.frfs is not None and test.data.frfs.synthetic for test in problem.tests)
 
 
-def _fitted_proposal(problem: Problem, starts: Sequence[Start], seed: int) -> Proposal:
+def _fitted_proposal(problem: Problem, estimate: MapEstimate, seed: int) -> Proposal:
     """A proposal about each hill of a posterior and its images."""
     images, systems = Images.from_problem(problem).matrices, coordinate_systems(problem)
+    starts = starts_of_hills(problem.log_posterior, estimate.starts_for_draws)
     return fit_each_mode(problem.log_posterior, systems, starts, images, _generator(seed, _PROPOSAL))
 
 
@@ -350,13 +349,13 @@ def _by_ensembles(
     seed: int,
     settings: SamplerSettings,
     estimate: MapEstimate,
-    starts: Sequence[Start],
     proposal: Proposal,
     tell: ProgressCallback,
     checkpoint: UnfinishedRun | None,
 ) -> Posterior:
     """Draws by ensembles of walkers, which the checkpoint keeps."""
     log_posterior = problem.log_posterior
+    starts = starts_of_hills(log_posterior, estimate.starts_for_draws)
     start = starting_walkers(starts, problem.prior.log_density, settings, _generator(seed, _WALKERS), proposal.shares)
     least = estimate.log_posterior - _NO_DRAW
     start = replace_far_walkers(start, log_posterior, least, proposal, _generator(seed, _FAR_WALKERS))
@@ -463,10 +462,9 @@ def sample_quickly(
     settings = settings or SamplerSettings().for_dimension(d).for_one_of_many()
     estimate = find_map(problem, seed=seed, progress=progress)
     tell(Progress("preparing the sampling"))
-    density, systems = problem.log_posterior, coordinate_systems(problem)
-    starts = starts_of_hills(density, estimate.starts_for_draws)
-    proposal = _fitted_proposal(problem, starts, seed)
+    proposal = _fitted_proposal(problem, estimate, seed)
     tell(Progress("sampling"))
+    density, systems = problem.log_posterior, coordinate_systems(problem)
     rng, quantities = _generator(seed, _STEPS), judged_quantities(problem.prior)
     nowhere, rounds = np.zeros((0, d)), lambda text: tell(Progress("sampling", text))
     budget = settings.budget(d)
@@ -478,12 +476,12 @@ def sample_quickly(
         quantities,
         proposal=proposal,
         wide=Independent(problem.prior.all_marginals),
-        modes=len(starts),
+        modes=len(proposal.parts),
         tell=rounds,
         budget=budget,
     )
     if drawn is None:
-        return _by_ensembles(problem, case, seed, settings, estimate, starts, proposal, tell, keeper)
+        return _by_ensembles(problem, case, seed, settings, estimate, proposal, tell, keeper)
     chains = independent_chains(density, drawn, time.perf_counter() - began)
     return _posterior(problem, case, seed, settings, _with_best_draw(problem, estimate, chains), proposal, chains)
 

@@ -47,7 +47,6 @@ _ITERATIONS = 60  # of a climb
 _AGAIN = 20  # climbs from where another has ended
 _GAIN, _PART = 1e-3, 1e-4  # while they gain so much of a standard deviation, or so large a part of the value
 _OF_HEIGHT, _OF_QUANTITY = 1e-6, 1e-5  # gain of ln L, and of a quantity in standard deviations, at which a climb ends
-_SIGNS = -1.0, 1.0  # of the least and of the greatest value
 _CLOSE = 20  # draws among which a profile looks for where to climb from
 
 
@@ -242,8 +241,7 @@ class LikelihoodRegion:
             ordered = known[known[:, at].argsort()]
             between = [np.interp(value, ordered[:, at], column) for column in ordered.T]
             close = self._draws[np.abs(self._draws[:, at] - value).argsort()[:_CLOSE]]
-            starts = np.array([between, *(close + (value - close[:, at, None]) * along)])
-            starts = np.clip(starts, self._low, self._high)
+            starts = np.clip([between, *(close + (value - close[:, at, None]) * along)], self._low, self._high)
             starts = starts[self._prior.feasible(starts)]
             if len(starts):
                 best = starts[np.argmax((yield starts))]
@@ -278,27 +276,23 @@ class LikelihoodRegion:
         """Points θ, shape (2, d), with the least and the greatest value, from one near each and the farthest draws."""
         level = self.greatest - fall
         inside = self._draws[self._heights >= level]
-        drawn, ends = self._of(index, inside), []
-        tried = [
-            (sign, start)
-            for sign, first in zip(_SIGNS, near, strict=True)
-            for start in (first, *inside[np.argsort(sign * drawn)][-1:])
+        drawn = self._of(index, inside)
+        climbs = [
+            self._extreme(np.array([first, *inside[np.argsort(sign * drawn)][-1:]]), index, level, sign)
+            for sign, first in zip((-1.0, 1.0), near, strict=True)
         ]
-        climbs = [self._climb(start, self._root, index, level, sign) for sign, start in tried]
-        points = np.array([*(start for _, start in tried), *climb_together(self._height, climbs)])
-        heights, signs = self._height(points), np.array([sign for sign, _ in (*tried, *tried)])
-        for sign in _SIGNS:
-            end = self._farthest(points[signs == sign], heights[signs == sign], index, level, sign)
-            ends.append(self._go_on(end, index, level, sign))
-        return np.array(climb_together(self._height, ends))
+        return np.array(climb_together(self._height, climbs))
 
-    def _go_on(self, end: Array, index: int, level: float, sign: float) -> Climb:
-        """Climb from where a climb has ended until that leads nowhere."""
-        spread, value = float(self._of(index, self._draws).std()), math.nan
+    def _extreme(self, starts: Array, index: int, level: float, sign: float) -> Climb:
+        """Climb from each start, and on from the farthest end until that leads nowhere."""
+        spread, value, reached = float(self._of(index, self._draws).std()), math.nan, [*starts]
+        for start in starts:
+            reached.append((yield from self._climb(start, self._root, index, level, sign)))
+        points = np.array(reached)
+        end = self._farthest(points, (yield points), index, level, sign)
         for _ in range(_AGAIN):
-            reached = yield from self._climb(end, self._root, index, level, sign)
-            both = np.array([end, reached])
-            end = self._farthest(both, (yield both), index, level, sign)
+            points = np.array([end, (yield from self._climb(end, self._root, index, level, sign))])
+            end = self._farthest(points, (yield points), index, level, sign)
             before, value = value, float(self._of(index, end[None])[0])
             if abs(value - before) <= min(_GAIN * spread, _PART * abs(value)):  # it may span decades
                 break

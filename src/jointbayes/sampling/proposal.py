@@ -330,8 +330,6 @@ def starts_of_hills(log_density: LogDensity, starts: Sequence[Start]) -> tuple[S
     log_density, starts
         As for `fit_proposal`; those that are left have the same order.
     """
-    if len(starts) == 1:
-        return tuple(starts)
     height = log_density(np.array([place for place, _ in starts]))
     mass = height + np.array([np.linalg.slogdet(covariance)[1] for _, covariance in starts]) / 2
 
