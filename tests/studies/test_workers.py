@@ -297,7 +297,7 @@ def test_the_fingerprint_of_the_code_sees_one_changed_digit(tmp_path):
     ).stdout
     assert again == own
     seen = {own}
-    for file in (copy / "structure" / "beam.py", readers / "formats" / "units.py"):
+    for file in (copy / "structure" / "frame.py", readers / "formats" / "units.py"):
         file.write_text(file.read_text(encoding="utf-8") + "\nSHEAR = 0.5\n", encoding="utf-8")
         changed = subprocess.run(
             ask, env=os.environ | {"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, check=True

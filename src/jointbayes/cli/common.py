@@ -3,6 +3,7 @@
 import shlex
 import sys
 from contextlib import contextmanager
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,14 +65,19 @@ def load(config: Path) -> "Case":
     from jointbayes.case.case_text import read_case_text, setup_texts
     from jointbayes.case.parse import parse_setups
     from jointbayes.case.plausibility import input_warnings
+    from jointbayes.case.spec.whole import BEFORE_OBJECTS
     from jointbayes.case.toml_text import fault_line
 
     # what is wrong with the file itself is said before anything heavy is loaded
     show_stage(Progress("reading the case", str(config)), on_terminal_only=True)
     text = read_case_text(config, manner().allow_outside)
     manner().read += text.files
-    specs, texts = parse_setups(text), setup_texts(text)
-    show_stage(Progress("loading the data of the case and building its model"))
+    loading = Progress("loading the data of the case and building its model")
+    named = BEFORE_OBJECTS.set(cache(partial(show_stage, loading)))
+    try:
+        specs, texts = parse_setups(text), setup_texts(text)
+    finally:
+        BEFORE_OBJECTS.reset(named)
     each = (input_warnings(spec, texts[name], spec.data.band_hz) for name, spec in specs.items())
     early = tuple(dict.fromkeys(warning for warnings in each for warning in warnings))
 

@@ -141,13 +141,14 @@ class _Group:
         self.pass_over(others)
         yield from self.spectra(spectra, lines)
         averages = iter(_averages(self.comments, sum(set(parts) != {"coherence"} for _, parts in frfs)))
+        with_units = any(columns[i].unit for i in self.with_role("real", "imaginary", "magnitude"))
         for name, parts in frfs:
             if set(parts) == {"coherence"}:
                 response, reference, unnamed = _channels(name)
                 where, g2 = f"column {parts['coherence'] + 1}", self.values[:, parts["coherence"]]
                 yield CoherenceRecord(response, reference, lines, g2, None, where, (*self.notes, *unnamed))
             else:
-                yield self.frf(parts, lines, name, next(averages))
+                yield self.frf(parts, lines, name, next(averages), with_units=with_units)
 
     def pass_over(self, numbers: list[int]) -> None:
         """Note columns that are not read."""
@@ -161,8 +162,10 @@ class _Group:
             yield SpectrumRecord(column.header or where, kind, lines, values, column.unit, where, self.notes)
 
     @np.errstate(all="ignore")  # a file may hold any number
-    def frf(self, parts: Mapping[Role, int], lines: Array, name: str, averages: int | None) -> FrfRecord:
-        """The FRF of some columns."""
+    def frf(
+        self, parts: Mapping[Role, int], lines: Array, name: str, averages: int | None, *, with_units: bool
+    ) -> FrfRecord:
+        """The FRF of some columns, among which some have a unit or none has."""
         notes = list(self.notes)
         cartesian = {"real", "imaginary"} <= set(parts)
         roles: tuple[Role, Role] = ("real", "imaginary") if cartesian else ("magnitude", "phase")
@@ -181,7 +184,7 @@ class _Group:
             magnitude, meant = _magnitude(numbers, meant, f"column {first + 1}", notes)
             values = magnitude * np.exp(1j * _phase(other_numbers, other_unit, f"column {second + 1}", notes))
         factor, of_unit, converted = read_frf_unit(meant)
-        if not meant and any(self.columns[i].unit for i in self.with_role("real", "imaginary", "magnitude")):
+        if not meant and with_units:
             factor, converted = None, [_UNITLESS]
         word = self.comments.get("quantity", "").lower()
         named = next(
@@ -219,15 +222,16 @@ class _Group:
         elif not unit and rate < 1.001 / headers.TIME_STEP:
             self.notes += (f"time without unit taken as s, {rate:g} samples a second",)
         self.pass_over(spectra)
+        with_units = any(self.columns[i].unit for i in channels)
         for i in channels:
-            if i not in spectra:
-                yield self.history(i, rate)
+            if self.columns[i].role != "spectrum":
+                yield self.history(i, rate, with_units=with_units)
 
-    def history(self, number: int, rate: float) -> TimeRecord:
-        """The time history of a column."""
+    def history(self, number: int, rate: float, *, with_units: bool) -> TimeRecord:
+        """The time history of a column, among which some have a unit or none has."""
         column, where = self.columns[number], f"column {number + 1}"
         factor, quantity, converted = read_sensor_unit(column.unit)
-        if not column.unit and any(self.columns[k].unit for k in self.numbers[1:]):
+        if not column.unit and with_units:
             factor, converted = None, [_UNITLESS]
         label = column.name if column.role == "other" else column.header
         hit = re.search(r"\bhit (\d{1,6})$", label)

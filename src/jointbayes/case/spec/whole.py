@@ -9,7 +9,8 @@ The tables stand in modules of their own; here they come together, with the rule
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BeforeValidator, Field, Strict
@@ -63,6 +64,9 @@ StructureSpec = Annotated[
     Field(discriminator="kind", description="the structure without its joint"),
     BeforeValidator(_beam_unless_stated),
 ]
+
+#: Called when the tables of a case are right in themselves, before objects are made of them, which takes NumPy.
+BEFORE_OBJECTS: ContextVar[Callable[[], None]] = ContextVar("BEFORE_OBJECTS", default=lambda: None)
 
 
 class CaseSpec(Spec):
@@ -196,11 +200,11 @@ class CaseSpec(Spec):
 
     def _findings(self) -> Iterator[Finding]:
         """Yield DOFs that do not exist, else what no object can be, else where tables do not agree with each other."""
-        for each in (self._dof_findings(), self.object_findings(), self._table_findings()):
-            found = list(each)
-            if found:
-                yield from found
-                return
+        found = list(self._dof_findings())
+        if not found:
+            BEFORE_OBJECTS.get()()
+            found = list(self.object_findings()) or list(self._table_findings())
+        yield from found
 
     def _dof_findings(self) -> Iterator[Finding]:
         return rules.dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels)
