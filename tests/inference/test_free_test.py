@@ -11,7 +11,7 @@ from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_mo
 from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Normal, Nuisance, Uniform
 from jointbayes.joint import Joints, blocks_of, parametrisation_named
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section
-from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
+from tests.conftest import CLAMP, CONFIGS, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
 from vibrecords import FrequencyData, FrfData, FrfSet, ModeData, ModeShapes, Observed
 
 NOTHING = Joints(())
@@ -199,3 +199,15 @@ def test_a_free_test_goes_into_a_file_and_comes_back(tmp_path):
         NaturalFrequencies(rod(), NOTHING, 1).frequency_hz(NO_JOINT)[0, 0], rel=1e-3
     )
     assert again.predict_frf(setup="free").magnitude.shape == (115, 1, 1)
+
+
+def test_a_stiffness_beyond_all_numbers_spoils_no_other_joint_of_the_batch():
+    """Importance draws reach e^800 N/m: neither an error nor a density, and the joint beside it as ever."""
+    storeys = jb.load_case(CONFIGS / "eighteen_storeys.toml").problem
+    theta = storeys.prior.transform(np.full((2, len(storeys.names)), 0.5))
+    (alone,) = storeys.log_posterior(theta[:1])
+    theta[1] = 800.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        beside, beyond = storeys.log_posterior(theta)
+    assert beside == alone
+    assert not beyond > alone - 1e5

@@ -106,6 +106,8 @@ class AssembledShapes(LowestModes):
         r, counted = self._along.shape[0], self._counted
         every = None if self._zeros else counted.stop
         eigenvalues, rows, springs = self._modes.solve(sides[0], factor_rows, every)
+        beyond = ~np.isfinite(springs).all(axis=(1, 2))  # of a stiffness that no number holds nothing is known
+        springs[beyond], eigenvalues[beyond] = np.eye(r), np.nan
         at_joint = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r])
         motions = rows[:, r:] + self._along.T @ at_joint
         zeros_hz = self._antiresonances(eigenvalues, motions, rows[:, :0])[0]
