@@ -104,7 +104,7 @@ def test_an_error_that_coherence_does_not_see_is_found_and_the_joint_with_it(spo
     assert low < ERROR < high
     assert high < 1.4 * low
     assert posterior.check.explains
-    assert "times |H| in each part was inferred" in posterior.check.sentence
+    assert "times |H| in each part was inferred" in posterior.check.advice
     truth = {"k11": 5.05e9, "k12": 3.44e7, "k22": 1.52e6}
     assert all(a < truth[name] < b for name in truth for a, b in [posterior.interval(name, 0.99)])
 
