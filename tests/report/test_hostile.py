@@ -101,7 +101,7 @@ def test_a_hostile_pdf_shows_text_and_has_no_action(written):
     content = re.sub(rb"stream\r?\n.*?endstream", b"", (directory / "report.pdf").read_bytes(), flags=re.DOTALL)
     assert content.count(b"/Page") > 1
     for action in (b"/URI", b"/JavaScript", b"/JS", b"/Launch", b"/OpenAction", b"/EmbeddedFile", b"/SubmitForm"):
-        assert action not in content
+        assert not re.search(action + rb"(?![A-Za-z])", content)  # a subset of a font may be /JSXKCD+Libertinus
     if shutil.which("pdftotext") is None:
         pytest.skip("NOT CHECKED: no pdftotext found to read hostile text in the PDF")
     done = subprocess.run(["pdftotext", directory / "report.pdf", "-"], capture_output=True, check=True)
