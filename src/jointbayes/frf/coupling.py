@@ -28,8 +28,6 @@ from vibrecords.arrays import Array, ComplexArray
 
 _Coupling = PairCoupling | MultiDofCoupling
 
-#: Rows of joints whose structure is prepared for many of them at once.
-_PAIR = 2
 #: Receptances of so many structures are held in memory together.
 _AT_ONCE = 16
 
@@ -183,14 +181,9 @@ class LowRankCoupling:
     def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """Receptances (batch, lines, outputs, inputs), see `ReceptanceModel`."""
         batch = joint_matrix_of(matrices).batch
-        if batch.damped or (self._known is None and len(self.along) <= _PAIR):
+        if self._known is None or batch.damped:
             return self._by_line(batch, factors)
-        if self._known is not None:
-            return self._known.receptance(batch.stiffness)
-        factor_rows = factors_batch(factors, len(batch))
-        return np.concatenate(
-            [self._coupling_at(row).receptance(k) for k, row in zip(batch.stiffness, factor_rows, strict=True)]
-        )
+        return self._known.receptance(batch.stiffness)
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
@@ -238,7 +231,7 @@ class LowRankCoupling:
         return value, slopes
 
     def _coupling(self, free: ComplexArray) -> _Coupling:
-        return (PairCoupling if len(self.along) <= _PAIR else MultiDofCoupling)(free, self.along, self.n_out)
+        return (PairCoupling if len(self.along) <= 2 else MultiDofCoupling)(free, self.along, self.n_out)
 
 
 class _MisfitOfAnyJoint:
@@ -278,11 +271,7 @@ class _UncertainMisfit:
     def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), see `Misfit`."""
         factor_rows = factors_batch(factors, len(stiffness))
-        if len(self._model.along) > _PAIR:
-            return np.concatenate(
-                [self._coupling_at(row).chi2(k[None]) for k, row in zip(stiffness, factor_rows, strict=True)]
-            )
-        # a structure that serves one joint only is not worth what `PairCoupling` prepares for many
+        # a structure that serves one joint only is not worth what a coupling prepares for many
         batches = [slice(start, start + _AT_ONCE) for start in range(0, len(stiffness), _AT_ONCE)]
         values = (self._model._by_line(joint_matrix_of(stiffness[rows]), factor_rows[rows]) for rows in batches)
         return np.concatenate([np.empty(0), *(chi2_of(value, self._measured, self._weight) for value in values)])
