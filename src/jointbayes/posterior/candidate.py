@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,6 +206,16 @@ class FrfCandidate(Candidate):
         return there.with_test(data=measurement, noise=law and law.fitted_to(measurement, law.parts))
 
 
+def as_measured(problem: Problem, name: str, words: str, **changes: Any) -> FrfCandidate:  # noqa: ANN401 (fields)
+    """A candidate like the FRFs of a problem of one test but for some fields; noise like theirs without a law."""
+    measured, structure = problem.test.data.frfs, problem.test.structure
+    assert measured is not None
+    frf, law = measured.frf, changes.pop("law", None) or estimated_law(measured)
+    ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+    like = FrfCandidate(name=name, words=words, structure=structure, ports=ports, quantity=frf.quantity, law=law)
+    return replace(like, **changes)
+
+
 def repeated(problem: Problem, averages_factor: float) -> FrfCandidate:
     """The present measurement of FRFs with so many times the averages, as what is added to it.
 
@@ -213,12 +223,8 @@ def repeated(problem: Problem, averages_factor: float) -> FrfCandidate:
     """
     measured = problem.test.data.frfs
     assert measured is not None
-    frf = measured.frf
     name, law = f"{averages_factor:g} × averages", StatedVariance(measured.variance / (averages_factor - 1))
-    return FrfCandidate(
-        name=name, words=name.replace("×", "times the"), structure=problem.test.structure,
-        ports=Ports(frf.frequency_hz, frf.outputs, frf.inputs), quantity=frf.quantity, law=law,
-    )  # fmt: skip
+    return as_measured(problem, name, name.replace("×", "times the"), law=law)
 
 
 def _noise(

@@ -21,8 +21,8 @@ from jointbayes.posterior.candidate import (
     FREE_WORDS,
     RELATIVE_CALIBRATION,
     Candidate,
-    FrfCandidate,
     ModalCandidate,
+    as_measured,
     estimated_law,
     is_worth_hitting_free,
     modes_hit_free,
@@ -139,11 +139,7 @@ def _hit_free(problem: Problem) -> Iterator[Candidate]:
         measured, modes = test.data.frfs, test.data.modes
         name, words = f"{setup} {FREE}", f"a test of {FREE_WORDS}{_of_test(part.test.name)}"
         if measured is not None:
-            frf, law = measured.frf, estimated_law(measured)
-            yield FrfCandidate(
-                name=name, words=words, setup=setup, law=law, structure=test.structure, joint=Joints(()),
-                ports=Ports(frf.frequency_hz, frf.outputs, frf.inputs), quantity=frf.quantity,
-            )  # fmt: skip
+            yield as_measured(part, name, words, setup=setup, joint=Joints(()))
         elif modes is not None:
             yield replace(modes_hit_free(modes, setup), name=name, words=words)
 
@@ -161,10 +157,8 @@ def _candidates(part: Problem) -> Iterator[Candidate]:
         frf, law = measured.frf, estimated_law(measured)
         directions = dict.fromkeys(dof.rpartition(":")[2] for dof in frf.outputs if ":r" not in dof)
         for label, place in _free_places(part, (*frf.outputs, *frf.inputs), directions):
-            yield FrfCandidate(
-                name=f"{setup} {label}", words=f"an accelerometer at {place}{of_test}", setup=setup, law=law,
-                structure=test.structure, ports=Ports(frf.frequency_hz, (label,), frf.inputs), quantity=frf.quantity,
-            )  # fmt: skip
+            words, ports = f"an accelerometer at {place}{of_test}", Ports(frf.frequency_hz, (label,), frf.inputs)
+            yield as_measured(part, f"{setup} {label}", words, setup=setup, law=law, ports=ports)
         more = repeated(part, _AVERAGES)
         yield replace(
             more, name=f"{setup} {more.name}", words=f"{_AVERAGES:g} times the averages{of_test}", setup=setup

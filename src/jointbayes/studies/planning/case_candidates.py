@@ -25,6 +25,7 @@ from jointbayes.posterior.candidate import (
     FrfCandidate,
     ModalCandidate,
     VarianceLaw,
+    as_measured,
     estimated_law,
     is_worth_hitting_free,
     modes_hit_free,
@@ -179,11 +180,8 @@ class _FrfMaker(_Maker):
         return family_of_recipe(recipe, {name: nuisances[i].range for name, i in zip(names, columns, strict=True)})
 
     def _candidate(self, name: str, words: str, **changes: Any) -> FrfCandidate:  # noqa: ANN401 (fields of it)
-        """A candidate like the present measurement but for some fields."""
-        ports = Ports(self._lines, self._data.outputs, self._data.inputs)
-        structure, quantity = self._problem.test.structure, self._data.quantity
-        like = FrfCandidate(name=name, words=words, structure=structure, law=self._law, ports=ports, quantity=quantity)
-        return replace(like, **changes)
+        """A candidate like the present measurement but for some fields, with noise as it is stated."""
+        return as_measured(self._problem, name, words, law=self._law, **changes)
 
     def _free(self) -> Iterator[Candidate]:
         if self._hits_free:
