@@ -11,7 +11,7 @@ ROOMS = {
     "vibrecords": (6700, 8150),
     "structure": (1900, 2150),
     "joint": (1250, 1550),
-    "frf": (1900, 2100),
+    "frf": (1900, 2110),
     "inference": (1900, 2550),
     "identification": (1050, 1750),
     "sampling": (1450, 2400),

@@ -163,3 +163,14 @@ def test_two_lapped_beams_float_in_three_directions_however_many_modes_are_asked
     joint = problem.first_guess
     lowest = [problem.natural_frequencies_hz(joint, count)[0, 0] for count in (3, 20)]
     assert_allclose(lowest, lowest[0], rtol=1e-6)
+
+
+def test_springs_between_many_single_masses_give_the_modes_of_the_whole_chain():
+    """Each mass alone is a mode at 0 Hz: eighteen equal poles, of which a spring moves those of its own two bodies."""
+    problem = jb.load_case(CONFIGS / "eighteen_storeys.toml").problem
+    masses = np.repeat([21210.1, 21006.15, 20598.27], [11, 6, 1])
+    matrices = problem.prior.matrix(problem.prior.sample(np.random.default_rng(1), 4000)).stiffness
+    found = AssembledShapes(problem.test.structure, problem.test.joints, 4).modes(matrices).frequency_hz
+    strokes = (np.eye(18) - np.eye(18, k=1)) / np.sqrt(masses)[:, None]
+    expected = np.sqrt(np.linalg.eigvalsh(strokes @ matrices @ strokes.T)[:, :4]) / (2 * np.pi)
+    assert_allclose(found, expected, rtol=1e-9)

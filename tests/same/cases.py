@@ -39,6 +39,7 @@ data = {{ kind = "measured_frf", file = "{file}", f_min_hz = 20.0, f_max_hz = {h
 #: Without it material and length are uncertain as in a workshop, and the answer of the modes takes a minute.
 _EXACT = 'uncertain.exact = ["youngs_modulus", "density", "length", "damping_ratio"]\n'
 STEPS = 200
+_CALM = 12  # unknowns up to which so many steps give verdicts
 _LINES = np.arange(20.0, 2400.0, 16.0)
 _SENSORS = (("Point:3:Z+", "11:y"), ("Point:2:Z+", "6:y"), ("Point:1:Z+", "1:y"))
 
@@ -101,4 +102,6 @@ def quick(settings: SamplerSettings, *, full: bool = False) -> SamplerSettings:
 
 def quick_run(case: Case) -> SamplerSettings:
     """The same for the run of a case, with as few walkers as its unknowns allow."""
-    return replace(quick(case.sampler), walkers=max(16, 2 * len(case.problem.prior.names)))
+    unknowns = len(case.problem.prior.names)
+    steps = STEPS if unknowns <= _CALM else 2 * STEPS
+    return replace(quick(case.sampler), walkers=max(16, 2 * unknowns), max_steps=steps)

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from jointbayes.frf.kernels.compiled import LANES, compiled, keep_order
-from vibrecords.arrays import Array
+from vibrecords.arrays import Array, Indices
 
 #: A joint stiffer than this (N/m and so on) is rigid to the last bit, one softer than its inverse absent; and the
 #: determinant squared is still a number.
@@ -198,8 +198,9 @@ def _turn(lam: Array, v: Array, rows: Array, start: int, lanes: int, w: Array, o
             w[_NORM + k] += c * c
         for i in range(len(rows)):
             y = rows[i, s]
-            for k in range(lanes):
-                out[i, start + k] += y * w[_F + k]
+            if y != 0.0:  # of bodies that nothing joins so far
+                for k in range(lanes):
+                    out[i, start + k] += y * w[_F + k]
     for k in range(lanes):
         scale = 1.0 / math.sqrt(w[_NORM + k])
         w[_NORM + k] = scale
@@ -232,6 +233,57 @@ def _add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, wanted:
     _separate(lam, shift)
 
 
+@keep_order
+def _add_where_it_stretches(
+    lam: Array, rows: Array, p: int, d: float, shift: float, wanted: int, order: Indices, part: Array,
+    work: Array, w: Array,
+) -> None:  # fmt: skip
+    """Add spring number p to the modes in which it is stretched; the others stay, each in its new place.
+
+    Bodies that nothing joins so far have modes of their own, and a spring between two of them leaves all others alone.
+    """
+    n, count = len(lam), len(rows)
+    largest, moved, still = 0.0, 0, 0
+    for s in range(n):
+        largest = max(largest, abs(rows[p, s]))
+    for s in range(n):
+        if abs(rows[p, s]) > _UNMOVED * largest:
+            order[moved] = s
+            moved += 1
+        else:
+            still += 1
+            order[n - still] = s
+    if -(-moved // 8) == -(-n // 8):  # as many roots are found side by side
+        _add_spring(lam, rows, p, d, shift, wanted, work, w)
+        return
+    if moved == 0:
+        return
+    few, others = part[: count * moved].reshape(count, moved), part[count * moved : count * n].reshape(count, still)
+    few_lam, other_lam = part[count * n : count * n + moved], part[count * n + moved : (count + 1) * n]
+    for k in range(moved):
+        few_lam[k] = lam[order[k]]
+        for i in range(count):
+            few[i, k] = rows[i, order[k]]
+    for k in range(still):
+        other_lam[k] = lam[order[n - 1 - k]]
+        for i in range(count):
+            others[i, k] = rows[i, order[n - 1 - k]]
+    _add_spring(few_lam, few, p, d, shift, moved, work, w)
+    a, b = 0, 0
+    for k in range(n):
+        if b == still or (a < moved and few_lam[a] <= other_lam[b]):
+            lam[k] = few_lam[a]
+            for i in range(count):
+                rows[i, k] = few[i, a]
+            a += 1
+        else:
+            lam[k] = other_lam[b]
+            for i in range(count):
+                rows[i, k] = others[i, b]
+            b += 1
+    _separate(lam, shift)
+
+
 @compiled
 def add_springs(
     free: Array, joined: Array, rest: Array, directions: Array, stiffness: Array, shift: float, wanted: int,
@@ -257,6 +309,7 @@ def add_springs(
         From `workspace`.
     """
     _, r, m = joined.shape
+    order, part = np.empty(m, dtype=np.int64), np.empty((rows.shape[1] + 1) * m)
     for i in range(len(lam)):
         j = i if len(free) > 1 else 0
         for k in range(m):
@@ -273,7 +326,8 @@ def add_springs(
             last -= 1
         for p in range(r):
             if stiffness[i, p] > 0.0:
-                _add_spring(lam[i], rows[i], p, stiffness[i, p], shift, wanted if p == last else m, work, w)
+                most = wanted if p == last else m
+                _add_where_it_stretches(lam[i], rows[i], p, stiffness[i, p], shift, most, order, part, work, w)
 
 
 def held_still(eigenvalues: Array, motion: Array, rest: Array, shift: float, wanted: int) -> tuple[Array, Array]:
