@@ -9,7 +9,7 @@ from benchmarks.many_joints_data import chain_case, chain_truth, random_data
 import jointbayes as jb
 from jointbayes.identification import effort, refine
 from jointbayes.identification.effort import first_starts, lowest_lines_first
-from jointbayes.identification.least_squares import PosteriorSquares
+from jointbayes.inference.climb import PosteriorSquares
 from vibrecords import FrfData
 
 

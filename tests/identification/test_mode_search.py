@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose
 
 import jointbayes as jb
 from jointbayes.identification import ModeSearch, SearchEffort, effort, resonances, search_further
-from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.identification.starting_points import _SetupMatch, frequency_starts
+from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
 from jointbayes.sampling import fit_proposal

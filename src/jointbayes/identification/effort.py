@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointbayes.identification.least_squares import MANY_UNKNOWNS, PosteriorSquares, climb_all
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
 from jointbayes.identification.mode_search import MANY_MOVED, Images, ModeSearch
 from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.starting_points import frequency_starts, screened_draws
 from jointbayes.inference import Problem
+from jointbayes.inference.climb import MANY_UNKNOWNS, PosteriorSquares, climb_all
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from vibrecords.arrays import Array
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.errors import ModelError
-from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.map_estimate import GAIN, LocalMode, MapEstimate, StartOutcome
 from jointbayes.identification.refine import inside_the_edges, laplace_covariance, refine
 from jointbayes.inference import LogPosterior, Problem
+from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.joint import Joints
 from jointbayes.joint.quantities import is_rotation
 from jointbayes.progress import Budget, Progress, ProgressCallback, tell_nobody

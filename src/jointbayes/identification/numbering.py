@@ -1,16 +1,14 @@
 """Whether measured natural frequencies are as probably those of other modes, or in another unit, than is stated."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
-import scipy.optimize
 
 from jointbayes.errors import JointBayesError
 from jointbayes.frf import NaturalFrequencies, least_reach_hz
 from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Problem, Uniform
+from jointbayes.inference.climb import PosteriorSquares, climb_all
 from vibrecords import ModalData
 from vibrecords.arrays import Array
 from vibrecords.mode_data import renumbered
@@ -151,7 +149,7 @@ def _log_evidence(
     elif sizes is not None and (test.noise is None or test.noise.as_stated):
         test = test.with_model_error(sizes)
     weighed = replace(problem, tests=(test,), prior=_in_unit(problem.prior, unit_hz))
-    at_best = max(_log_evidence_about(weighed, theta) for theta in _climbed(weighed))
+    at_best = max(_log_evidence_about(weighed, theta) for theta in _modes(weighed))
     return at_best + len(measured.values) * math.log(unit_hz)
 
 
@@ -166,30 +164,9 @@ def _log_evidence_about(problem: Problem, theta: Array) -> float:
     return float(problem.log_posterior(theta[None])[0] + volume)
 
 
-def _climbed(problem: Problem) -> Iterator[Array]:
-    """Yield modes of the posterior, climbed to from the best draws of the prior."""
+def _modes(problem: Problem) -> Array:
+    """Modes of the posterior, shape (n, d), to which the best draws of the prior lead."""
     log_posterior, prior = problem.log_posterior, problem.prior
-    scale, (low, high) = prior.sd, prior.support
     draws = prior.sample(np.random.default_rng(0), _DRAWS)
     best = np.argsort(np.nan_to_num(log_posterior(draws), nan=-np.inf))[::-1][:_CLIMBS]
-
-    @lru_cache(maxsize=2)
-    def both(at: bytes) -> tuple[Array, Array]:  # the solver asks for residuals and slopes of one point in turn
-        return log_posterior.residuals(np.frombuffer(at) * scale)
-
-    def residual(x: Array) -> Array:
-        return both(x.tobytes())[0]
-
-    def slope(x: Array) -> Array:
-        return both(x.tobytes())[1] * scale
-
-    for row in best:
-        start = np.clip(draws[row], low + _AT_END * scale, high - _AT_END * scale) / scale
-        try:
-            fitted = scipy.optimize.least_squares(
-                residual, start, slope, bounds=(low / scale, high / scale), max_nfev=_MOST_STEPS
-            )
-        except ValueError:  # no finite residuals there
-            yield start * scale
-        else:
-            yield fitted.x * scale
+    return climb_all(PosteriorSquares(log_posterior, exact=True), draws[best], _MOST_STEPS, fine=True)[0]

@@ -25,8 +25,8 @@ import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
 from jointbayes.identification.compliance_fit import FreeReceptance, measured_receptances
-from jointbayes.identification.least_squares import MANY_UNKNOWNS
 from jointbayes.inference import JointPrior, Problem
+from jointbayes.inference.climb import MANY_UNKNOWNS
 from jointbayes.joint import JointMatrix
 from vibrecords.arrays import Array, ComplexArray, Indices
 

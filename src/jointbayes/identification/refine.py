@@ -1,24 +1,19 @@
 """Climb from one point to the nearest mode, to the last digit, and its Laplace covariance."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import optimize
 
 from jointbayes.errors import JointBayesError, ModelError
-from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.inference import JointPrior, LogPosterior
+from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.joint import CondensedCoordinates
 from jointbayes.sampling.density import newton_climb
 from vibrecords.arrays import Array, Flags, Indices
 
-#: So often the noise model's parameters and all others are improved in turn.
-_TURNS = 3
-#: Relative tolerance of a climb that is the last word, and of one that a climb on the density itself follows.
-_EXACT, _ROUGH = 1e-12, 1e-5
+_STEPS = 200  # of a climb
 #: Edges of the support are looked for so often, and a climb along them that gains less has arrived.
 _EDGES, _SETTLED = 5, 1e-6
 #: Steps inwards from an edge, in prior standard deviations, of which the largest is taken that costs no more than this.
@@ -26,14 +21,13 @@ _INWARDS, _COST = (0.5, 0.2, 0.05, 0.01), 1.0
 _ALONG = 60  # steps of a climb along an edge
 _AT_THE_EDGE = 1e-3  # prior standard deviations: a climb along a ridge may end so far from the edge that it leads to
 _FARTHEST = 40.0  # prior standard deviations from its mean
-_LONG, _AT_ONCE = 100_000, 65_536  # residuals that are condensed before they are solved, and of these so many at a time
 
 
 def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]:
-    """Climb from θ, shape (d,), to the nearest mode: trust-region least squares, exact in the joint's coordinates.
+    """Climb from θ, shape (d,), to the nearest mode: by damped least squares, exact in the joint's coordinates.
 
-    With a noise model that is not Gaussian of known size its parameters and all others are improved in turn, and the
-    end is polished by Newton's method on the density itself.
+    With a noise model that is not Gaussian of known size its parameters are improved first, and the end is polished by
+    Newton's method on the density itself.
 
     Returns
     -------
@@ -43,25 +37,19 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     ------
     ModelError
         If the start lies outside the prior's support.
-
-    References
-    ----------
-    Branch, M. A., Coleman, T. F., Li, Y. (1999). SIAM Journal on Scientific Computing 21(1), 1-23.
-    DOI 10.1137/S1064827595289108
     """
     start = np.asarray(theta, dtype=float)
     if not np.isfinite(log_posterior(start)[0]):
         raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
-    likelihood = log_posterior.likelihood
+    prior, of_noise = log_posterior.prior, np.arange(start.size) >= start.size - log_posterior.likelihood.hyper_count
+    squares = PosteriorSquares(log_posterior, exact=True)
     if log_posterior.gaussian:
-        mode = _least_squares(log_posterior, start, _EXACT)
-        return mode, float(log_posterior(mode)[0])
-    for _ in range(_TURNS if likelihood.hyper_count else 1):
-        start = _noise_improved(log_posterior, start)
-        end = _least_squares(log_posterior, start, _ROUGH)
-        # what is best for the squares need not be better for the density
-        start = end if log_posterior(end)[0] > log_posterior(start)[0] else start
-    return _polished(log_posterior, start)
+        (mode,), (value,) = climb_all(squares, start[None], _STEPS, fine=True)
+        return mode, float(value)
+    if of_noise.any():
+        start, _ = _Coordinates.from_point(start, of_noise, prior).climb(log_posterior, np.diag(prior.sd**2))
+    (end,), _ = climb_all(squares, start[None], _STEPS, fine=True)
+    return _polished(log_posterior, end)
 
 
 def refine_where_possible(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
@@ -85,13 +73,8 @@ def _polished(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
         gains = np.asarray(log_posterior(theta + np.diag(inwards)) > value)
         edge = ((theta <= low) | (theta >= high)) & ~gains
         coordinates = _Coordinates.from_point(theta, ~edge, prior)
-        covariance = coordinates.covariance(laplace_covariance(log_posterior, theta))
-        start = coordinates.place[coordinates.free]
-        moving, density, _ = newton_climb(coordinates.density(log_posterior), start, covariance)
-        gain = density - value
-        if gain > 0:
-            theta, value = coordinates.theta(moving[None])[0], density
-        if gain < _SETTLED:
+        before, (theta, value) = value, coordinates.climb(log_posterior, laplace_covariance(log_posterior, theta))
+        if value - before < _SETTLED:
             break
     return theta, value
 
@@ -131,11 +114,13 @@ class _Coordinates:
             whole, _ = ridge.inverse(whole)
         return whole
 
-    def density(self, log_posterior: LogPosterior) -> Callable[[Array], Array]:
-        """Log density as a function of the free coordinates, (n, f) to (n,)."""
-        return lambda moving: log_posterior(self.theta(moving))
+    def climb(self, log_posterior: LogPosterior, covariance: Array) -> tuple[Array, float]:
+        """End θ, shape (d,), and height of Newton's method in the free coordinates, from a covariance of θ."""
+        start = self.place[self.free]
+        end, value, _ = newton_climb(lambda moving: log_posterior(self.theta(moving)), start, self._carried(covariance))
+        return self.theta(end[None])[0], value
 
-    def covariance(self, covariance: Array) -> Array:
+    def _carried(self, covariance: Array) -> Array:
         """Covariance of the free coordinates, shape (f, f), from that of θ, shape (d, d)."""
         slope = np.eye(len(covariance))
         if self.ridges:  # ∂φ/∂θ by differences
@@ -171,107 +156,17 @@ def inside_the_edges(log_posterior: LogPosterior, mode: Array) -> tuple[Array, A
     for share in _INWARDS:
         coordinates = _Coordinates.from_point(mode, ~edge, prior)
         coordinates.place[edge] += share * towards[edge]
-        free = coordinates.place[coordinates.free]
-        theta = coordinates.theta(free[None])[0]
+        theta = coordinates.theta(coordinates.place[None, coordinates.free])[0]
         if not np.isfinite(log_posterior(theta)[0]):
             continue
         squares = PosteriorSquares(log_posterior, columns=coordinates.free)
         if squares.linearised is not None:  # differences of a density of many unknowns take minutes
             (theta,), (value,) = climb_all(squares, theta[None], _ALONG)
         else:
-            covariance = coordinates.covariance(laplace_covariance(log_posterior, theta))
-            free, value, _ = newton_climb(coordinates.density(log_posterior), free, covariance)
-            theta = coordinates.theta(free[None])[0]
+            theta, value = coordinates.climb(log_posterior, laplace_covariance(log_posterior, theta))
         if value > best - _COST:
             return theta, laplace_covariance(log_posterior, theta)
     return None
-
-
-def _noise_improved(log_posterior: LogPosterior, theta: Array) -> Array:
-    """Best parameters of the noise model, the last coordinates of θ, for the others as they are."""
-    count = log_posterior.likelihood.hyper_count
-    if count == 0:
-        return theta
-    low, high = (end[-count:] for end in log_posterior.prior.support)
-    margin = 1e-6 * (high - low)
-
-    def loss(tail: Array) -> float:
-        value = -float(log_posterior(np.concatenate([theta[:-count], tail]))[0])
-        return value if np.isfinite(value) else np.finfo(float).max
-
-    best = optimize.minimize(
-        loss,
-        np.clip(theta[-count:], low + margin, high - margin),
-        method="Nelder-Mead",
-        bounds=list(zip(low + margin, high - margin, strict=True)),
-        options={"xatol": 1e-3, "fatol": 1e-3},
-    )
-    return np.concatenate([theta[:-count], best.x])
-
-
-def _least_squares(log_posterior: LogPosterior, start: Array, tolerance: float) -> Array:
-    """End of a climb on the residuals to a relative tolerance, the parameters of the noise model held as they are."""
-    moving = start.size - log_posterior.likelihood.hyper_count
-    if moving == 0:  # a rigid joint and a structure that is exactly known
-        return start
-    low, high = (end[:moving] for end in log_posterior.prior.support)
-    feasible = log_posterior.prior.parametrisation.feasible
-    tail, joint = start[moving:], log_posterior.prior.joint
-
-    # the solver asks for residual and Jacobian of one point in turn: they come from one evaluation
-    last: dict[bytes, tuple[Array, Array]] = {}
-
-    def both(t: Array) -> tuple[Array, Array]:
-        key = t.tobytes()
-        if key not in last:
-            last.clear()
-            residual, jacobian = log_posterior.residuals(np.concatenate([t, tail]))
-            last[key] = condensed(residual, jacobian[:, :moving])
-        return last[key]
-
-    size = both(start[:moving])[0].size
-
-    def residual(t: Array) -> Array:
-        # an infinite residual makes the solver shorten its step: the solver knows bounds, but not a cone
-        return both(t)[0] if feasible(joint(t)) else np.full(size, np.inf)
-
-    def jacobian(t: Array) -> Array:
-        return both(t)[1]
-
-    margin = 1e-9 * (high - low)
-    margin[~np.isfinite(margin)] = 0.0
-    end = optimize.least_squares(
-        residual,
-        np.clip(start[:moving], low + margin, high - margin),
-        jac=jacobian,
-        bounds=(low, high),
-        x_scale=log_posterior.prior.sd[:moving],
-        xtol=tolerance,
-        ftol=max(0.01 * tolerance, 1e-14),
-        gtol=tolerance,
-        max_nfev=200,
-    )
-    return np.concatenate([end.x, tail])
-
-
-def condensed(residual: Array, jacobian: Array) -> tuple[Array, Array]:
-    """Many residuals e, shape (m,), and their Jacobian J, shape (m, d), as d + 1 rows with the same eᵀe, Jᵀe and JᵀJ.
-
-    To a solver of least squares they are the same, and take no memory there. Few stay as they are.
-
-    References
-    ----------
-    Demmel, J. et al. (2012). Communication-optimal parallel and sequential QR and LU factorizations. SIAM Journal on
-    Scientific Computing 34(1), A206-A239. DOI 10.1137/080731992
-    """
-    if residual.size < _LONG:
-        return residual, jacobian
-    rows = np.empty((0, jacobian.shape[1] + 1))
-    for first in range(0, residual.size, _AT_ONCE):
-        part = slice(first, first + _AT_ONCE)
-        further = np.column_stack([jacobian[part], residual[part]])
-        rows = np.asarray(np.linalg.qr(np.concatenate([rows, further]), mode="r"))
-    return rows[:, -1], rows[:, :-1]
 
 
 def laplace_covariance(log_posterior: LogPosterior, theta: Array) -> Array:

@@ -17,10 +17,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import optimize
 
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import Problem
+from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import PARETO_LIMIT
@@ -46,6 +46,7 @@ _ROUGH = 50.0
 #: Efficiency at which a fit ends, and importance draws from it: a Student-t, a mixture, the best mixture there is.
 _FITS: tuple[tuple[float | None, int], ...] = ((0.1, 4000), (0.4, 4000), (None, 8000))
 _RESAMPLED = 4000
+_STEPS = 100  # of the climb to an assumed truth
 
 
 class WithFurther:
@@ -284,26 +285,6 @@ def assumed_truth(problem: Problem, theta: Array, stiffness: ArrayLike) -> Array
     if not (prior.feasible(start) and (start >= low).all() and (start <= high).all()):
         given = ", ".join(f"{k:g}" for k in np.asarray(stiffness, dtype=float))
         raise ModelError(f"planning: found an assumed joint ({given}) outside the prior; expected one inside it")
-    moving = slice(joint.size, start.size - log_posterior.likelihood.hyper_count)
-    if moving.start == moving.stop:
-        return start
-
-    def whole(moving_theta: Array) -> Array:
-        return np.concatenate([joint, moving_theta, start[moving.stop :]])
-
-    def residual(moving_theta: Array) -> Array:
-        return log_posterior.residuals(whole(moving_theta))[0]
-
-    def jacobian(moving_theta: Array) -> Array:
-        return log_posterior.residuals(whole(moving_theta))[1][:, moving]
-
-    inner = 1e-9 * (high - low)[moving]
-    inner[~np.isfinite(inner)] = 0.0
-    fit = optimize.least_squares(
-        residual,
-        np.clip(start[moving], low[moving] + inner, high[moving] - inner),
-        jac=jacobian,
-        bounds=(low[moving], high[moving]),
-        x_scale=prior.sd[moving],
-    )
-    return whole(fit.x)
+    others = np.arange(joint.size, start.size - log_posterior.likelihood.hyper_count)
+    (theta,), _ = climb_all(PosteriorSquares(log_posterior, columns=others, exact=True), start[None], _STEPS, fine=True)
+    return theta

@@ -1,11 +1,17 @@
-"""Climb from many starts at once: Levenberg-Marquardt on batches of residuals, those of a posterior among them."""
+"""Climb a log density from many starts at once: damped least squares on batches, with some coordinates fixed.
+
+What climbs by itself has no residuals, or is no climb of a density: a quantity to its limits
+(`jointbayes.posterior.limit_climb`), and values alone, below this room (`jointbayes.sampling.density.newton_climb`).
+`tests/inference/test_climb.py` compares ends with those of scipy: in a box, along bent ridges, with fixed coordinates.
+"""
 
 from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 
-from jointbayes.inference import JointPrior, LogPosterior
+from jointbayes.inference.log_posterior import LogPosterior
+from jointbayes.inference.prior import JointPrior
 from vibrecords.arrays import Array, Indices
 
 #: Joints of so many coordinates and more are found in other ways, and climb by exact derivatives.
@@ -15,8 +21,11 @@ _AT_ONCE = 1_000_000  # residuals held in memory together
 _POINTS_AT_ONCE = 16  # points whose residuals over all lines are held in memory, or fewer
 _FARTHEST = 0.7  # of one step in any coordinate, in prior standard deviations
 _FACTORS = np.array([1e-2, 0.1, 1.0, 10.0, 100.0, 1e4])  # on the damping: all are tried at once, the best is kept
+_FINE_FACTORS = np.array([0.0, 0.3, 1.0, 3.0, 30.0, 1e3])  # of a fine climb, whose last step is not damped
 _LEAST, _MOST = 1e-10, 1e10  # damping relative to the curvature; beyond, no step is left that gains
+_FINE_LEAST = 1e-3
 _GAIN = 1e-3  # in log density: a start whose next step promises less has arrived
+_ROUNDING = 1e-13  # of the log density: a fine climb's step that promises less is made without a look
 _PATIENCE = 10  # steps before a start is given up that would not catch up at its pace
 
 
@@ -42,7 +51,12 @@ class Squares(Protocol):
 
 
 def climb_all(
-    squares: Squares, starts: Array, steps: int, tell: Callable[[int, int], bool] = lambda _done, _all: False
+    squares: Squares,
+    starts: Array,
+    steps: int,
+    tell: Callable[[int, int], bool] = lambda _done, _all: False,
+    *,
+    fine: bool = False,
 ) -> tuple[Array, Array]:
     """Climb from each start until its next step promises no more than a thousandth in log density.
 
@@ -58,6 +72,9 @@ def climb_all(
         No more steps than these.
     tell
         Called before each step with the number of starts that have arrived, and of all; True ends the climb.
+    fine
+        Whether to climb until the slope ends: steps are damped by the widths of the prior, which follows bent ridges,
+        and one that promises less than rounding shows of the density is made without a look, undamped, as the last.
 
     Returns
     -------
@@ -78,28 +95,29 @@ def climb_all(
             break
         if tell(len(theta) - chosen.size, len(theta)):
             break
-        moves, promised = _moves(squares, theta[chosen], damping[chosen])
+        moves, promised = _moves(squares, theta[chosen], damping[chosen], fine)
         low, high = squares.prior.support
         trials = np.clip(theta[chosen, None] + moves, low, high)
         values = squares.value(trials.reshape(-1, theta.shape[1])).reshape(trials.shape[:2])
-        best = np.argmax(values, axis=1)
+        unseen = fine & (promised < _ROUNDING * (1 + np.abs(value[chosen]))) & (values[:, 0] > value[chosen] - _GAIN)
+        best = np.where(unseen, 0, np.argmax(values, axis=1))
         row = np.arange(chosen.size)
-        gain = values[row, best] - value[chosen]
-        better = gain > 0
+        risen = values[row, best] - value[chosen]
+        better = (risen > 0) | unseen
         theta[chosen[better]] = trials[row, best][better]
         value[chosen[better]] = values[row, best][better]
-        damping[chosen] *= np.where(better, _FACTORS[best], 1e5)
-        np.maximum(damping, _LEAST, out=damping)
-        arrived = (promised < _GAIN) & ~(gain > _GAIN)
+        damping[chosen] *= np.where(better, (_FINE_FACTORS if fine else _FACTORS)[best], 1e5)
+        np.maximum(damping, _FINE_LEAST if fine else _LEAST, out=damping)
+        arrived = unseen if fine else (promised < _GAIN) & ~(risen > _GAIN)
         stuck = damping[chosen] > _MOST
         behind = np.zeros(chosen.size, dtype=bool)
         if step >= _PATIENCE:
-            behind = value[chosen] + np.maximum(gain, 0.0) * (steps - step) < value.max()
+            behind = value[chosen] + np.maximum(risen, 0.0) * (steps - step) < value.max()
         climbing[chosen[arrived | stuck | behind]] = False
     return theta, value
 
 
-def _moves(squares: Squares, theta: Array, damping: Array) -> tuple[Array, Array]:
+def _moves(squares: Squares, theta: Array, damping: Array, fine: bool) -> tuple[Array, Array]:
     """Steps for each of the dampings tried, shape (n, factors, d), and what the least damped promises, shape (n,)."""
     columns, prior = squares.columns, squares.prior
     gradient, normal = _normal_equations(squares, theta)
@@ -114,16 +132,18 @@ def _moves(squares: Squares, theta: Array, damping: Array) -> tuple[Array, Array
     normal[held] = 0.0
     normal.swapaxes(1, 2)[held] = 0.0
     sd = prior.sd[columns]
+    factors = _FINE_FACTORS if fine else _FACTORS
     size = normal[:, diagonal, diagonal] + 1 / sd**2
     normal[:, diagonal, diagonal] += np.where(held, size, 0.0)
-    damped = np.repeat(normal[:, None], _FACTORS.size, axis=1)
-    damped[..., diagonal, diagonal] += (damping[:, None] * _FACTORS)[..., None] * size[:, None]
+    damped = np.repeat(normal[:, None], factors.size, axis=1)
+    by = np.broadcast_to(1 / sd**2, size.shape) if fine else size
+    damped[..., diagonal, diagonal] += (damping[:, None] * factors)[..., None] * by[:, None]
     damped[..., diagonal, diagonal] += 1e-12 * size[:, None]
-    step = -np.linalg.solve(damped, np.repeat(gradient[:, None, :, None], _FACTORS.size, axis=1))[..., 0]
+    step = -np.linalg.solve(damped, np.repeat(gradient[:, None, :, None], factors.size, axis=1))[..., 0]
     promised = -0.5 * np.einsum("nd,nd->n", step[:, 0], gradient)
     longest = np.abs(step / sd).max(axis=-1, keepdims=True)
     step *= _FARTHEST / np.maximum(longest, _FARTHEST)
-    moves = np.zeros((len(theta), _FACTORS.size, theta.shape[1]))
+    moves = np.zeros((len(theta), factors.size, theta.shape[1]))
     moves[:, :, columns] = step
     return moves, promised
 
@@ -173,21 +193,28 @@ class PosteriorSquares:
         Factor on each white residual, shape (m,), for a climb on a density that is flattened; by default 1.
     columns
         Coordinates that move; by default all but the noise model's parameters.
+    exact
+        Whether derivatives are those of the model; by default of many unknowns, where differences cost more.
     """
 
     def __init__(
-        self, log_posterior: LogPosterior, weight: Array | None = None, columns: Indices | None = None
+        self,
+        log_posterior: LogPosterior,
+        weight: Array | None = None,
+        columns: Indices | None = None,
+        *,
+        exact: bool = False,
     ) -> None:
         self.prior = log_posterior.prior
-        self._posterior, self._weight, self._some = log_posterior, weight, columns
+        self._posterior, self._weight = log_posterior, weight
         every = np.arange(self.prior.mean.size - log_posterior.likelihood.hyper_count)
         self.columns = every if columns is None else columns
-        exact = log_posterior.likelihood.gaussian and weight is None and len(self.prior.marginals) >= MANY_UNKNOWNS
-        self.linearised = self._linearised if exact else None
+        many = log_posterior.likelihood.gaussian and weight is None and len(self.prior.marginals) >= MANY_UNKNOWNS
+        self.linearised = self._linearised if exact or many else None
 
     def _linearised(self, theta: Array) -> tuple[Array, Array]:
         residual, jacobian = self._posterior.data_residuals(theta)
-        return residual, jacobian if self._some is None else jacobian[:, self._some]
+        return residual, jacobian if self.columns.size == theta.size else jacobian[:, self.columns]
 
     def residuals(self, theta: Array) -> Array:
         """Residuals e, shape (n, m), of points inside the support, shape (n, d)."""
