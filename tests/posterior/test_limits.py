@@ -13,11 +13,11 @@ from scipy import optimize
 import jointbayes as jb
 from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Uniform
+from jointbayes.inference.climb import LimitClimb, climb_together, farthest_in_ball
 from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.examination import _profiles
 from jointbayes.posterior.identifiability import WEAK_RATIO, assess
-from jointbayes.posterior.limit_climb import LimitClimb, climb_together, farthest_in_ball
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
 from jointbayes.posterior.rounding import factor as ratio_in_words
 from jointbayes.posterior.rounding import rounded, rounded_interval

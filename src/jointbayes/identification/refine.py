@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.inference import JointPrior, LogPosterior
-from jointbayes.inference.climb import PosteriorSquares, climb_all
+from jointbayes.inference.climb import PosteriorSquares, climb_all, reach
 from jointbayes.joint import CondensedCoordinates
 from jointbayes.sampling.density import newton_climb
 from vibrecords.arrays import Array, Flags, Indices
@@ -20,7 +20,6 @@ _EDGES, _SETTLED = 5, 1e-6
 _INWARDS, _COST = (0.5, 0.2, 0.05, 0.01), 1.0
 _ALONG = 60  # steps of a climb along an edge
 _AT_THE_EDGE = 1e-3  # prior standard deviations: a climb along a ridge may end so far from the edge that it leads to
-_FARTHEST = 40.0  # prior standard deviations from its mean
 
 
 def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]:
@@ -97,10 +96,7 @@ class _Coordinates:
         """About a point θ, shape (d,)."""
         ridges = tuple(ridge for ridge in prior.parametrisation.ridges if free[ridge.column])
         place = _straightened(ridges, theta[None])[0]
-        # a normal prior has no end, but a stiffness of e^800 is no number
-        low, high = (prior.mean + sign * _FARTHEST * prior.sd for sign in (-1, 1))
-        ends = np.maximum(low, prior.support[0]), np.minimum(high, prior.support[1])
-        return cls(place, np.flatnonzero(free), ridges, *ends)
+        return cls(place, np.flatnonzero(free), ridges, *reach(prior))
 
     def theta(self, moving: Array) -> Array:
         """θ, shape (n, d), of the free coordinates, shape (n, f); beyond an edge of the support the edge."""

@@ -1,17 +1,22 @@
-"""Climb a log density from many starts at once: damped least squares on batches, with some coordinates fixed.
+"""Climb a log density from several starts side by side, with some coordinates fixed, or a quantity to a level of it.
 
-What climbs by itself has no residuals, or is no climb of a density: a quantity to its limits
-(`jointbayes.posterior.limit_climb`), and values alone, below this room (`jointbayes.sampling.density.newton_climb`).
-`tests/inference/test_climb.py` compares ends with those of scipy: in a box, along bent ridges, with fixed coordinates.
+`climb_all` climbs a density of residuals by damped least squares; `tests/inference/test_climb.py` compares its ends
+with those of scipy, in a box, along bent ridges and with fixed coordinates. `LimitClimb` climbs any density, or a
+quantity to where the density is just high enough, by Newton's method on differences; `tests/posterior/test_limits.py`
+compares its ends with closed forms. Below this room `jointbayes.sampling.density.newton_climb` finds a mode with its
+covariance from values alone.
 """
 
-from collections.abc import Callable
-from typing import Protocol
+import math
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from jointbayes.inference.log_posterior import LogPosterior
 from jointbayes.inference.prior import JointPrior
+from jointbayes.sampling.density import from_stencil, stencil
 from vibrecords.arrays import Array, Indices
 
 #: Joints of so many coordinates and more are found in other ways, and climb by exact derivatives.
@@ -232,3 +237,169 @@ class PosteriorSquares:
             log_density[few] -= 0.5 * (self.residuals(theta[few]) ** 2).sum(axis=1)
         log_density[~np.isfinite(log_density)] = -np.inf
         return log_density
+
+
+#: In place of ln of a density that is no number.
+NOWHERE = -1e9
+_OF_AXES = 0.01  # of differences, in columns of the axes
+_CLOSER, _FAILED = 0.3, 6  # differences that leave the region are made smaller, so many times
+_FLATTEST = 0.02  # least curvature: no step makes an axis more than seven times longer
+_SETTLED = 0.7  # of its length: an axis that becomes shorter was too long for differences along it
+_LENGTHS = 2.0 ** -np.arange(10)
+EDGE = 1e-9  # of the support's width: at its very ends ρ is no positive definite joint
+_MARGIN = 0.02  # prior standard deviations beyond the support that differences may reach
+_FARTHEST_SD = 40.0  # prior standard deviations from its mean
+_TOUCHING = 1e-9  # of a face of the support
+
+
+#: Asks for ln of the density at points θ, shape (n, d), and returns where it ends, shape (d,).
+Climb = Generator[Array, Any, Array]
+
+
+def climb_together(height: Callable[[Array], Array], climbs: Sequence[Climb]) -> list[Array]:
+    """What each climb returns; what all of them ask for next is found in one call of `height`."""
+    ends: dict[int, Array] = {}
+    told: dict[int, Array | None] = dict.fromkeys(range(len(climbs)))
+    while told:
+        asked: dict[int, Array] = {}
+        for number, heights in told.items():
+            try:
+                asked[number] = climbs[number].send(heights)
+            except StopIteration as stop:
+                ends[number] = stop.value
+        together = height(np.concatenate(list(asked.values()))) if asked else np.empty(0)
+        told = dict(zip(asked, np.split(together, np.cumsum([len(theta) for theta in asked.values()])), strict=False))
+    return [ends[number] for number in range(len(climbs))]
+
+
+def reach(prior: JointPrior, inside: float = 0.0) -> tuple[Array, Array]:
+    """Ends of a prior's support, shape (d,) each, or 40 standard deviations where it has none, by a share inside.
+
+    A normal prior has no end, but a stiffness of e^800 is no number.
+    """
+    far, (low, high) = _FARTHEST_SD * prior.sd, prior.support
+    low, high = np.maximum(low, prior.mean - far), np.minimum(high, prior.mean + far)
+    return low + inside * (high - low), high - inside * (high - low)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LimitClimb:
+    """Climb to the greatest value of a quantity where a density is high enough, by Newton's method.
+
+    About a point the density is a paraboloid, by differences of second order, and what is high enough a ball in axes
+    that follow its curvature. The farthest point of that ball is the next one; of a whole line of shorter steps to it,
+    tried in one call, the farthest that really is high enough is taken. Every point on the way is a joint that fits.
+
+    Parameters
+    ----------
+    prior
+        Its support is not left, but by differences a little.
+    sought
+        The quantity, (n, d) to (n,); None where the density itself is.
+    """
+
+    prior: JointPrior
+    sought: Callable[[Array], Array] | None
+
+    def end(self, start: Array, axes: Array, level: float, *, steps: int, gain: float, slack: float) -> Climb:
+        """Where a climb ends, shape (d,), in steps that gain so much at least, and `steps` at most.
+
+        Parameters
+        ----------
+        start
+            Point whose density is high enough, shape (d,).
+        axes
+            First axes, columns of shape (d, k): a root of a covariance. The climb stays in what they span.
+        level, slack
+            How high the density is to be, and by how much it may miss that.
+        """
+        place, failed, margin = start, 0, _MARGIN * self.prior.sd
+        low, high = reach(self.prior, EDGE)
+        while steps and failed < _FAILED:
+            steps -= 1
+            step = _OF_AXES * _CLOSER**failed
+            around = np.clip(stencil(place, axes, step), low - margin, high + margin)
+            heights = yield around
+            if heights.min() <= NOWHERE:
+                failed += 1
+                continue
+            values = self._values(around, heights)
+            move, turn = self._move(place, axes, heights, values, step, level)
+            # axes far wider than the density is say little of it: the next ones, which follow its curvature, do
+            settled, axes = np.linalg.norm(turn, 2, axis=0).min() > _SETTLED, axes @ turn
+            trials = np.clip(place + _LENGTHS[:, None] * move, low, high)
+            trial_heights = yield trials
+            trial_values = self._values(trials, trial_heights)
+            allowed = (trial_heights >= level - slack) & self.prior.feasible(trials)
+            if not allowed.any():
+                failed += 1
+                continue
+            best = np.flatnonzero(allowed)[np.argmax(trial_values[allowed])]
+            gained = trial_values[best] - values[0]
+            if gained > 0:
+                place, failed = trials[best], 0
+            if gained <= gain and settled:
+                break
+        return place
+
+    def _values(self, theta: Array, heights: Array) -> Array:
+        """What is sought, shape (n,)."""
+        return heights if self.sought is None else self.sought(theta) + _HIGHER * heights
+
+    def _move(
+        self, place: Array, axes: Array, heights: Array, values: Array, step: float, level: float
+    ) -> tuple[Array, Array]:
+        """Step to the farthest point of the paraboloid's ball, shape (d,), and the turn (k, k) that rounds it."""
+        here, slope, bent = from_stencil(heights, step)
+        _, along, curved = from_stencil(values, step)
+        # the quantity bends as well: at the end both slopes are parallel, and their ratio is what that counts
+        ratio = max(float(np.linalg.norm(along)) / max(float(np.linalg.norm(slope)), 1.0), 1e-3)
+        hessian = bent if self.sought is None else bent + curved / ratio
+        curvature, vectors = np.linalg.eigh(-(hessian + hessian.T) / 2)
+        turn = vectors / np.sqrt(np.maximum(curvature, _FLATTEST))
+        turned = axes @ turn
+        forward = None if self.sought is None else turn.T @ along
+        (low, high), cones = reach(self.prior, EDGE), [c.normal(place.size) for c in self.prior.parametrisation.cones]
+        sides = np.array([*np.eye(place.size), *-np.eye(place.size), *cones])
+        room = np.maximum(np.concatenate([high, -low, np.full(len(cones), -EDGE)]) - sides @ place, 0.0)
+        return turned @ farthest_in_ball(turn.T @ slope, here - level, forward, sides @ turned, room), turn
+
+
+_HIGHER = 1e-4  # of what is sought that one unit of ln of the density is worth: of equal ends the likeliest
+
+
+def farthest_in_ball(slope: Array, spare: float, forward: Array | None, sides: Array, room: Array) -> Array:
+    """Point z, shape (k,), of the greatest forward·z where slope·z − |z|²/2 ≥ −spare and sides @ z ≤ room.
+
+    Without `forward` of the greatest slope·z − |z|²/2. Faces that the point would cross hold it, one after the other.
+
+    Parameters
+    ----------
+    slope, forward
+        Shape (k,).
+    spare
+        How far the height may fall.
+    sides, room
+        Shapes (p, k) and (p,).
+    """
+    held: list[int] = []
+    point: Array = np.zeros(slope.size)
+    for _ in range(slope.size + 1):
+        foot: Array = np.zeros(slope.size)
+        free: Array = np.eye(slope.size)
+        if held:
+            foot = np.asarray(np.linalg.lstsq(sides[held], room[held], rcond=None)[0])
+            _, size, rows = np.linalg.svd(sides[held])
+            free = rows[int((size > 1e-10 * size[0]).sum()) :].T
+        middle = free.T @ (slope - foot)
+        point = foot + free @ middle
+        ahead = None if forward is None else free.T @ forward
+        if ahead is not None and ahead.any():
+            square = float(2 * spare + slope @ slope - (slope - foot) @ (slope - foot) + middle @ middle)
+            point = point + free @ ahead * math.sqrt(max(square, 0.0)) / np.linalg.norm(ahead)
+        beyond = sides @ point - room
+        beyond[held] = -1.0
+        if beyond.max() <= _TOUCHING or free.shape[1] == 0:
+            break
+        held.append(int(np.argmax(beyond)))
+    return point

@@ -24,8 +24,8 @@ from scipy.special import chdtri
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import LogPosterior
+from jointbayes.inference.climb import EDGE, NOWHERE, Climb, LimitClimb, climb_together, reach
 from jointbayes.joint import Coordinate
-from jointbayes.posterior.limit_climb import Climb, LimitClimb, climb_together
 from jointbayes.stored_values import StoredArray
 from vibrecords.arrays import Array
 
@@ -38,10 +38,6 @@ _LEVEL = 0.95  # confidence of the limits of profiles
 #: By how much ln L may be below the wanted height at an end; above it by more the support ends first.
 _SLACK = 0.01
 _MISSED = 1e-4  # the same at a point on the way there
-_EDGE = 1e-9  # of the support's width: at its very ends ρ is no positive definite joint
-_FARTHEST = 40.0  # prior standard deviations from its mean
-_MARGIN = 0.02  # prior standard deviations beyond the support that differences may reach
-_WORST = -1e9  # in place of a log likelihood that is not finite
 _POINTS = 7  # of a profile from its top to an end
 _ITERATIONS = 60  # of a climb
 _AGAIN = 20  # climbs from where another has ended
@@ -129,9 +125,7 @@ class LikelihoodRegion:
         names, count = prior.parametrisation.names, len(prior.marginals)
         alone = [i for i in range(count) if put is not None or prior.bounds_of(names[i]) is not None]
         self._weighed = [i for i in range(theta.shape[1]) if i not in alone]
-        far, (low, high) = _FARTHEST * prior.sd, prior.support
-        low, high = np.maximum(low, prior.mean - far), np.minimum(high, prior.mean + far)
-        self._low, self._high = low + _EDGE * (high - low), high - _EDGE * (high - low)
+        self._low, self._high = reach(prior, EDGE)
         solution = np.zeros(len(theta), dtype=np.intp) if solution is None else solution
         self._ends: dict[tuple[int, float], Array] = {}
         away, each = theta.copy(), [np.flatnonzero(solution == number) for number in np.unique(solution)]
@@ -160,7 +154,7 @@ class LikelihoodRegion:
             value = self._log_likelihood(theta)
             for i in self._weighed:
                 value = value + self._prior.all_marginals[i].log_density(theta[:, i])
-        return np.where(np.isfinite(value), value, _WORST)
+        return np.where(np.isfinite(value), value, NOWHERE)
 
     def _of(self, index: int, theta: Array) -> Array:
         """A quantity of the joint, or after all of these a coordinate, shape (n,), of θ, shape (n, d)."""
@@ -319,15 +313,7 @@ class LikelihoodRegion:
             return value if (index or 0) >= self._column(0) else np.arcsinh(value / size_there)
 
         spread = sign * (float(measure(self._draws).std()) or 1.0)
-        cones = [cone.normal(start.size) for cone in self._prior.parametrisation.cones]
-        climb = LimitClimb(
-            None if index is None else lambda theta: measure(theta) / spread,
-            np.array([*np.eye(start.size), *-np.eye(start.size), *cones]),
-            np.concatenate([self._high, -self._low, np.full(len(cones), -_EDGE)]),
-            self._prior.feasible,
-            _MARGIN * self._prior.sd,
-            _WORST,
-        )
+        climb = LimitClimb(self._prior, None if index is None else lambda theta: measure(theta) / spread)
         gain = _OF_HEIGHT if index is None else _OF_QUANTITY
         return climb.end(start, root, level, steps=_ITERATIONS, gain=gain, slack=_MISSED)
 
