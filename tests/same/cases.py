@@ -26,7 +26,7 @@ THINNED: dict[str, Edits] = {
     "next_setup": (("f_step_hz = 2.0", "f_step_hz = 10.0"),),
     "portal_frame": (("f_step_hz = 2.0", "f_step_hz = 20.0"),),
     "spindle_tool": (("f_step_hz = 10.0", "f_step_hz = 50.0"),),
-    "two_overhangs": (("f_step_hz = 2.0", "f_step_hz = 10.0"),),
+    "two_overhangs": (("f_step_hz = 2.0", "f_step_hz = 8.0"),),
 }
 
 _BEAM = """
