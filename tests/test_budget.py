@@ -88,7 +88,7 @@ def test_a_search_ends_with_the_best_that_it_has(cheap_case):
     wrong = replace(data, frf=replace(data.frf, values=data.frf.values[::-1]))  # nothing explains it: starts disagree
     problem = cheap_case.problem.with_test(data=wrong)
     search = ModeSearch(problem.log_posterior, budget=Budget(ALMOST_NONE))
-    search.climb(first_starts(problem, 1, np.random.default_rng(1)))
+    search.climb(first_starts(problem, 1))
     effort = search_further(search, problem, 1, told.append)
     assert effort.rounds == 0
     assert np.isfinite(search.estimate().log_posterior)

@@ -16,7 +16,6 @@ from jointbayes.identification import (
     IterationHistory,
     MapEstimate,
     ModeSearch,
-    compliance_start,
     first_starts,
     largest_squares,
     on_fewer_lines,
@@ -60,8 +59,6 @@ TakenAs = Literal["usual", "exact"]
 AS_ASKED = "As was asked, the data are taken within their noise and the model as exact."
 
 _PRIOR_DRAWS = 8000
-_PAIR = 2  # DOFs of a joint whose compliance a linear fit gives
-_PRIOR_STARTS = 6
 _SAME_DENSITY = 1e-3  # of two points that are equally the mode
 _STEPS_UP, _SHALLOW = 21, 1.0  # on the way between two points that may be one mode; ln of a density's dip there
 #: Of a posterior by quadrature: joints from which its basis is made, draws that are judged on all lines, and the least
@@ -137,10 +134,9 @@ def find_map(
     """Find the posterior mode from several starts and its Laplace covariance.
 
     The starts are joints whose natural frequencies agree with the resonances of the data (of five unknowns and more
-    one that explains line after line from the lowest, or joints whose motion is reconstructed), the first guess, the
-    end of the paper's iteration from it, the compliance fit that needs no guess, draws from the prior, those of many
-    more draws that fit the most lines, and joints near the limits of signed coordinates. All climb at once, the best
-    are refined, and so are images of the modes: like joints exchanged, couplings reflected. `MapEstimate.starts` says
+    one that explains line after line from the lowest, or joints whose motion is reconstructed), the first guess, and
+    of many draws from the prior those that fit the most lines. All climb at once, the best are refined, and so are
+    images of the modes: like joints exchanged, couplings reflected. `MapEstimate.starts` says
     which of them reached the mode, `MapEstimate.modes` what other modes there are.
     Where the best mode does not explain the data while starts disagree, the search goes on with more starts:
     `MapEstimate.effort` and `MapEstimate.sentence` say how far and what follows. FRFs of far more lines than resolve
@@ -169,27 +165,11 @@ def find_map(
     seed = _seed(whole, seed)
     guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
     problem.parametrisation.check(guess)
-    starts: dict[str, Array] = {"first guess": guess}
     searched = on_fewer_lines(problem)
-    for part in searched.parts:
-        own, frfs = part.parametrisation, part.test.data.frfs
-        if frfs is None or part.test.joints.size != _PAIR or own.unused or own.damped:
-            continue
-        fitted = compliance_start(part.test.structure, part.test.joints, frfs)
-        name = "compliance fit without a guess"
-        starts[f"{part.test.name}: {name}" if part.test.name else name] = own.values_of_matrix(fitted)
     iteration = identify(whole or problem, guess) if part_to_iterate(problem) is not None else None
-    if iteration is not None:
-        name = "paper's iteration"
-        starts[f"{iteration.setup}: {name}" if iteration.setup else name] = iteration.stiffness
-    rng = np.random.default_rng([seed, 1])
-    drawn = problem.prior.values(problem.prior.sample(rng, _PRIOR_STARTS))
-    starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
-    count = len(problem.prior.marginals)
-    starts |= problem.parametrisation.limiting_joints(problem.prior.mean[:count], problem.prior.sd[:count])
     search = ModeSearch(searched.log_posterior, tell, budget)
-    further = first_starts(searched, seed, rng)
-    search.climb_stiffnesses(starts)
+    further = first_starts(searched, seed)
+    search.climb_stiffnesses({"first guess": guess})
     search.climb(further)
     effort = search_further(search, searched, seed, tell)
     estimate = replace(search.estimate(), effort=effort, iteration=iteration)

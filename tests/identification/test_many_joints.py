@@ -39,7 +39,7 @@ def test_a_search_that_explains_line_after_line_reconstructs_nothing(monkeypatch
     problem = chain_case(6).problem
     for other in ("reconstructed_starts", "frequency_starts"):
         monkeypatch.setattr(effort, other, lambda *_: pytest.fail("not needed"))
-    starts = first_starts(problem, 1, np.random.default_rng(1))
+    starts = first_starts(problem, 1)
     assert next(iter(starts)) == "lowest lines first"
     assert len(starts) > 3  # and screened draws
 

@@ -233,14 +233,6 @@ def test_where_the_means_of_the_priors_are_no_joint_the_middle_is_one_without_co
     assert np.allclose(LogStiffness().middle(mean), [1e6, 0.0, 1e5])
 
 
-def test_the_limits_of_each_joint_leave_the_others_in_the_middle():
-    mean = theta_of(TWO, 3)
-    limits = TWO.limiting_joints(mean, np.ones(6))
-    assert set(limits) == {f"right: {name}" for name in SignedCoupling().limiting_joints(mean[3:], np.ones(3))}
-    for joint in limits.values():
-        np.testing.assert_allclose(joint[:3], LogStiffness().values(mean[:3]))
-
-
 def test_a_hypothesis_is_that_of_every_joint():
     assert joint_under_hypothesis(TWO, "full").names == TWO.names
     assert joint_under_hypothesis(TWO, "rigid").names == ()

@@ -1,6 +1,5 @@
-"""Point estimates of a joint: the paper's iteration, a start without a guess, the posterior mode."""
+"""Point estimates of a joint: the paper's iteration, the posterior mode."""
 
-from jointbayes.identification.compliance_fit import compliance_start as compliance_start
 from jointbayes.identification.effort import first_starts as first_starts
 from jointbayes.identification.effort import largest_squares as largest_squares
 from jointbayes.identification.effort import search_further as search_further

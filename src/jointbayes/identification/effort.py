@@ -79,7 +79,7 @@ def _on_lowest_lines(problem: Problem, share: float) -> Problem:
     return replace(problem, tests=tuple(tests))
 
 
-def first_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[str, Array]:
+def first_starts(problem: Problem, seed: int) -> dict[str, Array]:
     """Points to climb from first, each shape (d,), by name.
 
     From natural frequencies and screened draws, and of many unknowns from reconstructed motions of the joints as well:
@@ -92,9 +92,8 @@ def first_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[
         The problem.
     seed
         Of the search.
-    rng
-        Draws those that are screened.
     """
+    rng = np.random.default_rng([seed, 1])
     lowest = lowest_lines_first(problem)
     if len(lowest):
         return {_LOWEST: lowest[0]} | _named(

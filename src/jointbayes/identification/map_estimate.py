@@ -132,7 +132,7 @@ class MapEstimate:
     effort
         How far the search went and whether its result explains the data; None where that was not looked at.
     iteration
-        The paper's iteration, whose end was one of the starts; None where it was not made.
+        The paper's iteration; None where it was not made.
     units
         Name and unit of each quantity; empty of a file that an older version wrote.
     others

@@ -24,7 +24,7 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
-from jointbayes.identification.compliance_fit import FreeReceptance, measured_receptances
+from jointbayes.identification.free_receptance import FreeReceptance, measured_receptances
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.inference.climb import MANY_UNKNOWNS
 from jointbayes.joint import JointMatrix

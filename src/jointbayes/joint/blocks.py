@@ -190,15 +190,6 @@ class Blocks(Parametrisation):
             "beside them"
         )
 
-    def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
-        """Those of each joint, with the others in the middle."""
-        middle, limits = self.middle(mean), {}
-        for block, (parametrisation, t, k) in zip(self.blocks, self._parts, strict=True):
-            for name, joint in parametrisation.limiting_joints(mean[t], sd[t]).items():
-                limits[f"{block.name}: {name}" if block.name else name] = whole = middle.copy()
-                whole[k] = joint
-        return limits
-
     def compliance(self, theta: Array) -> Array:
         """φ of each joint, shape (n, d), of θ, shape (n, d)."""
         return self._side_by_side(self._each(lambda joint, t: joint.compliance(t), theta, False), theta)

@@ -1,6 +1,5 @@
 """Damping beside the stiffnesses of a joint: dashpots and loss factors."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -149,12 +148,6 @@ class Damped(Parametrisation):
         """The same joints, shape (..., q), without what couples their motions."""
         k = np.asarray(values, dtype=float)
         return np.concatenate([self.of.uncoupled(k[..., : self._q]), k[..., self._q :]], axis=-1)
-
-    def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
-        """Those of the stiffnesses, with damping in the middle."""
-        damping = np.exp(mean[self._d :])
-        limits = self.of.limiting_joints(mean[: self._d], sd[: self._d])
-        return {name: np.concatenate([joint, damping]) for name, joint in limits.items()}
 
     def compliance(self, theta: Array) -> Array:
         """Compliance of the stiffnesses, then the damping itself, shape (n, d).

@@ -1,6 +1,5 @@
 """A joint seen from its elastic centre: one spring at a lever arm, and a rotational spring about that point."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -56,13 +55,3 @@ class ElasticCentre(CoupledPair):
     def log_determinant(self, theta: Array) -> Array:
         """ln det K^J, shape (...), at θ, shape (..., 3): k11 · k22c, wherever the centre lies."""
         return theta[..., 0] + theta[..., 2]
-
-    def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
-        """Centres far to either side, and nearly rigid motions about the middle one."""
-        far = {f"centre far to {side}": mean + sign * sd * [0, 1, 0] for side, sign in (("+", 1), ("−", -1))}
-        stiff = {
-            "stiff in translation": mean + sd * [1, 0, 0],
-            "stiff in rotation": mean + sd * [0, 0, 1],
-            "stiff in both": mean + sd * [1, 0, 1],
-        }
-        return {name: self.values(theta) for name, theta in (far | stiff).items()}

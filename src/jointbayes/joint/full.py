@@ -1,6 +1,5 @@
 """A joint with any symmetric positive definite K^J of up to six DOFs."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -193,16 +192,6 @@ class FullStiffness(Parametrisation):
     def uncoupled(self, values: ArrayLike) -> Array:
         """The same joints, shape (..., q), with the diagonal of K^J alone."""
         return np.asarray(values, dtype=float) * self._any
-
-    def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
-        """Nearly rigid motions, one at a time, without coupling."""
-        r = self._motions
-        middle = np.concatenate([mean[:r], np.zeros(len(mean) - r)])
-        steps = np.eye(len(mean))[:r] * sd
-        return {
-            f"stiff in {direction}": self.values(middle + step)
-            for direction, step in zip(self.directions, steps, strict=True)
-        }
 
     def compliance(self, theta: Array) -> Array:
         """Entries of C = (K^J)⁻¹ on and above the diagonal, shape (n, d), of θ, shape (n, d)."""

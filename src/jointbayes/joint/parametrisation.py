@@ -6,7 +6,6 @@ whether it is of one joint or of several, see `jointbayes.joint.blocks`.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -324,16 +323,6 @@ class Parametrisation(ABC):
         """
         middle = self.values(mean)
         return middle if self.is_positive_semidefinite(middle) else self.uncoupled(middle)
-
-    def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
-        """Joints, shape (q,), near limits of θ, where modes of their own may be, by name; none by default.
-
-        Parameters
-        ----------
-        mean, sd
-            Of the prior of each coordinate, shape (d,).
-        """
-        return {}
 
     def check(self, values: ArrayLike) -> None:
         """Refuse a joint that could give off energy.

@@ -1,6 +1,5 @@
 """A coupling of either sign, by its coefficient ρ."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -49,15 +48,3 @@ class SignedCoupling(CoupledPair):
     def log_determinant(self, theta: Array) -> Array:
         """ln det K^J, shape (...), at feasible θ, shape (..., 3)."""
         return theta[..., 0] + theta[..., 1] + np.log1p(-(theta[..., 2] ** 2))
-
-    def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
-        """Strong coupling of either sign between springs of middling stiffness, and nearly rigid motions."""
-        k11, k22 = np.exp(mean[:2])
-        stiff11, stiff22 = np.exp(mean[:2] + sd[:2])
-        return {
-            "coupling near 1": np.array([k11, 0.95 * np.sqrt(k11 * k22), k22]),
-            "coupling near −1": np.array([k11, -0.95 * np.sqrt(k11 * k22), k22]),
-            "stiff in translation": np.array([stiff11, 0.0, k22]),
-            "stiff in rotation": np.array([k11, 0.0, stiff22]),
-            "stiff in both": np.array([stiff11, 0.0, stiff22]),
-        }
