@@ -7,63 +7,31 @@ import numpy as np
 import pytest
 
 from jointbayes.case.case import Case, load_case
-from jointbayes.errors import CaseError
 from jointbayes.frf import Substructures
 from jointbayes.inference import LogPosterior
+from tests.case.refusal_rows import case_text_named
 from tests.conftest import edited
 from tests.frf.test_measured_body import LINES, frfs_of, spindle
 from vibrecords import FrfSet, MeasuredFile
 from vibrecords.formats import write_frf
 
-TEXT = """title = "A tool in a spindle"
-
-[structure]
-length_mm = 180
-elements = 6
-youngs_modulus_gpa = 210
-density_kg_m3 = 7800
-section = { shape = "circle", diameter_mm = 20 }
-damping = { law = "loss_factor", loss_factor = 0.02 }
-
-[bodies.spindle]
-kind = "measured"
-file = "spindle.uff"
-variance = { source = "relative", relative = 0.01, floor = 0 }
-
-[bodies.spindle.channels]
-"5:y" = "nose:y"
-"4:y" = "-back:y"
-
-[bodies.spindle.rotations."nose:rz"]
-stations = ["back:y", "nose:y"]
-spacing_mm = 62.5
-
-[joint]
-dofs = ["1:y", "1:rz"]
-against = ["nose:y", "nose:rz"]
-
-[prior]
-k11 = { distribution = "log_uniform", low = 1e6, high = 1e10 }
-k12 = { distribution = "log_uniform", low = 1e4, high = 1e8 }
-k22 = { distribution = "log_uniform", low = 1e3, high = 1e7 }
-
-[data]
-kind = "measured_frf"
-file = "tip.uff"
-channels = { "7:y" = "7:y" }
-variance = { source = "relative", relative = 0.02, floor = 0 }
-"""
+TEXT = case_text_named("measured_spindle")
 
 
-@pytest.fixture(scope="module")
-def directory(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("spindle")
+def write_measurements(folder: Path) -> None:
+    """The files that the case names."""
     body = frfs_of(spindle(), ("s5:y", "s4:y"), "accelerance")
     turned = body.values * np.array([[1.0, -1.0], [-1.0, 1.0]])  # the sensor at the back points down
     labels = ("5:y", "4:y")
     write_frf(FrfSet(LINES, turned, labels, labels, "accelerance"), folder / "spindle.uff", "uff58")
     tip = FrfSet(LINES, np.ones((len(LINES), 1, 1)) * (1e-3 + 1e-4j), ("7:y",), ("7:y",), "accelerance")
     write_frf(tip, folder / "tip.uff", "uff58")
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("spindle")
+    write_measurements(folder)
     return folder
 
 
@@ -95,45 +63,6 @@ def test_the_noise_of_a_body_may_be_ignored_and_the_workshop_problem_keeps_the_b
     assert case.problem.test.ignores_noise_of_bodies
     assert case.workshop_problem is not None
     assert case.workshop_problem.test.measured_bodies == case.problem.test.measured_bodies
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ('"nose:rz"]\n\n[prior', '"nose:rx"]\n\n[prior', r'joint\.against: "nose:rx": there is no node nose'),
-        ("spacing_mm = 62.5\n", "", r'bodies\.spindle\.rotations\."nose:rz"\.spacing_mm: missing'),
-        (
-            '\n"4:y" = "-back:y"',
-            '\n"4:y" = "-back:y"\n"3:y" = "3:y"',
-            r'found "3:y", which is a DOF of \[structure\] as well',
-        ),
-        (
-            '"4:y" = "-back:y"\n\n[bodies.spindle.rotations."nose:rz"]\nstations = ["back:y", "nose:y"]',
-            '"4:y" = "-back:z"\n\n[bodies.spindle.rotations."nose:rz"]\nstations = ["back:z", "nose:y"]',
-            r'rotations\."nose:rz"\.stations: found stations along x that move in z and y for rz; expected all of them',
-        ),
-        (
-            "spacing_mm = 62.5",
-            'spacing_mm = 62.5\naxis = "y"',
-            r'rotations\."nose:rz"\.stations: found stations along y that move in y for rz; expected all of them in x',
-        ),
-        ('stations = ["back:y", "nose:y"]', 'stations = ["front:y", "nose:y"]', "no channel of the body stands for"),
-        ('kind = "measured_frf"\nfile = "tip.uff"', 'kind = "measured_frequencies"\nfile = "tip.uff"', "has no modes"),
-        (
-            'file = "spindle.uff"',
-            'file = "../spindle.uff"',
-            r"bodies.spindle.file: found .* leads out of the directory",
-        ),
-        ('"5:y" = "nose:y"', '"6:y" = "nose:y"', r'found no channel "6:y" of \[bodies.spindle.channels\]'),
-        ('file = "spindle.uff"', 'file = "spindle.uff"\nthin = 2', "nothing is interpolated"),
-        ('law = "loss_factor", loss_factor = 0.02', 'law = "modal", ratio = "measured"', "by itself"),
-    ],
-)
-def test_what_is_wrong_with_a_body_is_said_by_file_line_and_key(directory, old, new, words):
-    with pytest.raises(CaseError, match=words) as caught:
-        case_of(directory, (old, new))
-    assert "case.toml:" in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_sensor_off_the_joint_is_stated_by_the_joints_offset(directory):

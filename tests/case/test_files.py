@@ -434,73 +434,6 @@ def test_summary_and_report_name_the_file_and_its_fingerprint(reported):
     assert "synthetic data" not in html
 
 
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        (frf_data(file='"tpi.npz"'), r'data.file: tpi.npz: found no such file; .*did you mean "tip.npz"\?'),
-        (frf_data(channels=CHANNELS + '"Point:4:Y+" = "4:y"\n'), r'found no channel "Point:4:Y\+".*mapped; remove it'),
-        (frf_data('inputs = ["1:y"]'), r"data.inputs: found 1:y; expected one of 5:y of tip.npz"),
-    ],
-)
-def test_files_that_do_not_hold_what_the_case_says_are_refused_in_one_line(tmp_path, data, message):
-    stored(virtual(), tmp_path / "tip.npz")
-    with pytest.raises(CaseError, match=message) as found:
-        loaded(tmp_path, data)
-    assert "\n" not in str(found.value)
-
-
-@pytest.mark.parametrize(
-    ("data", "key", "words"),
-    [
-        (frf_data(channels='"Point:5:Y+" = "9:y"\n'), 'data.channels."Point:5:Y+"', "there is no node 9"),
-        (frf_data(channels='"Point:5:Y+" = "5y"\n'), 'data.channels."Point:5:Y+".dof', 'found "5y"'),
-        (frf_data(channels='"Point:5:Y+" = { dof = "5:y", gian = 1.0 }\n'), "gian", 'did you mean "gain"'),
-        (frf_data(channels='"Point:5:Y+" = 5\n'), 'data.channels."Point:5:Y+"', "found 5"),
-        (frf_data(channels=""), "data.channels", "found no channel"),
-        (frf_data(variance='[data.variance]\nsource = "relative"\nfloor = 0.1\n'), "data.variance.relative", "missing"),
-        (frf_data('outputs = ["3:y"]'), "data.outputs", "which no channel stands for"),
-        (frf_data("f_min_hz = 100.0\nf_max_hz = 50.0"), "data.f_max_hz", "not above f_min_hz"),
-        (
-            frf_data(variance=COHERENCE + '[data.rotations."1:rz"]\nstations = ["1:y", "2:y", "3:y"]\n'),
-            'data.rotations."1:rz".stations',
-            "found 3 stations",
-        ),
-        (
-            frf_data(variance=COHERENCE + '[data.rotations."1:y"]\nstations = ["1:y", "2:y"]\n'),
-            'data.rotations."1:y"',
-            'found "1:y"; expected a rotation',
-        ),
-        (
-            frf_data(variance=COHERENCE + '[data.rotations."1:rz"]\nstations = ["1:x", "2:x"]\naxis = "y"\n'),
-            'data.rotations."1:rz".axis',
-            'found "y"; expected "x"',
-        ),
-    ],
-)
-def test_faults_of_the_data_table_are_named_by_key(data, key, words):
-    with pytest.raises(CaseError) as found:
-        jb.case_from_text("case", text(data))
-    (line,) = str(found.value).splitlines()
-    assert key in line
-    assert words in line
-
-
-def test_a_roving_sensor_cannot_be_in_the_model():
-    heavy = ("supports = []", "accelerometer_mass_g = 2.0\nsupports = []")
-    with pytest.raises(CaseError, match=r'data.accelerometers: found "roving" with a mass in \[structure\]'):
-        jb.case_from_text("case", text(frf_data('accelerometers = "roving"'), heavy))
-    removed = '"Point:5:Y+" = { dof = "5:y", accelerometer_mass_g = 20.0 }\n'
-    with pytest.raises(CaseError, match="the mass taken out of the data or put into the model, not both"):
-        jb.case_from_text("case", text(frf_data(channels=removed), heavy))
-
-
-def test_measured_damping_needs_a_file():
-    with pytest.raises(
-        CaseError, match=r'structure.damping.ratio: found "measured" with data of kind = "synthetic_frf"'
-    ):
-        jb.case_from_text("case", edited(cheap_text(), ("ratio = 0.01", 'ratio = "measured"')))
-
-
 def spoilt(frf: FrfSet, values: dict[int, complex], coherence: dict[int, float]) -> list[FrfRecord]:
     """Records of FRFs whose first one has these values and coherences on some lines."""
     first, *others = (
@@ -602,12 +535,6 @@ def test_a_conjugated_file_is_named_everywhere_and_its_remedy_gives_the_right_da
     assert not right.warnings
     np.testing.assert_allclose(right.problem.test.data.frf.values, frf.values, rtol=1e-12)
     assert any("complex conjugates" in note for note in right.problem.test.data.provenance.notes)
-
-
-def test_frfs_that_are_made_here_are_no_conjugates(tmp_path):
-    data = frf_data("conjugate = true") + '[data.records]\nmethod = "impact"\n'
-    with pytest.raises(CaseError, match=r"data\.conjugate: found true with time histories"):
-        loaded(tmp_path, data)
 
 
 def test_a_layout_names_the_variables_of_a_file_that_nobody_would_know(tmp_path):

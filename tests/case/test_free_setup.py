@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.errors import CaseError
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joints
 from jointbayes.posterior.fisher import fisher_information
@@ -89,12 +88,6 @@ def test_joints_of_each_set_up_and_levels_are_those_of_joined_ones(own):
     problem = built(text).problem
     assert problem.names == names
     assert np.isfinite(problem.log_posterior(problem.prior.mean[None])).all()
-
-
-@pytest.mark.parametrize("text", [BASE.replace("[structure]", "joined = false\n[structure]", 1), BASE + FREE])
-def test_a_case_in_which_nothing_is_ever_joined_is_refused(text):
-    with pytest.raises(CaseError, match=r"joined: found false; expected one test at least with the joint to be"):
-        built(text)
 
 
 def test_a_free_set_up_needs_no_table_of_a_joint():

@@ -6,46 +6,13 @@ import pytest
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import CaseError
 from jointbayes.joint import Joint, Joints, parametrisation_named
-from tests.case.refusal_rows import refusal_rows
+from tests.case.refusal_rows import case_text_named
 from tests.conftest import CONFIGS, edited
 
 BEAM = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 BEAM = BEAM[BEAM.index("[structure]") : BEAM.index("[joint]")]
-DATA = """
-[data]
-kind = "synthetic_frf"
-outputs = ["4:y", "9:y"]
-inputs = ["4:y"]
-f_min_hz = 20.0
-f_max_hz = 2000.0
-f_step_hz = 20.0
-noise = { relative = 0.03, floor = 0.01, seed = 1 }
-"""
-TWO = (
-    BEAM
-    + """
-[joints.left]
-dofs = ["1:y", "1:rz"]
-[joints.left.prior]
-k11 = { distribution = "log_uniform", low = 1e6, high = 1e10 }
-k12 = { distribution = "log_uniform", low = 1e4, high = 1e7 }
-k22 = { distribution = "log_uniform", low = 1e3, high = 1e7 }
-
-[joints.right]
-kind = "springs"
-dofs = ["11:y", "11:rz"]
-"""
-    + DATA
-    + """
-[data.truth.stiffness.left]
-k11 = 5e7
-k12 = 4e5
-k22 = 5e4
-[data.truth.stiffness.right]
-ky = 2e7
-krz = 3e4
-"""
-)
+TWO = BEAM + case_text_named("two_joints")
+DATA = TWO[TWO.index("[data]") : TWO.index("[data.truth")]
 TRUTH = "[data.truth.stiffness]\nk11 = 5e7\nk12 = -4e5\nk22 = 5e4\n"
 LONE = BEAM + '[joint]\nkind = "full"\ndofs = ["1:y", "1:rz"]\n' + DATA + TRUTH
 
@@ -87,36 +54,6 @@ def test_joints_may_share_their_quantities():
 
 
 PRIOR = '{ distribution = "decades", guess = 1e9, decades = 1.0 }'
-BROKEN = r"""
-[joints.left]\ndofs = ["1:y", "1:rz"]\n[joints.left.prior]\nk11 = { distribution = "log_uniform", low = 1e6, high = 1e10 }\nk12 = { distribution = "log_uniform", low = 1e4, high = 1e7 }\nk22 = { distribution = "log_uniform", low = 1e3, high = 1e7 }\n\n[joints.right]\nkind = "springs"\ndofs = ["11:y", "11:rz"]\n\n=> ;; joint ;; missing table
-[joints.left]\n=>[joint]\ndofs = ["1:y", "1:rz"]\n[joints.left]\n ;; joint ;; one joint or several
-[data]\n=>[prior]\nk11 = { distribution = "decades", guess = 1e9, decades = 1.0 }\n[data]\n ;; prior ;; joints.left.prior
-kind = "springs"\n=>shared = 'middle'\n ;; joints.right.shared ;; left
-kind = "springs"\n=>shared = 'right'\n ;; joints.right.shared ;; left
-kind = "springs"\n=>kind = 'springs'\nshared = 'left'\n ;; joints.right.shared ;; another kind
-dofs_per_node = 2=>dofs_per_node = 5 && kind = "springs"\ndofs = ["11:y", "11:rz"]=>shared = "left"\ndofs = ["11:z", "11:ry"] ;; joints.right.shared ;; another directions
-[data]\n=>[joints.right.prior]\nkx = { distribution = "decades", guess = 1e9, decades = 1.0 }\n[data]\n ;; joints.right.prior ;; no kx
-krz = 3e4=>krx = 3e4 ;; data.truth.stiffness ;; right.krz
-dofs = ["1:y", "1:rz"]\n=>dofs = ["1:y", "1:rz"]\naxes = [[1, 0, 0], [0, 1, 0], [0, 0.6, 0.8]]\n ;; joints.left.axes ;; right angles
-dofs = ["1:y", "1:rz"]\n=>dofs = ["1:y", "1:rz"]\noffset_mm = [0, 0, 10]\n ;; joints.left.offset_mm ;; move with 1:rx, which the structure does not have
-dofs = ["11:y", "11:rz"]=>dofs = ["11:y", "11:rz"]\nagainst = ["9:y", "9:rz"]\noffset_against_mm = [76.6, 0, 5] ;; joints.right.offset_against_mm ;; move with 9:rx, which the structure does not have
-dofs = ["1:y", "1:rz"]\n=>dofs = ["1:y", "1:rz"]\naxes = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]\n ;; joints.left.axes ;; which the structure does not have
-dofs = ["1:y", "1:rz"]\n=>dofs = ["1:y", "1:rz"]\naxes = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]\n ;; joints.left.axes ;; found left-handed axes
-dofs = ["1:y", "1:rz"]\n=>dofs = ["1:y", "3:rz"]\n ;; joints.left.dofs ;; found 3:rz beside 1:y
-dofs = ["11:y", "11:rz"]=>dofs = ["6:y", "6:rz"]\nagainst = ["5:y", "7:rz"] ;; joints.right.against ;; DOFs of one point on each side, 5
-k12 = 4e5=>k12 = 4e9 ;; data ;; positive semidefinite
-"""  # noqa: E501
-
-
-@pytest.mark.parametrize(("changes", "key", "words"), refusal_rows(BROKEN))
-def test_what_is_wrong_with_joints_is_one_line_with_file_and_key(changes, key, words):
-    with pytest.raises(CaseError) as caught:
-        case_from_text("case.toml", edited(TWO, *changes))
-    first = str(caught.value).splitlines()[0]
-    assert f" {key}" in first
-    assert words in str(caught.value)
-    assert first.startswith("case.toml")
-    assert "; " in first
 
 
 def test_dashpots_and_loss_factors_of_a_joint_are_parameters_with_priors():

@@ -9,42 +9,12 @@ import jointbayes as jb
 from jointbayes.case.parse import parse_case
 from jointbayes.errors import CaseError
 from jointbayes.inference import OfStiffness
-from tests.case.refusal_rows import refusal_rows
-from tests.conftest import CONFIGS, edited, shipped_text
+from tests.case.refusal_rows import case_text_named
+from tests.conftest import edited, shipped_text
 
-MODES = """
-[data]
-kind = "modes"
-frequencies_hz = [[118.0, 750.0], [122.0, nan]]
-sd_relative = [0.01, 0.02]
-sd_hz = 0.5
-damping_ratios = [0.011, 0.009]
-damping_sd_relative = 0.1
-numbers = [1, 2]
-
-[data.shapes]
-dofs = ["4:y", "8:y"]
-reference = "11:y"
-components = [[0.14, 0.62], [-0.61, nan]]
-sd = [0.02, 0.03]
-"""
-WHOLE = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
-BEAM = WHOLE[: WHOLE.index("[data]")]
-ZEROS = """
-[data.zeros]
-dof = "11:y"
-frequencies_hz = [[500.0, 1600.0], [505.0, nan]]
-sd_relative = 0.01
-sd_hz = [1.0, 2.0]
-
-[data.constants]
-outputs = ["8:y", "11:y"]
-inputs = "11:y"
-values_per_kg = [[0.6, 1.1], [-0.4, nan]]
-sd_relative = 0.05
-sd_per_kg = [0.01, 0.02]
-"""
-BASE = f"{BEAM}{MODES}\n[sampling]\nwalkers = 16\n"
+BASE, _, ZEROS = case_text_named("modes").partition("[data.zeros]")
+BASE = f"{shipped_text('clamped_beam').partition('[data]')[0]}{BASE}"
+ZEROS = f"[data.zeros]{ZEROS}"
 
 
 def test_a_case_states_modes_as_python_does():
@@ -96,47 +66,6 @@ def test_eigenvalues_and_repeated_shapes_are_taken():
     np.testing.assert_allclose(measured.frequency.sd[0], np.multiply(eigenvalue, [0.01, 0.02]))
     assert measured.references == ("11:y", "10:y")
     assert measured.shapes.components.values.shape == (2, 2, 2)
-
-
-IMPOSSIBLE = r"""
-frequencies_hz = [[118.0, 750.0], [122.0, nan]]\n=> ;; data.frequencies_hz ;; missing
-[122.0, nan]=>[122.0] ;; data.frequencies_hz ;; found a list of 1 beside one of 2
-[118.0, 750.0]=>[118.0, nan] ;; data.frequencies_hz ;; found a mode without any
-118.0=>0.0 ;; data.frequencies_hz ;; found .* one that is not above 0
-sd_relative = [0.01, 0.02]=>sd_relative = [0.01, 0.02, 0.03] ;; data.sd_relative ;; found 3 for 2
-sd_hz = 0.5=>sd_hz = 0.0\neigenvalues = [1.0] ;; data.eigenvalues ;; given together with
-sd_hz = 0.5=>eigenvalue_sd = 9.0 ;; data.eigenvalue_sd ;; found it with frequencies_hz; expected sd_rel.* sd_hz
-damping_sd_relative = 0.1\n=> ;; data.damping_sd_relative ;; found a standard deviation that is not above 0
-[0.011, 0.009]=>[1.1, 0.9] ;; data.damping_ratios ;; found one outside 0 to 1
-[0.011, 0.009]=>[0.011] ;; data.damping_ratios ;; found values of shape .1, 1.; expected .repetitions, 2.
-numbers = [1, 2]=>numbers = [2, 2] ;; data.numbers ;; found .2, 2. for 2 modes; expected a different one
-numbers = [1, 2]=>numbers = [1, 999] ;; data.numbers ;; 999 frequencies for 22 free DOFs
-"8:y"=>"11:y" ;; data.shapes.dofs ;; found the reference DOF "11:y"
-"8:y"=>"18:y" ;; data.shapes.dofs ;; .*18:y
-[-0.61, nan]=>[-0.61] ;; data.shapes.components ;; found a list of 1 beside one of 2
-sd = [0.02, 0.03]=>sd = 0.0 ;; data.shapes.sd ;; found a standard deviation that is not above 0
-[[500.0, 1600.0], [505.0, nan]]=>[[500.0, nan]] ;; data.zeros.frequencies_hz ;; found one without any
-[505.0, nan]=>[505.0] ;; data.zeros.frequencies_hz ;; found a list of 1 beside one of 2
-505.0=>-505.0 ;; data.zeros.frequencies_hz ;; found .* one that is not above 0
-sd_hz = [1.0, 2.0]=>sd_hz = [1.0, 2.0, 3.0] ;; data.zeros.sd_hz ;; found 3 for 2
-sd_hz = [1.0, 2.0]=>numbers = [2, 2] ;; data.zeros.numbers ;; found DOFs .* and numbers .2, 2. for 2
-sd_hz = [1.0, 2.0]=>numbers = [2] ;; data.zeros.numbers ;; found DOFs .* and numbers .2,. for 2
-sd_hz = [1.0, 2.0]=>numbers = [2, 99] ;; data.zeros.dof ;; 100 frequencies for 22 free DOFs
-dof = "11:y"=>dof = "18:y" ;; data.zeros.dof ;; .*18:y
-inputs = "11:y"=>inputs = ["11:y", "8:y", "6:y"] ;; data.constants.inputs ;; found outputs .*; expected pairs
-outputs = ["8:y", "11:y"]=>outputs = ["8:y", "8:y"] ;; data.constants.outputs ;; found outputs .*; expected pairs, each once
-[-0.4, nan]=>[-0.4] ;; data.constants.values_per_kg ;; found a list of 1 beside one of 2
-, [-0.4, nan]]\nsd_relative = 0.05\nsd_per_kg = [0.01, 0.02]=>]\nsd_relative = 0.05 ;; data.constants.values_per_kg ;; found values of shape .1, 1, 2.; expected .repetitions, 2, 2.
-0.05\nsd_per_kg = [0.01, 0.02]=>0.0 ;; data.constants.sd_relative ;; found a standard deviation that is not above 0
-[sampling]=>[uncertain.gain]\nsd_percent = 1.0\n[sampling] ;; uncertain.gain ;; natural frequencies do not
-"""  # noqa: E501
-
-
-@pytest.mark.parametrize(("changes", "key", "words"), refusal_rows(IMPOSSIBLE))
-def test_impossible_modes_are_refused_in_one_line_with_their_key(changes, key, words):
-    with pytest.raises(CaseError, match=rf"^modes\.toml:\d+: {key}: .*{words}") as refused:
-        parse_case(edited(BASE + ZEROS, *changes), "modes.toml")
-    assert "\n" not in str(refused.value)
 
 
 def test_damping_ratios_make_uncertain_damping_visible():

@@ -19,6 +19,7 @@ from jointbayes.errors import CaseError
 from jointbayes.posterior import summarise
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout, Lights
+from tests.case.refusal_rows import broken, refusal_rows
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited, judged_as, of_case, shipped_text
 
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
@@ -44,48 +45,9 @@ def test_no_shipped_case_has_a_warning_or_a_prior_that_it_does_not_state(config)
     assert case.default_priors == frozenset()
 
 
-#: What was written, the key to be named, and what is to be said of it.
-SLIPS = {
-    "length in m": ([(LENGTH, "length_mm = 0.383")], "structure.length_mm", "in m, write length_mm = 383"),
-    "length in inches": ([(LENGTH, "length_mm = 15.08")], "structure.length_mm", "in inches, write length_mm = 383.03"),
-    "length in µm": ([(LENGTH, "length_mm = 383000.0")], "structure.length_mm", "in µm, write length_mm = 383"),
-    "section in m": ([(DIAMETER, "diameter_mm = 0.025")], "structure.section.diameter_mm", "write diameter_mm = 25"),
-    "all sizes in m": (
-        [(LENGTH, "length_mm = 0.383"), (DIAMETER, "diameter_mm = 0.025")],
-        "data.f_max_hz",
-        "if length and section are in m, write them in mm: length_mm = 383",
-    ),
-    "E in Pa": ([(MODULUS, "youngs_modulus_gpa = 210e9")], "structure.youngs_modulus_gpa", "in Pa, write youngs_mod"),
-    "E in MPa": ([(MODULUS, "youngs_modulus_gpa = 210e3")], "structure.youngs_modulus_gpa", "gpa = 210"),
-    "E a thousandth": ([(MODULUS, "youngs_modulus_gpa = 0.21")], "structure.youngs_modulus_gpa", "gpa = 210"),
-    "density in g/cm³": ([(DENSITY, "density_kg_m3 = 7.8")], "structure.density_kg_m3", "in g/cm³, write density_kg"),
-    "density in t/mm³": ([(DENSITY, "density_kg_m3 = 7.8e-9")], "structure.density_kg_m3", "t/mm³, write density_kg"),
-    "density a thousandfold": ([(DENSITY, "density_kg_m3 = 7.8e6")], "structure.density_kg_m3", "kg_m3 = 7800"),
-    "no solid": ([(MODULUS, "youngs_modulus_gpa = 1e-5")], "structure.youngs_modulus_gpa", "check both numbers"),
-    "noise in per cent": ([("relative = 0.008", "relative = 3")], "data.noise.relative", "in per cent, write 0.03"),
-    "half the critical damping": ([("ratio = 0.01", "ratio = 0.5")], "structure.damping.ratio", "seldom above 0.2"),
-    "a fraction as per cent": (
-        [("[prior.k11]", "[uncertain.density]\nsd_percent = 0.02\n[prior.k11]")],
-        "uncertain.density.sd_percent",
-        "if it is a fraction, write 2",
-    ),
-    "band in kHz": (
-        [("f_min_hz = 20.0", "f_min_hz = 0.02"), ("f_max_hz = 2500.0", "f_max_hz = 2.5"),
-         ("f_step_hz = 10.0", "f_step_hz = 0.01")],
-        "data.f_max_hz",
-        "if the frequencies are in kHz, write them in Hz: 2500",
-    ),
-    "band far above": (
-        [(LENGTH, "length_mm = 1.0e6"), (DIAMETER, "diameter_mm = 500.0")],
-        "data.f_min_hz",
-        "below which the beam has about ",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("changes", "key", "words"), SLIPS.values(), ids=SLIPS)
+@pytest.mark.parametrize(("changes", "key", "words"), refusal_rows()["small beam, slips"])
 def test_a_likely_slip_is_a_warning_with_its_key_and_what_was_meant(changes, key, words):
-    (line,) = warnings_of(*changes)
+    (line,) = warnings_of(text=broken(cheap_text(), changes)[0])
     assert line.startswith(f"{key}: found ")
     assert "; expected " in line
     assert words in line

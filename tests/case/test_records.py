@@ -103,16 +103,3 @@ def test_shaker_records_become_frfs(tmp_path):
     assert case.problem.test.data.frf.averages == pytest.approx(40, abs=1)
     modes = case.problem.test.data.provenance.modes
     assert [round(m.frequency_hz) for m in modes] == [122, 752]
-
-
-@pytest.mark.parametrize(
-    ("table", "words"),
-    [
-        ('method = "shaker"', "data.records.block_s: missing"),
-        ('method = "impact"\noverlap = 0.7', 'data.records.overlap: found 0.7, which method = "impact" does not use'),
-        ('method = "shaker"\nblock_s = 1.0\nexponential_end = 0.1', "data.records.exponential_end: found 0.1"),
-    ],
-)
-def test_keys_of_the_other_method_are_refused(tmp_path, table, words):
-    with pytest.raises(CaseError, match=words):
-        loaded(tmp_path, f"[data.records]\n{table}")

@@ -13,33 +13,10 @@ from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import LogStiffness
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.studies.planning.case_candidates import candidates_of
+from tests.case.refusal_rows import case_text_named
 from tests.conftest import CLAMP, PAIR, TABLE_3, edited, pair_matrix
 
-BASE = """
-[structure]
-length_mm = 383.0
-youngs_modulus_gpa = 210.0
-density_kg_m3 = 7800.0
-section = {shape = "circle", diameter_mm = 25.0}
-damping = {law = "modal", ratio = 0.01}
-
-[joint]
-dofs = ["1:y", "1:rz"]
-
-[prior]
-k11 = {distribution = "log_uniform", low = 1e8, high = 1e12}
-k12 = {distribution = "log_uniform", low = 1e5, high = 1e9}
-k22 = {distribution = "log_uniform", low = 1e4, high = 1e8}
-
-[data]
-kind = "synthetic_frf"
-outputs = ["11:y"]
-inputs = ["11:y"]
-f_max_hz = 1000.0
-f_step_hz = 20.0
-truth = {k11 = 5.05e9, k12 = 3.44e7, k22 = 1.52e6}
-noise = {relative = 0.03, floor = 0.01, seed = 1}
-"""
+BASE = case_text_named("set_ups")
 TWO = """
 [setups.long]
 
@@ -242,54 +219,6 @@ def test_a_factor_that_is_integrated_out_is_each_set_ups_own():
 def test_a_plan_may_propose_set_ups_to_a_lone_test_whose_noise_is_integrated_out():
     case = built("[noise]\nscale = 'integrated'\n[plan.setups.short.structure]\nlength_mm = 200.0\n")
     assert [one.name for one in candidates_of(case) if one.setup] == ["short"]
-
-
-FAULTS = [
-    ("[setups.long.structure]\nlength_mm = -3.0\n", "setups.long.structure.length_mm", "greater than 0"),
-    ("[setups.long.structure]\nlenght_mm = 3.0\n", "setups.long.structure.lenght_mm", "length_mm"),
-    ("[setups.long]\nremove = ['data']\n[setups.short]\n", "setups.long.data", "missing table"),
-    ("[setups.long]\n[setups.short]\nremove = ['prior.k99']\n", "setups.short.remove", "prior.k99"),
-    ("[setups.long.sampling]\nseed = 2\n", "setups.long.sampling", "unknown table"),
-    ("[setups.'a b']\n", 'setups."a b"', "a name of letters"),
-    ("[setups.long.prior.k11]\nlow = 1e7\n", "setups.long.prior", "own = true"),
-    (
-        "[setups.long]\n[setups.short]\nremove = ['prior', 'data.truth']\n"
-        "[setups.short.joint]\nkind = 'springs'\n[setups.short.data.truth.stiffness]\nky = 1e9\nkrz = 1e6\n",
-        "setups.short.joint.kind", "another kind than in set-up long",
-    ),
-    ("[setups.long.uncertain.damping]\nsd_percent = 1.0\n", "setups.long.uncertain.damping", "unknown"),
-    ("[setups.long]\nlevel = 1.0\n", "setups.long.level", "[level]"),
-    ("[level]\nname = 'torque'\n[setups.long]\n", "level", "no level of set-up long"),
-    ("[level]\nname = 'torque'\n[setups.a]\nlevel = 2.0\n[setups.b]\nlevel = 2.0\n", "level", "the level 2 alone"),
-    ("[level]\nname = 'torque'\n[setups.long]\nlevel = 2.0\n", "level", "two levels at least"),
-    ("[noise]\nscale = 'integrated'\n[setups.a]\n[setups.b]\n", "noise.scale", "own = true for a factor of each"),
-    ("[setups.a.uncertain.density]\nown = false\nsd_percent = 3.0\n[setups.b.uncertain.density]\nown = false\n"
-     "sd_percent = 2.0\n", "setups.b.uncertain.density", "another prior than in set-up a"),
-    ("[noise]\nscale = 'sampled'\n[setups.a]\n[setups.b.noise]\nown = false\nscale_high_factor = 3.0\n",
-     "setups.b.noise", "another prior than in set-up a"),
-    ("[setups.a.structure.section]\nshape = 'tube'\nouter_diameter_mm = 30.0\ninner_diameter_mm = 20.0\n",
-     "structure.section.diameter_mm", 'remove = ["structure.section.diameter_mm"] in [setups.a]'),
-    ("[compare]\nhypotheses = ['full', 'undamped full']\n", "compare.hypotheses", 'without damping, which is "full"'),
-    ("[noise]\nown = true\n", "noise.own", "several, as [setups.long]"),
-    ("[uncertain.length]\nsd_mm = 0.1\n[setups.long]\n[setups.short.structure]\nlength_mm = 200.0\n",
-     "uncertain.length.sd_mm", "length_offset"),
-    ("[uncertain.length_offset]\nlow_mm = 1.0\nhigh_mm = 2.0\n", "uncertain.length_offset.low_mm", "at most 0"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("more", "key", "words"), FAULTS, ids=[f[1] for f in FAULTS])
-def test_what_is_wrong_is_one_line_with_file_and_key(more, key, words):
-    with pytest.raises(CaseError) as caught:
-        jb.case_from_text("case", BASE + more)
-    (line,) = str(caught.value).splitlines()
-    place, found, rest = line.split(": ", 2)
-    assert re.fullmatch(r"case:\d+", place)
-    assert found == key
-    assert words in rest
-    number = int(place.split(":")[1])
-    table = re.search(r"^\[setups", BASE + more, re.MULTILINE)
-    if key.startswith("setups") and table:
-        assert number > (BASE + more)[: table.start()].count("\n")
 
 
 def test_a_set_up_named_like_a_joint_is_refused():

@@ -42,45 +42,12 @@ def test_priors_that_set_ups_do_not_share_may_differ():
     assert {name: spec.uncertain.model_error.frequency_error for name, spec in errors.items()} == {"a": 0.01, "b": 0.02}
 
 
-@pytest.mark.parametrize(
-    ("text", "key"),
-    [
-        (
-            BASE + "[noise]\nscale = 'sampled'\n[setups.a]\n[setups.b.noise]\nown = false\nscale_low_factor = 0.9\n",
-            "noise",
-        ),
-        (
-            HEARD_ALL + INEXACT + "[setups.a]\n[setups.b.uncertain.model_error]\nown = false\nfrequency_error = 0.02\n",
-            "uncertain.model_error",
-        ),
-    ],
-)
-def test_noise_that_set_ups_share_has_one_prior(text, key):
-    line = fault(text)
-    assert f": setups.b.{key}: found another prior than in set-up a, with which it shares the quantity" in line
-
-
 def test_what_a_set_up_itself_states_and_cannot_have_is_told():
     """Only what the file says for all is left out of it."""
     assert ": setups.heard.uncertain.gain: " in fault(
         BASE + LONG_AND_HEARD + "[setups.heard.uncertain.gain]\nsd_percent = 1.0\n"
     )
     assert parse_setups(BASE + "[uncertain.gain]\nsd_percent = 1.0\n" + LONG_AND_HEARD)["heard"].uncertain.given == {}
-
-
-@pytest.mark.parametrize(
-    ("text", "name"), [(text_of(SPINDLE, "tool.tip:y", "tool.tip:y"), "tool"), (MEASURED, "spindle")]
-)
-def test_a_set_up_named_like_a_body_is_refused(text, name):
-    assert f"setups.{name}: found the name of a body, so that {name}.k11 would be two things" in fault(
-        f"{text}[setups.{name}]\n"
-    )
-
-
-def test_levels_without_set_ups_are_refused():
-    assert ": level: found no set-ups; expected a level in the table of each set-up" in fault(
-        BASE + "[level]\nname = 'torque'\n"
-    )
 
 
 def test_the_first_guess_of_a_shared_joint_is_stated_for_all():
@@ -158,9 +125,3 @@ def test_a_set_up_is_proposed_beside_other_data_than_frfs_if_it_states_none():
     assert list(parse_planned(case_text(measured + plan, "case"))) == ["new"]
     line = fault(f"{measured}{plan}[plan.setups.new.data]\nf_max_hz = 100.0\n")
     assert ': plan.setups.new.data: found a table beside data of kind = "measured_frf"' in line
-
-
-def test_a_quantity_of_a_body_in_a_case_of_one_test_is_named_by_its_place():
-    text = text_of(SPINDLE, "tool.tip:y", "tool.tip:y")
-    text = text.replace("[uncertain.bodies.tool.density]", "[uncertain.bodies.tool.density]\nown = true")
-    assert ": uncertain.bodies.tool.density.own: found true in a case of one test" in fault(text)

@@ -114,21 +114,6 @@ def test_a_case_without_a_truth_cannot_be_simulated(frequency_case):
         simulate(frequency_case, seed=1)
 
 
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ("overlap = 0.25", 'virtual_test.overlap: found 0.25, which method = "frf" does not use'),
-        ('method = "shaker"\ndouble_hits = 1', 'virtual_test.double_hits: found 1, which method = "shaker"'),
-        ('extra_outputs = ["9:y"]', "there is no node 9"),
-        ('extra_outputs = ["5:y"]', "measured anyway"),
-    ],
-)
-def test_faults_of_the_table_are_named(table, message):
-    with pytest.raises(CaseError, match="virtual") as caught:
-        virtual_case(table=table)
-    assert message in str(caught.value)
-
-
 def test_settings_override_those_of_the_case():
     settings = VirtualTestSpec(averages=3)
     assert simulate(virtual_case(), settings, seed=1)[0].averages == 3

@@ -24,7 +24,7 @@ from jointbayes.structure import (
     Section,
     chain,
 )
-from tests.case.refusal_rows import refusal_rows
+from tests.case.refusal_rows import case_text_named
 from tests.conftest import edited, shipped_text
 
 DATA = """
@@ -48,46 +48,7 @@ PRIOR = "".join(
     f'\n[prior.{k}]\ndistribution = "log_uniform"\nlow = {low}\nhigh = {high}\n'
     for k, low, high in (("k11", 1e4, 1e10), ("k12", 1e2, 1e8), ("k22", 1e2, 1e8))
 )
-PORTAL = """
-[structure]
-kind = "frame"
-directions = ["x", "y", "rz"]
-youngs_modulus_gpa = 210.0
-density_kg_m3 = 7800.0
-section = { shape = "rectangle", width_mm = 40.0, height_mm = 20.0 }
-points = { foot = [0, 0, 0], 1 = [0, 400, 0], 5 = [500, 400, 0], right = [500, 0, 0] }
-supports = ["right:x", "right:y", "right:rz"]
-damping = { law = "modal", ratio = 0.005 }
-[joint]
-dofs = ["foot:x", "foot:rz"]
-"""
-SPINDLE = """
-[structure]
-kind = "frame"
-youngs_modulus_gpa = 210.0
-density_kg_m3 = 7800.0
-accelerometer_mass_g = 1.0
-damping = { law = "loss_factor", loss_factor = 0.01 }
-[structure.bodies.holder]
-points = { nose = [0, 0, 0], step = [30, 0, 0], mouth = [80, 0, 0] }
-members = [
-  { points = ["nose", "step"], section = { shape = "circle", diameter_mm = 60 } },
-  { points = ["step", "mouth"], section = { shape = "circle", diameter_mm = 60 }, end_section = { shape = "circle", diameter_mm = 40 }, up = [0, 0, 1] },
-]
-[structure.bodies.tool]
-youngs_modulus_gpa = 600.0
-density_kg_m3 = 14500.0
-section = { shape = "circle", diameter_mm = 16.0 }
-points = { shank = [80, 0, 0], tip = [180, 0, 0] }
-masses = [{ point = "tip", mass_kg = 0.02, inertia_kg_m2 = [1e-6, 2e-6, 2e-6], offset_mm = [1, 0, 0] }]
-[joint]
-dofs = ["holder.mouth:y", "holder.mouth:rz"]
-against = ["tool.shank:y", "tool.shank:rz"]
-[uncertain.bodies.tool.density]
-sd_percent = 3.0
-[uncertain.youngs_modulus]
-sd_percent = 2.0
-"""  # noqa: E501
+PORTAL, SPINDLE = case_text_named("portal"), case_text_named("spindle")
 CHAIN = """
 [structure]
 kind = "chain"
@@ -288,56 +249,6 @@ def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
         assert words in str(caught.value)
         assert str(caught.value).startswith(f"m.toml:{line}: structure.stiffness:")
         assert "\n" not in str(caught.value)
-
-
-BROKEN_MATRICES = r"""
-[-1e4, 1e3]]=>[-2e4, 1e3]] ;; structure.stiffness ;; -10000 and -20000 at row 1, column 2
-[2.0, 0.01]=>[2.0] ;; structure.mass ;; found a mass matrix of shape (1, 1) for 2 DOFs; expected (2, 2)
-law = "loss_factor", loss_factor = 0.02=>law = "matrix", damping_matrix = [2.0] ;; structure.damping.damping_matrix ;; found a damping matrix of 1 rows for 2 DOFs
-[[2e5, -1e4], [-1e4, 1e3]]=>[[2e5, -1e4], [-1e4, -1e3]] ;; structure.stiffness ;; positive semidefinite
-dofs = ["1:y", "1:rz"]\nst=>dofs = ["1:y", "1:y"]\nst ;; structure.dofs ;; listed twice
-law = "loss_factor", loss_factor = 0.02=>law = "matrix", damping_matrix = [[-20.0, 0.0], [0.0, 1.0]] ;; structure.damping.damping_matrix ;; found one with -20 as lowest eigenvalue
-"""  # noqa: E501
-BROKEN_PORTAL = r"""
-right = [500, 0, 0]=>right = [500, 0] ;; structure.points.right ;; found
-"right:x"=>"left:x" ;; structure.supports ;; no point left
-"right:x"=>"right:z" ;; structure.supports ;; no direction z
-foot = [0, 0, 0]=>fo.ot = [0, 0, 0] ;; structure.points.fo ;; found a table
-foot = [0, 0, 0]=>foot = [0, 400, 0] ;; structure ;; no length between the points foot and 1
-section = =># section =  ;; structure.section ;; no section
-["x", "y", "rz"]=>["x", "y", "rr"] ;; structure.directions ;; "rr"
-kind = "frame"=>kind = "frames" ;; structure.kind ;; "frame"
-"""
-BROKEN_SPINDLE = r"""
-bodies.tool.density]=>bodies.tol.density] ;; uncertain.bodies.tol.density ;; without this
-tool.density]=>tool.length] ;; uncertain.bodies.tool.length ;; inertias at points
-youngs_modulus]=>length] ;; uncertain.length ;; inertias at points
-"tool.shank:rz"]=>"tool.shnk:rz"] ;; joint.against ;; no point tool.shnk
-["nose", "step"]=>["nose", "stop"] ;; structure.bodies.holder.members ;; point 'stop'
-mass_kg = 0.02=>mass_kg = -0.02 ;; structure.bodies.tool.masses.mass_kg ;; at least 0
-[1e-6, 2e-6, 2e-6]=>[1e-6, 2e-6] ;; structure.bodies.tool.masses.inertia_kg_m2 ;; with the inertia [1e-06, 2e-06]
-bodies.tool]=>bodies.2] ;; structure.bodies.2 ;; begins with a letter
-[structure.bodies.holder]=>points = { a = [0, 0, 0], b = [1, 0, 0] }\n[structure.bodies.holder] ;; structure.points ;; beside
-"""  # noqa: E501
-BROKEN = [
-    (text_of(structure, out, into), *row)
-    for structure, out, into, table in (
-        (MATRICES, "1:y", "1:y", BROKEN_MATRICES),
-        (PORTAL, "3:y", "1:x", BROKEN_PORTAL),
-        (SPINDLE, "tool.tip:y", "tool.tip:y", BROKEN_SPINDLE),
-    )
-    for row in refusal_rows(table)
-]
-
-
-@pytest.mark.parametrize(("text", "changes", "where", "words"), BROKEN)
-def test_what_is_wrong_is_named_by_line_and_key(text, changes, where, words):
-    ((old, new),) = changes
-    assert old in text
-    with pytest.raises(CaseError) as caught:
-        jb.case_from_text("f.toml", text.replace(old, new))
-    lines = str(caught.value).splitlines()
-    assert any(f": {where}:" in line and words in line for line in lines), str(caught.value)
 
 
 def test_a_frame_is_kept_in_a_posterior_file_as_it_is():
