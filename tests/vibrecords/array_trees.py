@@ -81,7 +81,7 @@ def _put(file, group, name, value):
             pair = np.empty(array.shape, [("real", "<f8"), ("imag", "<f8")])
             pair["real"], pair["imag"] = array.real, array.imag
             array = pair
-        made = group.create_dataset(name, data=array.T)
+        made = group.create_dataset(name, data=array.T, compression="gzip" if array.size else None)
         made.attrs["MATLAB_class"] = np.bytes_("double")
 
 

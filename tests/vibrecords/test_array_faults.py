@@ -1,12 +1,11 @@
 """Broken files of arrays are one helpful line each, and what has two readings is never read in one of them unsaid."""
 
-import re
-
 import numpy as np
 import pytest
 import scipy.sparse
 
 from tests.vibrecords.array_trees import WRITERS
+from tests.vibrecords.broken_files import refusal
 from tests.vibrecords.test_array_layouts import (
     POLYTEC,
     SIGNAL_CALC,
@@ -22,7 +21,6 @@ from tests.vibrecords.test_array_layouts import (
     siemens,
     signal,
 )
-from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records
 
 PAIR = {"mag": np.abs(V), "phase_deg": np.degrees(np.angle(V))}
@@ -134,22 +132,9 @@ BROKEN = {
 }  # fmt: skip
 
 
-def refusal(path, tree, form="mat", layout=None):
-    """Message of the one error that reading a tree raises."""
-    WRITERS[form](tree, path)
-    with pytest.raises(MeasurementError) as caught:
-        list(iter_records(path, layout))
-    return str(caught.value)
-
-
 @pytest.mark.parametrize("name", BROKEN)
 def test_broken_files_are_one_helpful_line(tmp_path, name):
-    tree, expected = BROKEN[name]
-    message = refusal(tmp_path / "a", tree)
-    assert "\n" not in message
-    assert "expected" in message
-    assert len(message) < 1200
-    assert re.search(expected, message), message
+    refusal(tmp_path / "a", *BROKEN[name])
 
 
 SQUARE = H[:3, :] + np.eye(3)
@@ -225,10 +210,9 @@ HOSTILE = {
 @pytest.mark.parametrize("form", ["mat", "mat73"])
 def test_two_readings_are_refused_and_a_layout_decides(tmp_path, name, form):
     tree, both, layout, expected = HOSTILE[name]
-    if both is not None:
-        message = refusal(tmp_path / "a", tree, form)
-        assert re.search(both, message), message
     WRITERS[form](tree, tmp_path / "a")
+    if both is not None:
+        refusal(tmp_path / "a", None, both)
     require(list(iter_records(tmp_path / "a", layout)), expected)
 
 
@@ -245,11 +229,5 @@ def test_layouts_that_do_not_fit_are_told(tmp_path, layout, expected):
 
 
 def test_a_layout_of_another_format_is_refused(tmp_path):
-    (tmp_path / "a").write_text("    -1\n   151\nmodel\n    -1\n")
-    with pytest.raises(MeasurementError, match=r"found \[data.layout\] for a file of format uff; expected it for"):
-        list(iter_records(tmp_path / "a", {"frf": "H"}))
-
-
-def test_there_are_enough_of_them():
-    assert len(BROKEN) >= 60
-    assert sum(both is not None for _, both, _, _ in HOSTILE.values()) >= 15
+    said = r"found \[data.layout\] for a file of format uff; expected it for"
+    refusal(tmp_path / "a", "    -1\n   151\nmodel\n    -1\n", said, {"frf": "H"})

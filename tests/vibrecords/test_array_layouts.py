@@ -73,6 +73,7 @@ def history(channel, values, rate=256.0, **more):
     return {"kind": TimeRecord, "channel": channel, "values": values, "sample_rate_hz": rate} | more
 
 
+NUMBERED = tuple(f"no {side}puts named in the file, numbered instead" for side in ("out", "in"))
 ONE = [frf("output 1", "input 1")]
 MANY = [frf(f"output {i + 1}", "input 1", H[:, i]) for i in range(3)]
 SIGNAL_CALC = {
@@ -109,8 +110,8 @@ FILES = {
         ({"FRF": siemens(values=V, unit="m/N") | {"x_values": {"values": F**1.5, "quantity": {"label": "Hz"}}}},
         [frf("Tip:1:+Z", "Tip:2:+X", lines=F**1.5, quantity="receptance")]),
     "test.lab time":
-        ({"Signal": signal()},
-        [history("3:Point1", G * X[:, 0], quantity="acceleration"), history("4:Point2", G * X[:, 1], unit="g")],
+        ({"Signal": signal(names=("3:Point1", "µ-mid"))},
+        [history("3:Point1", G * X[:, 0], quantity="acceleration"), history("µ-mid", G * X[:, 1], unit="g")],
         WITH_LISTS),
     "test.lab time one":
         ({"Signal_0": signal(X[:, :1], ["hammer"], "N"), "Signal_1": signal(X[:, 1:], ["tip"], "g")},
@@ -166,7 +167,9 @@ FILES = {
     "three dimensions":
         ({"frf": H.reshape(8, 3, 1), "frequency_hz": F, "outputs": np.array(["a", "b", "c"])},
         [frf(name, "input 1", H[:, i]) for i, name in enumerate("abc")], ("npz", "mat")),
-    "omega": ({"H": V, "omega": 2 * np.pi * F}, ONE),
+    "omega":
+        ({"H": V, "omega": 2 * np.pi * F},
+        [frf("output 1", "input 1", notes=("frequency in rad/s converted to Hz", *NUMBERED))]),
     "kilohertz": ({"H": V, "f_kHz": F / 1000, "g": 9.81}, ONE),
     "unit of the axis": ({"H": V, "freq": 2 * np.pi * F, "freq_unit": "rad/s"}, ONE),
     "unit of the FRF": ({"H": V, "f": F, "H_unit": "g/N"}, [frf("output 1", "input 1", G * V, factor=G)]),
@@ -211,16 +214,14 @@ FILES = {
     "magnitudes of 20 to 60":
         ({"mag": np.abs(V) + 20, "phase_deg": np.degrees(np.angle(V)), "f": F},
         [frf("output 1", "input 1", V + 20 * V / np.abs(V)) | {"notes":
-        ("magnitude taken as linear, not in decibels", "no outputs named in the file, numbered instead",
-        "no inputs named in the file, numbered instead")}]),
+        ("magnitude taken as linear, not in decibels", *NUMBERED)}]),
     "magnitudes in dB by their unit":
         ({"mag": 20 * np.log10(np.abs(V)), "mag_unit": "dB", "phase_deg": np.degrees(np.angle(V)), "f": F},
         [frf("output 1", "input 1", factor=None)]),
     "an FRF of a name that says nothing":
         ({"G": H[:, 1], "H": V, "f": F},
         [frf("output 1", "input 1",
-        notes=("'G' not read: [data.layout] can name it", "no outputs named in the file, numbered instead",
-        "no inputs named in the file, numbered instead"))]),
+        notes=("'G' not read: [data.layout] can name it", *NUMBERED))]),
     "beside texts and numbers of known names":
         ({"H": V, "f": F, "force": "hammer", "samples": 4096.0, "time": "12:30", "units": {"H": "g"}, "response": 2.0},
         ONE),
@@ -298,7 +299,3 @@ def test_cells_in_cells_empty_ones_and_structs_of_cells(tmp_path):
     oracle = scipy.io.loadmat(tmp_path / "a", appendmat=False, simplify_cells=True)
     assert oracle["a"]["b"][0]["d"][1][0] == 2.0
     assert read_arrays(tmp_path / "a", "mat")["e"].size == oracle["e"].size == 0
-
-
-def test_there_are_enough_layouts():
-    assert len(FILES) >= 50

@@ -20,7 +20,6 @@ from vibrecords.formats import (
     write_frf,
     write_records,
 )
-from vibrecords.formats.units import G_STANDARD, frequency_factor, frf_unit, parse_unit, sensor_unit
 from vibrecords.records import Dof, FrfRecord, TimeRecord, dof_label, parse_dof
 
 #: Text of universal files has columns for 13 digits; all else comes back bit for bit.
@@ -196,45 +195,7 @@ def test_writing_into_no_directory_is_one_line(tmp_path):
         write_frf(frf_set(), tmp_path / "none" / "a", "csv")
 
 
-# units and labels
-
-
-@pytest.mark.parametrize(("label", "factor", "quantity"), [
-    ("(m/s²)/N", 1.0, "accelerance"),
-    ("m/s^2/N", 1.0, "accelerance"),
-    ("m/s2/N", 1.0, "accelerance"),
-    ("m/(N s^2)", 1.0, "accelerance"),
-    ("[m/s**2/N]", 1.0, "accelerance"),
-    ("1/kg", 1.0, "accelerance"),
-    ("g/N", G_STANDARD, "accelerance"),
-    ("g/lbf", 2.2046226218487757, "accelerance"),
-    ("mm/s/N", 1e-3, "mobility"),
-    ("(in/s)/lbf", 0.0254 / 4.4482216152605, "mobility"),
-    ("µm/N", 1e-6, "receptance"),
-    ("mm/kN", 1e-6, "receptance"),
-    ("m N^-1", 1.0, "receptance"),
-    ("IN/LBF", 0.0254 / 4.4482216152605, "receptance"),
-    ("m/MN", 1e-6, "receptance"),
-    ("rad/(Nm)", 1.0, "receptance"),
-])  # fmt: skip
-def test_units_of_frfs(label, factor, quantity):
-    found, said = frf_unit(label)
-    assert (pytest.approx(factor, rel=1e-12), quantity) == (found, said)
-
-
-@pytest.mark.parametrize("label", ["", "EU", "V/V", "m", "N/m", "m/s^9/N", "dB", "((((((m", "m)/N", "x" * 100, "Pa/N"])
-def test_units_that_say_nothing(label):
-    assert frf_unit(label) is None
-
-
-def test_units_of_sensors_and_axes():
-    assert sensor_unit("lbf") == (4.4482216152605, "force")
-    assert sensor_unit("in/s") == (0.0254, "velocity")
-    assert sensor_unit("V") is None
-    assert parse_unit("kg") is not None
-    assert frequency_factor("rad/s") == pytest.approx(1 / (2 * np.pi), rel=1e-15)
-    assert frequency_factor("kHz") == 1e3
-    assert frequency_factor("furlong") is None
+# labels
 
 
 @pytest.mark.parametrize("direction", range(-6, 7))

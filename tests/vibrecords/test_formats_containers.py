@@ -80,13 +80,6 @@ def test_units_are_applied_and_kept_as_written(tmp_path, save):
     assert "g/N converted to (m/s^2)/N" in first.notes
 
 
-def test_circular_frequency_is_converted(tmp_path, save):
-    save(tmp_path / "a", omega=LINES * 2 * np.pi, H=H)
-    first = next(iter_records(tmp_path / "a"))
-    np.testing.assert_allclose(first.frequency_hz, LINES, rtol=1e-15)
-    assert "frequency in rad/s converted to Hz" in first.notes
-
-
 def test_hammer_records_as_matrices_of_hits(tmp_path, save):
     save(tmp_path / "a", fs=2000.0, force=np.abs(H[:, :, 0]), acceleration=np.abs(H[:, :, 1]))
     found = list(iter_records(tmp_path / "a"))
@@ -126,31 +119,6 @@ def test_hdf5_groups_are_blocks_and_attributes_count(tmp_path):
     found = list(iter_records(tmp_path / "a"))
     assert [r.where.split("'")[1] for r in found] == [f"run/hit_{k}/frf" for k in (1, 2, 10)]
     assert {(r.quantity, r.averages) for r in found} == {("mobility", 3)}
-
-
-def test_version_73_as_matlab_itself_writes_it(tmp_path):
-    """Cells are references, arrays lie the other way round, complex numbers have the parts real and imag."""
-    path = tmp_path / "a"
-    with h5py.File(path, "w", userblock_size=512) as file:
-        pair = np.zeros(H.T.shape, [("real", "<f8"), ("imag", "<f8")])
-        pair["real"], pair["imag"] = H.T.real, H.T.imag
-        group = file.create_group("test")
-        for name, data in (("H", pair), ("f", LINES[None])):
-            group.create_dataset(name, data=data, compression="gzip").attrs["MATLAB_class"] = np.bytes_("double")
-        references = []
-        for i, label in enumerate(("tip", "µ-mid", "root")):
-            cell = file.create_dataset(f"#refs#/{i}", data=np.frombuffer(label.encode("utf-16-le"), "<u2")[:, None])
-            cell.attrs["MATLAB_class"] = np.bytes_("char")
-            references.append(cell.ref)
-        cells = group.create_dataset("outputs", data=np.array([references], dtype=h5py.ref_dtype))
-        cells.attrs["MATLAB_class"] = np.bytes_("cell")
-        word = np.frombuffer("mobility".encode("utf-16-le"), "<u2")[:, None]
-        group.create_dataset("quantity", data=word).attrs["MATLAB_class"] = np.bytes_("char")
-    with path.open("r+b") as raw:
-        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
-    frf = read_frf(path)
-    np.testing.assert_array_equal(frf.values, H)
-    assert (frf.outputs, frf.quantity) == (("tip", "µ-mid", "root"), "mobility")
 
 
 def test_our_mat_files_are_as_matlab_has_them(tmp_path):

@@ -1,4 +1,4 @@
-"""Tables of text and LabVIEW files in the dialects that programs write."""
+"""Tables of text in the dialects that programs write."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ import pytest
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, read_frf
 from vibrecords.formats.table import column_of
-from vibrecords.records import TimeRecord
 
 LINES = np.array([1.5, 2.0, 2.5, 3.25])
 H = np.array([1 + 2j, -0.5 + 0.25j, 3e-3 - 4e-3j, -7.5j])
@@ -153,83 +152,6 @@ def test_time_histories(tmp_path):
 ])  # fmt: skip
 def test_roles_of_columns(header, role, name):
     assert (column_of(header).role, column_of(header).name) == (role, name)
-
-
-# LabVIEW
-
-LVM = """LabVIEW Measurement\t
-Writer_Version\t2
-Reader_Version\t2
-Separator\tTab
-Decimal_Separator\t{decimal}
-Multi_Headings\tYes
-X_Columns\t{columns}
-Time_Pref\tRelative
-Operator\tsomebody
-Date\t2020/01/02
-***End_of_Header***\t
-
-{segments}"""
-SEGMENT = """Channels\t2\t\t
-Samples\t{n}\t{n}\t
-Date\t2020/01/02\t2020/01/02\t
-Y_Unit_Label\tN\tg\t
-X_Dimension\tTime\tTime\t
-X0\t0.0E+0\t0.0E+0\t
-Delta_X\t0.0005\t0.0005\t
-***End_of_Header***\t\t\t
-{names}
-{rows}
-"""
-
-
-def lvm(columns="One", decimal=".", hits=1):
-    names = {"One": "X_Value\tForce\tAcc\tComment", "No": "X_Value\tForce\tAcc\tComment",
-             "Multi": "X_Value\tForce\tX_Value\tAcc\tComment"}[columns]  # fmt: skip
-    segments = []
-    for hit in range(1, hits + 1):
-        rows = []
-        for i in range(4):
-            x, a, b = f"{i * 0.0005!r}", repr(float(H.real[i] * hit)), repr(float(H.imag[i] * hit))
-            rows.append("\t".join({"One": (x, a, b), "No": ("", a, b), "Multi": (x, a, x, b)}[columns]))
-        segments.append(SEGMENT.format(n=4, names=names, rows="\n".join(rows)))
-    body = "\n".join(segments)
-    if decimal == ",":
-        body = body.replace(".", ",")
-    return LVM.format(decimal=decimal, columns=columns, segments=body)
-
-
-@pytest.mark.parametrize("columns", ["One", "No", "Multi"])
-@pytest.mark.parametrize("decimal", [".", ","])
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_labview_files_with_their_axes(tmp_path, columns, decimal, end):
-    text = lvm(columns, decimal).replace("\n", end)
-    force, acceleration = records(tmp_path / "a", text)
-    assert (force.channel, force.quantity, force.hit, force.sample_rate_hz) == (
-        "Force",
-        "force",
-        None,
-        pytest.approx(2000),
-    )
-    np.testing.assert_array_equal(force.values, H.real)
-    np.testing.assert_allclose(acceleration.values, 9.80665 * H.imag)
-
-
-def test_segments_of_labview_files_are_hits(tmp_path):
-    found = records(tmp_path / "a", lvm(hits=3))
-    assert all(isinstance(r, TimeRecord) for r in found)
-    assert [(r.channel, r.hit) for r in found] == [(c, k) for k in (1, 2, 3) for c in ("Force", "Acc")]
-    np.testing.assert_array_equal(found[4].values, 3 * H.real)
-    assert found[4].where == "segment 3, column 2"
-
-
-def test_frfs_of_labview_files(tmp_path):
-    rows = "\n".join(f"{f!r}\t{z.real!r}\t{z.imag!r}" for f, z in zip(LINES.tolist(), H.tolist(), strict=True))
-    segment = SEGMENT.format(n=4, names="X_Value\tReal A / B\tImaginary A / B\tComment", rows=rows)
-    segment = segment.replace("Time\tTime", "Frequency\tFrequency").replace("N\tg", "m/s^2/N\tm/s^2/N")
-    (record,) = records(tmp_path / "a", LVM.format(decimal=".", columns="One", segments=segment))
-    np.testing.assert_array_equal(record.values, H)
-    assert (record.quantity, record.where) == ("accelerance", "segment 1, columns 2 and 3")
 
 
 def test_absurd_averages_say_what_is_allowed(tmp_path):

@@ -45,27 +45,11 @@ def test_files_of_pyuff_are_read(tmp_path, binary, even):
     path = tmp_path / "a.uff"
     file = pyuff.UFF(str(path))
     lines = 1 + 0.5 * np.arange(23)
+    common = {"binary": binary, "func_type": 4, "rsp_dir": -3, "ref_node": 2, "ref_dir": 3, "x": lines, "id1": "id"}
+    common |= {"rsp_ent_name": "Point", "ref_ent_name": "Point", "abscissa_spacing": even}
+    common |= {"abscissa_spec_data_type": 18, "ordinate_spec_data_type": 8, "orddenom_spec_data_type": 13}
     for node in (1, 2):
-        file.write_sets(
-            pyuff.prepare_58(
-                binary=binary,
-                func_type=4,
-                rsp_node=node,
-                rsp_dir=-3,
-                ref_node=2,
-                ref_dir=3,
-                data=H * node,
-                x=lines,
-                rsp_ent_name="Point",
-                ref_ent_name="Point",
-                abscissa_spacing=even,
-                abscissa_spec_data_type=18,
-                ordinate_spec_data_type=8,
-                orddenom_spec_data_type=13,
-                id1="id",
-            ),
-            "add",
-        )
+        file.write_sets(pyuff.prepare_58(rsp_node=node, data=H * node, **common), "add")
     frf = read_frf(path)
     assert (frf.outputs, frf.inputs, frf.quantity) == (("Point:1:Z-", "Point:2:Z-"), ("Point:2:Z+",), "receptance")
     np.testing.assert_allclose(frf.frequency_hz, lines, rtol=1e-5)
@@ -198,15 +182,10 @@ def test_averages_stand_in_an_id_line(tmp_path, line):
 
 
 def test_time_histories_with_units_and_hits(tmp_path):
+    steps = {"function": 1, "first": 0.0, "step": 1e-3}
     block = [
         function_58(
-            H.real * k,
-            function=1,
-            first=0.0,
-            step=1e-3,
-            kinds=("time", kind, "none"),
-            units=("s", unit, "NONE"),
-            response=("Point", node, 3),
+            H.real * k, kinds=("time", kind, "none"), units=("s", unit, "NONE"), response=("Point", node, 3), **steps
         )
         for k in (1, 2)
         for node, kind, unit in ((1, "force", "lbf"), (2, "acceleration", "g"))
@@ -221,13 +200,6 @@ def test_time_histories_with_units_and_hits(tmp_path):
     ]
     np.testing.assert_allclose(records[3].values, 2 * 9.80665 * H.real, rtol=1e-12)
     assert all(isinstance(r, TimeRecord) and abs(r.sample_rate_hz - 1000) < 1e-6 for r in records)
-
-
-def test_coherences_that_do_not_pair_up_are_left_and_told(tmp_path):
-    (tmp_path / "a").write_text(function_58(H) * 2 + function_58(np.full(23, 0.5), function=6))
-    for record in iter_records(tmp_path / "a"):
-        assert record.coherence is None
-        assert record.notes == ("1 coherences for 2 FRFs of this pair: none taken",)
 
 
 @pytest.mark.parametrize("single", [True, False])
@@ -267,10 +239,13 @@ def test_columns_of_the_header_that_touch_are_read(tmp_path):
     np.testing.assert_array_equal(only(tmp_path / "b", touching).frequency_hz, lines)
 
 
-def test_one_record_is_in_memory_at_a_time(tmp_path):
+TIME = {"function": 1, "first": 0.0, "kinds": ("time", "force", "none"), "units": ("s", "N", "NONE")}
+
+
+@pytest.mark.parametrize(("values", "form"), [(RNG.normal(size=4_000) + 1j, {}), (RNG.normal(size=8_000), TIME)])
+def test_one_record_is_in_memory_at_a_time(tmp_path, values, form):
     path = tmp_path / "a"
-    big = RNG.normal(size=5_000) + 1j
-    path.write_text("".join(function_58(big, response=("NONE", n, 3)) for n in range(1, 13)))
+    path.write_text("".join(function_58(values, response=("NONE", n, 3), **form) for n in range(1, 13)))
     size = path.stat().st_size
     tracemalloc.start()
     count = sum(1 for _ in iter_records(path))

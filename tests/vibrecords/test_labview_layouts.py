@@ -111,6 +111,9 @@ LVM = {
     "an FRF":
         (lvm(["Real A / B", "Imaginary A / B"], [F, H.real, H.imag], head(["m/s^2/N"] * 2, 12, 20.0, 2.5, "Frequency")),
         [frf("A", "B", quantity="accelerance")]),
+    "an X column for each, decimal comma":
+        (lvm(["Force", "Tip"], [T, A, T, B], head(["N", "g"]), layout="Multi", decimal=","), [FORCE, TIP]),
+    "one X column, decimal comma": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"]), decimal=","), [FORCE, TIP]),
     "CR LF": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"])).replace("\n", "\r\n"), [FORCE, TIP]),
 }  # fmt: skip
 
@@ -145,6 +148,14 @@ def test_labview_text_is_as_lvm_read_reads_it(tmp_path, name):
         np.testing.assert_allclose(values, oracle[: values.size], rtol=1e-12)
         assert np.isnan(oracle[values.size :]).all()
     assert found or "FFT" in LVM[name][0] or "Real" in LVM[name][0]
+
+
+def test_records_say_where_they_stand(tmp_path):
+    assert [record.where for record in read(tmp_path, LVM["two segments"][0])] == [
+        "segment 1, column 2",
+        "segment 2, column 2",
+    ]
+    assert [record.where for record in read(tmp_path, LVM["an FRF"][0])] == ["segment 1, columns 2 and 3"]
 
 
 def test_counts_and_clocks_that_disagree_are_said(tmp_path):

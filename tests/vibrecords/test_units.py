@@ -17,52 +17,26 @@ from vibrecords.formats.units import (
 #: Special Publication 811 (2008), appendix B.8 to the digits printed there; SI prefixes from its table 5.
 LENGTH, TIME, MASS, FORCE, ACCELERATION = (1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (1, 1, -2, 0), (1, 0, -2, 0)
 PRESSURE, VOLT = (-1, 1, -2, 0), (0, 0, 0, 1)
+_FACTORS = {
+    (0, 0, 0, 0): "1 rad = 1",
+    LENGTH: "m meter meters metre metres = 1; cm = 1e-2; mm = 1e-3; um micron microns = 1e-6; nm = 1e-9; "
+            "in inch inches = 2.54e-2; mil mils = 2.54e-5; ft feet = 3.048e-1",
+    TIME: "s sec second seconds = 1; ms = 1e-3",
+    MASS: "kg = 1",
+    FORCE: "N newton newtons = 1; mN = 1e-3; kN = 1e3; MN = 1e6; dyn = 1e-5; lbf lb lbs pound pounds = 4.448222; "
+           "kgf kp = 9.80665",  # analysers write the force lb
+    ACCELERATION: "g G gn g0 gs = 9.80665",  # of free fall, standard
+    (2, 1, -2, 0): "Nm = 1",
+    (1, 0, -1, 0): "ips = 2.54e-2",  # inch per second
+    PRESSURE: "Pa = 1; kPa = 1e3",
+    VOLT: "V volt volts = 1; mV = 1e-3",
+    (0, 0, -1, 0): "Hz = 1",
+}  # fmt: skip
 NIST = {
-    "1": (1.0, (0, 0, 0, 0)),
-    "rad": (1.0, (0, 0, 0, 0)),
-    "m": (1.0, LENGTH),
-    "cm": (1.0e-02, LENGTH),
-    "mm": (1.0e-03, LENGTH),
-    "um": (1.0e-06, LENGTH),
-    "nm": (1.0e-09, LENGTH),
-    "in": (2.54e-02, LENGTH),  # inch (in)
-    "inch": (2.54e-02, LENGTH),
-    "mil": (2.54e-05, LENGTH),  # mil (0.001 in)
-    "ft": (3.048e-01, LENGTH),  # foot (ft)
-    "s": (1.0, TIME),
-    "sec": (1.0, TIME),
-    "ms": (1.0e-03, TIME),
-    "kg": (1.0, MASS),
-    "N": (1.0, FORCE),
-    "mN": (1.0e-03, FORCE),
-    "kN": (1.0e03, FORCE),
-    "MN": (1.0e06, FORCE),
-    "dyn": (1.0e-05, FORCE),  # dyne (dyn)
-    "lbf": (4.448222, FORCE),  # pound-force (lbf)
-    "lb": (4.448222, FORCE),  # analysers write the force so
-    "lbs": (4.448222, FORCE),
-    "kgf": (9.80665, FORCE),  # kilogram-force (kgf)
-    "kp": (9.80665, FORCE),  # kilopond (kilogram-force) (kp)
-    "g": (9.80665, ACCELERATION),  # acceleration of free fall, standard (g_n)
-    "G": (9.80665, ACCELERATION),
-    "gn": (9.80665, ACCELERATION),
-    "g0": (9.80665, ACCELERATION),
-    "gs": (9.80665, ACCELERATION),
-    "Nm": (1.0, (2, 1, -2, 0)),
-    **dict.fromkeys(("meter", "meters", "metre", "metres"), (1.0, LENGTH)),
-    **dict.fromkeys(("micron", "microns"), (1.0e-06, LENGTH)),  # micron (µ)
-    "inches": (2.54e-02, LENGTH),
-    "mils": (2.54e-05, LENGTH),
-    "feet": (3.048e-01, LENGTH),
-    **dict.fromkeys(("second", "seconds"), (1.0, TIME)),
-    "ips": (2.54e-02, (1, 0, -1, 0)),  # inch per second (in/s)
-    **dict.fromkeys(("newton", "newtons"), (1.0, FORCE)),
-    **dict.fromkeys(("pound", "pounds"), (4.448222, FORCE)),
-    "Pa": (1.0, PRESSURE),
-    "kPa": (1.0e03, PRESSURE),
-    **dict.fromkeys(("V", "volt", "volts"), (1.0, VOLT)),
-    "mV": (1.0e-03, VOLT),
-    "Hz": (1.0, (0, 0, -1, 0)),
+    name: (float(factor), powers)
+    for powers, row in _FACTORS.items()
+    for names, factor in (part.split(" = ") for part in row.split("; "))
+    for name in names.split()
 }
 #: Hertz for one unit, from the same table: revolution per minute 1.047 198 E−01 rad/s, one turn is 2π rad.
 HERTZ = {
@@ -110,28 +84,35 @@ def test_an_frf_of_any_length_is_multiplied_by_it(label, of_time, quantity):
     assert factor == pytest.approx(NIST[label][0], rel=PRINTED)
 
 
+def test_the_unit_of_a_sensor_says_what_it_measures():
+    assert sensor_unit("in/s") == (0.0254, "velocity")
+
+
 def test_milliseconds_count_twice_in_an_acceleration():
     assert np.isclose(parse_unit("mm/ms^2").factor, 1e3, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("label", "factor", "quantity"), [
-    ("(m/s^2)/Newtons", 1.0, "accelerance"),
-    ("g's/Pound(s)", 9.80665 / 4.448222, "accelerance"),
-    ("G/lbf", 9.80665 / 4.448222, "accelerance"),
-    ("ips/LBF", 0.0254 / 4.448222, "mobility"),
-    ("mils/lb", 2.54e-5 / 4.448222, "receptance"),
-    ("ms-2/N", 1.0, "accelerance"),
-    ("ms⁻²/N", 1.0, "accelerance"),
-    ("m/s\u00b2/N", 1.0, "accelerance"),
-    ("1/N*(m/s²)", 1.0, "accelerance"),
-    ("[m/s²]/[N]", 1.0, "accelerance"),
-    ("[(mm/s)/kN]", 1e-6, "mobility"),
-    ("m/s2/Newton(s)", 1.0, "accelerance"),
-])  # fmt: skip
-def test_units_as_programs_write_them(label, factor, quantity):
-    found, named, _ = read_frf_unit(label)
-    assert named == quantity
-    assert found == pytest.approx(factor, rel=PRINTED)
+G, LBF = 9.80665, 4.4482216152605
+AS_WRITTEN = {
+    "accelerance": {
+        1.0: ["(m/s²)/N", "m/s^2/N", "m/s2/N", "m/(N s^2)", "[m/s**2/N]", "1/kg", "(m/s^2)/Newtons", "ms-2/N", "ms⁻²/N",
+              "1/N*(m/s²)", "[m/s²]/[N]", "m/s2/Newton(s)"],
+        G: ["g/N"],
+        G / LBF: ["g/lbf", "g's/Pound(s)", "G/lbf"],
+    },
+    "mobility": {1e-3: ["mm/s/N"], 1e-6: ["[(mm/s)/kN]"], 0.0254 / LBF: ["(in/s)/lbf", "ips/LBF"]},
+    "receptance": {
+        1.0: ["m N^-1", "rad/(Nm)"], 1e-6: ["µm/N", "mm/kN", "m/MN"], 0.0254 / LBF: ["IN/LBF"],
+        2.54e-5 / LBF: ["mils/lb"],
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("quantity", AS_WRITTEN)
+def test_units_as_programs_write_them(quantity):
+    for factor, labels in AS_WRITTEN[quantity].items():
+        for label in labels:
+            assert read_frf_unit(label)[:2] == (pytest.approx(factor, rel=1e-12), quantity), label
 
 
 @pytest.mark.parametrize(
@@ -144,9 +125,28 @@ def test_an_frf_over_volts_is_in_no_si_unit_but_has_a_quantity(label, quantity):
     assert "over volts" in notes[0]
 
 
-@pytest.mark.parametrize("label", ["EU", "V/N", "V/V", "Pa/N", "N/m", "dB", "m/s^2", "furlong/N", "g·N"])
+@pytest.mark.parametrize(
+    "label",
+    [
+        "EU",
+        "V/N",
+        "V/V",
+        "Pa/N",
+        "N/m",
+        "dB",
+        "m/s^2",
+        "furlong/N",
+        "g·N",
+        "m",
+        "m/s^9/N",
+        "((((((m",
+        "m)/N",
+        "x" * 100,
+    ],
+)
 def test_a_unit_of_no_frf_leaves_the_values_as_they_are_and_says_so(label):
     factor, quantity, notes = read_frf_unit(label)
     assert (factor, quantity) == (None, None)
     assert "left as written" in notes[0]
+    assert frf_unit(label) is frf_unit("") is sensor_unit("V") is frequency_factor("furlong") is None
     assert read_frf_unit("") == (1.0, None, [])
