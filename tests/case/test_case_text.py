@@ -98,40 +98,27 @@ def test_a_text_without_extends_is_itself():
     assert text.place(("structure", "length_mm")) == ("x.toml", 4)
 
 
-@pytest.mark.parametrize(
-    ("files", "words"),
-    [
-        (
-            {"case": '\nextends = "case.toml"\n'},
-            "case.toml:2: extends: found a circle, .*case.toml → .*case.toml; expected",
-        ),
-        (
-            {"case": 'extends = "base.toml"\n', "base": 'title = "B"\nextends = "case.toml"\n'},
-            "base.toml:2: extends: found a circle, .*case.toml → .*base.toml → .*case.toml; expected",
-        ),
-        (
-            {"case": 'extends = "bass.toml"\n', "base": BASE},
-            'extends: found "bass.toml", which is no file; .*"base.toml"',
-        ),
-        (
-            {"case": 'extends = "../base.toml"\n'},
-            r"extends: found \"../base.toml\", which leads out of .*--allow-outside",
-        ),
-        ({"case": "extends = 3\n"}, "extends: found int; expected the name of a case file, a text; write for example"),
-        ({"case": 'remove = ["data"]\n[data]\n'}, "remove: found it in a file that builds on none"),
-        (
-            {"case": 'extends = "base.toml"\nremove = ["prior.k1"]\n', "base": BASE},
-            'case.toml:2: remove: found "prior.k1", which the base does not have; .* "prior.k11"',
-        ),
-        ({"case": 'extends = "base.toml"\nremove = "data"\n', "base": BASE}, "remove: found what is no key"),
-        ({"case": 'extends = "base.toml"\nremove = [""]\n', "base": BASE}, "remove: found what is no key"),
-        ({"case": 'extends = "base.toml"\n', "base": "a = \n"}, "base.toml:1: a: .*expected TOML"),
-    ],
-)
-def test_what_cannot_be_built_on_is_refused_in_one_line_with_file_and_key(tmp_path, files, words):
-    case = write(tmp_path / "here", **files)
+EXTENDS = 'extends = "base.toml"\n'
+
+
+@pytest.mark.parametrize(("case", "base", "words"), [
+    ('\nextends = "case.toml"\n', "", "case.toml:2: extends: found a circle, .*case.toml → .*case.toml; expected"),
+    (EXTENDS, 'title = "B"\nextends = "case.toml"\n',
+     "base.toml:2: extends: found a circle, .*case.toml → .*base.toml → .*case.toml; expected"),
+    ('extends = "bass.toml"\n', BASE, 'extends: found "bass.toml", which is no file; .*"base.toml"'),
+    ('extends = "../base.toml"\n', "", r"extends: found \"../base.toml\", which leads out of .*--allow-outside"),
+    ("extends = 3\n", "", "extends: found int; expected the name of a case file, a text; write for example"),
+    ('remove = ["data"]\n[data]\n', "", "remove: found it in a file that builds on none"),
+    (f'{EXTENDS}remove = ["prior.k1"]\n', BASE,
+     'case.toml:2: remove: found "prior.k1", which the base does not have; .* "prior.k11"'),
+    (f'{EXTENDS}remove = "data"\n', BASE, "remove: found what is no key"),
+    (f'{EXTENDS}remove = [""]\n', BASE, "remove: found what is no key"),
+    (EXTENDS, "a = \n", "base.toml:1: a: .*expected TOML"),
+])  # fmt: skip
+def test_what_cannot_be_built_on_is_refused_in_one_line_with_file_and_key(tmp_path, case, base, words):
+    path = write(tmp_path / "here", case=case, **({"base": base} if base else {}))
     with pytest.raises(CaseError, match=words) as refused:
-        read_case_text(case)
+        read_case_text(path)
     assert "\n" not in str(refused.value)
 
 

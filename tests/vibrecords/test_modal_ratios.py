@@ -7,7 +7,7 @@ from vibrecords import FrfSet
 from vibrecords.modal_fit import identify_modes
 from vibrecords.modal_ratios import identify_ratios
 
-HZ = np.arange(20.0, 500.0, 0.5)
+HZ = np.arange(20.0, 500.0, 1.0)
 MODES_HZ, DAMPING = np.array([80.0, 210.0, 390.0]), np.array([0.01, 0.008, 0.012])
 SHAPES = np.array([[0.1, 0.5, 1.0], [-0.6, -0.8, 1.0], [1.0, 0.02, -0.7]])  # (modes, DOFs)
 DOFS = ("2:y", "6:y", "11:y")

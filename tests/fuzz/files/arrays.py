@@ -15,33 +15,10 @@ from tests.fuzz.mutations import damaged_bytes
 
 Block = dict[str, Any]
 _NAMES = [
-    "frequency_hz",
-    "f",
-    "omega_rad_s",
-    "w",
-    "frf",
-    "H",
-    "outputs",
-    "inputs",
-    "quantity",
-    "unit",
-    "coherence",
-    "averages",
-    "sample_rate_hz",
-    "fs",
-    "time",
-    "samples",
-    "channels",
-    "units",
-    "quantities",
-    "hits",
-    "force",
-    "acceleration",
-    "velocity",
-    "displacement",
-    "response",
-    "manifest",
-]
+    "frequency_hz", "f", "omega_rad_s", "w", "frf", "H", "outputs", "inputs", "quantity", "unit", "coherence",
+    "averages", "sample_rate_hz", "fs", "time", "samples", "channels", "units", "quantities", "hits", "force",
+    "acceleration", "velocity", "displacement", "response", "manifest",
+]  # fmt: skip
 _TYPES = ("<f8", ">f8", "<f4", "<f2", "<i4", "u1", "<i8", "<u8", "<c16", "<c8", "?", "S3", "<U4")
 #: Names of members, and four bytes of text that is none.
 _STRANGE = ("a\x1b[31m.npy", "\u202e/x.npy", "/f.npy", "x", "a/b/c.npy")
