@@ -14,8 +14,6 @@ from vibrecords import files
 from vibrecords.errors import WriteError
 from vibrecords.files import LOCK, MARK, OwnDirectory, lock_file, sweep, whole_directory, whole_file, write_whole_file
 
-pytestmark = pytest.mark.skipif(not files.HAS_LOCKS, reason="this system has no locks on files that end with a process")
-
 WRITER = """
 import sys, time
 from pathlib import Path

@@ -1,7 +1,6 @@
 """Measurement files of every format: what is written is read, to the last bit but in UFF text; formats by content."""
 
 import dataclasses
-import os
 import stat
 
 import numpy as np
@@ -174,7 +173,6 @@ def test_writing_leaves_the_old_file_when_it_fails(tmp_path):
     assert stat.S_IMODE(path.stat().st_mode) & 0o400
 
 
-@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
 def test_a_new_file_is_as_readable_as_any_other(tmp_path):
     write_frf(frf_set(), tmp_path / "a", "csv")
     (tmp_path / "b").touch()

@@ -4,6 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+import pyuff
 
 from tests.vibrecords.uff_text import function_58, header_164
 from vibrecords import FrfSet
@@ -11,7 +12,6 @@ from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, read_frf, write_frf
 from vibrecords.records import FrfRecord, TimeRecord
 
-pyuff = pytest.importorskip("pyuff")
 RNG = np.random.default_rng(3)
 H = RNG.normal(size=23) + 1j * RNG.normal(size=23)
 

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 import pytest
+import pyuff
 
 from tests.vibrecords.broken_files import refusal
 from tests.vibrecords.uff_text import function_58, header_164, mode_55
@@ -17,7 +18,6 @@ from vibrecords.formats import iter_records, uff_read, write_records
 from vibrecords.inspection import inspect_file
 from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord
 
-pyuff = pytest.importorskip("pyuff", reason="the oracle of universal files is not installed")
 RNG = np.random.default_rng(22)
 H = RNG.normal(size=11) + 1j * RNG.normal(size=11)
 SHAPE = {4: [0.0, 1.25, 0.0], 7: [0.5, -0.75, 0.0]}

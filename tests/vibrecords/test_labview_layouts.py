@@ -2,7 +2,10 @@
 
 import io
 
+import lvm_read
+import nptdms
 import numpy as np
+import openpyxl
 import pytest
 
 from tests.vibrecords.test_text_layouts import A, B, C, F, G, H, T, frf, read, same, spectrum, time
@@ -130,7 +133,6 @@ UNREAD = ("no decimal sign stated", "separated by commas", "a special block", "t
 
 @pytest.mark.parametrize("name", [name for name in LVM if name not in UNREAD])
 def test_labview_text_is_as_lvm_read_reads_it(tmp_path, name):
-    lvm_read = pytest.importorskip("lvm_read", reason="an oracle, not in the extra test")
     records = read(tmp_path, LVM[name][0])
     content = lvm_read.read_str(LVM[name][0])
     factors = {"g": G}
@@ -171,7 +173,6 @@ def test_counts_and_clocks_that_disagree_are_said(tmp_path):
 
 
 def tdms(groups):
-    nptdms = pytest.importorskip("nptdms", reason="in the extra files, not in test")
     file = io.BytesIO()
     with nptdms.TdmsWriter(file) as writer:
         writer.write_segment(
@@ -218,7 +219,6 @@ def test_tdms(tmp_path, name):
 
 
 def test_tdms_is_as_nptdms_reads_it(tmp_path):
-    nptdms = pytest.importorskip("nptdms", reason="in the extra files, not in test")
     for groups, _ in TDMS.values():
         records = read(tmp_path, tdms(groups))
         file = nptdms.TdmsFile.read(tmp_path / "measurement")
@@ -232,7 +232,6 @@ def test_tdms_is_as_nptdms_reads_it(tmp_path):
 
 
 def xlsx(**sheets):
-    openpyxl = pytest.importorskip("openpyxl", reason="in the extra files, not in test")
     workbook = openpyxl.Workbook()
     workbook.remove(workbook.active)
     for title, cells in sheets.items():
