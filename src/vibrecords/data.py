@@ -157,7 +157,7 @@ class FrfData(Data):
                 f"noise: found a variance of shape {self.variance.shape}; expected {self.frf.values.shape}"
             )
         if not (np.isfinite(self.variance).all() and (self.variance > 0).all()):
-            raise MeasurementError("noise: found a variance that is not above zero at some line; raise the noise floor")
+            raise MeasurementError("noise: found an impossible variance; expected all above 0; raise the noise floor")
 
     def __repr__(self) -> str:
         return f"FrfData({self.frf!r}{', synthetic' if self.synthetic else ''})"

@@ -7,6 +7,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from tests.one_line import refused
 from vibrecords import FrfSet, Quantity, quantity_factor
 from vibrecords.errors import MeasurementError
 
@@ -106,19 +107,19 @@ REFUSED = {
         "found a line at 0 Hz; expected lines above 0 Hz; drop it",
     ),
     "negative frequency": (lambda: frf_set(frequency_hz=[-1.0, 20.0, 30.0, 40.0]), "above 0 Hz"),
-    "double line": (lambda: frf_set(frequency_hz=[10.0, 20.0, 20.0, 40.0]), r"20 Hz after 20 Hz \(line 3\)"),
-    "falling lines": (lambda: frf_set(frequency_hz=[10.0, 20.0, 30.0, 25.0]), r"25 Hz after 30 Hz \(line 4\)"),
+    "double line": (lambda: frf_set(frequency_hz=[10.0, 20.0, 20.0, 40.0]), "20 Hz after 20 Hz (line 3)"),
+    "falling lines": (lambda: frf_set(frequency_hz=[10.0, 20.0, 30.0, 25.0]), "25 Hz after 30 Hz (line 4)"),
     "no lines": (lambda: frf_set(frequency_hz=[], values=np.ones((0, 3, 2)), coherence=None), "no frequency lines"),
     "lines in a matrix": (lambda: frf_set(frequency_hz=LINES[:, None]), "one-dimensional"),
-    "too few values": (lambda: frf_set(values=np.ones((3, 3, 2))), r"\(3, 3, 2\); expected \(4, 3, 2\)"),
-    "outputs and inputs swapped": (lambda: frf_set(values=np.ones((4, 2, 3))), r"expected \(4, 3, 2\)"),
+    "too few values": (lambda: frf_set(values=np.ones((3, 3, 2))), "(3, 3, 2); expected (4, 3, 2)"),
+    "outputs and inputs swapped": (lambda: frf_set(values=np.ones((4, 2, 3))), "expected (4, 3, 2)"),
     "output twice": (lambda: frf_set(outputs=("11:y", "6:y", "11:y")), "each label once"),
     "input twice": (lambda: frf_set(inputs=("11:y", "11:y")), "each label once"),
     "unknown quantity": (lambda: frf_set(quantity="compliance"), "found quantity 'compliance'"),
-    "coherence above one": (lambda: frf_set(coherence=with_one(1.0001, dtype=float)), r"coherence in \[0, 1\]"),
-    "negative coherence": (lambda: frf_set(coherence=with_one(-0.0001, dtype=float)), r"coherence in \[0, 1\]"),
-    "NaN coherence": (lambda: frf_set(coherence=with_one(np.nan, dtype=float)), r"coherence in \[0, 1\]"),
-    "coherence of another shape": (lambda: frf_set(coherence=np.ones((4, 3, 1))), r"of shape \(4, 3, 2\)"),
+    "coherence above one": (lambda: frf_set(coherence=with_one(1.0001, dtype=float)), "coherence in [0, 1]"),
+    "negative coherence": (lambda: frf_set(coherence=with_one(-0.0001, dtype=float)), "coherence in [0, 1]"),
+    "NaN coherence": (lambda: frf_set(coherence=with_one(np.nan, dtype=float)), "coherence in [0, 1]"),
+    "coherence of another shape": (lambda: frf_set(coherence=np.ones((4, 3, 1))), "of shape (4, 3, 2)"),
     "no average": (lambda: frf_set(averages=0), "found 0 averages"),
     "absent output": (lambda: frf_set().select(("2:y",), INPUTS), "found DOF '2:y'"),
     "absent input": (lambda: frf_set().select(OUTPUTS, ("6:y",)), "one of 11:y, 3:y"),
@@ -129,9 +130,7 @@ REFUSED = {
 
 @pytest.mark.parametrize(("broken", "words"), REFUSED.values(), ids=REFUSED)
 def test_impossible_sets_are_refused_in_one_line(broken, words):
-    with pytest.raises(MeasurementError, match=words) as caught:
-        broken()
-    assert "\n" not in str(caught.value)
+    refused(broken, MeasurementError, words)
 
 
 def test_the_limits_of_coherence_and_averages_are_possible():
