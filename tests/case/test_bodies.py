@@ -61,7 +61,6 @@ def test_a_body_is_read_through_its_channels_and_rotations(directory):
 def test_the_noise_of_a_body_may_be_ignored_and_the_workshop_problem_keeps_the_body(directory):
     case = case_of(directory, ('file = "spindle.uff"', 'file = "spindle.uff"\npropagate = false'))
     assert case.problem.test.ignores_noise_of_bodies
-    assert case.workshop_problem is not None
     assert case.workshop_problem.test.measured_bodies == case.problem.test.measured_bodies
 
 

@@ -54,7 +54,7 @@ def test_the_first_guess_of_a_shared_joint_is_stated_for_all():
     line = fault(BASE + TWO + "[setups.long.joint]\ninitial = { k11 = 1e8, k12 = 0.0, k22 = 1e6 }\n")
     assert ": setups.long.joint.initial: found it for one set-up, of a joint that all set-ups share" in line
     own = parse_setups(BASE + TWO + "[setups.long.joint]\nown = true\ninitial = { k11 = 1e8, k12 = 0.0, k22 = 1e6 }\n")
-    assert own["long"].joint.initial is not None
+    assert own["long"].joint.initial.k11 == 1e8
 
 
 def test_the_prior_of_a_shared_joint_with_a_name_is_stated_for_all():
