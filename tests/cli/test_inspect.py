@@ -1,7 +1,5 @@
 """`jointbayes inspect`: what it prints, its figure, its exit status."""
 
-import os
-import stat
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -10,11 +8,10 @@ from click.testing import CliRunner
 
 from jointbayes.cli.commands import main
 from jointbayes.report.inspect_figure import inspect_figure
-from tests.conftest import CONFIGS
 from tests.vibrecords.test_inspection import COARSE, conjugated_file, write_hits
 from tests.vibrecords.test_warnings import records, times
-from vibrecords import FrfSet, inspection
-from vibrecords.formats import write_frf, write_records
+from vibrecords import inspection
+from vibrecords.formats import write_records
 from vibrecords.inspection import inspect_file
 from vibrecords.records import FrfRecord
 
@@ -117,37 +114,6 @@ def test_labels_of_any_kind_are_drawn_as_they_are():
         records = [FrfRecord(label, "b$", lines, lines + 1j, "mobility") for label in some]
         hits = [(f"{label} hit 1", "", np.arange(3.0), np.arange(3.0)) for label in some]
         ElementTree.fromstring(inspect_figure(records, [], hits))
-
-
-def test_a_figure_never_replaces_the_measurement(tmp_path):
-    path = tmp_path / "me.csv"
-    write_frf(FrfSet(np.arange(1.0, 21.0), np.ones((20, 1, 1)) + 1j, ("a",), ("b",), "mobility"), path, "csv")
-    before = path.read_bytes()
-    (tmp_path / "link.svg").symlink_to(path)
-    (tmp_path / "hard.svg").hardlink_to(path)
-    os.mkfifo(tmp_path / "pipe.svg")
-    for name in ("me.csv", "link.svg", "hard.svg", "pipe.svg", "."):
-        done = CliRunner().invoke(main, ["inspect", str(path), "--figure", str(tmp_path / name)])
-        assert done.exit_code == 2, done.output
-        assert "expected" in done.stderr
-        assert done.stderr.count("jointbayes: ") == 1
-    assert path.read_bytes() == before
-    assert stat.S_ISFIFO((tmp_path / "pipe.svg").stat().st_mode)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["hard.svg", "link.svg", "me.csv", "pipe.svg"]
-    done = CliRunner().invoke(main, ["inspect", str(path), "--figure", str(tmp_path / "new.svg")])
-    assert done.exit_code == 0
-    ElementTree.parse(tmp_path / "new.svg")
-
-
-def test_a_measurement_never_replaces_its_case_or_a_device(tmp_path):
-    case = tmp_path / "case.toml"
-    case.write_bytes((CONFIGS / "virtual_test.toml").read_bytes())
-    os.mkfifo(tmp_path / "pipe.csv")
-    for name in ("case.toml", "pipe.csv"):
-        done = CliRunner().invoke(main, ["simulate", str(case), "--out", str(tmp_path / name), "--format", "csv"])
-        assert (done.exit_code, done.stderr.count("jointbayes: ")) == (2, 1)
-    assert case.read_bytes() == (CONFIGS / "virtual_test.toml").read_bytes()
-    assert stat.S_ISFIFO((tmp_path / "pipe.csv").stat().st_mode)
 
 
 def test_inspect_takes_the_conjugates_where_it_is_asked(tmp_path, clean):

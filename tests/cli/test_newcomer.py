@@ -1,15 +1,12 @@
 """What a newcomer runs into in the first hour: each slip is told where it is, with what to do, in a whole line."""
 
 import json
-import re
 import shlex
 
 import numpy as np
 import pytest
 
-import jointbayes as jb
 from jointbayes.cli.output import LONGEST, source_lines
-from jointbayes.studies.reference_check import check_posterior
 from tests.cli.test_manner import typed
 from tests.conftest import CONFIGS, cheap_text, edited, shipped_text, without_stages
 
@@ -106,12 +103,6 @@ def test_what_a_fresh_case_asks_is_told_in_whole_lines(tmp_path, measured):
     assert row[carets.find("^") : carets.rfind("^") + 1] == '"a mid" = "?"'
 
 
-def test_a_missing_file_has_no_line_to_be_shown(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    _, below = only(typed("validate", "none.toml"))
-    assert below == []
-
-
 @pytest.mark.parametrize(
     ("row", "key", "marked"),
     [
@@ -151,25 +142,7 @@ def test_a_wrong_file_is_told_with_the_command_that_takes_it(tmp_path, measured,
     assert {path.name for path in tmp_path.iterdir()} == {"tip.csv", "case.toml"}
 
 
-def test_a_report_is_made_of_a_run_directory_as_of_its_draws(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "done").mkdir()
-    assert "done/posterior.nc: no such file" in only(typed("report", "done"))[0]
-
-
 # ---- words
-
-
-def test_the_check_says_whether_published_values_agree_in_sentences_that_end_once(cheap_posterior):
-    case = jb.case_from_text("clamp", cheap_text())
-    lines = {line.subject: line for line in check_posterior(case, cheap_posterior).lines}
-    assert not lines["sampler"].found.endswith(".")
-    assert re.fullmatch(r"agree with the data: \d+\.\d % of the draws are likelier", lines["published values"].found)
-
-
-def test_one_frf_is_no_frfs(measured):
-    assert "  a tip    no direction; response of 1 FRF (accelerance)\n" in typed("inspect", "tip.csv").stdout
-    assert "force of 2 FRFs" in typed("inspect", "tip.csv").stdout
 
 
 def test_a_table_of_a_campaign_with_names_is_told_of_their_column(tmp_path, measured):
@@ -210,15 +183,3 @@ def test_a_wrong_call_is_one_json_object_where_that_is_asked_for(line, command, 
     (error,) = told["errors"]
     assert words in error["message"]
     assert words in result.stderr
-
-
-def test_messages_in_json_do_not_begin_with_the_name_of_the_program(tmp_path):
-    result = typed("report", tmp_path / "none.nc", "--json")
-    (error,) = json.loads(result.stdout)["errors"]
-    assert error["message"].startswith(f"{tmp_path}/none.nc: no such file")
-
-
-def test_python_tells_the_same(measured, tmp_path):
-    (tmp_path / "case.toml").write_text(edited(measured, ('"a tip"', '"b"')), encoding="utf-8")
-    with pytest.raises(jb.CaseError, match=r'data\.channels\.b: tip\.csv: found no channel "b"'):
-        jb.load_case("case.toml")

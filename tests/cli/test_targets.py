@@ -37,6 +37,7 @@ TARGETS = {
     "text": "thesis.txt",
     "link": "link.txt",
     "directory": "folder",
+    "pipe": "pipe",
 }
 #: Work that must not begin.
 WORK = (
@@ -94,6 +95,7 @@ def prepared(tmp_path_factory, cheap_posterior: Posterior):
 def user(prepared, tmp_path, monkeypatch) -> Path:
     place = tmp_path / "user"
     shutil.copytree(prepared, place, symlinks=True)
+    os.mkfifo(place / "pipe")
     monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda *_: None)  # looked for at each reading of a case
     monkeypatch.chdir(place)
     return place
