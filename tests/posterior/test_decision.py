@@ -60,8 +60,13 @@ def asked_of(posterior, sizes):
     return modes_problem(posterior.problem, posterior.estimate, posterior.record.seed, sizes)
 
 
-def test_the_modes_of_the_model_are_numbered_as_they_are(measured):
-    asked = asked_of(measured, ErrorSizes())
+@pytest.fixture(scope="module")
+def asked(measured):
+    """The problem of the modes that they show, the errors of the model as usual."""
+    return asked_of(measured, ErrorSizes())
+
+
+def test_the_modes_of_the_model_are_numbered_as_they_are(measured, asked):
     predicted = measured.problem.natural_frequencies_hz(TABLE_3, 4)[0]
     resonances, zeros = asked.premises.modes[:3], asked.premises.modes[3:]
     assert [mode.number for mode in resonances] == [1, 2, 3]
@@ -107,8 +112,7 @@ def test_a_resonance_that_the_model_does_not_have_is_named_and_not_used(measured
     assert [mode.number for mode in asked.premises.modes if not mode.held] == [1, 2, 3]
 
 
-def test_modes_of_frfs_are_counted_by_what_is_most_probable_and_zeros_with_them(measured):
-    asked = asked_of(measured, ErrorSizes())
+def test_modes_of_frfs_are_counted_by_what_is_most_probable_and_zeros_with_them(asked):
     wrong = replace(
         asked.with_test(data=renumbered(asked.test.data, 1)).with_premises(asked.premises),
         premises=replace(asked.premises, modes=tuple(_moved(mode, "", 1) for mode in asked.premises.modes)),
@@ -237,41 +241,31 @@ structure = { elements = 4 }
 SHAPES = "{ dofs = ['3:y'], reference = '5:y', components = [[0.5], [-0.4], [0.3]], sd = 0.05 }"
 
 
+BODY = ("youngs_modulus", "density", "length")
+
+
 @pytest.mark.parametrize(
-    ("exact", "more", "said"),
+    ("exact", "more", "error", "uncertain", "said"),
     [
-        ("[]", "", "Young's modulus, density or length is further off"),
-        ('["density"]', "", "Young's modulus or length is further off"),
-        ('["youngs_modulus", "density", "length"]', "", ""),
-        ('["model"]', "", ""),
-        ("[]", f"data = {{ kind = 'modes', shapes = {SHAPES} }}", ""),
+        (["model", *BODY], "", False, (), ""),
+        (["model"], "", False, (), ""),
+        (BODY, "", True, (), ""),
+        (["density"], "", True, ("youngs_modulus", "length"), "Young's modulus or length is further off"),
+        ([], "", True, BODY, "Young's modulus, density or length is further off"),
+        ([], f"data = {{ kind = 'modes', shapes = {SHAPES} }}", True, BODY, ""),
     ],
 )
-def test_it_is_said_what_frequencies_alone_do_not_show(frequency_posterior, exact, more, said):
-    case = case_from_text("typed", f"{TYPED_CASE}{more}\nuncertain.exact = {exact}\n", directory=CONFIGS)
+def test_typed_modes_have_an_error_of_the_model_unless_it_is_exact_and_say_what_they_do_not_show(
+    frequency_posterior, exact, more, error, uncertain, said
+):
+    case = case_from_text("typed", f"{TYPED_CASE}{more}\nuncertain.exact = {list(exact)}\n", directory=CONFIGS)
     answered = answered_problem(case.problem, case, jb.find_map(case, seed=1), 1)
-    sentences = replace(frequency_posterior, problem=answered).unseen_inputs
-    assert [said in sentence for sentence in sentences] == [True] * bool(said)
-
-
-@pytest.mark.parametrize(
-    ("exact", "error", "uncertain"),
-    [
-        ('["model", "youngs_modulus", "density", "length"]', False, ()),
-        ('["model"]', False, ()),
-        ('["youngs_modulus", "density", "length"]', True, ()),
-        ('["density"]', True, ("youngs_modulus", "length")),
-        ("[]", True, ("youngs_modulus", "density", "length")),
-    ],
-)
-def test_typed_frequencies_have_an_error_of_the_model_unless_it_is_declared_exact(exact, error, uncertain):
-    case = case_from_text("typed", f"{TYPED_CASE}uncertain.exact = {exact}\n", directory=CONFIGS)
-    estimate = jb.find_map(case, seed=1)
-    answered = answered_problem(case.problem, case, estimate, 1)
     assert isinstance(answered.test.noise, ModelErrorNoise) == error
     assert tuple(nuisance.name for nuisance in answered.prior.nuisances) == uncertain
     assert (answered.premises.reason == TYPED) == error
     assert not answered.premises.of_modes
+    sentences = replace(frequency_posterior, problem=answered).unseen_inputs
+    assert [said in sentence for sentence in sentences] == [True] * bool(said)
 
 
 def test_premises_may_be_another_table_of_what_is_uncertain(cheap_case):

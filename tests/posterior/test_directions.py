@@ -188,11 +188,6 @@ def test_a_linearised_spread_is_printed_as_the_ratio_of_the_ends_where_it_is_wid
         assert float(words.removeprefix("a factor of ")) == pytest.approx(ratio, rel=0.05)
 
 
-def test_one_sentence_holds_all():
-    named = directions(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
-    assert summary_sentence(named) == "; ".join(n.sentence for n in named) + "."
-
-
 @pytest.mark.parametrize(("slope", "doubled"), [(0.2, "+0.14"), (-0.3, "-0.21")])
 def test_a_coupling_that_moves_with_a_stiffness_is_told_by_what_it_changes_as_that_doubles(slope, doubled):
     # ρ = slope · ln(k11/1e9), so that twice the k11 adds slope · ln 2

@@ -28,7 +28,7 @@ from jointbayes.posterior.uncertain_inputs import (
 )
 from jointbayes.posterior.verdicts import Finding
 from jointbayes.report import ReportInputs, build_report
-from jointbayes.report.markup import badge, nuisance_label
+from jointbayes.report.markup import badge
 from jointbayes.report.model import Lights, Paragraph, Table
 from jointbayes.report.sections import lead
 from jointbayes.report.sections.identifiable import freed_blocks
@@ -125,16 +125,6 @@ def test_what_helps_is_said_where_the_misfit_is(wrong, of_wrong):
     peaks = [row[table.head.index("Peak of the data (Hz)")] for row in table.rows]
     assert {f"{each['measured_hz']:.2f}" for each in summary["fit"]["resonances"]} == set(peaks) - {"–"}
     assert captions["FRFs of data and best fit"].rows[0][0] == "5:y/5:y"
-
-
-@pytest.mark.whole
-def test_a_model_that_explains_them_says_so_with_its_figures(of_cheap):
-    built, summary = of_cheap
-    assert summary["check"]["explains"]
-    (lights,) = (block for block in built.lead if isinstance(block, Lights))
-    model = next(light for light in lights.lights if light.name == "Model")
-    assert model.kind == "good"
-    assert f"Misfit {summary['check']['chi2_per_line'] ** 0.5:#.3g} times the noise" in model.text
 
 
 @pytest.mark.usefixtures("plain_reports")
@@ -466,14 +456,6 @@ def test_correlations_are_those_of_the_draws(uncertain_report, uncertain):
     assert [row[0] for row in table.rows] == ["ln k11", "ln k12", "ln k22", "ln L", "ln gain"]
     found = np.corrcoef(np.log(uncertain.values("k22").ravel()), np.log(uncertain.values("length").ravel()))[0, 1]
     assert float(table.rows[3][3]) == pytest.approx(found, abs=0.006)
-
-
-@pytest.mark.parametrize(
-    ("name", "label"),
-    [("damping_ratio_2", "ln ζ2"), ("gain", "ln gain")],
-)
-def test_uncertain_quantities_have_short_labels(name, label):
-    assert nuisance_label(name) == label
 
 
 @pytest.mark.whole

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 
-import arviz as az
 import h5py
 import numpy as np
 import pytest
@@ -24,15 +23,6 @@ MEASURED_HZ = (120.0, 762.0, 2101.0)
 
 
 # ---- draws
-
-
-def test_all_that_a_user_holds_prints_on_a_screen(cheap_case, cheap_posterior):
-    problem = cheap_case.problem
-    held = cheap_case, problem, problem.test.structure, problem.test.data, cheap_posterior.estimate, cheap_posterior
-    for one in held:
-        assert len(repr(one)) < 800
-        assert repr(one).count("\n") < 12
-    assert "joint 1:y, 1:rz to ground; unknown: k11, k12, k22" in repr(problem)
 
 
 def test_draws_are_chains_of_stiffnesses_with_units(cheap_posterior):
@@ -70,11 +60,6 @@ def test_intervals_are_equal_tailed(cheap_posterior):
         wide = cheap_posterior.interval(name)
         assert wide[0] < low < high < wide[1]
         assert wide == pytest.approx(cheap_posterior.verdict(name).interval95, rel=1e-12)
-    for impossible in (0.0, 1.0, 95.0, np.nan):
-        with pytest.raises(ModelError, match="between 0 and 1"):
-            cheap_posterior.interval("k12", impossible)
-    with pytest.raises(ModelError, match="expected one of k11, k12, k22"):
-        cheap_posterior.interval("k13")
 
 
 def test_the_mode_refined_from_the_best_draw_is_the_map(cheap_posterior, frequency_posterior):
@@ -349,49 +334,11 @@ def test_a_file_that_holds_no_posterior_is_refused_in_one_line(saved, tmp_path, 
     assert str(caught.value).startswith(f"{path}: ")
 
 
-def test_arviz_summarises_the_draws(cheap_posterior):
-    table = az.summary(cheap_posterior.to_arviz(), var_names=list(PAIR.stiffness_names))
-    assert list(table.index) == list(PAIR.stiffness_names)
-    for name in PAIR.stiffness_names:
-        assert float(table.loc[name, "mean"]) == pytest.approx(cheap_posterior.values(name).mean(), rel=0.05)
-        assert float(table.loc[name, "ess_bulk"]) > 400
-        assert float(table.loc[name, "r_hat"]) < 1.05
-
-
 # ---- summary
-
-PARAMETER_KEYS = {
-    "unit", "map", "mode", "median", "median_error", "mean", "sd_log", "interval95", "interval95_error",
-    "prior_interval95", "contraction", "verdict", "verdict_reason", "if_model_right", "limit95", "limit95_error",
-    "r_hat", "ess_bulk", "ess_tail", "likelihood95", "printed95", "printed_by_likelihood",
-    "prior_volume", "only_if_exact",
-}  # fmt: skip
-KEYS = {
-    "schema_version", "case", "seed", "converged", "reason", "no_verdict", "parameters", "map",
-    "natural_frequencies_hz", "fit", "sampler", "versions", "data_sha256", "measurement", "setups", "nuisances",
-    "check", "identifiability", "mesh", "measured_bodies", "warnings", "modes", "solutions", "left_out",
-    "homogeneity", "assemblies", "premises", "model_error",
-}  # fmt: skip
-
-
-def test_the_summary_has_exactly_the_documented_keys_and_is_strict_json(cheap_posterior, frequency_posterior):
-    for posterior in (cheap_posterior, frequency_posterior):
-        summary = summarise(posterior, INITIAL, MEASURED_HZ).to_json()
-        assert json.loads(json.dumps(summary, allow_nan=False)) == summary
-        assert set(summary) == KEYS
-        assert list(summary["parameters"]) == list(PAIR.stiffness_names)
-        assert all(set(p) == PARAMETER_KEYS for p in summary["parameters"].values())
-        assert set(summary["natural_frequencies_hz"]) == {"measured", "initial", "map", "interval95"}
-        fit = {"chi2_per_line", "n_data", "log_likelihood_map", "synthetic_data", "resonances", "frf_correlation"}
-        assert set(summary["fit"]) == fit
-        documented = {"walkers", "steps", "ensembles", "tau", "seconds", "evaluations", "ess_per_second"}
-        assert documented <= set(summary["sampler"])
-        assert {"jointbayes", "python", "numpy", "scipy", "emcee"} <= set(summary["versions"])
-        assert len(summary["data_sha256"]) == 64
 
 
 def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
-    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json()
+    summary = json.loads(json.dumps(summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json(), allow_nan=False))
     assert (summary["schema_version"], summary["case"], summary["seed"]) == (3, "cheap", 1)
     assert (summary["converged"], summary["reason"]) == (True, cheap_posterior.reason)
     for i, name in enumerate(PAIR.stiffness_names):
@@ -422,7 +369,7 @@ def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
 
 
 def test_numbers_that_do_not_exist_are_null(frequency_posterior):
-    summary = summarise(frequency_posterior, INITIAL).to_json()
+    summary = json.loads(json.dumps(summarise(frequency_posterior, INITIAL).to_json(), allow_nan=False))
     assert summary["parameters"]["k12"]["sd_log"] is None
     assert summary["natural_frequencies_hz"]["measured"] is None
     assert len(summary["natural_frequencies_hz"]["map"]) == 3

@@ -65,12 +65,6 @@ def test_the_ends_of_a_narrow_interval_differ():
     assert float(low) < float(median) < float(high)
 
 
-def test_the_last_line_of_a_cell_is_a_fit_report(shown):
-    summary = shown["summary"]
-    assert repr(summary) == str(summary)
-    assert repr(summary).startswith("[[Posterior of 'cheap']]\n")
-
-
 @pytest.mark.parametrize("name", ["posterior", "summary", "estimate", "frf", "of frequencies"])
 def test_a_notebook_shows_a_table_and_no_script(shown, name):
     html = shown[name]._repr_html_()

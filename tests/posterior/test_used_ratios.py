@@ -43,8 +43,14 @@ def by_modes(problem, **sizes):
     return modes_problem(problem, SimpleNamespace(theta=theta, modes=()), 1, ErrorSizes(**sizes))
 
 
-def test_ratios_of_measured_frfs_are_data_beside_the_frequencies(measured):
-    found = by_modes(measured)
+@pytest.fixture(scope="module")
+def answered(measured):
+    """The problem of the modes that they show, the errors of the model as usual."""
+    return by_modes(measured)
+
+
+def test_ratios_of_measured_frfs_are_data_beside_the_frequencies(answered):
+    found = answered
     shapes = found.test.data.shapes
     assert set(shapes.dofs) | {shapes.reference[0]} == {"6:y", "11:y"}
     values = dict(zip(found.test.data.value_names, found.test.data.values, strict=True))
@@ -57,8 +63,8 @@ def test_ratios_of_measured_frfs_are_data_beside_the_frequencies(measured):
     assert re.search(r"and the ratios of the motions of (6:y, 11:y|11:y, 6:y) in them\.$", sentence)
 
 
-def test_an_answer_with_ratios_is_kept_in_a_file(measured):
-    found = by_modes(measured)
+def test_an_answer_with_ratios_is_kept_in_a_file(answered):
+    found = answered
     assert any(mode.ratios for mode in found.premises.modes)
     tree, record = add_problem(xr.DataTree(), found)
     kept = tree[PROBLEM_GROUP]
@@ -94,9 +100,9 @@ def test_a_sensor_that_is_turned_round_is_named_and_not_used(measured):
 
 @pytest.mark.parametrize("away", [FARTHEST_RATIO - 0.01, FARTHEST_RATIO + 0.01])
 @pytest.mark.parametrize("small", [False, True])
-def test_ratios_are_believed_up_to_a_third_of_them(measured, away, small):
+def test_ratios_are_believed_up_to_a_third_of_them(measured, answered, away, small):
     tried = TRUTH[None], measured.prior.factors(_at_truth(measured))
-    mode = next(m for m in by_modes(measured).premises.modes if m.ratios)
+    mode = next(m for m in answered.premises.modes if m.ratios)
     model = jb.frf.AssembledShapes(measured.test.structures, measured.test.joints, 1, ("6:y", "11:y", "2:y"))
     middle, tip, root = model.modes(np.diag(TRUTH), np.ones((1, 1))).shapes[0, 0]
     true = root / tip if small else middle / tip
