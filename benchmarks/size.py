@@ -8,6 +8,7 @@ import ast
 import io
 import tokenize
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 from benchmarks.page import table
@@ -23,6 +24,7 @@ _NO_CODE = {
 }
 
 
+@cache
 def code_lines(source: str) -> int:
     """Number of lines of a module without blanks, comments and docstrings.
 

@@ -1,6 +1,5 @@
 """The benchmarks compare like with like, and write what they measured."""
 
-import argparse
 import json
 from dataclasses import replace
 
@@ -21,7 +20,7 @@ from benchmarks import (
     timing,
 )
 from benchmarks.peer_samplers import StretchRun, kish, log_likelihood_on_box, prior_transform, stretch_run
-from benchmarks.samplers import emcee_rows, extrapolated, missing, row
+from benchmarks.samplers import emcee_rows, extrapolated, row
 
 import jointbayes as jb
 from jointbayes.inference import LogPosterior
@@ -201,44 +200,6 @@ def test_timings_slopes_and_memory():
     # so large that no allocator serves it from memory that it kept from earlier tests
     resident = timing.resident_peak_megabytes(lambda: np.ones(16_000_000).sum())
     assert resident is None or resident > 100
-
-
-def test_results_are_merged_kept_and_written(tmp_path, capsys):
-    options = argparse.Namespace(quick=True, json=tmp_path / "results.json", page=tmp_path / "page.md")
-    likelihood_row = {
-        "law": "modal",
-        "what": "made up",
-        "joints": 4,
-        "us": 12.34,
-        "us_least": 12.0,
-        "cpu_us": 11.0,
-        "rounds": 3,
-        "ratio": 10,
-    }
-    ours = likelihood_row | {"what": "jointbayes", "us": 1.234, "cpu_us": 1.1, "ratio": 1}
-    point = {"values": 1000, "batch": 4, "us": 10.0, "peak_mb": 1.0, "resident_peak_mb": None}
-    grown = {"law": "modal", "kind": "lines", "slope": 0.98, "points": [point, {**point, "values": 2000}]}
-    record.keep("likelihood", {"lines": 50, "batch": 4, "rows": [ours, likelihood_row]}, options)
-    record.keep("growth", {"rows": [grown]}, options)
-
-    run = made_up_run()
-    rows = [row("made-up sampler", run, run, 12.0, 1.0), missing("absent sampler")]
-    record.keep("samplers", {"wanted": 2000.0, "cases": [{"law": "modal", "values": 50, "rows": rows}]}, options)
-
-    kept = json.loads(options.json.read_text(encoding="utf-8"))
-    assert set(kept) == {"likelihood", "growth", "samplers"}
-    assert kept["samplers"]["environment"]["packages"]["numpy"] == np.__version__
-    text = options.page.read_text(encoding="utf-8")
-    for shown in (
-        *("| made up | 12.3 | 11.0 | 10.0 | 3 |", "more lines | 0.98 | 1000 | 4 | 10.0 | 10.0 | 1.00 (–) |"),
-        *(
-            "| absent sampler | not installed: pip install 'jointbayes[bench]' |",
-            "| made-up sampler | 12.0 | 100 | 10.0 |",
-        ),
-        *("A short run to try the script", f"Python {kept['likelihood']['environment']['python']}"),
-    ):
-        assert shown in text, shown
-    assert "made-up sampler" in capsys.readouterr().out
 
 
 def test_the_likelihood_benchmark_runs_and_writes_nothing_it_is_not_asked_to(tmp_path, monkeypatch, capsys):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import click
 import pytest
-from benchmarks import quoted, reference_pages
+from benchmarks import quoted
 from click.testing import CliRunner
 
 from jointbayes.case.case_text import read_case_text
@@ -160,12 +160,6 @@ def test_every_prompt_in_a_block_of_text_is_a_command_that_there_is():
 )
 def test_a_command_that_there_is_not_is_noticed(line):
     assert fault_of(line.split())
-
-
-def test_every_example_of_the_help_is_a_command_that_there_is():
-    shown = re.findall(r"^  (jointbayes .*)$", reference_pages.command_line(), re.MULTILINE)
-    assert {line.split()[1] for line in shown} == set(main.commands)
-    assert [(words, fault) for line in shown for words in split(line) if (fault := fault_of(words))] == []
 
 
 def test_every_block_says_what_it_is():

@@ -47,7 +47,8 @@ def test_the_page_has_every_room_and_all_its_lines():
     packages = {name: count for name, count in lines.items() if name != "(top)"}
     assert {name: listed[name] for name in packages} == packages
     assert listed["vibrecords"] == size.sizes(house.ROOT / "src" / "vibrecords")[0].total()
-    below = {room.name: room.floor for room in house.rooms()}
-    assert all(below[lower] < below[upper] for upper, lower in house.arrows(house.rooms()))
+    built = house.rooms()
+    below = {room.name: room.floor for room in built}
+    assert all(below[lower] < below[upper] for upper, lower in house.arrows(built))
     marked = (house.ROOT / "docs" / "developing.md").read_text(encoding="utf-8")
     assert marked.count(house.OPEN) == marked.count(house.CLOSE) == 1

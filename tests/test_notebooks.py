@@ -7,10 +7,7 @@ import re
 import warnings
 from pathlib import Path
 
-import numpy as np
 import pytest
-
-import jointbayes as jb
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "docs" / "notebooks").glob("*.ipynb"))
 #: Of each version of ArviZ, what a notebook asks of it.
@@ -55,25 +52,6 @@ def test_notebooks_are_kept_without_what_they_print():
         text = path.read_text(encoding="utf-8")
         assert '"outputs": []' in text
         assert not re.search(r'"outputs": \[\n|"execution_count": \d', text), path.name
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: jb.sample("no_such_file.toml"), "no_such_file.toml:1: file: no such file; expected a case file"),
-        (lambda: jb.sample(3), "found 3; expected a case, a problem or the path of a case file"),
-        (
-            lambda: jb.Structure(np.eye(2), np.eye(2), 0.01, ("1:y", "1:rz")),
-            r"found as damping 0.01; expected a damping law, such as LossFactor\(0.01\)",
-        ),
-        (lambda: jb.Problem(1, 2, 3, 4), "found as a test 1; expected tests, or structure, joint, data and prior"),
-        (lambda: jb.Joint("1:y", "1:rz"), r'found the text "1:y"; expected DOF labels in a tuple; write \("1:y",\)'),
-    ],
-)
-def test_a_slip_in_a_cell_is_told_in_one_line_with_its_remedy(call, message):
-    with pytest.raises(jb.JointBayesError, match=message) as caught:
-        call()
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.whole

@@ -1,8 +1,7 @@
 """What a reader has to hold in mind at once stays small."""
 
-import pytest
 from benchmarks.page import table
-from benchmarks.size import ROOT, code_lines, longest_functions, sizes
+from benchmarks.size import ROOT, longest_functions, sizes
 
 SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;
@@ -38,16 +37,3 @@ def test_rooms_stay_within_their_lines():
     print("\n".join(table(("room", "code lines", "budget", "at most"), [*rows, ("all", str(total), str(budgets), "")])))
     assert by_room.keys() == ROOMS.keys()
     assert {room: by_room[room] for room, (_, most) in ROOMS.items() if by_room[room] > most} == {}
-
-
-@pytest.mark.parametrize(
-    ("source", "lines"),
-    [
-        ("x = 1\n", 1),
-        ("# why\n\nx = 1  # how\n", 1),
-        ('"""What."""\n\n\ndef f():\n    """Long\n\n    story."""\n    return """two\nlines"""\n', 3),
-        ("y = [\n    1,\n\n    2,\n]\n", 4),
-    ],
-)
-def test_lines_of_code_are_those_with_a_token_that_is_no_comment_and_no_docstring(source, lines):
-    assert code_lines(source) == lines

@@ -23,8 +23,6 @@ sys.meta_path.insert(0, Hidden)
 README = (ROOT / "src" / "vibrecords" / "README.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 TESTS = ROOT / "tests" / "vibrecords"
-#: A sample of its tests: units, readers and writers, the noise of a case, the correction for sensors.
-SAMPLE = ("test_units.py", "test_formats.py", "test_assemble.py", "test_accelerometer.py")
 
 
 def alone(script, cwd):
@@ -88,11 +86,8 @@ def test_every_module_that_its_readme_names_is_there():
         assert list((ROOT / "src" / "vibrecords").glob(f"{name}*")), name
 
 
-@pytest.mark.parametrize(
-    "files", [SAMPLE, pytest.param((".",), marks=pytest.mark.whole)], ids=["a sample", "all of them"]
-)
-def test_its_tests_pass_alone(files):
-    paths = [str(TESTS / name) for name in files]
+@pytest.mark.whole
+def test_its_tests_pass_alone():
     options = [f"--confcutdir={TESTS}", "-p", "no:cacheprovider", "-q", "-m", "not science and not whole"]
-    told = alone(f"import pytest\nsys.exit(pytest.main({[*paths, *options]!r}))\n", ROOT)
+    told = alone(f"import pytest\nsys.exit(pytest.main({[str(TESTS), *options]!r}))\n", ROOT)
     assert int(re.search(r"(\d+) passed", told)[1]) > 50

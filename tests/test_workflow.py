@@ -434,13 +434,16 @@ def test_python_dash_m_is_the_command_line():
     ("call", "said"),
     [
         (lambda: Rigid((("1:y", "1:rz"),)), "expected how many DOFs it holds"),
+        (lambda: jb.sample("no_such_file.toml"), "no_such_file.toml:1: file: no such file; expected a case file"),
+        (lambda: Problem(1, 2, 3, 4), "found as a test 1; expected tests, or structure, joint, data and prior"),
         (lambda: jb.Joint("1:y", "1:rz"), r'write \("1:y",\)'),
         (lambda: jb.Structure(np.eye(1), np.eye(1), 0.01, ("1:y",)), r"such as LossFactor\(0.01\)"),
     ],
 )
 def test_what_is_passed_in_another_form_is_told_in_one_line(call, said):
-    with pytest.raises(ModelError, match=said):
+    with pytest.raises(jb.JointBayesError, match=said) as caught:
         call()
+    assert "\n" not in str(caught.value)
 
 
 def test_natural_frequencies_of_a_matrix_are_refused_with_the_names_of_the_quantities(cheap_case):
@@ -448,23 +451,21 @@ def test_natural_frequencies_of_a_matrix_are_refused_with_the_names_of_the_quant
         cheap_case.problem.natural_frequencies_hz(np.eye(2), 3)
 
 
-@pytest.mark.parametrize("seed", [-1, 1.5, "a", True])
-@pytest.mark.parametrize("run", [jb.sample, jb.find_map])
-def test_a_seed_is_a_whole_number(frequency_case, run, seed):
-    with pytest.raises(jb.ModelError, match=r"seed: found .*; expected a whole number, 0 or more"):
-        run(frequency_case, seed=seed)
-
-
-@pytest.mark.parametrize("settings", [{"walkers": 32}, {}])
-def test_settings_are_of_their_own_kind(frequency_case, settings):
-    with pytest.raises(jb.ModelError, match=r"settings: found dict; expected jb\.SamplerSettings\(walkers=…\)"):
-        jb.sample(frequency_case, settings=settings)
-
-
-@pytest.mark.parametrize("run", [jb.sample, jb.find_map])
-def test_progress_is_shown_by_what_can_be_called(frequency_case, run):
-    with pytest.raises(jb.ModelError, match="progress: found 'yes'; expected True, None, or what is called with each"):
-        run(frequency_case, progress="yes")
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        *(({"seed": seed}, "seed: found .*; expected a whole number, 0 or more") for seed in (-1, 1.5, "a", True)),
+        *(
+            ({"settings": one}, r"settings: found dict; expected jb\.SamplerSettings\(")
+            for one in ({"walkers": 32}, {})
+        ),
+        ({"progress": "yes"}, "progress: found 'yes'; expected True, None, or what is called with each"),
+    ],
+)
+def test_an_option_of_another_kind_is_told(frequency_case, option, message):
+    for run in (jb.sample, *([] if "settings" in option else [jb.find_map])):
+        with pytest.raises(jb.ModelError, match=message):
+            run(frequency_case, **option)
 
 
 def test_a_higher_mode_that_independent_draws_lead_to_is_taken(frequency_posterior):

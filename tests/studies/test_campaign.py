@@ -243,11 +243,6 @@ class TestDriver:
         assert pretend(tmp_path, rows).equals(index)
         assert [tries(tmp_path, f"c{i}") for i in range(4)] == [1, 1, 1, 2]
 
-    def test_row_behind_a_torn_one_is_known_after_another_kill(self, tmp_path):
-        (tmp_path / INDEX).write_text('{"key": "c0", "sta')
-        append_line(tmp_path / INDEX, {"key": "c0", "status": "done", "order": 0, "date": None})
-        assert kept_rows(tmp_path).keys() == {"c0"}
-
     def test_index_is_on_the_disk_row_by_row_and_in_the_order_of_the_table_at_the_end(self, tmp_path):
         for i in range(5):
             append_line(

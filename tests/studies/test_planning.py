@@ -456,18 +456,15 @@ def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     assert any(row[:2] == ("3:y", "191.5 mm") for row in rows)
 
 
-def test_without_simulations_there_is_only_a_first_look(cheap_posterior):
-    plan = jb.plan(jb.case_from_text("cheap", planned_text()), cheap_posterior, simulations=0)
+@pytest.mark.parametrize(("converged", "simulations"), [(True, 0), (False, 4)])
+def test_without_simulations_or_draws_that_converged_there_is_only_a_first_look(
+    cheap_posterior, converged, simulations
+):
+    posterior = replace(cheap_posterior, record=replace(cheap_posterior.record, converged=converged, reason="why"))
+    plan = jb.plan(jb.case_from_text("cheap", planned_text()), posterior, simulations=simulations)
     assert plan.recommended is None
     assert all(one.simulation is None for one in plan.measurements)
     build_plan_report(plan.summary())
-
-
-def test_nothing_is_simulated_from_draws_that_have_not_converged(cheap_posterior):
-    failed = replace(cheap_posterior, record=replace(cheap_posterior.record, converged=False, reason="why"))
-    plan = jb.plan(jb.case_from_text("cheap", planned_text()), failed, simulations=4)
-    assert plan.recommended is None
-    assert all(one.simulation is None for one in plan.measurements)
 
 
 def test_the_posterior_of_other_parameters_is_refused(cheap_posterior):
