@@ -20,6 +20,7 @@ from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
 from jointbayes.workflow import _on_one_hill, _with_best_draw
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
+from tests.inference import test_assemblies, test_free_test, test_setups
 from vibrecords import FrequencyData, FrfData
 
 LINES = np.arange(20.0, 1500.0, 10.0)
@@ -183,6 +184,9 @@ PROBLEMS = {
     "frequencies": lambda: from_arrays(data=FrequencyData(np.array([80.0, 500.0, 1400.0]), np.array([0.1, 0.2, 0.3]))),
     "springs": lambda: from_arrays(prior=JointPrior(PlainSprings(("k22",)), (Normal(10.0, 1.0),))),
     "magnitude": lambda: from_arrays(residual_kind="log_magnitude"),
+    "set-ups": lambda: Problem(tests=[test_setups.LONG, test_setups.HEARD], prior=test_setups.PRIOR),
+    "a free structure": lambda: Problem([test_free_test.FREE, test_free_test.CLAMPED], test_free_test.PRIOR),
+    "assemblies": lambda: test_assemblies.case_of(test_assemblies.ASSEMBLIES).problem,
 }
 
 
@@ -218,6 +222,7 @@ def test_a_problem_of_arrays_comes_back_to_the_last_bit(kind, sampled, tmp_path)
     assert np.isfinite(before).any()
     np.testing.assert_array_equal(after, before)
     assert str(loaded) == str(problem)
+    assert loaded.prior.scatters == problem.prior.scatters
     np.testing.assert_array_equal(loaded.first_guess, problem.first_guess)
 
 

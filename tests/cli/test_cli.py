@@ -18,7 +18,6 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.cli.commands import main
-from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import rounded
 from jointbayes.studies.reference_check import check_posterior
 from jointbayes.workflow import load_posterior
@@ -247,40 +246,6 @@ def test_init_overwrites_nothing_and_needs_a_directory(tmp_path):
         assert (result.exit_code, len(result.stderr.splitlines())) == (2, 1)
         assert "; expected " in result.stderr
     assert listing(tmp_path) == {"my_case.toml": b"mine"}
-
-
-@pytest.mark.whole
-@pytest.mark.usefixtures("plain_reports")
-def test_a_byte_order_mark_and_windows_line_ends_survive_a_whole_run(tmp_path, monkeypatch, cheap_posterior):
-    def sampled(case, **_options):
-        record = dataclasses.replace(cheap_posterior.record, case_text=case.text)
-        return dataclasses.replace(cheap_posterior, case=case, problem=case.problem, record=record)
-
-    monkeypatch.setattr("jointbayes.workflow.sample", sampled)
-    config = tmp_path / "windows.toml"
-    text = cheap_text()
-    config.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
-    assert cli("run", config, "--out", tmp_path / "out").exit_code == 0
-    assert (tmp_path / "out" / "case.toml").read_text(encoding="utf-8") == text
-
-
-@pytest.mark.whole
-@pytest.mark.usefixtures("plain_reports")
-def test_a_report_that_fails_midway_leaves_the_old_one_and_no_scratch(unconverged, tmp_path, monkeypatch):
-    shutil.copytree(unconverged, tmp_path / "out")
-    before = listing(tmp_path)
-
-    def disk_full(*_arguments):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Posterior, "save", disk_full)
-    result = cli("report", unconverged / "posterior.nc", "--out", tmp_path / "out")
-    assert result.exit_code == 2
-    *_, line = result.stderr.splitlines()
-    assert line.startswith(
-        f"jointbayes: {tmp_path / 'out'}: no report: No space left on device; the draws are whole in "
-    )
-    assert listing(tmp_path) == before
 
 
 # ---- other commands

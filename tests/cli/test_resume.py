@@ -10,7 +10,6 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
-from jointbayes.errors import CheckpointError
 from jointbayes.report.run_directory import room_of_run
 from jointbayes.sampling import SamplerSettings, UnfinishedRun, checkpoint
 from tests.conftest import CONFIGS, cheap_frequencies_text, edited, first_in_ci
@@ -161,41 +160,6 @@ def test_a_run_asks_for_the_room_of_checkpoint_draws_and_report_together(config)
     assert room_of_run(case.problem, settings, report=True) == draws * (4 + 2 * 9) + 3_000_000
 
 
-class Killed(Exception):
-    """In place of SIGKILL: nothing catches it."""
-
-
-@pytest.mark.whole
-def test_a_case_of_two_set_ups_killed_after_a_block_goes_on_to_the_same_bits(tmp_path, monkeypatch):
-    monkeypatch.setattr(checkpoint, "SECONDS_BETWEEN", 0.0)
-    monkeypatch.setattr(checkpoint, "_TIMES_THE_COST", 0)
-    text = cheap_frequencies_text() + "[setups.short.structure]\nlength_mm = 300.0\n"
-    text += "[setups.short.data]\nfrequencies_hz = [170.0, 1080.0, 2900.0]\n[setups.long]\n"
-    settings = SamplerSettings(walkers=8, max_steps=200)
-
-    def kill(told):
-        if told.done >= 100:
-            raise Killed
-
-    def case(of=text):
-        return jb.case_from_text("two", of)
-
-    with pytest.raises(Killed):
-        jb.sample(case(), seed=2, settings=settings, progress=kill, checkpoint=tmp_path / "run")
-    for name, other in (("short", "length_mm = 300.0"), ("long", "length_mm = 360.0")):
-        changed = edited(text, (other, "length_mm = 310.0"))
-        words = rf"something else: setups\.{name}\.structure\.length_mm: found 310\.0, expected 3.0\.0 as in the checkp"
-        with pytest.raises(CheckpointError, match=words):
-            jb.sample(case(changed), seed=2, settings=settings, checkpoint=tmp_path / "run", resume=True)
-    told = []
-    again = {"checkpoint": tmp_path / "run", "resume": True, "progress": told.append}
-    resumed = jb.sample(case(), seed=2, settings=settings, **again)
-    assert jb.Progress("checkpoint", "going on with the run that was interrupted, after 100 steps") in told
-    undisturbed = jb.sample(case(), seed=2, settings=settings)
-    assert resumed.theta.tobytes() == undisturbed.theta.tobytes()
-    assert resumed.log_density.tobytes() == undisturbed.log_density.tobytes()
-
-
 def places(tmp_path):
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "link").symlink_to("/dev/null")
@@ -244,32 +208,6 @@ def test_killed_runs_come_to_the_same_posterior_and_leave_nothing(tmp_path):
     *_, last = done.stdout.split("| all ")
     runs, _by_time, _at_call, *rest = (int(cell) for cell in last.strip(" |\n").split("|"))
     assert (runs, rest) == (4, [4, 0, 0])
-
-
-@pytest.mark.science
-def test_a_full_disk_is_one_line_and_nothing_hidden_stays(config, tmp_path):
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3000k", "tmpfs", disk], check=False).returncode:
-        pytest.skip("only root can mount a small disk: NOT TESTED")
-    try:
-        done = program(tmp_path, EVERY_BLOCK + FILLED, "sample", config.name, "--out", "disk/x.nc")
-        assert done.returncode == 2, done.stderr
-        *_, line = done.stderr.splitlines()
-        assert line.startswith("jointbayes: disk/x.nc: found that it cannot be written (No space left on device)")
-        assert "Traceback" not in done.stderr
-        assert not [name for name in names(disk) if name.startswith(".")]
-    finally:
-        subprocess.run(["umount", disk], check=True)
-
-
-#: Fill the disk when the sampler begins.
-FILLED = (
-    "from jointbayes import workflow\nfrom jointbayes.cli.commands import main\n"
-    "def filled(*a, **o):\n    f = open('disk/full', 'wb', 0)\n    try:\n        while True: f.write(bytes(4096))\n"
-    "    except OSError: pass\n    return run(*a, **o)\n"
-    "run, workflow.run_adapted = workflow.run_adapted, filled\nmain()"
-)
 
 
 # ---- killed once the result is there

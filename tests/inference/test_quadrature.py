@@ -102,16 +102,13 @@ def test_what_a_few_lines_cannot_sum_or_need_not_is_computed_on_all(cheap_case):
     assert on_nodes(problem, theta[:20], least_values=0) is problem.log_posterior
 
 
-def test_a_basis_that_misses_the_joints_kept_aside_is_not_used(cheap_case, monkeypatch):
+@pytest.mark.parametrize("limits", [{"TOLERATED": 1e-9}, {"_FEWEST_NODES": 1, "_EQUATIONS": 0}])
+def test_a_basis_that_misses_joints_kept_aside_or_leaves_nothing_over_at_the_nodes_is_not_used(
+    cheap_case, monkeypatch, limits
+):
     problem = cheap_case.problem
-    monkeypatch.setattr(quadrature, "TOLERATED", 1e-9)
-    assert on_nodes(problem, around(problem, 1.5), least_values=0) is problem.log_posterior
-
-
-def test_where_nothing_is_left_over_at_the_nodes_there_is_no_estimate(cheap_case, monkeypatch):
-    problem = cheap_case.problem
-    monkeypatch.setattr(quadrature, "_FEWEST_NODES", 1)
-    monkeypatch.setattr(quadrature, "_EQUATIONS", 0)
+    for name, limit in limits.items():
+        monkeypatch.setattr(quadrature, name, limit)
     assert on_nodes(problem, around(problem, 1.5), least_values=0) is problem.log_posterior
 
 

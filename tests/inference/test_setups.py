@@ -13,7 +13,7 @@ from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
 from vibrecords import FrequencyData, FrfData, FrfSet
 
 LINES = np.arange(20.0, 1500.0, 10.0)
-MARGINALS = tuple(Uniform(np.log(k) - 3, np.log(k) + 3) for k in TABLE_3)
+MARGINALS = tuple(Uniform(log_k - 3, log_k + 3) for log_k in np.log(TABLE_3).tolist())
 FULL, SHORT = rod(0.383), rod(0.2)
 
 
@@ -220,9 +220,8 @@ def test_impossible_set_ups_are_refused_in_one_line(made, words):
 
 
 @pytest.mark.whole
-def test_a_posterior_of_set_ups_is_kept_checked_and_predicts_each_of_them(tmp_path):
-    problem = jb.Problem(tests=[LONG, HEARD], prior=PRIOR)
-    posterior = jb.sample(problem, seed=1, settings=TO_CONVERGE)
+def test_a_posterior_of_set_ups_is_checked_and_predicts_each_of_them():
+    posterior = jb.sample(jb.Problem(tests=[LONG, HEARD], prior=PRIOR), seed=1, settings=TO_CONVERGE)
     assert posterior.converged
     for name, k in zip(PAIR.stiffness_names, TABLE_3, strict=True):
         low, high = posterior.interval(name, 0.9999)
@@ -233,11 +232,4 @@ def test_a_posterior_of_set_ups_is_kept_checked_and_predicts_each_of_them(tmp_pa
     predicted = posterior.predict_natural_frequencies(4, 50, setup="heard").mean(axis=0)
     np.testing.assert_allclose(predicted, HEARD.data.frequency_hz, rtol=1e-2)
     assert posterior.predict_frf(setup="long", max_draws=20).outputs == ("11:y",)
-    path = tmp_path / "posterior.nc"
-    posterior.save(path)
-    loaded = jb.load_posterior(path)
-    assert [part.test.name for part in loaded.problem.parts] == ["long", "heard"]
-    np.testing.assert_array_equal(loaded.theta, posterior.theta)
-    theta = points(problem)
-    np.testing.assert_array_equal(loaded.problem.log_posterior(theta), problem.log_posterior(theta))
     assert "k22" in str(posterior.summary())

@@ -35,7 +35,6 @@ from jointbayes.report.sections.identifiable import freed_blocks
 from jointbayes.stored_values import stored_value
 from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, judged_as, of_case, plain_reports
 
-INITIAL = (1e8, 0.0, 0.0)
 DATE = datetime.date(2026, 1, 5)
 #: Data of a beam 23 mm shorter than the one analysed.
 WRONG_LENGTH = cheap_text().replace("\n[data.truth]", "\n[data.truth]\nlength_mm = 360.0\n#")

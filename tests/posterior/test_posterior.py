@@ -280,19 +280,6 @@ def test_a_saved_posterior_comes_back_bit_for_bit(cheap_posterior, frequency_pos
         assert summarise(loaded, INITIAL, MEASURED_HZ).to_json() == summarise(posterior, INITIAL, MEASURED_HZ).to_json()
 
 
-def test_a_posterior_that_cannot_be_written_leaves_the_old_file_alone(cheap_posterior, tmp_path, monkeypatch):
-    path = tmp_path / "posterior.nc"
-    path.write_text("old")
-
-    def disk_full(*_args, **_options):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(xr.DataTree, "to_netcdf", disk_full)
-    with pytest.raises(OSError, match="No space left"):
-        cheap_posterior.save(path)
-    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("posterior.nc", "old")]
-
-
 def rewritten(path, change):
     """Change the JSON record of a posterior file."""
     with h5py.File(path, "r+") as file:

@@ -457,12 +457,3 @@ def test_a_curve_over_levels_is_of_the_usual_assembly_and_as_wide_as_the_scatter
     alone = torques.curve("k22")
     assert alone.change[2] / alone.change[1] < 1.2
     assert "usual assembly" not in alone.sentence
-
-
-@pytest.mark.whole
-def test_a_posterior_of_assemblies_comes_back_from_its_file(assemblies, tmp_path):
-    assemblies.save(tmp_path / "draws.nc")
-    loaded = jb.load_posterior(tmp_path / "draws.nc")
-    assert loaded.problem.prior.scatters == assemblies.problem.prior.scatters
-    assert_array_equal(loaded.problem.log_posterior(loaded.theta), assemblies.problem.log_posterior(assemblies.theta))
-    assert loaded.summary().assemblies == summary_of(assemblies).assemblies

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import stat
+from functools import partial
 
 import numpy as np
 import pytest
@@ -74,16 +75,13 @@ def killed(begin, place, steps, **options):
         begun(begin, place, progress=killed_after(steps), **options)
 
 
-def begun(begin, place, told=None, **options):
-    with UnfinishedRun(place, progress=(told if told is not None else []).append) as keeper:
+def begun(begin, place, told=None, *, resume=False, **options):
+    with UnfinishedRun(place, resume=resume, progress=(told if told is not None else []).append) as keeper:
         keeper.begin(PARTS)
         return run(begin, keeper, **options)
 
 
-def resumed(begin, place, told=None, **options):
-    with UnfinishedRun(place, resume=True, progress=(told if told is not None else []).append) as keeper:
-        keeper.begin(PARTS)
-        return run(begin, keeper, **options)
+resumed = partial(begun, resume=True)
 
 
 def same(one, other):

@@ -16,6 +16,7 @@ from jointbayes.sampling.distributions import (
     tempered,
     truncated,
 )
+from tests.sampling.test_proposal import MEAN, SCALE, fitted, wall
 
 LEFT = StudentT(np.array([-4.0, 0.0]), np.array([[1.0, 0.5], [0.5, 1.0]]), 5.0)
 RIGHT = StudentT(np.array([3.0, 2.0]), 0.25 * np.eye(2), 8.0)
@@ -45,21 +46,6 @@ class TestStudentMixture:
         # P(x > 0.5) of each component, and so of each place
         expected = 0.8 * stats.t(5).sf(4.5) + 0.2 * stats.t(8).sf(-5.0)
         assert np.abs(side.mean(axis=0) - expected).max() < 4.5 * np.sqrt(expected / 2000)
-
-    @pytest.mark.parametrize(
-        ("bells", "weights"),
-        [
-            ((), []),
-            ((LEFT,), [0.5]),
-            ((LEFT, RIGHT), [1.0]),
-            ((LEFT, RIGHT), [1.5, -0.5]),
-            ((LEFT, RIGHT), [np.nan, 0.5]),
-            ((LEFT, StudentT(np.zeros(1), np.eye(1), 5.0)), [0.5, 0.5]),
-        ],
-    )
-    def test_impossible_parameters_are_refused_in_one_line(self, bells, weights):
-        with pytest.raises(SamplingError, match=r"^Student-t mixture: found .*; expected .*; correct"):
-            StudentMixture(bells, np.array(weights))
 
 
 class TestNormalScores:
@@ -93,11 +79,6 @@ class TestNormalScores:
         assert np.isfinite(ends).all()
         assert (np.abs(ends[:, [0, 2]]) > 7.0).all()
         assert self.coordinates.inverse(np.array([[7.1, 0.0, 0.0], [0.0, 70.0, 6.9]]))[1].tolist() == [False, True]
-
-    @pytest.mark.parametrize(("low", "high"), [([0.0], [0.0]), ([0.0, 1.0], [2.0]), ([np.nan], [1.0])])
-    def test_impossible_ends_are_refused(self, low, high):
-        with pytest.raises(SamplingError, match=r"^normal scores: found .*; expected .*; correct"):
-            NormalScores(low, high)
 
 
 class TestWeights:
@@ -217,11 +198,6 @@ class TestFit:
             _, log_weight = found.weighted_draws(unequal_modes, np.random.default_rng(30 + seed), 20_000)
             assert importance_efficiency(log_weight) == pytest.approx(found.efficiency, abs=0.08)
 
-    @pytest.mark.parametrize(("systems", "starts"), [([], BOTH), ([None], ())])
-    def test_nothing_to_start_from_is_refused(self, systems, starts):
-        with pytest.raises(SamplingError, match=r"^proposal: found .*; expected at least one of each"):
-            fit_proposal(unequal_modes, systems, starts, np.random.default_rng(1))
-
 
 class TestTruncatedWeights:
     def test_truncation_cuts_at_root_n_times_the_mean(self):
@@ -236,3 +212,47 @@ class TestTruncatedWeights:
         first = np.bincount([one[0] for one in picked], minlength=3) / 4000
         np.testing.assert_allclose(first, [0.1, 0.2, 0.7], atol=0.03)
         assert len(drawn_without_replacement(np.zeros(3), 9, rng)) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "arguments"),
+    [
+        *(
+            ("Student-t", StudentT, arguments)
+            for arguments in (
+                (MEAN, np.eye(2), 5.0),
+                (MEAN[None], SCALE, 5.0),
+                (np.zeros(0), np.zeros((0, 0)), 5.0),
+                (np.full(3, np.nan), SCALE, 5.0),
+                (MEAN, np.full((3, 3), np.inf), 5.0),
+                (MEAN, SCALE, 0.0),
+                (MEAN, SCALE, np.nan),
+                (MEAN, np.diag([1.0, 1.0, -1.0]), 5.0),
+            )
+        ),
+        *(
+            ("Student-t mixture", StudentMixture, (bells, np.array(weights)))
+            for bells, weights in (
+                ((), []),
+                ((LEFT,), [0.5]),
+                ((LEFT, RIGHT), [1.0]),
+                ((LEFT, RIGHT), [1.5, -0.5]),
+                ((LEFT, RIGHT), [np.nan, 0.5]),
+                ((LEFT, StudentT(np.zeros(1), np.eye(1), 5.0)), [0.5, 0.5]),
+            )
+        ),
+        *(("normal scores", NormalScores, ends) for ends in (([0.0], [0.0]), ([0.0, 1.0], [2.0]), ([np.nan], [1.0]))),
+        *(
+            ("proposal", fitted, (wall, *start))
+            for start in ((np.zeros(2), np.eye(3)), (np.full(2, np.nan), np.eye(2)), (np.zeros((1, 2)), 1.0))
+        ),
+        *(
+            ("proposal", fit_proposal, (unequal_modes, *given, np.random.default_rng(1)))
+            for given in (([], BOTH), ([None], ()))
+        ),
+    ],
+)
+def test_what_is_impossible_is_refused_in_one_line(name, kind, arguments):
+    with pytest.raises(SamplingError, match=rf"^{name}: found .*; expected ") as caught:
+        kind(*arguments)
+    assert "\n" not in str(caught.value)

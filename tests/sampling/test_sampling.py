@@ -127,30 +127,25 @@ class TestAutocorrelationTime:
 
 
 class TestSplitRHat:
-    rng_shape = (4, 400, 8, 1)
-
-    def test_is_one_for_equal_ensembles(self):
-        assert 0.999 < split_r_hat(np.random.default_rng(7).normal(size=self.rng_shape))[0] < 1.005
-
-    def test_detects_an_ensemble_in_another_mode(self):
-        draws = np.random.default_rng(7).normal(size=self.rng_shape)
-        draws[2] += 5.0
-        assert split_r_hat(draws)[0] > 1.3
-
-    def test_detects_a_drift_in_time_that_all_ensembles_share(self):
-        draws = np.random.default_rng(7).normal(size=self.rng_shape)
-        draws += np.linspace(-1.0, 1.0, 400)[:, None, None]
-        assert split_r_hat(draws)[0] > 1.05
-
-    def test_detects_an_ensemble_of_another_width(self):
-        draws = np.random.default_rng(7).normal(size=self.rng_shape)
-        draws[0] *= 4.0
-        assert split_r_hat(draws)[0] > 1.1
-
-    def test_walkers_of_one_ensemble_are_one_chain(self):
-        # Walkers that disagree with each other, but equally in every ensemble, are no sign of trouble.
-        draws = np.random.default_rng(7).normal(size=self.rng_shape) + 5.0 * np.arange(8)[:, None]
-        assert split_r_hat(draws)[0] < 1.005
+    @pytest.mark.parametrize(
+        ("change", "low", "high"),
+        [
+            (lambda x: x, 0.999, 1.005),
+            (lambda x: x + 5.0 * (np.arange(4) == 2)[:, None, None, None], 1.3, np.inf),
+            (lambda x: x + np.linspace(-1.0, 1.0, 400)[:, None, None], 1.05, np.inf),
+            (lambda x: x * np.array([4.0, 1.0, 1.0, 1.0])[:, None, None, None], 1.1, np.inf),
+            (lambda x: x + 5.0 * np.arange(8)[:, None], 0.999, 1.005),  # walkers of one ensemble are one chain
+        ],
+        ids=[
+            "all alike",
+            "one in another mode",
+            "a drift that all share",
+            "one of another width",
+            "walkers apart in all",
+        ],
+    )
+    def test_it_detects_what_parts_ensembles_or_halves_and_nothing_else(self, change, low, high):
+        assert low < split_r_hat(change(np.random.default_rng(7).normal(size=(4, 400, 8, 1))))[0] < high
 
     def test_each_parameter_has_its_own(self):
         draws = np.random.default_rng(7).normal(size=(4, 400, 8, 3))
@@ -301,15 +296,16 @@ class TestStopRule:
         assert all(b - a >= max(100, 0.05 * a) for a, b in pairwise(steps))
         assert sum(steps) <= 22 * limit
 
-    def test_expected_steps_is_the_first_block_past_burn_in_and_fifty_tau(self):
-        assert expected_steps(self.settings, self.check(step=100, tau=31.0)) == 1800
-
-    def test_expected_steps_is_the_next_check_when_the_run_is_long_enough(self):
-        assert expected_steps(self.settings, self.check(step=4000, tau=31.0)) == 4200
-
-    @pytest.mark.parametrize("tau", [1e4, np.inf, np.nan])
-    def test_expected_steps_is_at_most_the_limit(self, tau):
-        assert expected_steps(self.settings, self.check(tau=tau)) == 10_000
+    @pytest.mark.parametrize(
+        ("step", "tau", "expected"),
+        [
+            (100, 31.0, 1800),  # the first block past burn-in and fifty τ
+            (4000, 31.0, 4200),  # long enough: the next check
+            *((6000, tau, 10_000) for tau in (1e4, np.inf, np.nan)),  # the limit
+        ],
+    )
+    def test_expected_steps_are_those_of_burn_in_and_fifty_tau(self, step, tau, expected):
+        assert expected_steps(self.settings, self.check(step=step, tau=tau)) == expected
 
     def test_burn_in_is_five_tau_of_the_check_before_and_at_most_half(self):
         draws = np.random.default_rng(9).normal(size=(4, 400, 8, 2))
