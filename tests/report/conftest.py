@@ -73,25 +73,28 @@ def with_coherence(posterior):
     return replace(posterior, problem=posterior.problem.with_test(data=replace(data, frf=frf)))
 
 
-def comparison():
-    evidence, joint = Evidence(-3.0, 0.01, 0.2, "made up", 100, 50.0), np.array([5e9, 3e7, 1.5e6])
-    names = ("clamped_beam_frequencies_360mm", "springs_without_coupling_at_the_clamp")
-    models = (WeighedModel(name, name, "rotation", ("k22",), joint, evidence, (), None, "") for name in names)
-    return build_comparison_report(Comparison(tuple(models), 1, "frequencies").summary())
+def comparison(text=""):
+    """A report of two joints, with a text wherever a user may put one."""
+    evidence, joint = Evidence(-3.0, 0.01, 0.2, text or "made up", 100, 50.0), np.array([5e9, 3e7, 1.5e6])
+    names = (text or "clamped_beam_frequencies_360mm", "springs_without_coupling_at_the_clamp")
+    models = (WeighedModel(name, text or name, "rotation", ("k22",), joint, evidence, (), None, text) for name in names)
+    return build_comparison_report(Comparison(tuple(models), 1, text or "frequencies").summary())
 
 
-def plan(case):
+def plan(case, text=""):
     now = SimulatedPosterior(1.0, "not identified", 1e4, "reweighting")
+    named = {"name": text, "words": text, "position": text} if text else {}
     measured = tuple(
-        PlannedMeasurement((candidate,), Linearised((), np.array([0.5])), Simulation((now,)))
+        PlannedMeasurement((replace(candidate, **named),), Linearised((text,), np.array([0.5])), Simulation((now,)))
         for candidate in candidates_of(case)[:3]
     )
-    return build_plan_report(Plan("cheap", "Clamp", 1, "k12", now, measured, False, "").summary())
+    return build_plan_report(Plan(text or "cheap", text or "Clamp", 1, "k12", now, measured, False, text).summary())
 
 
-def calibration():
-    sets = tuple(DataSet(i, 0.1, (1.0,), (3,), (0.5,), (1.5,), True, True, 900.0) for i in range(20))
-    return build_calibration_report(Calibration("cheap", "Clamp", 1, ("k11",), sets, ""))
+def calibration(text=""):
+    sets = [DataSet(i, 0.1, (1.0,), (3,), (0.5,), (1.5,), True, True, 900.0) for i in range(20)]
+    failed = [DataSet(20, 0.1, error=text)] if text else []
+    return build_calibration_report(Calibration(text or "cheap", text or "Clamp", 1, ("k11",), (*sets, *failed), text))
 
 
 def campaign(directory):

@@ -10,20 +10,12 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.posterior.evidence import Evidence
-from jointbayes.posterior.first_look import Linearised
 from jointbayes.report import render_html, render_pdf
 from jointbayes.report.inspect_figure import inspect_figure
-from jointbayes.studies.calibration import Calibration, build_calibration_report
 from jointbayes.studies.campaign.campaign_report import write_campaign_report
-from jointbayes.studies.comparison import WeighedModel
-from jointbayes.studies.comparison_report import Comparison, build_comparison_report
-from jointbayes.studies.data_sets import DataSet
-from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.plan_report import Plan, PlannedMeasurement, build_plan_report
-from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulation
 from tests.conftest import of_case
 from tests.hostile import beacons, browser, in_page, opened
+from tests.report.conftest import calibration, comparison, plan
 from tests.studies.campaign_directory import campaign_directory, write_index
 from vibrecords import MeasuredFile
 from vibrecords.provenance import ChannelUse, MeasurementWarning, Provenance
@@ -137,23 +129,9 @@ def test_a_hostile_campaign_runs_nothing_and_asks_for_nothing(tmp_path):
 def test_hostile_studies_run_nothing_and_ask_for_nothing(tmp_path, cheap_case):
     with beacons() as (port, asked):
         text = in_page(port)
-        stiffness, evidence = np.array([1e30, 0.0, 2e5]), Evidence(-3.0, 0.01, 0.2, text, 100, 50.0)
-        candidates = tuple(
-            WeighedModel(name, text, "rotation", ("k22",), stiffness, evidence, (), None, text) for name in (text, "b")
-        )
-        numbers = DataSet(0, 0.1, (1.0,), (3,), (0.5,), (1.5,), True, True, 900.0)
-        failed = DataSet(1, 0.1, error=text)
-        now = SimulatedPosterior(1.0, "not identified", 1e4, "reweighting")
-        measured = tuple(
-            PlannedMeasurement((dataclasses.replace(one, name=text, words=text, position=text),),
-                               Linearised((text,), np.array([0.5])), Simulation((now,)))
-            for one in candidates_of(cheap_case)[:2]
-        )  # fmt: skip
         for place, report in (
-            ("compare", build_comparison_report(Comparison(candidates, 1, text).summary())),
-            ("calibrate", build_calibration_report(Calibration(text, text, 1, ("k11",), (numbers, failed), text))),
-            ("plan", build_plan_report(Plan(text, text, 1, "k12", now, measured, False, text).summary())),
-        ):
+            ("compare", comparison(text)), ("calibrate", calibration(text)), ("plan", plan(cheap_case, text)),
+        ):  # fmt: skip
             path = tmp_path / f"{place}.html"
             path.write_text(render_html(report), encoding="utf-8")
             render_pdf(report)

@@ -39,22 +39,32 @@ FILES = {"report.html", "report.pdf", "summary.json", "joints.csv", "index.jsonl
 
 
 @pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("reports") / "line-7"
-    return directory, campaign_directory(directory, JOINTS)
+def examined(tmp_path_factory, once):
+    """A directory with its report, the rows it is of, and what was found in it; nobody may change it."""
+
+    def report():
+        directory = tmp_path_factory.mktemp("reports") / "line-7"
+        rows, found = campaign_directory(directory, JOINTS), examine_campaign(directory)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(report_module, "examine_campaign", lambda *_: found)
+            return write_campaign_report(directory), rows, found
+
+    return once("campaign", report)
 
 
 @pytest.fixture(scope="module")
-def findings(campaign):
-    return examine_campaign(campaign[0])
+def reported(examined):
+    return examined[0]
 
 
 @pytest.fixture(scope="module")
-def reported(campaign, findings):
-    """The directory with its report, of what was found once; nobody may change it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report_module, "examine_campaign", lambda *_: findings)
-        return write_campaign_report(campaign[0])
+def rows(examined):
+    return examined[1]
+
+
+@pytest.fixture(scope="module")
+def findings(examined):
+    return examined[2]
 
 
 @pytest.fixture(scope="module")
@@ -148,8 +158,7 @@ def test_the_population_holds_the_truth_of_the_joints_it_was_made_of(summary):
     assert prior["sd"] == pytest.approx((HIGH[0] - LOW[0]) / np.sqrt(12))
 
 
-def test_what_is_odd_is_named_the_gravest_first(summary, campaign):
-    _, rows = campaign
+def test_what_is_odd_is_named_the_gravest_first(summary, rows):
     looks = summary["need_a_look"]
     why = {one["key"]: "; ".join(one["reasons"]) for one in looks}
     keys = [one["key"] for one in looks]
@@ -166,9 +175,8 @@ def test_what_is_odd_is_named_the_gravest_first(summary, campaign):
     assert not summary["outliers"]["k11"]["outliers"]
 
 
-def test_every_case_has_a_line_with_its_numbers(reported, campaign):
-    directory, rows = reported, campaign[1]
-    with (directory / "joints.csv").open(encoding="utf-8", newline="") as file:
+def test_every_case_has_a_line_with_its_numbers(reported, rows):
+    with (reported / "joints.csv").open(encoding="utf-8", newline="") as file:
         lines = list(csv.DictReader(file))
     assert [line["key"] for line in lines] == [row["key"] for row in rows]
     for line, row in zip(lines, rows, strict=True):
