@@ -18,11 +18,10 @@ import jointbayes as jb
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.cli.commands import main
 from jointbayes.joint import COORDINATES
-from jointbayes.posterior import Posterior, RunRecord, package_versions, summarise
-from jointbayes.posterior.storage import draws_tree
+from jointbayes.posterior import Posterior, package_versions, summarise
 from jointbayes.report import contents
-from jointbayes.sampling import Draws
 from tests.conftest import CONFIGS, TABLE_3, edited, shipped_text
+from tests.report.conftest import posterior_about
 
 pytestmark = pytest.mark.docs
 
@@ -76,14 +75,7 @@ def _tiny_posterior(data: str) -> tuple[jb.Case, Posterior]:
     """Build a posterior from made-up draws: only the form of its summary matters here."""
     text = shipped_text(data).replace("f_step_hz = 1.0", "f_step_hz = 500.0")
     case = jb.case_from_text(data, text)
-    rng = np.random.default_rng(1)
-    names = case.problem.parametrisation.names
-    mode = case.problem.parametrisation.coordinates(TABLE_3)
-    theta = mode + 0.01 * rng.normal(size=(4, 20, 3))
-    tree = draws_tree(case.problem, Draws(theta, np.zeros((4, 20)), np.arange(4)), case.problem.prior.sample(rng, 100))
-    estimate = jb.MapEstimate(mode, TABLE_3, 1e-4 * np.eye(3), 0.0, ())
-    record = RunRecord(case.name, text, 1, True, "made up", {}, dict.fromkeys(names, 1.0), {})
-    return case, Posterior(case.problem, tree, estimate, mode, 0.0, record)
+    return case, posterior_about(case, case.problem.parametrisation.coordinates(TABLE_3), np.full(3, 0.01))
 
 
 def _leaf_tables(summary: dict[str, object]) -> Iterator[tuple[str, set[str]]]:

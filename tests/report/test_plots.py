@@ -152,25 +152,6 @@ def test_a_figure_of_a_posterior_is_of_nothing_else(draw, kind, cheap_posterior,
     assert pyplot.get_fignums() == []
 
 
-@pytest.mark.parametrize(
-    ("draw", "message"),
-    [
-        (lambda p, two: jb.plot_frf(p, ax=two), "figure: found 2 axes; expected 1 Axes; make them by pyplot"),
-        (lambda p, two: jb.plot_intervals(p, ax=list(two)), "figure: found 2 axes; expected 1 Axes"),
-        (lambda p, two: jb.plot_residuals(p, ax=two[0].figure), "figure: found Figure; expected 1 Axes"),
-        (lambda p, two: jb.plot_traces(p, axes=two), r"figure: found 2 axes; expected 3 Axes; .*pyplot\.subplots\(3\)"),
-        (lambda p, two: jb.plot_iteration(p.estimate.iteration, axes=two), "figure: found 2 axes; expected 4 Axes"),
-        (lambda p, two: jb.plot_corner(p, fig=two[0].figure), "plot_corner: found Figure; expected a Figure without"),
-        (lambda p, two: jb.plot_corner(p, fig=two[0]), "plot_corner: found Axes; expected a Figure without axes"),
-        (lambda p, _: jb.plot_frf(p.estimate), "plot_frf: found MapEstimate; expected a posterior, a problem or an"),
-        (lambda p, _: jb.plot_iteration(None), r"plot_iteration: found None; expected .* make it by jb\.identify"),
-    ],
-)
-def test_axes_and_sources_of_another_kind_are_told_in_one_line(draw, message, cheap_posterior):
-    with pytest.raises(jb.ModelError, match=message):
-        draw(cheap_posterior, Canvas().subplots(2))
-
-
 def test_frequencies_are_refused_before_anything_is_computed(cheap_posterior, monkeypatch):
     monkeypatch.setattr(type(cheap_posterior), "checks", None)
     monkeypatch.setattr(type(cheap_posterior), "diagnoses", None)
@@ -233,22 +214,37 @@ def test_one_of_several_frfs_is_named(cheap_posterior, axes):
 @pytest.mark.parametrize(
     ("draw", "message"),
     [
-        (lambda p, _: jb.plot_frf(p, "1:y"), "found DOF '1:y'; expected one of 5:y; correct the label"),
-        (lambda p, _: jb.plot_frf(p, setup="cold"), "found set-up 'cold'"),
+        (lambda p, _, two: jb.plot_frf(p, ax=two), "figure: found 2 axes; expected 1 Axes; make them by pyplot"),
+        (lambda p, _, two: jb.plot_intervals(p, ax=list(two)), "figure: found 2 axes; expected 1 Axes"),
+        (lambda p, _, two: jb.plot_residuals(p, ax=two[0].figure), "figure: found Figure; expected 1 Axes"),
         (
-            lambda _, f: jb.plot_frf(f),
+            lambda p, _, two: jb.plot_traces(p, axes=two),
+            r"figure: found 2 axes; expected 3 Axes; .*pyplot\.subplots\(3\)",
+        ),
+        (lambda p, _, two: jb.plot_iteration(p.estimate.iteration, axes=two), "figure: found 2 axes; expected 4 Axes"),
+        (
+            lambda p, _, two: jb.plot_corner(p, fig=two[0].figure),
+            "plot_corner: found Figure; expected a Figure without",
+        ),
+        (lambda p, _, two: jb.plot_corner(p, fig=two[0]), "plot_corner: found Axes; expected a Figure without axes"),
+        (lambda p, *_: jb.plot_frf(p.estimate), "plot_frf: found MapEstimate; expected a posterior, a problem or an"),
+        (lambda p, *_: jb.plot_iteration(None), r"plot_iteration: found None; expected .* make it by jb\.identify"),
+        (lambda p, *_: jb.plot_frf(p, "1:y"), "found DOF '1:y'; expected one of 5:y; correct the label"),
+        (lambda p, *_: jb.plot_frf(p, setup="cold"), "found set-up 'cold'"),
+        (
+            lambda _, f, two: jb.plot_frf(f),
             "found natural frequencies; expected FRFs; draw plot_frequencies or plot_intervals",
         ),
-        (lambda _, f: jb.plot_residuals(f), "found natural frequencies; expected FRFs"),
-        (lambda p, _: jb.plot_mode_shape(p), "found no shape of mode 1; expected a mode whose shape was measured"),
+        (lambda _, f, two: jb.plot_residuals(f), "found natural frequencies; expected FRFs"),
+        (lambda p, *_: jb.plot_mode_shape(p), "found no shape of mode 1; expected a mode whose shape was measured"),
         (
-            lambda p, _: jb.plot_frequencies(replace(p, case=None)),
+            lambda p, *_: jb.plot_frequencies(replace(p, case=None)),
             "found no measured frequencies; expected some; draw plot_frf",
         ),
-        (lambda p, _: jb.plot_levels(p, "k11"), "curve: found 0 levels of set-ups"),
+        (lambda p, *_: jb.plot_levels(p, "k11"), "curve: found 0 levels of set-ups"),
     ],
 )
 def test_what_cannot_be_drawn_is_told_in_one_line(draw, message, cheap_posterior, frequency_posterior):
     with pytest.raises(jb.JointBayesError, match=message):
-        draw(cheap_posterior, frequency_posterior)
+        draw(cheap_posterior, frequency_posterior, Canvas().subplots(2))
     assert pyplot.get_fignums() == []

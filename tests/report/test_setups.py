@@ -16,10 +16,9 @@ import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.errors import ModelError
 from jointbayes.identification import missing_for_iteration, part_to_iterate
-from jointbayes.posterior import Posterior, data_sha256
+from jointbayes.posterior import data_sha256
 from jointbayes.posterior.curves import Curve, _change, curves_of
 from jointbayes.posterior.homogeneity import ModeShift
-from jointbayes.posterior.storage import draws_tree
 from jointbayes.posterior.stored_problem import run_fingerprint
 from jointbayes.report.contents import PAGES
 from jointbayes.report.inputs import ReportInputs
@@ -27,7 +26,6 @@ from jointbayes.report.model import Figure, Lights, Paragraph, Table
 from jointbayes.report.sections.lead import lead
 from jointbayes.report.sections.run_details import starts_section
 from jointbayes.report.sections.several_setups import assembly_section, curve_section, overview_section, setup_section
-from jointbayes.sampling import Draws
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
 from tests.case.test_setups import HEARD as OF_PEAKS
 from tests.conftest import TABLE_3
@@ -157,15 +155,7 @@ channels = {{"11:y" = "11:y"}}
 variance = {{source = "relative", relative = 0.03, floor = 0.01}}
 """
     case = jb.case_from_text("files", text, directory=tmp_path)
-    middle = posterior_of(jb.case_from_text("alone", BASE))
-    draws = Draws(middle.theta.reshape(4, 25, 3), middle.log_density * 0, np.arange(4))
-    density = case.problem.log_posterior(middle.theta).reshape(4, 25)
-    tree = draws_tree(case.problem, dataclasses.replace(draws, log_density=density), middle.theta)
-    record = dataclasses.replace(middle.record, case_text=case.text, case_name="files")
-    estimate = dataclasses.replace(
-        middle.estimate, log_posterior=float(case.problem.log_posterior(middle.mode_theta)[0])
-    )
-    posterior = Posterior(case.problem, tree, estimate, middle.mode_theta, estimate.log_posterior, record, case)
+    posterior = posterior_about(case, np.log(TABLE_3), np.full(3, 0.01))
     posterior.save(tmp_path / "posterior.nc")
     for name in ("one", "two"):
         (tmp_path / f"{name}.npz").unlink()

@@ -217,41 +217,24 @@ class TestTruncatedWeights:
 @pytest.mark.parametrize(
     ("name", "kind", "arguments"),
     [
-        *(
-            ("Student-t", StudentT, arguments)
-            for arguments in (
-                (MEAN, np.eye(2), 5.0),
-                (MEAN[None], SCALE, 5.0),
-                (np.zeros(0), np.zeros((0, 0)), 5.0),
-                (np.full(3, np.nan), SCALE, 5.0),
-                (MEAN, np.full((3, 3), np.inf), 5.0),
-                (MEAN, SCALE, 0.0),
-                (MEAN, SCALE, np.nan),
-                (MEAN, np.diag([1.0, 1.0, -1.0]), 5.0),
-            )
-        ),
-        *(
-            ("Student-t mixture", StudentMixture, (bells, np.array(weights)))
-            for bells, weights in (
-                ((), []),
-                ((LEFT,), [0.5]),
-                ((LEFT, RIGHT), [1.0]),
-                ((LEFT, RIGHT), [1.5, -0.5]),
-                ((LEFT, RIGHT), [np.nan, 0.5]),
-                ((LEFT, StudentT(np.zeros(1), np.eye(1), 5.0)), [0.5, 0.5]),
-            )
-        ),
-        *(("normal scores", NormalScores, ends) for ends in (([0.0], [0.0]), ([0.0, 1.0], [2.0]), ([np.nan], [1.0]))),
-        *(
-            ("proposal", fitted, (wall, *start))
-            for start in ((np.zeros(2), np.eye(3)), (np.full(2, np.nan), np.eye(2)), (np.zeros((1, 2)), 1.0))
-        ),
-        *(
-            ("proposal", fit_proposal, (unequal_modes, *given, np.random.default_rng(1)))
-            for given in (([], BOTH), ([None], ()))
-        ),
+        *(("Student-t", StudentT, (mean, scale, dof)) for mean, scale, dof in [
+            (MEAN, np.eye(2), 5.0), (MEAN[None], SCALE, 5.0), (np.zeros(0), np.zeros((0, 0)), 5.0),
+            (np.full(3, np.nan), SCALE, 5.0), (MEAN, np.full((3, 3), np.inf), 5.0), (MEAN, SCALE, 0.0),
+            (MEAN, SCALE, np.nan), (MEAN, np.diag([1.0, 1.0, -1.0]), 5.0),
+        ]),
+        *(("Student-t mixture", StudentMixture, (bells, np.array(weights))) for bells, weights in [
+            ((), []), ((LEFT,), [0.5]), ((LEFT, RIGHT), [1.0]), ((LEFT, RIGHT), [1.5, -0.5]),
+            ((LEFT, RIGHT), [np.nan, 0.5]), ((LEFT, StudentT(np.zeros(1), np.eye(1), 5.0)), [0.5, 0.5]),
+        ]),
+        *(("normal scores", NormalScores, ends) for ends in [([0.0], [0.0]), ([0.0, 1.0], [2.0]), ([np.nan], [1.0])]),
+        *(("proposal", fitted, (wall, *start)) for start in [
+            (np.zeros(2), np.eye(3)), (np.full(2, np.nan), np.eye(2)), (np.zeros((1, 2)), 1.0),
+        ]),
+        *(("proposal", fit_proposal, (unequal_modes, *given, np.random.default_rng(1))) for given in [
+            ([], BOTH), ([None], ()),
+        ]),
     ],
-)
+)  # fmt: skip
 def test_what_is_impossible_is_refused_in_one_line(name, kind, arguments):
     with pytest.raises(SamplingError, match=rf"^{name}: found .*; expected ") as caught:
         kind(*arguments)

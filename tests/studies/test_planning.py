@@ -399,18 +399,22 @@ def test_a_plan_says_what_the_case_takes_as_exact():
     assert taken_as_exact(stated.problem, None) == ()
 
 
-def test_nothing_is_recommended_that_does_not_help():
-    found = planned(a=simulated(0.95, 0.95), b=simulated(0.99, 0.99))
-    assert found.recommended is None
-    assert found.sentence.startswith("None of the 2 simulated measurements would narrow k12 much")
-    assert build_plan_report(found.summary()).lead[0].kind == "caution"
-
-
-def test_nothing_is_recommended_from_draws_that_have_not_converged():
-    found = planned(converged=False, a=simulated(0.1, 0.1))
-    assert found.recommended is None
-    assert found.sentence.startswith("No recommendation: the calculation for the data in hand has not settled.")
-    assert build_plan_report(found.summary()).lead[0].kind == "bad"
+@pytest.mark.parametrize(
+    ("found", "sentence", "kind"),
+    [
+        (
+            {"a": (0.95, 0.95), "b": (0.99, 0.99)},
+            "None of the 2 simulated measurements would narrow k12 much",
+            "caution",
+        ),
+        ({"converged": False, "a": (0.1, 0.1)}, "No recommendation: the calculation for the data in hand has", "bad"),
+    ],
+)
+def test_nothing_is_recommended_that_does_not_help_or_is_of_draws_that_have_not_converged(found, sentence, kind):
+    of = planned(**{name: simulated(*sds) if isinstance(sds, tuple) else sds for name, sds in found.items()})
+    assert of.recommended is None
+    assert of.sentence.startswith(sentence)
+    assert build_plan_report(of.summary()).lead[0].kind == kind
 
 
 def test_those_whose_range_overlaps_that_of_the_first_are_simulated_further():

@@ -148,6 +148,26 @@ data.outputs = ["5:y", "2:y"]
 """
 
 
+NOISES = """
+[noise]
+scale = "sampled"
+
+[setups.tested]
+[setups.tested.noise]
+distribution = "student_t"
+scale = "known"
+
+[setups.also.structure]
+length_mm = 250.0
+
+[plan]
+outputs = ["3:y"]
+
+[plan.setups.short.structure]
+length_mm = 200.0
+"""
+
+
 def planned_case(text=PLANNED):
     return jb.case_from_text("planned", cheap_text() + text)
 
@@ -225,25 +245,30 @@ def replace_data(case, theta):
 
 
 @pytest.mark.parametrize(
-    ("table", "message"),
+    ("text", "message"),
     [
-        ("[plan.setups.a.structure]\nlenght_mm = 3.0", "plan.setups.a.structure.lenght_mm: unknown key"),
-        ("[plan.setups.a.structure]\nlength_mm = -3.0", "plan.setups.a.structure.length_mm: found -3.0;"),
-        ("[plan.setups.a.joint]\nown = true", "plan.setups.a.joint.own: found a joint of its own, of which"),
-        ('[plan.setups.a.data]\noutputs = ["9:y"]', 'plan.setups.a.data.outputs: "9:y": there is no node 9'),
-        ('[plan.setups.a]\nremove = ["uncertain.lenght"]', 'plan.setups.a.remove: found "uncertain.lenght", which'),
-        ("[plan.setups.a.noise]\nscale = 1", "plan.setups.a.noise: unknown table; expected one of remove, joined"),
-        ('[plan.setups."a b".structure]\nlength_mm = 3.0', 'plan.setups."a b": found a name that tables and figures'),
-        ("[plan.setups.a.structure]\nlength_mm = 1.0", "plan.setups.a: uncertain structure: found a length_offset"),
+        *((PLANNED + table, message) for table, message in [
+            ("[plan.setups.a.structure]\nlenght_mm = 3.0", "plan.setups.a.structure.lenght_mm: unknown key"),
+            ("[plan.setups.a.structure]\nlength_mm = -3.0", "plan.setups.a.structure.length_mm: found -3.0;"),
+            ("[plan.setups.a.joint]\nown = true", "plan.setups.a.joint.own: found a joint of its own, of which"),
+            ('[plan.setups.a.data]\noutputs = ["9:y"]', 'plan.setups.a.data.outputs: "9:y": there is no node 9'),
+            ('[plan.setups.a]\nremove = ["uncertain.lenght"]', 'plan.setups.a.remove: found "uncertain.lenght", which'),
+            ("[plan.setups.a.noise]\nscale = 1", "plan.setups.a.noise: unknown table; expected one of remove, joined"),
+            ('[plan.setups."a b".structure]\nlength_mm = 3.0', 'plan.setups."a b": found a name that tables and'),
+            ("[plan.setups.a.structure]\nlength_mm = 1.0", "plan.setups.a: uncertain structure: found a length_offset"),
+        ]),
+        (NOISES.replace('[noise]\n', '[noise]\nown = true\n'), ": noise.own: found parameters of the noise of its own"),
+        (NOISES.replace("[setups.also.structure]", '[setups.also.noise]\nscale = "sampled"\n[setups.also.structure]'),
+         "plan.setups.short: found that noise_scale of its noise is inferred, which no present set-up shares"),
     ],
 )  # fmt: skip
-def test_a_set_up_that_cannot_be_is_refused_in_one_line(table, message):
+def test_a_set_up_that_cannot_be_is_refused_in_one_line(text, message):
     with pytest.raises(jb.CaseError) as refused:
-        candidates_of(planned_case(f"{PLANNED}\n{table}\n"))
-    text = str(refused.value)
-    assert text.startswith("planned:")
-    assert message in text
-    assert "\n" not in text
+        candidates_of(planned_case(text))
+    said = str(refused.value)
+    assert re.match(r"planned:\d+: ", said)
+    assert message in said
+    assert "\n" not in said
 
 
 @pytest.mark.whole
@@ -297,26 +322,6 @@ def test_a_stiffness_that_the_problem_lacks_is_told_before_anything_is_sampled(m
     assert "\n" not in str(told.value)
 
 
-NOISES = """
-[noise]
-scale = "sampled"
-
-[setups.tested]
-[setups.tested.noise]
-distribution = "student_t"
-scale = "known"
-
-[setups.also.structure]
-length_mm = 250.0
-
-[plan]
-outputs = ["3:y"]
-
-[plan.setups.short.structure]
-length_mm = 200.0
-"""
-
-
 def test_the_noise_of_a_proposed_set_up_is_that_of_its_own_tables():
     """The first present set-up has a noise of its own; what is proposed has that of the file, shared with the other."""
     case = planned_case(NOISES)
@@ -331,22 +336,6 @@ def test_the_noise_of_a_proposed_set_up_is_that_of_its_own_tables():
     # its density knows the scale
     wrong = theta - np.log(3.0) * (np.arange(len(theta)) == len(theta) - 1)
     assert there.log_posterior.log_likelihood(theta[None]) > there.log_posterior.log_likelihood(wrong[None]) + 100
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (NOISES.replace('[noise]\n', '[noise]\nown = true\n'), ": noise.own: found parameters of the noise of its own"),
-        (NOISES.replace("[setups.also.structure]", '[setups.also.noise]\nscale = "sampled"\n[setups.also.structure]'),
-         "plan.setups.short: found that noise_scale of its noise is inferred, which no present set-up shares"),
-    ],
-)  # fmt: skip
-def test_noise_that_no_present_set_up_shares_is_refused_in_one_line(text, message):
-    with pytest.raises(jb.CaseError) as refused:
-        candidates_of(planned_case(text))
-    assert message in str(refused.value)
-    assert re.match(r"planned:\d+: ", str(refused.value))
-    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("name", ["measured_stations", "measured_rotation"])
