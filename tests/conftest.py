@@ -12,12 +12,14 @@ from typing import TypeVar
 
 import numpy as np
 import pytest
+from click.testing import CliRunner, Result
 from hypothesis import HealthCheck, settings
 from numpy.typing import ArrayLike
 
 from jointbayes.case import case
 from jointbayes.case.case import Case, case_from_text
 from jointbayes.case.case_text import read_case_text
+from jointbayes.cli.commands import main
 from jointbayes.frf import AnyStructure
 from jointbayes.identification import MapEstimate, ModeSearch
 from jointbayes.inference import ErrorSizes, Likelihood, LogPosterior, Problem, Test, likelihood_of
@@ -119,6 +121,11 @@ def lone_likelihood(structure: AnyStructure, joint: AnyJoint, data: Data, **stat
 def shipped_text(name: str) -> str:
     """Text of a case of the repository, whole: with that of the cases it builds on."""
     return read_case_text(CONFIGS / f"{name}.toml").text
+
+
+def cli(*arguments: object) -> Result:
+    """What a command leaves, run in this process."""
+    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 def without_stages(told: str) -> list[str]:

@@ -10,13 +10,11 @@ from pathlib import Path
 
 import pytest
 from benchmarks.disk_faults import each_change, full_from
-from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes import workflow
-from jointbayes.cli.commands import main
 from jointbayes.sampling import checkpoint
-from tests.conftest import cheap_frequencies_text, cheap_text, edited, first_in_ci
+from tests.conftest import cheap_frequencies_text, cheap_text, cli, edited, first_in_ci
 from vibrecords.files import MARK
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="descriptors are followed by /proc")
@@ -32,10 +30,6 @@ COMMANDS = {
 }
 #: What somebody may have planted at a name: a link to what, beside our marks or without.
 PLANTED = (("file", False), ("file", True), ("new", True), ("folder", True))
-
-
-def cli(*arguments):
-    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 @pytest.fixture(scope="module")

@@ -6,13 +6,11 @@ import subprocess
 import sys
 
 import pytest
-from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.report.run_directory import room_of_run
 from jointbayes.sampling import SamplerSettings, UnfinishedRun, checkpoint
-from tests.conftest import CONFIGS, cheap_frequencies_text, edited, first_in_ci
+from tests.conftest import CONFIGS, cheap_frequencies_text, cli, edited, first_in_ci
 
 EVERY_BLOCK = "import jointbayes.sampling.checkpoint as c; c.SECONDS_BETWEEN = 0.0; c._TIMES_THE_COST = 0\n"
 #: The command line; it sends itself a signal when the sampler has come so far, as a user or a batch system does.
@@ -28,10 +26,6 @@ def program(folder, code, *arguments):
     return subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments)], cwd=folder, capture_output=True, text=True, check=False
     )
-
-
-def cli(*arguments):
-    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 def names(folder):

@@ -7,11 +7,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from jointbayes.cli.commands import main
 from jointbayes.posterior import Posterior
-from tests.conftest import cheap_text, edited, without_stages
+from tests.conftest import cheap_text, cli, edited, without_stages
 from vibrecords import FrfSet
 from vibrecords.formats import FORMATS, write_frf
 
@@ -51,10 +49,6 @@ WORK = (
     "jointbayes.studies.calibrate._done",
     "jointbayes.studies.campaign.campaign_run.run_cases",
 )
-
-
-def cli(*arguments):
-    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 def state(folder):

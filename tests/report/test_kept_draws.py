@@ -9,13 +9,11 @@ import tempfile
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ReportError, ReportInterruptedError, WriteError
 from jointbayes.report.run_directory import write_report
-from tests.conftest import cheap_frequencies_text
+from tests.conftest import cheap_frequencies_text, cli
 
 FAILURES = {
     "nobody expected it": (IndexError("list index\nout of range"), "found IndexError (list index out of range)"),
@@ -23,10 +21,6 @@ FAILURES = {
     "out of memory": (MemoryError(), "found MemoryError (no message)"),
     "one of ours": (CaseError("fonts: found none; expected one"), "fonts: found none; expected one"),
 }
-
-
-def cli(*arguments):
-    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 def content(directory):
