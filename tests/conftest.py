@@ -167,7 +167,8 @@ def _rough_proposals() -> Iterator[None]:
 
 def judged_as(again: Posterior, posterior: Posterior) -> Posterior:
     """A posterior with what was already found of another one of the same draws: its ends are not searched again."""
-    vars(again).update({name: found for name, found in vars(posterior).items() if name not in vars(again)})
+    own = {*vars(again), "_judged"}  # verdicts may differ
+    vars(again).update({name: found for name, found in vars(posterior).items() if name not in own})
     return again
 
 

@@ -201,6 +201,7 @@ class _Search:
         if not any(self.judged(quantity).verdict in CERTAINTY for quantity in self.singles):
             self._others += flexibilities_at_arms(self._parametrisation, stiffness)
         self._linear = [axis.name for axis in self._parametrisation.axes if not axis.logarithmic]
+        self._widths: dict[Combination, float] = {}
 
     def run(self) -> tuple[NamedDirection, ...]:
         """Best known first; the last is a single stiffness, and says what moves with it."""
@@ -255,6 +256,12 @@ class _Search:
         return self._width(quantity) * quantity.penalty / share if share else math.inf
 
     def _width(self, quantity: Combination) -> float:
+        """See `_found_width`, which each place on the list asks for again."""
+        if quantity not in self._widths:
+            self._widths[quantity] = self._found_width(quantity)
+        return self._widths[quantity]
+
+    def _found_width(self, quantity: Combination) -> float:
         """A quarter of the 95 % interval of ln q, of q itself where it has both signs; infinite for a sum of both."""
         values = quantity.of(self._stiffness)
         if (values > 0).all() or (values < 0).all():

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -145,6 +145,10 @@ class Identifiability:
     likelihood95: tuple[float, float] = NO_ENDS
     printed95: tuple[float, float] = NO_ENDS
     exact: ExactInputs | None = None
+
+    def with_exact(self, exact: ExactInputs | None) -> "Identifiability":
+        """The same with what it takes as exact, where it says anything."""
+        return replace(self, exact=None if self.verdict in ("no verdict", "not identified") else exact)
 
     @property
     def plain_words(self) -> str:

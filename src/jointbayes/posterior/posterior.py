@@ -452,7 +452,14 @@ class Posterior:
                 f"posterior: found {name} held rigid; expected a joint whose stiffnesses are all uncertain, for "
                 "verdicts, summary and report; use draws, mode and intervals of the others"
             )
-        return judge_stiffness(self, name, self._exact_inputs)
+        if name not in self._judged:
+            self._judged[name] = judge_stiffness(self, name)
+        return self._judged[name].with_exact(self._exact_inputs.get(name))
+
+    @cached_property
+    def _judged(self) -> dict[str, Identifiability]:
+        """What draws, priors and likelihood say of stiffnesses that were asked for: a report asks several times."""
+        return {}
 
     @cached_property
     @one_blas_thread()

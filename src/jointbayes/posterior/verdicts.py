@@ -13,7 +13,7 @@ limit have chosen the verdict as well, so that among joints with one verdict mor
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 
@@ -25,7 +25,6 @@ from jointbayes.posterior.identifiability import (
     IF_MODEL_RIGHT,
     NO_ENDS,
     Error,
-    ExactInputs,
     Identifiability,
     Verdict,
     assess,
@@ -88,9 +87,7 @@ class Finding:
     printed95: tuple[float, float] = NO_ENDS
 
 
-def judge_stiffness(
-    posterior: AnyPosterior, name: str, exact: Mapping[str, ExactInputs] | None = None
-) -> Identifiability:
+def judge_stiffness(posterior: AnyPosterior, name: str) -> Identifiability:
     """Median, interval with errors, and verdict of one stiffness or other quantity.
 
     Parameters
@@ -99,8 +96,6 @@ def judge_stiffness(
         The posterior.
     name
         Of the quantity, as in its draws.
-    exact
-        What verdicts take as exact and do not hold without, by stiffness.
 
     Raises
     ------
@@ -115,18 +110,15 @@ def judge_stiffness(
     narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
     if narrow and finding.verdict != "no verdict" and not posterior.solutions.reason(name):
         finding = replace(finding, verdict_reason=f"{finding.verdict_reason}; {narrow}")
-    return concluded(drawn, finding, (exact or {}).get(name), explained=posterior.check.explains)
+    return concluded(drawn, finding, explained=posterior.check.explains)
 
 
-def concluded(
-    drawn: Identifiability, finding: Finding, exact: ExactInputs | None = None, *, explained: bool
-) -> Identifiability:
-    """What draws say of a stiffness, with what was found, and the conditions it stands under."""
-    says = finding.verdict not in ("no verdict", "not identified")
-    conditional = says and not explained
+def concluded(drawn: Identifiability, finding: Finding, *, explained: bool) -> Identifiability:
+    """What draws say of a stiffness, with what was found, and whether it stands under the model being right."""
+    conditional = finding.verdict not in ("no verdict", "not identified") and not explained
     if conditional:
         finding = replace(finding, verdict_reason=f"{IF_MODEL_RIGHT}: {finding.verdict_reason}")
-    return replace(drawn, **asdict(finding), if_model_right=conditional, exact=exact if says else None)
+    return replace(drawn, **asdict(finding), if_model_right=conditional)
 
 
 def _found(posterior: AnyPosterior, name: str, drawn: Identifiability, error: Error) -> Finding:
