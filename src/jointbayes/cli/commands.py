@@ -137,7 +137,7 @@ def main() -> None:
     # to choose. Read when NumPy is loaded, so not yet.
     os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
     # Else a tenth of a run, and half a second at its end, goes into looking through modules, which stay, for garbage.
-    gc.set_threshold(100_000)
+    gc.set_threshold(1_000_000)
     atexit.register(gc.freeze)
 
 
