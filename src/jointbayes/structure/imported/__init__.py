@@ -1,0 +1,3 @@
+"""Finite-element models of other programs: read, reduced to what a joint and sensors see, and used as bodies."""
+
+from jointbayes.structure.imported.fe_model import FeModel as FeModel

@@ -1,0 +1,119 @@
+"""A finite-element model as another program exports it: sparse matrices, which DOF each row is, where nodes are."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from jointbayes.errors import ModelError
+from vibrecords.arrays import Array, Indices
+
+#: Directions by their numbers in Nastran, Abaqus, Ansys and CalculiX, 1 to 6.
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+
+#: A sparse matrix by columns, shape (n, n): `scipy.sparse.csc_array`.
+Sparse = Any
+
+#: An entry across the diagonal may differ by so much of the largest.
+_SYMMETRIC = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class FeModel:
+    """A structure without its joints by its matrices, SI units.
+
+    Parameters
+    ----------
+    stiffness, mass
+        Symmetric sparse matrices K and M, shape (n, n), whole, not one triangle; M may be semidefinite.
+    dofs
+        Number of the node and number of the direction, 1 to 6, of each row, shape (n, 2); direction 0 is that of a
+        generalised coordinate, which nothing can hold.
+    nodes
+        Numbers of the nodes whose places are known, shape (k,), and
+    places
+        where they are, shape (k, 3), m.
+    damping
+        Viscous damping matrix C, shape (n, n), or None.
+    parts
+        Stiffness and mass of parts by their names, which are contained in the whole: what an uncertain modulus or
+        density of a part multiplies.
+    edges
+        Pairs of node numbers, shape (e, 2), as lines of a picture; None where the file has no elements.
+    source
+        The file in words, such as ``"bracket.npz"``.
+
+    Raises
+    ------
+    ModelError
+        If shapes disagree, a matrix is not finite or not symmetric, a row occurs twice, or there is no mass.
+    """
+
+    stiffness: Sparse
+    mass: Sparse
+    dofs: Indices
+    nodes: Indices = field(default_factory=lambda: np.empty(0, dtype=np.intp))
+    places: Array = field(default_factory=lambda: np.empty((0, 3)))
+    damping: Sparse | None = None
+    parts: Mapping[str, tuple[Sparse, Sparse]] = field(default_factory=dict)
+    edges: Indices | None = None
+    source: str = "structure"
+
+    def __post_init__(self) -> None:
+        n = len(self.dofs)
+        for name in ("stiffness", "mass", "damping"):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            matrix = sparse.csc_array(given)
+            object.__setattr__(self, name, matrix)
+            if matrix.shape != (n, n):
+                found = f"found a {name} matrix of shape {matrix.shape} for {n} DOFs"
+                raise ModelError.of(self.source, (name,), found, f"({n}, {n})", "give the map of the same model")
+            if not np.isfinite(matrix.data).all():
+                found = f"found NaN or infinity in the {name} matrix"
+                raise ModelError.of(self.source, (name,), found, "finite numbers", "export it again")
+            self._require_symmetric(matrix, name)
+        twice = n - len(np.unique(np.asarray(self.dofs), axis=0)) if n else 0
+        if n == 0 or twice:
+            found = f"found {twice} DOFs twice" if n else "found no DOF"
+            raise ModelError.of(self.source, ("dofs",), found, "each row's node and direction once", "correct the map")
+        if not self.mass.diagonal().max(initial=0.0) > 0:
+            raise ModelError.of(self.source, ("mass",), "found no mass", "a mass matrix in kg", "export M too")
+
+    def _require_symmetric(self, matrix: Sparse, name: str) -> None:
+        gap = abs(matrix - matrix.T).tocoo()
+        worst = int(gap.data.argmax()) if gap.nnz else 0
+        if gap.nnz and gap.data[worst] > _SYMMETRIC * np.abs(matrix.data).max():
+            row, column = int(gap.row[worst]), int(gap.col[worst])
+            found = (
+                f"found an unsymmetric {name} matrix, {matrix[row, column]:g} and {matrix[column, row]:g} at row "
+                f"{row + 1}, column {column + 1} and across the diagonal"
+            )
+            remedy = "export the symmetric matrix (no contact with friction, no follower loads)"
+            raise ModelError.of(self.source, (name,), found, "a symmetric one", remedy)
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of rows."""
+        return len(self.dofs)
+
+    @cached_property
+    def _row_of(self) -> dict[tuple[int, int], int]:
+        return {(int(node), int(way)): row for row, (node, way) in enumerate(self.dofs)}
+
+    @cached_property
+    def _place_of(self) -> dict[int, int]:
+        return {int(node): i for i, node in enumerate(self.nodes)}
+
+    def row(self, node: int, direction: str) -> int | None:
+        """The row of a DOF; None where the model has none, such as a rotation of a solid's node."""
+        return self._row_of.get((node, DIRECTIONS.index(direction) + 1))
+
+    def place(self, node: int) -> Array | None:
+        """Where a node is, shape (3,), m; None where that is not known."""
+        at = self._place_of.get(node)
+        return None if at is None else self.places[at]
