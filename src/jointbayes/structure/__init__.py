@@ -17,6 +17,14 @@ from jointbayes.structure.frame_recipe import FrameRecipe as FrameRecipe
 from jointbayes.structure.given_matrices import MatrixFamily as MatrixFamily
 from jointbayes.structure.given_matrices import MatrixRecipe as MatrixRecipe
 from jointbayes.structure.given_matrices import chain as chain
+from jointbayes.structure.imported import FeModel as FeModel
+from jointbayes.structure.imported import FePart as FePart
+from jointbayes.structure.imported import ImportedFamily as ImportedFamily
+from jointbayes.structure.imported import ImportedRecipe as ImportedRecipe
+from jointbayes.structure.imported import Port as Port
+from jointbayes.structure.imported import ReducedModel as ReducedModel
+from jointbayes.structure.imported import ReducedPart as ReducedPart
+from jointbayes.structure.imported import imported as imported
 from jointbayes.structure.matrices import Structure as Structure
 from jointbayes.structure.modes import Modes as Modes
 from jointbayes.structure.modes import Reduction as Reduction

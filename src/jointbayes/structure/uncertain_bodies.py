@@ -20,6 +20,7 @@ from jointbayes.structure.family import UncertainBody, is_hashable
 from jointbayes.structure.frame_element import BodyFactors
 from jointbayes.structure.frame_recipe import FrameMesh, FrameRecipe, MemberRecipe
 from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe
+from jointbayes.structure.imported.imported_body import ImportedFamily, ImportedRecipe
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced
 from jointbayes.structure.shape_modes import (
@@ -262,12 +263,12 @@ class _Body:
         return Structure(stiffness, mass, self._recipe.damping, labels)
 
 
-StructureRecipe = BeamRecipe | FrameRecipe | MatrixRecipe
+StructureRecipe = BeamRecipe | FrameRecipe | MatrixRecipe | ImportedRecipe
 
 
 def family_of_recipe(
     recipe: StructureRecipe, ranges: Mapping[str, tuple[float, float]] | None = None
-) -> BeamFamily | FrameFamily | MatrixFamily:
+) -> BeamFamily | FrameFamily | MatrixFamily | ImportedFamily:
     """The structures of a recipe whose quantities lie within ranges of the logarithm of a factor, by name."""
     match recipe:
         case BeamRecipe():
@@ -276,3 +277,5 @@ def family_of_recipe(
             return FrameFamily(recipe, ranges or {})
         case MatrixRecipe():
             return MatrixFamily(recipe, ranges or {})
+        case ImportedRecipe():
+            return ImportedFamily(recipe, ranges or {})

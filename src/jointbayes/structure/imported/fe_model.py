@@ -1,9 +1,9 @@
 """A finite-element model as another program exports it: sparse matrices, which DOF each row is, where nodes are."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from scipy import sparse
@@ -19,6 +19,35 @@ Sparse = Any
 
 #: An entry across the diagonal may differ by so much of the largest.
 _SYMMETRIC = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class FePart:
+    """What an uncertain quantity of a part of a model multiplies: matrices that the whole contains.
+
+    Parameters
+    ----------
+    stiffness
+        Its K, shape (n, n): grows with Young's modulus, and with the thickness of a sheet.
+    mass
+        Its M, shape (n, n): grows with density, and with thickness.
+    bending
+        Its further K that grows with the third power of thickness: the bending of a sheet. None without.
+    """
+
+    stiffness: Sparse
+    mass: Sparse
+    bending: Sparse | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "mass", "bending"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, sparse.csc_array(getattr(self, name)))
+
+    def turned(self, turn: Sparse) -> "FePart":
+        """The part in other coordinates v, u = T v."""
+        further = None if self.bending is None else turn.T @ self.bending @ turn
+        return FePart(turn.T @ self.stiffness @ turn, turn.T @ self.mass @ turn, further)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +68,7 @@ class FeModel:
     damping
         Viscous damping matrix C, shape (n, n), or None.
     parts
-        Stiffness and mass of parts by their names, which are contained in the whole: what an uncertain modulus or
-        density of a part multiplies.
+        Parts by their names, which are contained in the whole: those with an uncertain modulus, density or thickness.
     edges
         Pairs of node numbers, shape (e, 2), as lines of a picture; None where the file has no elements.
     source
@@ -58,7 +86,7 @@ class FeModel:
     nodes: Indices = field(default_factory=lambda: np.empty(0, dtype=np.intp))
     places: Array = field(default_factory=lambda: np.empty((0, 3)))
     damping: Sparse | None = None
-    parts: Mapping[str, tuple[Sparse, Sparse]] = field(default_factory=dict)
+    parts: Mapping[str, FePart] = field(default_factory=dict)
     edges: Indices | None = None
     source: str = "structure"
 
@@ -77,7 +105,8 @@ class FeModel:
                 found = f"found NaN or infinity in the {name} matrix"
                 raise ModelError.of(self.source, (name,), found, "finite numbers", "export it again")
             self._require_symmetric(matrix, name)
-        twice = n - len(np.unique(np.asarray(self.dofs), axis=0)) if n else 0
+        object.__setattr__(self, "dofs", np.asarray(self.dofs, dtype=np.intp).reshape(n, -1))
+        twice = n - len(np.unique(self.dofs, axis=0)) if n else 0
         if n == 0 or twice:
             found = f"found {twice} DOFs twice" if n else "found no DOF"
             raise ModelError.of(self.source, ("dofs",), found, "each row's node and direction once", "correct the map")
@@ -117,3 +146,35 @@ class FeModel:
         """Where a node is, shape (3,), m; None where that is not known."""
         at = self._place_of.get(node)
         return None if at is None else self.places[at]
+
+    def changed(self, turn: Sparse, dofs: Indices, places: Mapping[int, Array]) -> Self:
+        """The model in other coordinates v, u = T v, with the map of these and the places of further nodes."""
+        return replace(
+            self,
+            stiffness=turn.T @ self.stiffness @ turn,
+            mass=turn.T @ self.mass @ turn,
+            damping=None if self.damping is None else turn.T @ self.damping @ turn,
+            parts={name: part.turned(turn) for name, part in self.parts.items()},
+            dofs=dofs,
+            nodes=np.concatenate([self.nodes, np.array(list(places), dtype=np.intp)]),
+            places=np.concatenate([self.places, np.array(list(places.values())).reshape(-1, 3)]),
+        )
+
+    def held(self, supports: Iterable[tuple[int, str]]) -> Self:
+        """The model with DOFs held fixed, each by its node and direction.
+
+        Raises
+        ------
+        ModelError
+            If the model has no such DOF.
+        """
+        rows = []
+        for node, way in supports:
+            row = self.row(node, way)
+            if row is None:
+                found = f"found no DOF {node}:{way} in {self.source}"
+                raise ModelError.of("structure", ("supports",), found, "a DOF of the model", "correct the support")
+            rows.append(row)
+        kept = np.setdiff1d(np.arange(self.n_dofs), rows)
+        selection = sparse.eye_array(self.n_dofs, format="csc")[:, kept]
+        return self if not rows else self.changed(selection, self.dofs[kept], {})

@@ -1,0 +1,378 @@
+"""An imported model as a body: what its ports see, exactly known or with uncertain parts."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import ClassVar, Self
+
+import numpy as np
+from scipy import linalg
+
+from jointbayes.errors import ModelError
+from jointbayes.structure.body import Discretisation, FreeModes, Rows
+from jointbayes.structure.damping import DampingLaw, ViscousMatrix
+from jointbayes.structure.family import UncertainBody
+from jointbayes.structure.imported.fe_model import FeModel
+from jointbayes.structure.imported.ports import Port, hold_rigid, port_forms
+from jointbayes.structure.imported.reduction import PART_QUANTITIES, ReducedModel, reduce_model
+from jointbayes.structure.matrices import Structure
+from jointbayes.structure.modes import Forced, Modes
+from jointbayes.structure.recipe import ElementKind, Recipe
+from jointbayes.structure.shape_modes import ModesOverShape, Powers, ends_of, modes_over_shape, rising, shape_numbers
+from vibrecords.arrays import Array, ComplexArray, convert_fields
+
+#: Powers in which the whole model's quantities change its eigenvalues by similarity.
+_WHOLE = ("youngs_modulus", "density")
+
+
+@dataclass(frozen=True, repr=False)
+class ReducedStructure(Structure):
+    """A structure whose coordinates are not its DOFs: these move as forms on the coordinates.
+
+    Parameters
+    ----------
+    motions
+        Motion of each labelled DOF in the coordinates, shape (r, p).
+    rigid
+        How many of the first coordinates are rigid-body modes, in which nothing is strained.
+    """
+
+    motions: Array = field(kw_only=True)
+    rigid: int = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Nothing is checked again: the reduction made it."""
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of coordinates."""
+        return len(self.mass)
+
+    def loaded(self, dofs: Iterable[str], mass: float) -> "ReducedStructure":
+        """The structure with a mass in kg at the point of each of these DOFs that is a translation."""
+        points = {label.rpartition(":")[0] for label in dofs if ":r" not in label}
+        moving = [i for i, d in enumerate(self.dofs) if d.rpartition(":")[0] in points and ":r" not in d]
+        forms = self.motions[:, moving]
+        return replace(self, mass=self.mass + mass * (forms @ forms.T)) if moving and mass else self
+
+    def on_all_dofs(self, dofs: Rows, motions: Array) -> Array:
+        """Motions given as forms on some DOFs, shape (p, k), as forms on the coordinates, shape (r, k)."""
+        return np.asarray(self.motions[:, dofs] @ motions)
+
+    def _modes(self, added_stiffness: Array | None) -> Modes:
+        if added_stiffness is not None:
+            return super()._modes(added_stiffness)
+        n = self.rigid
+        of_rigid = self.mass[:n, :n]
+        # modes that are strained move no momentum: what of the rigid-body modes each takes along
+        taken = np.vstack([-np.linalg.solve(of_rigid, self.mass[:n, n:]), np.eye(self.n_dofs - n)])
+        kinetic = taken.T @ self.mass @ taken
+        inverse, turn = linalg.eigh((kinetic + kinetic.T) / 2, self.stiffness[n:, n:])
+        inverse, turn = inverse[::-1], turn[:, ::-1]
+        moved = np.zeros((self.n_dofs, n))
+        moved[:n] = np.linalg.inv(np.linalg.cholesky(of_rigid)).T
+        shapes = np.hstack([moved, taken @ (turn / np.sqrt(inverse))])
+        return Modes(np.concatenate([np.zeros(n), 1 / inverse]), shapes)
+
+    @property
+    def shift(self) -> float:
+        """Shift low among the eigenvalues, rad²/s², see `Structure.shift`: the first that is not zero."""
+        eigenvalues = self.modes().eigenvalues
+        return float(eigenvalues[self.rigid]) if eigenvalues.size > self.rigid else 1.0
+
+    def rigid_motions(self, dofs: Rows) -> Array:
+        """Motions of DOFs in the rigid-body modes, see `Body`."""
+        motions = self.motions[:, dofs].T @ self.modes().shapes
+        moved = motions[:, : self.rigid]
+        return np.where(np.abs(moved) > 1e-8 * np.abs(motions).max(axis=1, keepdims=True), moved, 0.0)
+
+    def dampers(self) -> tuple[Array, Rows, Array]:
+        """None that could be told from the matrix C of a reduction: it is solved line by line."""
+        return np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, 0))
+
+    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> ComplexArray | None:
+        """Solved line by line where no modes diagonalise its damping matrix."""
+        if self.damping.matrix is None:
+            return None
+        forms = self.on_all_dofs(dofs, motions)
+        return self.solve_lines(omega, forms, forms)
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedRecipe(Recipe):
+    """An imported model as its ports see it up to a frequency.
+
+    Made by `imported`; the model itself is not kept.
+
+    Parameters
+    ----------
+    reduced, finer
+        The reduced model, and one with more vectors that it is compared with.
+    dofs
+        Labels of the ports' DOFs, shape (p,), ``"tip:y"``.
+    top_hz
+        Frequency up to which it is reduced, Hz.
+    damping
+        Damping law; that of a matrix C holds the reduced one.
+    source, size
+        The file in words, and the number of its DOFs.
+    positions
+        Places of ports, m, by their names, where known.
+    accelerometer_mass, added_mass, accelerometer_dofs
+        See `Recipe`.
+    """
+
+    reduced: ReducedModel
+    finer: ReducedModel
+    dofs: tuple[str, ...]
+    top_hz: float
+    damping: DampingLaw
+    source: str = "structure"
+    size: int = 0
+    positions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    accelerometer_mass: float = 0.0
+    added_mass: float = 0.0
+    accelerometer_dofs: tuple[str, ...] = ()
+    element: ElementKind = "converged"
+    richer: bool = False
+
+    kind: ClassVar[str] = "imported structure"
+    extent: ClassVar[float] = 1.0  # a metre, as of matrices
+
+    def __post_init__(self) -> None:
+        convert_fields(self, tuple, "dofs", "accelerometer_dofs")
+        self._require_masses()
+
+    @property
+    def used(self) -> ReducedModel:
+        """The reduced model, or the finer one."""
+        return self.finer if self.richer else self.reduced
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Young's modulus and density of the whole, those and the thickness of parts, accelerometers, damping."""
+        of_parts = [f"{part}.{quantity}" for part in self.reduced.parts for quantity in PART_QUANTITIES]
+        return (*_WHOLE, *of_parts, "accelerometer_mass", "damping_ratio", "loss_factor")
+
+    @property
+    def what(self) -> str:
+        """The model by its file and size."""
+        return f"{self.source}, {self.size} DOFs reduced to {len(self.used.mass)}"
+
+    def own_stiffness(self, row: str, column: str) -> float:
+        """Its stiffness by itself where two DOFs of a port are, see `Body`."""
+        return self.structure().own_stiffness(row, column)
+
+    def own_inertia(self, dof: str) -> float:
+        """Mass, kg, or moment of inertia, kg·m², that a spring at a DOF moves where nothing else holds it."""
+        return self.structure().own_inertia(dof)
+
+    def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> None:
+        """No elements to be chosen; a frequency beyond the reduction's is refused.
+
+        Raises
+        ------
+        ModelError
+            If it is.
+        """
+        if top_hz is not None and top_hz > self.top_hz * (1 + 1e-9):
+            found = f"found {self.source} reduced up to {self.top_hz:.4g} Hz"
+            raise ModelError.of("structure", ("top_hz",), found, f"{top_hz:.4g} Hz or more", "raise structure.top_hz")
+
+    def structure(self, factors: Mapping[str, float] | None = None, mesh: None = None) -> ReducedStructure:
+        """The structure, its quantities multiplied by factors where some are given.
+
+        Raises
+        ------
+        ModelError
+            If a name is unknown.
+        """
+        named, of = self.checked_factors(factors), self.used
+        stiffness, mass = of.stiffness, of.mass
+        for name, part in of.parts.items():
+            given = {q: named.get(f"{name}.{q}", 1.0) for q in PART_QUANTITIES}
+            grown = [
+                math.prod(given[q] ** powers[i] for q, powers in PART_QUANTITIES.items()) - 1 for i in range(3)
+            ]
+            if any(grown):
+                stiffness = stiffness + grown[0] * part.stiffness + grown[1] * part.bending
+                mass = mass + grown[2] * part.mass
+        stiffness, mass = (named.get(q, 1.0) * matrix for q, matrix in zip(_WHOLE, (stiffness, mass), strict=True))
+        bare = ReducedStructure(
+            stiffness,
+            mass,
+            self.damping.scaled(named),
+            self.dofs,
+            self.positions,
+            motions=of.motions,
+            rigid=of.rigid,
+        )
+        return bare.loaded(self.accelerometer_dofs, self.load(named))
+
+
+@dataclass(frozen=True)
+class _ScaledModes:
+    """Modes at all factors from those over the shape numbers, by similarity."""
+
+    modes: ModesOverShape
+    axes: Mapping[str, Powers]
+    factor: Callable[[Array, str], Array]
+    uncertain: bool
+
+    def __call__(self, factors: Array) -> tuple[Array, Array]:
+        """Eigenvalues (n or 1, m) and motions (n or 1, k, m) at factors (n, q)."""
+        if not self.uncertain:
+            return self.modes(np.zeros((1, len(self.axes))))
+
+        def of(quantity: str) -> Array:
+            return self.factor(factors, quantity)
+
+        eigenvalues, motions = self.modes(shape_numbers(self.axes.values(), of, len(factors)))
+        stiffness, density = (of(q)[:, None] for q in _WHOLE)
+        return rising(eigenvalues * stiffness / density, motions / np.sqrt(density)[:, :, None])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ImportedFamily(UncertainBody):
+    """An imported model whose quantities are uncertain, see `UncertainBody` and `ImportedRecipe.quantities`."""
+
+    recipe: ImportedRecipe
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of coordinates."""
+        return self.nominal.n_dofs
+
+    @property
+    def discretisation(self) -> Discretisation:
+        """Vectors that stand for its DOFs."""
+        return Discretisation("reduced", len(self.recipe.used.mass), self.recipe.size)
+
+    @cached_property
+    def reach_of_modes_hz(self) -> float | None:
+        """Frequency up to which modes are wanted: at the ends of the ranges they may be so much lower."""
+        if self.top_hz is None:
+            return None
+        widest = sum(max(map(abs, self.ranges.get(q, (0.0, 0.0)))) for q in _WHOLE) / 2
+        return min(self.top_hz * math.exp(widest), max(self.recipe.top_hz, self.top_hz))
+
+    def reach_hz(self, count: int) -> float:
+        """A frequency above the first `count` natural frequencies, Hz, or that of the reduction: data end below it."""
+        return min(self.nominal.reach_hz(count), self.recipe.top_hz)
+
+    @cached_property
+    def _axes(self) -> dict[str, Powers]:
+        """What changes modes by more than factors: parts, and masses of accelerometers beside the model's."""
+        axes: dict[str, Powers] = {q: {q: 1.0} for q in self.names if q.rpartition(".")[2] in PART_QUANTITIES and "." in q}
+        loaded = self.recipe.accelerometer_mass + self.recipe.added_mass > 0 and self.recipe.accelerometer_dofs
+        powers = {q: p for q, p in (("accelerometer_mass", 1.0), ("density", -1.0)) if q in self.names}
+        return axes | ({"accelerometer_mass": powers} if loaded and powers else {})
+
+    def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
+        """Interpolated modes over the shape numbers, scaled; motions as forms on the coordinates, shape (r, k)."""
+        ends = ends_of(self._axes.values(), lambda q: self.ranges.get(q, (0.0, 0.0)))
+        modes = modes_over_shape(
+            self._structure_at, self.nominal.modes(), ends, motions, forced, self.reach_of_modes_hz
+        )
+        return _ScaledModes(modes, self._axes, self.factor, bool(set(self.names) & {*self._axes, *_WHOLE}))
+
+    def _structure_at(self, numbers: Sequence[float]) -> Structure:
+        return self._lumped.structure(dict(zip(self._axes, np.exp(numbers).tolist(), strict=True)))
+
+    @cached_property
+    def _lumped(self) -> ImportedRecipe:
+        return self.recipe.lumped
+
+    def factor(self, factors: Array, name: str) -> Array:
+        """Factor on one quantity, shape (n,); of accelerometers on all mass at their places."""
+        of_one = super().factor(factors, name)
+        return self.recipe.lumped_factor(of_one) if name == "accelerometer_mass" else of_one
+
+
+def imported(
+    model: FeModel,
+    ports: Mapping[str, Port | int | Sequence[int]],
+    top_hz: float,
+    damping: DampingLaw | None = None,
+    *,
+    ends: Mapping[str, tuple[float, float]] | None = None,
+    supports: Iterable[tuple[int, str]] = (),
+    accelerometer_mass: float = 0.0,
+    accelerometer_dofs: Iterable[str] = (),
+    progress: Callable[[str], None] = lambda stage: None,
+) -> ImportedRecipe:
+    """A structure from an imported model, reduced to what joints and sensors at its ports see.
+
+    Parameters
+    ----------
+    model
+        The model, see `read_structure`.
+    ports
+        Where joints and sensors may be, by names: a node, nodes whose motion is averaged, or a `Port`.
+    top_hz
+        Highest frequency of any data or prediction, Hz.
+    damping
+        Damping law; None takes the model's own matrix C.
+    ends
+        Smallest and largest factor on uncertain quantities of parts, ``{"wall.thickness": (0.9, 1.1)}``.
+    supports
+        DOFs held fixed, each a node and a direction.
+    accelerometer_mass, accelerometer_dofs
+        Mass of each accelerometer, kg, and where they sit.
+    progress
+        Told each stage of the reduction.
+
+    Returns
+    -------
+    ImportedRecipe, for `family_of_recipe`; a solve of a large sparse model stands behind it, once.
+
+    Raises
+    ------
+    ModelError
+        If a node does not exist, an end is of no part, or the model cannot be reduced.
+    """
+    held = model.held(supports)
+    as_ports = {name: _port(given) for name, given in ports.items()}
+    numbers: dict[str, Port] = {}
+    for name, port in as_ports.items():
+        if port.rigid:
+            held, number = hold_rigid(held, port, f"port {name}")
+            numbers[name] = Port((number,))
+    forms = {
+        f"{name}:{way}": form
+        for name, port in as_ports.items()
+        for way, form in port_forms(held, numbers.get(name, port), f"port {name}").items()
+    }
+    for name in ends or {}:
+        part, _, quantity = name.rpartition(".")
+        if part not in held.parts or quantity not in PART_QUANTITIES:
+            known = ", ".join(f"{p}.{q}" for p in held.parts for q in PART_QUANTITIES) or "none, as it has no parts"
+            raise ModelError.of(
+                model.source, ("uncertain",), f"found the quantity {name!r}", f"one of {known}", "correct it"
+            )
+    reduced, finer = reduce_model(held, np.stack([*forms.values()], axis=1), top_hz, ends, progress)
+    if damping is None:
+        if reduced.damping is None:
+            found = "found no damping matrix and no damping law"
+            raise ModelError.of(model.source, ("damping",), found, "one of the two", "state a law")
+        damping = ViscousMatrix(reduced.damping)
+    places = {name: port.place(held) for name, port in as_ports.items()}
+    return ImportedRecipe(
+        reduced,
+        finer,
+        tuple(forms),
+        top_hz,
+        damping,
+        model.source,
+        model.n_dofs,
+        {name: tuple(place.tolist()) for name, place in places.items() if place is not None},
+        accelerometer_mass,
+        accelerometer_dofs=tuple(accelerometer_dofs),
+    )
+
+
+def _port(given: Port | int | Sequence[int]) -> Port:
+    if isinstance(given, Port):
+        return given
+    return Port((given,) if isinstance(given, int | np.integer) else tuple(given))

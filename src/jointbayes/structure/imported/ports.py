@@ -1,0 +1,185 @@
+"""Where a joint or a sensor holds an imported model: a node, or a patch of nodes that moves as one."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from jointbayes.errors import ModelError
+from jointbayes.structure.imported.fe_model import DIRECTIONS, FeModel, Sparse
+from vibrecords.arrays import Array, convert_fields
+
+_NO_ARM = 1e-6  # of a patch's size: about an axis through all its nodes nothing says how it turns
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """A node, or a patch of nodes, with up to six DOFs.
+
+    Parameters
+    ----------
+    nodes
+        Numbers of its nodes.
+    rigid
+        Whether the patch moves as a rigid body (RBE2). Otherwise its motion is the average of its nodes' (RBE3), which
+        stiffens nothing.
+    at
+        Place of the point whose motion it is, m; None takes the mean place of the nodes.
+    """
+
+    nodes: tuple[int, ...]
+    rigid: bool = False
+    at: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        convert_fields(self, lambda nodes: tuple(int(node) for node in nodes), "nodes")
+        if not self.nodes or len(set(self.nodes)) < len(self.nodes):
+            found = f"found {len(self.nodes)} nodes, {len(set(self.nodes))} of them different"
+            raise ModelError.of("port", ("nodes",), found, "one node, or several, each once", "correct the list")
+
+    def place(self, model: FeModel) -> Array | None:
+        """Where it is, shape (3,), m; None where its nodes have no places."""
+        if self.at is not None:
+            return np.array(self.at)
+        places = [model.place(node) for node in self.nodes]
+        known = [place for place in places if place is not None]
+        return np.mean(known, axis=0) if len(known) == len(places) else None
+
+
+def hold_rigid(model: FeModel, port: Port, where: str) -> tuple[FeModel, int]:
+    """The model with a patch of nodes as one rigid body, and the number of the node that stands for it.
+
+    K and M become TᵀKT and TᵀMT, where u = T v gives the patch's DOFs by the six of its point.
+
+    Raises
+    ------
+    ModelError
+        If a node does not exist or has no known place.
+    """
+    arms = _arms(model, port, where)
+    patch = np.isin(model.dofs[:, 0], port.nodes)
+    kept = np.flatnonzero(~patch)
+    number = int(min(model.dofs[:, 0].min(), 0)) - 1
+    rows, columns, values = [kept], [np.arange(len(kept))], [np.ones(len(kept))]
+    for row in np.flatnonzero(patch):
+        node, way = (int(of) for of in model.dofs[row])
+        motion = _rigid_motion(arms[node], way)
+        rows.append(np.full(6, row))
+        columns.append(len(kept) + np.arange(6))
+        values.append(motion)
+    shape = model.n_dofs, len(kept) + 6
+    turn = sparse.csc_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+    own = np.stack([np.full(6, number), np.arange(1, 7)], axis=1)
+    place = port.place(model)
+    assert place is not None  # as its arms are known
+    return model.changed(turn, np.concatenate([model.dofs[kept], own]), {number: place}), number
+
+
+def port_forms(model: FeModel, port: Port, where: str) -> dict[str, Array]:
+    """The DOFs of a port by their directions, each as a form on the model's, shape (n,).
+
+    A node has those that the model has. Of a patch the translation is the mean, and the rotation the one that fits
+    its nodes' translations best, θ = J⁻¹ Σ r × u with J = Σ (r·r 1 − r rᵀ) (RBE3 of equal weights).
+
+    Raises
+    ------
+    ModelError
+        If a node does not exist, is held, or has no known place.
+    """
+    if len(port.nodes) == 1 and port.at is None:
+        return _node_forms(model, port.nodes[0], where)
+    arms = _arms(model, port, where)
+    rows = {node: [model.row(node, way) for way in "xyz"] for node in port.nodes}
+    free = [node for node in port.nodes if all(row is not None for row in rows[node])]
+    if not free:
+        found = f"found no node of {_listed(port.nodes)} that is free to move"
+        raise ModelError.of(where, ("nodes",), found, "a patch that no support holds", "choose other nodes")
+    mean_arm = np.mean([arms[node] for node in free], axis=0)
+    inertia = np.zeros((3, 3))
+    translation, turning = np.zeros((3, model.n_dofs)), np.zeros((3, model.n_dofs))
+    for node in free:
+        arm = arms[node] - mean_arm
+        inertia += (arm @ arm) * np.eye(3) - np.outer(arm, arm)
+        for way, row in enumerate(rows[node]):
+            translation[way, row] = 1 / len(free)
+            turning[:, row] += np.cross(arm, np.eye(3)[way])
+    sizes, axes = np.linalg.eigh(inertia)
+    turned = sizes > _NO_ARM**2 * max(sizes.max(), np.finfo(float).tiny)
+    if not turned.all():  # nodes in one line, or one
+        known = [d for d in range(3) if np.abs(axes[d, ~turned]).max(initial=0.0) < _NO_ARM]
+    else:
+        known = [0, 1, 2]
+    rotation = (axes[:, turned] / sizes[turned]) @ (axes[:, turned].T @ turning)
+    # u at the point is that of the nodes' middle plus θ × (point − middle)
+    at_point = translation - np.cross(rotation, mean_arm, axisa=0, axisc=0)
+    forms = {way: at_point[d] for d, way in enumerate("xyz")}
+    return forms | {f"r{'xyz'[d]}": rotation[d] for d in known}
+
+
+def _node_forms(model: FeModel, node: int, where: str) -> dict[str, Array]:
+    forms = {}
+    for way in DIRECTIONS:
+        row = model.row(node, way)
+        if row is not None:
+            forms[way] = np.zeros(model.n_dofs)
+            forms[way][row] = 1.0
+    if not forms:
+        raise _no_node(model, node, where)
+    return forms
+
+
+def _no_node(model: FeModel, node: int, where: str) -> ModelError:
+    numbers = np.unique(model.dofs[model.dofs[:, 1] > 0, 0])
+    expected = f"one of {len(numbers)} that can move, from {numbers.min()} to {numbers.max()}" if len(numbers) else "none"
+    return ModelError.of(where, ("nodes",), f"found no DOF of node {node} in {model.source}", expected, "correct it")
+
+
+def _arms(model: FeModel, port: Port, where: str) -> Mapping[int, Array]:
+    """From the port's point to each of its nodes, m."""
+    point, arms = port.place(model), {}
+    for node in port.nodes:
+        place = model.place(node)
+        if place is None or point is None:
+            found = f"found no place of node {node} in {model.source}"
+            raise ModelError.of(where, ("nodes",), found, "the places of all nodes of a patch", "give coordinates")
+        if not (model.dofs[:, 0] == node).any():
+            raise _no_node(model, node, where)
+        arms[node] = place - point
+    return arms
+
+
+def _rigid_motion(arm: Array, way: int) -> Array:
+    """Motion of a DOF 1 to 6 at the end of an arm by the six of its rigid body, shape (6,)."""
+    motion = np.zeros(6)
+    motion[way - 1] = 1.0
+    if way <= 3:
+        motion[3:] = np.cross(arm, np.eye(3)[way - 1])  # (θ × r)·e = θ·(r × e)
+    return motion
+
+
+def rigid_motions(model: FeModel) -> Array | None:
+    """Translations and rotations of all rows about the middle of the model, shape (n, 6); None where places miss."""
+    places = {int(node): place for node, place in zip(model.nodes, model.places, strict=True)}
+    if not places or any(int(node) not in places for node in np.unique(model.dofs[:, 0])):
+        return None
+    middle = model.places.mean(axis=0)
+    arms = np.array([places[int(node)] for node in model.dofs[:, 0]]) - middle
+    ways = model.dofs[:, 1]
+    if (ways < 1).any():
+        return None
+    motions = np.zeros((model.n_dofs, 6))
+    motions[np.arange(model.n_dofs), ways - 1] = 1.0
+    moved = ways <= 3
+    motions[moved, 3:] = np.cross(arms[moved], np.eye(3)[ways[moved] - 1])
+    return motions
+
+
+def nodes_in_box(model: FeModel, low: Sequence[float], high: Sequence[float]) -> tuple[int, ...]:
+    """Numbers of the nodes in a box of these corners, m."""
+    inside = ((model.places >= np.array(low)) & (model.places <= np.array(high))).all(axis=1)
+    return tuple(int(node) for node in model.nodes[inside])
+
+
+def _listed(nodes: Sequence[int]) -> str:
+    return ", ".join(map(str, nodes[:6])) + (" …" if len(nodes) > 6 else "")

@@ -1,0 +1,266 @@
+"""An imported model reduced to what its ports see: its modes to above the band, and the residual of all others.
+
+The residual is a Krylov space of the ports' forces at a shift below the band, S⁻¹P and S⁻¹MS⁻¹P with S = K + σM (MacNeal
+1971; Rubin 1975, with a second block), in which S is positive definite for a free model too. Rigid-body modes are
+exact, from coordinates. All ports that may ever be asked are reduced at once: each is a solve, and the factorisation
+of S is what costs.
+
+References
+----------
+MacNeal, R. H. (1971). A hybrid method of component mode synthesis. Computers & Structures 1(4), 581-601.
+DOI 10.1016/0045-7949(71)90031-9
+Rubin, S. (1975). Improved component-mode representation for structural dynamic analysis. AIAA Journal 13(8), 995-1006.
+DOI 10.2514/3.60497
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from jointbayes.errors import ModelError
+from jointbayes.structure.imported.fe_model import FeModel, FePart, Sparse
+from jointbayes.structure.imported.ports import rigid_motions
+from vibrecords.arrays import Array
+
+_MODES_TO = 1.5  # times the band
+_SHIFT_AT = 0.25  # of the band: σ = (2π · so much)²
+_BLOCKS, _FINER_BLOCKS = 2, 4
+_DENSE = 400  # a model of so few DOFs is solved whole
+_MODES_FIRST, _MOST_MODES = 24, 600
+_SAME = 1e-9  # a vector of which less than this is new adds rounding only
+_STATIC = 1e-12  # part of the largest inverse eigenvalue below which a vector has no mass: it answers at once
+#: A motion is a rigid body's if its strain energy is no more than so many times the rounding of φᵀ|K|φ.
+_RIGID = 30 * np.finfo(float).eps
+
+#: Quantities of a part, and how its matrices grow with each: stiffness, bending, mass.
+PART_QUANTITIES = {"youngs_modulus": (1, 1, 0), "density": (0, 0, 1), "thickness": (1, 3, 1)}
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedPart:
+    """A part of a reduced model, see `FePart`; bending is zero where there is none."""
+
+    stiffness: Array
+    mass: Array
+    bending: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedModel:
+    """A model in r coordinates, of which the first are rigid-body modes.
+
+    Parameters
+    ----------
+    stiffness, mass
+        K and M, shape (r, r); of rigid-body modes K is exactly 0.
+    motions
+        Motion of each port's DOF in the coordinates, shape (r, p).
+    rigid
+        Number of rigid-body modes.
+    damping
+        Viscous damping matrix, shape (r, r), or None.
+    parts
+        Parts with uncertain quantities, by name.
+    """
+
+    stiffness: Array
+    mass: Array
+    motions: Array
+    rigid: int
+    damping: Array | None = None
+    parts: Mapping[str, ReducedPart] = field(default_factory=dict)
+
+
+Factors = Mapping[str, float]
+
+
+def reduce_model(
+    model: FeModel,
+    forms: Array,
+    top_hz: float,
+    ends: Mapping[str, tuple[float, float]] | None = None,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> tuple[ReducedModel, ReducedModel]:
+    """A model as it is seen at some motions up to a frequency, and the same with more vectors to compare it with.
+
+    Parameters
+    ----------
+    model
+        The model, without what supports hold.
+    forms
+        Motions of the ports as forms on the DOFs, shape (n, p).
+    top_hz
+        Highest frequency that is wanted, Hz.
+    ends
+        Smallest and largest factor on uncertain quantities of parts, such as ``"wall.thickness"``: the model is
+        reduced at each of these ends, and the vectors of all serve together.
+    progress
+        Told each stage.
+
+    Raises
+    ------
+    ModelError
+        If the model is a mechanism beyond rigid-body motion, or has too many modes below the frequency.
+    """
+    shift = (2 * np.pi * _SHIFT_AT * top_hz) ** 2
+    rigid = _rigid_modes(model, shift)
+    modes: list[Array] = []
+    blocks: list[list[Array]] = [[] for _ in range(_FINER_BLOCKS)]
+    for number, (stiffness, mass) in enumerate(_variants(model, ends or {})):
+        progress(f"factorising {model.n_dofs} DOFs" + (f", variant {number + 1}" if number else ""))
+        solve = _solver(stiffness + shift * mass, model.source)
+        progress(f"modes up to {_MODES_TO * top_hz:.4g} Hz")
+        modes.append(_modes_below(stiffness, mass, solve, shift, _MODES_TO * top_hz, model.source))
+        progress(f"answers to {forms.shape[1]} forces")
+        vectors = forms
+        for block in blocks:
+            vectors = solve(mass @ vectors if block is not blocks[0] else vectors)
+            vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=0), np.finfo(float).tiny)
+            block.append(vectors)
+    return tuple(  # type: ignore[return-value]  # two of them
+        _projected(model, forms, rigid, [*modes, *itertools.chain(*blocks[:count])], shift)
+        for count in (_BLOCKS, _FINER_BLOCKS)
+    )
+
+
+def _variants(model: FeModel, ends: Mapping[str, tuple[float, float]]) -> Iterator[tuple[Sparse, Sparse]]:
+    """K and M as stated, and at each end of each uncertain quantity of a part."""
+    yield model.stiffness, model.mass
+    for name, both in ends.items():
+        part, _, quantity = name.rpartition(".")
+        of = model.parts[part]
+        stiff, bend, heavy = PART_QUANTITIES[quantity]
+        for factor in both:
+            if factor == 1.0:
+                continue
+            stiffness = model.stiffness + (factor**stiff - 1) * of.stiffness
+            if of.bending is not None:
+                stiffness = stiffness + (factor**bend - 1) * of.bending
+            yield stiffness, model.mass + (factor**heavy - 1) * of.mass
+
+
+def _solver(matrix: Sparse, source: str) -> Callable[[Array], Array]:
+    """Solves S x = b for many b, shape (n, k), S symmetric and positive definite."""
+    if matrix.shape[0] <= _DENSE:
+        try:
+            factor = linalg.cho_factor(matrix.toarray())
+        except linalg.LinAlgError:
+            raise _mechanism(source) from None
+        return lambda b: np.asarray(linalg.cho_solve(factor, b))
+    try:
+        whole = splu(
+            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+    except RuntimeError:  # exactly singular
+        raise _mechanism(source) from None
+    if not (whole.U.diagonal() > 0).all():
+        raise _mechanism(source)
+    return lambda b: np.asarray(whole.solve(np.ascontiguousarray(b)))
+
+
+def _mechanism(source: str) -> ModelError:
+    found = "found a motion without stiffness and without mass, or a negative stiffness"
+    remedy = "constrain DOFs that nothing holds, such as rotations about a shell's normal, and export again"
+    return ModelError.of(source, ("stiffness",), found, "K and M of a structure that holds together", remedy)
+
+
+def _rigid_modes(model: FeModel, shift: float) -> Array:
+    """Rigid-body modes of unit modal mass, shape (n, rigid), exactly those of the coordinates where these are given."""
+    motions = rigid_motions(model)
+    if motions is None:
+        return np.empty((model.n_dofs, 0))
+    scale = np.sqrt((motions * (model.mass @ motions)).sum(axis=0))
+    motions = motions[:, scale > 0] / scale[scale > 0]
+    energy = motions.T @ (model.stiffness @ motions)
+    weight = motions.T @ (model.mass @ motions)
+    values, turn = linalg.eigh((energy + energy.T) / 2, (weight + weight.T) / 2)
+    modes = motions @ turn
+    # a support leaves some motions free and strains others: those free are at 0 Hz but for the file's last digits
+    return np.asarray(modes[:, [_is_rigid(model, v, e, shift) for v, e in zip(modes.T, values, strict=True)]])
+
+
+def _is_rigid(model: FeModel, mode: Array, eigenvalue: float, shift: float) -> bool:
+    cancelled = float(np.abs(mode) @ (abs(model.stiffness) @ np.abs(mode)))
+    return abs(eigenvalue) <= max(_RIGID * cancelled, 1e-12 * shift)
+
+
+def _modes_below(
+    stiffness: Sparse, mass: Sparse, solve: Callable[[Array], Array], shift: float, top_hz: float, source: str
+) -> Array:
+    """All modes below a frequency, shape (n, m), in any scale."""
+    n, highest = mass.shape[0], (2 * np.pi * top_hz) ** 2
+    if n <= _DENSE:
+        inverse, shapes = linalg.eigh(mass.toarray(), (stiffness + shift * mass).toarray())
+        return np.asarray(shapes[:, inverse > 1 / (highest + shift)])
+    inverse_of = LinearOperator((n, n), matvec=solve, dtype=float)
+    start = np.random.default_rng(0).standard_normal(n)
+    count = _MODES_FIRST
+    while True:
+        count = min(count, n - 2)
+        values, shapes = eigsh(stiffness, count, mass, sigma=-shift, OPinv=inverse_of, v0=start, tol=1e-12)
+        if values.max() > highest or count == n - 2:
+            return np.asarray(shapes[:, values < highest])
+        if count >= _MOST_MODES:
+            found = f"found more than {count} modes below {top_hz:.4g} Hz"
+            raise ModelError.of(
+                source, ("top_hz",), found, f"fewer than {_MOST_MODES}", "lower the band, or correct the units"
+            )
+        count = min(2 * count, _MOST_MODES)
+
+
+def _projected(model: FeModel, forms: Array, rigid: Array, vectors: list[Array], shift: float) -> ReducedModel:
+    """The model in rigid-body modes and in what other vectors add to them."""
+    n_rigid, basis = rigid.shape[1], _independent(model, rigid, vectors, shift)
+    kinetic, strain = (_symmetric(basis.T @ (matrix @ basis)) for matrix in (model.mass, model.stiffness))
+    inverse, turn = linalg.eigh(kinetic, strain + shift * kinetic)
+    inverse, turn = np.maximum(inverse[::-1], _STATIC * inverse[-1]), turn[:, ::-1]
+    modes = basis @ (turn / np.sqrt(inverse))
+    whole = np.hstack([rigid, modes])
+    eigenvalues = np.concatenate([np.zeros(n_rigid), np.maximum(1 / inverse - shift, 0.0)])
+
+    def projected(matrix: Sparse | None) -> Array:
+        r = len(eigenvalues)
+        return np.zeros((r, r)) if matrix is None else _symmetric(whole.T @ (matrix @ whole))
+
+    parts = {
+        name: ReducedPart(*(projected(m) for m in (part.stiffness, part.mass, part.bending)))
+        for name, part in model.parts.items()
+    }
+    damping = None if model.damping is None else projected(model.damping)
+    return ReducedModel(np.diag(eigenvalues), np.eye(len(eigenvalues)), whole.T @ forms, n_rigid, damping, parts)
+
+
+def _independent(model: FeModel, rigid: Array, vectors: list[Array], shift: float) -> Array:
+    """What each group of vectors adds to those before it, orthonormal in S = K + σM and to rigid-body modes in M."""
+    of_rigid, groups = model.mass @ rigid, list[tuple[Array, Array]]()
+    for group in vectors:
+        for again in (False, True):  # a second time for what the first left by rounding
+            left = group - rigid @ (of_rigid.T @ group)
+            for basis, energy_of in groups:
+                left = left - basis @ (energy_of.T @ left)
+            if not again:
+                before = np.sqrt(np.maximum(_energy(model, group, shift), np.finfo(float).tiny))
+            after = np.sqrt(np.maximum(_energy(model, left, shift), 0.0))
+            left = left[:, after > _SAME * before] / after[after > _SAME * before]
+            work = model.stiffness @ left + shift * (model.mass @ left)
+            size, axes = np.linalg.eigh(_symmetric(left.T @ work))
+            kept = size > _SAME * size.max(initial=0.0)
+            group = left @ (axes[:, kept] / np.sqrt(size[kept]))
+            before = np.ones(group.shape[1])
+        if group.shape[1]:
+            groups.append((group, model.stiffness @ group + shift * (model.mass @ group)))
+    return np.hstack([basis for basis, _ in groups])
+
+
+def _energy(model: FeModel, vectors: Array, shift: float) -> Array:
+    """Twice the strain energy of vectors (n, k) in S, shape (k,)."""
+    return np.asarray((vectors * (model.stiffness @ vectors + shift * (model.mass @ vectors))).sum(axis=0))
+
+
+def _symmetric(matrix: Array) -> Array:
+    return np.asarray((matrix + matrix.T) / 2)
