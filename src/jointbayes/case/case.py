@@ -29,6 +29,7 @@ from jointbayes.case.case_objects import (
 )
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
 from jointbayes.case.keys import DATA_FILE
+from jointbayes.case.imported_model import reduce_imported
 from jointbayes.case.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
 from jointbayes.case.spec.fields import show_key
@@ -337,6 +338,7 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
             data = data or read_measurement(spec.files.file, home.directory, plan_of(spec))
             spec = complete_from_data(spec, data)
         tell("structure")
+        spec = reduce_imported(spec, home, joint.labels, data)
         recipe = recipe_of(spec.structure, spec.data, data)
         _require_one_place(spec, joint, recipe, source)
         tell("data")

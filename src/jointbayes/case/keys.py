@@ -82,6 +82,8 @@ _KEYS: tuple[_Path, ...] = (
     ("structure", "stiffness"),  # and so on: numbers, or the name of a file
     ("structure", "mass"),
     ("structure", "damping", "damping_matrix"),
+    *(("structure", key) for key in ("file", "mass_file", "damping_file", "dofs_file", "nodes_file")),
+    *(("structure", "parts", _ANY, key) for key in ("file", "mass_file", "bending_file")),
 )
 #: Tables that state the same keys again, as tables of the file.
 _WITHIN: tuple[_Path, ...] = ((), ("setups", _ANY), ("plan", "setups", _ANY))

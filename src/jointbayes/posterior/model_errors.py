@@ -148,9 +148,9 @@ class MeshCheck:
     Parameters
     ----------
     kind
-        ``"converged"`` or ``"paper"``, see `jointbayes.structure.ElementKind`.
+        ``"converged"`` or ``"paper"``, see `jointbayes.structure.ElementKind`; ``"reduced"`` of an imported model.
     elements, order
-        Number of elements and their highest polynomial order.
+        Number of elements and their highest polynomial order; of vectors, and of the DOFs that they stand for.
     error_sd
         Largest error of any predicted value at the MAP and at draws of the prior, in standard deviations of the data.
     error_of_peak
@@ -189,12 +189,16 @@ class MeshCheck:
         if self.exact_data:
             error = f"{self.error_of_peak:.1g} of the peak of the FRF"
         moved = ", ".join(f"{name} by {shift:+.1g}" for name, shift in self.shift_sd.items())
-        words = [f"Mesh: {self.elements} {what}; no predicted value is off by more than {error}."]
+        mesh = f"Mesh: {self.elements} {what}"
+        if self.kind == "reduced":
+            mesh = f"Reduction: {self.elements} vectors stand for {self.order} DOFs"
+        words = [f"{mesh}; no predicted value is off by more than {error}."]
         if moved:
             words.append(f"It moves {moved} posterior standard deviations.")
         if not self.within:
             limit = f"{LARGEST_ERROR_OF_PEAK:.0e} of the peak" if self.exact_data else f"{LARGEST_ERROR_SD:g}"
-            remedy = " Remove structure.element from the case." if self.kind == "paper" else ""
+            remedies = {"paper": " Remove structure.element from the case.", "reduced": " Raise structure.top_hz."}
+            remedy = remedies.get(self.kind, "")
             words.append(f"More than {limit} shows in the data.{remedy}")
         return words
 

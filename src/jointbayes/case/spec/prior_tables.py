@@ -339,13 +339,14 @@ def _uncertain(what: str) -> object:
 
 
 class BodyUncertainSpec(Spec):
-    """Uncertain quantities of one body of a frame, beside those that it shares with all others."""
+    """Uncertain quantities of one body of a frame, or part of an imported model, beside those of the whole."""
 
     youngs_modulus: Annotated[FactorPriorSpec | None, _uncertain("Young's modulus of the body")] = None
     density: Annotated[FactorPriorSpec | None, _uncertain("the density of the body")] = None
     length: Annotated[LengthPriorSpec | None, _uncertain("the length of a straight body")] = None
     section_size: Annotated[FactorPriorSpec | None, _uncertain("one factor on all dimensions of its sections")] = None
     shear_coefficient: Annotated[FactorPriorSpec | None, _uncertain("the shear coefficients of the body")] = None
+    thickness: Annotated[FactorPriorSpec | None, _uncertain("the thickness of a part of an imported model")] = None
 
 
 _BODIES = Field(description="a table for each body of a frame, as [uncertain.bodies.tool.density]", max_length=100)

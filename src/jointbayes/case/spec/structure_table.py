@@ -173,7 +173,7 @@ SectionSpec = Annotated[
     Field(discriminator="shape", description="the cross-section: its shape and dimensions"),
 ]
 
-KIND = key_field('the kind of structure, "beam", "frame", "chain" or "matrices"', "beam")
+KIND = key_field('the kind of structure, "beam", "frame", "chain", "matrices" or "imported"', "beam")
 POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 0.5", examples=[0.3])
 _SUPPORTS = key_field("a list of the DOFs held fixed", ["1:y"])
 _MASS = not_negative("the mass in g added at each measured translation", 2.0)

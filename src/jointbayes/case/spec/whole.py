@@ -35,6 +35,7 @@ from jointbayes.case.spec.settings_tables import (
     SetupSpec,
     VirtualTestSpec,
 )
+from jointbayes.case.spec.imported_table import ImportedSpec
 from jointbayes.case.spec.structure_kinds import BeamSpec, ChainSpec, MatricesSpec
 from jointbayes.case.spec.structure_table import POINT
 from jointbayes.joint.quantities import prefixed
@@ -60,7 +61,7 @@ def _beam_unless_stated(table: object) -> object:
 
 
 StructureSpec = Annotated[
-    BeamSpec | FrameSpec | ChainSpec | MatricesSpec,
+    BeamSpec | FrameSpec | ChainSpec | MatricesSpec | ImportedSpec,
     Field(discriminator="kind", description="the structure without its joint"),
     BeforeValidator(_beam_unless_stated),
 ]
@@ -166,7 +167,8 @@ class CaseSpec(Spec):
             return self.plan.outputs
         direction = joint.directions[0]
         every = (f"{point}:{direction}" for point in self.structure.points_in_order)
-        return self.plan.outputs or tuple(label for label in every if label not in self.structure.supports)
+        free = (label for label in every if label not in self.structure.supports)
+        return self.plan.outputs or tuple(label for label in free if self.structure.absent(label) is None)
 
     @property
     def plan_inputs(self) -> tuple[str, ...]:

@@ -131,7 +131,8 @@ class FeModel:
         return len(self.dofs)
 
     @cached_property
-    def _row_of(self) -> dict[tuple[int, int], int]:
+    def row_of(self) -> dict[tuple[int, int], int]:
+        """Rows by the numbers of node and direction."""
         return {(int(node), int(way)): row for row, (node, way) in enumerate(self.dofs)}
 
     @cached_property
@@ -140,12 +141,17 @@ class FeModel:
 
     def row(self, node: int, direction: str) -> int | None:
         """The row of a DOF; None where the model has none, such as a rotation of a solid's node."""
-        return self._row_of.get((node, DIRECTIONS.index(direction) + 1))
+        return self.row_of.get((node, DIRECTIONS.index(direction) + 1))
 
     def place(self, node: int) -> Array | None:
         """Where a node is, shape (3,), m; None where that is not known."""
         at = self._place_of.get(node)
         return None if at is None else self.places[at]
+
+    @property
+    def extent(self) -> tuple[Array, Array]:
+        """Smallest and largest coordinates of its nodes, each shape (3,), m."""
+        return self.places.min(axis=0), self.places.max(axis=0)
 
     def changed(self, turn: Sparse, dofs: Indices, places: Mapping[int, Array]) -> Self:
         """The model in other coordinates v, u = T v, with the map of these and the places of further nodes."""

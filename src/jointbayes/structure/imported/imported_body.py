@@ -15,7 +15,7 @@ from jointbayes.structure.damping import DampingLaw, ViscousMatrix
 from jointbayes.structure.family import UncertainBody
 from jointbayes.structure.imported.fe_model import FeModel
 from jointbayes.structure.imported.ports import Port, hold_rigid, port_forms
-from jointbayes.structure.imported.reduction import PART_QUANTITIES, ReducedModel, reduce_model
+from jointbayes.structure.imported.reduction import MODES_TO, PART_QUANTITIES, ReducedModel, reduce_model
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced, Modes
 from jointbayes.structure.recipe import ElementKind, Recipe
@@ -169,14 +169,14 @@ class ImportedRecipe(Recipe):
         return self.structure().own_inertia(dof)
 
     def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> None:
-        """No elements to be chosen; a frequency beyond the reduction's is refused.
+        """No elements to be chosen; a frequency beyond the modes of the reduction is refused.
 
         Raises
         ------
         ModelError
             If it is.
         """
-        if top_hz is not None and top_hz > self.top_hz * (1 + 1e-9):
+        if top_hz is not None and top_hz > MODES_TO * self.top_hz:  # a search may look a little above the data
             found = f"found {self.source} reduced up to {self.top_hz:.4g} Hz"
             raise ModelError.of("structure", ("top_hz",), found, f"{top_hz:.4g} Hz or more", "raise structure.top_hz")
 
@@ -337,12 +337,12 @@ def imported(
     numbers: dict[str, Port] = {}
     for name, port in as_ports.items():
         if port.rigid:
-            held, number = hold_rigid(held, port, f"port {name}")
+            held, number = hold_rigid(held, port, name)
             numbers[name] = Port((number,))
     forms = {
         f"{name}:{way}": form
         for name, port in as_ports.items()
-        for way, form in port_forms(held, numbers.get(name, port), f"port {name}").items()
+        for way, form in port_forms(held, numbers.get(name, port), name).items()
     }
     for name in ends or {}:
         part, _, quantity = name.rpartition(".")

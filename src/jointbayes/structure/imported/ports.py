@@ -47,7 +47,7 @@ class Port:
         return np.mean(known, axis=0) if len(known) == len(places) else None
 
 
-def hold_rigid(model: FeModel, port: Port, where: str) -> tuple[FeModel, int]:
+def hold_rigid(model: FeModel, port: Port, name: str) -> tuple[FeModel, int]:
     """The model with a patch of nodes as one rigid body, and the number of the node that stands for it.
 
     K and M become TᵀKT and TᵀMT, where u = T v gives the patch's DOFs by the six of its point.
@@ -57,7 +57,7 @@ def hold_rigid(model: FeModel, port: Port, where: str) -> tuple[FeModel, int]:
     ModelError
         If a node does not exist or has no known place.
     """
-    arms = _arms(model, port, where)
+    arms = _arms(model, port, name)
     patch = np.isin(model.dofs[:, 0], port.nodes)
     kept = np.flatnonzero(~patch)
     number = int(min(model.dofs[:, 0].min(), 0)) - 1
@@ -76,7 +76,7 @@ def hold_rigid(model: FeModel, port: Port, where: str) -> tuple[FeModel, int]:
     return model.changed(turn, np.concatenate([model.dofs[kept], own]), {number: place}), number
 
 
-def port_forms(model: FeModel, port: Port, where: str) -> dict[str, Array]:
+def port_forms(model: FeModel, port: Port, name: str) -> dict[str, Array]:
     """The DOFs of a port by their directions, each as a form on the model's, shape (n,).
 
     A node has those that the model has. Of a patch the translation is the mean, and the rotation the one that fits
@@ -88,13 +88,13 @@ def port_forms(model: FeModel, port: Port, where: str) -> dict[str, Array]:
         If a node does not exist, is held, or has no known place.
     """
     if len(port.nodes) == 1 and port.at is None:
-        return _node_forms(model, port.nodes[0], where)
-    arms = _arms(model, port, where)
+        return _node_forms(model, port.nodes[0], name)
+    arms = _arms(model, port, name)
     rows = {node: [model.row(node, way) for way in "xyz"] for node in port.nodes}
     free = [node for node in port.nodes if all(row is not None for row in rows[node])]
     if not free:
         found = f"found no node of {_listed(port.nodes)} that is free to move"
-        raise ModelError.of(where, ("nodes",), found, "a patch that no support holds", "choose other nodes")
+        raise ModelError.of(f"port {name}", ("ports", name), found, "a patch that no support holds", "choose other nodes")
     mean_arm = np.mean([arms[node] for node in free], axis=0)
     inertia = np.zeros((3, 3))
     translation, turning = np.zeros((3, model.n_dofs)), np.zeros((3, model.n_dofs))
@@ -117,7 +117,7 @@ def port_forms(model: FeModel, port: Port, where: str) -> dict[str, Array]:
     return forms | {f"r{'xyz'[d]}": rotation[d] for d in known}
 
 
-def _node_forms(model: FeModel, node: int, where: str) -> dict[str, Array]:
+def _node_forms(model: FeModel, node: int, name: str) -> dict[str, Array]:
     forms = {}
     for way in DIRECTIONS:
         row = model.row(node, way)
@@ -125,26 +125,27 @@ def _node_forms(model: FeModel, node: int, where: str) -> dict[str, Array]:
             forms[way] = np.zeros(model.n_dofs)
             forms[way][row] = 1.0
     if not forms:
-        raise _no_node(model, node, where)
+        raise _no_node(model, node, name)
     return forms
 
 
-def _no_node(model: FeModel, node: int, where: str) -> ModelError:
+def _no_node(model: FeModel, node: int, name: str) -> ModelError:
     numbers = np.unique(model.dofs[model.dofs[:, 1] > 0, 0])
     expected = f"one of {len(numbers)} that can move, from {numbers.min()} to {numbers.max()}" if len(numbers) else "none"
-    return ModelError.of(where, ("nodes",), f"found no DOF of node {node} in {model.source}", expected, "correct it")
+    found = f"found no DOF of node {node} in {model.source}"
+    return ModelError.of(f"port {name}", ("ports", name), found, expected, "correct the number")
 
 
-def _arms(model: FeModel, port: Port, where: str) -> Mapping[int, Array]:
+def _arms(model: FeModel, port: Port, name: str) -> Mapping[int, Array]:
     """From the port's point to each of its nodes, m."""
     point, arms = port.place(model), {}
     for node in port.nodes:
         place = model.place(node)
         if place is None or point is None:
             found = f"found no place of node {node} in {model.source}"
-            raise ModelError.of(where, ("nodes",), found, "the places of all nodes of a patch", "give coordinates")
+            raise ModelError.of(f"port {name}", ("ports", name), found, "the places of all nodes of a patch", "give coordinates")
         if not (model.dofs[:, 0] == node).any():
-            raise _no_node(model, node, where)
+            raise _no_node(model, node, name)
         arms[node] = place - point
     return arms
 

@@ -27,7 +27,7 @@ from jointbayes.structure.imported.fe_model import FeModel, FePart, Sparse
 from jointbayes.structure.imported.ports import rigid_motions
 from vibrecords.arrays import Array
 
-_MODES_TO = 1.5  # times the band
+MODES_TO = 1.5  # times the band
 _SHIFT_AT = 0.25  # of the band: σ = (2π · so much)²
 _BLOCKS, _FINER_BLOCKS = 2, 4
 _DENSE = 400  # a model of so few DOFs is solved whole
@@ -114,8 +114,8 @@ def reduce_model(
     for number, (stiffness, mass) in enumerate(_variants(model, ends or {})):
         progress(f"factorising {model.n_dofs} DOFs" + (f", variant {number + 1}" if number else ""))
         solve = _solver(stiffness + shift * mass, model.source)
-        progress(f"modes up to {_MODES_TO * top_hz:.4g} Hz")
-        modes.append(_modes_below(stiffness, mass, solve, shift, _MODES_TO * top_hz, model.source))
+        progress(f"modes up to {MODES_TO * top_hz:.4g} Hz")
+        modes.append(_modes_below(stiffness, mass, solve, shift, MODES_TO * top_hz, model.source))
         progress(f"answers to {forms.shape[1]} forces")
         vectors = forms
         for block in blocks:

@@ -11,6 +11,7 @@ from jointbayes.case.case import Case
 from jointbayes.case.case_objects import CaseSetup, complete_from_data, noise_of, quantities_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
 from jointbayes.case.parse import parse_planned
+from jointbayes.case.spec.imported_table import ImportedSpec
 from jointbayes.case.spec.structure_kinds import MatricesSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_start
@@ -51,9 +52,9 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
     first = case.setups[0]
     if spec.files is not None:
         spec = complete_from_data(spec, first.data)
-    if isinstance(spec.structure, MatricesSpec):
+    if isinstance(spec.structure, MatricesSpec | ImportedSpec):
         raise ModelError(
-            "found a structure given by matrices; expected a beam, a frame or a chain, of which a set-up can change "
+            "found a structure given by matrices or imported; expected a beam, a frame or a chain, of which a set-up can change "
             "something; remove it"
         )
     recipe = recipe_of(spec.structure, spec.data, first.data)
