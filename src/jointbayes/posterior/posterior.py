@@ -14,6 +14,7 @@ from jointbayes.errors import ModelError, require_count, require_probability
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import ErrorSizes, Problem
+from jointbayes.joint import AnyJoint
 from jointbayes.posterior.arviz_groups import arviz_tree
 from jointbayes.posterior.checks import PredictiveCheck, check_part
 from jointbayes.posterior.curves import Curve, curve_of
@@ -24,6 +25,7 @@ from jointbayes.posterior.identifiability import ExactInputs, Identifiability, l
 from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
+from jointbayes.posterior.other_structure import OtherStructure, predict_other
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut, frfs_as_measured, predict_frf, predict_left_out
 from jointbayes.posterior.rounding import join_unit, number
 from jointbayes.posterior.run_record import RunRecord, SampledCase
@@ -50,6 +52,7 @@ from jointbayes.posterior.uncertain_inputs import (
 from jointbayes.posterior.verdicts import judge_stiffness, line_of
 from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
 from jointbayes.reproducibility import one_blas_thread
+from jointbayes.structure import StructureRecipe
 from vibrecords import FrfSet
 from vibrecords.arrays import Array
 from vibrecords.notebook_view import frf_svg, paragraph_html, table_html
@@ -345,6 +348,34 @@ class Posterior:
             ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
         quantity = "receptance" if frf is None else frf.quantity
         return predict_frf(part, self.thinned(max_draws), ports, quantity, probability)
+
+    def predict(
+        self,
+        structure: StructureRecipe,
+        ports: Ports,
+        joint: AnyJoint | None = None,
+        **settings: Any,  # noqa: ANN401 (of `predict_other`)
+    ) -> OtherStructure:
+        """FRFs, natural frequencies and damping of a structure that was never tested, held by this joint.
+
+        Parameters
+        ----------
+        structure
+            The other structure without its joint: another overhang, another tool, an imported machine.
+        ports
+            Lines, outputs and inputs that are wanted.
+        joint
+            Where the joint acts there; by default at the DOFs of the test.
+        **settings
+            `uncertain`, `own`, `quantity`, `setup`, `probability`, `max_draws`, see
+            `jointbayes.posterior.other_structure.predict_other`.
+
+        Raises
+        ------
+        ModelError
+            If a DOF does not exist, the joint is of another size, or a quantity is none of the structure.
+        """
+        return predict_other(self, structure, ports, joint, **settings)
 
     def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000, *, setup: str | None = None) -> Array:
         """Natural frequencies of posterior draws, shape (draws, count), Hz.

@@ -257,6 +257,13 @@ def predict_frf(
     values = frfs_as_measured(problem, ports, quantity, problem.prior.values(theta), problem.prior.factors(theta))
     if problem.test.measured_bodies and not problem.test.ignores_noise_of_bodies:
         values += _errors_of_bodies(problem, ports, quantity, np.atleast_2d(np.asarray(theta, dtype=float)))
+    return frf_band(values, ports, quantity, probability)
+
+
+def frf_band(
+    values: NDArray[np.complex128], ports: Ports, quantity: Quantity, probability: float
+) -> FrfPrediction:
+    """Median and interval of FRFs of draws, shape (n, lines, outputs, inputs), line by line."""
     tail = (1 - probability) / 2
     magnitude, turn = np.empty((2, 3, *values.shape[1:]))
     centre = values.mean(axis=0)
