@@ -29,9 +29,10 @@ from jointbayes.case.case_objects import (
 )
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
 from jointbayes.case.keys import DATA_FILE
-from jointbayes.case.imported_model import reduce_imported
+from jointbayes.case.imported_model import reduce_imported, top_of
 from jointbayes.case.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
+from jointbayes.case.spec.imported_table import ImportedSpec
 from jointbayes.case.spec.fields import show_key
 from jointbayes.case.spec.joint_table import joint_table
 from jointbayes.case.spec.settings_tables import LeftOutSpec
@@ -338,7 +339,9 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
             data = data or read_measurement(spec.files.file, home.directory, plan_of(spec))
             spec = complete_from_data(spec, data)
         tell("structure")
-        spec = reduce_imported(spec, home, joint.labels, data)
+        if isinstance(spec.structure, ImportedSpec):
+            dofs = (*joint.labels, *(data.dofs if data else ()))
+            spec = reduce_imported(spec, home, dofs, top_of(spec, data))
         recipe = recipe_of(spec.structure, spec.data, data)
         _require_one_place(spec, joint, recipe, source)
         tell("data")

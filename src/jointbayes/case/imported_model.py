@@ -25,8 +25,14 @@ _Stamp = tuple[str, int, int]
 """A file by its path, its size and when it was written."""
 
 
-def reduce_imported(spec: CaseSpec, home: CaseHome, joined: Iterable[str], data: Data | None) -> CaseSpec:
-    """The case with its imported model read and reduced; any other case as it is.
+def top_of(spec: CaseSpec, data: Data | None) -> float:
+    """The highest frequency that data ask of a model, Hz, also where they have not been made yet."""
+    of_frfs = data.frfs if data else spec.synthetic
+    return (data or spec.data).band_hz[1] * (1.0 if of_frfs else _BEYOND_MODES)
+
+
+def reduce_imported(spec: CaseSpec, home: CaseHome, dofs: Iterable[str], top_hz: float) -> CaseSpec:
+    """A case of an imported model with that read and reduced.
 
     Everything that the case may ask of the model is reduced at once: ports, nodes that joints, data and plan name, up
     to the highest line. Set-ups of one structure share one reduction.
@@ -37,10 +43,10 @@ def reduce_imported(spec: CaseSpec, home: CaseHome, joined: Iterable[str], data:
         The case.
     home
         From where the names of files count.
-    joined
-        DOFs at which joints act.
-    data
-        Data that were read from files; None where the case states or makes them.
+    dofs
+        DOFs at which joints act, and those of data that were read from files.
+    top_hz
+        The highest frequency that is asked, Hz.
 
     Raises
     ------
@@ -50,28 +56,28 @@ def reduce_imported(spec: CaseSpec, home: CaseHome, joined: Iterable[str], data:
         If one cannot be read, or the model cannot be reduced: by which key of the structure.
     """
     structure = spec.structure
-    if not isinstance(structure, ImportedSpec):
-        return spec
+    assert isinstance(structure, ImportedSpec)
     for key, name in structure.file_keys.items():
         home.require_inside(("structure", *key), [name])
     stamps = {key: _stamp(home.directory / name, key) for key, name in structure.file_keys.items()}
     model = _read(tuple(stamps.items()), structure.length_unit)
-    labels = [*joined, *(data.dofs if data else spec.data.loaded), *itertools.chain(*spec.data.labelled.values())]
+    labels = [*dofs, *spec.data.loaded, *itertools.chain(*spec.data.labelled.values())]
     labels += [*spec.plan.outputs, *spec.plan.inputs]
     named = dict.fromkeys(point for label in labels if (point := label.rpartition(":")[0]) not in structure.ports)
     ports = {name: _port(port, model, name) for name, port in structure.ports.items()}
     ports |= {point: Port((int(point),)) for point in named if point.isdecimal()}
-    band = (data or spec.data).band_hz[1] * (1.0 if (data.frfs if data else spec.synthetic) else _BEYOND_MODES)
     quantities = {nuisance.name: nuisance.range for nuisance, _ in quantities_of(spec)}
     whole = sum(max(map(abs, quantities.get(q, (0.0, 0.0)))) for q in ("youngs_modulus", "density")) / 2
     ends = {
-        name: tuple(np.exp(range_).tolist()) for name, range_ in quantities.items() if name.rpartition(".")[0] in model.parts
+        name: tuple(np.exp(range_).tolist())
+        for name, range_ in quantities.items()
+        if name.rpartition(".")[0] in model.parts
     }
     recipe = _reduced(
         tuple(stamps.items()),
         structure.length_unit,
         tuple(ports.items()),
-        max(structure.top_hz or 0.0, band * float(np.exp(whole))),
+        max(structure.top_hz or 0.0, top_hz * float(np.exp(whole))),
         tuple(ends.items()),
         tuple((int(node), way) for node, _, way in (label.rpartition(":") for label in structure.supports)),
         isinstance(structure.damping, ModelDampingSpec),
@@ -110,7 +116,9 @@ def _part(model: FeModel, part: FeModel, bending: FeModel | None, name: str) -> 
     if missing:
         node, way = missing[0]
         found = f"found DOF {way} of node {node} in {part.source}, which {model.source} does not have"
-        raise ModelError.of(part.source, ("parts", name, "file"), found, "a part of it", "export both with one numbering")
+        raise ModelError.of(
+            part.source, ("parts", name, "file"), found, "a part of it", "export both with one numbering"
+        )
     rows = [model.row_of[row] for row in map(tuple, part.dofs.tolist())]
     place = sparse.eye_array(model.n_dofs, format="csc")[:, rows]
     stiffness, mass = (place @ matrix @ place.T for matrix in (part.stiffness, part.mass))
@@ -145,4 +153,3 @@ def _reduced(
 ) -> ImportedRecipe:
     model, law = _read(stamps, length_unit), None if own_damping else LossFactor(0.0)
     return imported(model, dict(ports), top_hz, law, ends=dict(ends), supports=supports)
-

@@ -175,3 +175,11 @@ def directory_name(case_name: str, file: Path) -> str:
     """
     plain = case_name.isprintable() and case_name == Path(case_name).name and len(case_name.encode()) < 200
     return case_name if plain and case_name not in ("", "..") and "\\" not in case_name else file.stem
+
+
+def posterior_file(given: Path) -> Path:
+    """The file that is given, or the one in a run directory; a case file is none."""
+    if given.suffix == ".toml":
+        words = "found a case file; expected a posterior.nc or a run directory"
+        raise CaseError(f"{given}: {words}; run it first: jointbayes run {given}")
+    return given / "posterior.nc" if given.is_dir() else given

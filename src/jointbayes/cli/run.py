@@ -160,14 +160,6 @@ def sample(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs |
     common.exit_by_convergence(posterior)
 
 
-def _posterior_file(given: Path) -> Path:
-    """The file that is given, or the one in a run directory; a case file is none."""
-    if given.suffix == ".toml":
-        words = "found a case file; expected a posterior.nc or a run directory"
-        raise CaseError(f"{given}: {words}; run it first: jointbayes run {given}")
-    return given / "posterior.nc" if given.is_dir() else given
-
-
 def _remove_unfinished(target: Path, reported: "Posterior") -> None:
     """Remove the unfinished run beside a run directory where it holds the draws that are now there."""
     from jointbayes.sampling import UnfinishedRun
@@ -194,7 +186,7 @@ def report(posterior: Path, out: Path | None) -> None:
     Examples:
       jointbayes report reports/my_case/posterior.nc --out reports/again
     """
-    posterior = _posterior_file(posterior)
+    posterior = common.posterior_file(posterior)
     # before the seconds that the rest takes to load
     show_stage(Progress("reading the draws", str(posterior)), on_terminal_only=not posterior.is_file())
     from jointbayes.report.kept_draws import draws_explained
@@ -256,7 +248,7 @@ def export(
     pairs = [pair.rpartition("=") for pair in nodes]
     if wrong := [name + sign + number for name, sign, number in pairs if not (name and number.isdecimal())]:
         raise CaseError(f"--node: found {wrong[0]!r}; expected NAME=NUMBER, such as footA=17; correct it")
-    source = _posterior_file(posterior)
+    source = common.posterior_file(posterior)
     manner().read.append(source)
     require_free(target, "--to")
     loaded = load_posterior(source)

@@ -69,6 +69,51 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
         sys.exit(common.NOT_CONVERGED)
 
 
+@open_option
+@click.command()
+@click.argument("posterior", type=click.Path(path_type=Path))
+@click.argument("other", type=click.Path(path_type=Path))
+@common.outside_option
+@click.option("--out", type=click.Path(path_type=Path), help="Directory to write; by default reports/NAME-prediction.")
+@click.option("--setup", help="Test whose joint it is, where there are several; by default the first.")
+def predict(posterior: Path, other: Path, out: Path | None, setup: str | None) -> None:
+    """Predict FRFs and natural frequencies of a structure that was never tested, held by the joint of a run.
+
+    POSTERIOR is a posterior file or a run directory. OTHER is a case file with [structure], [joint] and [predict].
+
+    \b
+    Examples:
+      jointbayes predict reports/my_case longer_tool.toml
+    """
+    from jointbayes.case.other_case import read_other
+    from jointbayes.studies.prediction_report import A_PREDICTION, prediction_lines, write_prediction
+    from jointbayes.workflow import load_posterior
+
+    source = common.posterior_file(posterior)
+    manner().read += [source, other]
+    directory = out or Path("reports") / f"{other.stem}-prediction"
+    _require_place(directory, A_PREDICTION)
+    show_stage(Progress("building the model of the other structure", str(other)))
+    asked = read_other(other, manner().allow_outside)
+    loaded = load_posterior(source)
+    show_stage(Progress("predicting", f"{len(asked.ports.frequency_hz)} lines"))
+    found = loaded.predict(
+        asked.recipe,
+        asked.ports,
+        asked.joint,
+        uncertain=asked.uncertain,
+        own=asked.own,
+        quantity=asked.quantity,
+        setup=setup,
+    )
+    for line in prediction_lines(found):
+        say(line)
+    manner().written = write_prediction(found, asked, loaded, directory)
+    manner().result |= found.as_json()
+    report_written(directory)
+    common.exit_by_convergence(loaded)
+
+
 def _stated(text: str) -> tuple[str, float]:
     """Name and value of NAME=VALUE."""
     name, _, value = text.partition("=")

@@ -263,9 +263,7 @@ def _model_errors(
     return np.asarray(simulate_at(measured, theta_there, rng, noise) / frequency - 1)
 
 
-def _frfs(
-    there: Problem, theta: Array, ports: Ports, errors: Array | None, frequency: Array
-) -> NDArray[np.complex128]:
+def _frfs(there: Problem, theta: Array, ports: Ports, errors: Array | None, frequency: Array) -> NDArray[np.complex128]:
     """Receptances of draws, shape (n, lines, outputs, inputs), each line with the error of the mode that is nearest.
 
     A mode higher by a fraction e is that of a structure and a joint both stiffer by (1 + e)².

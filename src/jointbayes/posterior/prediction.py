@@ -260,9 +260,7 @@ def predict_frf(
     return frf_band(values, ports, quantity, probability)
 
 
-def frf_band(
-    values: NDArray[np.complex128], ports: Ports, quantity: Quantity, probability: float
-) -> FrfPrediction:
+def frf_band(values: NDArray[np.complex128], ports: Ports, quantity: Quantity, probability: float) -> FrfPrediction:
     """Median and interval of FRFs of draws, shape (n, lines, outputs, inputs), line by line."""
     tail = (1 - probability) / 2
     magnitude, turn = np.empty((2, 3, *values.shape[1:]))

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 _DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 _Node = Annotated[int, Field(ge=1, description="the number of a node, from 1", examples=[1021])]
 _Corner = Annotated[tuple[float, float, float], Strict(False)]
-_Vector = key_field("the place of the point whose motion it is in mm, without it the mean place of its nodes", [0, 0, 0])
+_Vector = key_field(
+    "the place of the point whose motion it is in mm, without it the mean place of its nodes", [0, 0, 0]
+)
 
 
 class PortSpec(Spec):
@@ -24,7 +26,10 @@ class PortSpec(Spec):
 
     node: Annotated[_Node | None, key_field("the number of a node", 1021)] = None
     nodes: Annotated[
-        tuple[_Node, ...], Strict(False), max_length(100_000), key_field("the numbers of the nodes of a patch", [7, 8, 9])
+        tuple[_Node, ...],
+        Strict(False),
+        max_length(100_000),
+        key_field("the numbers of the nodes of a patch", [7, 8, 9]),
     ] = ()
     box_mm: Annotated[
         tuple[_Corner, _Corner] | None,
@@ -65,7 +70,9 @@ class ImportedSpec(StructureBase):
 
     kind: Annotated[Literal["imported"], KIND]
     file: Annotated[str, key_field("the file of the model, or of its stiffness matrix", "bracket.npz")]
-    mass_file: Annotated[str | None, key_field("the file of the mass matrix, where it has its own", "bracket.mas")] = None
+    mass_file: Annotated[str | None, key_field("the file of the mass matrix, where it has its own", "bracket.mas")] = (
+        None
+    )
     damping_file: Annotated[str | None, key_field("the file of the damping matrix C, if any", "bracket.dmp")] = None
     dofs_file: Annotated[
         str | None, key_field("the file that says which node and direction each row is", "bracket.dof")
@@ -133,7 +140,11 @@ class ImportedSpec(StructureBase):
         point, _, direction = label.rpartition(":")
         if point not in self.ports and not point.isdecimal():
             expected = f"one of {listed(self.ports)}, or the number of a node" if self.ports else "the number of a node"
-            return f'"{label}": there is no port {point}', expected, f"add [structure.ports.{point}], or correct the name"
+            return (
+                f'"{label}": there is no port {point}',
+                expected,
+                f"add [structure.ports.{point}], or correct the name",
+            )
         if direction not in _DIRECTIONS:
             return f'"{label}": no direction {direction}', f"one of {', '.join(_DIRECTIONS)}", "choose one of these"
         if self._reduced is not None and label not in self._reduced.dofs:

@@ -205,6 +205,33 @@ class PlanSpec(Spec):
     added_mass_g: Annotated[Positive | None, _ADDED_MASS] = None
 
 
+_MOST_LINES = 100_000  # of a prediction
+
+
+class PredictSpec(Spec):
+    """What `jointbayes predict` wants to know of this structure, held by a joint that was identified in another one."""
+
+    outputs: Annotated[Labels, Field(min_length=1), key_field("a list of DOFs whose motion is wanted", ["tip:y"])]
+    inputs: Annotated[Labels, Field(min_length=1), key_field("a list of DOFs at which a force acts", ["tip:y"])]
+    f_min_hz: Annotated[float, positive("the lowest frequency in Hz", 20.0)]
+    f_max_hz: Annotated[float, positive("the highest frequency in Hz", 2500.0)]
+    f_step_hz: Annotated[float, positive("the distance of the lines in Hz", 1.0)]
+    quantity: Annotated[
+        Literal["receptance", "mobility", "accelerance"],
+        key_field('what is predicted, "receptance", "mobility" or "accelerance"', "receptance"),
+    ] = "receptance"
+
+    def lines_hz(self) -> tuple[float, ...]:
+        """The lines, Hz; the last one is at ``f_max_hz`` or less than a step below."""
+        count = int((self.f_max_hz - self.f_min_hz) / self.f_step_hz * (1 + 1e-12)) + 1
+        return tuple(self.f_min_hz + i * self.f_step_hz for i in range(count))
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from not_above(self.f_min_hz, self.f_max_hz, "f_min_hz", "f_max_hz", "in Hz")
+        if self.f_max_hz > self.f_min_hz and (self.f_max_hz - self.f_min_hz) / self.f_step_hz > _MOST_LINES:
+            yield Finding(("f_step_hz",), f"found {self.f_step_hz:g}", f"at most {_MOST_LINES} lines", "raise it")
+
+
 _RESIDUALS = key_field('"complex" (H itself) or "log_magnitude" (ln |H|, without the phase)', "complex")
 #: Each is a module of `jointbayes.inference.noise`.
 Distribution = Literal["gaussian", "student_t", "proportional"]

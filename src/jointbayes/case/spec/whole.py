@@ -30,6 +30,7 @@ from jointbayes.case.spec.settings_tables import (
     LevelSpec,
     NoiseModelSpec,
     PlanSpec,
+    PredictSpec,
     ReferenceSpec,
     SamplingSpec,
     SetupSpec,
@@ -112,6 +113,9 @@ class CaseSpec(Spec):
     sampling: Annotated[SamplingSpec, Field(description="settings of the sampler")] = SamplingSpec()
     compare: Annotated[CompareSpec, Field(description="the hypotheses to compare")] = CompareSpec()
     plan: Annotated[PlanSpec, Field(description="the further measurements to rank")] = PlanSpec()
+    predict: Annotated[
+        PredictSpec | None, Field(description="what `predict` is to compute of this structure: DOFs and lines")
+    ] = None
     virtual_test: Annotated[VirtualTestSpec, Field(description="how `simulate` measures")] = VirtualTestSpec()
     reference: Annotated[ReferenceSpec | None, Field(description="published values to compare with")] = None
 

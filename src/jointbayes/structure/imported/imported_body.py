@@ -192,9 +192,7 @@ class ImportedRecipe(Recipe):
         stiffness, mass = of.stiffness, of.mass
         for name, part in of.parts.items():
             given = {q: named.get(f"{name}.{q}", 1.0) for q in PART_QUANTITIES}
-            grown = [
-                math.prod(given[q] ** powers[i] for q, powers in PART_QUANTITIES.items()) - 1 for i in range(3)
-            ]
+            grown = [math.prod(given[q] ** powers[i] for q, powers in PART_QUANTITIES.items()) - 1 for i in range(3)]
             if any(grown):
                 stiffness = stiffness + grown[0] * part.stiffness + grown[1] * part.bending
                 mass = mass + grown[2] * part.mass
@@ -264,7 +262,9 @@ class ImportedFamily(UncertainBody):
     @cached_property
     def _axes(self) -> dict[str, Powers]:
         """What changes modes by more than factors: parts, and masses of accelerometers beside the model's."""
-        axes: dict[str, Powers] = {q: {q: 1.0} for q in self.names if q.rpartition(".")[2] in PART_QUANTITIES and "." in q}
+        axes: dict[str, Powers] = {
+            q: {q: 1.0} for q in self.names if q.rpartition(".")[2] in PART_QUANTITIES and "." in q
+        }
         loaded = self.recipe.accelerometer_mass + self.recipe.added_mass > 0 and self.recipe.accelerometer_dofs
         powers = {q: p for q, p in (("accelerometer_mass", 1.0), ("density", -1.0)) if q in self.names}
         return axes | ({"accelerometer_mass": powers} if loaded and powers else {})

@@ -94,7 +94,9 @@ def port_forms(model: FeModel, port: Port, name: str) -> dict[str, Array]:
     free = [node for node in port.nodes if all(row is not None for row in rows[node])]
     if not free:
         found = f"found no node of {_listed(port.nodes)} that is free to move"
-        raise ModelError.of(f"port {name}", ("ports", name), found, "a patch that no support holds", "choose other nodes")
+        raise ModelError.of(
+            f"port {name}", ("ports", name), found, "a patch that no support holds", "choose other nodes"
+        )
     mean_arm = np.mean([arms[node] for node in free], axis=0)
     inertia = np.zeros((3, 3))
     translation, turning = np.zeros((3, model.n_dofs)), np.zeros((3, model.n_dofs))
@@ -131,7 +133,9 @@ def _node_forms(model: FeModel, node: int, name: str) -> dict[str, Array]:
 
 def _no_node(model: FeModel, node: int, name: str) -> ModelError:
     numbers = np.unique(model.dofs[model.dofs[:, 1] > 0, 0])
-    expected = f"one of {len(numbers)} that can move, from {numbers.min()} to {numbers.max()}" if len(numbers) else "none"
+    expected = (
+        f"one of {len(numbers)} that can move, from {numbers.min()} to {numbers.max()}" if len(numbers) else "none"
+    )
     found = f"found no DOF of node {node} in {model.source}"
     return ModelError.of(f"port {name}", ("ports", name), found, expected, "correct the number")
 
@@ -143,7 +147,9 @@ def _arms(model: FeModel, port: Port, name: str) -> Mapping[int, Array]:
         place = model.place(node)
         if place is None or point is None:
             found = f"found no place of node {node} in {model.source}"
-            raise ModelError.of(f"port {name}", ("ports", name), found, "the places of all nodes of a patch", "give coordinates")
+            raise ModelError.of(
+                f"port {name}", ("ports", name), found, "the places of all nodes of a patch", "give coordinates"
+            )
         if not (model.dofs[:, 0] == node).any():
             raise _no_node(model, node, name)
         arms[node] = place - point

@@ -153,9 +153,7 @@ def _solver(matrix: Sparse, source: str) -> Callable[[Array], Array]:
             raise _mechanism(source) from None
         return lambda b: np.asarray(linalg.cho_solve(factor, b))
     try:
-        whole = splu(
-            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        whole = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError:  # exactly singular
         raise _mechanism(source) from None
     if not (whole.U.diagonal() > 0).all():

@@ -1,0 +1,138 @@
+"""The page of a prediction: what the joint of a run does in a structure that was never tested."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure as Canvas
+
+from jointbayes.case.other_case import OtherCase
+from jointbayes.posterior import OtherStructure, Posterior, package_versions
+from jointbayes.posterior.rounding import json_ready, number
+from jointbayes.report.canvas import panels, svg
+from jointbayes.report.frf_curves import frf_unit
+from jointbayes.report.line_plot import SERIES_COLOURS
+from jointbayes.report.markup import foreign
+from jointbayes.report.model import Block, Callout, Figure, Paragraph, Report, ReportSection, Table
+from jointbayes.report.run_directory import json_text
+from jointbayes.studies.study_directory import write_study
+
+#: What the directory of a prediction holds.
+A_PREDICTION = "a prediction"
+
+
+def prediction_lines(found: OtherStructure) -> list[str]:
+    """What is printed of a prediction."""
+    lines = [f"mode {mode}: {median}, {percent(found)} interval {ends}" for mode, median, ends, _ in found.rows()]
+    return [*lines, *_bands(found), *found.premises, *found.never_asked]
+
+
+def percent(found: OtherStructure) -> str:
+    """Probability inside each interval."""
+    return f"{100 * found.frf.probability:g} %"
+
+
+def _bands(found: OtherStructure) -> list[str]:
+    """The highest peak of each FRF with its interval."""
+    frf, lines = found.frf, []
+    for i, output in enumerate(frf.outputs):
+        for j, input_ in enumerate(frf.inputs):
+            peak = int(frf.magnitude[:, i, j].argmax())
+            low, size, high = (x[peak, i, j] for x in (frf.magnitude_low, frf.magnitude, frf.magnitude_high))
+            unit = frf_unit(frf.quantity, output, input_)
+            lines.append(
+                f"{output} / {input_}: highest at {number(float(frf.frequency_hz[peak]), 4)} Hz, "
+                f"{number(float(size), 3)} {unit} ({number(float(low), 3)} to {number(float(high), 3)})"
+            )
+    return lines
+
+
+def build_prediction_report(found: OtherStructure, other: OtherCase, run: str) -> Report:
+    """Build the report of a prediction, natural frequencies first."""
+    first = found.rows()[0]
+    lead: list[Block] = [
+        Callout("good", f"**The first natural frequency will be {first[1]} ({first[2]}).**"),
+        Paragraph(f"The joint is that of {foreign(run)}; this structure was never tested with it."),
+        *(Callout("caution", foreign(sentence)) for sentence in found.never_asked),
+    ]
+    head = ("Mode", "Natural frequency", f"{percent(found)} interval", "Damping ratio")
+    table = Table("Natural frequencies", head, tuple(found.rows()))
+    premises = tuple(Paragraph(foreign(sentence)) for sentence in found.premises)
+    return Report(
+        title=f"Prediction: {foreign(other.title)}",
+        subtitle=f"with the joint of {foreign(run)}",
+        lead=tuple(lead),
+        sections=(
+            ReportSection("modes", "Natural frequencies", (table,)),
+            ReportSection("frfs", "FRFs", _figures(found)),
+            ReportSection("premises", "What this rests on", premises),
+            ReportSection("settings", "Settings", (_settings(other, run),)),
+        ),
+    )
+
+
+def _figures(found: OtherStructure) -> tuple[Block, ...]:
+    return tuple(
+        Figure(
+            f"frf-{i + 1}-{j + 1}",
+            f"{output} / {input_}: median and {percent(found)} band of {found.frf.quantity}.",
+            f"Predicted {found.frf.quantity} of {output} by {input_}.",
+            _plot(found, i, j),
+        )
+        for i, output in enumerate(found.frf.outputs)
+        for j, input_ in enumerate(found.frf.inputs)
+    )
+
+
+def _plot(found: OtherStructure, i: int, j: int) -> str:
+    frf = found.frf
+    unit = frf_unit(frf.quantity, frf.outputs[i], frf.inputs[j])
+
+    def draw(canvas: Canvas) -> None:
+        axes = panels(canvas)[0, 0]
+        low, high = frf.magnitude_low[:, i, j], frf.magnitude_high[:, i, j]
+        axes.fill_between(frf.frequency_hz, low, high, color=SERIES_COLOURS[0], alpha=0.3, lw=0)
+        axes.plot(frf.frequency_hz, frf.magnitude[:, i, j], color=SERIES_COLOURS[0], lw=1.2)
+        axes.set_yscale("log")
+        axes.set_xlabel("Frequency (Hz)")
+        axes.set_ylabel(f"|H| ({unit})")
+
+    return svg(draw, 7.2, 3.2)
+
+
+def _settings(other: OtherCase, run: str) -> Table:
+    rows = [("Structure", foreign(other.recipe.what)), ("Joint of", foreign(run))]
+    rows += [(foreign(name), foreign(str(version))) for name, version in package_versions().items()]
+    return Table("Settings and versions", ("Item", "Value"), tuple(rows), align="ll")
+
+
+def write_prediction(
+    found: OtherStructure, other: OtherCase, posterior: Posterior, directory: str | os.PathLike[str]
+) -> Path:
+    """Write a prediction into a new directory, or one of another prediction; each file is whole or absent.
+
+    Returns
+    -------
+    Path
+        The directory: ``report.html``, ``report.pdf``, ``prediction.json``, ``frf.csv``, ``case.toml``, ``figures/``.
+
+    Raises
+    ------
+    WriteError
+        If a file cannot be written, the directory holds something else, or another process is at work in it.
+    """
+    run = posterior.record.case_name or posterior.problem.name
+    files = {"case.toml": other.text, "frf.csv": _csv(found)}
+    files["prediction.json"] = json_text(json_ready(found.as_json() | {"joint_of": run, "case": other.name}))
+    return write_study(directory, A_PREDICTION, build_prediction_report(found, other, run), files)
+
+
+def _csv(found: OtherStructure) -> str:
+    """Magnitude with its band, and phase, of each FRF by line."""
+    frf, head, columns = found.frf, ["frequency_hz"], [found.frf.frequency_hz]
+    for i, output in enumerate(frf.outputs):
+        for j, input_ in enumerate(frf.inputs):
+            head += [f"{output}/{input_} {what}" for what in ("median", "low", "high", "phase_deg")]
+            columns += [x[:, i, j] for x in (frf.magnitude, frf.magnitude_low, frf.magnitude_high, frf.phase_deg)]
+    rows = np.column_stack(columns).tolist()
+    return "\n".join([",".join(head), *(",".join(f"{x:.9g}" for x in row) for row in rows)]) + "\n"
