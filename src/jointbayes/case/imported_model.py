@@ -27,8 +27,11 @@ _Stamp = tuple[str, int, int]
 
 def top_of(spec: CaseSpec, data: Data | None) -> float:
     """The highest frequency that data ask of a model, Hz, also where they have not been made yet."""
-    of_frfs = data.frfs if data else spec.synthetic
-    return (data or spec.data).band_hz[1] * (1.0 if of_frfs else _BEYOND_MODES)
+    if data is not None:
+        return data.band_hz[1] * (1.0 if data.frfs else _BEYOND_MODES)
+    band = spec.data.band_hz
+    assert band is not None  # data of files have been read
+    return band[1] * (1.0 if spec.synthetic else _BEYOND_MODES)
 
 
 def reduce_imported(spec: CaseSpec, home: CaseHome, dofs: Iterable[str], top_hz: float) -> CaseSpec:

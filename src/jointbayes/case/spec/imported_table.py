@@ -103,7 +103,9 @@ class ImportedSpec(StructureBase):
     @property
     def file_keys(self) -> dict[tuple[str, ...], str]:
         """Names of its files by their keys below the table."""
-        own = {(key,): getattr(self, key) for key in ("file", "mass_file", "damping_file", "dofs_file", "nodes_file")}
+        own: dict[tuple[str, ...], str | None] = {
+            (key,): getattr(self, key) for key in ("file", "mass_file", "damping_file", "dofs_file", "nodes_file")
+        }
         for name, part in self.parts.items():
             own |= {("parts", name, key): getattr(part, key) for key in ("file", "mass_file", "bending_file")}
         return {key: name for key, name in own.items() if name is not None}
@@ -139,7 +141,9 @@ class ImportedSpec(StructureBase):
         """What to say of a DOF that does not exist; of a node that is not read yet nothing."""
         point, _, direction = label.rpartition(":")
         if point not in self.ports and not point.isdecimal():
-            expected = f"one of {listed(self.ports)}, or the number of a node" if self.ports else "the number of a node"
+            expected = (
+                f"one of {listed(tuple(self.ports))}, or the number of a node" if self.ports else "the number of a node"
+            )
             return (
                 f'"{label}": there is no port {point}',
                 expected,

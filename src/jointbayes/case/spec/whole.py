@@ -19,6 +19,7 @@ from jointbayes.case.spec import rules
 from jointbayes.case.spec.data_table import DataSpec, SyntheticFrfSpec, files_table, synthetic_table
 from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, key_field
 from jointbayes.case.spec.frame_table import FrameSpec
+from jointbayes.case.spec.imported_table import ImportedSpec
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table, prior_table
 from jointbayes.case.spec.measured_table import MeasuredBodySpec, MeasuredSpec
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec, PriorsSpec, UncertainSpec, quantity_table
@@ -36,7 +37,6 @@ from jointbayes.case.spec.settings_tables import (
     SetupSpec,
     VirtualTestSpec,
 )
-from jointbayes.case.spec.imported_table import ImportedSpec
 from jointbayes.case.spec.structure_kinds import BeamSpec, ChainSpec, MatricesSpec
 from jointbayes.case.spec.structure_table import POINT
 from jointbayes.joint.quantities import prefixed

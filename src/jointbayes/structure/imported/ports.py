@@ -7,7 +7,7 @@ import numpy as np
 from scipy import sparse
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.imported.fe_model import DIRECTIONS, FeModel, Sparse
+from jointbayes.structure.imported.fe_model import DIRECTIONS, FeModel
 from vibrecords.arrays import Array, convert_fields
 
 _NO_ARM = 1e-6  # of a patch's size: about an axis through all its nodes nothing says how it turns
@@ -142,18 +142,19 @@ def _no_node(model: FeModel, node: int, name: str) -> ModelError:
 
 def _arms(model: FeModel, port: Port, name: str) -> Mapping[int, Array]:
     """From the port's point to each of its nodes, m."""
-    point, arms = port.place(model), {}
+    arms = {}
     for node in port.nodes:
         place = model.place(node)
-        if place is None or point is None:
+        if place is None:
             found = f"found no place of node {node} in {model.source}"
             raise ModelError.of(
                 f"port {name}", ("ports", name), found, "the places of all nodes of a patch", "give coordinates"
             )
         if not (model.dofs[:, 0] == node).any():
             raise _no_node(model, node, name)
-        arms[node] = place - point
-    return arms
+        arms[node] = place
+    point = port.place(model)
+    return {node: place - point for node, place in arms.items()}
 
 
 def _rigid_motion(arm: Array, way: int) -> Array:

@@ -1,7 +1,7 @@
 """An imported model reduced to what its ports see: its modes to above the band, and the residual of all others.
 
-The residual is a Krylov space of the ports' forces at a shift below the band, S⁻¹P and S⁻¹MS⁻¹P with S = K + σM (MacNeal
-1971; Rubin 1975, with a second block), in which S is positive definite for a free model too. Rigid-body modes are
+The residual is a Krylov space of the ports' forces at a shift below the band, S⁻¹P and S⁻¹MS⁻¹P with S = K + σM
+(MacNeal 1971; Rubin 1975, with a second block); S is positive definite for a free model too. Rigid-body modes are
 exact, from coordinates. All ports that may ever be asked are reduced at once: each is a solve, and the factorisation
 of S is what costs.
 
@@ -14,16 +14,15 @@ DOI 10.2514/3.60497
 """
 
 import itertools
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import linalg
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.imported.fe_model import FeModel, FePart, Sparse
+from jointbayes.structure.imported.fe_model import FeModel, Sparse
 from jointbayes.structure.imported.ports import rigid_motions
 from vibrecords.arrays import Array
 

@@ -54,8 +54,8 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
         spec = complete_from_data(spec, first.data)
     if isinstance(spec.structure, MatricesSpec | ImportedSpec):
         raise ModelError(
-            "found a structure given by matrices or imported; expected a beam, a frame or a chain, of which a set-up can change "
-            "something; remove it"
+            "found a structure given by matrices or imported; expected a beam, a frame or a chain, of which a set-up "
+            "can change something; remove it"
         )
     recipe = recipe_of(spec.structure, spec.data, first.data)
     joint = joints_of(spec.joint_objects)

@@ -1,0 +1,240 @@
+"""An imported model as a body: against dense solves of the whole model, in every frequency, joint and part."""
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
+from jointbayes.joint import Joint
+from jointbayes.structure import (
+    FeModel,
+    LossFactor,
+    MatrixRecipe,
+    ModalDamping,
+    Port,
+    Rayleigh,
+    ViscousMatrix,
+    family_of_recipe,
+    imported,
+)
+from jointbayes.structure.imported import nodes_in_box, ports, reduction
+from tests.structure.imported.fe_models import brick_model, face, plane_beam
+
+TOP_HZ = 6000.0
+LINES = np.linspace(20.0, TOP_HZ, 300)
+
+
+def dense_frfs(model, forms, at_joint, stiffness, eta=0.01):
+    """FRFs of the whole model between forms with a joint at some of them, line by line."""
+    k, m = model.stiffness.toarray() * (1 + 1j * eta), model.mass.toarray()
+    joint = forms[:, at_joint] @ stiffness @ forms[:, at_joint].T
+    solved = [forms.T @ linalg.solve(k + joint - w**2 * m, forms) for w in 2 * np.pi * LINES]
+    return np.array(solved)
+
+
+def error_of_peaks(found, exact):
+    """Largest error over the root of both drive points' peaks."""
+    peak = np.abs(np.einsum("lii->li", exact)).max(axis=0)
+    return float((np.abs(found - exact).max(axis=0) / np.sqrt(np.outer(peak, peak))).max())
+
+
+def worst_frequency(recipe, stiffness, mass, top_hz=TOP_HZ, factors=None):
+    """Largest relative error of a natural frequency below `top_hz` beside the nearest of the whole model."""
+    exact = np.sqrt(np.maximum(linalg.eigvalsh(stiffness, mass), 1.0)) / (2 * np.pi)
+    seen = recipe.structure(factors).modes().frequency_hz
+    seen = seen[(seen > 0) & (seen < top_hz)]
+    assert seen.size >= 1
+    return np.abs(seen[:, None] / exact - 1).min(axis=1).max()
+
+
+def reduced_frfs(of, at_joint, stiffness, eta=0.01):
+    k, joint = of.stiffness * (1 + 1j * eta), of.motions[:, at_joint] @ stiffness @ of.motions[:, at_joint].T
+    return np.array([of.motions.T @ linalg.solve(k + joint - w**2 * of.mass, of.motions) for w in 2 * np.pi * LINES])
+
+
+@pytest.mark.parametrize("dense", [True, False])
+def test_frfs_are_those_of_the_whole_model_for_joints_over_six_decades(dense, monkeypatch):
+    rng = np.random.default_rng(1)
+    model = brick_model((8, 2, 2))
+    if not dense:
+        monkeypatch.setattr(reduction, "_DENSE", 10)  # as a large model, by sparse factors and Lanczos
+    patches = {"root": Port(face(model, 0.0)), "tip": Port(face(model, 0.2))}
+    forms = np.stack([f for n, p in patches.items() for f in ports.port_forms(model, p, n).values()], axis=1)
+    assert forms.shape == (model.n_dofs, 12)
+    small, finer = reduction.reduce_model(model, forms, TOP_HZ)
+    assert small.rigid == 6 and len(small.mass) < model.n_dofs / 3
+    at, sizes = np.arange(6), np.array([1, 1, 1, 1e-4, 1e-4, 1e-4])
+    for exponent in np.linspace(4, 10, 5):
+        stiffness = np.diag(10.0**exponent * sizes * rng.uniform(0.3, 3, 6))
+        exact = dense_frfs(model, forms, at, stiffness)
+        true = error_of_peaks(reduced_frfs(small, at, stiffness), exact)
+        told = error_of_peaks(reduced_frfs(small, at, stiffness), reduced_frfs(finer, at, stiffness))
+        assert true < 1e-5, f"10^{exponent:g} N/m: {true:.2g}"
+        assert told > true / 4 - 1e-8, "the finer model does not show the error"
+
+
+def test_a_free_model_has_exactly_six_rigid_body_modes_and_the_frequencies_of_the_whole():
+    model = brick_model((8, 2, 2))
+    recipe = imported(model, {"tip": face(model, 0.2)}, TOP_HZ, LossFactor(0.01))
+    modes = recipe.structure().modes()
+    assert (modes.eigenvalues[:6] == 0).all() and modes.eigenvalues[6] > 0
+    assert worst_frequency(recipe, model.stiffness.toarray(), model.mass.toarray()) < 1e-9
+    moved = recipe.structure().rigid_motions(np.arange(3))
+    mass = 7800 * 0.2 * 0.02 * 0.03
+    assert np.einsum("pr,pr->p", moved, moved)[0] == pytest.approx(1 / mass, rel=1e-9)  # along the bar, no rotation
+
+
+@pytest.mark.parametrize("law", [ModalDamping((0.01, 0.02)), LossFactor(0.01), Rayleigh(4.0, 1e-6)])
+def test_a_likelihood_cannot_tell_a_reduced_model_from_its_matrices(law):
+    model = plane_beam()
+    labels = tuple(f"{node}:{'y' if way == 2 else 'rz'}" for node, way in model.dofs)
+    whole = family_of_recipe(MatrixRecipe(model.stiffness.toarray(), model.mass.toarray(), labels, law))
+    small = family_of_recipe(imported(model, {"1": 1, "26": 26, "51": 51}, 3000.0, law))
+    joint, seen = Joint(("1:y", "1:rz")), Ports(np.linspace(10, 3000, 600), ("51:y", "26:y"), ("51:y",))
+    matrices = np.array([[[1e7, 1e4], [1e4, 1e5]], [[1e5, 0.0], [0.0, 1e3]], [[1e10, 0.0], [0.0, 1e8]]])
+    exact, found = (receptance_model(body, joint, seen).receptance(matrices) for body in (whole, small))
+    assert np.abs(found - exact).max() < 1e-7 * np.abs(exact).max()
+    exact, found = (NaturalFrequencies(body, joint, 3).frequency_hz(matrices) for body in (whole, small))
+    assert found == pytest.approx(exact, rel=1e-8)
+
+
+def test_a_damping_matrix_of_the_model_is_reduced_with_it():
+    model = plane_beam(20)
+    viscous = 2.0 * model.mass + 1e-6 * model.stiffness
+    own = FeModel(model.stiffness, model.mass, model.dofs, model.nodes, model.places, viscous)
+    recipe = imported(own, {"1": 1, "21": 21}, 3000.0)
+    assert isinstance(recipe.damping, ViscousMatrix)
+    joint, seen = Joint(("1:y", "1:rz")), Ports(np.linspace(10, 3000, 200), ("21:y",), ("21:y",))
+    law = family_of_recipe(imported(model, {"1": 1, "21": 21}, 3000.0, Rayleigh(2.0, 1e-6)))
+    k = np.diag([1e7, 1e4])[None]
+    exact, found = (receptance_model(b, joint, seen).receptance(k) for b in (law, family_of_recipe(recipe)))
+    assert np.abs(found - exact).max() < 1e-6 * np.abs(exact).max()
+
+
+def test_uncertain_parts_are_those_of_the_model_assembled_anew():
+    model = brick_model((8, 1, 1), part_from=5)
+    name = {"end.youngs_modulus": (np.log(0.7), np.log(1.4)), "end.density": (-0.2, 0.2), "youngs_modulus": (-0.3, 0.3)}
+    ends = {q: tuple(np.exp(r)) for q, r in name.items() if "." in q}
+    places = {"root": face(model, 0.0), "tip": face(model, 0.2)}
+    law = LossFactor(0.01)
+    small = family_of_recipe(imported(model, places, TOP_HZ, law, ends=ends), name)
+    labels = small.labels
+    forms = np.stack([f for p, of in places.items() for f in ports.port_forms(model, Port(of), p).values()], axis=1)
+    k = np.diag([1e8, 1e8, 1e8, 1e4, 1e4, 1e4])
+    seen = Ports(LINES, labels[6:], labels[6:])
+    for factors in ([0.8, 1.1, 1.2], [1.3, 0.9, 0.8], [1.0, 1.0, 1.0]):
+        stiffer, heavier, all_stiffer = factors
+        part = model.parts["end"]
+        whole = FeModel(
+            all_stiffer * (model.stiffness + (stiffer - 1) * part.stiffness),
+            model.mass + (heavier - 1) * part.mass, model.dofs, model.nodes, model.places)  # fmt: skip
+        exact = dense_frfs(whole, forms, np.arange(6), k)[:, 6:, 6:]
+        found = receptance_model(small, Joint(labels[:6]), seen).receptance(k[None], np.array([factors]))[0]
+        assert error_of_peaks(found, exact) < 1e-4
+
+
+def test_a_sheet_grows_with_the_third_power_of_its_thickness_in_bending_alone():
+    model = brick_model((4, 1, 1), part_from=2)
+    part = model.parts["end"]
+    bent = FeModel(
+        model.stiffness, model.mass, model.dofs, model.nodes, model.places,
+        parts={"end": type(part)(0.25 * part.stiffness, part.mass, 0.75 * part.stiffness)})  # fmt: skip
+    recipe = imported(bent, {"tip": face(model, 0.2)}, TOP_HZ, LossFactor(0.0), ends={"end.thickness": (0.8, 1.2)})
+    grown = 0.25 * 1.1 + 0.75 * 1.1**3 - 1
+    whole = (model.stiffness + grown * part.stiffness).toarray(), (model.mass + 0.1 * part.mass).toarray()
+    assert worst_frequency(recipe, *whole, factors={"end.thickness": 1.1}) < 1e-4
+
+
+def test_accelerometers_weigh_at_their_port_as_masses_of_the_whole_model():
+    model = brick_model((8, 1, 1))
+    tip = face(model, 0.2)
+    recipe = imported(
+        model, {"tip": tip}, TOP_HZ, LossFactor(0.0), accelerometer_mass=0.02, accelerometer_dofs=("tip:y",)
+    )
+    forms = np.stack([*ports.port_forms(model, Port(tip), "tip").values()], axis=1)[:, :3]
+    assert worst_frequency(recipe, model.stiffness.toarray(), model.mass.toarray() + 0.02 * forms @ forms.T) < 1e-7
+
+
+class TestPorts:
+    def test_a_patch_moves_as_the_rigid_body_that_it_is_part_of(self):
+        model = brick_model((4, 2, 3))
+        turn, shift, at = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, 3.0]), (0.21, 0.0, 0.01)
+        moved = (shift + np.cross(turn, model.places)).ravel()
+        forms = ports.port_forms(model, Port(face(model, 0.2), at=at), "tip")
+        found = [float(forms[way] @ moved) for way in ("x", "y", "z", "rx", "ry", "rz")]
+        assert found == pytest.approx([*(shift + np.cross(turn, at)), *turn], rel=1e-12)
+
+    def test_nodes_in_one_line_do_not_tell_how_they_turn_about_it(self):
+        model = brick_model((4, 2, 2))
+        line = tuple(n for n in face(model, 0.2) if np.isclose(model.place(n)[1], 0.0))
+        assert sorted(ports.port_forms(model, Port(line), "edge")) == ["rx", "ry", "x", "y", "z"]
+
+    def test_a_rigid_patch_is_the_model_with_its_nodes_tied(self):
+        model = brick_model((4, 1, 1))
+        tip = face(model, 0.2)
+        recipe = imported(model, {"tip": Port(tip, rigid=True)}, 20000.0, LossFactor(0.0))
+        arms = model.places - np.array(model.places)[np.isin(model.nodes, tip)].mean(axis=0)
+        free = ~np.isin(model.dofs[:, 0], tip)
+        tie = np.zeros((model.n_dofs, free.sum() + 6))
+        tie[np.flatnonzero(free), np.arange(free.sum())] = 1
+        for row in np.flatnonzero(~free):
+            node, way = model.dofs[row]
+            arm = arms[node - 1]
+            cross = np.array([[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]])
+            tie[row, free.sum() + way - 1] = 1
+            tie[row, free.sum() + 3 :] = cross[way - 1]
+        whole = tie.T @ model.stiffness @ tie, tie.T @ model.mass @ tie
+        assert worst_frequency(recipe, *whole, top_hz=20000.0) < 1e-8
+        assert recipe.positions["tip"] == pytest.approx((0.2, 0.01, 0.015))
+
+    def test_a_box_takes_the_nodes_in_it(self):
+        model = brick_model((4, 2, 2))
+        assert nodes_in_box(model, (0.199, -1, -1), (0.201, 1, 1)) == face(model, 0.2)
+
+    @pytest.mark.parametrize(
+        ("port", "words"),
+        [
+            (Port((9999,)), "no DOF of node 9999"),
+            (Port((1, 9999)), "no place of node 9999"),
+        ],
+    )
+    def test_what_is_not_there_is_named(self, port, words):
+        with pytest.raises(ModelError, match=words):
+            imported(brick_model((2, 1, 1)), {"tip": port}, TOP_HZ, LossFactor(0.0))
+
+
+class TestRefused:
+    def test_a_mechanism(self):
+        model = plane_beam(3)
+        loose = model.stiffness.toarray()
+        mass = model.mass.toarray()
+        loose[3, :] = loose[:, 3] = mass[3, :] = mass[:, 3] = 0.0
+        broken = FeModel(loose, mass, model.dofs, model.nodes, model.places)
+        with pytest.raises(ModelError, match="without stiffness and without mass"):
+            imported(broken, {"1": 1}, 1000.0, LossFactor(0.0))
+
+    def test_a_quantity_of_a_part_that_is_none(self):
+        with pytest.raises(ModelError, match="wall.thickness"):
+            imported(plane_beam(3), {"1": 1}, 1000.0, LossFactor(0.0), ends={"wall.thickness": (0.9, 1.1)})
+
+    def test_lines_far_beyond_the_reduction(self):
+        body = family_of_recipe(imported(plane_beam(20), {"1": 1, "21": 21}, 1000.0, LossFactor(0.01)))
+        far = Ports(np.linspace(10, 4000, 50), ("21:y",), ("21:y",))
+        with pytest.raises(ModelError, match="reduced up to 1000 Hz"):
+            receptance_model(body, Joint(("1:y", "1:rz")), far)
+
+    def test_no_damping_at_all(self):
+        with pytest.raises(ModelError, match="no damping matrix and no damping law"):
+            imported(plane_beam(3), {"1": 1}, 1000.0)
+
+
+def test_supports_hold_what_they_say():
+    model = plane_beam(20)
+    recipe = imported(model, {"21": 21}, 3000.0, LossFactor(0.0), supports=[(1, "y"), (1, "rz")])
+    # cantilever: f = 1.87510²/2π √(EI/ρA L⁴)
+    root = np.sqrt(2.1e11 * 0.025**2 / 12 / 7800) / 0.383**2
+    assert recipe.structure().modes().frequency_hz[0] == pytest.approx(1.8751041**2 / (2 * np.pi) * root, rel=1e-5)
+    assert recipe.structure().rigid == 0
+    with pytest.raises(ModelError, match="no DOF 1:z"):
+        model.held([(1, "z")])
