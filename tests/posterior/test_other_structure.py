@@ -1,0 +1,172 @@
+"""What the joint does in a structure that was never tested: against dense modes, and what is said of its limits."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jointbayes as jb
+from jointbayes.case.case import case_from_text
+from jointbayes.case.other_case import read_other
+from jointbayes.cli.commands import main
+from jointbayes.errors import CaseError, ModelError
+from jointbayes.frf import Ports
+from jointbayes.inference import Normal, Nuisance
+from jointbayes.joint import Joint
+from tests.conftest import TO_CONVERGE, shipped_text
+
+TIP = Ports(np.arange(20.0, 1200.0, 10.0), ("11:y",), ("11:y",))
+ASKED = """
+[predict]
+outputs = ["11:y"]
+inputs = ["11:y"]
+f_min_hz = 20
+f_max_hz = 1200
+f_step_hz = 10
+"""
+
+
+def recipe_of(posterior):
+    """The beam of the run, with the nodes that `TIP` names."""
+    return replace(posterior.problem.test.structures.recipe, elements=10)
+
+
+@pytest.fixture(scope="module", name="wrong_model")
+def _wrong_model():
+    """A posterior that allows for an error of the model in each natural frequency."""
+    text = shipped_text("clamped_beam_frequencies").replace('exact = ["model"]', "")
+    text = text.replace("[120.0, 762.0, 2101.0]", "[120.5, 741.0, 2044.0, 3890.0]")
+    return jb.sample(case_from_text("wrong", text), seed=1, settings=TO_CONVERGE)
+
+
+def test_the_structure_of_the_run_is_predicted_as_the_run_predicts_it(cheap_posterior):
+    found = cheap_posterior.predict(recipe_of(cheap_posterior), TIP)
+    band = cheap_posterior.predict_frf(Ports(TIP.frequency_hz, ("5:y",), ("5:y",)))  # the same place
+    np.testing.assert_allclose(found.frf.magnitude_high, band.magnitude_high, rtol=1e-6)
+    np.testing.assert_allclose(found.frf.phase_deg, band.phase_deg, rtol=1e-6, atol=1e-6)
+
+
+def test_natural_frequencies_of_another_length_are_those_of_dense_modes_of_each_draw(cheap_posterior):
+    longer = replace(recipe_of(cheap_posterior), length=0.5)
+    found = cheap_posterior.predict(longer, TIP, max_draws=5)
+    whole, joint = longer.structure(), Joint(("1:y", "1:rz"))
+    at = whole.unit_forms(joint.labels)
+    rows = cheap_posterior.thinned(5)
+    for matrix, frequency in zip(cheap_posterior.problem.prior.matrix(rows).stiffness, found.frequency_hz, strict=True):
+        exact = whole.modes(at @ matrix @ at.T).frequency_hz[: frequency.size]
+        assert frequency == pytest.approx(exact, rel=1e-6)
+    low, high = found.interval(1)
+    assert low <= np.median(found.frequency_hz[:, 0]) <= high
+    assert found.damping_ratio == pytest.approx(0.01)
+
+
+def test_a_length_is_measured_anew_and_a_modulus_is_that_of_the_tested_bar(cheap_posterior):
+    recipe = recipe_of(cheap_posterior)
+    certain = cheap_posterior.predict(recipe, TIP).frequency_hz[:, 0]
+    one_percent = Nuisance("length", "mm", 383.0, Normal(0.0, 0.01))
+    found = cheap_posterior.predict(recipe, TIP, uncertain=[one_percent]).frequency_hz[:, 0]
+    spread = np.sqrt(np.log(found).std() ** 2 - np.log(certain).std() ** 2)
+    assert spread == pytest.approx(0.02, rel=0.2)  # f falls with the square of the length
+    stiffer = Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.02))
+    with_e = cheap_posterior.predict(recipe, TIP, uncertain=[stiffer]).frequency_hz[:, 0]
+    assert np.log(with_e).std() > 3 * np.log(certain).std()
+
+
+def test_the_modulus_that_the_run_inferred_is_shared_draw_by_draw_unless_it_is_said_to_be_its_own(wrong_model):
+    recipe = recipe_of(wrong_model)
+    theta, names = wrong_model.thinned(400), wrong_model.problem.names
+    shared = wrong_model.predict(recipe, TIP).frequency_hz[:, 2]
+    own = wrong_model.predict(recipe, TIP, own=frozenset({"youngs_modulus"})).frequency_hz[:, 2]
+    modulus = theta[:, names.index("youngs_modulus")]
+    correlations = [abs(np.corrcoef(modulus, np.log(f))[0, 1]) for f in (shared, own)]
+    assert correlations[0] > 0.3 > correlations[1]
+
+
+def test_the_error_of_the_model_is_as_large_as_the_data_show_it(wrong_model):
+    shown = wrong_model.model_error
+    assert shown is not None
+    found = wrong_model.predict(recipe_of(wrong_model), TIP)
+    assert any("error in natural frequencies" in sentence for sentence in found.premises)
+    modal = wrong_model.predict_natural_frequencies(1, 400)[:, 0]
+    scatter = np.log(found.frequency_hz[:, 0]).std()
+    assert scatter > np.log(modal).std()
+    # the band of an FRF at its peak is as wide as the interval of the frequency moves it
+    peak = int(found.frf.magnitude[:, 0, 0].argmax())
+    assert found.frf.magnitude_high[peak, 0, 0] > 1.5 * found.frf.magnitude_low[peak, 0, 0]
+
+
+def test_what_was_never_asked_of_the_joint_is_said(cheap_posterior):
+    recipe, top = recipe_of(cheap_posterior), cheap_posterior.problem.test.data.band_hz[1]
+    below, beyond = (Ports(np.linspace(20, share * top, 20), ("11:y",), ("11:y",)) for share in (1.49, 1.51))
+    assert cheap_posterior.predict(recipe, below).never_asked == ()
+    (said,) = cheap_posterior.predict(recipe, beyond).never_asked
+    assert "depends on frequency" in said
+    spatial = replace(recipe, dofs_per_node=5)
+    (said,) = cheap_posterior.predict(spatial, below).never_asked
+    assert "holds 1 along x, z, ry" in said
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"joint": Joint(("1:y",))}, "a joint at 1 DOFs for the stiffnesses of one at 2"),
+        ({"uncertain": [Nuisance("thickness", "1", 1.0, Normal(0, 0.1))]}, "thickness"),
+        ({"ports": None}, "found as ports"),
+    ],
+)
+def test_what_cannot_be_predicted_is_refused(cheap_posterior, change, words):
+    arguments = {"structure": recipe_of(cheap_posterior), "ports": TIP} | change
+    with pytest.raises(ModelError, match=words):
+        cheap_posterior.predict(**arguments)
+
+
+def test_another_material_has_a_modulus_of_its_own(wrong_model):
+    recipe = recipe_of(wrong_model)
+    aluminium = replace(recipe, material=replace(recipe.material, youngs_modulus=7e10))
+    modulus = wrong_model.thinned(400)[:, wrong_model.problem.names.index("youngs_modulus")]
+    frequency = wrong_model.predict(aluminium, TIP).frequency_hz[:, 1]
+    assert abs(np.corrcoef(modulus, np.log(frequency))[0, 1]) < 0.3
+
+
+class TestCommand:
+    @pytest.fixture(name="home")
+    def _home(self, tmp_path, cheap_posterior):
+        cheap_posterior.save(tmp_path / "posterior.nc")
+        (tmp_path / "base.toml").write_text(shipped_text("clamped_beam"))
+        (tmp_path / "longer.toml").write_text('extends = "base.toml"\n[structure]\nlength_mm = 500.0\n' + ASKED)
+        return tmp_path
+
+    @pytest.fixture(name="ran")
+    def _ran(self, home, monkeypatch, plain_reports):
+        monkeypatch.chdir(home)
+        return CliRunner().invoke(main, ["predict", "posterior.nc", "longer.toml", "--out", "there"])
+
+    def test_it_writes_the_same_numbers_everywhere(self, home, ran, cheap_posterior):
+        assert ran.exit_code in (0, 3), ran.output
+        kept = json.loads((home / "there" / "prediction.json").read_text())
+        expected = cheap_posterior.predict(replace(recipe_of(cheap_posterior), length=0.5), TIP)
+        assert kept["modes"][0]["frequency_hz"] == pytest.approx(np.median(expected.frequency_hz[:, 0]), rel=1e-6)
+        shown = f"mode 1: {expected.rows()[0][1]}"
+        assert shown in ran.output
+        page = (home / "there" / "report.html").read_text()
+        assert f"first natural frequency will be {expected.rows()[0][1]}" in page
+        head, first, *_ = (home / "there" / "frf.csv").read_text().splitlines()
+        assert head.startswith("frequency_hz,11:y/11:y median")
+        assert float(first.split(",")[1]) == pytest.approx(expected.frf.magnitude[0, 0, 0], rel=1e-6)
+
+    @pytest.mark.parametrize(
+        ("text", "place", "words"),
+        [
+            ("[structure]\nlength_mm = 500.0\n", "longer.toml:1: predict", "missing"),
+            (ASKED.replace('outputs = ["11:y"]', 'outputs = ["99:y"]'), "longer.toml:3", "there is no node 99"),
+            (ASKED.replace("f_max_hz = 1200", "f_max_hz = 10"), "longer.toml", "f_m"),
+            (ASKED.replace("f_step_hz = 10", ""), "longer.toml:3: predict.f_step_hz", "missing"),
+        ],
+    )
+    def test_a_slip_is_named_by_file_line_and_key(self, home, text, place, words):
+        (home / "longer.toml").write_text('extends = "base.toml"\n' + text)
+        with pytest.raises(CaseError) as refused:
+            read_other(home / "longer.toml")
+        assert place in str(refused.value) and words in str(refused.value)
