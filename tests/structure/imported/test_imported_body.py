@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
+from benchmarks.bricks import brick_model, face
 from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
 from jointbayes.joint import Joint
@@ -19,7 +20,7 @@ from jointbayes.structure import (
     imported,
 )
 from jointbayes.structure.imported import nodes_in_box, ports, reduction
-from tests.structure.imported.fe_models import brick_model, face, plane_beam
+from tests.structure.imported.fe_models import plane_beam
 
 TOP_HZ = 6000.0
 LINES = np.linspace(20.0, TOP_HZ, 300)

@@ -1,7 +1,8 @@
 """An imported model reduced to what its ports see: its modes to above the band, and the residual of all others.
 
-The residual is a Krylov space of the ports' forces at a shift below the band, S⁻¹P and S⁻¹MS⁻¹P with S = K + σM
-(MacNeal 1971; Rubin 1975, with a second block); S is positive definite for a free model too. Rigid-body modes are
+The residual is a Krylov space of the ports' forces at a shift below the band, S⁻¹P, S⁻¹MS⁻¹P and one block more, with
+S = K + σM (MacNeal 1971; Rubin 1975, with further blocks); for stiff joints at rotations of averaged ports a third block
+is worth 10³, and more modes nothing. S is positive definite for a free model too. Rigid-body modes are
 exact, from coordinates. All ports that may ever be asked are reduced at once: each is a solve, and the factorisation
 of S is what costs.
 
@@ -28,7 +29,7 @@ from vibrecords.arrays import Array
 
 MODES_TO = 1.5  # times the band
 _SHIFT_AT = 0.25  # of the band: σ = (2π · so much)²
-_BLOCKS, _FINER_BLOCKS = 2, 4
+_BLOCKS, _FINER_BLOCKS = 3, 5
 _DENSE = 400  # a model of so few DOFs is solved whole
 _MODES_FIRST, _MOST_MODES = 24, 600
 _SAME = 1e-9  # a vector of which less than this is new adds rounding only
