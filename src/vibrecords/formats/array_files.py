@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vibrecords.arrays import complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import matlab_5
-from vibrecords.formats.matlab_5 import Block, Unread
+from vibrecords.formats.matlab_5 import Block, MatrixOf, Unread, full_matrix
 from vibrecords.formats.written_by import WRITTEN_BY
 from vibrecords.records import LONGEST_LABEL, MOST_RECORDS, refuse_damage
 
@@ -30,8 +30,17 @@ _LONGEST_TEXT = 4096
 _MATLAB_HEADER = b"MATLAB 7.3 MAT-file, Platform: jointbayes, Created on: unknown HDF5 schema 1.00 ."
 
 
-def read_arrays(path: Path, kind: str) -> Block:
-    """All that a file holds, as one tree; `kind` is ``npz``, ``mat``, ``mat73`` or ``hdf5``.
+def read_arrays(path: Path, kind: str, most: int = 0, matrix: MatrixOf = full_matrix) -> Block:
+    """All that a file holds, as one tree.
+
+    Parameters
+    ----------
+    path, kind
+        The file: ``npz``, ``mat``, ``mat73`` or ``hdf5``.
+    most
+        Bytes that it may unpack to, where that is more than FRFs do.
+    matrix
+        What becomes of MATLAB's sparse matrices.
 
     Returns
     -------
@@ -45,7 +54,7 @@ def read_arrays(path: Path, kind: str) -> Block:
         If the file cannot be read, or unpacks to far more than its size.
     """
     with refuse_damage("content", "a complete file; copy it again", most=120):
-        return _READERS[kind](path, max(_ALWAYS, _RATIO * path.stat().st_size))
+        return _READERS[kind](path, max(most, _ALWAYS, _RATIO * path.stat().st_size), matrix)
 
 
 def read_groups(path: Path) -> dict[str, Block]:
@@ -89,7 +98,7 @@ def zip_entries(path: Path) -> list[zipfile.ZipInfo]:
         return archive.infolist()
 
 
-def _read_npz(path: Path, most: int) -> Block:
+def _read_npz(path: Path, most: int, _matrix: MatrixOf) -> Block:
     """Arrays of an archive; ``record_2/frf`` is the array ``frf`` of the group ``record_2``."""
     tree: Block = {}
     matlab_5.refuse_larger(sum(member.file_size for member in zip_entries(path)), most)
@@ -145,12 +154,12 @@ def write_matlab(blocks: dict[str, Block], path: Path) -> None:
 # ---- HDF5 and MATLAB 7.3
 
 
-def _read_hdf5(path: Path, most: int, *, matlab: bool = False) -> Block:
+def _read_hdf5(path: Path, most: int, matrix: MatrixOf, *, matlab: bool = False) -> Block:
     import h5py  # type: ignore[import-untyped]
 
     _require_sound_heaps(path)
     with h5py.File(path, "r") as file:
-        return _Hdf5(file, most, matlab).group(file)
+        return _Hdf5(file, most, matlab, matrix).group(file)
 
 
 def has_attribute(path: Path, name: str) -> bool:
@@ -180,8 +189,8 @@ def _require_sound_heaps(path: Path) -> None:
 class _Hdf5:
     """Reads the groups of an open file, and what references in them lead to; other links are passed over."""
 
-    def __init__(self, file: Any, most: int, matlab: bool) -> None:  # noqa: ANN401 - h5py is untyped here
-        self.file, self.most, self.matlab = file, most, matlab
+    def __init__(self, file: Any, most: int, matlab: bool, matrix: MatrixOf) -> None:  # noqa: ANN401 - h5py is untyped
+        self.file, self.most, self.matlab, self.matrix = file, most, matlab, matrix
         self.bytes = self.count = 0
         self.seen: set[tuple[int, int]] = set()
 
@@ -217,7 +226,7 @@ class _Hdf5:
         if self.matlab and "MATLAB_sparse" in attributes and {"ir", "jc"} <= block.keys():
             shape = (int(attributes["MATLAB_sparse"]), block["jc"].size - 1)
             parts = (block["ir"].ravel(), block["jc"].ravel(), block.get("data", np.zeros(0)).ravel())
-            return matlab_5.full_matrix(shape, *parts, self.most - self.bytes)
+            return self.matrix(shape, *parts, self.most - self.bytes)
         lists = [len(v) for n, v in block.items() if self.matlab and isinstance(v, list) and _is_struct_field(items[n])]
         if lists and len(lists) == len(block):  # the fields of an array of structs, element by element
             return [{name: values[i] for name, values in block.items()} for i in range(min(lists))]
@@ -368,7 +377,7 @@ def _matlab_variable(group: Any, key: str, value: Any) -> None:  # noqa: ANN401
     item.attrs["MATLAB_class"] = np.bytes_("double")
 
 
-_READERS: dict[str, Callable[[Path, int], Block]] = {
+_READERS: dict[str, Callable[[Path, int, MatrixOf], Block]] = {
     "npz": _read_npz,
     "mat": matlab_5.read_matlab,
     "mat73": partial(_read_hdf5, matlab=True),

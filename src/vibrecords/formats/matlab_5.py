@@ -11,7 +11,7 @@ The MathWorks: MAT-File Format, level 5 MAT-files.
 import math
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,7 @@ class Unread:
 UNREADABLE = Unread("a function handle or an object of MATLAB")
 
 
-def read_matlab(path: Path, most: int) -> Block:
+def read_matlab(path: Path, most: int, matrix: "MatrixOf") -> Block:
     """All variables of a file, of which `most` bytes may be unpacked."""
     variables: Block = {}
     unpacked, size = 0, path.stat().st_size
@@ -54,7 +54,7 @@ def read_matlab(path: Path, most: int) -> Block:
         if len(header) < 128:
             raise ValueError(f"a header of {len(header)} bytes")
         order = "<" if header[126:] == b"IM" else ">"
-        reader = _Reader(order, most)
+        reader = _Reader(order, most, matrix)
         while tag := file.read(8):
             kind, length = struct.unpack(f"{order}II", tag)
             content = file.read(min(length, size))
@@ -117,6 +117,17 @@ def full_matrix(
     return matrix
 
 
+def column_parts(
+    shape: tuple[int, ...], rows: NDArray[Any], starts: NDArray[Any], values: NDArray[Any], _most: int
+) -> Block:
+    """A sparse matrix as its parts, named as SciPy names them."""
+    return {"shape": np.array(shape), "indices": rows, "indptr": starts, "data": values}
+
+
+#: What makes something of a sparse matrix: its shape, parts, and bytes that are left.
+MatrixOf = Callable[[tuple[int, ...], NDArray[Any], NDArray[Any], NDArray[Any], int], Any]
+
+
 def list_or_texts(items: list[Any]) -> list[Any] | NDArray[np.str_]:
     """Cells as one array where all of them are texts, or texts and empty ones."""
     arrays = [item for item in items if isinstance(item, np.ndarray) and (item.size == 0 or item.dtype.kind == "U")]
@@ -128,8 +139,8 @@ def list_or_texts(items: list[Any]) -> list[Any] | NDArray[np.str_]:
 class _Reader:
     """Reads the variables of a file, however structs and cells are within each other."""
 
-    def __init__(self, order: str, most: int) -> None:
-        self.order, self.left, self.count = order, most, 0
+    def __init__(self, order: str, most: int, matrix: MatrixOf) -> None:
+        self.order, self.left, self.count, self.matrix = order, most, 0, matrix
 
     def variable(self, content: bytes, depth: int = 0, where: str = "") -> tuple[str, Any]:
         """Name and value of a matrix."""
@@ -160,7 +171,7 @@ class _Reader:
         *indices, real, imaginary = parts if len(parts) == count else [*parts, np.zeros(0)]
         numbers = complex_of(real, imaginary) if word & _COMPLEX else real
         if kind == _SPARSE:
-            matrix = full_matrix(shape, indices[0], indices[1], numbers, self.left)
+            matrix = self.matrix(shape, indices[0], indices[1], numbers, self.left)
             self.left -= getattr(matrix, "nbytes", 0)
             return name, matrix
         return name, numbers.reshape(shape, order="F")
