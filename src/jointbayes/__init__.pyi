@@ -64,6 +64,8 @@ from jointbayes.structure import ModalDamping as ModalDamping
 from jointbayes.structure import Section as Section
 from jointbayes.structure import Structure as Structure
 from jointbayes.structure import chain as chain
+from jointbayes.structure.imported import FeModel as FeModel
+from jointbayes.structure.imported import read_structure as read_structure
 from jointbayes.studies.calibrate import calibrate as calibrate
 from jointbayes.studies.calibration import Calibration as Calibration
 from jointbayes.studies.campaign.campaign import Campaign as Campaign

@@ -39,5 +39,11 @@ def test_every_kept_case_and_posterior_is_taken_or_refused_in_one_line(name):
 
 
 @pytest.mark.whole
+def test_every_kept_structure_is_taken_or_refused_in_one_line():
+    with Attacker(places()["structure"]) as attacker:
+        attempted(attacker, attacker.target)
+
+
+@pytest.mark.whole
 def test_every_target_has_its_kept_files_attempted():
-    assert set(places()) == {*_LARGE, *(target.name for target in files.TARGETS)}
+    assert set(places()) == {*_LARGE, "structure", *(target.name for target in files.TARGETS)}

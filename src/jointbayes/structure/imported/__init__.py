@@ -7,8 +7,8 @@ from jointbayes.structure.imported.imported_body import ImportedRecipe as Import
 from jointbayes.structure.imported.imported_body import imported as imported
 from jointbayes.structure.imported.ports import Port as Port
 from jointbayes.structure.imported.ports import nodes_in_box as nodes_in_box
-from jointbayes.structure.imported.read import read_structure as read_structure
 from jointbayes.structure.imported.ports import port_forms as port_forms
+from jointbayes.structure.imported.read import read_structure as read_structure
 from jointbayes.structure.imported.reduction import ReducedModel as ReducedModel
 from jointbayes.structure.imported.reduction import ReducedPart as ReducedPart
 from jointbayes.structure.imported.reduction import reduce_model as reduce_model

@@ -73,6 +73,8 @@ class FeModel:
         Pairs of node numbers, shape (e, 2), as lines of a picture; None where the file has no elements.
     source
         The file in words, such as ``"bracket.npz"``.
+    notes
+        What a reader left out or doubts, a sentence each.
 
     Raises
     ------
@@ -89,6 +91,7 @@ class FeModel:
     parts: Mapping[str, FePart] = field(default_factory=dict)
     edges: Indices | None = None
     source: str = "structure"
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.dofs)
@@ -184,3 +187,8 @@ class FeModel:
         kept = np.setdiff1d(np.arange(self.n_dofs), rows)
         selection = sparse.eye_array(self.n_dofs, format="csc")[:, kept]
         return self if not rows else self.changed(selection, self.dofs[kept], {})
+
+    def mass_along(self, direction: str) -> float:
+        """Mass that moves when the whole structure moves along x, y or z, kg: where nothing is held, all of it."""
+        moved = (self.dofs[:, 1] == DIRECTIONS.index(direction) + 1).astype(float)
+        return float(moved @ (self.mass @ moved))

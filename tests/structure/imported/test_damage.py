@@ -1,0 +1,85 @@
+"""A file that is cut off or damaged is refused in one line, or what is left is a whole model; never a traceback."""
+
+import random
+import resource
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from tests.fuzz.mutations import damaged_bytes
+from tests.fuzz.targets.structure import StructureTarget
+from tests.structure.imported import small_frame as small
+
+TARGET = StructureTarget()
+pytest.importorskip("pyyeti", reason="pyyeti, which writes the files of Nastran, is not installed")
+SEEDS = TARGET.seeds()
+NAMES = [f"{i}-{seed.partition(bytes([10]))[0].decode()}" for i, seed in enumerate(SEEDS)]
+
+
+@pytest.fixture(scope="module")
+def attempt(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("in")
+    TARGET.prepare(directory)
+
+    def run(content):
+        path = directory / "input.structure"
+        path.write_bytes(content)
+        message = None
+        try:
+            TARGET.attempt(path)
+        except jb.ModelError as error:
+            message = str(error)
+        assert message is None or TARGET.message_fault(message, path) == ""
+        return message is None
+
+    return run
+
+
+@pytest.mark.parametrize("seed", SEEDS, ids=NAMES)
+def test_cut_anywhere(attempt, seed):
+    """Text that is cut at the end of a line may still be whole, as a map or as coordinates."""
+    head = seed.index(b"\n") + 1
+    for at in np.linspace(head, len(seed) - 1, 25).astype(int):
+        attempt(seed[:at])
+
+
+@pytest.mark.parametrize("seed", [s for s in SEEDS if s[:3] in (b"npz", b"mat", b"op4", b"pch", b"sti", b"mtx")])
+def test_matrices_cut_within_a_line_or_array_are_never_taken(attempt, seed):
+    head, end = seed.index(b"\n") + 1, 120 if seed.startswith(b"op4") else 1  # Nastran's last column says nothing
+    for at in np.linspace(head + 1, len(seed) - end, 15).astype(int):
+        if seed[at - 1 : at] != b"\n":
+            assert not attempt(seed[:at])
+
+
+@pytest.mark.parametrize("seed", SEEDS, ids=NAMES)
+def test_damaged_bytes(attempt, seed):
+    rng, head = random.Random(1), seed.index(b"\n") + 1
+    for _ in range(15):
+        attempt(seed[:head] + damaged_bytes(rng, seed[head:]))
+
+
+@pytest.mark.parametrize(
+    ("ending", "content"),
+    [
+        ("mtx", b"%%MatrixMarket matrix array real general\n2999999 2999999\n1\n"),
+        ("mtx", b"%%MatrixMarket matrix coordinate real symmetric\n3000000 3000000 1\n3000000 1 1.0\n"),
+        ("sti", b"1 1 1.0\n3000000 3000000 1.0\n"),
+        ("mtx", b"1,1,1,1,2.0\n99999999999,1,99999999999,1,2.0\n"),
+        ("op4", f"{2000000000:8d}"[:8].encode() + b"20000000" + b"       6       2KAA     1P,3E24.16\n" + b" " * 60),
+        (
+            "pch",
+            b"DMIG*   KAAX               900000000               1\n*              900000001               1 2.0D+03\n",
+        ),
+    ],
+)
+def test_counts_in_a_short_file_make_no_room(attempt, ending, content):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    attempt(ending.encode() + b"\n" + content)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000  # kB
+
+
+def test_more_dofs_than_anything_solves(tmp_path):
+    (tmp_path / "k.mtx").write_text("%%MatrixMarket matrix coordinate real symmetric\n3000001 3000001 1\n1 1 1.0\n")
+    with pytest.raises(jb.ModelError, match=r"k.mtx, line 2: found the sizes '3000001 3000001 1'; expected rows"):
+        jb.read_structure(tmp_path / "k.mtx", mass=tmp_path / "k.mtx", dofs=small.write_map(tmp_path / "map.csv"))

@@ -1,0 +1,464 @@
+"""What exports do to those who trust them, each told in one line with file and entry, or undone."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import jointbayes as jb
+from tests.structure.imported import small_frame as small
+from tests.structure.imported.small_frame import DOFS, NODES, PLACES, K, M
+
+SUPERELEMENT = "nas2cam_extseout"
+
+
+def refused(path, match, **further):
+    with pytest.raises(jb.ModelError, match=match) as caught:
+        jb.read_structure(path, **further)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert "; expected " in text
+    return text
+
+
+def npz(tmp_path, **changed):
+    arrays = {"K": K, "M": M, "dofs": DOFS} | changed
+    np.savez(tmp_path / "a.npz", **{name: value for name, value in arrays.items() if value is not None})
+    return tmp_path / "a.npz"
+
+
+# ---- Abaqus
+
+
+def held(matrix):
+    """Node 3 clamped, as Abaqus writes it."""
+    matrix = matrix.copy()
+    matrix[:6] = matrix[:, :6] = 0
+    return matrix
+
+
+def test_rows_of_1e36_are_supports(tmp_path):
+    k = held(K)
+    k[range(6), range(6)] = 1e36
+    small.write_abaqus(tmp_path / "j_STIF2.mtx", k)
+    small.write_abaqus(tmp_path / "j_MASS2.mtx", M)
+    model = jb.read_structure(tmp_path / "j_STIF2.mtx")
+    assert model.dofs.tolist() == DOFS[6:].tolist()
+    np.testing.assert_array_equal(model.stiffness.toarray(), K[6:, 6:])
+    assert model.notes[0] == "6 DOFs with 1e36 on the diagonal of K are supports, and left out"
+
+
+def test_nodes_below_1_are_generalised_coordinates(tmp_path):
+    dofs = DOFS.copy()
+    dofs[dofs[:, 0] == 41, 0] = -2  # six of Abaqus's own
+    small.write_abaqus(tmp_path / "j_STIF2.mtx", K, dofs)
+    small.write_abaqus(tmp_path / "j_MASS2.mtx", M, dofs)
+    model = jb.read_structure(tmp_path / "j_STIF2.mtx")
+    assert sorted(model.dofs[model.dofs[:, 0] < 0].tolist()) == [[-i, 0] for i in range(6, 0, -1)]
+    np.testing.assert_allclose(small.frequencies(model), small.EXACT, rtol=1e-9)
+
+
+def test_a_dof_of_heat_or_pressure_is_refused(tmp_path):
+    dofs = DOFS.copy()
+    dofs[3, 1] = 11
+    small.write_abaqus(tmp_path / "k.mtx", K, dofs)
+    refused(tmp_path / "k.mtx", r"k.mtx, entry \d+: found DOF 11 of node 3; expected 1 to 6", mass=tmp_path / "k.mtx")
+
+
+def test_an_abaqus_file_cut_at_the_end_of_a_line(tmp_path):
+    small.write_abaqus(tmp_path / "j_STIF2.mtx", K)
+    small.write_abaqus(tmp_path / "j_MASS2.mtx", M)
+    path = tmp_path / "j_STIF2.mtx"
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[: len(lines) // 2]))
+    refused(path, "found mass but no stiffness at node 12, direction")
+
+
+def test_a_map_beside_files_that_name_their_dofs(tmp_path):
+    small.write_abaqus(tmp_path / "k.mtx", K)
+    small.write_abaqus(tmp_path / "m.mtx", M)
+    dofs = small.write_map(tmp_path / "map.csv")
+    refused(tmp_path / "k.mtx", "map.csv: found matrices with nodes", mass=tmp_path / "m.mtx", dofs=dofs)
+
+
+# ---- Nastran
+
+
+def superelement(tmp_path, name, changed=None):
+    """Files of a real superelement that Nastran wrote, which come with pyyeti."""
+    tests = pytest.importorskip("pyyeti.tests", reason="pyyeti, whose tests hold files of Nastran, is not installed")
+    folder = Path(tests.__path__[0]) / SUPERELEMENT
+    for suffix in (".op4", ".asm", ".pch"):
+        content = (folder / f"{name}{suffix}").read_bytes()
+        (tmp_path / f"a{suffix}").write_bytes(content if changed is None else changed(suffix, content))
+    return tmp_path / "a.op4"
+
+
+def test_a_superelement_of_nastran_with_output_systems_of_its_grids(tmp_path):
+    """Mass is semidefinite, names are kxx and mxx, and grid 11 has an output system that is turned."""
+    path = superelement(tmp_path, "outboard")
+    from pyyeti.nastran import bulk, n2p, op4
+
+    model = jb.read_structure(path, length_unit="in")
+    assert sorted(model.nodes.tolist()) == [3, 11, 19, 27]
+    assert (model.dofs[:, 1] == 0).sum() == 22
+    uset, _, _ = bulk.asm2uset(str(tmp_path / "a.asm"))
+    rigid = n2p.rbgeom_uset(uset, [0, 0, 0])  # in the output systems
+    given = {name: matrix.toarray() for name, matrix in op4.read(str(path), justmatrix=True, sparse=True).items()}
+    inertia = rigid.T @ given["mxx"] @ rigid
+    slinch = 0.45359237 * 9.80665 / 0.0254
+    for i, way in enumerate("xyz"):
+        assert model.mass_along(way) == pytest.approx(inertia[i, i] * slinch, rel=1e-9)
+    turned = model.place(11) / 0.0254
+    assert turned == pytest.approx([600, 300, 300])
+    b = model.dofs[:, 1] > 0  # rigid motion strains nothing only where the DOFs are those of the basic system
+    for axis in "xyz":
+        push = (model.dofs[:, 1] == "xyz".index(axis) + 1).astype(float)
+        assert abs(model.stiffness @ push)[b].max() < 1e-6 * abs(model.stiffness).max()
+
+
+def test_grids_of_a_superelement_that_hold_some_directions_only(tmp_path):
+    model = jb.read_structure(superelement(tmp_path, "reduced_bset_notall6"), length_unit="in")
+    assert model.n_dofs == 29
+    assert model.place(411) / 0.0254 == pytest.approx([0, -61.25, 19.5])
+
+
+def test_a_cylindrical_output_system_is_refused(tmp_path):
+    def cylinder(suffix, content):
+        return content.replace(b"CORD2R", b"CORD2C") if suffix == ".asm" else content
+
+    refused(superelement(tmp_path, "outboard", cylinder), "output system 10 at grid 11, not rectangular")
+
+
+def test_pyyeti_missing_is_one_line(tmp_path, monkeypatch):
+    (tmp_path / "a.op4").write_bytes(b"x" * 100)
+    monkeypatch.setitem(sys.modules, "pyyeti", None)
+    monkeypatch.setitem(sys.modules, "pyyeti.nastran.op4", None)
+    refused(tmp_path / "a.op4", r"a.op4: found a file of Nastran; expected pyyeti.*pip install jointbayes\[nastran\]$")
+
+
+DMIG = """DMIG    KAAX           0       6       2       0                       2
+DMIG*   KAAX                           1               1
+*                      1               1 2.000000000D+03
+DMIG    MAAX           0       6       2       0                       2
+DMIG*   MAAX                           1               1
+*                      1               1 2.000000000D+00
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("D+03", "X+03", r"a.pch, line 3: found '\* .*expected a whole card"),
+        (
+            "DMIG    MAAX           0       6       2",
+            "DMIG    MAAX           0       6       4",
+            "'MAAX': found complex",
+        ),
+        ("MAAX", "TAAX", "found no mass matrix, but stiffness; expected M in kg; export it too, give mass="),
+        ("DMIG*   MAAX  ", "DMIG    MAAX  ", "line 5: found a DMIG card in small fields"),
+        ("2.000000000D+00\n", "2.000", "a whole card"),
+    ],
+)
+def test_damaged_dmig(tmp_path, old, new, match):
+    (tmp_path / "a.pch").write_text(DMIG.replace(old, new))
+    refused(tmp_path / "a.pch", match)
+
+
+def test_a_grid_in_a_system_of_its_own_is_refused(tmp_path):
+    (tmp_path / "a.pch").write_text(DMIG + f"{'GRID':8}{1:8d}{7:8d}{0.0:8}{0.0:8}{0.0:8}\n")
+    refused(tmp_path / "a.pch", r"line 7: found grid '1' in system '7'", nodes=tmp_path / "a.pch")
+
+
+# ---- Ansys, Matrix Market
+
+
+def test_a_mapping_forgotten(tmp_path):
+    k = small.write_matrix_market(tmp_path / "k.mmf", K)
+    refused(k, "k.mmf: found no map of the DOFs; expected .*; give dofs=", mass=k)
+
+
+def test_a_mapping_of_another_model(tmp_path):
+    k, m = small.write_harwell_boeing(tmp_path / "k", K), small.write_harwell_boeing(tmp_path / "m", M)
+    dofs = small.write_mapping(tmp_path / "k.mapping", DOFS[:-1])
+    refused(
+        k, "k: found a stiffness matrix of 30 rows, and a map of 29 DOFs in .*k.mapping; expected as", mass=m, dofs=dofs
+    )
+
+
+def test_a_mapping_with_a_line_lost_and_with_heat(tmp_path):
+    k = small.write_matrix_market(tmp_path / "k.mmf", K)
+    dofs = small.write_mapping(tmp_path / "k.mapping")
+    text = dofs.read_text()
+    dofs.write_text("\n".join(line for i, line in enumerate(text.split("\n")) if i != 4))
+    refused(k, "k.mapping, line 5: found row 5; expected row 4", mass=k)
+    dofs.write_text(text.replace("ROTZ", "TEMP"))
+    refused(k, "k.mapping, line 7: found the direction 'TEMP'", mass=k)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda t: t.replace("RSA", "CSA"), "found a matrix of the kind 'CSA'; expected RSA"),
+        (lambda t: t[: len(t) // 2].rpartition("\n")[0] + "\n", "numbers; expected .* as the header says"),
+        (lambda t: t[:-5], "found no end of the last line"),
+        (lambda t: t.replace("(8I10) ", "(8X10) ", 1), "line 4: found .*expected three formats of Fortran"),
+        (
+            lambda t: t.replace("            30            30", "            30            31", 1),
+            "line 3: found 30 rows, 31",
+        ),
+    ],
+)
+def test_damaged_harwell_boeing(tmp_path, change, match):
+    path = small.write_harwell_boeing(tmp_path / "k", K)
+    path.write_text(change(path.read_text()))
+    refused(path, match, mass=path, dofs=small.write_map(tmp_path / "map.csv"))
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("%%MatrixMarket matrix coordinate complex symmetric\n1 1 1\n1 1 1 0\n", "found the header .*complex"),
+        ("%%MatrixMarket matrix array real general\n4000000 4000000\n1\n", "line 2: found the sizes '4000000 4000000'"),
+        ("%%MatrixMarket matrix coordinate real symmetric\n30 30 7\n1 1 1\n", "found 1 entries; expected 7"),
+        ("%%MatrixMarket matrix coordinate real symmetric\n30 30 2\n1 1 1\n31 1 2\n", "entry 2: found 31; expected"),
+        ("%%MatrixMarket matrix coordinate real symmetric\n30 30 2\n1 1 1\n3 1 x\n", "line 4: found '3 1 x'"),
+        ("%%MatrixMarket matrix coordinate real symmetric\n30 30 2\n1 1 1\n3 1 2", "found no end of the last line"),
+        (
+            "%%MatrixMarket matrix coordinate real symmetric\n30 30 2\n1 1 1\n1 1 2\n",
+            "entry of the stiffness matrix twice",
+        ),
+        ("%%MatrixMarket matrix coordinate real symmetric\n30 30 1\n1 1 nan\n", "found nan in the stiffness matrix"),
+    ],
+)
+def test_damaged_matrix_market(tmp_path, text, match):
+    (tmp_path / "k.mtx").write_text(text)
+    dofs = small.write_map(tmp_path / "map.csv")
+    refused(tmp_path / "k.mtx", match, mass=small.write_matrix_market(tmp_path / "m.mtx", M), dofs=dofs)
+
+
+# ---- CalculiX
+
+
+@pytest.mark.parametrize("cut", [0.3, 0.5, 0.99])
+def test_a_calculix_file_cut_at_the_end_of_a_line(tmp_path, cut):
+    for name, matrix in (("j.sti", K), ("j.mas", M)):
+        small.write_calculix(tmp_path / name, matrix)
+    small.write_dof(tmp_path / "j.dof")
+    lines = (tmp_path / "j.mas").read_text().splitlines(keepends=True)
+    (tmp_path / "j.mas").write_text("".join(lines[: int(cut * len(lines))]))
+    refused(tmp_path / "j.sti", r"j\.mas: found (row|a mass matrix of \d+ rows)")
+
+
+def test_a_dof_file_of_another_kind(tmp_path):
+    small.write_calculix(tmp_path / "j.sti", K)
+    (tmp_path / "j.dof").write_text("3.1\n3.7\n")
+    refused(
+        tmp_path / "j.sti", r"j.dof, line 2: found '3.7'; expected a line 'node.direction'", mass=tmp_path / "j.sti"
+    )
+
+
+# ---- matrices and maps
+
+
+def test_an_unsymmetric_stiffness_names_its_entry(tmp_path):
+    k = K.copy()
+    k[2, 4] *= 1.01
+    refused(npz(tmp_path, K=k), r"a.npz: found an unsymmetric stiffness matrix, .* at row (3, column 5|5, column 3)")
+
+
+def test_a_mass_missing_or_empty(tmp_path):
+    refused(npz(tmp_path, M=None), "a.npz: found no mass matrix, but stiffness; expected M in kg")
+    refused(npz(tmp_path, M=0 * M), "found no mass; expected a mass matrix")
+
+
+def test_a_semidefinite_mass_of_minus_5e_minus_12_is_taken(tmp_path):
+    m = M.copy()
+    m[29, 29] = m[29, :29] = m[:29, 29] = 0
+    m[29, 29] = -5e-12
+    model = jb.read_structure(npz(tmp_path, M=m))
+    np.testing.assert_array_equal(model.mass.toarray(), m)
+
+
+def test_dofs_without_stiffness_and_mass_are_left_out(tmp_path):
+    k, m = K.copy(), M.copy()
+    for matrix in (k, m):
+        matrix[[3, 9]] = matrix[:, [3, 9]] = 0  # rotations of a solid's nodes in the g-set
+    model = jb.read_structure(npz(tmp_path, K=k, M=m))
+    assert model.row(3, "rx") is None
+    assert model.notes == ("2 DOFs without stiffness and mass are left out",)
+
+
+@pytest.mark.parametrize(
+    ("changed", "match"),
+    [
+        ({"dofs": None}, "found no map of the DOFs"),
+        ({"dofs": DOFS[:-2]}, "found a stiffness matrix of 30 rows, and a map of 28 DOFs"),
+        ({"M": M[:-1, :-1]}, "found a mass matrix of 29 rows, and a map of 30 DOFs"),
+        ({"M": M[:-1]}, r"'M': found shape \(29, 30\); expected a square matrix"),
+        ({"dofs": np.where(DOFS == 6, 7, DOFS)}, "'dofs', entry 6: found 7; expected whole numbers from 0 to 6"),
+        ({"dofs": DOFS + 0.5}, "'dofs', entry 1: found"),
+        ({"dofs": np.repeat(DOFS[:1], 30, 0)}, "found 29 DOFs twice"),
+        ({"dofs": DOFS.T}, r"'dofs': found shape \(2, 30\)"),
+        ({"K": np.where(K[0, 0] == K, np.nan, K)}, "found nan in the stiffness matrix at row 1, column 1"),
+        ({"K": np.where(K[0, 0] == K, np.inf, K)}, "found inf in the stiffness matrix at row 1, column 1"),
+        ({"K": K * (1 + 0.01j)}, "found complex numbers"),
+        ({"xyz": PLACES, "nodes": NODES[1:]}, r"'xyz': found coordinates of shape \(5, 3\) for 4 nodes"),
+        ({"K": None, "M": None}, "found dofs; expected K and M"),
+        ({"K2": K, "stiffness": K}, "more than one matrix of stiffness"),
+    ],
+)
+def test_arrays_that_do_not_fit(tmp_path, changed, match):
+    refused(npz(tmp_path, **changed), match)
+
+
+def test_parts_of_a_sparse_matrix_that_lie(tmp_path):
+    csc = sparse.csc_array(K)
+    base = {"K_data": csc.data, "K_indices": csc.indices, "K_indptr": csc.indptr, "K_shape": csc.shape, "K": None}
+    for name, value, match in (
+        ("K_indices", csc.indices + 1, "found 30; expected whole numbers from 0 to 29"),
+        ("K_indptr", csc.indptr[::-1], "expected a whole sparse matrix|whole numbers"),
+        ("K_data", csc.data[:-3], "expected a whole sparse matrix"),
+        ("K_shape", (30, 10**12), "expected a square matrix"),
+    ):
+        refused(npz(tmp_path, **base | {name: value}), match)
+
+
+def test_maps_and_coordinates_in_csv(tmp_path):
+    k, m = small.write_matrix_market(tmp_path / "k.mtx", K), small.write_matrix_market(tmp_path / "m.mtx", M)
+    good, places = small.write_map(tmp_path / "map.csv"), small.write_places(tmp_path / "xyz.csv")
+    semicolons = tmp_path / "semi.csv"
+    semicolons.write_text(good.read_text().replace(",", ";").replace("rx", "ROTX").replace(";x", ";1"))
+    small.require_same(jb.read_structure(k, mass=m, dofs=semicolons, nodes=places))
+    for text, match in (
+        ("node,direction\n3,x\n3,w\n", "map.csv, line 3: found the direction 'w'"),
+        ("node,direction\n3\n", "map.csv, line 2: found '3'; expected node,direction"),
+        ("node,direction\n", "found no DOF"),
+    ):
+        good.write_text(text)
+        refused(k, match, mass=m, dofs=good)
+    small.write_map(good)
+    for text, match in (
+        ("node,x,y,z\n3,0,0,inf\n", "xyz.csv, line 2: found 'inf'; expected a coordinate"),
+        ("node,x,y,z\n3,0,0,0\n3,1,0,0\n", "xyz.csv: found node 3 2 times"),
+        ("node,x,y\n3,0,0\n", "line 2: found '3,0,0'; expected node,x,y,z"),
+    ):
+        places.write_text(text)
+        refused(k, match, mass=m, dofs=good, nodes=places)
+
+
+INP = """** a comment
+*HEADING
+*NODE, NSET=ALL
+1, 0, 0, 0
+2, 1, 0, 0
+3, 1, 1, 0
+4, 0, 1, 0
+5, 0, 0, 1
+6, 1, 0, 1
+7, 1, 1, 1
+8, 0, 1, 1
+9, 0, 0, 2
+10, 1, 0, 2
+11, 1, 1, 2
+12, 0, 1, 2
+13, 0, 0, 3
+*ELEMENT, TYPE=C3D8R, ELSET=E
+1, 1, 2, 3, 4,
+5, 6, 7, 8
+2, 5, 6, 7, 8, 9, 10, 11, 12
+*ELEMENT, TYPE=B31
+3, 9, 13
+*ELEMENT, TYPE=SPRINGA
+4, 1, 13
+*NODE FILE
+U
+"""
+
+
+def test_edges_of_the_surface_from_an_input_file(tmp_path):
+    (tmp_path / "a.inp").write_text(INP)
+    dofs = np.array([(node, way) for node in range(1, 14) for way in (1, 2, 3)])
+    np.savez(tmp_path / "a.npz", K=np.eye(39), M=np.eye(39), dofs=dofs)
+    model = jb.read_structure(tmp_path / "a.npz", nodes=tmp_path / "a.inp")
+    edges = set(map(tuple, model.edges.tolist()))
+    assert len(edges) == 20 + 1  # two cubes on each other, and the beam; no spring
+    assert {(9, 13), (5, 8), (1, 2)} <= edges
+    assert (1, 13) not in edges
+    assert model.place(11).tolist() == [1, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("*NODE, NSET", "*NODE, SYSTEM=C, NSET", "a.inp, line 3: found .*expected rectangular coordinates"),
+        (
+            "13, 0, 0, 3",
+            "12, 0, 0, 3",
+            "a.inp: found node 12 2 times; expected each node once; give the flat input file",
+        ),
+        ("2, 1, 0, 0", "2, 1, o, 0", "line 5: found 'o'; expected a coordinate"),
+        ("3, 9, 13", "3, 9, a", "line 22: found '3, 9, a'"),
+    ],
+)
+def test_damaged_input_files(tmp_path, old, new, match):
+    (tmp_path / "a.inp").write_text(INP.replace(old, new, 1))
+    refused(npz(tmp_path), match, nodes=tmp_path / "a.inp")
+
+
+# ---- units
+
+
+def test_a_model_in_mm_taken_for_m_and_the_other_way(tmp_path):
+    k, m = small.in_mm(K, M)
+    path = npz(tmp_path, K=k, M=m, nodes=NODES, xyz=1e3 * PLACES)
+    refused(path, r'found 0.000351 kg on 200 m in the unit \'m\'; expected .*; give length_unit="mm"')
+    small.require_same(jb.read_structure(path, length_unit="mm"))
+    text = refused(npz(tmp_path, nodes=NODES, xyz=PLACES), 'give length_unit="m"', length_unit="mm")
+    assert "351 kg on 0.0002 m" in text
+
+
+def test_mm_with_kg_is_refused_in_both_units(tmp_path):
+    k, m = small.in_mm(K, M)
+    path = npz(tmp_path, K=k, M=1e3 * m, nodes=NODES, xyz=1e3 * PLACES)
+    refused(path, "consistent units")
+
+
+def test_a_light_model_without_coordinates_is_doubted_in_a_note(tmp_path):
+    k, m = small.in_mm(K, M)
+    model = jb.read_structure(npz(tmp_path, K=k, M=m))
+    assert re.search("0.000351 kg: if the model is in mm, t, N, s, give length_unit='mm'", model.notes[0])
+    assert jb.read_structure(npz(tmp_path)).notes == ()
+
+
+@pytest.mark.parametrize("unit", ["cm", 1, None])
+def test_units_that_nobody_knows(tmp_path, unit):
+    refused(npz(tmp_path), "length_unit: found .*; expected one of", length_unit=unit)
+
+
+# ---- files
+
+
+def test_a_path_that_is_no_file(tmp_path):
+    refused(tmp_path / "none.npz", "none.npz: found no such file")
+    refused(tmp_path, "found no regular file")
+    refused(npz(tmp_path), "x.csv: found no such file", dofs=tmp_path / "x.csv")
+
+
+@pytest.mark.parametrize("content", [b"", b"\0" * 40, b"hello\n", b"%PDF-1.4", b"PK\x03\x04" + b"x" * 90])
+def test_a_file_of_no_kind(tmp_path, content):
+    (tmp_path / "a.bin").write_bytes(content)
+    refused(tmp_path / "a.bin", "a.bin: (content: )?found")
+
+
+def test_a_pickle_in_an_archive_is_not_opened(tmp_path):
+    np.savez(tmp_path / "a.npz", K=np.array(sparse.csc_array(K), dtype=object), M=M)
+    refused(tmp_path / "a.npz", "a.npz: variable 'K'")
+
+
+def test_a_bomb_is_not_unpacked(tmp_path):
+    np.savez_compressed(tmp_path / "a.npz", K=np.zeros(2**26), M=M, dofs=DOFS)
+    refused(tmp_path / "a.npz", "found arrays of 537 MB or more; expected at most 268 MB")
