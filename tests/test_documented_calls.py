@@ -10,6 +10,8 @@ import pytest
 import jointbayes as jb
 from tests.conftest import STEEL, edited, rod
 from tests.report.test_setups import OWN, TORQUES
+from tests.structure.imported import small_frame as small
+from tests.structure.imported.nastran_files import superelement, write_punch
 
 pytestmark = pytest.mark.docs
 
@@ -72,11 +74,33 @@ def spindle_and_tool() -> dict[str, object]:
     }
 
 
+def export_everywhere(folder: Path) -> None:
+    """The files of each program that the page on FE models reads."""
+    k, m = small.K, small.M
+    small.write_matlab_5(folder / "bracket.mat", K=k, M=m, dofs=small.DOFS, nodes=small.NODES, xyz=small.PLACES)
+    for name, matrix in (("k", k), ("m", m)):
+        small.write_matrix_market(folder / f"{name}.mtx", matrix)
+        small.write_matrix_market(folder / f"{name}.mmf", matrix)
+        small.write_harwell_boeing(folder / f"{name}.matrix", matrix)
+    small.write_mapping(folder / "k.mapping")
+    small.write_map(folder / "dofs.csv")
+    small.write_places(folder / "nodes.csv")
+    small.write_calculix(folder / "bracket.sti", k)
+    small.write_calculix(folder / "bracket.mas", m)
+    small.write_dof(folder / "bracket.dof")
+    for name, matrix in zip(("STIF", "MASS"), small.in_mm(k, m), strict=True):
+        small.write_abaqus(folder / f"housing_{name}1.mtx", matrix)
+    write_punch(folder / "plate.pch", KAAX=k, MAAX=m)
+    superelement(folder, "outboard", name="outboard")
+
+
 @pytest.mark.science
 @pytest.mark.parametrize(
     "page", [pytest.param(page, id=page.name) for page in PAGES if blocks(page) and page.name not in ELSEWHERE]
 )
 def test_every_block_of_python_runs_as_it_stands(page, clone, request):
+    if page.name == "imported.md":
+        export_everywhere(clone)
     if page.name not in OTHER_PREMISES:
         request.getfixturevalue("plain_reports")
     names = {"__name__": "__main__"} | (spindle_and_tool() if page.name == "measured-bodies.md" else {})

@@ -3,12 +3,12 @@
 from itertools import pairwise
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import io, sparse
 
 import jointbayes as jb
 from tests.structure.imported import small_frame as small
+from tests.structure.imported.nastran_files import write_punch
 from tests.structure.imported.small_frame import DOFS, NODES, PLACES, C, K, M
 
 
@@ -123,21 +123,6 @@ def test_nastran_op4(tmp_path, how, form):
     named = {"kaa": K, "maa": M, "gpxx": np.zeros((1, 1)), "mug1": np.ones((3, 2))}
     op4.write(str(tmp_path / "a.op4"), named, binary=how == "binary", digits=17, sparse=form)
     small.require_same(jb.read_structure(tmp_path / "a.op4", dofs=small.write_map(tmp_path / "map.csv")))
-
-
-def write_punch(path, **named):
-    bulk = pytest.importorskip("pyyeti.nastran.bulk", reason="pyyeti, which writes DMIG, is not installed")
-    frames = {}
-    for name, matrix in named.items():
-        used = np.flatnonzero(np.abs(matrix).sum(axis=0))  # each matrix has its own list of DOFs
-        index = pd.MultiIndex.from_tuples([tuple(DOFS[row]) for row in used])
-        frames[name] = pd.DataFrame(matrix[np.ix_(used, used)], index=index, columns=index)
-    with path.open("w") as file:
-        file.write("DTI     TUG1           0      30\n*              1               2\n")  # pyyeti fails on these
-        for node, place in zip(NODES, PLACES, strict=True):
-            file.write(f"{'GRID*':8}{node:16d}{0:16d}{place[0]:16.9E}{place[1]:16.9E}\n{'*':8}{place[2]:16.9E}\n")
-        bulk.wtdmig(file, frames)
-    return path
 
 
 def test_nastran_dmig_whose_matrices_have_lists_of_their_own(tmp_path):

@@ -2,7 +2,6 @@
 
 import re
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +9,8 @@ from scipy import sparse
 
 import jointbayes as jb
 from tests.structure.imported import small_frame as small
+from tests.structure.imported.nastran_files import superelement
 from tests.structure.imported.small_frame import DOFS, NODES, PLACES, K, M
-
-SUPERELEMENT = "nas2cam_extseout"
 
 
 def refused(path, match, **further):
@@ -85,16 +83,6 @@ def test_a_map_beside_files_that_name_their_dofs(tmp_path):
 
 
 # ---- Nastran
-
-
-def superelement(tmp_path, name, changed=None):
-    """Files of a real superelement that Nastran wrote, which come with pyyeti."""
-    tests = pytest.importorskip("pyyeti.tests", reason="pyyeti, whose tests hold files of Nastran, is not installed")
-    folder = Path(tests.__path__[0]) / SUPERELEMENT
-    for suffix in (".op4", ".asm", ".pch"):
-        content = (folder / f"{name}{suffix}").read_bytes()
-        (tmp_path / f"a{suffix}").write_bytes(content if changed is None else changed(suffix, content))
-    return tmp_path / "a.op4"
 
 
 def test_a_superelement_of_nastran_with_output_systems_of_its_grids(tmp_path):
