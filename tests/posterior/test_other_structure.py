@@ -169,4 +169,5 @@ class TestCommand:
         (home / "longer.toml").write_text('extends = "base.toml"\n' + text)
         with pytest.raises(CaseError) as refused:
             read_other(home / "longer.toml")
-        assert place in str(refused.value) and words in str(refused.value)
+        assert place in str(refused.value)
+        assert words in str(refused.value)

@@ -110,7 +110,7 @@ def _read(stamps: tuple[tuple[tuple[str, ...], _Stamp], ...], length_unit: str) 
         if "bending_file" in of:
             bending = read_structure(of["bending_file"], length_unit=length_unit, mass=of.get("mass_file"), **maps)
         parts[name] = _part(model, part, bending, name)
-    return replace(model, parts=model.parts | parts)
+    return replace(model, parts={**model.parts, **parts})
 
 
 def _part(model: FeModel, part: FeModel, bending: FeModel | None, name: str) -> FePart:

@@ -153,7 +153,7 @@ def _arms(model: FeModel, port: Port, name: str) -> Mapping[int, Array]:
         if not (model.dofs[:, 0] == node).any():
             raise _no_node(model, node, name)
         arms[node] = place
-    point = port.place(model)
+    point = np.mean(list(arms.values()), axis=0) if port.at is None else np.array(port.at)
     return {node: place - point for node, place in arms.items()}
 
 

@@ -1,0 +1,180 @@
+"""A case that imports its structure: the same numbers as its matrices, one reduction, and every slip at its key."""
+
+import json
+
+import numpy as np
+import pytest
+from benchmarks.bricks import brick_model, face
+
+import jointbayes as jb
+from jointbayes.case.case import load_case
+from jointbayes.case.imported_model import _read, _reduced
+from jointbayes.errors import CaseError
+from jointbayes.structure.imported import reduction
+from tests.conftest import FEW_STEPS
+from tests.structure.imported.fe_models import plane_beam
+
+CASE = """
+[structure]
+kind = "imported"
+file = "beam.npz"
+damping = { law = "modal", ratio = 0.01 }
+[structure.ports.tip]
+node = 21
+[joint]
+dofs = ["1:y", "1:rz"]
+[data]
+kind = "synthetic_frf"
+outputs = ["tip:y", "11:y"]
+inputs = ["tip:y"]
+f_min_hz = 20
+f_max_hz = 2000
+f_step_hz = 20
+noise = { relative = 0.03, floor = 0.01, seed = 1 }
+truth = { k11 = 3e7, k12 = 1e5, k22 = 2e5 }
+"""
+
+
+def save(model, path, **more):
+    np.savez(path, K=model.stiffness.toarray(), M=model.mass.toarray(), dofs=model.dofs, nodes=model.nodes,
+             xyz=model.places, **more)  # fmt: skip
+
+
+@pytest.fixture(name="home")
+def _home(tmp_path):
+    _read.cache_clear()
+    _reduced.cache_clear()
+    save(plane_beam(20), tmp_path / "beam.npz")
+    (tmp_path / "case.toml").write_text(CASE)
+    return tmp_path
+
+
+@pytest.fixture(name="counted")
+def _counted(monkeypatch):
+    """How often the whole model is factorised."""
+    calls, real = [], reduction._solver
+    monkeypatch.setattr(reduction, "_solver", lambda *given: calls.append(1) or real(*given))
+    return calls
+
+
+def write(home, *edits):
+    text = CASE
+    for old, new in edits:
+        assert old in text
+        text = text.replace(old, new)
+    (home / "case.toml").write_text(text)
+    return home / "case.toml"
+
+
+def test_it_is_the_problem_of_its_matrices(home):
+    case = load_case(home / "case.toml")
+    model = plane_beam(20)
+    dofs = [f"{node}:{'y' if way == 2 else 'rz'}" for node, way in model.dofs]
+    np.save(home / "K.npy", model.stiffness.toarray())
+    np.save(home / "M.npy", model.mass.toarray())
+    text = CASE.replace('kind = "imported"\nfile = "beam.npz"', f'kind = "matrices"\nstiffness = "K.npy"\n'
+                        f'mass = "M.npy"\ndofs = {json.dumps(dofs)}')  # fmt: skip
+    text = text.replace("[structure.ports.tip]\nnode = 21\n", "").replace("tip:y", "21:y")
+    prior = "".join(f'[prior.{k}]\ndistribution = "log_uniform"\nlow = {low}\nhigh = {high}\n'
+                    for k, low, high in (("k11", 1e5, 1e10), ("k12", 1e2, 1e8), ("k22", 1e3, 1e8)))  # fmt: skip
+    (home / "matrices.toml").write_text(text + prior)
+    (home / "case.toml").write_text(CASE + prior)
+    case, other = load_case(home / "case.toml"), load_case(home / "matrices.toml")
+    theta = case.problem.prior.sample(np.random.default_rng(1), 50)
+    mode = other.problem.parametrisation.coordinates(np.array([3e7, 1e5, 2e5]))
+    theta = np.vstack([theta, mode + 0.01 * np.random.default_rng(2).standard_normal((50, 3))])
+    exact, found = other.problem.log_posterior(theta), case.problem.log_posterior(theta)
+    finite = np.isfinite(exact)
+    assert finite.sum() > 60
+    np.testing.assert_allclose(found[finite], exact[finite], rtol=1e-6, atol=1e-3)
+
+
+def test_the_model_is_factorised_once_whatever_case_plan_and_report_ask(home, counted, tmp_path):
+    case = load_case(home / "case.toml")
+    posterior = jb.sample(case, seed=1, settings=FEW_STEPS)
+    jb.write_report(posterior, tmp_path / "report")
+    load_case(home / "case.toml")
+    assert len(counted) == 1
+
+
+def test_a_stored_posterior_needs_no_model_any_more(home, tmp_path):
+    posterior = jb.sample(load_case(home / "case.toml"), seed=1, settings=FEW_STEPS)
+    posterior.save(tmp_path / "posterior.nc")
+    (home / "beam.npz").unlink()
+    again = jb.load_posterior(tmp_path / "posterior.nc")
+    theta = posterior.thinned(20)
+    np.testing.assert_array_equal(again.problem.log_posterior(theta), posterior.problem.log_posterior(theta))
+    assert again.mesh is not None
+    assert "vectors stand for 42 DOFs" in again.mesh.sentence
+
+
+def test_the_reduction_is_checked_as_a_mesh_is(home):
+    path = write(home, ('file = "beam.npz"', 'file = "beam.npz"\ntop_hz = 2000.0'))
+    mesh = jb.sample(load_case(path), seed=1, settings=FEW_STEPS).mesh
+    assert mesh is not None
+    assert mesh.within
+    assert mesh.kind == "reduced"
+
+
+def test_parts_are_exports_of_themselves(home):
+    model = brick_model((6, 1, 1), part_from=3)
+    save(model, home / "bar.npz")
+    part, rows = model.parts["end"], model.dofs[:, 0] > 12
+    np.savez(home / "end.npz", K=part.stiffness.toarray()[np.ix_(rows, rows)],
+             M=part.mass.toarray()[np.ix_(rows, rows)], dofs=model.dofs[rows])  # fmt: skip
+    nodes = [list(face(model, x)) for x in (0.0, 0.2)]
+    path = write(
+        home,
+        ('file = "beam.npz"', 'file = "bar.npz"\nparts.end.file = "end.npz"'),
+        ("node = 21", f"nodes = {nodes[1]}\n[structure.ports.root]\nnodes = {nodes[0]}"),
+        ('["1:y", "1:rz"]', '["root:y", "root:rz"]'),
+        ('"11:y"', '"tip:z"'),
+        ("[joint]", "[uncertain.bodies.end.density]\nsd_percent = 3.0\n[joint]"),
+    )
+    case = load_case(path)
+    body = case.problem.test.structures
+    assert body.names == ("end.density",)
+    heavier = body.recipe.structure({"end.density": 1.1}).rigid_motions(np.arange(1))
+    mass = 1 / (heavier**2).sum()
+    assert mass == pytest.approx(7800 * 0.2 * 0.02 * 0.03 * 1.05, rel=1e-9)
+
+
+def test_supports_and_boxes(home):
+    save(brick_model((6, 1, 1)), home / "bar.npz")
+    path = write(
+        home,
+        ('file = "beam.npz"', 'file = "bar.npz"\nsupports = ["1:z"]'),
+        ("node = 21", "box_mm = [[199, -1, -1], [201, 99, 99]]\n[structure.ports.root]\n"
+                      "box_mm = [[-1, -1, -1], [1, 99, 99]]\nkind = \"rigid\"\nat_mm = [0, 0, 0]"),
+        ('["1:y", "1:rz"]', '["root:y", "root:rz"]'),
+        ('"11:y"', '"tip:z"'),
+    )  # fmt: skip
+    recipe = load_case(path.with_name("case.toml")).problem.test.structures.recipe
+    assert recipe.positions["root"] == pytest.approx((0, 0, 0))
+    assert recipe.positions["tip"] == pytest.approx((0.2, 0.01, 0.015))
+
+
+@pytest.mark.parametrize(
+    ("edit", "place", "words"),
+    [
+        (('file = "beam.npz"', 'file = "none.npz"'), "case.toml:4: structure.file", "found no such file"),
+        (('file = "beam.npz"', 'file = "../beam.npz"'), "case.toml:4: structure.file", "leads out of the directory"),
+        (("node = 21", "node = 99"), "case.toml:6: structure.ports.tip", "no DOF of node 99"),
+        (("node = 21", ""), "structure.ports.tip", "none of node, nodes, box_mm"),
+        (("node = 21", "node = 21\nnodes = [1, 2]"), "case.toml:8: structure.ports.tip.nodes", "one of node"),
+        (("node = 21", "box_mm = [[1, 1, 1], [2, 2, 2]]"), "case.toml:7: structure.ports.tip.box_mm", "x 0 to 383"),
+        (('"tip:y", "11:y"', '"tip:y", "knob:y"'), "case.toml:12: data.outputs", "there is no port knob"),
+        (('"tip:y", "11:y"', '"tip:y", "11:z"'), "case.toml", "11:z"),
+        (('"tip:y", "11:y"', '"tip:y", "777:y"'), "case.toml", "777"),
+        (("[joint]", "[uncertain.length]\nsd_percent = 1.0\n[joint]"), "uncertain.length", 'kind = "imported"'),
+        (('file = "beam.npz"', 'file = "beam.npz"\nsupports = ["1:z"]'), "case.toml", "no DOF 1:z"),
+        (('law = "modal", ratio = 0.01', 'law = "model"'), "case.toml", "no damping matrix"),
+        (('file = "beam.npz"', 'file = "beam.npz"\nlength_unit = "mm"'), "case.toml", "unit"),
+    ],
+)  # fmt: skip
+def test_a_slip_is_told_at_its_key(home, edit, place, words):
+    with pytest.raises(CaseError) as refused:
+        load_case(write(home, edit))
+    assert place in str(refused.value)
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)
