@@ -48,6 +48,8 @@ class OtherStructure:
         Median and interval of each FRF, line by line.
     frequency_hz, damping_ratio
         Of the modes up to the highest line, of each draw, shape (draws, modes).
+    values
+        The FRFs of each draw, shape (draws, lines, outputs, inputs), SI units: for what is computed from them.
     premises
         What the prediction takes for granted, sentences.
     never_asked
@@ -57,6 +59,7 @@ class OtherStructure:
     frf: FrfPrediction
     frequency_hz: Array
     damping_ratio: Array
+    values: NDArray[np.complex128]
     premises: tuple[str, ...] = ()
     never_asked: tuple[str, ...] = ()
 
@@ -162,6 +165,7 @@ def predict_other(
         frf_band(values, ports, quantity, probability),
         frequency[:, :count],
         modal[1][:, :count],
+        values,
         _premises(part, there, errors),
         tuple(_never_asked(part, there, top_hz)),
     )

@@ -3,8 +3,8 @@
 The residual is a Krylov space of the ports' forces at a shift below the band, S⁻¹P, S⁻¹MS⁻¹P and one block more, with
 S = K + σM (MacNeal 1971; Rubin 1975, with further blocks). For stiff joints at rotations of averaged ports a third
 block is worth a factor of 10³, more modes none. S is positive definite for a free model too. Rigid-body modes are
-exact, from coordinates. All ports that may ever be asked are reduced at once: each is a solve, and the factorisation of S is
-what costs.
+exact, from coordinates. All ports that may ever be asked are reduced at once: each is a solve, and the factorisation
+of S is what costs.
 
 References
 ----------
