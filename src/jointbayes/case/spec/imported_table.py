@@ -79,7 +79,8 @@ class ImportedSpec(StructureBase):
     ] = None
     nodes_file: Annotated[str | None, key_field("the file with the places of the nodes", "bracket.inp")] = None
     length_unit: Annotated[
-        Literal["m", "mm"], key_field('the unit of length of its files: "m" (N, m, kg) or "mm" (N, mm, t)', "m")
+        Literal["m", "mm", "in"],
+        key_field('the unit of length of its files: "m" (N, kg), "mm" (N, t) or "in" (lbf)', "m"),
     ] = "m"
     top_hz: Annotated[
         Positive | None, key_field("the frequency in Hz up to which it is reduced; by itself that of the data", 3000.0)
