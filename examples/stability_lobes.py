@@ -18,6 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jointbayes as jb
+from jointbayes.structure import FrameRecipe
 
 CASE = Path(__file__).resolve().parents[1] / "configs" / "spindle_tool.toml"
 LONGER = {"shank": (0.370, 0.0, 0.0), "tip": (0.480, 0.0, 0.0)}  # the tapped tool's tip is at 0.450 m
@@ -62,7 +63,7 @@ def limiting_depth(frf: np.ndarray, alpha: np.ndarray, lobes: int = 40) -> np.nd
     return depth
 
 
-def longer_tool(case: jb.Case):
+def longer_tool(case: jb.Case) -> FrameRecipe:
     """The structure with the longer tool, and no accelerometer at its tip."""
     recipe = case.problem.test.structures.recipe
     bodies = dict(recipe.bodies)

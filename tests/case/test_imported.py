@@ -10,7 +10,7 @@ import jointbayes as jb
 from jointbayes.case.case import load_case
 from jointbayes.case.imported_model import _read, _reduced
 from jointbayes.errors import CaseError
-from jointbayes.structure.imported import reduction
+from jointbayes.structure.imported import kept, reduction
 from tests.conftest import FEW_STEPS
 from tests.structure.imported.fe_models import plane_beam
 
@@ -95,6 +95,28 @@ def test_the_model_is_factorised_once_whatever_case_plan_and_report_ask(home, co
     jb.write_report(posterior, tmp_path / "report")
     load_case(home / "case.toml")
     assert len(counted) == 1
+
+
+def test_the_reduction_of_a_large_model_is_kept_by_what_it_depends_on(home, counted, monkeypatch, tmp_path):
+    monkeypatch.setattr(kept, "_LARGE", 10)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+    def again():
+        _read.cache_clear()
+        _reduced.cache_clear()
+        return load_case(home / "case.toml").problem
+
+    first = again()
+    theta = first.prior.sample(np.random.default_rng(1), 10)
+    np.testing.assert_array_equal(again().log_posterior(theta), first.log_posterior(theta))
+    assert len(counted) == 1
+    (file,) = (tmp_path / "cache" / "jointbayes" / "reduced").iterdir()
+    file.write_bytes(file.read_bytes()[:1000])  # damaged: made again
+    np.testing.assert_array_equal(again().log_posterior(theta), first.log_posterior(theta))
+    assert len(counted) == 2
+    save(plane_beam(20, length=0.384), home / "beam.npz")  # another model under the same name
+    assert not np.array_equal(again().log_posterior(theta), first.log_posterior(theta))
+    assert len(counted) == 3
 
 
 def test_a_stored_posterior_needs_no_model_any_more(home, tmp_path):

@@ -16,6 +16,7 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import ModelError
 from jointbayes.structure import FeModel, FePart, ImportedRecipe, LossFactor, Port, imported, read_structure
 from jointbayes.structure.imported import nodes_in_box
+from jointbayes.structure.imported.kept import kept_or_made, key_of
 from vibrecords import Data
 
 #: Beyond the highest natural frequency that is data: a model that is a little wrong has it higher.
@@ -155,4 +156,9 @@ def _reduced(
     own_damping: bool,
 ) -> ImportedRecipe:
     model, law = _read(stamps, length_unit), None if own_damping else LossFactor(0.0)
-    return imported(model, dict(ports), top_hz, law, ends=dict(ends), supports=supports)
+    files = [Path(path) for _, (path, _, _) in stamps]
+    return kept_or_made(
+        model.n_dofs,
+        lambda: key_of(files, length_unit, ports, top_hz, ends, supports, own_damping),
+        lambda: imported(model, dict(ports), top_hz, law, ends=dict(ends), supports=supports),
+    )
