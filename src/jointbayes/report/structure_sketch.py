@@ -16,6 +16,7 @@ from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.structure import FrameBody, Member, Section
 from jointbayes.structure.beam_recipe import BeamRecipe
 from jointbayes.structure.frame_recipe import FrameRecipe
+from jointbayes.structure.imported.imported_body import ImportedRecipe
 from vibrecords.arrays import Array
 
 Kind = Literal["joint", "force", "sensor"]
@@ -176,6 +177,9 @@ def _outlines(problem: Problem, places: _Places) -> Iterator[tuple[Array, str]]:
     elif isinstance(recipe, BeamRecipe):
         half = _height(recipe.section) / 2
         yield np.array([[0, -half], [recipe.length, -half], [recipe.length, half], [0, half]]), ""
+    elif isinstance(recipe, ImportedRecipe):
+        if recipe.outline is not None:
+            yield from ((ends @ OBLIQUE, "") for ends in recipe.outline.places[recipe.outline.lines])
     elif not places.to_scale and len(places.order) <= _MOST_MASSES:
         box = np.array([[-0.2, -0.15], [0.2, -0.15], [0.2, 0.15], [-0.2, 0.15]])
         for name, place in places.order.items():

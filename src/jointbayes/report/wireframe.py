@@ -12,6 +12,7 @@ from jointbayes.report.line_plot import Wireframe
 from jointbayes.report.structure_sketch import OBLIQUE
 from jointbayes.structure.beam_recipe import BeamRecipe
 from jointbayes.structure.frame_recipe import FrameRecipe
+from jointbayes.structure.imported.imported_body import ImportedRecipe
 from vibrecords.arrays import Array
 
 #: Points of all lines together, and at most on one stretch between points of the structure.
@@ -35,6 +36,9 @@ def wireframe(problem: Problem, estimate: MapEstimate, names: Sequence[str]) -> 
     names
         Each mode in words, from the lowest.
     """
+    recipe = getattr(problem.test.structures, "recipe", None)
+    if isinstance(recipe, ImportedRecipe):
+        return _of_outline(problem, estimate, names, recipe)
     test, stretches = problem.test, [ends for along in _members(problem) for ends in pairwise(along)]
     if not stretches or not names or test.most_modes < len(names):
         return None
@@ -62,8 +66,28 @@ def wireframe(problem: Problem, estimate: MapEstimate, names: Sequence[str]) -> 
         places.append(start + s[:, None] * (end - start))
         moved.append(np.einsum("kp,kmd->mpd", cubics, np.array(values)))
     points, swings = np.array(places) @ OBLIQUE, np.stack(moved, axis=1) @ OBLIQUE
+    return _drawn(points, names, swings)
+
+
+def _of_outline(
+    problem: Problem, estimate: MapEstimate, names: Sequence[str], recipe: ImportedRecipe
+) -> Wireframe | None:
+    """The same of an imported model: its surface, each edge a straight line."""
+    test = problem.test
+    if recipe.outline is None or not names or test.most_modes < len(names):
+        return None
+    body, lines = recipe.drawn(), recipe.outline.lines
+    dofs = [label for label in body.labels if label.startswith("~")]
+    matrices = problem.prior.matrix(estimate.theta[None])
+    shapes = AssembledShapes(body, test.joints, len(names), dofs).modes(matrices).shapes[0]
+    moved = shapes.reshape(len(names), -1, 3)[:, lines]
+    return _drawn(recipe.outline.places[lines] @ OBLIQUE, names, moved @ OBLIQUE)
+
+
+def _drawn(points: Array, names: Sequence[str], swings: Array) -> Wireframe:
+    """Lines (lines, points, 2) and how they move in each mode, so far that it is seen."""
     largest = np.linalg.norm(swings, axis=3, keepdims=True).max(axis=(1, 2), keepdims=True)
-    swings *= _SWING * np.ptp(points, axis=(0, 1)).max() / np.maximum(largest, np.finfo(float).tiny)
+    swings = swings * (_SWING * np.ptp(points, axis=(0, 1)).max() / np.maximum(largest, np.finfo(float).tiny))
     return Wireframe(points, tuple(names), swings)
 
 

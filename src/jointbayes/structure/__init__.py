@@ -21,6 +21,7 @@ from jointbayes.structure.imported import FeModel as FeModel
 from jointbayes.structure.imported import FePart as FePart
 from jointbayes.structure.imported import ImportedFamily as ImportedFamily
 from jointbayes.structure.imported import ImportedRecipe as ImportedRecipe
+from jointbayes.structure.imported import Outline as Outline
 from jointbayes.structure.imported import Port as Port
 from jointbayes.structure.imported import ReducedModel as ReducedModel
 from jointbayes.structure.imported import ReducedPart as ReducedPart

@@ -14,6 +14,7 @@ from jointbayes.structure.body import Discretisation, FreeModes, Rows
 from jointbayes.structure.damping import DampingLaw, ViscousMatrix
 from jointbayes.structure.family import UncertainBody
 from jointbayes.structure.imported.fe_model import FeModel
+from jointbayes.structure.imported.outline import Outline, outline_of
 from jointbayes.structure.imported.ports import Port, hold_rigid, port_forms
 from jointbayes.structure.imported.reduction import MODES_TO, PART_QUANTITIES, ReducedModel, reduce_model
 from jointbayes.structure.matrices import Structure
@@ -46,8 +47,8 @@ class ReducedStructure(Structure):
 
     @property
     def n_dofs(self) -> int:
-        """Number of coordinates."""
-        return len(self.mass)
+        """Number of coordinates, or of labelled DOFs where these are more: many that move alike."""
+        return max(len(self.mass), len(self.dofs))
 
     def loaded(self, dofs: Iterable[str], mass: float) -> "ReducedStructure":
         """The structure with a mass in kg at the point of each of these DOFs that is a translation."""
@@ -66,11 +67,11 @@ class ReducedStructure(Structure):
         n = self.rigid
         of_rigid = self.mass[:n, :n]
         # modes that are strained move no momentum: what of the rigid-body modes each takes along
-        taken = np.vstack([-np.linalg.solve(of_rigid, self.mass[:n, n:]), np.eye(self.n_dofs - n)])
+        taken = np.vstack([-np.linalg.solve(of_rigid, self.mass[:n, n:]), np.eye(len(self.mass) - n)])
         kinetic = taken.T @ self.mass @ taken
         inverse, turn = linalg.eigh((kinetic + kinetic.T) / 2, self.stiffness[n:, n:])
         inverse, turn = inverse[::-1], turn[:, ::-1]
-        moved = np.zeros((self.n_dofs, n))
+        moved = np.zeros((len(self.mass), n))
         moved[:n] = np.linalg.inv(np.linalg.cholesky(of_rigid)).T
         shapes = np.hstack([moved, taken @ (turn / np.sqrt(inverse))])
         return Modes(np.concatenate([np.zeros(n), 1 / inverse]), shapes)
@@ -121,6 +122,8 @@ class ImportedRecipe(Recipe):
         Places of ports, m, by their names, where known.
     accelerometer_mass, added_mass, accelerometer_dofs
         See `Recipe`.
+    outline
+        Lines of a picture; None where the model has no elements.
     """
 
     reduced: ReducedModel
@@ -136,6 +139,7 @@ class ImportedRecipe(Recipe):
     accelerometer_dofs: tuple[str, ...] = ()
     element: ElementKind = "converged"
     richer: bool = False
+    outline: Outline | None = None
 
     kind: ClassVar[str] = "imported structure"
     extent: ClassVar[float] = 1.0  # a metre, as of matrices
@@ -143,6 +147,14 @@ class ImportedRecipe(Recipe):
     def __post_init__(self) -> None:
         convert_fields(self, tuple, "dofs", "accelerometer_dofs")
         self._require_masses()
+
+    def drawn(self) -> ReducedStructure:
+        """The structure with the ends of the outline's lines, ``"~0:x"`` and so on, among its DOFs."""
+        bare = self.structure()
+        assert self.outline is not None
+        labels = tuple(f"~{end}:{way}" for end in range(len(self.outline.places)) for way in "xyz")
+        motions = np.hstack([bare.motions, self.reduced.seen])
+        return replace(bare, dofs=(*bare.dofs, *labels), motions=motions)
 
     @property
     def used(self) -> ReducedModel:
@@ -239,7 +251,7 @@ class ImportedFamily(UncertainBody):
 
     @property
     def n_dofs(self) -> int:
-        """Number of coordinates."""
+        """Number of coordinates or of labelled DOFs, whichever are more."""
         return self.nominal.n_dofs
 
     @property
@@ -300,7 +312,6 @@ def imported(
     supports: Iterable[tuple[int, str]] = (),
     accelerometer_mass: float = 0.0,
     accelerometer_dofs: Iterable[str] = (),
-    progress: Callable[[str], None] = lambda stage: None,
 ) -> ImportedRecipe:
     """A structure from an imported model, reduced to what joints and sensors at its ports see.
 
@@ -320,8 +331,6 @@ def imported(
         DOFs held fixed, each a node and a direction.
     accelerometer_mass, accelerometer_dofs
         Mass of each accelerometer, kg, and where they sit.
-    progress
-        Told each stage of the reduction.
 
     Returns
     -------
@@ -351,13 +360,19 @@ def imported(
             raise ModelError.of(
                 model.source, ("uncertain",), f"found the quantity {name!r}", f"one of {known}", "correct it"
             )
-    reduced, finer = reduce_model(held, np.stack([*forms.values()], axis=1), top_hz, ends, progress)
+    drawn = outline_of(held)
+    seen = [held.row(int(node), way) for node in (drawn[0] if drawn else ()) for way in "xyz"]
+    reduced, finer = reduce_model(held, np.stack([*forms.values()], axis=1), top_hz, ends, seen)
     if damping is None:
         if reduced.damping is None:
             found = "found no damping matrix and no damping law"
             raise ModelError.of(model.source, ("damping",), found, "one of the two", "state a law")
         damping = ViscousMatrix(reduced.damping)
     places = {name: port.place(held) for name, port in as_ports.items()}
+    outline = None
+    if drawn is not None:
+        ends_of_lines = np.array([held.place(int(node)) for node in drawn[0]])
+        outline = Outline(ends_of_lines, drawn[1], reduced.seen)
     return ImportedRecipe(
         reduced,
         finer,
@@ -369,6 +384,7 @@ def imported(
         {name: tuple(place.tolist()) for name, place in places.items() if place is not None},
         accelerometer_mass,
         accelerometer_dofs=tuple(accelerometer_dofs),
+        outline=outline,
     )
 
 

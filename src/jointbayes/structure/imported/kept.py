@@ -14,6 +14,7 @@ import numpy as np
 
 from jointbayes.structure.damping import LossFactor, ViscousMatrix
 from jointbayes.structure.imported.imported_body import ImportedRecipe
+from jointbayes.structure.imported.outline import Outline
 from jointbayes.structure.imported.reduction import ReducedModel, ReducedPart
 from vibrecords.errors import UserError
 from vibrecords.files import write_whole_file
@@ -23,7 +24,7 @@ _LARGE = 5000
 #: Of what writes another reduction, or other files of it.
 _VERSION = "1"
 _MOST = 20  # kept files
-_PLAIN = ("stiffness", "mass", "motions")
+_PLAIN = ("stiffness", "mass", "motions", "seen")
 
 
 def key_of(files: Iterable[Path], *options: object) -> str:
@@ -83,6 +84,8 @@ def _bytes_of(recipe: ImportedRecipe) -> bytes:
     arrays |= {"places": places, "numbers": np.array([recipe.top_hz, recipe.size])}
     texts = {"dofs": recipe.dofs, "points": tuple(recipe.positions), "source": (recipe.source,)}
     arrays |= {name: np.array(words) for name, words in texts.items()}
+    if recipe.outline is not None:
+        arrays |= {"outline": recipe.outline.places, "lines": recipe.outline.lines}
     stream = io.BytesIO()
     np.savez(stream, **arrays)
     return stream.getvalue()
@@ -97,15 +100,17 @@ def _read(file: Path) -> ImportedRecipe:
         parts = {
             part: ReducedPart(*(arrays[f"{name}/parts/{part}/{f.name}"] for f in fields(ReducedPart))) for part in names
         }
-        stiffness, mass, motions = (arrays[f"{name}/{part}"] for part in _PLAIN)
+        stiffness, mass, motions, seen = (arrays[f"{name}/{part}"] for part in _PLAIN)
         rigid, damping = int(arrays[f"{name}/rigid"]), arrays.get(f"{name}/damping")
-        return ReducedModel(stiffness, mass, motions, rigid, damping, parts)
+        return ReducedModel(stiffness, mass, motions, rigid, damping, parts, seen)
 
     top_hz, size = arrays["numbers"].tolist()
     dofs, points = (tuple(map(str, arrays[name])) for name in ("dofs", "points"))
     positions = dict(zip(points, map(tuple, arrays["places"].tolist()), strict=True))
+    reduced, finer, source = model("reduced"), model("finer"), str(arrays["source"][0])
+    outline = Outline(arrays["outline"], arrays["lines"], reduced.seen) if "outline" in arrays else None
     recipe = ImportedRecipe(
-        model("reduced"), model("finer"), dofs, top_hz, LossFactor(0.0), str(arrays["source"][0]), int(size), positions
+        reduced, finer, dofs, top_hz, LossFactor(0.0), source, int(size), positions, outline=outline
     )
     own = recipe.reduced.damping
     return recipe if own is None else replace(recipe, damping=ViscousMatrix(own))

@@ -15,7 +15,7 @@ DOI 10.2514/3.60497
 """
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -66,6 +66,8 @@ class ReducedModel:
         Viscous damping matrix, shape (r, r), or None.
     parts
         Parts with uncertain quantities, by name.
+    seen
+        Motion of DOFs that are only looked at, shape (r, s).
     """
 
     stiffness: Array
@@ -74,6 +76,7 @@ class ReducedModel:
     rigid: int
     damping: Array | None = None
     parts: Mapping[str, ReducedPart] = field(default_factory=dict)
+    seen: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 Factors = Mapping[str, float]
@@ -84,7 +87,7 @@ def reduce_model(
     forms: Array,
     top_hz: float,
     ends: Mapping[str, tuple[float, float]] | None = None,
-    progress: Callable[[str], None] = lambda stage: None,
+    seen: Sequence[int | None] = (),
 ) -> tuple[ReducedModel, ReducedModel]:
     """A model as it is seen at some motions up to a frequency, and the same with more vectors to compare it with.
 
@@ -99,8 +102,8 @@ def reduce_model(
     ends
         Smallest and largest factor on uncertain quantities of parts, such as ``"wall.thickness"``: the model is
         reduced at each of these ends, and the vectors of all serve together.
-    progress
-        Told each stage.
+    seen
+        Rows that are only looked at; None of what does not move.
 
     Raises
     ------
@@ -111,19 +114,16 @@ def reduce_model(
     rigid = _rigid_modes(model, shift)
     modes: list[Array] = []
     blocks: list[list[Array]] = [[] for _ in range(_FINER_BLOCKS)]
-    for number, (stiffness, mass) in enumerate(_variants(model, ends or {})):
-        progress(f"factorising {model.n_dofs} DOFs" + (f", variant {number + 1}" if number else ""))
+    for stiffness, mass in _variants(model, ends or {}):
         solve = _solver(stiffness + shift * mass, model.source)
-        progress(f"modes up to {MODES_TO * top_hz:.4g} Hz")
         modes.append(_modes_below(stiffness, mass, solve, shift, MODES_TO * top_hz, model.source))
-        progress(f"answers to {forms.shape[1]} forces")
         vectors = forms
         for block in blocks:
             vectors = solve(mass @ vectors if block is not blocks[0] else vectors)
             vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=0), np.finfo(float).tiny)
             block.append(vectors)
     return tuple(  # type: ignore[return-value]  # two of them
-        _projected(model, forms, rigid, [*modes, *itertools.chain(*blocks[:count])], shift)
+        _projected(model, forms, rigid, [*modes, *itertools.chain(*blocks[:count])], shift, seen)
         for count in (_BLOCKS, _FINER_BLOCKS)
     )
 
@@ -211,7 +211,9 @@ def _modes_below(
         count = min(2 * count, _MOST_MODES)
 
 
-def _projected(model: FeModel, forms: Array, rigid: Array, vectors: list[Array], shift: float) -> ReducedModel:
+def _projected(
+    model: FeModel, forms: Array, rigid: Array, vectors: list[Array], shift: float, seen: Sequence[int | None]
+) -> ReducedModel:
     """The model in rigid-body modes and in what other vectors add to them."""
     n_rigid, basis = rigid.shape[1], _independent(model, rigid, vectors, shift)
     kinetic, strain = (_symmetric(basis.T @ (matrix @ basis)) for matrix in (model.mass, model.stiffness))
@@ -230,7 +232,9 @@ def _projected(model: FeModel, forms: Array, rigid: Array, vectors: list[Array],
         for name, part in model.parts.items()
     }
     damping = None if model.damping is None else projected(model.damping)
-    return ReducedModel(np.diag(eigenvalues), np.eye(len(eigenvalues)), whole.T @ forms, n_rigid, damping, parts)
+    looked_at = np.array([np.zeros(len(eigenvalues)) if row is None else whole[row] for row in seen]).T
+    unit = np.eye(len(eigenvalues))
+    return ReducedModel(np.diag(eigenvalues), unit, whole.T @ forms, n_rigid, damping, parts, looked_at)
 
 
 def _independent(model: FeModel, rigid: Array, vectors: list[Array], shift: float) -> Array:
