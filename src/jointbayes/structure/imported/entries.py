@@ -3,6 +3,7 @@
 import re
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from vibrecords.arrays import Array, Indices
 
 #: Rows of the largest model: what the reduction could not solve, and what damage makes of a count.
 MOST_DOFS = 3_000_000
+#: Directions of a node are below this, those of a program's own nodes as well.
+MOST_WAYS = 64
 #: Names of matrices in files of several: of Python and MATLAB, and of Nastran's superelements and DMIG.
 _NAMES = {
     "stiffness": re.compile(r"k|k(mat|(aa|xx|gg|ff|ll|pp|2gg|2pp)x?)|stif\w*"),
@@ -121,8 +124,8 @@ def require_end(path: Path) -> None:
             raise fault(path, "no end of the last line", "a complete file", "copy or export it again")
 
 
-def number_table(path: Path, columns: int, delimiter: str | None = None, skip: int = 0) -> Array:
-    """Numbers of a text file in so many columns, shape (lines, columns); lines that begin with % or ** are comments.
+def number_table(path: Path, columns: int, delimiter: str | None = None, skip: int = 0, comment: str = "*") -> Array:
+    """Numbers of a text file in so many columns, shape (lines, columns).
 
     Raises
     ------
@@ -130,19 +133,14 @@ def number_table(path: Path, columns: int, delimiter: str | None = None, skip: i
         If a line has something else, or the last one has no end, as in a file that was cut off.
     """
     require_end(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a file without numbers
-            table = np.loadtxt(
-                path, delimiter=delimiter, skiprows=skip, ndmin=2, comments=("%", "**"), encoding="latin-1"
-            )
-    except ValueError:
-        table = np.empty((1, 0))
-    if table.size and table.shape[1] == columns:
-        return table
+    with suppress(ValueError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a file without numbers
+        table = np.loadtxt(path, comments=comment, delimiter=delimiter, skiprows=skip, ndmin=2, encoding="latin-1")
+        if table.size and table.shape[1] == columns:
+            return table
     with path.open(encoding="latin-1") as lines:
         for number, line in enumerate(lines, 1):
-            bare = re.split(r"%|\*\*", line)[0].strip()
+            bare = line.partition(comment)[0].strip()
             if number > skip and bare and not _are_numbers(bare.split(delimiter), columns):
                 expected = f"{columns} numbers"
                 raise fault(f"{path}, line {number}", repr(bare[:40]), expected, "copy or export it again")

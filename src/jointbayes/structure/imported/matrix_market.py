@@ -32,12 +32,12 @@ def read_matrix_market(path: Path) -> Exported:
         raise fault(f"{path}, line {skip}", found, f"{expected} of a square matrix", "export it again")
     size = counts[0]
     if kind[0] == "coordinate":
-        table = number_table(path, 3, skip=skip)
+        table = number_table(path, 3, skip=skip, comment="%")
         _require_count(path, len(table), counts[2])
         rows, columns = indices(table[:, :2], path, most=size).T - 1
         return Exported({"": Entries(rows, columns, table[:, 2], size)})
     triangle = kind[2] == "symmetric"
-    values = number_table(path, 1, skip=skip).ravel()
+    values = number_table(path, 1, skip=skip, comment="%").ravel()
     _require_count(path, values.size, size * (size + 1) // 2 if triangle else size * size)
     columns, rows = np.triu_indices(size) if triangle else np.divmod(np.arange(size * size), size)
     return Exported({"": Entries(rows, columns, values, size)})

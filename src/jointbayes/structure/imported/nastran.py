@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 from scipy import sparse
 
-from jointbayes.structure.imported.entries import Entries, Exported, fault, role_of
+from jointbayes.structure.imported.entries import Entries, Exported, fault, indices, role_of
 
 
 def _pyyeti(module: str, path: Path) -> ModuleType:
@@ -138,6 +138,8 @@ def read_dmig(path: Path) -> Exported:
             what = "complex numbers" if kind > 2 else "another matrix of this kind"
             raise fault(f"{path}, DMIG {name!r}", what, f"one real matrix of {role}", "export K and M alone")
         labels = np.array(ends, dtype=np.intp).reshape(-1, 4)
+        indices(labels[:, ::2], f"{path}, DMIG {name!r}", most=2**53)
+        indices(labels[:, 1::2], f"{path}, DMIG {name!r}", 0, 6)
         matrices[role] = Entries(labels[:, :2], labels[:, 2:], np.array(values))
     if not matrices:
         raise fault(path, ", ".join(others[:8])[:120] or "no DMIG", "KAAX and MAAX", "export K and M")
