@@ -457,3 +457,24 @@ def test_a_pickle_in_an_archive_is_not_opened(tmp_path):
 def test_a_bomb_is_not_unpacked(tmp_path):
     np.savez_compressed(tmp_path / "a.npz", K=np.zeros(2**26), M=M, dofs=DOFS)
     refused(tmp_path / "a.npz", "found arrays of 537 MB or more; expected at most 268 MB")
+
+
+def test_an_input_file_found_beside_that_cannot_be_used_is_a_note(tmp_path):
+    small.write_abaqus(tmp_path / "j_STIF1.mtx", K)
+    small.write_abaqus(tmp_path / "j_MASS1.mtx", M)
+    (tmp_path / "j.inp").write_text(INP.replace("13, 0, 0, 3", "12, 0, 0, 3"))
+    model = jb.read_structure(tmp_path / "j_STIF1.mtx")
+    assert re.fullmatch(r"no coordinates: .*j\.inp: found node 12 2 times; .*", model.notes[0])
+    assert model.place(12) is None
+    refused(tmp_path / "j_STIF1.mtx", "j.inp: found node 12 2 times", nodes=tmp_path / "j.inp")
+
+
+def test_damping_in_a_file_of_its_own_and_a_file_of_another_role(tmp_path):
+    dofs = small.write_map(tmp_path / "map.csv")
+    k, m, c = (small.write_matrix_market(tmp_path / f"{i}.mtx", a) for i, a in enumerate((K, M, small.C)))
+    model = jb.read_structure(k, mass=m, damping=c, dofs=dofs)
+    np.testing.assert_array_equal(model.damping.toarray(), small.C)
+    np.savez(tmp_path / "only.npz", M=M)
+    refused(
+        k, "only.npz: found a matrix of mass; expected one of damping", mass=m, damping=tmp_path / "only.npz", dofs=dofs
+    )
