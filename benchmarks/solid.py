@@ -2,7 +2,8 @@
 
 The data are dense solves of the unreduced model with noise; the analysis sees the reduced one. The 95 % intervals of
 the springs should hold the truth in 95 of 100. The time of the likelihood stands beside that of a beam with as many
-springs, lines and FRFs, in one process. Data sets are kept in build/solid as they come; the table goes to docs/imported.md.
+springs, lines and FRFs, in one process. Data sets are kept in build/solid as they come; the table goes to
+docs/imported.md.
 
     python -m benchmarks.solid --sets 100
 """

@@ -43,8 +43,12 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     prior, of_noise = log_posterior.prior, np.arange(start.size) >= start.size - log_posterior.likelihood.hyper_count
     squares = PosteriorSquares(log_posterior, exact=True)
     if log_posterior.gaussian:
-        (mode,), (value,) = climb_all(squares, start[None], _STEPS, fine=True)
-        return mode, float(value)
+        value = -np.inf
+        for _ in range(_EDGES):  # far from data that no joint explains, steps of least squares are short
+            before, ((start,), (value,)) = value, climb_all(squares, start[None], _STEPS, fine=True)
+            if value - before < _SETTLED:
+                break
+        return start, float(value)
     if of_noise.any():
         start, _ = _Coordinates.from_point(start, of_noise, prior).climb(log_posterior, np.diag(prior.sd**2))
     (end,), _ = climb_all(squares, start[None], _STEPS, fine=True)
