@@ -280,7 +280,7 @@ def test_every_key_of_the_schema_says_what_it_expects():
 #: How a description states a bound, by what pydantic calls it; and keys where the bound is that of entries.
 BOUNDS = {"Gt": "greater than|above", "Ge": "at least|from", "Lt": "below", "Le": "at most|to"}
 OF_ENTRIES = (
-    r"PriorsSpec\..*|.*\.(title|axes|exclude_hz|bands_hz|masses_kg|numbers)|LeftOutSpec\.modes|"
+    r"PriorsSpec\..*|.*\.(title|axes|exclude_hz|bands_hz|masses_kg|numbers|nodes)|LeftOutSpec\.modes|"
     r"ModesSpec\.(frequencies_hz|damping_ratios)"
 )
 

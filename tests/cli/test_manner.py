@@ -53,6 +53,8 @@ def test_every_command_prints_one_json_object_if_asked_and_only_open_opens(
         "frequency [Hz],real tip / hammer [m/N],imaginary\n" + "".join(f"{20 + i},1e-6,-1e-8\n" for i in range(60)),
         encoding="utf-8",
     )
+    asked = '[predict]\noutputs = ["5:y"]\ninputs = ["5:y"]\nf_min_hz = 20\nf_max_hz = 900\nf_step_hz = 20\n'
+    (tmp_path / "other.toml").write_text(cheap_text() + asked, encoding="utf-8")
     keys = {
         "init my_case.toml": {"case", "questions"},
         f"validate {case}": {"cases"},
@@ -62,6 +64,7 @@ def test_every_command_prints_one_json_object_if_asked_and_only_open_opens(
         f"run {case} --out out": {"parameters", "converged", "report"},
         "report draws.nc --out again --open": {"parameters", "converged", "report"},
         "export draws.nc --to joint.bdf": {"written", "format"},
+        "predict draws.nc other.toml --out there": {"modes", "never_asked", "report"},
         f"simulate {CONFIGS / 'virtual_test.toml'} --out test.uff": {"files"},
         "inspect tip.csv": {"channels", "resonances", "doubts"},
     }
@@ -100,7 +103,7 @@ def test_quiet_says_no_progress_and_all_the_rest(case):
 
 
 def test_every_command_that_writes_a_report_can_open_it():
-    writes_reports = {"run", "report", "compare", "plan", "campaign", "calibrate"}
+    writes_reports = {"run", "report", "compare", "plan", "predict", "campaign", "calibrate"}
     assert writes_reports == {name for name in COMMANDS if "--open" in typed(name, "--help").output}
 
 

@@ -74,7 +74,7 @@ SILENT = {
     "assumptions", "at_prior_edge", "by_ensemble", "case", "check", "checks", "converged", "curve", "diagnoses",
     "diagnosis", "estimate", "has_default_prior", "judged_names", "levels", "likelihood_region", "log_density",
     "measured_frequencies_hz", "mesh", "mode", "mode_agrees", "mode_distance", "mode_log_density", "mode_theta",
-    "model_error", "noise_of_bodies", "predict_frf", "predict_left_out", "predict_natural_frequencies",
+    "model_error", "noise_of_bodies", "predict", "predict_frf", "predict_left_out", "predict_natural_frequencies",
     "premises_sentences", "prior_stiffness", "prior_values", "problem", "reason", "record", "region_level", "rows",
     "solutions", "stiffness_names", "theta", "thinned", "tree", "unit", "unseen_inputs", "widened", "with_fewer_draws",
 }  # fmt: skip

@@ -65,7 +65,10 @@ def _model_and_data(setup: SetupInputs, mesh: MeshCheck | None) -> Iterable[str]
     """What was modelled, measured and assumed of the noise in one test."""
     test, say = setup.problem.test, packaged("methods.toml")["run"]
     body, name = test.structures, f"{test.name}: " if test.name else ""
-    cut = say["elements"].format(**{key: getattr(mesh, key) for key in mesh.__slots__}) if mesh else say["matrices"]
+    cut = say["matrices"]
+    if mesh:
+        how = say["reduced" if mesh.kind == "reduced" else "elements"]
+        cut = how.format(**{key: getattr(mesh, key) for key in mesh.__slots__})
     yield say["structure"].format(name, _words(body), _words(body.damping), cut, test.joints)
     if test.measured_bodies:
         counts = say["ignored" if test.ignores_noise_of_bodies else "counts"]

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, PrivateAttr, Strict
 
-from jointbayes.case.spec.fields import Finding, Positive, Spec, key_field, listed, max_length
+from jointbayes.case.spec.fields import Finding, Spec, count_field, key_field, listed, max_length, positive
 from jointbayes.case.spec.structure_table import DAMPING, KIND, LAWS, POINT, Absence, DampingSpec, StructureBase
 
 if TYPE_CHECKING:
     from jointbayes.structure import ImportedRecipe
 
 _DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
-_Node = Annotated[int, Field(ge=1, description="the number of a node, from 1", examples=[1021])]
+_MOST_NODE = 1_000_000_000
+_Node = Annotated[int, Field(ge=1, le=_MOST_NODE)]
 _Corner = Annotated[tuple[float, float, float], Strict(False)]
 _Vector = key_field(
     "the place of the point whose motion it is in mm, without it the mean place of its nodes", [0, 0, 0]
@@ -24,12 +25,12 @@ _Vector = key_field(
 class PortSpec(Spec):
     """Where joints or sensors hold an imported model: a node, or a patch of nodes that moves as one."""
 
-    node: Annotated[_Node | None, key_field("the number of a node", 1021)] = None
+    node: Annotated[int | None, count_field("the number of a node", 1021, 1, _MOST_NODE)] = None
     nodes: Annotated[
         tuple[_Node, ...],
         Strict(False),
         max_length(100_000),
-        key_field("the numbers of the nodes of a patch", [7, 8, 9]),
+        key_field(f"a list of node numbers from 1 to {_MOST_NODE}, a patch", [7, 8, 9]),
     ] = ()
     box_mm: Annotated[
         tuple[_Corner, _Corner] | None,
@@ -83,7 +84,7 @@ class ImportedSpec(StructureBase):
         key_field('the unit of length of its files: "m" (N, kg), "mm" (N, t) or "in" (lbf)', "m"),
     ] = "m"
     top_hz: Annotated[
-        Positive | None, key_field("the frequency in Hz up to which it is reduced; by itself that of the data", 3000.0)
+        float | None, positive("the frequency in Hz up to which it is reduced, by itself that of the data", 3000.0)
     ] = None
     ports: Annotated[
         dict[str, PortSpec], Field(description="a table for each port, as [structure.ports.tip]", max_length=1000)
