@@ -15,7 +15,8 @@ LAWS = (
     'law = "rayleigh", alpha_per_s = 1.3, beta_s = 1.7e-6',
 )
 SHEAR = ("0.83", "[0.81, 0.79]")
-QUANTITIES = ("youngs_modulus", "density", "length", "section_size", "shear_coefficient", "accelerometer_mass", "gain")
+QUANTITIES = ("youngs_modulus", "density", "length", "section_size", "shear_coefficient", "axial_force",
+              "accelerometer_mass", "gain")  # fmt: skip
 RECORDS = (
     'method = "impact", block_s = 1.3, pretrigger_s = 0.011, force_window_s = 0.005, exponential_end = 0.06, '
     "force_range_n = 510.0",
@@ -69,6 +70,7 @@ youngs_modulus_gpa = 211.0
 poissons_ratio = 0.29
 density_kg_m3 = 7830.0
 shear_coefficient = 0.86
+axial_force_n = 3100.0
 accelerometer_mass_g = 3.1
 section = {section(list(SHAPES)[number], 1.0)}
 damping = {{ {LAWS[number % 3]} }}
@@ -104,7 +106,7 @@ def body(number: int, shift: int) -> str:
     return f"""
 points = {{ a = [1.0, 2.0, 3.0], b = [401.0, 12.0, 33.0], c = [505.0, 302.0, 43.0] }}
 members = [
-  {{ points = ["a", "b"], {own}, shear_coefficient = {SHEAR[number % 2]}, up = [0.1, 0.9, 0.2],
+  {{ points = ["a", "b"], {own}, shear_coefficient = {SHEAR[number % 2]}, axial_force_n = 1300.0, up = [0.1, 0.9, 0.2],
      section = {section(shape, 1.1)}, end_section = {section(shape, 0.9)},
      offsets_mm = [[1.5, 2.5, 3.5], [4.5, 5.5, 6.5]] }},
   {{ points = ["b", "c"] }},
@@ -120,6 +122,7 @@ def frame(number: int) -> str:
 kind = "frame"
 {material(0)}
 shear_coefficient = {SHEAR[number % 2].replace("8", "7")}
+axial_force_n = 1100.0
 accelerometer_mass_g = 3.1
 element = "paper"
 section = {section(list(SHAPES)[number], 1.0)}
@@ -131,6 +134,7 @@ FRAMES = [frame(i) + body(i, 1) + PAIR.replace("1:", "a:") + read("c:y") for i i
 BODIES = [
     frame(i)
     + f"[structure.bodies.tool]\n{material(2)}\nshear_coefficient = {SHEAR[i % 2].replace('8', '6')}\n"
+    + "axial_force_n = 1200.0\n"
     + f"section = {section(list(SHAPES)[i], 1.2)}\n{body(i, 1)}"
     + "[structure.bodies.rest]\npoints = { p = [1.5, 2.5, 3.5], q = [11.0, 602.0, 13.0] }\n"
     + PAIR.replace("1:", "tool.a:")
@@ -143,7 +147,7 @@ OF_BODIES = [
     + "[structure.bodies.rest]\npoints = { p = [0, 0, 0], q = [0, 602.0, 0] }\n"
     + PAIR.replace("1:", "tool.a:").replace("initial", 'against = ["rest.p:y", "rest.p:rz"]\ninitial')
     + read("tool.b:y")
-    + uncertain(form, *(f"bodies.tool.{name}" for name in QUANTITIES[:5] if name != "length"))
+    + uncertain(form, *(f"bodies.tool.{name}" for name in QUANTITIES[:6] if name != "length"))
     + uncertain(length, "bodies.tool.length")
     for form, length in ((SD, SD), (ENDS, ENDS), (SD, "sd_mm = 0.2"))
 ]

@@ -46,6 +46,7 @@ def of_structures() -> list[tuple[str, str, Value]]:
         ("structure{beam}.length_mm", f"{STRUCTURE}length", MM),
         ("structure{beam}.elements", f"{STRUCTURE}elements", 1),
         ("structure{beam}.shear_coefficient", f"{STRUCTURE}shear_coefficient", 1),
+        ("structure{beam}.axial_force_n", f"{STRUCTURE}axial_force", 1),
     ]
     for key, name, unit in MATERIAL:
         lines.append((f"structure{{beam}}.{key}", f"{STRUCTURE}material.{name}", unit))
@@ -61,6 +62,7 @@ def of_structures() -> list[tuple[str, str, Value]]:
         ]
     for owner, members in OWNERS.items():
         last = f"{{{owner.count('*')}}}"
+        lines.append((f"{owner}axial_force_n", f"{members}axial_force", 1))
         lines.append((f"{owner}shear_coefficient", f"{members}shear_coefficient", 1))
         lines.append((f"{owner}shear_coefficient[*]", f"{members}shear_coefficient[{last}]", 1))
     for body, name, n in (("", "-", 0), ("bodies.*.", "{0}", 1)):
@@ -126,7 +128,7 @@ def of_joints() -> list[tuple[str, str, Value]]:
             (f"{priors}.*{{decades}}.guess", f"prior.{name}.mean", math.log),
             (f"{priors}.*{{decades}}.decades", f"prior.{name}.sd", spread),
         ]
-    quantities = ["youngs_modulus", "density", "length", "section_size", "shear_coefficient"]
+    quantities = ["youngs_modulus", "density", "length", "section_size", "shear_coefficient", "axial_force"]
     alone = ["loss_factor", "accelerometer_mass", "gain"]
     several = {"damping_ratio": "damping_ratio_(1|2)"}
     names = (
@@ -157,6 +159,7 @@ def of_joints() -> list[tuple[str, str, Value]]:
         ("structure{beam}.youngs_modulus_gpa", "nuisance.youngs_modulus.nominal", 1),
         ("structure{beam}.density_kg_m3", "nuisance.density.nominal", 1),
         ("structure{beam}.length_mm", "nuisance.length.nominal", 1),
+        ("structure{beam}.axial_force_n", "nuisance.axial_force.nominal", 1),
         ("structure{beam}.accelerometer_mass_g", "nuisance.accelerometer_mass.nominal", 1),
         ("structure{beam}.damping{loss_factor}.loss_factor", "nuisance.loss_factor.nominal", 1),
         ("structure{beam}.damping{modal}.ratio[0]", "nuisance.damping_ratio_1.nominal", 1),

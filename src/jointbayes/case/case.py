@@ -45,7 +45,7 @@ from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint import AnyJoint, Joint, Joints, joints_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
-from jointbayes.structure import StructureRecipe
+from jointbayes.structure import MemberRecipe, StructureRecipe, require_unbuckled
 from vibrecords import Data
 from vibrecords.arrays import Array
 
@@ -344,6 +344,8 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
             spec = reduce_imported(spec, home, dofs, top_of(spec, data))
         recipe = recipe_of(spec.structure, spec.data, data)
         _require_one_place(spec, joint, recipe, source)
+        if isinstance(recipe, MemberRecipe):
+            require_unbuckled(recipe, joint.labels)
         tell("data")
         data = data or measurement_of(spec, joint, name)
         tell("left_out")

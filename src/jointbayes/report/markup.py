@@ -23,6 +23,7 @@ _WORDS = {
     "length_offset": ("offset of the length", "L offset"),
     "section_size": ("size of the section", "ln size"),
     "shear_coefficient": ("shear coefficient", "ln κ"),
+    "axial_force": ("axial force", "ln N"),
     "damping_ratio": ("damping ratio", "ln ζ"),
     "loss_factor": ("loss factor", "ln η"),
     "accelerometer_mass": ("accelerometer mass", "ln mass"),

@@ -14,6 +14,8 @@ from jointbayes.structure.frame import FrameBody as FrameBody
 from jointbayes.structure.frame import Member as Member
 from jointbayes.structure.frame import PointMass as PointMass
 from jointbayes.structure.frame_recipe import FrameRecipe as FrameRecipe
+from jointbayes.structure.frame_recipe import MemberRecipe as MemberRecipe
+from jointbayes.structure.frame_recipe import require_unbuckled as require_unbuckled
 from jointbayes.structure.given_matrices import MatrixFamily as MatrixFamily
 from jointbayes.structure.given_matrices import MatrixRecipe as MatrixRecipe
 from jointbayes.structure.given_matrices import chain as chain

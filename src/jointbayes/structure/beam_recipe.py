@@ -4,7 +4,7 @@ A user numbers equally spaced points. The elements between them are nobody's bus
 supports, accelerometers, measured and excited points only, and their number and order follow from the highest line.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Integral
@@ -34,6 +34,7 @@ STRUCTURE_QUANTITIES = (
     "length_offset",
     "section_size",
     "shear_coefficient",
+    "axial_force",
     "accelerometer_mass",
     "damping_ratio",
     "loss_factor",
@@ -60,6 +61,8 @@ class BeamRecipe(MemberRecipe):
     richer
         Whether elements are four orders richer than it takes, one where points are many: a reference for others. No
         matter to the paper's element.
+    axial_force
+        Force along it at rest, N, tension positive, see `Member`.
     supports, accelerometer_mass, added_mass, accelerometer_dofs, element
         See `Recipe`.
 
@@ -82,6 +85,7 @@ class BeamRecipe(MemberRecipe):
     accelerometer_dofs: tuple[str, ...] = ()
     element: ElementKind = "converged"
     richer: bool = False
+    axial_force: float = 0.0
 
     kind: ClassVar[str] = "beam"
     quantities: ClassVar[tuple[str, ...]] = STRUCTURE_QUANTITIES
@@ -121,7 +125,8 @@ class BeamRecipe(MemberRecipe):
     def bodies(self) -> tuple[tuple[str, FrameBody], ...]:
         """Its one member, through all numbered points."""
         last = str(self.elements + 1)
-        member = Member(("1", last), self.section, self.material, shear_coefficient=self.shear_coefficient)
+        shear, force = self.shear_coefficient, self.axial_force
+        member = Member(("1", last), self.section, self.material, shear_coefficient=shear, axial_force=force)
         return (("", FrameBody((("1", (0.0, 0.0, 0.0)), (last, (self.length, 0.0, 0.0))), (member,))),)
 
     @cached_property
@@ -147,9 +152,11 @@ class BeamRecipe(MemberRecipe):
             return factor + np.log(factors["length_offset"]) / self.length
         return factor
 
-    def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> FrameMesh:
+    def mesh(
+        self, dofs: Iterable[str] | None = None, top_hz: float | None = None, forces: Sequence[float] = ()
+    ) -> FrameMesh:
         """Elements as those of frames; no `top_hz` takes the frequency of ten half waves along the whole beam."""
-        return super().mesh(dofs, self.whole.bending_frequency_hz(HALF_WAVES) if top_hz is None else top_hz)
+        return super().mesh(dofs, self.whole.bending_frequency_hz(HALF_WAVES) if top_hz is None else top_hz, forces)
 
 
 def beam(

@@ -20,6 +20,7 @@ Vector = tuple[float, float, float]
 SPATIAL = ("x", "y", "z", "rx", "ry", "rz")
 _NOWHERE: Vector = (0.0, 0.0, 0.0)
 _FARTHEST, _HEAVIEST = 1e6, 1e9  # m, and kg or kg m²
+_STRONGEST = 1e15  # N
 _SHORTEST = 1e-9  # a member in relation to the distance of its points from the origin, or in m
 _PARALLEL = 1e-6  # sine of the angle below which two directions are one
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
@@ -47,6 +48,9 @@ class Member:
     offsets
         From the first and the last point to where the beam's axis begins and ends, m: rigid links. Points between have
         what lies between.
+    axial_force
+        Force along it at rest, N, tension positive: it stiffens the member against bending in both planes, compression
+        softens it. The force is the same all along.
 
     Raises
     ------
@@ -61,6 +65,7 @@ class Member:
     shear_coefficient: float | tuple[float, float] | None = None
     up: Vector | None = None
     offsets: tuple[Vector, Vector] = (_NOWHERE, _NOWHERE)
+    axial_force: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", tuple(str(point) for point in self.points))
@@ -75,6 +80,11 @@ class Member:
         if not all(1e-6 <= kappa <= 1e6 for kappa in self.kappas or ()):
             raise ModelError(
                 f"frame: found the shear coefficient {self.shear_coefficient}; expected one above 0, about 0.9"
+            )
+        if not abs(self.axial_force) <= _STRONGEST:
+            raise ModelError(
+                f"frame: found an axial force of {self.axial_force:g} N; expected one of at most {_STRONGEST:g} N, "
+                "tension positive; correct it"
             )
         if self.end_section is not None:
             self.section.between(self.end_section, 0.5)
@@ -282,6 +292,11 @@ class FrameBody:
             if station.numbered
         ]
         return (*self.points, *counted)
+
+    @property
+    def preloaded(self) -> bool:
+        """Whether a member has an axial force."""
+        return any(member.axial_force for member in self.members)
 
     @property
     def straight(self) -> bool:

@@ -37,13 +37,14 @@ _MORE_POINTS = 4
 
 @dataclass(frozen=True, slots=True)
 class BodyFactors:
-    """Factors on a body's E, ρ, length, every dimension of its sections, κ, and on its masses at points."""
+    """Factors on a body's E, ρ, length, every dimension of its sections, κ, axial forces, and masses at points."""
 
     youngs_modulus: float = 1.0
     density: float = 1.0
     length: float = 1.0
     section_size: float = 1.0
     shear_coefficient: float = 1.0
+    axial_force: float = 1.0
     masses: float = 1.0
 
 
@@ -63,6 +64,8 @@ class Stretch:
         κ for shear along local y and z; None takes Cowper's.
     shear_factor
         Factor on κ.
+    axial_force
+        Force along it at rest, N, tension positive.
     """
 
     length: float
@@ -71,6 +74,7 @@ class Stretch:
     end: Section
     shear_coefficient: tuple[float, float] | None = None
     shear_factor: float = 1.0
+    axial_force: float = 0.0
 
     @property
     def tapered(self) -> bool:
@@ -78,7 +82,7 @@ class Stretch:
         return self.start != self.end
 
     def scaled(self, factors: BodyFactors) -> "Stretch":
-        """The stretch with E, ρ, length, every dimension of the section and κ times factors."""
+        """The stretch with E, ρ, length, every dimension of the section, κ and axial force times factors."""
         e, rho = self.material.youngs_modulus * factors.youngs_modulus, self.material.density * factors.density
         return Stretch(
             self.length * factors.length,
@@ -87,6 +91,7 @@ class Stretch:
             self.end.scaled(factors.section_size),
             self.shear_coefficient,
             self.shear_factor * factors.shear_coefficient,
+            self.axial_force * factors.axial_force,
         )
 
     def part(self, first: float, last: float) -> "Stretch":
@@ -114,14 +119,18 @@ class Stretch:
         )
 
     def bending_frequency_hz(self, half_waves: float) -> float:
-        """Frequency below which so many half waves of bending fit the length: of a slender beam, or of pure shear."""
+        """Frequency below which so many half waves of bending fit the length: of a slender beam, or of pure shear.
+
+        Tension raises both.
+        """
         at, wave_number = self.rigidities(np.array([0.0, 1.0])), half_waves * np.pi / self.length
         planes = ((at.bending_y, at.shear_z), (at.bending_z, at.shear_y))
         slow = [
             np.minimum(wave_number**2 * np.sqrt(b / at.mass), wave_number * np.sqrt(s / at.mass)).min()
             for b, s in planes
         ]
-        return float(max(slow)) / (2 * np.pi)
+        taut = wave_number * np.sqrt(max(self.axial_force, 0.0) / at.mass)
+        return float(np.hypot(max(slow), np.max(taut))) / (2 * np.pi)
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,6 +213,9 @@ def part_matrices(stretch: Stretch, order: int, field: str) -> tuple[Array, Arra
     stiffness[v, t] = sign * integral(1, 0, shear)
     stiffness[t, v] = stiffness[v, t].T
     stiffness[t, t] = integral(1, 1, bending) / length + integral(0, 0, shear) * length
+    if stretch.axial_force:
+        # second-order work of the force at rest: ½∫N v'² dx
+        stiffness[v, v] += integral(1, 1, stretch.axial_force) / length
     mass[v, v], mass[t, t] = integral(0, 0, at.mass) * length, integral(0, 0, rotary) * length
     return stiffness, mass
 
@@ -236,7 +248,19 @@ def _paper_matrices(stretch: Stretch, field: str) -> tuple[Array, Array]:
     r3, r4 = 2 / 15 + phi / 6 + phi**2 / 3, -1 / 30 - phi / 6 + phi**2 / 6
     rotation = np.array([[r1, r2, -r1, r2], [r2, r3, -r2, r4], [-r1, -r2, r1, -r2], [r2, r4, -r2, r3]])
     mass = (at.mass * length * translation + rotary / length * rotation) / (1 + phi) ** 2
-    return bending / (length**3 * (1 + phi)) * unit @ stiffness @ unit, unit @ mass @ unit
+    elastic: Array = bending / (length**3 * (1 + phi)) * unit @ stiffness @ unit
+    if stretch.axial_force:
+        taut: Array = unit @ _taut(phi) @ unit
+        elastic = elastic + stretch.axial_force / length * taut
+    return elastic, unit @ mass @ unit
+
+
+def _taut(phi: Numbers) -> Array:
+    """∫v'² of the two-node element of unit length and its deflections and slopes, (4, 4)."""
+    g1, g2 = 6 / 5 + 2 * phi + phi**2, 1 / 10
+    g3, g4 = 2 / 15 + phi / 6 + phi**2 / 12, -1 / 30 - phi / 6 - phi**2 / 12
+    table = np.array([[g1, g2, -g1, g2], [g2, g3, -g2, g4], [-g1, -g2, g1, -g2], [g2, g4, -g2, g3]])
+    return table / (1 + phi) ** 2
 
 
 def skew(vector: Array) -> Array:

@@ -89,7 +89,7 @@ def segments_of(body: FrameBody, used: Collection[str] | None = None) -> tuple[S
             end = member.end_section or member.section
             start, end = (member.section.between(end, share) for share in (first.share, second.share))
             length = float(np.linalg.norm(gap))
-            stretch = Stretch(length, member.material, start, end, member.kappas)
+            stretch = Stretch(length, member.material, start, end, member.kappas, axial_force=member.axial_force)
             # equal spans are so to rounding, and become so to the last bit
             stretch = stretches.setdefault(replace(stretch, length=float(f"{length:.11g}")), stretch)
             x, y, z = ((float(a), float(b), float(c)) for a, b, c in member.axes(gap))
@@ -98,7 +98,13 @@ def segments_of(body: FrameBody, used: Collection[str] | None = None) -> tuple[S
 
 
 def mesh_of(
-    segments: Sequence[Segment], directions: Sequence[str], top_hz: float, kind: str, *, richer: bool = False
+    segments: Sequence[Segment],
+    directions: Sequence[str],
+    top_hz: float,
+    kind: str,
+    *,
+    force: float = 1.0,
+    richer: bool = False,
 ) -> BodyMesh:
     """Elements that are exact up to a frequency in Hz.
 
@@ -110,6 +116,8 @@ def mesh_of(
         Those of `SPATIAL` in which points move.
     kind
         What the body is, where a message begins.
+    force
+        Largest factor on axial forces.
     richer
         Whether elements are four orders richer than that takes, one where segments are many: for a reference.
 
@@ -120,8 +128,9 @@ def mesh_of(
     """
     many = len(segments) >= MANY
     share, extra = (_VISIBLE_OF_MANY, 1) if many else (1.0, _RICHER)
+    loaded = BodyFactors(axial_force=force)
     elements = [
-        _cheapest(segment.stretch, fields_of(segment, directions), 2 * math.pi * top_hz, share, kind)
+        _cheapest(segment.stretch.scaled(loaded), fields_of(segment, directions), 2 * math.pi * top_hz, share, kind)
         for segment in segments
     ]
     return BodyMesh(tuple(segments), tuple((count, order + extra * richer) for count, order in elements))
@@ -197,8 +206,8 @@ def element_error(stretch: Stretch, order: int, field: str, omega: float, share:
     Compared with an element of four orders more: K + ω²M of both, what lies between the ends condensed. An element is
     never too soft, so that the error has one sign; eigenvalues near ω² are off by no more than twice as much. Where
     the element is so short that rounding would hide the error it is taken at a higher ω and scaled down with ω²,
-    which is more than is left of it at any order from 3 on; at a `share` of that ω the bound is closer. That of a taper
-    has a part that does not fall with ω, and is not scaled down with it.
+    which is more than is left of it at any order from 3 on; at a `share` of that ω the bound is closer. That of a
+    taper, or of an element with an axial force, has a part that does not fall with ω, and is not scaled down with it.
     """
     length, rigid = stretch.length, stretch.rigidities(np.array([0.0, 1.0]))
     if len(FIELDS[field]) == 2:
@@ -213,7 +222,7 @@ def element_error(stretch: Stretch, order: int, field: str, omega: float, share:
         error = float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max())
     except linalg.LinAlgError:  # what rounding leaves of an absurd element is not positive definite
         return math.inf
-    return error if stretch.tapered else error * (omega / at) ** 2
+    return error if stretch.tapered or stretch.axial_force else error * (omega / at) ** 2
 
 
 def _condensed(matrices: tuple[Array, Array], omega: float, length: float, per_node: int) -> Array:

@@ -23,7 +23,7 @@ FrameMesh = tuple[BodyMesh, ...]
 """Elements of each body."""
 
 #: Quantities that a body may have of its own, as ``"tool.density"``, or all bodies together: those of `BodyFactors`.
-BODY_QUANTITIES = ("youngs_modulus", "density", "length", "section_size", "shear_coefficient")
+BODY_QUANTITIES = ("youngs_modulus", "density", "length", "section_size", "shear_coefficient", "axial_force")
 _OF_ALL = ("accelerometer_mass", "damping_ratio", "loss_factor")
 _BODY_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
 _HIGHEST_HZ = 1e20  # with squares and products that stay finite
@@ -134,7 +134,9 @@ class MemberRecipe(Recipe):
         loaded = dict.fromkeys(d.split(":")[0] for d in self.accelerometer_dofs if ":r" not in d)
         return tuple(point for point, _ in body.all_points if f"{_prefix(name)}{point}" in loaded)
 
-    def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> FrameMesh:
+    def mesh(
+        self, dofs: Iterable[str] | None = None, top_hz: float | None = None, forces: Sequence[float] = ()
+    ) -> FrameMesh:
         """Elements that are exact up to a frequency and end where something acts or is observed.
 
         Parameters
@@ -143,6 +145,8 @@ class MemberRecipe(Recipe):
             Labels of such DOFs, beside supports and accelerometers; None takes all points.
         top_hz
             Highest frequency, Hz; None that of ten half waves along the straight beam where it is lowest.
+        forces
+            Largest factor on the axial forces of each body, 1 where none is given.
 
         Raises
         ------
@@ -158,14 +162,16 @@ class MemberRecipe(Recipe):
         if paper:
             return tuple(BodyMesh(segments, ((1, 0),) * len(segments)) for segments in of_bodies)
         slowest = min(s.stretch.bending_frequency_hz(HALF_WAVES) for segments in of_bodies for s in segments)
-        return tuple(self._fine_mesh(segments, slowest if top_hz is None else top_hz) for segments in of_bodies)
+        top_hz = slowest if top_hz is None else top_hz
+        each = zip(of_bodies, forces or (1.0,) * len(of_bodies), strict=True)
+        return tuple(self._fine_mesh(segments, top_hz, force) for segments, force in each)
 
-    def _fine_mesh(self, segments: Sequence[Segment], top_hz: float) -> BodyMesh:
+    def _fine_mesh(self, segments: Sequence[Segment], top_hz: float, force: float) -> BodyMesh:
         if not 0 <= top_hz <= _HIGHEST_HZ:
             raise ModelError(
                 f"{self.kind}: found lines up to {top_hz:g} Hz; expected up to {_HIGHEST_HZ:g} Hz; correct them"
             )
-        mesh = mesh_of(segments, self.directions, top_hz, self.kind, richer=self.richer)
+        mesh = mesh_of(segments, self.directions, top_hz, self.kind, force=force, richer=self.richer)
         nodes, (dofs, at_a_point) = 1 + sum(count * order for count, order in mesh.elements), self.most_dofs
         most = dofs // len(self.directions) + at_a_point * (len(segments) + 1)
         if nodes > most:
@@ -325,6 +331,38 @@ class FrameRecipe(MemberRecipe):
                 "directions, offsets or inertias at points; expected a straight body, whose length is one number; "
                 "make the quantity that of a straight body"
             )
+
+
+def require_unbuckled(recipe: MemberRecipe, held: Iterable[str]) -> None:
+    """Refuse compression that no joint can hold: the structure buckles even where some DOFs are held still.
+
+    Motions without strain are left out: what holds them is no matter of the structure.
+
+    Raises
+    ------
+    ModelError
+        If its axial forces are beyond the critical ones.
+    """
+    forces = [member.axial_force for _, body in recipe.bodies for member in body.members]
+    if min(forces) >= 0:
+        return
+    held = tuple(held)
+    mesh = recipe.mesh(held)
+    preloaded, slack = (
+        made.fixed([label for label in held if label in made.dofs])
+        for made in (recipe.structure({}, mesh), recipe.structure({"axial_force": 0.0}, mesh))
+    )
+    modes = slack.modes()
+    shapes = modes.shapes / np.sqrt(np.where(modes.eigenvalues > 0, modes.eigenvalues, np.inf))
+    softened = linalg.eigvalsh(shapes.T @ (slack.stiffness - preloaded.stiffness) @ shapes)[-1]
+    if softened >= 1:
+        raise ModelError.of(
+            recipe.kind,
+            ("axial_force_n",),
+            f"found an axial force of {min(forces):.6g} N, under which it buckles however stiff its joints are",
+            f"compression below the critical {-min(forces) / softened:.6g} N",
+            "lower the compression, or correct section and length",
+        )
 
 
 def _diagonal(places: Sequence[Vector]) -> float:

@@ -23,6 +23,7 @@ _RIGID = 30 * np.finfo(float).eps
 
 #: A structure of so few DOFs is solved line by line, refined to the last bits; a larger one is summed over its modes.
 _SOLVED_LINE_BY_LINE, _LINES_SOLVED = 50, 20_000
+_LARGER = 1e4  # of the shift, the most that is tried
 _LINES_AT_ONCE = 512  # bounds the memory of one batch of dense matrices
 _REFINEMENTS = 2
 #: A DOF that moves less than this in a rigid-body mode, beside its largest motion in any mode, moves by rounding.
@@ -146,8 +147,7 @@ class Structure(Body):
 
     def _modes(self, added_stiffness: Array | None) -> Modes:
         stiffness = self.stiffness if added_stiffness is None else self.stiffness + added_stiffness
-        shift = self.shift
-        inverse, shapes = linalg.eigh(self.mass, stiffness + shift * self.mass)
+        inverse, shapes, shift = self._inverse_modes(stiffness)
         inverse, shapes = inverse[::-1], shapes[:, ::-1]
         shapes = shapes / np.sqrt(inverse)
         # the highest are orthonormal to rounding over their small inverse eigenvalue; a Newton step makes them all so
@@ -160,8 +160,19 @@ class Structure(Body):
         strain = (low.T.astype(np.longdouble) @ exact * low.T).sum(axis=1)
         eigenvalues[: low.shape[1]] = strain / (low.T @ self.mass * low.T).sum(axis=1)
         cancelled = (np.abs(low.T) @ np.abs(stiffness) * np.abs(low.T)).sum(axis=1)
-        eigenvalues[: low.shape[1]][strain <= _RIGID * cancelled] = 0.0
+        eigenvalues[: low.shape[1]][np.abs(strain) <= _RIGID * cancelled] = 0.0
         return Modes(eigenvalues, shapes)
+
+    def _inverse_modes(self, stiffness: Array) -> tuple[Array, Array, float]:
+        """1/(λ + σ) rising, shapes, and σ: that of `shift`, or larger where compression makes a λ more negative."""
+        shift, last = self.shift, self.shift * _LARGER
+        while True:
+            try:
+                return *linalg.eigh(self.mass, stiffness + shift * self.mass), shift
+            except linalg.LinAlgError:
+                if shift > last:
+                    raise
+                shift *= 10
 
     @property
     def shift(self) -> float:

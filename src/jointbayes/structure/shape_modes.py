@@ -116,7 +116,8 @@ class ModeTable:
                 (np.abs(table_rows - rows) / size)[:, lower],
             ]
             lowest = elastic.min(initial=np.inf)
-            for square in (lowest, max(lam[lower].max(), lowest)):
+            released = max(0.0, -2 * float(lam.min()))  # by compression
+            for square in (lowest + released, max(lam[lower].max(), lowest) + released):
                 # at ω² = −square, where it has no poles
                 right, guess = (r / (e + square) @ r.T for e, r in ((lam, rows), (table_lam, table_rows)))
                 root = np.sqrt(np.diag(right))

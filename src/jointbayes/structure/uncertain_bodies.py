@@ -43,9 +43,11 @@ _POWERS: dict[str, Powers] = {
     # masses beside that of the body of nominal section, ρ L³
     "masses": {"density": -1.0, "length": -3.0},
     "accelerometer_mass": {"accelerometer_mass": 1.0, "density": -1.0, "length": -3.0},
+    # force beside that of the body of nominal E and length, E L²; with the size above it is N L²/EI
+    "axial_force": {"axial_force": 1.0, "youngs_modulus": -1.0, "length": -2.0},
 }
 #: Powers in which a body's quantities change its natural frequencies by similarity, but for their sign.
-_FREQUENCY_POWERS = {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0}
+_FREQUENCY_POWERS = {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0, "axial_force": 0.5}
 _TRIES = 60
 
 
@@ -144,11 +146,16 @@ class FrameFamily(UncertainBody):
         )
         return self.top_hz * math.exp(max(widest))
 
+    @cached_property
+    def mesh(self) -> FrameMesh:
+        """Elements, fine enough for the largest axial forces."""
+        forces = [math.exp(self.range_of(number, "axial_force")[1]) for number in range(len(self.recipe.bodies))]
+        return self.recipe.mesh(self.dofs, self.reach_of_modes_hz, forces)
+
     @property
     def discretisation(self) -> Discretisation:
         """Elements; the paper's are cubic in the deflection."""
-        mesh: FrameMesh = self.mesh
-        elements = [of_segment for body in mesh for of_segment in body.elements]
+        elements = [of_segment for body in self.mesh for of_segment in body.elements]
         orders = (order or 3 for _, order in elements)
         return Discretisation(self.recipe.element, sum(count for count, _ in elements), max(orders))
 
@@ -233,7 +240,7 @@ class _Body:
         loaded = self._recipe.accelerometer_mass > 0 and bool(self._recipe.loaded_points(self.number))
         sensors = loaded and self._uncertain("accelerometer_mass")
         heavy = any(mass.mass > 0 or any(mass.inertia) for mass in body.masses) or (loaded and not sensors)
-        absent = {"masses": not heavy, "accelerometer_mass": not sensors}
+        absent = {"masses": not heavy, "accelerometer_mass": not sensors, "axial_force": not body.preloaded}
         of_uncertain = {
             axis: {q: power for q, power in powers.items() if self._uncertain(q)}
             for axis, powers in _POWERS.items()

@@ -114,7 +114,7 @@ TABLE = (
     Limits("threshold", 1e-30, 1e3),
     Limits("line_weight", 1e-6, 10.0),
     Limits("block_s pretrigger_s force_window_s", 1e-9, 1e6),
-    Limits("force_range_n", 1e-12, 1e12),
+    Limits("force_range_n axial_force_n", 1e-12, 1e12),
 )
 
 #: Limits by key.

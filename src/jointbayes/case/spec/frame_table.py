@@ -12,6 +12,7 @@ from pydantic import Field, Strict
 from jointbayes.case.spec.fields import Finding, Fraction, Spec, key_field, max_length, not_negative, positive
 from jointbayes.case.spec.structure_table import (
     DAMPING,
+    FORCE,
     KIND,
     LAWS,
     POINT,
@@ -19,6 +20,7 @@ from jointbayes.case.spec.structure_table import (
     PointName,
     SectionSpec,
     StructureBase,
+    force_stated,
     metres,
 )
 from jointbayes.errors import ModelError
@@ -65,6 +67,7 @@ class _Stuff(Spec):
     poissons_ratio: Annotated[float | None, POISSON] = None
     density_kg_m3: Annotated[float | None, _RHO] = None
     shear_coefficient: Annotated[_Shear | None, _SHEAR] = None
+    axial_force_n: Annotated[float | None, FORCE] = None
     section: Annotated[SectionSpec | None, _SECTION] = None
 
 
@@ -80,7 +83,7 @@ class MemberSpec(_Stuff):
         """The member; what it does not state is its body's, and what that does not state the frame's."""
         from jointbayes.structure import BeamMaterial, Member
 
-        modulus, poisson, density, kappa, section = (
+        modulus, poisson, density, kappa, force, section = (
             next(value for owner in (self, *around) if (value := getattr(owner, key)) is not None)
             for key in _Stuff.model_fields
         )
@@ -93,6 +96,7 @@ class MemberSpec(_Stuff):
             None if kappa == "cowper" else kappa,
             self.up,
             (metres(first), metres(last)),
+            force,
         )
 
 
@@ -155,6 +159,12 @@ class BodySpec(_Stuff):
         sticking_out = (*offsets, *(number for mass in self.masses for number in (mass.inertia_kg_m2, mass.offset_mm)))
         return None if any(map(any, sticking_out)) else line_length(self.points.values())
 
+    def forces_n(self, frame: FrameSpec) -> list[float]:
+        """Axial force of each member."""
+        own = [member.axial_force_n for member in self.members] or [None]
+        around = frame.axial_force_n if self.axial_force_n is None else self.axial_force_n
+        return [around if force is None else force for force in own]
+
     def body(self, frame: _Stuff | FrameSpec) -> FrameBody:
         """The body, in a frame that states what it does not."""
         from jointbayes.structure import FrameBody
@@ -183,6 +193,7 @@ class FrameSpec(StructureBase):
     poissons_ratio: Annotated[float, POISSON] = 0.3
     density_kg_m3: Annotated[float, _RHO]
     shear_coefficient: Annotated[_Shear, _SHEAR] = "cowper"
+    axial_force_n: Annotated[float, FORCE] = 0.0
     section: Annotated[SectionSpec | None, _SECTION] = None
     points: _Points = {}  # noqa: RUF012 (pydantic copies it)
     members: _Members = ()
@@ -220,6 +231,9 @@ class FrameSpec(StructureBase):
             low, high = min(lengths.values()), max(lengths.values())
             stated["length"] = ("mm", high) if math.isclose(low, high) else ("× stated", 1.0)
         stated |= {f"{name}.length": ("mm", length) for name, length in lengths.items() if name}
+        forces = {name: body.forces_n(self) for name, body in self.all_bodies.items()}
+        stated |= force_stated(itertools.chain(*forces.values()))
+        stated |= {f"{n}.{q}": of for n, each in forces.items() if n for q, of in force_stated(each).items()}
         return stated | super().stated
 
     def recipe(self, loaded: tuple[str, ...]) -> FrameRecipe:

@@ -347,6 +347,7 @@ class BodyUncertainSpec(Spec):
     section_size: Annotated[FactorPriorSpec | None, _uncertain("one factor on all dimensions of its sections")] = None
     shear_coefficient: Annotated[FactorPriorSpec | None, _uncertain("the shear coefficients of the body")] = None
     thickness: Annotated[FactorPriorSpec | None, _uncertain("the thickness of a part of an imported model")] = None
+    axial_force: Annotated[FactorPriorSpec | None, _uncertain("the axial forces in the body")] = None
 
 
 _BODIES = Field(description="a table for each body of a frame, as [uncertain.bodies.tool.density]", max_length=100)
@@ -393,6 +394,7 @@ class UncertainSpec(Spec):
     ] = None
     section_size: Annotated[FactorPriorSpec | None, _uncertain("one factor on all dimensions of the section")] = None
     shear_coefficient: Annotated[FactorPriorSpec | None, _uncertain("the shear coefficient")] = None
+    axial_force: Annotated[FactorPriorSpec | None, _uncertain("the axial force")] = None
     damping_ratio: Annotated[FactorPriorSpec | None, _uncertain("each damping ratio")] = None
     loss_factor: Annotated[FactorPriorSpec | None, _uncertain("the loss factor")] = None
     accelerometer_mass: Annotated[FactorPriorSpec | None, _uncertain("the mass of the accelerometers")] = None

@@ -244,6 +244,8 @@ def _foreign_quantities(uncertain: UncertainSpec, structure: StructureBase) -> I
             fault = f'a structure of kind = "{structure.kind}" without this quantity'
             if name.rpartition(".")[2] == "length" and structure.kind == "frame":
                 fault = "a body with members in several directions, offsets or inertias at points, or no such body"
+            if name.rpartition(".")[2] == "axial_force":
+                fault = "factor on axial_force_n, which is 0 or of no such body"
             expected = f"one of {listed([*offered, *sorted(_OF_NO_STRUCTURE)])}"
             yield Finding(quantity_table(name), fault, expected, "remove it or correct the name of the body")
 

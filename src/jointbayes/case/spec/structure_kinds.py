@@ -22,6 +22,7 @@ from jointbayes.case.spec.fields import (
 )
 from jointbayes.case.spec.structure_table import (
     DAMPING,
+    FORCE,
     KIND,
     LAW,
     LAWS,
@@ -32,6 +33,7 @@ from jointbayes.case.spec.structure_table import (
     PointName,
     SectionSpec,
     StructureBase,
+    force_stated,
     metres,
 )
 
@@ -59,6 +61,7 @@ class BeamSpec(StructureBase):
     poissons_ratio: Annotated[float, POISSON] = 0.3
     density_kg_m3: Annotated[float, positive("the density in kg/m³", 7800.0)]
     shear_coefficient: Annotated[Literal["cowper"] | Fraction, _SHEAR] = "cowper"
+    axial_force_n: Annotated[float, FORCE] = 0.0
     section: SectionSpec
     damping: Annotated[LAWS, DAMPING]
 
@@ -88,6 +91,7 @@ class BeamSpec(StructureBase):
             "section_size": ("× stated", 1.0),
             "shear_coefficient": ("× stated", 1.0),
             "accelerometer_mass": ("g", self.accelerometer_mass_g),
+            **force_stated([self.axial_force_n]),
         } | super().stated
 
     def absent(self, label: str) -> Absence | None:
@@ -122,6 +126,7 @@ class BeamSpec(StructureBase):
             accelerometer_mass=self.accelerometer_mass_g * 1e-3,
             accelerometer_dofs=loaded,
             element=self.element,
+            axial_force=self.axial_force_n,
         )
 
 

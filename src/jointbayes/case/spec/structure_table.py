@@ -175,6 +175,7 @@ SectionSpec = Annotated[
 
 KIND = key_field('the kind of structure, "beam", "frame", "chain", "matrices" or "imported"', "beam")
 POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 0.5", examples=[0.3])
+FORCE = key_field("the axial force at rest in N, tension positive, compression negative", 2000.0)
 _SUPPORTS = key_field("a list of the DOFs held fixed", ["1:y"])
 _MASS = not_negative("the mass in g added at each measured translation", 2.0)
 #: Names of points: numbers from 1, or words.
@@ -249,6 +250,16 @@ class StructureBase(Spec):
     def _findings(self) -> Iterator[Finding]:
         each = ((i, self.absent(label)) for i, label in enumerate(self.supports))
         yield from (Finding(("supports", i), *words) for i, words in each if words is not None)
+
+
+def force_stated(forces: Iterable[float]) -> dict[str, tuple[str, float]]:
+    """Unit and value of axial forces in N on which one factor is: the force where all are one; none where all are 0."""
+    each = set(forces)
+    if each <= {0.0}:
+        return {}
+    low, high = min(each), max(each)
+    one = ("N" if low > 0 else "N of compression", abs(low))
+    return {"axial_force": one if low == high else ("× stated", 1.0)}
 
 
 def metres(millimetres: Iterable[float]) -> tuple[float, float, float]:

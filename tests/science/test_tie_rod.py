@@ -1,0 +1,63 @@
+"""A tie rod: axial force against the rotation of its ends, the classic pair that two frequencies do not tell apart."""
+
+import numpy as np
+import pytest
+
+from jointbayes.case.case import case_from_text
+from jointbayes.workflow import sample
+
+pytestmark = pytest.mark.science
+
+#: Of a rod of 2 m and 20 mm under 20 kN, with 3 kN m/rad at both ends.
+FREQUENCIES = [26.995446, 64.602597, 118.582897, 191.138862, 283.041241]
+TIE = """
+[structure]
+kind = "beam"
+length_mm = 2000.0
+youngs_modulus_gpa = 210.0
+density_kg_m3 = 7850.0
+section = { shape = "circle", diameter_mm = 20.0 }
+axial_force_n = 10000.0
+supports = ["1:y", "11:y"]
+damping = { law = "modal", ratio = 0.005 }
+[joints.left]
+kind = "springs"
+dofs = ["1:rz"]
+[joints.left.prior.krz]
+distribution = "log_uniform"
+low = 10.0
+high = 1e6
+[joints.right]
+kind = "springs"
+dofs = ["11:rz"]
+shared = "left"
+[data]
+kind = "natural_frequencies"
+frequencies_hz = FREQUENCIES
+sd_relative = 0.0003
+[uncertain]
+exact = ["model", "youngs_modulus", "density", "length"]
+[uncertain.axial_force]
+low_factor = 0.1
+high_factor = 10.0
+"""
+
+
+def verdicts(count):
+    posterior = sample(case_from_text("tie.toml", TIE.replace("FREQUENCIES", str(FREQUENCIES[:count]))), seed=1)
+    names = ("left.krz", "axial_force")
+    for name, truth in zip(names, (3000.0, 20000.0), strict=True):
+        low, high = posterior.interval(name, 0.95)
+        assert low < truth < high
+    krz, force = (
+        np.log(posterior.draws["left.krz"].values.ravel()),
+        np.log(posterior.draws["axial_force"].values.ravel()),
+    )
+    return [posterior.verdict(name).verdict for name in names], float(np.corrcoef(krz, force)[0, 1])
+
+
+def test_two_frequencies_do_not_tell_force_and_rotation_apart_and_five_do():
+    few, together = verdicts(2)
+    assert few[0] != "identified"
+    assert together < -0.9
+    assert verdicts(5)[0] == ["identified", "identified"]
