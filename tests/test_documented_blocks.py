@@ -58,12 +58,18 @@ BRACKET = (
     f"points = {{ tip = [0, 0, 0], end = [400, 0, 0] }} }}\n{MODE}"
 )
 #: What stands around a block that is a part of a case; of others the case that `init` writes.
+TIE = """
+extends = "minimal.toml"
+remove = ["joint", "data"]
+data = { kind = "natural_frequencies", frequencies_hz = [27.0, 64.6, 118.6], sd_relative = 0.001 }
+""".lstrip()
 AROUND = {
     "lapped-beams-1": 'extends = "lapped_beams.toml"\n',
     "spindle-tool-1": 'extends = "spindle_tool.toml"\n',
     "case-file-2": 'joint = { dofs = ["foot:x"], kind = "springs" }\n' + MODE,
     "case-file-3": FRAME,
-    "case-file-4": BRACKET,
+    "case-file-4": TIE,
+    "case-file-5": BRACKET,
     "joint-damping-1": SPRINGS.replace("krz = 1e5", "krz = 1e5, crz = 10.0, eta = 0.01"),
     "measured-2": FRF,
     "measured-3": FRF,
