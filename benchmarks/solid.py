@@ -37,7 +37,7 @@ from jointbayes.structure import (
     Port,
     Section,
     family_of_recipe,
-    imported,
+    reduce_to_ports,
 )
 from jointbayes.structure.imported import port_forms
 from vibrecords import FrfData, FrfSet
@@ -87,7 +87,7 @@ def problem_of(data: FrfData, modal: bool = False, ways: tuple[str, ...] = WAYS)
     """The analysis: the reduced model with springs in these directions."""
     model, ports = solid()
     law = ModalDamping((LOSS / 2,)) if modal else LossFactor(LOSS)
-    body = family_of_recipe(imported(model, ports, float(LINES[-1]), law))
+    body = family_of_recipe(reduce_to_ports(model, ports, float(LINES[-1]), law))
     joint, some = Joint(tuple(f"root:{way}" for way in ways)), [WAYS.index(way) for way in ways]
     prior = JointPrior(
         parametrisation_named("springs", ways),

@@ -20,7 +20,7 @@ _MOVED = {
         "jointbayes.errors": "CheckpointError ReportError WorkerError WriteError",
         "jointbayes.inference": "GaussianNoise IntegratedScale ProportionalNoise ScaledNoise",
         "jointbayes.joint": "ElasticCentre Joints Rigid",
-        "jointbayes.posterior": "Knowledge PredictiveCheck gather_knowledge",
+        "jointbayes.posterior": "Knowledge OtherStructure PredictiveCheck gather_knowledge",
         "jointbayes.structure": "PointMass Rayleigh ViscousMatrix",
         "jointbayes.studies.campaign.campaign_report": "write_campaign_report",
         "vibrecords": "mean_of_repeats iter_records write_records Inspection MeasuredMode MeasurementWarning FrfRecord "

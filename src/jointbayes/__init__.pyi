@@ -65,7 +65,9 @@ from jointbayes.structure import Section as Section
 from jointbayes.structure import Structure as Structure
 from jointbayes.structure import chain as chain
 from jointbayes.structure.imported import FeModel as FeModel
+from jointbayes.structure.imported import Port as Port
 from jointbayes.structure.imported import read_structure as read_structure
+from jointbayes.structure.imported import reduce_to_ports as reduce_to_ports
 from jointbayes.studies.calibrate import calibrate as calibrate
 from jointbayes.studies.calibration import Calibration as Calibration
 from jointbayes.studies.campaign.campaign import Campaign as Campaign

@@ -14,7 +14,7 @@ from jointbayes.case.spec.imported_table import ImportedSpec, ModelDampingSpec, 
 from jointbayes.case.spec.structure_table import metres
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import ModelError
-from jointbayes.structure import FeModel, FePart, ImportedRecipe, LossFactor, Port, imported, read_structure
+from jointbayes.structure import FeModel, FePart, ImportedRecipe, LossFactor, Port, read_structure, reduce_to_ports
 from jointbayes.structure.imported import nodes_in_box
 from jointbayes.structure.imported.kept import kept_or_made, key_of
 from vibrecords import Data
@@ -160,5 +160,5 @@ def _reduced(
     return kept_or_made(
         model.n_dofs,
         lambda: key_of(files, length_unit, ports, top_hz, ends, supports, own_damping),
-        lambda: imported(model, dict(ports), top_hz, law, ends=dict(ends), supports=supports),
+        lambda: reduce_to_ports(model, dict(ports), top_hz, law, ends=dict(ends), supports=supports),
     )

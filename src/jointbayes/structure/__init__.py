@@ -27,8 +27,8 @@ from jointbayes.structure.imported import Outline as Outline
 from jointbayes.structure.imported import Port as Port
 from jointbayes.structure.imported import ReducedModel as ReducedModel
 from jointbayes.structure.imported import ReducedPart as ReducedPart
-from jointbayes.structure.imported import imported as imported
 from jointbayes.structure.imported import read_structure as read_structure
+from jointbayes.structure.imported import reduce_to_ports as reduce_to_ports
 from jointbayes.structure.matrices import Structure as Structure
 from jointbayes.structure.modes import Modes as Modes
 from jointbayes.structure.modes import Reduction as Reduction

@@ -17,7 +17,7 @@ from jointbayes.structure import (
     Rayleigh,
     ViscousMatrix,
     family_of_recipe,
-    imported,
+    reduce_to_ports,
 )
 from jointbayes.structure.imported import nodes_in_box, ports, reduction
 from tests.structure.imported.fe_models import plane_beam
@@ -78,7 +78,7 @@ def test_frfs_are_those_of_the_whole_model_for_joints_over_six_decades(dense, mo
 
 def test_a_free_model_has_exactly_six_rigid_body_modes_and_the_frequencies_of_the_whole():
     model = brick_model((8, 2, 2))
-    recipe = imported(model, {"tip": face(model, 0.2)}, TOP_HZ, LossFactor(0.01))
+    recipe = reduce_to_ports(model, {"tip": face(model, 0.2)}, TOP_HZ, LossFactor(0.01))
     modes = recipe.structure().modes()
     assert (modes.eigenvalues[:6] == 0).all()
     assert modes.eigenvalues[6] > 0
@@ -93,7 +93,7 @@ def test_a_likelihood_cannot_tell_a_reduced_model_from_its_matrices(law):
     model = plane_beam()
     labels = tuple(f"{node}:{'y' if way == 2 else 'rz'}" for node, way in model.dofs)
     whole = family_of_recipe(MatrixRecipe(model.stiffness.toarray(), model.mass.toarray(), labels, law))
-    small = family_of_recipe(imported(model, {"1": 1, "26": 26, "51": 51}, 3000.0, law))
+    small = family_of_recipe(reduce_to_ports(model, {"1": 1, "26": 26, "51": 51}, 3000.0, law))
     joint, seen = Joint(("1:y", "1:rz")), Ports(np.linspace(10, 3000, 600), ("51:y", "26:y"), ("51:y",))
     matrices = np.array([[[1e7, 1e4], [1e4, 1e5]], [[1e5, 0.0], [0.0, 1e3]], [[1e10, 0.0], [0.0, 1e8]]])
     exact, found = (receptance_model(body, joint, seen).receptance(matrices) for body in (whole, small))
@@ -106,10 +106,10 @@ def test_a_damping_matrix_of_the_model_is_reduced_with_it():
     model = plane_beam(20)
     viscous = 2.0 * model.mass + 1e-6 * model.stiffness
     own = FeModel(model.stiffness, model.mass, model.dofs, model.nodes, model.places, viscous)
-    recipe = imported(own, {"1": 1, "21": 21}, 3000.0)
+    recipe = reduce_to_ports(own, {"1": 1, "21": 21}, 3000.0)
     assert isinstance(recipe.damping, ViscousMatrix)
     joint, seen = Joint(("1:y", "1:rz")), Ports(np.linspace(10, 3000, 200), ("21:y",), ("21:y",))
-    law = family_of_recipe(imported(model, {"1": 1, "21": 21}, 3000.0, Rayleigh(2.0, 1e-6)))
+    law = family_of_recipe(reduce_to_ports(model, {"1": 1, "21": 21}, 3000.0, Rayleigh(2.0, 1e-6)))
     k = np.diag([1e7, 1e4])[None]
     exact, found = (receptance_model(b, joint, seen).receptance(k) for b in (law, family_of_recipe(recipe)))
     assert np.abs(found - exact).max() < 1e-6 * np.abs(exact).max()
@@ -121,7 +121,7 @@ def test_uncertain_parts_are_those_of_the_model_assembled_anew():
     ends = {q: tuple(np.exp(r)) for q, r in name.items() if "." in q}
     places = {"root": face(model, 0.0), "tip": face(model, 0.2)}
     law = LossFactor(0.01)
-    small = family_of_recipe(imported(model, places, TOP_HZ, law, ends=ends), name)
+    small = family_of_recipe(reduce_to_ports(model, places, TOP_HZ, law, ends=ends), name)
     labels = small.labels
     forms = np.stack([f for p, of in places.items() for f in ports.port_forms(model, Port(of), p).values()], axis=1)
     k = np.diag([1e8, 1e8, 1e8, 1e4, 1e4, 1e4])
@@ -143,7 +143,9 @@ def test_a_sheet_grows_with_the_third_power_of_its_thickness_in_bending_alone():
     bent = FeModel(
         model.stiffness, model.mass, model.dofs, model.nodes, model.places,
         parts={"end": type(part)(0.25 * part.stiffness, part.mass, 0.75 * part.stiffness)})  # fmt: skip
-    recipe = imported(bent, {"tip": face(model, 0.2)}, TOP_HZ, LossFactor(0.0), ends={"end.thickness": (0.8, 1.2)})
+    recipe = reduce_to_ports(
+        bent, {"tip": face(model, 0.2)}, TOP_HZ, LossFactor(0.0), ends={"end.thickness": (0.8, 1.2)}
+    )
     grown = 0.25 * 1.1 + 0.75 * 1.1**3 - 1
     whole = (model.stiffness + grown * part.stiffness).toarray(), (model.mass + 0.1 * part.mass).toarray()
     assert worst_frequency(recipe, *whole, factors={"end.thickness": 1.1}) < 1e-4
@@ -152,7 +154,7 @@ def test_a_sheet_grows_with_the_third_power_of_its_thickness_in_bending_alone():
 def test_accelerometers_weigh_at_their_port_as_masses_of_the_whole_model():
     model = brick_model((8, 1, 1))
     tip = face(model, 0.2)
-    recipe = imported(
+    recipe = reduce_to_ports(
         model, {"tip": tip}, TOP_HZ, LossFactor(0.0), accelerometer_mass=0.02, accelerometer_dofs=("tip:y",)
     )
     forms = np.stack([*ports.port_forms(model, Port(tip), "tip").values()], axis=1)[:, :3]
@@ -176,7 +178,7 @@ class TestPorts:
     def test_a_rigid_patch_is_the_model_with_its_nodes_tied(self):
         model = brick_model((4, 1, 1))
         tip = face(model, 0.2)
-        recipe = imported(model, {"tip": Port(tip, rigid=True)}, 20000.0, LossFactor(0.0))
+        recipe = reduce_to_ports(model, {"tip": Port(tip, rigid=True)}, 20000.0, LossFactor(0.0))
         arms = model.places - np.array(model.places)[np.isin(model.nodes, tip)].mean(axis=0)
         free = ~np.isin(model.dofs[:, 0], tip)
         tie = np.zeros((model.n_dofs, free.sum() + 6))
@@ -204,7 +206,7 @@ class TestPorts:
     )
     def test_what_is_not_there_is_named(self, port, words):
         with pytest.raises(ModelError, match=words):
-            imported(brick_model((2, 1, 1)), {"tip": port}, TOP_HZ, LossFactor(0.0))
+            reduce_to_ports(brick_model((2, 1, 1)), {"tip": port}, TOP_HZ, LossFactor(0.0))
 
 
 class TestRefused:
@@ -215,26 +217,26 @@ class TestRefused:
         loose[3, :] = loose[:, 3] = mass[3, :] = mass[:, 3] = 0.0
         broken = FeModel(loose, mass, model.dofs, model.nodes, model.places)
         with pytest.raises(ModelError, match="without stiffness and without mass"):
-            imported(broken, {"1": 1}, 1000.0, LossFactor(0.0))
+            reduce_to_ports(broken, {"1": 1}, 1000.0, LossFactor(0.0))
 
     def test_a_quantity_of_a_part_that_is_none(self):
         with pytest.raises(ModelError, match=r"wall\.thickness"):
-            imported(plane_beam(3), {"1": 1}, 1000.0, LossFactor(0.0), ends={"wall.thickness": (0.9, 1.1)})
+            reduce_to_ports(plane_beam(3), {"1": 1}, 1000.0, LossFactor(0.0), ends={"wall.thickness": (0.9, 1.1)})
 
     def test_lines_far_beyond_the_reduction(self):
-        body = family_of_recipe(imported(plane_beam(20), {"1": 1, "21": 21}, 1000.0, LossFactor(0.01)))
+        body = family_of_recipe(reduce_to_ports(plane_beam(20), {"1": 1, "21": 21}, 1000.0, LossFactor(0.01)))
         far = Ports(np.linspace(10, 4000, 50), ("21:y",), ("21:y",))
         with pytest.raises(ModelError, match="reduced up to 1000 Hz"):
             receptance_model(body, Joint(("1:y", "1:rz")), far)
 
     def test_no_damping_at_all(self):
         with pytest.raises(ModelError, match="no damping matrix and no damping law"):
-            imported(plane_beam(3), {"1": 1}, 1000.0)
+            reduce_to_ports(plane_beam(3), {"1": 1}, 1000.0)
 
 
 def test_supports_hold_what_they_say():
     model = plane_beam(20)
-    recipe = imported(model, {"21": 21}, 3000.0, LossFactor(0.0), supports=[(1, "y"), (1, "rz")])
+    recipe = reduce_to_ports(model, {"21": 21}, 3000.0, LossFactor(0.0), supports=[(1, "y"), (1, "rz")])
     # cantilever: f = 1.87510²/2π √(EI/ρA L⁴)
     root = np.sqrt(2.1e11 * 0.025**2 / 12 / 7800) / 0.383**2
     assert recipe.structure().modes().frequency_hz[0] == pytest.approx(1.8751041**2 / (2 * np.pi) * root, rel=1e-5)

@@ -104,7 +104,7 @@ class ReducedStructure(Structure):
 class ImportedRecipe(Recipe):
     """An imported model as its ports see it up to a frequency.
 
-    Made by `imported`; the model itself is not kept.
+    Made by `reduce_to_ports`; the model itself is not kept.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ class ImportedFamily(UncertainBody):
         return self.recipe.lumped_factor(of_one) if name == "accelerometer_mass" else of_one
 
 
-def imported(
+def reduce_to_ports(
     model: FeModel,
     ports: Mapping[str, Port | int | Sequence[int]],
     top_hz: float,
