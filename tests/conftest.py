@@ -150,6 +150,13 @@ def plain_reports() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True)
+def _print_as_before() -> Iterator[None]:
+    """With NumPy's way to print arrays as it was: pyyeti, which some tests load, changes it for all that follow."""
+    with np.printoptions():
+        yield
+
+
 @pytest.fixture(name="plain_reports")
 def _plain_reports() -> Iterator[None]:
     with plain_reports():
