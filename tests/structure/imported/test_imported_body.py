@@ -210,7 +210,10 @@ class TestPorts:
 
 
 class TestRefused:
-    def test_a_mechanism(self):
+    @pytest.mark.parametrize("dense", [True, False])
+    def test_a_mechanism(self, dense, monkeypatch):
+        if not dense:
+            monkeypatch.setattr(reduction, "_DENSE", 3)
         model = plane_beam(3)
         loose = model.stiffness.toarray()
         mass = model.mass.toarray()

@@ -32,6 +32,7 @@ _SHIFT_AT = 0.25  # of the band: σ = (2π · so much)²
 _BLOCKS, _FINER_BLOCKS = 3, 5
 _DENSE = 400  # a model of so few DOFs is solved whole
 _MODES_FIRST, _MOST_MODES = 24, 600
+_SOLVED = 1.0  # of a unit load at each DOF, which is some hundreds in length
 _SAME = 1e-9  # a vector of which less than this is new adds rounding only
 _STATIC = 1e-12  # part of the largest inverse eigenvalue below which a vector has no mass: it answers at once
 #: A motion is a rigid body's if its strain energy is no more than so many times the rounding of φᵀ|K|φ.
@@ -156,7 +157,10 @@ def _solver(matrix: Sparse, source: str) -> Callable[[Array], Array]:
         whole = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError:  # exactly singular
         raise _mechanism(source) from None
-    if not (whole.U.diagonal() > 0).all():
+    trial = np.random.default_rng(0).standard_normal((matrix.shape[0], 3))
+    answer = whole.solve(trial)  # its factors are not looked at: SuperLU copies them, which doubles the memory
+    left = np.linalg.norm(matrix @ answer - trial, axis=0)
+    if not (np.isfinite(answer).all() and ((answer * trial).sum(axis=0) > 0).all() and left.max() < _SOLVED):
         raise _mechanism(source)
     return lambda b: np.asarray(whole.solve(np.ascontiguousarray(b)))
 
