@@ -135,7 +135,7 @@ def page_of(kept: dict[str, Any]) -> str:
         "Told / true, least",
     ]
     where = kept["environment"]
-    return f"{table(head, rows)}\n{where['date']}, {where['cpu']}, Python {where['python']}, one core."
+    return "\n".join(table(head, rows)) + f"\n\n{where['date']}, {where['cpu']}, Python {where['python']}, one core."
 
 
 def main() -> None:

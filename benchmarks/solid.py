@@ -150,8 +150,8 @@ def main() -> None:
     likelihood = ratios()
     names = list(results["solid"]["coverage"])
     head = ["Spring", "Held by its 95 % interval"]
-    text = table(head, [[name, of_sets(results["solid"], name)] for name in names])
-    text += f"\nThe likelihood takes {likelihood['loss_factor']:.2f} times a beam's with a loss factor, "
+    text = "\n".join(table(head, [[name, of_sets(results["solid"], name)] for name in names]))
+    text += f"\n\nThe likelihood takes {likelihood['loss_factor']:.2f} times a beam's with a loss factor, "
     text += f"{likelihood['modal']:.2f} times with modal damping.\n\n{measured_where(results)}"
     print(text)
     RESULTS.write_text(json.dumps(results | {"likelihood": likelihood}, indent=1) + "\n")
