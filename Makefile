@@ -83,6 +83,9 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m benchmarks.model_error
 	$(BIN)/python -m benchmarks.two_levels
 	$(BIN)/python -m benchmarks.free_bar
+	$(BIN)/python -m benchmarks.large_model
+	$(BIN)/python -m benchmarks.solid
+	$(BIN)/python -m benchmarks.predictions
 	$(BIN)/python -m benchmarks.several_modes
 	$(BIN)/python -m benchmarks.false_alarms --sets 34
 	$(BIN)/python -m benchmarks.wrong_verdicts --sets 5
