@@ -70,6 +70,7 @@ AROUND = {
     "case-file-3": FRAME,
     "case-file-4": TIE,
     "case-file-5": BRACKET,
+    "imported-2": part_of("imported-1"),
     "joint-damping-1": SPRINGS.replace("krz = 1e5", "krz = 1e5, crz = 10.0, eta = 0.01"),
     "measured-2": FRF,
     "measured-3": FRF,
