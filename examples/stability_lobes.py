@@ -53,7 +53,8 @@ def limiting_depth(frf: np.ndarray, alpha: np.ndarray, lobes: int = 40) -> np.nd
         a = -2 * np.pi * eigenvalue.real / (TEETH * PRESSURE) * (1 + ratio**2)
         phase = np.pi - 2 * np.arctan(ratio)
         for wave in range(lobes):
-            speed = 60 * omega / (TEETH * (phase + 2 * np.pi * wave))
+            with np.errstate(divide="ignore"):  # no wave at all takes a tooth no time
+                speed = 60 * omega / (TEETH * (phase + 2 * np.pi * wave))
             low, high = np.minimum(speed[1:], speed[:-1]), np.maximum(speed[1:], speed[:-1])
             cut = (low <= SPEEDS[:, None]) & (high > SPEEDS[:, None]) & (a[1:] > 0) & (a[:-1] > 0)
             cut &= np.abs(np.diff(phase)) < 1.0  # no step across a branch of the arc tangent
@@ -74,7 +75,7 @@ def longer_tool(case: jb.Case) -> FrameRecipe:
 def main(figure: str) -> None:
     """Identify the joints, predict the longer tool's tip, draw the lobes."""
     case = jb.load_case(CASE)
-    posterior = jb.sample(case, seed=1)
+    posterior = jb.sample(case, seed=1)  # the joints, from the tap test of the shorter tool
     tip = jb.Ports(LINES, ("tool.tip:y",), ("tool.tip:y",))
     found = posterior.predict(longer_tool(case), tip, max_draws=200)
     alpha = averaged_coefficients(0.0, np.pi)  # a slot

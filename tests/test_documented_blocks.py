@@ -132,6 +132,8 @@ def fault_of(words):
             return ""
         case ["make", target, *_]:
             return "" if target in targets else f"no target {target}"
+        case ["python", script, *_] if script.startswith("examples/"):
+            return "" if (ROOT / script).is_file() else f"no file {script}"
         case ["python" | "python3", "-m", module, *_]:
             return "" if module == "venv" or importlib.util.find_spec(module) else f"no module {module}"
         case ["eval", completion] | [completion, "jointbayes"] if "_JOINTBAYES_COMPLETE=" in completion:
