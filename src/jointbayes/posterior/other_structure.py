@@ -31,7 +31,7 @@ from vibrecords import ModeData, Observed, Quantity, quantity_factor
 from vibrecords.arrays import Array
 
 #: Quantities of a structure's own sizes: those of another one are measured anew, and off by another error.
-_OWN = frozenset({"length", "accelerometer_mass"})
+_OWN = frozenset({"length", "accelerometer_mass", "axial_force"})
 _SEED = 9
 _FEWEST_MODES, _MOST_MODES = 3, 40
 _SURE = 1e-9  # of a natural frequency: nothing is measured here, so nothing is off by noise
@@ -300,8 +300,8 @@ def _frfs(there: Problem, theta: Array, ports: Ports, errors: Array | None, freq
 
 def _premises(part: Problem, there: Problem, errors: Array | None) -> tuple[str, ...]:
     """What the prediction takes for granted, beside the run's own premises."""
-    names = there.test.structures.names
-    held = f"Uncertain besides the joint: {', '.join(names)}." if names else "The new structure is taken as exact."
+    words = [n.replace("youngs_modulus", "Young's modulus").replace("_", " ") for n in there.test.structures.names]
+    held = f"Uncertain besides the joint: {', '.join(words)}." if words else "The new structure is taken as exact."
     sentences = [f"The joint is that of {part.test.name or part.name}: {part.test.joints}.", held]
     if errors is not None:
         sd = 100 * float(np.median(errors.std(axis=0)))

@@ -51,7 +51,7 @@ def build_prediction_report(found: OtherStructure, other: OtherCase, run: str) -
     """Build the report of a prediction, natural frequencies first."""
     first = found.rows()[0]
     lead: list[Block] = [
-        Callout("good", f"**The first natural frequency will be {first[1]} ({first[2]}).**"),
+        Callout("caution" if found.never_asked else "good", f"**The first natural frequency will be {first[1]} ({first[2]}).**"),
         Paragraph(f"The joint is that of {foreign(run)}; this structure was never tested with it."),
         *(Callout("caution", foreign(sentence)) for sentence in found.never_asked),
     ]
