@@ -13,7 +13,7 @@ from jointbayes.report.canvas import panels, svg
 from jointbayes.report.frf_curves import frf_unit
 from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import Block, Callout, Figure, Paragraph, Report, ReportSection, Table
+from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.studies.study_directory import write_study
 
@@ -50,8 +50,9 @@ def _bands(found: OtherStructure) -> list[str]:
 def build_prediction_report(found: OtherStructure, other: OtherCase, run: str) -> Report:
     """Build the report of a prediction, natural frequencies first."""
     first = found.rows()[0]
+    kind: Kind = "caution" if found.never_asked else "good"
     lead: list[Block] = [
-        Callout("caution" if found.never_asked else "good", f"**The first natural frequency will be {first[1]} ({first[2]}).**"),
+        Callout(kind, f"**The first natural frequency will be {first[1]} ({first[2]}).**"),
         Paragraph(f"The joint is that of {foreign(run)}; this structure was never tested with it."),
         *(Callout("caution", foreign(sentence)) for sentence in found.never_asked),
     ]
