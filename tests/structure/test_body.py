@@ -3,6 +3,7 @@
 import json
 import re
 import tracemalloc
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.frf import DirectSolve, Ports, receptance_model
-from jointbayes.structure import Body
+from jointbayes.structure import Body, LossFactor
 from tests.structure.long_rod import LongRod
 from vibrecords import FrfSet
 
@@ -124,3 +125,43 @@ def test_nobody_outside_the_room_asks_a_body_for_its_matrices():
     assert {"nominal", "structure", "stiffness", "mass", "modes"}.isdisjoint(dir(Body))
     # the reference solver, and the synthetic FRFs that it makes
     assert len(lines_outside_the_room(r"(?:isinstance|require)\([^()]*\bStructure\b")) == 2
+
+
+def test_a_body_may_be_a_dataclass_whose_fields_are_what_is_asked_of_it():
+    @dataclass(frozen=True)
+    class Point(Body):
+        labels: tuple[str, ...]
+        place: np.ndarray  # without a default after what a property of `Body` would be the default of
+        names: tuple[str, ...]
+        damping: LossFactor
+
+        def reach_hz(self, count):
+            return 1.0
+
+        def rigid_motions(self, dofs):
+            return np.ones((len(dofs), 1))
+
+        def free_modes(self, dofs, motions, forced=None):
+            raise NotImplementedError
+
+    point = Point(("1:x",), np.zeros(3), ("density",), LossFactor(0.0))
+    assert (point.labels, point.names, point.n_dofs) == (("1:x",), ("density",), 1)
+    with pytest.raises(TypeError, match="missing 4 required"):
+        Point()
+
+
+def test_a_body_without_labels_says_what_it_lacks():
+    class Nothing(Body):
+        damping = LossFactor(0.0)
+
+        def reach_hz(self, count):
+            return 1.0
+
+        def rigid_motions(self, dofs):
+            return np.ones((len(dofs), 1))
+
+        def free_modes(self, dofs, motions, forced=None):
+            raise NotImplementedError
+
+    with pytest.raises(NotImplementedError, match="Nothing has no labels"):
+        Nothing().n_dofs  # noqa: B018

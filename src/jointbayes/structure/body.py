@@ -1,9 +1,10 @@
 """A body without its joints, as forward models, search, checks and report see it: by its motions, never by matrices."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from inspect import get_annotations
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -26,6 +27,20 @@ class Discretisation:
     kind: str
     elements: int
     order: int
+
+
+if TYPE_CHECKING:
+    stated = property
+else:
+
+    class stated:  # noqa: N801 (a decorator)
+        """A property that a dataclass may have as a field: it is no default, and an instance's own value wins."""
+
+        def __init__(self, get: Callable[[Any], Any]) -> None:
+            self._get, self.__doc__ = get, get.__doc__
+
+        def __get__(self, instance: object | None, owner: type | None = None) -> Any:  # noqa: ANN401
+            return self if instance is None else self._get(instance)
 
 
 class FreeModes(Protocol):
@@ -52,18 +67,29 @@ class Body(ABC):
         def damping(self) -> DampingLaw:
             """Damping law, at all factors 1."""
 
+    def __init_subclass__(cls, **options: Any) -> None:  # noqa: ANN401 (of other bases)
+        """Let what is `stated` be a field without a default, wherever it stands among the fields of a dataclass."""
+        super().__init_subclass__(**options)
+        for name in get_annotations(cls):
+            if name not in cls.__dict__ and isinstance(getattr(cls, name, None), stated):
+                setattr(cls, name, field())
+
     def __repr__(self) -> str:
         law = type(self.damping).__name__
         return f"{type(self).__name__}({self.n_dofs} DOFs, {self.labels[0]} to {self.labels[-1]}, {law})"
 
-    @property
-    @abstractmethod
+    @stated
     def labels(self) -> Sequence[str]:
         """Labels of its DOFs such as ``"11:y"``; of many a sequence that makes them when they are asked for."""
+        raise NotImplementedError(f"{type(self).__name__} has no labels of its DOFs")
 
     @abstractmethod
     def reach_hz(self, count: int) -> float:
-        """A frequency above the first `count` natural frequencies, whatever holds at most six DOFs, Hz."""
+        """A frequency above the first `count` natural frequencies, whatever holds at most six DOFs, Hz.
+
+        That of the body's own mode number `count` + 6, rigid-body modes, which are at 0 Hz, counted with the others: a
+        solid that floats has six, so that of it `reach_hz(3)` is above its third elastic mode.
+        """
 
     @abstractmethod
     def rigid_motions(self, dofs: Rows) -> Array:
@@ -106,7 +132,7 @@ class Body(ABC):
         """Where a DOF is, m; None where that is not known."""
         return None
 
-    @property
+    @stated
     def names(self) -> tuple[str, ...]:
         """The q uncertain quantities."""
         return ()
