@@ -7,6 +7,7 @@ from scipy import linalg
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
+from jointbayes.identification import sensitivity_iteration
 from jointbayes.joint import Joint
 from jointbayes.structure import (
     FeModel,
@@ -21,6 +22,7 @@ from jointbayes.structure import (
 )
 from jointbayes.structure.imported import nodes_in_box, ports, reduction
 from tests.structure.imported.fe_models import plane_beam
+from vibrecords import FrfSet
 
 TOP_HZ = 6000.0
 LINES = np.linspace(20.0, TOP_HZ, 300)
@@ -246,3 +248,20 @@ def test_supports_hold_what_they_say():
     assert recipe.structure().rigid == 0
     with pytest.raises(ModelError, match="no DOF 1:z"):
         model.held([(1, "z")])
+
+
+def test_the_paper_iteration_converges_to_what_its_reduction_allows(monkeypatch):
+    monkeypatch.setattr(reduction, "_BLOCKS", 1)  # a poor one, whose error shows
+    model = plane_beam(60)
+    labels = tuple(f"{node}:{'y' if way == 2 else 'rz'}" for node, way in model.dofs)
+    law, joint, truth = LossFactor(0.01), Joint(("1:y", "1:rz")), np.array([3e7, 1e5, 2e5])
+    whole = family_of_recipe(MatrixRecipe(model.stiffness.toarray(), model.mass.toarray(), labels, law))
+    small = family_of_recipe(reduce_to_ports(model, {"1": 1, "61": 61}, 2000.0, law))
+    seen = Ports(np.linspace(10, 2000, 300), ("61:y", "1:y", "1:rz"), ("61:y",))
+    matrix = np.array([[[truth[0], truth[1]], [truth[1], truth[2]]]])
+    values = receptance_model(whole, joint, seen).receptance(matrix)[0]
+    measured = FrfSet(seen.frequency_hz, values, seen.outputs, seen.inputs)
+    found = sensitivity_iteration(small, joint, measured, ("61:y",), (2.98e7, 9.9e4, 1.99e5), sensitivity="analytical")
+    assert found.converged, found.reason
+    assert found.stiffness == pytest.approx(truth, rel=1e-2)
+    assert "threshold 1e-09" not in found.reason  # which no joint of the reduced model reaches
