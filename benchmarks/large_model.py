@@ -120,7 +120,7 @@ def page_of(kept: dict[str, Any]) -> str:
             f"{r['memory_gb']:.1f}",
             f"{r['error']:.1e}",
             f"{r['told']:.1e}",
-            f"{r['told_over_true']:.2f}",
+            "–" if np.isnan(r["told_over_true"]) else f"{r['told_over_true']:.2f}",
         ]
         for name, r in kept["rows"].items()
     ]

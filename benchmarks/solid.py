@@ -148,14 +148,25 @@ def main() -> None:
     rows = kept_rows(KEPT / "solid.jsonl", "solid", options.sets, partial(row_of, analyse=analyse, judged="ky"))
     results: dict[str, Any] = {"solid": summary(rows, "ky")}
     likelihood = ratios()
-    names = list(results["solid"]["coverage"])
-    head = ["Spring", "Held by its 95 % interval"]
-    text = "\n".join(table(head, [[name, of_sets(results["solid"], name)] for name in names]))
-    text += f"\n\nThe likelihood takes {likelihood['loss_factor']:.2f} times a beam's with a loss factor, "
-    text += f"{likelihood['modal']:.2f} times with modal damping.\n\n{measured_where(results)}"
+    text = page_of(results | {"likelihood": likelihood})
     print(text)
     RESULTS.write_text(json.dumps(results | {"likelihood": likelihood}, indent=1) + "\n")
     write_between(PAGE, "solid.py", text)
+
+
+def page_of(results: dict[str, Any]) -> str:
+    """Table and sentences of the page."""
+    study, likelihood = results["solid"], results["likelihood"]
+    head = ["Spring", "Held by its 95 % interval"]
+    text = "\n".join(table(head, [[name, of_sets(study, name)] for name in study["coverage"]]))
+    none = study["verdicts"].get("no verdict", 0)
+    text += (
+        f"\n\nIn {none} of {study['data_sets']} of these short runs there is no verdict: along kx, which hardly shows, "
+    )
+    text += "the density has many small hills, and a draw leads to a higher one than the search found. "
+    text += f"The likelihood takes {likelihood['loss_factor']:.2f} times a beam's with a loss factor, "
+    text += f"{likelihood['modal']:.2f} times with modal damping."
+    return f"{text}\n\n{measured_where({'solid': study})}"
 
 
 if __name__ == "__main__":
