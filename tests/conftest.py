@@ -150,10 +150,13 @@ def plain_reports() -> Iterator[None]:
         yield
 
 
+_PRINTED = np.get_printoptions()
+
+
 @pytest.fixture(autouse=True)
 def _print_as_before() -> Iterator[None]:
     """With NumPy's way to print arrays as it was: pyyeti, which some tests load, changes it for all that follow."""
-    with np.printoptions():
+    with np.printoptions(**_PRINTED):
         yield
 
 

@@ -253,8 +253,8 @@ class Streams:
     Examples
     --------
     >>> first, second = (Streams.from_generator(np.random.default_rng(1)) for _ in range(2))
-    >>> first.block(2, 7).generate_state(1) == second.block(2, 7).generate_state(1)
-    array([ True])
+    >>> (first.block(2, 7).generate_state(1) == second.block(2, 7).generate_state(1)).tolist()
+    [True]
     """
 
     root: np.random.SeedSequence
