@@ -161,9 +161,12 @@ def page_of(results: dict[str, Any]) -> str:
     text = "\n".join(table(head, [[name, of_sets(study, name)] for name in study["coverage"]]))
     none = study["verdicts"].get("no verdict", 0)
     text += (
-        f"\n\nIn {none} of {study['data_sets']} of these short runs there is no verdict: along kx, which hardly shows, "
+        f"\n\nIn {none} of {study['data_sets']} of these short runs there is no verdict: the axial resonance, by which "
     )
-    text += "the density has many small hills, and a draw leads to a higher one than the search found. "
+    text += (
+        "kx shows, is narrower than the 49 Hz between lines, so that the density along kx is a comb, and a draw leads "
+    )
+    text += "to a higher tooth than the search. "
     text += f"The likelihood takes {likelihood['loss_factor']:.2f} times a beam's with a loss factor, "
     text += f"{likelihood['modal']:.2f} times with modal damping."
     return f"{text}\n\n{measured_where({'solid': study})}"
