@@ -36,16 +36,22 @@ def column(values):
     return np.asarray(values)[:, None]
 
 
+def displayed(unit):
+    """A quantity of Test.Lab: values are stored in SI, times `factor` they are what the label says."""
+    factor = {"g": 1 / G, "g/N": 1 / G, "g/V": 1 / G, "g^2/Hz": G**-2}.get(unit, 1.0)
+    about = "Data saved by Test.Lab in MKS"
+    return {"label": unit, "unit_transformation": {"factor": factor, "log_reference": 1.0}, "info": about}
+
+
 def siemens(values=V, unit="g/N", kind="FRF", labels=("Tip:1:+Z", "Tip:2:+X"), x_unit="Hz", **x):
     """A struct of Test.Lab."""
     axis = {"start_value": 10.0, "increment": 0.5, "number_of_values": float(len(values))} | x
-    quantity = {"label": unit, "unit_transformation": {"log_reference": 1.0}}
     about = {"name": f"{kind} {labels[0]}", "type": kind, "primary_channel": {"label": labels[0]}}
     if labels[1]:
         about["first_reference_channel"] = {"label": labels[1]}
     return {
         "x_values": axis | {"quantity": {"label": x_unit}},
-        "y_values": {"values": np.reshape(values, (len(values), -1)), "quantity": quantity},
+        "y_values": {"values": np.reshape(values, (len(values), -1)), "quantity": displayed(unit)},
         "function_record": about,
     }
 
@@ -54,7 +60,7 @@ def signal(values=X, names=("3:Point1", "4:Point2"), unit="g", increment=1 / 256
     """Time histories of several channels in one struct of Test.Lab."""
     return {
         "x_values": {"start_value": 0.0, "increment": increment, "number_of_values": 12.0, "quantity": {"label": "s"}},
-        "y_values": {"values": values, "quantity": {"label": unit}},
+        "y_values": {"values": values, "quantity": displayed(unit)},
         "function_record": {"name": list(names), "type": "Signal"},
     }
 
@@ -87,42 +93,51 @@ ELEMENTS = [{"name": f"P{i + 1}", "H": column(H[:, i]), "f": column(F)} for i in
 
 #: Name: what the file holds, what its records are, and the formats where not all four.
 FILES = {
-    "test.lab frf": ({"FRF": siemens()}, [frf("Tip:1:+Z", "Tip:2:+X", G * V, quantity="accelerance", factor=G)]),
+    "test.lab frf": ({"FRF": siemens()}, [frf("Tip:1:+Z", "Tip:2:+X", quantity="accelerance", averages=None)]),
+    "test.lab averages":
+        ({"FRF": siemens() | {"function_record": siemens()["function_record"] | {"average": {"nr_of_averages": 5.0}}}},
+        [frf("Tip:1:+Z", "Tip:2:+X", averages=5)]),
+    "test.lab said to be in MKS":
+        ({"FRF": siemens() | {"y_values": {"values": column(V), "quantity": {"label": "g/N", "info": "saved in MKS"}}}},
+        [frf("Tip:1:+Z", "Tip:2:+X", quantity="accelerance")]),
+    "test.lab in SI or in g":
+        ({"FRF": siemens() | {"y_values": {"values": column(V), "quantity": {"label": "g/N"}}}},
+        [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="g/N (or SI: no factor in the file)")]),
     "test.lab frf in si": ({"FRF": siemens(unit="(m/s^2)/N")}, [frf("Tip:1:+Z", "Tip:2:+X", quantity="accelerance")]),
     "test.lab per volt":
         ({"FRF": siemens(unit="g/V")}, [frf("Tip:1:+Z", "Tip:2:+X", quantity="accelerance", factor=None)]),
     "test.lab unknown unit": ({"FRF": siemens(unit="EU")}, [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="EU")]),
     "test.lab coherence beside":
         ({"FRF": siemens(), "Coherence": siemens(C, "", "Coherence")},
-        [frf("Tip:1:+Z", "Tip:2:+X", G * V, coherence=C)]),
+        [frf("Tip:1:+Z", "Tip:2:+X", coherence=C)]),
     "test.lab coherence alone":
         ({"Coherence": siemens(C, "", "Coherence")},
         [{"kind": CoherenceRecord, "response": "Tip:1:+Z", "reference": "Tip:2:+X", "frequency_hz": F, "values": C}]),
     "test.lab channels in the name":
         ({"FRF_1": siemens() | {"function_record": {"name": "FRF Tip:1:+Z/Tip:2:+X", "type": "FRF"}}},
-        [frf("Tip:1:+Z", "Tip:2:+X", G * V)]),
+        [frf("Tip:1:+Z", "Tip:2:+X")]),
     "test.lab unit and factor differ":
         ({"FRF":
         siemens() | {"y_values":
-        {"values": column(V), "quantity": {"label": "g/N", "unit_transformation": {"factor_to_si": 1.0}}}}},
-        [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="g/N (factor_to_si 1)")]),
+        {"values": column(V), "quantity": {"label": "g/N", "unit_transformation": {"factor": 1.0}}}}},
+        [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="g/N (factor 1)")]),
     "test.lab uneven lines":
         ({"FRF": siemens(values=V, unit="m/N") | {"x_values": {"values": F**1.5, "quantity": {"label": "Hz"}}}},
         [frf("Tip:1:+Z", "Tip:2:+X", lines=F**1.5, quantity="receptance")]),
     "test.lab time":
         ({"Signal": signal(names=("3:Point1", "µ-mid"))},
-        [history("3:Point1", G * X[:, 0], quantity="acceleration"), history("µ-mid", G * X[:, 1], unit="g")],
+        [history("3:Point1", X[:, 0], quantity="acceleration"), history("µ-mid", X[:, 1], unit="m/s^2")],
         WITH_LISTS),
     "test.lab time one":
         ({"Signal_0": signal(X[:, :1], ["hammer"], "N"), "Signal_1": signal(X[:, 1:], ["tip"], "g")},
-        [history("hammer", X[:, 0], quantity="force"), history("tip", G * X[:, 1])], WITH_LISTS),
+        [history("hammer", X[:, 0], quantity="force"), history("tip", X[:, 1])], WITH_LISTS),
     "test.lab spectrum":
         ({"PSD": siemens(C, "g^2/Hz", "PSD")},
         [{"kind": SpectrumRecord, "channel": "Tip:1:+Z", "frequency_hz": F, "values": C, "unit": "g^2/Hz"}]),
     "test.lab array of structs":
         ({"FRF": [siemens(V, labels=("a", "h")), siemens(H[:, 1], labels=("b", "h"))]},
-        [frf("a", "h", G * V), frf("b", "h", G * H[:, 1])], WITH_LISTS),
-    "test.lab structs in a struct": ({"run": {"one": {"FRF": siemens()}}}, [frf("Tip:1:+Z", "Tip:2:+X", G * V)]),
+        [frf("a", "h"), frf("b", "h", H[:, 1])], WITH_LISTS),
+    "test.lab structs in a struct": ({"run": {"one": {"FRF": siemens()}}}, [frf("Tip:1:+Z", "Tip:2:+X")]),
     "signalcalc":
         (SIGNAL_CALC | {"PSD_chan_1": column(C), "Time_domain": column(T), "Time_chan_1": column(X[:, 0])},
         [frf("channel 2", "channel 1", coherence=C), frf("channel 3", "channel 1", H[:, 1]),

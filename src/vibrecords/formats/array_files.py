@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vibrecords.arrays import complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import matlab_5
+from vibrecords.formats.matlab_4 import read_matlab_4
 from vibrecords.formats.matlab_5 import Block, MatrixOf, Unread, full_matrix
 from vibrecords.formats.written_by import WRITTEN_BY
 from vibrecords.records import LONGEST_LABEL, MOST_RECORDS, refuse_damage
@@ -36,7 +37,7 @@ def read_arrays(path: Path, kind: str, most: int = 0, matrix: MatrixOf = full_ma
     Parameters
     ----------
     path, kind
-        The file: ``npz``, ``mat``, ``mat73`` or ``hdf5``.
+        The file: ``npz``, ``mat``, ``mat4``, ``mat73`` or ``hdf5``.
     most
         Bytes that it may unpack to, where that is more than FRFs do.
     matrix
@@ -380,6 +381,7 @@ def _matlab_variable(group: Any, key: str, value: Any) -> None:  # noqa: ANN401
 _READERS: dict[str, Callable[[Path, int, MatrixOf], Block]] = {
     "npz": _read_npz,
     "mat": matlab_5.read_matlab,
+    "mat4": read_matlab_4,
     "mat73": partial(_read_hdf5, matlab=True),
     "hdf5": _read_hdf5,
 }

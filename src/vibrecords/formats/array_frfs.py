@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from vibrecords.arrays import Array, complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.matlab_5 import Unread
-from vibrecords.formats.named_arrays import Block, is_complex, rises, size_of, square_error, two_axes_error
+from vibrecords.formats.named_arrays import (
+    Block,
+    is_complex,
+    rises,
+    size_of,
+    square_error,
+    tokens_of,
+    two_axes_error,
+)
 from vibrecords.formats.units import in_hz, read_frf_unit, scaled
 from vibrecords.frf_set import Quantity
 from vibrecords.records import HIGHEST_HZ, MOST_AVERAGES, CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord
@@ -71,15 +79,16 @@ def _frfs(block: Block) -> list[_Values]:
     named = block.named("frf") or [name for name in array_like if name.lower() in ("frf", "frfs")]
     arrays = {name: block.numbers(name, np.complex128) for name in named}
     frfs += [_Values(name, values) for name, values in arrays.items() if is_complex(block.get(name))]
-    left = [f"'{name}' not read: [data.layout] can name it" for name in block.named("") if is_complex(block.get(name))]
-    frfs = [replace(frf, notes=[*frf.notes, *left[:8]]) for frf in frfs]
+    frfs = [replace(frf, notes=[*frf.notes, *block.unread()]) for frf in frfs]
     if named and not frfs:
         frfs = [_polar(block, *names) for names in _pairs(block, block.named("frf"), phases)]
     if named and not frfs:
+        path, parts = block.path(named[0]), columns_of_parts(block.get(named[0]), block.path(named[0]))
+        remedy = f'magnitude = "{path}" and phase_deg, or real and imaginary'
         raise MeasurementError(
             f"{block.where(named[0])}: found real numbers, which may be the real part of an FRF or its magnitude; "
-            f'expected complex numbers, or the other part beside it; write magnitude = "{block.path(named[0])}" and '
-            "phase_deg, or real and imaginary, in [data.layout]"
+            "expected complex numbers, or the other part beside it; write "
+            f"{f'{parts}, or magnitude and phase_deg so' if parts else remedy}, in [data.layout]"
         )
     if len(frfs) > 1 and {frf.name.lower() for frf in frfs} <= {"h1", "h2", "hv"}:
         raise MeasurementError(
@@ -87,6 +96,17 @@ def _frfs(block: Block) -> list[_Values]:
             f'several channels; expected one of them; write frf = "{block.path(named[0])}" in [data.layout]'
         )
     return frfs
+
+
+def columns_of_parts(value: Any, path: str) -> str:  # noqa: ANN401
+    """Keys of a layout for a real matrix of two or three columns or rows, the first of three an axis; else empty."""
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf" or value.ndim != 2 or max(value.shape) < 4:
+        return ""
+    columns, form = (value.shape[1], "(:,{})") if value.shape[1] in (2, 3) else (value.shape[0], "({},:)")
+    if columns not in (2, 3) or (columns == 3 and not rises(value[:, 0] if form[1] == ":" else value[0])):
+        return ""
+    keys = ("frequency_hz", "real", "imaginary")[-columns:]
+    return ", ".join(f'{key} = "{path}{form.format(i)}"' for i, key in enumerate(keys, start=1))
 
 
 def _pairs(block: Block, names: list[str], others: list[str]) -> Iterator[tuple[str, str]]:
@@ -297,20 +317,35 @@ def _averages(block: Block) -> int | None:
     return int(values[0])
 
 
+def _mode_names(block: Block) -> dict[str, str]:
+    """Names of what modes are made of: as pyOMA or the user names them, or frequencies with as many damping ratios."""
+    ours = {"fn": "mode_frequencies_hz", "xi": "damping_ratios", "phi": "mode_shapes"}
+    named = {key: (ours.get(key, key), key) for key in ("fn", "fn_std", "xi", "xi_std", "phi")}
+    found = {key: next((n for n in names if size_of(block.get(n))), "") for key, names in named.items()}
+    if not found["fn"]:
+        ratios = [n for n in block.arrays if "damping" in tokens_of(n) and {"ratio", "ratios"} & {*tokens_of(n)}]
+        axes = block.named("frequency", 1)
+        sizes = {size_of(block.get(n)) for n in (*ratios, *axes)}
+        if len(ratios) == len(axes) == len(sizes) == 1 and 0 not in sizes and not block.named("frf"):
+            found |= {"fn": axes[0], "xi": ratios[0]}
+    return {key: name for key, name in found.items() if name}
+
+
 def mode_records(block: Block) -> Iterator[ModeRecord]:
-    """Modes of a block, as pyOMA names them: ``Fn``, Hz, damping ratios ``Xi``, shapes ``Phi`` (channels x modes).
+    """Modes of a block: frequencies ``Fn``, Hz, ratios ``Xi``, shapes ``Phi`` (channels x modes), as pyOMA has them.
 
     Raises
     ------
     MeasurementError
         If a frequency is none, or shapes do not agree.
     """
-    if not size_of(block.get("fn")):
+    names = _mode_names(block)
+    if "fn" not in names:
         return
-    of_modes = {key: block.numbers(key).ravel() for key in ("fn", "fn_std", "xi", "xi_std") if size_of(block.get(key))}
-    frequency, notes, where = of_modes["fn"], [], block.where("fn")
+    of_modes = {key: block.numbers(name).ravel() for key, name in names.items() if key != "phi"}
+    frequency, notes, where = of_modes["fn"], [], block.where(names["fn"])
     count = frequency.size
-    shapes = block.numbers("phi", np.complex128) if size_of(block.get("phi")) else np.empty((0, count))
+    shapes = block.numbers(names["phi"], np.complex128) if "phi" in names else np.empty((0, count))
     shapes = shapes.reshape(-1, 1) if shapes.ndim == 1 and count == 1 else shapes
     if shapes.ndim == 2 and shapes.shape[0] == count > 1:
         square = shapes.shape[1] == count
@@ -332,7 +367,7 @@ def mode_records(block: Block) -> Iterator[ModeRecord]:
     labels = block.strings("dofs") or block.strings("channels") or [f"channel {i + 1}" for i in range(len(shapes))]
     if len(set(labels)) != len(shapes):
         found = f"found {len(labels)} channels for {len(shapes)} rows"
-        raise MeasurementError(f"{block.where('phi')}: {found}; expected one for each; correct them")
+        raise MeasurementError(f"{block.where(names.get('phi', 'phi'))}: {found}; expected one for each; correct them")
     for i in range(count):
         of_mode = {key: float(values[i]) for key, values in of_modes.items() if np.isfinite(values[i])}
         sd, ratio, ratio_sd = (of_mode.get(key) for key in ("fn_std", "xi", "xi_std"))

@@ -11,12 +11,29 @@ from numpy.typing import NDArray
 
 from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.array_frfs import frequency_records, mode_records
+from vibrecords.formats.array_frfs import columns_of_parts, frequency_records, mode_records
 from vibrecords.formats.columns import TIME_S
 from vibrecords.formats.matlab_5 import Unread
-from vibrecords.formats.named_arrays import ALIASES, Block, is_text, rises, size_of, strings, time_records, tokens_of
+from vibrecords.formats.named_arrays import (
+    ALIASES,
+    Block,
+    is_text,
+    is_two_sided,
+    rises,
+    size_of,
+    strings,
+    time_records,
+    tokens_of,
+)
 from vibrecords.formats.table_text import float_of
-from vibrecords.formats.units import frequency_factor, frf_unit, parse_unit
+from vibrecords.formats.units import (
+    frequency_factor,
+    frf_unit,
+    parse_unit,
+    sensor_unit,
+    si_frf_unit,
+    si_sensor_unit,
+)
 from vibrecords.records import CoherenceRecord, FrfRecord, Record
 
 #: Keys of a layout that name an axis, with the roles that they replace, and those that may be a number as well.
@@ -29,10 +46,11 @@ _NUMBERS = ("f_start_hz", "f_step_hz", "sample_rate_hz")
 #: Keys of a layout that name values; where one is given, nothing else is read.
 _DATA = (
     *("frf", "real", "imaginary", "magnitude", "magnitude_db", "phase", "phase_deg", "phase_rad", "coherence"),
-    *("samples", "force", "response"),
+    *("samples", "force", "response", "mode_frequencies_hz", "damping_ratios", "mode_shapes"),
 )
 _VALUES = {"", "frf", "coherence", "spectrum", "real", "imaginary", "magnitude", "phase", "signal", "samples"}
 _VALUES |= {"outputs", "inputs"}
+_OVER_FREQUENCY = {"frequency", "omega", *_VALUES} - {"signal", "samples"}
 #: Keys of a layout for arrays.
 LAYOUT_KEYS = (*_AXES, *_DATA)
 _MOST_LISTED = 8
@@ -59,6 +77,7 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
     """
     blocks = list(_blocks(tree, "", None, sign))
     used = _name_arrays(blocks, layout) if layout else list(_expand_structs(blocks))
+    used = [_non_negative_half(block) for block in used]
     apart: dict[tuple[str, str], list[CoherenceRecord]] = {}
     for record in _records(block for block in used if block.named("coherence")):
         if isinstance(record, CoherenceRecord):
@@ -80,7 +99,12 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
 
 def _records(blocks: Iterable[Block]) -> Iterator[Record]:
     """Records of blocks one by one, without warnings of NumPy: a file may hold any number."""
-    records = (r for block in blocks for part in (frequency_records, time_records, mode_records) for r in part(block))
+    records = (
+        replace(record, notes=(*record.notes, *block.notes)) if block.notes else record
+        for block in blocks
+        for part in (frequency_records, time_records, mode_records)
+        for record in part(block)
+    )
     while True:
         with np.errstate(all="ignore"):
             record = next(records, None)
@@ -99,6 +123,21 @@ def _blocks(tree: Mapping[str, Any], place: str, outer: Block | None, sign: str,
         elif isinstance(value, list):
             for position, element in _elements(value, f"{place}{name}", "()"):
                 yield from _blocks(element, f"{position}{sign}", block, sign, label=position)
+
+
+def _non_negative_half(block: Block) -> Block:
+    """A block without the negative half of a frequency axis and of what stands over it; others as they are."""
+    axis = next((n for role in ("frequency", "omega") for n in block.named(role) if is_two_sided(block.get(n))), None)
+    if axis is None:
+        return block
+    lines, arrays = block.numbers(axis).ravel(), dict(block.arrays)
+    kept = np.argsort(lines)[np.count_nonzero(lines < 0) :]
+    for name, value in block.arrays.items():
+        if size_of(value) and block.meanings[name].role in _OVER_FREQUENCY:
+            for i in [i for i, size in enumerate(np.shape(value)) if size == lines.size]:
+                arrays[name] = np.take(arrays[name], kept, axis=i)
+    note = f"two-sided axis '{block.path(axis)}': {kept.size} of {lines.size} lines, from 0 Hz on"
+    return block.with_arrays(arrays, note)
 
 
 def _expand_structs(blocks: list[Block]) -> Iterator[Block]:
@@ -123,7 +162,8 @@ def _elements(values: list[Any], place: str, brackets: str) -> Iterator[tuple[st
 # ---- structs that describe themselves
 # Siemens Test.Lab: `x_values` (`start_value`, `increment`, `number_of_values`, or `values` of uneven lines), `y_values`
 # (`values`, one column for each channel), `function_record` (`type`, `name`, channels); each axis has a `quantity` with
-# its `label`. Polytec's file access: `x`, `y` (one row for each point) and `usd`, their description.
+# its `label`. Polytec's file access: `x`, `y` (one row for each point) and `usd`, their description. SEP 5 of SDyPy:
+# `data` of a channel with `name`, `unit_str`, and `fs` or `time`.
 
 
 def _expand(block: Block) -> Iterator[Block] | None:
@@ -136,6 +176,8 @@ def _expand(block: Block) -> Iterator[Block] | None:
     """
     if isinstance(block.get("x_values"), dict) and isinstance(block.get("y_values"), dict):
         return _test_lab(block)
+    if {"data", "name", "unit_str"} <= block.arrays.keys() and not {"fs", "time"}.isdisjoint(block.arrays):
+        return iter([_sep_5(block)])
     if isinstance(block.get("usd"), dict) and size_of(block.get("x")) > 1 and size_of(block.get("y")) > 1:
         return _polytec(block)
     return None
@@ -163,12 +205,29 @@ def _test_lab(block: Block) -> Iterator[Block]:
         outputs = [f"{struct} {i + 1}" for i in range(count)] if count > 1 else [struct]
     inputs = inputs * count if len(inputs) == 1 else inputs
     labels = zip(outputs, inputs if len(inputs) == count else ["input 1"] * count, strict=True)
-    unit, factor = _struct(y, "quantity").string("label"), _struct(_struct(y, "quantity"), "unit_transformation")
-    of_label, stated = parse_unit(unit), factor.scalar("factor_to_si")
-    if of_label and stated and not abs(stated / of_label.factor - 1) < 1e-3:
-        unit = f"{unit} (factor_to_si {stated:g})"  # which is no unit: one of the two is wrong
-    units = _struct(x, "quantity").string("label"), unit
-    yield from _columns(block, "y_values.values", (axis, values), units, kind, list(labels))
+    unit, notes = _stored_unit(_struct(y, "quantity"))
+    units, averages = (_struct(x, "quantity").string("label"), unit), _struct(about, "average").scalar("nr_of_averages")
+    stated = {"averages": np.array(averages)} if averages else {}
+    yield from (
+        column.with_arrays({**column.arrays, **stated}, *notes)
+        for column in _columns(block, "y_values.values", (axis, values), units, kind, list(labels))
+    )
+
+
+def _stored_unit(quantity: Block) -> tuple[str, tuple[str, ...]]:
+    """Unit of stored values, which are in SI: `factor` leads from there to the label, which is for display."""
+    label, stated = quantity.string("label"), _struct(quantity, "unit_transformation").scalar("factor")
+    unit, kind, about = parse_unit(label), frf_unit(label), quantity.string("info")
+    if unit is None or unit.factor == 1:
+        return label, ()
+    if stated is None and "MKS" not in about.split():
+        return f"{label} (or SI: no factor in the file)", ()  # which is no unit: a case asks for it
+    if stated is not None and not abs(stated * unit.factor - 1) < 1e-3:
+        return f"{label} (factor {stated:g})", ()  # one of the two is wrong
+    sensor = sensor_unit(label)
+    si_label = si_frf_unit(kind[1]) if kind else si_sensor_unit(sensor[1]) if sensor else label
+    why = "by its factor" if stated is not None else f"by {about!r}"
+    return si_label, (f"stored in SI units {why}, the label {label} is for display: not converted",)
 
 
 def _even_axis(x: Block, count: int) -> Array:
@@ -188,6 +247,13 @@ def _labels(about: Block, key: str) -> list[str]:
         named = (inner.get(name) for name in ("label", "name", "point_id", "id"))
         labels += next((strings(text, about.where(key)) for text in named if is_text(text) and np.size(text)), [])
     return labels
+
+
+def _sep_5(block: Block) -> Block:
+    """A channel as SDyPy's proposal SEP 5 has it."""
+    names = {"samples": "data", "channels": "name", "units": "unit_str", "sample_rate_hz": "fs", "time": "time"}
+    arrays = {ours: block.arrays[theirs] for ours, theirs in names.items() if theirs in block.arrays}
+    return Block(arrays, written={"samples": f"{block.place}data"})
 
 
 def _polytec(block: Block) -> Iterator[Block]:
@@ -340,5 +406,9 @@ def _guess(block: Block, name: str, value: Any) -> str:  # noqa: ANN401
         return f"{shape} {kind}, did you mean '{near[0]}'?"
     if role in ("magnitude", "phase", "real", "imaginary"):
         return f"{shape} {kind}, {role}: the other part is missing"
+    if is_two_sided(value):
+        return f"{shape} {kind}, a two-sided axis: frequency_hz?"
+    if parts := columns_of_parts(value, block.path(name)):
+        return f"{shape} {kind}: {parts}?"
     guess = ", frf?" if kind == "complex" else ", frequency_hz or time?" if rises(value) else ""
     return f"{shape} {kind}{guess}"

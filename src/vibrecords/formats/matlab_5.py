@@ -183,6 +183,8 @@ class _Reader:
     def _structs(self, elements: list[tuple[int, bytes]], shape: tuple[int, ...], depth: int, where: str) -> Any:  # noqa: ANN401
         (_, length), (_, names), *values = elements
         width = struct.unpack(f"{self.order}i", length)[0]
+        if not names:  # an array of structs without fields holds nothing, however many there are
+            return {}
         fields = [names[i : i + width].split(b"\0")[0].decode("latin-1") for i in range(0, len(names), width)]
         read = [self.variable(value, depth + 1, where)[1] for _, value in values]
         count = len(read) // max(len(fields), 1)

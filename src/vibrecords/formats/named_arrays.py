@@ -183,6 +183,8 @@ class Block:
         Names in the file of arrays that the user has given another name.
     label
         What it is called where it is one of an array of structs; empty elsewhere.
+    notes
+        What was done to its arrays so far.
     """
 
     def __init__(
@@ -192,9 +194,10 @@ class Block:
         outer: "Block | None" = None,
         written: Mapping[str, str] | None = None,
         label: str = "",
+        notes: tuple[str, ...] = (),
     ) -> None:
         self.arrays, self.place, self.outer, self._written = arrays, place, outer, written or {}
-        self.label = label
+        self.label, self.notes = label, notes
         self.meanings = {name: meaning_of(name) for name in arrays}
         of_struct = meaning_of(re.split(r"[./]", place)[-2] if re.search(r"[./]", place) else "")
         if of_struct.role in ("frf", "coherence"):  # frf.data
@@ -203,11 +206,16 @@ class Block:
         for name in arrays:
             self._lower.setdefault(name.lower(), name)
         if {"time", "interval", "rate"} & {meaning.role for meaning in self.meanings.values()}:
-            for name in [n for n in arrays if n.lower() == "f" and size_of(arrays[n]) > 1 and not rises(arrays[n])]:
-                self.meanings[name] = meaning_of("force signal")
+            for name, value in arrays.items():
+                if name.lower() == "f" and size_of(value) > 1 and not (rises(value) or is_two_sided(value)):
+                    self.meanings[name] = meaning_of("force signal")
         self._roles: dict[str, list[str]] = {}
         for name, meaning in self.meanings.items():
             self._roles.setdefault(meaning.role, []).append(name)
+
+    def with_arrays(self, arrays: Mapping[str, Any], *notes: str) -> "Block":
+        """The same with other arrays under its names, and notes why."""
+        return Block(arrays, self.place, self.outer, self._written, self.label, (*self.notes, *notes))
 
     def path(self, key: str) -> str:
         """How the file or the user calls an array."""
@@ -275,6 +283,11 @@ class Block:
         """First of the texts, or an empty one where there is no text."""
         return next(iter(self.strings(key)), "") if is_text(self.get(key)) else ""
 
+    def unread(self) -> list[str]:
+        """Notes on complex arrays whose names say nothing."""
+        unnamed = [name for role in ("", "signal") for name in self.named(role) if is_complex(self.arrays[name])]
+        return [f"'{name}' not read: [data.layout] can name it" for name in unnamed[:8]]
+
     def told_unit(self, name: str) -> str:
         """Unit of an array of values: its own, or that of the block; of several the list, which is no unit."""
         return self.unit_of(name) or ", ".join(dict.fromkeys(self.strings("unit")))
@@ -307,6 +320,16 @@ def rises(value: Any) -> bool:  # noqa: ANN401
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf" or value.size < 2:
         return False
     return bool((value.ravel()[1:] > value.ravel()[:-1]).all())
+
+
+def is_two_sided(value: Any) -> bool:  # noqa: ANN401
+    """Whether something is an axis of even steps with its negative half, before 0 or, as an FFT has it, behind."""
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "if" or value.size < 3:
+        return False
+    axis = np.sort(value.ravel().astype(float))
+    drops, step = np.flatnonzero(np.diff(value.ravel()) <= 0), np.median(np.diff(axis))
+    ordered = drops.size == 0 or (drops.size == 1 and value.ravel()[0] == 0)
+    return bool(ordered and axis[0] < 0 <= axis[-1] and np.abs(np.diff(axis) - step).max() < 1e-3 * step)
 
 
 def numbers(values: Any, where: str, kind: type = np.float64) -> NDArray[Any]:  # noqa: ANN401
@@ -346,7 +369,7 @@ _History = tuple[str, str, str, int | None]
 
 def time_records(block: Block) -> Iterator[TimeRecord]:
     """Columns of `samples` with their channels, one array for each sensor with hits in columns, or arrays over time."""
-    whole = size_of(block.get("samples")) > 1
+    whole, left = size_of(block.get("samples")) > 1, block.unread()
     for name, samples in [("samples", _columns_of(block, "samples"))] if whole else _arrays_over_time(block):
         rate, notes = _rate(block, name, len(samples))
         histories = _of_samples(block, samples.shape[1]) if whole else _of_array(block, name, samples.shape[1])
@@ -358,7 +381,7 @@ def time_records(block: Block) -> Iterator[TimeRecord]:
             if word and quantity not in (None, word):
                 factor, converted = None, [f"unit {unit!r} is none of {word}, values left as written"]
             claimed = cast(SensorQuantity, word) if word else quantity or "unknown"
-            place, said = f"{block.where(name)}, {channel!r}", (*notes, *converted)
+            place, said = f"{block.where(name)}, {channel!r}", (*notes, *converted, *left)
             yield TimeRecord(channel, rate, scaled(values, factor), claimed, unit, hit, place, said, factor)
 
 

@@ -14,6 +14,7 @@ from vibrecords.formats.array_files import read_arrays, zip_entries
 from vibrecords.formats.array_walk import records_of_tree
 from vibrecords.formats.grid import cut_to_band, join_frfs
 from vibrecords.formats.lvm import read_lvm
+from vibrecords.formats.matlab_4 import is_matlab_4
 from vibrecords.formats.table import read_table
 from vibrecords.formats.tdms import read_tdms
 from vibrecords.formats.uff_read import read_uff
@@ -41,7 +42,7 @@ _EXPECTED = "expected UFF, MAT, CSV or TSV, xlsx, npz, HDF5, LVM or TDMS; export
 
 
 def detect_format(path: str | Path) -> str:
-    """Format by content: ``uff``, ``mat``, ``mat73``, ``npz``, ``hdf5``, ``lvm``, ``tdms``, ``xlsx`` or ``table``.
+    """By content: ``uff``, ``mat``, ``mat4``, ``mat73``, ``npz``, ``hdf5``, ``lvm``, ``tdms``, ``xlsx`` or ``table``.
 
     Raises
     ------
@@ -88,6 +89,8 @@ def _head(path: Path) -> bytes:
 
 
 def _binary_format(path: Path, head: bytes) -> str | None:
+    if is_matlab_4(head):
+        return "mat4"
     if head.startswith(_HDF5) or any(head[at : at + 8] == _HDF5 for at in (512, 1024, 2048)):
         return "hdf5"
     if head.startswith(b"PK\x03\x04"):
@@ -203,7 +206,7 @@ def _array_records(path: Path, layout: Mapping[str, str], kind: str) -> Generato
 
 
 #: Formats whose readers take a layout.
-_LAID_OUT = ("mat", "mat73", "npz", "hdf5", "table", "xlsx", "tdms")
+_LAID_OUT = ("mat", "mat4", "mat73", "npz", "hdf5", "table", "xlsx", "tdms")
 #: Formats that the first words of a file tell.
 _TOLD_BY_BEGINNING = {
     b"MATLAB 7.3": "mat73",
@@ -217,5 +220,5 @@ _READERS: dict[str, Callable[..., Generator[Record, None, None]]] = {
     "tdms": read_tdms,
     "table": read_table,
     "xlsx": read_xlsx,
-    **{kind: partial(_array_records, kind=kind) for kind in ("mat", "mat73", "npz", "hdf5")},
+    **{kind: partial(_array_records, kind=kind) for kind in ("mat", "mat4", "mat73", "npz", "hdf5")},
 }

@@ -43,6 +43,9 @@ class LayoutSpec(Spec):
     samples: Annotated[_Name | None, _variable("the samples of all channels, one column each", "data")] = None
     force: Annotated[_Name | None, _variable("the force, hits in columns", "data(:,1)")] = None
     response: Annotated[_Name | None, _variable("the response, hits in columns", "data(:,2)")] = None
+    mode_frequencies_hz: Annotated[_Name | None, _variable("the natural frequencies of modes in Hz", "freqs")] = None
+    damping_ratios: Annotated[_Name | None, _variable("the damping ratios of modes", "zeta")] = None
+    mode_shapes: Annotated[_Name | None, _variable("the shapes of modes, channels × modes", "V")] = None
 
     @property
     def names(self) -> Mapping[str, str]:
