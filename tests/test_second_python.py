@@ -34,6 +34,7 @@ COMMANDS = [
     ("sample small.toml --out draws.nc --quiet", (0, 3)),
     ("report draws.nc --out page", (0, 3)),
     ("export draws.nc --to joint.bdf", (0, 3)),
+    ("predict draws.nc asked.toml --out predicted", (0, 3)),
     ("run small.toml --out run --quiet", (0, 3)),
     ("check small.toml", (0, 1, 3)),
     ("compare small.toml --out compared", (0, 3)),
@@ -57,6 +58,8 @@ def test_each_command_runs(tmp_path, monkeypatch):
     monkeypatch.setattr("jointbayes.studies.planning.make_plan.FIRST", 2)
     Path("small.toml").write_text(SMALL, encoding="utf-8")
     Path("other.toml").write_text(SMALL, encoding="utf-8")
+    asked = '[predict]\noutputs = ["5:y"]\ninputs = ["5:y"]\nf_min_hz = 20\nf_max_hz = 900\nf_step_hz = 20\n'
+    Path("asked.toml").write_text(f"{SMALL}\n{asked}", encoding="utf-8")
     for line, codes in COMMANDS:
         result = CliRunner().invoke(main, line.split())
         assert result.exit_code in codes, f"{line}: {result.exit_code} {result.output[-2000:]} {result.exception!r}"

@@ -257,7 +257,7 @@ def broken_mat(directory):
         "mat of a huge size": (mat[: at + 8] + struct.pack("<i", 2**30) + mat[at + 12 :], "part that cannot be read"),
         "mat without lines": (mat_bytes(frf=H), "variable 'frf': found no frequency lines"),
         "mat of other arrays": (mat_bytes(a=1.0), "found neither FRFs nor time histories"),
-        "mat of version 4": (b"\0\0\0\0\x01\0\0\0\x01\0\0\0\0\0\0\0\x02\0\0\0a\0" + bytes(8), "unknown kind"),
+        "mat of version 4": (b"\0\0\0\0\x01\0\0\0\x01\0\0\0\0\0\0\0\x02\0\0\0a\0" + bytes(8), "in 'a' .1 x 1 real"),
     }  # fmt: skip
 
 
