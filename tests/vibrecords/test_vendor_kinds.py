@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.io
 
+from tests.vibrecords.uff_text import function_58, mode_55
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.read import detect_format, iter_records
 from vibrecords.records import FrfRecord, ModeRecord, TimeRecord
@@ -158,3 +159,186 @@ def test_channels_of_sep_5(tmp_path, clock):
     assert (motion.channel, motion.quantity) == ("tip", "acceleration")
     np.testing.assert_allclose(force.values, V.real)
     np.testing.assert_allclose(motion.values, 9.80665 * V.imag)
+
+
+# ---- text
+
+
+def written(path, text):
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def matlab(z, blank=""):
+    return f"{z.real!r}{blank}{'-' if z.imag < 0 else '+'}{blank}{abs(z.imag)!r}i"
+
+
+#: A complex number, as programs write it, by what may part the columns.
+COMPLEX = {
+    "python": (lambda z: f"({z.real!r}{z.imag:+.17g}j)", " ,;\t"),
+    "python without brackets": (lambda z: f"{z.real!r}{z.imag:+.17g}J", " ,;\t"),
+    "matlab": (matlab, " ,;\t"),
+    "matlab with blanks": (lambda z: matlab(z, " "), " ,;\t"),
+    "i in front": (lambda z: f"{z.real!r}{'-' if z.imag < 0 else '+'}i{abs(z.imag)!r}", " ,;\t"),
+    "i multiplied": (lambda z: matlab(z).replace("i", "*i"), ",;"),
+    "fortran": (lambda z: f"({z.real!r},{z.imag!r})", " ;\t"),
+    "square brackets, quoted": (lambda z: f'"[{z.real!r}, {z.imag!r}]"', ",;\t"),
+    "decimal commas": (lambda z: matlab(z).replace(".", ","), ";\t"),
+}
+
+
+@pytest.mark.parametrize(("form", "delimiter"), [(form, d) for form, (_, many) in COMPLEX.items() for d in many])
+@pytest.mark.parametrize("head", [(), ("frequency [Hz]", "FRF tip / hammer [m/N]", "FRF base / hammer [m/N]")])
+def test_complex_numbers_in_text(tmp_path, form, delimiter, head):
+    values = H.copy()
+    values[3, 0], values[4, 1], values[5] = 2.5, -3.25j, [0.0, 1e-7 - 2e8j]
+    f = [str(x).replace(".", "," if form == "decimal commas" else ".") for x in F.tolist()]
+    cells = [[x, *map(COMPLEX[form][0], row)] for x, row in zip(f, values.tolist(), strict=True)]
+    delimiter = "   " if delimiter == " " else delimiter  # as wide columns are
+    lines = [delimiter.join(row) for row in ([head] if head else []) + cells]
+    found = records(written(tmp_path / "a", "\n".join(lines) + "\n"))
+    for record, column, name in zip(found, values.T, ("tip", "base"), strict=True):
+        require_frf(record, F, column)
+        assert (record.response, record.quantity) == (name, "receptance") or not head
+
+
+def test_numpy_writes_frequencies_as_complex_numbers_too(tmp_path):
+    np.savetxt(tmp_path / "a", np.column_stack([F, V]), delimiter=",")
+    require_frf(one(tmp_path / "a"))
+    for text in ("1+1j 2+3j\n2+1j 4+5j\n", "1 2+3j 4\n2 4 5+6j\n"):  # no frequency; another column from line 2 on
+        with pytest.raises(MeasurementError, match="complex numbers in the first column or changing ones"):
+            records(written(tmp_path / "b", text))
+
+
+def polar(z, decibels):
+    size = np.abs(z)
+    return 20 * np.log10(size) if decibels else size, np.degrees(np.angle(z))
+
+
+@pytest.mark.parametrize("decibels", [False, True])
+@pytest.mark.parametrize("separator", ["\t", ","])
+def test_magnitude_phase_and_coherence_of_a_labview_spectrum(tmp_path, decibels, separator):
+    size, phase = polar(V, decibels)
+    squared = np.linspace(0.5, 1.0, 24)
+    head = [["LabVIEW Measurement", ""], ["Writer_Version", "2"], ["Separator", {"\t": "Tab", ",": "Comma"}[separator]]]
+    head += [["Decimal_Separator", "."], ["X_Columns", "One"], ["***End_of_Header***", ""], ["", ""]]
+    head += [["Channels", "3"], ["Samples", *["24"] * 3], ["Y_Unit_Label", "dB" if decibels else "g/N", "deg", ""]]
+    head += [["X_Dimension", *["Frequency"] * 3], ["X0", *["2.5"] * 3], ["Delta_X", *["2.5"] * 3]]
+    names = ["X_Value", "Frequency Response (Magnitude)", "Frequency Response (Phase)", "Coherence", "Comment"]
+    head += [["***End_of_Header***"], names]
+    rows = [map(repr, row) for row in np.column_stack([F, size, phase, squared]).tolist()]
+    text = "\n".join(separator.join(row) for row in [*head, *rows]) + "\n"
+    record = one(written(tmp_path / "a", text))
+    require_frf(record, F, V if decibels else 9.80665 * V)
+    np.testing.assert_allclose(record.coherence, squared)
+
+
+@pytest.mark.parametrize(("names", "decibels"), [
+    (("mag_dB", "phase_deg"), True), (("Magnitude (dB)", "Phase (deg)"), True), (("FRF mag dB", "FRF phase deg"), True),
+    (("H (Magnitude) [m/N]", "H (Phase) [deg]"), False),
+])  # fmt: skip
+def test_names_of_magnitude_and_phase(tmp_path, names, decibels):
+    table = np.column_stack([F, *polar(V + 5, decibels)])  # above 1, so that decibels are above 0
+    rows = [["frequency [Hz]", *names], *(map(repr, row) for row in table.tolist())]
+    text = "\n".join(",".join(row) for row in rows) + "\n"
+    require_frf(one(written(tmp_path / "a", text)), F, V + 5)
+
+
+@pytest.mark.parametrize("coherences", [("Coh1", "Coh2"), ("Coherence 1", "Coherence 2"), ("coh_2", "coh_1")])
+@pytest.mark.parametrize("form", ["text", "mat"])
+def test_a_coherence_of_a_number_is_that_of_the_frf_of_this_number(tmp_path, coherences, form):
+    squared = {name: np.linspace(0.4 + 0.1 * i, 0.9, 24) for i, name in enumerate(coherences)}
+    if form == "mat":
+        squared = {name.replace(" ", "_"): values for name, values in squared.items()}
+        path = saved(tmp_path / "a", f=F, FRF1=V, FRF2=H[:, 1], **squared)
+    else:
+        table = np.column_stack([F, V.real, V.imag, H[:, 1].real, H[:, 1].imag, *squared.values()])
+        head = ["frequency [Hz]", "FRF1 real", "FRF1 imag", "FRF2 real", "FRF2 imag", *squared]
+        rows = "".join(",".join(map(repr, row)) + "\n" for row in table.tolist())
+        path = written(tmp_path / "a", ",".join(head) + "\n" + rows)
+    for record, column, number in zip(records(path), H.T, "12", strict=True):
+        require_frf(record, F, column)
+        np.testing.assert_allclose(record.coherence, next(v for name, v in squared.items() if name.endswith(number)))
+
+
+def labview(counts, clocks, columns):
+    """Time histories over one X column, with shorter channels that have a clock of their own."""
+    names = [f"channel {i}" for i in range(len(columns))]
+    head = [["LabVIEW Measurement", ""], ["Separator", "Tab"], ["X_Columns", "One"], ["***End_of_Header***", ""], [""]]
+    head += [["Channels", str(len(columns))], ["Samples", *map(str, counts)], ["Y_Unit_Label", *["N"] * len(columns)]]
+    head += [["X0", *["0"] * len(columns)], ["Delta_X", *map(str, clocks)], ["***End_of_Header***"]]
+    size = max(map(len, columns))
+    rows = [[repr(i * clocks[0]), *(repr(c[i]) if i < len(c) else "" for c in columns)] for i in range(size)]
+    return "\n".join("\t".join(row) for row in [*head, ["X_Value", *names, "Comment"], *rows]) + "\n"
+
+
+def test_side_channels_of_another_clock_and_length_are_named_and_not_read(tmp_path):
+    long, short = RNG.normal(size=40).tolist(), RNG.normal(size=5).tolist()
+    text = labview([40, 5, 40], [0.01, 1.0, 0.01], [long, short, long[::-1]])
+    first, second = records(written(tmp_path / "a", text))
+    assert (first.channel, second.channel, first.sample_rate_hz) == ("channel 0", "channel 2", pytest.approx(100))
+    np.testing.assert_array_equal([first.values, second.values], [long, long[::-1]])
+    assert "'channel 1' not read: 5 samples, where 'channel 0' has 40" in first.notes
+    for counts, clocks in (([40, 40], [0.01, 1.0]), ([5, 40], [1.0, 0.01])):  # X_Value may be that of either
+        with pytest.raises(MeasurementError, match="expected one clock"):
+            records(written(tmp_path / "b", labview(counts, clocks, [long[: counts[0]], long])))
+
+
+# ---- universal files
+
+
+@pytest.mark.parametrize("single", [False, True])
+@pytest.mark.parametrize("even", [False, True])
+@pytest.mark.parametrize("count", [22, 23])
+def test_a_last_line_filled_up_with_zeros(tmp_path, single, even, count):
+    values = np.round(V[:count].astype(complex), 3)
+    text = function_58(values, None if even else F[:count], first=2.5, step=2.5, single=single)
+    *lines, last, end = text.rstrip("\n").split("\n")
+    widths = [13] * 6 if single else [20] * 4 if even else [13, 20, 20]
+    filled = len(last)
+    for i, width in enumerate(widths):
+        if sum(widths[:i]) >= filled:
+            last += f"{0:{width}.5E}"
+    require_frf(one(written(tmp_path / "a", "\n".join([*lines, last, end]) + "\n")), F[:count], values)
+    if len(last) > filled:  # a number beyond the count is none to leave out, nor a line of zeros
+        for wrong in ([f"{last[: -widths[-1]]}{3:{widths[-1]}.5E}", end], [last, f"{0:13.5E}" * 6, end]):
+            with pytest.raises(MeasurementError, match="more numbers"):
+                records(written(tmp_path / "b", "\n".join([*lines, *wrong]) + "\n"))
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("tail", ["\x1a", "\x1a\r\n", "\n\x1a\x1a"])
+def test_text_before_the_first_data_set_and_ctrl_z_behind_the_last(tmp_path, end, tail):
+    text = function_58(V, F).replace("\n", end)
+    for head in ("", f"Export of analyser 7{end}2026-02-03, 58 channels{end}-1.5 2.5{end}"):
+        for body in (text, text.rstrip()):
+            np.testing.assert_allclose(one(written(tmp_path / "a", head + body + tail)).values, V, rtol=1e-11)
+    with pytest.raises(MeasurementError, match="between data sets"):
+        records(written(tmp_path / "b", text + "more text" + end + text))
+    with pytest.raises(MeasurementError, match="expected"):  # the first delimiter is missing
+        records(written(tmp_path / "c", text.split(end, 1)[1] + text))
+
+
+@pytest.mark.parametrize("text", ["f;re;im\n1;2,5;3\n2;3;4\n\x1a", "f,re,im\r\n1,2.5,3\r\n2,3,4\r\n\x1a"])
+def test_a_table_that_dos_ended(tmp_path, text):
+    require_frf(one(written(tmp_path / "a", text)), [1, 2], [2.5 + 3j, 3 + 4j])
+
+
+@pytest.mark.parametrize("per_line", [1, 3, 5, 100])
+@pytest.mark.parametrize("complex_", [False, True])
+@pytest.mark.parametrize("on_one_line", [False, True])
+def test_modes_in_free_columns(tmp_path, per_line, complex_, on_one_line):
+    shape = {7: RNG.normal(size=3), 4: RNG.normal(size=3), 12: RNG.normal(size=3)}
+    shape = {node: row + 1j * RNG.normal(size=3) if complex_ else row for node, row in shape.items()}
+    *head, _ = mode_55(shape, number=2).split("\n")[:9], None
+    lines = [" ".join(line.split()) for line in head[0]] + ["52.5 2.0 0.012 0.0"]
+    for node, row in shape.items():
+        cells = [repr(float(x)) for x in row.astype(complex).view(float)[:: 1 if complex_ else 2]]
+        broken = [" ".join(cells[i : i + per_line]) for i in range(0, len(cells), per_line)]
+        lines += [f"{node} " + broken[0], *broken[1:]] if on_one_line else [str(node), *broken]
+    mode = one(written(tmp_path / "a", "\n".join([*lines, "    -1"]) + "\n"), ModeRecord)
+    assert (mode.number, mode.frequency_hz, mode.damping_ratio) == (2, 52.5, 0.012)
+    expected = {f"{node}:{axis}": x for node, row in shape.items() for axis, x in zip("XYZ", row.tolist(), strict=True)}
+    assert {label.rstrip("+"): value for label, value in mode.shape.items()} == pytest.approx(expected)
+    with pytest.raises(MeasurementError, match="expected"):  # one number less
+        records(written(tmp_path / "b", "\n".join([*lines[:-1], lines[-1].rpartition(" ")[0], "    -1"]) + "\n"))

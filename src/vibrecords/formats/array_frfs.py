@@ -11,15 +11,7 @@ from numpy.typing import NDArray
 from vibrecords.arrays import Array, complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.matlab_5 import Unread
-from vibrecords.formats.named_arrays import (
-    Block,
-    is_complex,
-    rises,
-    size_of,
-    square_error,
-    tokens_of,
-    two_axes_error,
-)
+from vibrecords.formats.named_arrays import Block, is_complex, rises, size_of, square_error, two_axes_error
 from vibrecords.formats.units import in_hz, read_frf_unit, scaled
 from vibrecords.frf_set import Quantity
 from vibrecords.records import HIGHEST_HZ, MOST_AVERAGES, CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord
@@ -323,7 +315,7 @@ def _mode_names(block: Block) -> dict[str, str]:
     named = {key: (ours.get(key, key), key) for key in ("fn", "fn_std", "xi", "xi_std", "phi")}
     found = {key: next((n for n in names if size_of(block.get(n))), "") for key, names in named.items()}
     if not found["fn"]:
-        ratios = [n for n in block.arrays if "damping" in tokens_of(n) and {"ratio", "ratios"} & {*tokens_of(n)}]
+        ratios = [n for n in block.arrays if re.search(r"(?i)damping.?ratio", n)]
         axes = block.named("frequency", 1)
         sizes = {size_of(block.get(n)) for n in (*ratios, *axes)}
         if len(ratios) == len(axes) == len(sizes) == 1 and 0 not in sizes and not block.named("frf"):

@@ -11,29 +11,13 @@ from numpy.typing import NDArray
 
 from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError
+from vibrecords.formats import units as known
 from vibrecords.formats.array_frfs import columns_of_parts, frequency_records, mode_records
 from vibrecords.formats.columns import TIME_S
 from vibrecords.formats.matlab_5 import Unread
-from vibrecords.formats.named_arrays import (
-    ALIASES,
-    Block,
-    is_text,
-    is_two_sided,
-    rises,
-    size_of,
-    strings,
-    time_records,
-    tokens_of,
-)
+from vibrecords.formats.named_arrays import ALIASES, Block, is_text, rises, size_of, strings, time_records, tokens_of
 from vibrecords.formats.table_text import float_of
-from vibrecords.formats.units import (
-    frequency_factor,
-    frf_unit,
-    parse_unit,
-    sensor_unit,
-    si_frf_unit,
-    si_sensor_unit,
-)
+from vibrecords.formats.units import frequency_factor, frf_unit, parse_unit
 from vibrecords.records import CoherenceRecord, FrfRecord, Record
 
 #: Keys of a layout that name an axis, with the roles that they replace, and those that may be a number as well.
@@ -127,7 +111,7 @@ def _blocks(tree: Mapping[str, Any], place: str, outer: Block | None, sign: str,
 
 def _non_negative_half(block: Block) -> Block:
     """A block without the negative half of a frequency axis and of what stands over it; others as they are."""
-    axis = next((n for role in ("frequency", "omega") for n in block.named(role) if is_two_sided(block.get(n))), None)
+    axis = next((n for role in ("frequency", "omega") for n in block.named(role) if block.is_two_sided(n)), None)
     if axis is None:
         return block
     lines, arrays = block.numbers(axis).ravel(), dict(block.arrays)
@@ -217,15 +201,15 @@ def _test_lab(block: Block) -> Iterator[Block]:
 def _stored_unit(quantity: Block) -> tuple[str, tuple[str, ...]]:
     """Unit of stored values, which are in SI: `factor` leads from there to the label, which is for display."""
     label, stated = quantity.string("label"), _struct(quantity, "unit_transformation").scalar("factor")
-    unit, kind, about = parse_unit(label), frf_unit(label), quantity.string("info")
+    unit, kind, sensor = parse_unit(label), frf_unit(label), known.sensor_unit(label)
+    about = quantity.string("info")
     if unit is None or unit.factor == 1:
         return label, ()
     if stated is None and "MKS" not in about.split():
         return f"{label} (or SI: no factor in the file)", ()  # which is no unit: a case asks for it
     if stated is not None and not abs(stated * unit.factor - 1) < 1e-3:
         return f"{label} (factor {stated:g})", ()  # one of the two is wrong
-    sensor = sensor_unit(label)
-    si_label = si_frf_unit(kind[1]) if kind else si_sensor_unit(sensor[1]) if sensor else label
+    si_label = known.si_frf_unit(kind[1]) if kind else known.si_sensor_unit(sensor[1]) if sensor else label
     why = "by its factor" if stated is not None else f"by {about!r}"
     return si_label, (f"stored in SI units {why}, the label {label} is for display: not converted",)
 
@@ -406,7 +390,7 @@ def _guess(block: Block, name: str, value: Any) -> str:  # noqa: ANN401
         return f"{shape} {kind}, did you mean '{near[0]}'?"
     if role in ("magnitude", "phase", "real", "imaginary"):
         return f"{shape} {kind}, {role}: the other part is missing"
-    if is_two_sided(value):
+    if block.is_two_sided(name):
         return f"{shape} {kind}, a two-sided axis: frequency_hz?"
     if parts := columns_of_parts(value, block.path(name)):
         return f"{shape} {kind}: {parts}?"

@@ -28,7 +28,7 @@ WORDS: dict[Role, tuple[str, str]] = {
         r"imaginary ?part|imag\.? ?part|imagin[äa]e?rteil|partie imaginaire|imaginary|imaginaire|imag\.?",
         "im",
     ),
-    "magnitude": (r"magnitude|amplitude|betrag|modulus|module|gain", "mag|abs"),
+    "magnitude": (r"magnitude|amplitude|betrag|modulus|module|gain|mag", "abs"),
     "phase": (r"phasenwinkel|phase|angle|winkel", "arg|phi|φ"),
 }
 #: Roles of the columns of an FRF, of which it needs real and imaginary part, or magnitude and phase.
@@ -58,6 +58,11 @@ _INDEX = re.compile(
     re.IGNORECASE,
 )
 _UNIT = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>.*)\))\s*$")
+#: A part that stands in brackets, as LabVIEW writes it: Frequency Response (Magnitude).
+_PARTS = "|".join(long for role, (long, _) in WORDS.items() if role not in ("frequency", "time"))
+_IN_BRACKETS = re.compile(rf"\(\s*({_PARTS})\s*\)(?=$|\s*[\[(])", re.IGNORECASE)
+#: A coherence of a number, which is that of the FRF of this number.
+_NUMBERED = re.compile(r"(?:coherence|coh|gamma2)[ _]?(\d{1,4})", re.IGNORECASE)
 _QUOTIENT = re.compile(r"(\S+) ?/ ?(\S+)|(.*?) ?\bin (\S+)")  # f/Hz, Kraft / N, Zeit in s
 #: Units of time and their factors to s.
 TIME_S: dict[str, float] = {
@@ -101,7 +106,7 @@ def column_of(header: str) -> Column:
     >>> column_of("Frequency (rad/s)").unit
     'rad/s'
     """
-    header = " ".join(header.split())
+    header = _IN_BRACKETS.sub(r" \1", " ".join(header.split()))
     name, unit = _name_and_unit(header)
     whole = name
     if not unit and (axis := axis_role(name)):
@@ -114,6 +119,8 @@ def column_of(header: str) -> Column:
     if _HINT.search(name) and _SPECTRUM.search(name):
         return Column("spectrum", name, unit, quantity, whole)
     name = " ".join(_FRF.sub(" ", name).split()) or name
+    if numbered := _NUMBERED.fullmatch(name):
+        return Column("coherence", numbered[1], unit, quantity, whole)
     if match := _FIRST.match(name):
         rest = name[match.end() :].lstrip(" _.:,-")
     elif match := _LAST.search(name, max(0, len(name) - 30)):
@@ -147,8 +154,8 @@ def _name_and_unit(header: str) -> tuple[str, str]:
 
 
 def _is_unit_of(role: Role, word: str) -> bool:
-    if role == "phase":
-        return word.lower() in ("deg", "rad")
+    if role in ("phase", "magnitude"):
+        return word.lower() in (("deg", "rad") if role == "phase" else ("db",))
     return role in ("frequency", "time") and axis_role(word.replace("_", "/")) == role
 
 

@@ -201,7 +201,12 @@ def _records(segment: _Segment, names: list[str], values: Array, layout: _Layout
 def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) -> tuple[str, ...]:
     """Notes on counts and steps; an axis that the file does not write out is made from its header."""
     notes = []
-    samples, filled = _samples(segment), np.asarray(~np.isnan(values).all(axis=0))
+    samples, counts = _samples(segment), segment.each("samples", len(names) - 1)
+    if layout.x_columns != "multi" and counts[:1] == [str(samples)]:  # X_Value is that of the first channel
+        side = [i for i, count in enumerate(counts, start=1) if count.isdecimal() and int(count) != samples]
+        values[:, side] = np.nan
+        notes += [f"'{names[i]}' not read: {counts[i - 1]} samples, where {names[1]!r} has {samples}" for i in side]
+    filled = np.asarray(~np.isnan(values).all(axis=0))
     if samples > 1 and samples != len(values):
         notes.append(f"{len(values)} rows, where the header says {samples} samples")
     clocks = [

@@ -15,17 +15,14 @@ _NUMBERS = ("f8", "f4", "i4", "i2", "u2", "u1")
 _HEADER = 20
 
 
-def _header(head: bytes) -> tuple[str, int, int, tuple[int, int], bool, int] | None:
-    """Byte order, digits P and T of the type, shape, whether complex, length of the name; None of another file."""
+def _header(head: bytes) -> tuple[str, int, tuple[int, int], bool, int] | None:
+    """Type of the numbers, kind, shape, whether complex, length of the name; None of another file."""
     for order, machine in (("<", 0), (">", 1000)):
-        if len(head) < _HEADER:
-            continue
-        kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5i", head)
-        digits, kind_of = divmod(kind - machine, 10)
-        if digits in range(len(_NUMBERS)) and kind_of in range(3) and min(rows, columns) >= 0 and imaginary in (0, 1):
-            name = head[_HEADER : _HEADER + length]
-            if 1 < length <= 64 and re.fullmatch(rb"[A-Za-z]\w*\0+", name):
-                return order, digits, kind_of, (rows, columns), bool(imaginary), length
+        kind, rows, columns, imaginary, length = struct.unpack(f"{order}5i", head[:_HEADER].ljust(_HEADER, b"\xff"))
+        digits, kind = divmod(kind - machine, 10)
+        is_one = 0 <= digits < len(_NUMBERS) and 0 <= kind < 3 and min(rows, columns) >= 0 and imaginary in (0, 1)
+        if is_one and 1 < length <= 64 and re.fullmatch(rb"[A-Za-z]\w*\0+", head[_HEADER : _HEADER + length]):
+            return order + _NUMBERS[digits], kind, (rows, columns), bool(imaginary), length
     return None
 
 
@@ -42,16 +39,14 @@ def read_matlab_4(path: Path, _most: int, _matrix: MatrixOf) -> Block:
         header = _header(content[at : at + _HEADER + 64])
         if header is None:
             raise ValueError(f"no matrix at byte {at}")
-        order, digits, kind, shape, is_complex, length = header
-        name = content[at + _HEADER : at + _HEADER + length].split(b"\0")[0].decode("ascii")
-        numbers, count = np.dtype(order + _NUMBERS[digits]), shape[0] * shape[1]
-        first, at = at + _HEADER + length, at + _HEADER + length + numbers.itemsize * count * (1 + is_complex)
-        if at > len(content):
-            raise ValueError(f"a matrix of {count} numbers, of which {len(content) - first} bytes are there")
-        values: Any = np.frombuffer(content, numbers, count * (1 + is_complex), first)
-        values = values.astype(numbers.newbyteorder("="))
-        values = complex_of(values[:count], values[count:]) if is_complex else values
-        values = values.reshape(shape, order="F")
+        numbers, kind, shape, is_complex, length = header
+        name, at = content[at + _HEADER : at + _HEADER + length].split(b"\0")[0].decode("ascii"), at + _HEADER + length
+        count = shape[0] * shape[1]
+        parts: Any = np.frombuffer(memoryview(content)[at:], numbers, count * (1 + is_complex)).astype(
+            f"={numbers[1:]}"
+        )
+        at += parts.size * int(numbers[-1])
+        values = (complex_of(parts[:count], parts[count:]) if is_complex else parts).reshape(shape, order="F")
         if kind == 1:
             codes = np.clip(np.nan_to_num(values.real), 0, 0xFFFF).astype(int).tolist()
             values = np.array(["".join(map(chr, row)) for row in codes], dtype=str)

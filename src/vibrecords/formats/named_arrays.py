@@ -206,9 +206,8 @@ class Block:
         for name in arrays:
             self._lower.setdefault(name.lower(), name)
         if {"time", "interval", "rate"} & {meaning.role for meaning in self.meanings.values()}:
-            for name, value in arrays.items():
-                if name.lower() == "f" and size_of(value) > 1 and not (rises(value) or is_two_sided(value)):
-                    self.meanings[name] = meaning_of("force signal")
+            for name in [n for n in arrays if n.lower() == "f" and size_of(arrays[n]) > 1 and not rises(arrays[n])]:
+                self.meanings[name] = meaning_of("f" if self.is_two_sided(name) else "force signal")
         self._roles: dict[str, list[str]] = {}
         for name, meaning in self.meanings.items():
             self._roles.setdefault(meaning.role, []).append(name)
@@ -283,6 +282,16 @@ class Block:
         """First of the texts, or an empty one where there is no text."""
         return next(iter(self.strings(key)), "") if is_text(self.get(key)) else ""
 
+    def is_two_sided(self, name: str) -> bool:
+        """Whether an axis has even steps and a negative half, before 0 or, as an FFT has it, behind."""
+        value = self.get(name)
+        if size_of(value) < 3 or is_complex(value) or isinstance(value, list):
+            return False
+        given, axis = value.ravel().astype(float), np.sort(value, axis=None).astype(float)
+        step, drops = np.median(np.diff(axis)), np.count_nonzero(np.diff(given) <= 0)
+        ordered = drops == 0 or (drops == 1 and given[0] == 0)
+        return bool(ordered and axis[0] < 0 <= axis[-1] and np.abs(np.diff(axis) - step).max() < 1e-3 * step)
+
     def unread(self) -> list[str]:
         """Notes on complex arrays whose names say nothing."""
         unnamed = [name for role in ("", "signal") for name in self.named(role) if is_complex(self.arrays[name])]
@@ -320,16 +329,6 @@ def rises(value: Any) -> bool:  # noqa: ANN401
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf" or value.size < 2:
         return False
     return bool((value.ravel()[1:] > value.ravel()[:-1]).all())
-
-
-def is_two_sided(value: Any) -> bool:  # noqa: ANN401
-    """Whether something is an axis of even steps with its negative half, before 0 or, as an FFT has it, behind."""
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "if" or value.size < 3:
-        return False
-    axis = np.sort(value.ravel().astype(float))
-    drops, step = np.flatnonzero(np.diff(value.ravel()) <= 0), np.median(np.diff(axis))
-    ordered = drops.size == 0 or (drops.size == 1 and value.ravel()[0] == 0)
-    return bool(ordered and axis[0] < 0 <= axis[-1] and np.abs(np.diff(axis) - step).max() < 1e-3 * step)
 
 
 def numbers(values: Any, where: str, kind: type = np.float64) -> NDArray[Any]:  # noqa: ANN401

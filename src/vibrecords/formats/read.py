@@ -17,6 +17,7 @@ from vibrecords.formats.lvm import read_lvm
 from vibrecords.formats.matlab_4 import is_matlab_4
 from vibrecords.formats.table import read_table
 from vibrecords.formats.tdms import read_tdms
+from vibrecords.formats.uff_data_sets import BEGINNING
 from vibrecords.formats.uff_read import read_uff
 from vibrecords.formats.xlsx import read_xlsx
 from vibrecords.frf_set import FrfSet, Quantity
@@ -114,9 +115,9 @@ def _binary_format(path: Path, head: bytes) -> str | None:
 
 
 def _text_format(path: Path, head: bytes, text: bytes) -> str:
-    if text.split(b"\n", 1)[0].strip() == b"-1":
+    if text.split(b"\n", 1)[0].strip() == b"-1" or BEGINNING.search(head):
         return "uff"
-    if any(byte < 32 and byte not in b"\t\n\r\f" for byte in head):
+    if any(byte < 32 and byte not in b"\t\n\r\f" for byte in head.rstrip(b"\x1a\r\n")):
         raise MeasurementError(f"{path}: found binary data of an unknown kind; {_EXPECTED}")
     return "table"
 

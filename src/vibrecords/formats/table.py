@@ -280,6 +280,11 @@ def _pair_up(columns: Sequence[Column], numbers: list[int]) -> list[tuple[str, d
         alike[nth][column.role] = i
     if len(frfs) == 2 and not all(of_name) and not set(frfs[0][1]) & set(frfs[1][1]):
         frfs = [(frfs[0][0] or frfs[1][0], frfs[0][1] | frfs[1][1])]  # one FRF, some of whose columns do not name it
+    for number, parts in [(name, parts) for name, parts in frfs if [*parts] == ["coherence"] and name.isdecimal()]:
+        alike = [other for name, other in frfs if re.search(r"\d*$", name)[0] == number and "coherence" not in other]  # type: ignore[index]
+        if len(alike) == 1:  # Coh1 of FRF1
+            alike[0]["coherence"] = parts["coherence"]
+            frfs.remove((number, parts))
     for name, parts in frfs:
         if not (
             {"real", "imaginary"} <= set(parts) or {"magnitude", "phase"} <= set(parts) or [*parts] == ["coherence"]

@@ -17,6 +17,14 @@ from vibrecords.formats.units import parse_unit
 from vibrecords.records import MOST_COLUMNS, require_short
 
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
+#: A complex number as Python, MATLAB and Fortran write it: (1+2j), 1 - 2i, 1e-3+i2, -2j, (1,2).
+_PART = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|nan|inf"
+_COMPLEX = re.compile(
+    rf"(?<![\w.])(?:[(\[]\s*)?(?:(?P<re>[+-]?(?:{_PART}))\s*(?P<sign>[+-])\s*)?"
+    rf"(?:(?P<im>(?(sign)|[+-]?)(?:{_PART}))\*?[ij]|(?(sign)|(?!))[ij]\*?(?P<behind>{_PART}))(?:\s*[)\]])?(?![\w.])"
+    rf"|[(\[]\s*(?P<first>[+-]?(?:{_PART}))(?:\s*[,;]\s*|\s+)(?P<second>[+-]?(?:{_PART}))\s*[)\]]",
+    re.IGNORECASE,
+)
 _LONGEST_LINE = 8 * 2**20
 _LONGEST_HEADER = 1000
 #: Signs that begin a comment.
@@ -71,6 +79,8 @@ def text_lines(path: Path) -> Lines:
         number = 0
         while text := file.readline(_LONGEST_LINE):
             number += 1
+            if text.strip() == "\x1a":  # which ends a text of DOS
+                return
             if len(text) == _LONGEST_LINE:
                 raise MeasurementError(
                     f"line {number}: found a line longer than {_LONGEST_LINE >> 20} MiB; expected rows of a table; "
@@ -119,7 +129,11 @@ def read_text_table(lines: Lines) -> TextTable:
         If there is no row of numbers, a row has another number of fields, or a field is not a number.
     """
     comments: dict[str, str] = {}
-    head, first, delimiter = _head(lines, comments)
+    complex_at: dict[tuple[int, ...], int] = {}
+    apart = _split_complex(lines, complex_at)
+    head, first, delimiter = _head(apart, comments)
+    pairs = next((columns for columns, number in complex_at.items() if number >= first[0][0]), ())
+    lines = apart if pairs else lines
     count = len(_fields(first[0][1], delimiter))
     if head and first[0][1].rstrip(" ").endswith(delimiter) and len(_fields(head[-1].text, delimiter)) == count + 1:
         count += 1  # the last column begins empty
@@ -131,7 +145,7 @@ def read_text_table(lines: Lines) -> TextTable:
         first.insert(0, (head[-1].number, halves[0]))
         header = halves[1]
     else:
-        header = _header(head, delimiter, count, comments)
+        header = _header(head, delimiter, count - len(pairs), comments)
     values, gaps = read_rows(_split_rows(itertools.chain(first, lines), delimiter, count), count)
     if gaps:
         raise bad_number("", f"line {min(gaps.values())}")
@@ -140,7 +154,38 @@ def read_text_table(lines: Lines) -> TextTable:
             f"line {first[0][0]}: found {count} columns of whole numbers without names; expected to know whether the "
             "comma parts columns or is the decimal sign; name the columns in a first line, or part them by semicolons"
         )
+    if pairs:
+        others = [number for columns, number in complex_at.items() if number >= first[0][0] and columns != pairs]
+        if others or (0 in pairs and (values[:, 1] != 0).any()):
+            raise MeasurementError(
+                f"line {max(others, default=first[0][0])}: found complex numbers in the first column or changing ones; "
+                "expected a frequency, then complex FRFs in the same columns throughout; export it again"
+            )
+        names = [name or f"output {i} / input 1" if i in pairs and i else name for i, name in enumerate(header)]
+        parts = (("real ", "imaginary ") if i in pairs and i else ("",) for i in range(len(names)))
+        header = tuple(part + name for name, of_name in zip(names, parts, strict=True) for part in of_name)
+        values = np.delete(values, 1, axis=1) if 0 in pairs else values
     return TextTable(header, comments, values)
+
+
+def _split_complex(lines: Lines, found: dict[tuple[int, ...], int]) -> Lines:
+    """Lines in which a complex number is two numbers; in `found` columns of such, and the last line that has them."""
+    for number, line in lines:
+        if any(sign in line for sign in "ijIJ([") and line.lstrip()[:1] not in _COMMENT:
+            marked = _COMPLEX.sub("j", line)
+            delimiter = next((sign for sign in "\t;," if sign in marked), " ")
+            parted = _COMPLEX.sub(_two_numbers, line).replace("\0", delimiter)
+            if parted != line and _delimiter(parted) == delimiter:
+                cells = _fields(marked, delimiter)
+                found[tuple(i for i, cell in enumerate(cells) if cell.strip() == "j")] = number
+                line = parted
+        yield number, line
+
+
+def _two_numbers(match: re.Match[str]) -> str:
+    """Real and imaginary part of a complex number, with a NUL between."""
+    imaginary = match["second"] or (match["sign"] or "") + (match["im"] or match["behind"])
+    return f"{match['first'] or match['re'] or '0'}\0{imaginary}"
 
 
 def _head(lines: Lines, comments: dict[str, str]) -> tuple[list[_TableHead], list[tuple[int, str]], str]:

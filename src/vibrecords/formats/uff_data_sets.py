@@ -219,8 +219,11 @@ def _binary(line: str | bytes | None) -> tuple[str, int]:
 
 _CHUNK = 1 << 16
 _LONGEST_LINE = 4096
-_DELIMITER = re.compile(rb"[ \t]*-1[ \t]*\r?\n?")
-_CLOSING = re.compile(rb"\n[ \t]*-1[ \t]*(?:\r?\n|\r?$)")
+#: DOS ends a text with Ctrl-Z.
+_DELIMITER = re.compile(rb"[ \t]*-1[ \t\x1a]*\r?\n?")
+_CLOSING = re.compile(rb"\n[ \t]*-1[ \t\x1a]*(?:\r?\n|\r?$)")
+#: Where the first data set begins: lines above it say what the program that wrote the file was.
+BEGINNING = re.compile(rb"^[ \t]*-1[ \t]*\r?\n[ \t]*\d{2,6}(?:[ \t]*|[bB][ \d]*)\r?$", re.MULTILINE)
 #: A delimiter with its blanks up to column 80 and both line ends is no longer.
 _OVERLAP = 128
 
@@ -274,7 +277,7 @@ def scan(file: BinaryIO) -> Iterator[UffDataSet]:
         line = file.readline(_LONGEST_LINE)
         if not line:
             return
-        if not line.strip():
+        if not line.strip(b" \t\r\n\x1a") or (number == 0 and not _DELIMITER.fullmatch(line)):
             continue
         if not _DELIMITER.fullmatch(line):
             raise MeasurementError(
@@ -306,7 +309,7 @@ def _data_set(file: BinaryIO, number: int) -> UffDataSet:
         return UffDataSet(number, kind, start, _closing(file, number, start - 1), header)
     stop = start + body_bytes(header)
     file.seek(stop)
-    end = re.match(rb"\r?\n?[ \t]*-1[ \t]*(?:\r?\n|$)", file.read(_OVERLAP))
+    end = re.match(rb"\r?\n?[ \t]*-1[ \t\x1a]*(?:\r?\n|$)", file.read(_OVERLAP))
     if end is None:
         raise MeasurementError(
             f"data set {number}, line {line_of(file, here)}: found no delimiter -1 after the {body_bytes(header)} "

@@ -128,8 +128,10 @@ def _numbers(header: FunctionHeader, body: bytes, most: int, skipped: int) -> Ar
             if not _NUMBER.fullmatch(cell):
                 raise _no_number(cell, line)
             numbers.append(float(cell))
-        if len(numbers) > most:
-            raise LineError(line, _count_message(header, "more numbers"))
+        if padding := numbers[most:]:
+            if any(padding) or len(padding) >= len(_widths(header)):  # the last line may be filled up with zeros
+                raise LineError(line, _count_message(header, "more numbers"))
+            del numbers[most:]
     return np.frombuffer(numbers, dtype=float) if numbers else np.empty(0)
 
 
@@ -288,9 +290,14 @@ def read_mode(body: bytes, number: int) -> ModeRecord | None:
     mode, n_real = counts[3], counts[1]
     if not (1 <= n_real <= 12 and n_real >= (2 if analysis in _COMPLEX else 1)):
         raise LineError(6, f"found {n_real} real parameters; expected those of a mode, 4 or 6; export the modes again")
-    end = 7 + -(-n_real // 6)
-    stated = list(_mode_numbers(lines, 7, end, n_real))
-    nodes, values = _shape(lines, end, per_node * (2 if kind in (5, 6) else 1))
+    end, count = 7 + -(-n_real // 6), per_node * (2 if kind in (5, 6) else 1)
+    try:
+        stated = list(_mode_numbers(lines, 7, end, n_real))
+        nodes, values = _shape(lines, end, count)
+    except LineError:
+        if (free := _free_columns(lines, n_real, count)) is None:
+            raise
+        stated, nodes, values = free
     shape = values.view(complex) if kind in (5, 6) else values
     labels = [dof_label(Dof("", node, direction)) for node in nodes for direction in _DIRECTIONS[per_node]]
     notes = [f"shape in {_MOTIONS[motion]}"] if _MOTIONS.get(motion) else []
@@ -348,6 +355,18 @@ def _mode_numbers(lines: list[str], first: int, end: int, count: int) -> Iterato
             if not math.isfinite(value):
                 raise _no_number(cell, at)
             yield value
+
+
+def _free_columns(lines: list[str], n_real: int, count: int) -> tuple[list[float], list[int], Array] | None:
+    """Parameters, nodes and values wherever lines end; None where they do not come out even."""
+    cells = " ".join(lines[7:]).split()
+    numbers = np.array([math.nan if (number := float_of(cell)) is None else number for cell in cells])
+    nodes, rows = cells[n_real :: 1 + count], numbers[n_real:]
+    if not (len(nodes) and rows.size == len(nodes) * (1 + count) and np.isfinite(numbers).all()):
+        return None
+    if not all(re.fullmatch(r"\d{1,9}", node) for node in nodes) or len({*map(int, nodes)}) < len(nodes):
+        return None
+    return numbers[:n_real].tolist(), list(map(int, nodes)), rows.reshape(len(nodes), -1)[:, 1:].copy()
 
 
 def _shape(lines: list[str], at: int, count: int) -> tuple[list[int], Array]:
