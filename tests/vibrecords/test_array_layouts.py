@@ -102,7 +102,7 @@ FILES = {
         [frf("Tip:1:+Z", "Tip:2:+X", quantity="accelerance")]),
     "test.lab in SI or in g":
         ({"FRF": siemens() | {"y_values": {"values": column(V), "quantity": {"label": "g/N"}}}},
-        [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="g/N (or SI: no factor in the file)")]),
+        [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="g (or SI: no factor)/N")]),
     "test.lab frf in si": ({"FRF": siemens(unit="(m/s^2)/N")}, [frf("Tip:1:+Z", "Tip:2:+X", quantity="accelerance")]),
     "test.lab per volt":
         ({"FRF": siemens(unit="g/V")}, [frf("Tip:1:+Z", "Tip:2:+X", quantity="accelerance", factor=None)]),
@@ -120,7 +120,7 @@ FILES = {
         ({"FRF":
         siemens() | {"y_values":
         {"values": column(V), "quantity": {"label": "g/N", "unit_transformation": {"factor": 1.0}}}}},
-        [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="g/N (factor 1)")]),
+        [frf("Tip:1:+Z", "Tip:2:+X", factor=None, unit="g (factor 1)/N")]),
     "test.lab uneven lines":
         ({"FRF": siemens(values=V, unit="m/N") | {"x_values": {"values": F**1.5, "quantity": {"label": "Hz"}}}},
         [frf("Tip:1:+Z", "Tip:2:+X", lines=F**1.5, quantity="receptance")]),

@@ -8,6 +8,7 @@ import scipy.io
 
 from tests.vibrecords.uff_text import function_58, mode_55
 from vibrecords.errors import MeasurementError
+from vibrecords.formats.channel_units import ChannelUnit, restate_frf, restate_history, unknown_sides
 from vibrecords.formats.read import detect_format, iter_records
 from vibrecords.records import FrfRecord, ModeRecord, TimeRecord
 
@@ -103,7 +104,7 @@ def matlab_4(order="<", kind=0, **arrays):
 @pytest.mark.parametrize("kind", range(6))
 def test_matlab_4(tmp_path, order, kind):
     whole = np.round(50 * np.abs(H.real)) + 1j * np.round(50 * np.abs(H.imag))
-    (tmp_path / "a").write_bytes(matlab_4(order, kind, freq=np.arange(24) + 1, H_A=whole, outputs="tip"))
+    (tmp_path / "a").write_bytes(matlab_4(order, kind, freq=np.arange(24) + 1, H_A=whole, none=np.empty((0, 3))))
     first, second = records(tmp_path / "a")
     assert detect_format(tmp_path / "a") == "mat4"
     for record, column in zip((first, second), whole.T, strict=True):
@@ -159,6 +160,25 @@ def test_channels_of_sep_5(tmp_path, clock):
     assert (motion.channel, motion.quantity) == ("tip", "acceleration")
     np.testing.assert_allclose(force.values, V.real)
     np.testing.assert_allclose(motion.values, 9.80665 * V.imag)
+
+
+@pytest.mark.parametrize(("label", "said"), [("g/N", (("g", 9.80665), ("m/s^2", 1.0))), ("g", (("g", 9.80665),))])
+def test_a_unit_that_test_lab_leaves_open_is_asked_of_its_channel_and_the_answer_taken(tmp_path, label, said):
+    is_frf = "/" in label
+    axis = {"start_value": 2.5, "increment": 2.5, "number_of_values": 24.0}
+    axis["quantity"] = {"label": "Hz" if is_frf else "s"}
+    struct_ = {"x_values": axis, "y_values": {"values": V if is_frf else V.real, "quantity": {"label": label}}}
+    record = one(saved(tmp_path / "a", FRF=struct_), FrfRecord if is_frf else TimeRecord)
+    assert record.factor is None
+    if is_frf:
+        assert unknown_sides(record.unit) == ({"unit"}, set())  # newtons are newtons
+        with pytest.raises(MeasurementError, match=r"the unit 'g .or SI: no factor.'"):
+            restate_frf(record, ChannelUnit(), ChannelUnit("N"))
+    for unit, factor in said:
+        stated = ChannelUnit(unit)
+        answered = restate_frf(record, stated, ChannelUnit()) if is_frf else restate_history(record, stated)
+        np.testing.assert_allclose(answered.values, factor * record.values)
+        assert answered.quantity in ("accelerance", "acceleration")
 
 
 # ---- text

@@ -13,6 +13,7 @@ from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import units as known
 from vibrecords.formats.array_frfs import columns_of_parts, frequency_records, mode_records
+from vibrecords.formats.channel_units import sides_of
 from vibrecords.formats.columns import TIME_S
 from vibrecords.formats.matlab_5 import Unread
 from vibrecords.formats.named_arrays import ALIASES, Block, is_text, rises, size_of, strings, time_records, tokens_of
@@ -206,12 +207,18 @@ def _stored_unit(quantity: Block) -> tuple[str, tuple[str, ...]]:
     if unit is None or unit.factor == 1:
         return label, ()
     if stated is None and "MKS" not in about.split():
-        return f"{label} (or SI: no factor in the file)", ()  # which is no unit: a case asks for it
+        return _in_doubt(label, "or SI: no factor"), ()
     if stated is not None and not abs(stated * unit.factor - 1) < 1e-3:
-        return f"{label} (factor {stated:g})", ()  # one of the two is wrong
+        return _in_doubt(label, f"factor {stated:g}"), ()  # one of the two is wrong
     si_label = known.si_frf_unit(kind[1]) if kind else known.si_sensor_unit(sensor[1]) if sensor else label
     why = "by its factor" if stated is not None else f"by {about!r}"
     return si_label, (f"stored in SI units {why}, the label {label} is for display: not converted",)
+
+
+def _in_doubt(label: str, why: str) -> str:
+    """A label whose sides other than SI are no unit any more, so that a case asks for them."""
+    sides = [(side, parse_unit(side)) for side in sides_of(label) if side]
+    return "/".join(side if unit and unit.factor == 1 else f"{side} ({why})" for side, unit in sides)
 
 
 def _even_axis(x: Block, count: int) -> Array:

@@ -66,7 +66,7 @@ def restate_frf(record: FrfRecord, response: ChannelUnit, force: ChannelUnit) ->
     """
     if not (response.stated or force.stated):
         return record
-    of_response, of_force = _parts(record.unit)
+    of_response, of_force = sides_of(record.unit)
     place = f"{record.where} ({record.response} over {record.reference})"
     above, motion = _side(response, of_response, _factor(of_response), place)
     below, source = _side(force, of_force, _factor(of_force), place)
@@ -82,7 +82,7 @@ def restate_frf(record: FrfRecord, response: ChannelUnit, force: ChannelUnit) ->
     return replace(record, values=values, quantity=quantity, factor=factor, notes=(*kept, *notes))
 
 
-def _parts(unit: str) -> tuple[str, str]:
+def sides_of(unit: str) -> tuple[str, str]:
     """Units of response and force as a file writes them together: they part at the last stroke outside of brackets."""
     depth = 0
     for i in range(len(unit) - 1, -1, -1):
@@ -96,7 +96,7 @@ def unknown_sides(unit: str) -> tuple[set[str], set[str]]:
     """Keys that a case must state of response and force of an FRF whose unit is that of no motion over a force."""
     response, force = (
         set() if not part or sensor_unit(part) else {"unit", "sensitivity"} if _volts(part) else {"unit"}
-        for part in _parts(unit)
+        for part in sides_of(unit)
     )
     return response, force
 

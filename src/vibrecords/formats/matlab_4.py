@@ -42,9 +42,7 @@ def read_matlab_4(path: Path, _most: int, _matrix: MatrixOf) -> Block:
         numbers, kind, shape, is_complex, length = header
         name, at = content[at + _HEADER : at + _HEADER + length].split(b"\0")[0].decode("ascii"), at + _HEADER + length
         count = shape[0] * shape[1]
-        parts: Any = np.frombuffer(memoryview(content)[at:], numbers, count * (1 + is_complex)).astype(
-            f"={numbers[1:]}"
-        )
+        parts: Any = np.frombuffer(content, numbers, count * (1 + is_complex), at).astype(f"={numbers[1:]}")
         at += parts.size * int(numbers[-1])
         values = (complex_of(parts[:count], parts[count:]) if is_complex else parts).reshape(shape, order="F")
         if kind == 1:

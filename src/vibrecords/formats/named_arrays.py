@@ -282,6 +282,7 @@ class Block:
         """First of the texts, or an empty one where there is no text."""
         return next(iter(self.strings(key)), "") if is_text(self.get(key)) else ""
 
+    @np.errstate(all="ignore")  # a file may hold any number
     def is_two_sided(self, name: str) -> bool:
         """Whether an axis has even steps and a negative half, before 0 or, as an FFT has it, behind."""
         value = self.get(name)
