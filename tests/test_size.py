@@ -15,7 +15,7 @@ ROOMS = {
     "identification": (1050, 1500),
     "sampling": (1450, 2400),
     "posterior": (3500, 5950),
-    "studies": (3300, 4250),
+    "studies": (3300, 4275),
     "case": (4000, 5430),
     "report": (2700, 3650),
     "cli and what stands alone": (1600, 1670),

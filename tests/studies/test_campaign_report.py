@@ -5,12 +5,14 @@ import dataclasses
 import json
 import shutil
 
+import h5py
 import numpy as np
 import pytest
 
 from jointbayes.cli.studies import _exit_by
 from jointbayes.errors import MeasurementError, WriteError
 from jointbayes.joint import parametrisation_named
+from jointbayes.posterior.identifiability import NO_VALID_VALUE
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Table
 from jointbayes.studies.campaign import campaign_findings as findings_module
@@ -18,10 +20,10 @@ from jointbayes.studies.campaign import campaign_report as report_module
 from jointbayes.studies.campaign import charts, hierarchical
 from jointbayes.studies.campaign.campaign import Campaign
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
-from jointbayes.studies.campaign.campaign_report import write_campaign_report
-from jointbayes.studies.campaign.campaign_sections import campaign_sections
+from jointbayes.studies.campaign.campaign_report import joints_csv, write_campaign_report
+from jointbayes.studies.campaign.campaign_sections import campaign_lead, campaign_sections
 from jointbayes.studies.campaign.index import read_index
-from jointbayes.studies.campaign.joint_draws import read_draws
+from jointbayes.studies.campaign.joint_draws import OTHER_KIND, read_draws
 from jointbayes.workflow import load_posterior
 from tests.studies.campaign_directory import (
     HIGH,
@@ -255,7 +257,74 @@ def test_few_joints_give_a_report_without_a_population(tmp_path, joints):
     found = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert found["population"] is None
     assert len(found["need_a_look"]) == 4 - joints
-    assert "Too few joints" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"It needs 3 joints that are done and converged; found {joints}." in page
+    assert ("Stiffness of every joint" in page) == (joints > 0)
+
+
+def springs_row(row, **cells):
+    """The row with two springs in place of a coupled pair."""
+    kept = {name: value for name, value in row.items() if "." not in name}
+    one = {"unit": "N/m", "median": 16.8e6, "low95": 13.0e6, "high95": 60.5e6, "verdict": "not identified"}
+    other = {"unit": "N/m", "median": 23.2e6, "low95": 22.1e6, "high95": 24.3e6, "verdict": "identified"}
+    both = [("first.kx", one | {"printed_low95": 12.5e6, "printed_high95": 63.3e6}), ("second.kx", other | cells)]
+    return kept | {f"{name}.{column}": value for name, of in both for column, value in of.items()}
+
+
+def test_joints_of_another_kind_stand_in_the_first_table_and_are_said_to_be_in_no_population(tmp_path):
+    rows, theta = campaign_rows(4, draws=60)
+    limit = {"verdict": "bounded below", "limit95": 2.2e7, "words": "bounded below"}
+    rows = [springs_row(row, **(limit if row is rows[1] else {})) for row in rows]
+    rows[2] |= {"explains": False}
+    for row, draws in zip(rows, theta, strict=True):
+        write_case(tmp_path / row["file"], draws)
+        with h5py.File(tmp_path / row["file"], "a") as file:
+            file["log_prior"].attrs["coordinates"] = "springs"
+    write_index(tmp_path, rows)
+    findings = examine_campaign(tmp_path)
+    assert findings.joints is None
+    assert set(findings.left_out.values()) == {OTHER_KIND}
+    assert all(look.gravity > 2 for look in findings.look)  # the kind of most joints is no reason to look at one
+    blocks = campaign_lead(findings)
+    table = next(block for block in blocks if isinstance(block, Table))
+    assert [row[2:] for row in table.rows[:4]] == [
+        ("16.8", "12.5 to 63.3", "MN/m", "not identified"),
+        ("23.2", "22.1 to 24.3", "MN/m", "identified"),
+        ("16.8", "12.5 to 63.3", "MN/m", "not identified"),
+        ("–", "above 22.0", "MN/m", "bounded below"),
+    ]
+    assert table.rows[5][-1] == NO_VALID_VALUE
+    assert len(table.rows) == 8
+    assert OTHER_KIND in blocks[-1].text
+    assert "found 0. Left out 4 cases" in blocks[-1].text
+    lines = list(csv.DictReader(joints_csv(findings).splitlines()))
+    assert [line["second.kx.verdict"] for line in lines] == ["identified", "bounded below", "identified", "identified"]
+    assert float(lines[0]["first.kx.high95 (N/m)"]) == 63.3e6
+
+
+def test_one_case_of_another_kind_among_pairs_is_named_on_page_one_and_to_be_looked_at(tmp_path, short_population):
+    rows, theta = campaign_rows(6, draws=60)
+    for row, draws in zip(rows, theta, strict=True):
+        write_case(tmp_path / row["file"], draws)
+    rows[0] = springs_row(rows[0])
+    with h5py.File(tmp_path / rows[0]["file"], "a") as file:
+        file["log_prior"].attrs["coordinates"] = "springs"
+    write_index(tmp_path, rows)
+    findings = examine_campaign(tmp_path)
+    assert findings.counts["in the population"] == 5
+    assert [(look.row.key, look.reasons) for look in findings.look if look.gravity == 2] == [
+        (rows[0]["key"], (OTHER_KIND,))
+    ]
+    assert any(
+        "Not in the population.** Left out 1 case: its joint" in getattr(b, "text", "") for b in campaign_lead(findings)
+    )
+
+
+def test_the_first_table_ends_where_a_page_does(tmp_path, findings):
+    many = dataclasses.replace(findings, rows=findings.rows * 3)
+    (table,) = (block for block in campaign_lead(many) if isinstance(block, Table) and "Verdict" in block.head)
+    assert len(table.rows) == 120
+    assert table.note.startswith("The first 40 of 114; `joints.csv` has all.")
 
 
 @pytest.mark.whole
@@ -289,7 +358,7 @@ def test_cases_in_other_coordinates_are_carried_over(tmp_path):
             ends = {"low": [LOW[0], LOW[2], -1.0], "high": [HIGH[0], HIGH[2], 1.0]}
             write_case(tmp_path / row["file"], other, "signed", mean=[19.0, 12.0, 0.0], sd=[3.0, 3.0, 0.6], **ends)
     write_index(tmp_path, rows)
-    found = read_draws(tmp_path, read_index(tmp_path))
+    found, _ = read_draws(tmp_path, read_index(tmp_path))
     assert found.parametrisation.key == "log"
     np.testing.assert_allclose(found.draws.theta, theta, rtol=1e-9)
     # π over θ of the log coordinates is |∂ρ/∂ln k12| = ρ times that over ρ, by hand
@@ -359,8 +428,8 @@ def test_a_posterior_as_it_is_saved_has_what_the_report_reads(cheap_posterior, t
         write_case(tmp_path / row["file"], draws)
     cheap_posterior.with_fewer_draws(500).save(tmp_path / rows[0]["file"])
     write_index(tmp_path, rows)
-    found = read_draws(tmp_path, read_index(tmp_path))
-    assert not found.left_out
+    found, left_out = read_draws(tmp_path, read_index(tmp_path))
+    assert not left_out
     loaded, count = load_posterior(tmp_path / rows[0]["file"]), found.draws.counts[0]
     np.testing.assert_allclose(found.draws.theta[0, :count], loaded.thinned(count), rtol=1e-9)
     prior = loaded.problem.prior

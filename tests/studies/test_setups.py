@@ -15,7 +15,7 @@ from jointbayes.posterior.prediction import simulated_values
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
 from jointbayes.studies.campaign.case_table import read_cases
 from jointbayes.studies.campaign.index import DONE, read_index, write_index
-from jointbayes.studies.campaign.joint_draws import read_draws
+from jointbayes.studies.campaign.joint_draws import OTHER_KIND, read_draws
 from jointbayes.studies.compare import hypothesis_problem, require_same_data
 from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
@@ -207,9 +207,9 @@ def test_cases_whose_set_ups_have_joints_of_their_own_say_why_they_are_in_no_pop
     done = {"status": DONE, "converged": True, "order": 0}
     rows = [{"key": key, "file": f"{key}.nc", **done} for key in ("own", "shared")]
     write_index(tmp_path, rows)
-    draws = read_draws(tmp_path, read_index(tmp_path))
+    draws, left_out = read_draws(tmp_path, read_index(tmp_path))
     assert [row.key for row in draws.rows] == ["shared"]
-    assert draws.left_out == {"own": "it is not of one coupled pair, the same in all its set-ups"}
+    assert left_out == {"own": OTHER_KIND}
 
 
 def test_published_values_are_those_of_joints_that_set_ups_share():

@@ -660,7 +660,8 @@ class Posterior:
         dict
             ``seed``, ``converged``, ``reason``, ``explains``, ``misfit_p_value``; and for each stiffness and each other
             uncertain quantity q ``q.unit``, ``q.map``, ``q.median``, ``q.low95``, ``q.high95``, ``q.sd_log``,
-            ``q.contraction``, and of a stiffness ``q.printed_low95``, ``q.printed_high95`` and ``q.verdict``.
+            ``q.contraction``, and of a stiffness ``q.printed_low95``, ``q.printed_high95``, ``q.limit95``,
+            ``q.words`` and ``q.verdict``.
         """
         row: dict[str, Cell] = {
             "seed": self.record.seed,
@@ -735,6 +736,7 @@ def _columns(name: str, summary: StiffnessSummary | NuisanceSummary) -> dict[str
     cells |= dict(zip(("low95", "high95"), known.interval95, strict=True))
     if isinstance(known, Identifiability):
         cells |= dict(zip(("printed_low95", "printed_high95"), known.printed95, strict=True))
+        cells |= {"limit95": known.printed_limit, "words": known.words}
     cells |= {"sd_log": known.sd_log, "contraction": known.contraction, "verdict": getattr(known, "verdict", None)}
     return {
         f"{name}.{column}": None if isinstance(value, float) and not np.isfinite(value) else value

@@ -16,7 +16,7 @@ from jointbayes.studies.campaign.hierarchical import (
     weighted_quantiles,
 )
 from jointbayes.studies.campaign.index import DONE, CaseRow, read_index
-from jointbayes.studies.campaign.joint_draws import CampaignDraws, read_draws
+from jointbayes.studies.campaign.joint_draws import OTHER_KIND, CampaignDraws, read_draws
 from jointbayes.studies.campaign.outliers import FEWEST, ComparedQuantity, outlier_limit, spread_of
 from vibrecords.arrays import Array
 
@@ -98,9 +98,8 @@ def examine_campaign(directory: str | os.PathLike[str], seed: int = 1) -> Campai
         If there is no index of a campaign.
     """
     rows = read_index(directory)
-    draws = read_draws(directory, rows)
+    draws, left_out = read_draws(directory, rows)
     joints = None if draws is None or len(draws.rows) < FEWEST_JOINTS else _examined(draws, seed)
-    left_out = {} if draws is None else dict(draws.left_out)
     done = [row for row in rows if row.status == DONE]
     counts = {
         "cases": len(rows),
@@ -176,8 +175,10 @@ def _needing_a_look(
             reasons[row.key].append((0 if "kill" in row.status else 1, f"{row.status}{told}"))
         elif not row.converged:
             reasons[row.key].append((3, f"not converged: {row.reason}" if row.reason else "not converged"))
+    usual = 2 * list(left_out.values()).count(OTHER_KIND) >= len(done)
     for key, reason in left_out.items():
-        reasons[key].append((2, reason))
+        if not (usual and reason == OTHER_KIND):
+            reasons[key].append((2, reason))
     if joints is not None:
         for key, gravity, why in _unlike_the_others(joints):
             reasons[key].append((gravity, why))

@@ -112,9 +112,14 @@ def joints_csv(findings: CampaignFindings) -> str:
     place = {} if joints is None else {row.key: i for i, row in enumerate(joints.draws.rows)}
     quantities = () if joints is None else joints.quantities
     head = ["key", "serial", "date", "status", "converged", "explains", "need_a_look", "effective_draws"]
+    found = {(name, k.unit): None for row in findings.rows for name, k in row.stiffness.items()}
+    alone = [q for q in quantities if (q.name, q.unit) not in found]  # coordinates that are no stiffness
+    for name, unit in found:
+        in_unit = "" if unit == "1" else f" ({unit})"
+        head += [*(f"{name}.{field}{in_unit}" for field in _INTERVAL), f"{name}.verdict"]
+    head += [f"{q.name}.{field}{q.in_unit}" for q in alone for field in _INTERVAL]
     for q in quantities:
-        head += [f"{q.name}.{field}{q.in_unit}" for field in ("median", "low95", "high95")]
-        head += [f"{q.name}.given_all.{field}{q.in_unit}" for field in ("median", "low95", "high95")]
+        head += [f"{q.name}.given_all.{field}{q.in_unit}" for field in _INTERVAL]
         head += [f"{q.name}.{field}" for field in ("score", "rank", "rank_low95", "rank_high95")]
     looks = {look.row.key: "; ".join(look.reasons) for look in findings.look}
     stream = io.StringIO()
@@ -126,14 +131,21 @@ def joints_csv(findings: CampaignFindings) -> str:
         converged = str(row.converged).lower() if row.status == DONE else ""
         line = [_no_formula(row.key), _no_formula(row.serial or ""), date, row.status, converged, explains]
         line.append(_no_formula(looks.get(row.key, "")))
-        if joints is None or row.key not in place:
-            writer.writerow([*line, *[""] * (1 + 10 * len(quantities))])
+        i = place.get(row.key)
+        line.append("" if joints is None or i is None else f"{joints.population.effective[i]:.1f}")
+        for name, unit in found:
+            k = row.stiffness.get(name) if row.converged else None
+            if k is None or k.unit != unit:
+                line += [""] * 4
+            else:
+                line += [*(f"{value:.6g}" for value in (k.median, k.low95, k.high95)), k.verdict]
+        if i is None:
+            writer.writerow([*line, *[""] * (len(head) - len(line))])
             continue
-        i = place[row.key]
-        line.append(f"{joints.population.effective[i]:.1f}")
+        line += [f"{q.unpooled[i, k]:.6g}" for q in alone for k in (1, 0, 2)]
         for q in quantities:
-            ends = [values[i, k] for values in (q.unpooled, q.shrunken) for k in (1, 0, 2)]
-            line += [f"{value:.6g}" for value in (*ends, q.spread.score[i], *(q.rank[i, k] for k in (1, 0, 2)))]
+            ends = (*q.shrunken[i, [1, 0, 2]], q.spread.score[i], *q.rank[i, [1, 0, 2]])
+            line += [f"{value:.6g}" for value in ends]
         writer.writerow(line)
     return stream.getvalue()
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.joint import Coordinate
+from jointbayes.posterior.identifiability import NO_VALID_VALUE
 from jointbayes.posterior.rounding import engineering, interval, number
 from jointbayes.report.markup import foreign
 from jointbayes.report.methods import references, report_text
@@ -14,6 +15,7 @@ from jointbayes.studies.campaign.campaign_findings import FEWEST_JOINTS, Campaig
 from jointbayes.studies.campaign.charts import population_figure, ranking_figure
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
 from jointbayes.studies.campaign.index import DONE
+from jointbayes.studies.campaign.joint_draws import OTHER_KIND
 from jointbayes.studies.campaign.outliers import FALSE_ALARM, ComparedQuantity
 from vibrecords.arrays import Array
 
@@ -21,6 +23,7 @@ _MOST_LOOKS = 40
 _RANKED = 6  # from either end of a ranking
 _MOST_JOINTS = 30  # in the table of joints
 _MOVED = 15  # joints in it where there are more
+_MOST_ROWS = 120  # in the table of every joint
 _LONGEST = 160  # characters of a reason
 _NOISY = 0.3  # Monte Carlo error in posterior sd that is said aloud
 _MOST_NAMED = 12
@@ -44,11 +47,11 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
                 "data.** They are part of the population; their own intervals have no valid value.",
             )
         )
+    blocks += _every_joint(findings)
     if joints is None:
-        text = (
-            f"**Too few joints for a population.** Expected {FEWEST_JOINTS} or more cases that are done and converged."
-        )
-        return (*blocks, Callout("caution", text))
+        return (*blocks, Callout("caution", _why_no_population(findings)))
+    if OTHER_KIND in findings.left_out.values():
+        blocks.append(Callout("caution", f"**Not in the population.** {_left_out(findings)}"))
     if not joints.population.converged:
         worth = f"worth {joints.population.effective_populations:.0f} independent draws"
         text = f"by {joints.population.how}, {worth}. What is said of the single joints holds"
@@ -77,6 +80,44 @@ def campaign_sections(findings: CampaignFindings) -> tuple[ReportSection, ...]:
         return (_look_section(findings),)
     of_joints = (_population_section, _outlier_section, _ranking_section, _joint_section, _method_section)
     return (_look_section(findings), *(section(joints) for section in of_joints))
+
+
+def _every_joint(findings: CampaignFindings) -> tuple[Table, ...]:
+    """Each stiffness of each joint by itself, as its own report prints it; none where no case is done."""
+    rows, kinds, known = [], [], [row for row in findings.rows if row.stiffness and row.status == DONE]
+    shown = known[: max(1, _MOST_ROWS // max((len(row.stiffness) for row in known), default=1))]
+    for row in shown:
+        for name, estimate in row.stiffness.items():
+            median, between, unit = estimate.row
+            right = row.explains is not False or estimate.verdict in ("not identified", "no verdict")
+            verdict = (estimate.words or estimate.verdict) if right else NO_VALID_VALUE
+            rows.append((foreign(_cut(row.label)), foreign(name), median, between, unit, verdict))
+            kinds.append("" if row.converged and right else "bad")
+    if not rows:
+        return ()
+    more = f"The first {len(shown)} of {len(known)}; `joints.csv` has all. " if len(shown) < len(known) else ""
+    note = f"{more}Each joint from its own test alone, in the order of the table."
+    caption = "Stiffness of every joint" if not more else "Stiffness of the joints"
+    head = ("Joint", "Stiffness", "Median", "95 % interval", "Unit", "Verdict")
+    return (Table(caption, head, tuple(rows), align="llrlll", note=note, row_kinds=tuple(kinds)),)
+
+
+def _why_no_population(findings: CampaignFindings) -> str:
+    """Which cases are left out of the population and why, and how many it needs."""
+    counts = findings.counts
+    fit = counts[DONE] - counts["not converged"] - len(findings.left_out)
+    text = f"**No population of these joints.** It needs {FEWEST_JOINTS} joints that are done and converged"
+    return f"{text}; found {fit}. {_left_out(findings)}".strip()
+
+
+def _left_out(findings: CampaignFindings) -> str:
+    """Reasons with which cases have no part in the population, and how many have each."""
+    reasons = Counter(findings.left_out.values()).most_common(_MOST_NAMED)
+    return " ".join(f"Left out {_cases(count)}: {foreign(_cut(reason))}." for reason, count in reasons)
+
+
+def _cases(count: int) -> str:
+    return f"{count} case{'s' if count > 1 else ''}"
 
 
 def _named(joints: PopulationFindings, chosen: NDArray[np.bool_]) -> str:

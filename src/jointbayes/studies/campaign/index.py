@@ -8,13 +8,14 @@ import datetime
 import json
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter
 
 from jointbayes.errors import MeasurementError
+from jointbayes.posterior.rounding import engineering
 from jointbayes.studies.study_directory import read_lines
 from vibrecords.files import OwnDirectory, write_whole_file
 
@@ -73,6 +74,42 @@ def kept_rows(directory: Path) -> dict[str, Row]:
 
 
 @dataclass(frozen=True, slots=True)
+class Estimate:
+    """What the index says of one stiffness: all as printed in the case's own report, in its unit.
+
+    Parameters
+    ----------
+    unit, median, verdict
+        As in the index.
+    low95, high95
+        Ends of the 95 % interval, each the more cautious of draws and likelihood.
+    limit95
+        One-sided limit of a stiffness that is bounded.
+    words
+        The verdict with what it takes as exact; empty in an index of an older version.
+    """
+
+    unit: str
+    median: float
+    low95: float
+    high95: float
+    verdict: str
+    limit95: float | None = None
+    words: str = ""
+
+    @property
+    def row(self) -> tuple[str, str, str]:
+        """Median, interval or limit, and unit, with one prefix."""
+        one_sided = {"bounded below": ("above", self.low95), "bounded above": ("below", self.high95)}
+        if self.verdict in one_sided:
+            side, end = one_sided[self.verdict]
+            (limit,), unit = engineering((end if self.limit95 is None else self.limit95,), self.unit)
+            return "–", f"{side} {limit}", unit
+        (median, low, high), unit = engineering((self.median, self.low95, self.high95), self.unit)
+        return median, f"{low} to {high}", unit
+
+
+@dataclass(frozen=True, slots=True)
 class CaseRow:
     """What the index says of one case.
 
@@ -82,12 +119,15 @@ class CaseRow:
         As in the index; None where it says nothing.
     verdicts
         Verdict on each stiffness by name; empty unless the case is done.
+    stiffness
+        Estimate of each stiffness by name, where the index has its numbers.
     """
 
     key: str
     status: str
     order: int
     verdicts: Mapping[str, str]
+    stiffness: Mapping[str, Estimate]
     file: str = ""
     attempts: int = 0
     error: str = ""
@@ -104,6 +144,8 @@ class CaseRow:
 
 
 _CASE_ROW = TypeAdapter(CaseRow)
+_ESTIMATE = tuple(each.name for each in fields(Estimate))
+_NEEDED = {"unit", "median", "low95", "high95", "verdict"}
 
 
 def read_index(directory: str | os.PathLike[str]) -> tuple[CaseRow, ...]:
@@ -137,7 +179,15 @@ def _case_row(row: Row) -> CaseRow:
     given = {name: value for name, value in row.items() if value not in (None, "") and value == value}
     verdicts = {name.removesuffix(suffix): value for name, value in given.items() if name.endswith(suffix)}
     date = date_of(row["date"]) if row.get("date") else None
-    return _CASE_ROW.validate_python(given | {"date": date, "verdicts": verdicts})
+    stiffness = {name: cells for name in verdicts if (cells := _cells(given, name)).keys() >= _NEEDED}
+    return _CASE_ROW.validate_python(given | {"date": date, "verdicts": verdicts, "stiffness": stiffness})
+
+
+def _cells(given: Row, name: str) -> Row:
+    """Columns of one stiffness, its interval as it is printed."""
+    cells = {column: given[f"{name}.{column}"] for column in _ESTIMATE if f"{name}.{column}" in given}
+    printed = {end: given[at] for end in ("low95", "high95") if (at := f"{name}.printed_{end}") in given}
+    return cells | printed
 
 
 def date_of(text: str) -> datetime.datetime:

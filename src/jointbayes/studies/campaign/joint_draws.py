@@ -15,6 +15,8 @@ from jointbayes.studies.campaign.index import DONE, CaseRow
 from jointbayes.studies.campaign.reweighting import JointDraws
 from vibrecords.arrays import Array
 
+#: Why a joint of another kind is in no population.
+OTHER_KIND = "its joint is not one coupled pair (k11, k12, k22), the same in all its set-ups"
 _NUMBERS = 1_200_000  # draws of all joints together that are looked at
 _MOST, _FEWEST = 2000, 50  # of each joint
 _EDGE, _PILED = 0.05, 2.0  # a strip of a prior's range, and how much more than the prior has there is a pile
@@ -36,8 +38,6 @@ class CampaignDraws:
         Of the joints' own priors in each coordinate, shape (m, d), of those that were sampled in these coordinates.
     at_edge
         By key, ends of priors at which draws accumulate, such as ``"upper end of the prior of k11"``.
-    left_out
-        By key, why a case that is done has no part in this.
     """
 
     rows: tuple[CaseRow, ...]
@@ -46,7 +46,6 @@ class CampaignDraws:
     prior_mean: Array
     prior_sd: Array
     at_edge: Mapping[str, str]
-    left_out: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,15 +59,19 @@ class _Case:
     prior: Mapping[str, Array]
 
 
-def read_draws(directory: str | os.PathLike[str], rows: Sequence[CaseRow]) -> CampaignDraws | None:
+def read_draws(
+    directory: str | os.PathLike[str], rows: Sequence[CaseRow]
+) -> tuple[CampaignDraws | None, dict[str, str]]:
     """Read draws of every case that is done and converged, as many of each as memory and time allow.
 
     Cases in other coordinates than most are carried over into these where they can be.
 
     Returns
     -------
-    CampaignDraws or None
+    draws
         None where no case has any.
+    left_out
+        By key, why a case that is done and converged has no part in them.
     """
     chosen = [row for row in rows if row.status == DONE and row.converged]
     most = min(_MOST, max(_FEWEST, _NUMBERS // max(len(chosen), 1)))
@@ -81,7 +84,7 @@ def read_draws(directory: str | os.PathLike[str], rows: Sequence[CaseRow]) -> Ca
         except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
             left_out[row.key] = f"its posterior cannot be read ({type(error).__name__})"
     if not cases:
-        return None
+        return None, left_out
     common = Counter(case.coordinates for case in cases).most_common(1)[0][0]
     parametrisation = parametrisation_named(common)
     theta, log_prior, kept = [], [], []
@@ -101,15 +104,8 @@ def read_draws(directory: str | os.PathLike[str], rows: Sequence[CaseRow]) -> Ca
     priors = [case.prior for case in kept if case.coordinates == common]
     mean, sd = (np.stack([prior[name] for prior in priors]) for name in ("mean", "sd"))
     edges = {case.row.key: text for case in kept if (text := _piled_up(case))}
-    return CampaignDraws(
-        tuple(case.row for case in kept),
-        parametrisation,
-        JointDraws.stacked(theta, log_prior),
-        mean,
-        sd,
-        edges,
-        left_out,
-    )
+    kept_rows = tuple(case.row for case in kept)
+    return CampaignDraws(kept_rows, parametrisation, JointDraws.stacked(theta, log_prior), mean, sd, edges), left_out
 
 
 def _read_case(directory: Path, row: CaseRow, most: int) -> _Case:
@@ -120,7 +116,7 @@ def _read_case(directory: Path, row: CaseRow, most: int) -> _Case:
         key = group.attrs["coordinates"]
         coordinates = key.decode() if isinstance(key, bytes) else str(key)
         if coordinates not in COORDINATES:
-            raise ModelError("it is not of one coupled pair, the same in all its set-ups")
+            raise ModelError(OTHER_KIND)
         names = [quantity.name for quantity in parametrisation_named(coordinates).quantities]
         density = file["log_prior/joint"][()].ravel()
         columns = [file[f"posterior/{name}"][()].ravel() for name in names]
