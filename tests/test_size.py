@@ -17,7 +17,7 @@ ROOMS = {
     "posterior": (3500, 5950),
     "studies": (3300, 4275),
     "case": (4000, 5430),
-    "report": (2700, 3650),
+    "report": (2700, 3660),
     "cli and what stands alone": (1600, 1670),
 }
 

@@ -371,3 +371,18 @@ def test_every_mode_cut_anywhere_is_read_or_one_line(tmp_path):
             assert all(isinstance(r, ModeRecord) for r in read(tmp_path / "a.uff", whole[:size] or " "))
         except MeasurementError as error:
             assert "\n" not in str(error)  # noqa: PT017 (most cuts are errors, some are none)
+
+
+@pytest.mark.parametrize("form", ["uff58", "uff58b"])
+def test_a_spectrum_is_written_as_a_function_that_no_program_takes_for_an_frf(tmp_path, form):
+    lines = np.arange(1.0, 12.0)
+    frf = FrfRecord("4:Y+", "4:Y+", lines, H, "receptance", "m/N")
+    write_records([frf, SpectrumRecord("4:Y+", "lower end", lines, np.abs(H), "m/N")], tmp_path / "a.uff", form)
+    first, second = iter_records(tmp_path / "a.uff")
+    assert (type(first), type(second)) == (FrfRecord, SpectrumRecord)
+    np.testing.assert_allclose(second.frequency_hz, lines)
+    theirs = pyuff.UFF(str(tmp_path / "a.uff")).read_sets()
+    functions = [each for each in theirs if each["type"] == 58]
+    assert [each["func_type"] for each in functions] == [4, 0]
+    assert "lower end" in "".join(functions[1][f"id{n}"] for n in range(1, 6))
+    np.testing.assert_allclose(functions[1]["data"], np.abs(H), rtol=1e-12)

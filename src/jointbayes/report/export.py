@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from vibrecords.formats.array_files import write_matlab
 from vibrecords.formats.uff_write import write_uff
 from vibrecords.formats.units import si_frf_unit
 from vibrecords.formats.write import arrays_of, write_table
-from vibrecords.records import FrfRecord, ModeRecord, dof_label, parse_dof
+from vibrecords.records import FrfRecord, ModeRecord, SpectrumRecord, dof_label, parse_dof
 
 #: Measurement formats that FRFs and modes are written in.
 FILES = ("uff58", "uff58b", "mat", "csv")
@@ -44,8 +45,9 @@ def export(
 ) -> tuple[str, ...]:
     """Write what a posterior says into a file of another program, and say what was written.
 
-    FRFs are the median and both ends of the 95 % band of their magnitude, line by line, all with the median's phase.
-    Modes and cards are those of the joint of the medians, or of the joint mode where no joint has these.
+    FRFs are the median of the draws, line by line; both ends of the 95 % band of its magnitude stand beside them, as
+    functions of their own that are no FRFs. Natural frequencies and damping ratios are medians and standard deviations
+    of the draws. Shapes and cards are those of the joint of the medians, or of the joint mode where no joint has these.
 
     Parameters
     ----------
@@ -82,22 +84,26 @@ def export(
         elements, rigid = _elements(part, stiffness, units, numbers)
         write_whole_file(target, fe_cards(form, elements, [*said, *rigid], units, first_id).encode())
         return (f"Cards for {form} of the {of}: {part.test.joints}",)
-    frfs = () if part.test.data.shown_frfs is None else _frfs(posterior, setup)
-    modes = _modes(posterior, part, theta, numbers)
+    dofs = tuple(dict.fromkeys((*part.test.data.dofs, *part.test.joints.labels)))
+    universal = form.startswith("uff")
+    labels = _numbered_labels(dofs, numbers) if universal else dict(zip(dofs, dofs, strict=True))
+    frfs, ends = ((), ()) if part.test.data.shown_frfs is None else _frfs(posterior, setup, labels)
+    modes = _modes(posterior, setup, theta, labels)
     if not frfs and (form == "csv" or not modes):
         raise ModelError(
             f"export: found {part.test.data.words} as data, and no FRFs for {form}; expected FRFs; choose uff58 or mat"
         )
     said += [f"mode {m.number}: {m.frequency_hz!r} Hz, damping ratio {m.damping_ratio!r}" for m in modes]
-    said += [f"node {number} is {name}" for name, number in numbers.items()]
+    said += [f"node {number} is {name}" for name, number in numbers.items() if universal]
     with whole_file(target) as temporary:
         if form == "csv":
-            write_table(frfs, temporary, ",", ascii_lines(said))
+            write_table((*frfs, *ends), temporary, ",", ascii_lines(said))
         elif form == "mat":
-            write_matlab(arrays_of(frfs) | _blocks(posterior, part, stiffness, modes), temporary)
+            write_matlab(arrays_of(frfs) | _band(frfs, ends) | _blocks(posterior, part, stiffness, modes), temporary)
         else:
-            write_uff((*frfs, *modes), temporary, binary=form == "uff58b", remarks=ascii_lines(said))
-    band, shapes = f"{len(frfs)} FRFs: median and both ends of the 95 % band", f"{len(modes)} modes of the {of}"
+            write_uff((*frfs, *ends, *modes), temporary, binary=form == "uff58b", remarks=ascii_lines(said))
+    band = f"{len(frfs)} FRFs: the median; beside each both ends of its 95 % band, which are no FRFs"
+    shapes = f"{len(modes)} modes: medians of the draws, shapes of the {of}"
     return (*([band] if frfs else []), *([shapes] if modes else []))
 
 
@@ -110,27 +116,39 @@ def central_joint(posterior: Posterior) -> tuple[Array, str]:
     return np.concatenate([prior.parametrisation.coordinates(medians), rest]), "joint of the medians"
 
 
-def _frfs(posterior: Posterior, setup: str | None) -> tuple[FrfRecord, ...]:
+def _frfs(
+    posterior: Posterior, setup: str | None, labels: Mapping[str, str]
+) -> tuple[tuple[FrfRecord, ...], tuple[SpectrumRecord, ...]]:
+    """The median of each FRF, and both ends of the band of its magnitude."""
     band = posterior.predict_frf(setup=setup)
     turn: NDArray[np.complex128] = np.exp(1j * np.deg2rad(band.phase_deg))
-    unit = si_frf_unit(band.quantity)
-    ends = {"lower end of 95 %": band.magnitude_low, "upper end of 95 %": band.magnitude_high}
-    of_band = {"median": band.magnitude, **ends}
-    return tuple(
-        FrfRecord(f"{output} {name}", input_, band.frequency_hz, (size * turn)[:, i, j], band.quantity, unit)
-        for i, output in enumerate(band.outputs)
-        for j, input_ in enumerate(band.inputs)
-        for name, size in of_band.items()
-    )
+    line, unit = band.frequency_hz, si_frf_unit(band.quantity)
+    sizes = {"lower end of 95 %": band.magnitude_low, "upper end of 95 %": band.magnitude_high}
+    frfs, ends = [], []
+    for (i, output), (j, input_) in product(enumerate(band.outputs), enumerate(band.inputs)):
+        pair = labels[output], labels[input_]
+        frfs.append(FrfRecord(*pair, line, (band.magnitude * turn)[:, i, j], band.quantity, unit))
+        ends += [
+            SpectrumRecord(pair[0], f"{end} / {pair[1]}", line, size[:, i, j], unit) for end, size in sizes.items()
+        ]
+    return tuple(frfs), tuple(ends)
 
 
-def _modes(posterior: Posterior, part: Problem, theta: Array, nodes: dict[str, int]) -> tuple[ModeRecord, ...]:
-    """Lowest modes with unit modal mass at the nodes of the model; none of a structure with a measured body."""
-    test, most = part.test, min(_MOST_MODES, part.test.most_modes)
+def _band(frfs: tuple[FrfRecord, ...], ends: tuple[SpectrumRecord, ...]) -> dict[str, dict[str, Any]]:
+    """Both ends of the band as arrays, as the FRFs stand in theirs: lines, outputs, inputs."""
+    if not frfs:
+        return {}
+    shape = len({frf.response for frf in frfs}), len({frf.reference for frf in frfs}), -1
+    low, high = (np.moveaxis(np.array([end.values for end in ends[k::2]]).reshape(shape), -1, 0) for k in (0, 1))
+    return {"band95": {"low": low, "high": high}}
+
+
+def _modes(posterior: Posterior, setup: str | None, theta: Array, labels: Mapping[str, str]) -> tuple[ModeRecord, ...]:
+    """Lowest modes with unit modal mass at these DOFs of the model; none of a structure with a measured body."""
+    part = posterior.problem.part(setup)
+    test, most, dofs = part.test, min(_MOST_MODES, part.test.most_modes), tuple(labels)
     if most < 1:
         return ()
-    dofs = tuple(dict.fromkeys((*test.data.dofs, *test.joints.labels)))
-    labels = [_label(dof, nodes) for dof in dofs]
 
     def modal_at(rows: Array, count: int) -> Modal:
         return AssembledShapes(test.structures, test.joints, count, dofs).modes(
@@ -139,29 +157,35 @@ def _modes(posterior: Posterior, part: Problem, theta: Array, nodes: dict[str, i
 
     modal = modal_at(theta[None], most)
     count = min(most, max(_FEWEST_MODES, int((modal.frequency_hz[0] <= test.data.top_hz).sum())))
-    drawn = modal_at(posterior.thinned(_DRAWS), count)
+    frequency_hz = posterior.predict_natural_frequencies(count, setup=setup)  # those of page one
+    damping_ratio = modal_at(posterior.thinned(_DRAWS), count).damping_ratio
     modes = []
     for n in range(count):
-        frequency = float(modal.frequency_hz[0, n]), _sd(drawn.frequency_hz[:, n])
-        damping = float(modal.damping_ratio[0, n]), _sd(drawn.damping_ratio[:, n])
-        shape = dict(zip(labels, modal.shapes[0, n].astype(complex).tolist(), strict=True))
-        modes.append(ModeRecord(n + 1, *frequency, *damping, shape, 1.0))
+        middles = _median_and_sd(frequency_hz[:, n]), _median_and_sd(damping_ratio[:, n])
+        shape = dict(zip(labels.values(), modal.shapes[0, n].astype(complex).tolist(), strict=True))
+        modes.append(ModeRecord(n + 1, *middles[0], *middles[1], shape, 1.0))
     return tuple(modes)
 
 
-def _sd(values: Array) -> float | None:
-    """Standard deviation; None of what the model holds fixed, but for rounding."""
+def _median_and_sd(values: Array) -> tuple[float, float | None]:
+    """Median and standard deviation; no deviation of what the model holds fixed, but for rounding."""
     sd = float(values.std())
-    return sd if sd > 1e-9 * float(np.abs(values).max()) else None
+    return float(np.median(values)), sd if sd > 1e-9 * float(np.abs(values).max()) else None
 
 
-def _label(dof: str, nodes: dict[str, int]) -> str:
-    """Label of a DOF as a universal file has it; a node without a number gets the next one that is free."""
-    name, _, direction = dof.rpartition(":")
-    if not name.isdigit() or name in nodes:
-        dof = f"{nodes.setdefault(name, max([0, *nodes.values()]) + 1)}:{direction}"
-    parsed = parse_dof(dof)
-    return dof if parsed is None else dof_label(parsed)
+def _numbered_labels(dofs: tuple[str, ...], nodes: dict[str, int]) -> dict[str, str]:
+    """Labels of DOFs as a universal file has them; a node without a number gets one in `nodes` that is free."""
+    names = {dof: dof.rpartition(":")[0] for dof in dofs}
+    taken = {0, *nodes.values(), *(int(name) for name in names.values() if name.isdigit() and name not in nodes)}
+    labels = {}
+    for dof, name in names.items():
+        if not name.isdigit() and name not in nodes:
+            nodes[name] = max(taken) + 1
+            taken.add(nodes[name])
+        numbered = f"{nodes.get(name, name)}:{dof.rpartition(':')[2]}"
+        parsed = parse_dof(numbered)
+        labels[dof] = numbered if parsed is None else dof_label(parsed)
+    return labels
 
 
 def _elements(

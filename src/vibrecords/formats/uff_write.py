@@ -19,6 +19,7 @@ from vibrecords.records import (
     ModeRecord,
     Record,
     SensorQuantity,
+    SpectrumRecord,
     TimeRecord,
     dof_label,
     parse_dof,
@@ -30,7 +31,7 @@ _AXIS_NAMES = {8: "Displacement", 11: "Velocity", 12: "Acceleration", 13: "Force
 
 
 def write_uff(records: Iterable[Record], path: Path, *, binary: bool, remarks: Sequence[str] = ()) -> None:
-    """Write FRFs, their coherence, time histories and modes.
+    """Write FRFs, their coherence, time histories, modes, and real functions of frequency that are no FRFs.
 
     What is read back from binary functions is the same to the last bit. Text has columns for 13 digits, of an uneven
     abscissa for 6 to 10; a data set 55, which is always text, for 6. Remarks, ASCII, stand in a data set that other
@@ -51,11 +52,17 @@ def write_uff(records: Iterable[Record], path: Path, *, binary: bool, remarks: S
                 _frf(file, record, binary)
             elif isinstance(record, TimeRecord):
                 _time(file, record, binary)
+            elif isinstance(record, SpectrumRecord):  # a function of general type: it is no FRF to any program
+                axes = ((18, "Hz"), (0, record.unit), (0, ""))
+                _function(
+                    file, 0, (record.channel, ""), [record.kind], axes, record.frequency_hz, record.values, binary
+                )
             elif isinstance(record, ModeRecord):
                 _data_set(file, 55, _mode_lines(record))
             else:
                 raise MeasurementError(
-                    f"records: found a {type(record).__name__}; expected FRFs, time histories or modes; leave it out"
+                    f"records: found a {type(record).__name__}; expected FRFs, time histories, spectra or modes; leave "
+                    "it out"
                 )
 
 

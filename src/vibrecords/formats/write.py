@@ -17,7 +17,7 @@ from vibrecords.formats.uff_write import write_uff
 from vibrecords.formats.units import si_frf_unit, si_sensor_unit
 from vibrecords.formats.written_by import WRITTEN_BY
 from vibrecords.frf_set import FrfSet
-from vibrecords.records import FrfRecord, Record, TimeRecord
+from vibrecords.records import FrfRecord, Record, SpectrumRecord, TimeRecord
 
 _WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
     "uff58": lambda records, path: write_uff(records, path, binary=False),
@@ -186,7 +186,13 @@ def _columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[st
             "table: found FRFs and time histories, or neither; expected one kind; write one file for each"
         )
     if frfs:
-        return _frf_columns(frfs)
+        names, columns, comments = _frf_columns(frfs)
+        spectra = [r for r in records if isinstance(r, SpectrumRecord)]
+        return (
+            [*names, *(f"{r.kind} of {r.channel}" for r in spectra)],
+            [*columns, *(r.values.real for r in spectra)],
+            comments,
+        )
     rate, size = times[0].sample_rate_hz, times[0].values.size
     if any((r.sample_rate_hz, r.values.size) != (rate, size) for r in times):
         raise MeasurementError(
