@@ -82,6 +82,7 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m benchmarks.limits_hold
 	$(BIN)/python -m benchmarks.model_error
 	$(BIN)/python -m benchmarks.two_levels
+	$(BIN)/python -m benchmarks.same_joint
 	$(BIN)/python -m benchmarks.free_bar
 	$(BIN)/python -m benchmarks.large_model
 	$(BIN)/python -m benchmarks.solid

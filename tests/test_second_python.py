@@ -35,6 +35,7 @@ COMMANDS = [
     ("report draws.nc --out page", (0, 3)),
     ("export draws.nc --to joint.bdf", (0, 3)),
     ("predict draws.nc asked.toml --out predicted", (0, 3)),
+    ("same draws.nc draws.nc --quiet", (0, 3)),
     ("run small.toml --out run --quiet", (0, 3)),
     ("check small.toml", (0, 1, 3)),
     ("compare small.toml --out compared", (0, 3)),

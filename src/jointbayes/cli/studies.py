@@ -1,7 +1,8 @@
-"""Commands that make many posteriors: compare, plan, calibrate, campaign."""
+"""Commands that make many posteriors: compare, same, plan, calibrate, campaign."""
 
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from jointbayes.errors import CaseError, WorkerError
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
+    from jointbayes.inference import Problem
     from jointbayes.studies.campaign.campaign import Campaign
 
 
@@ -112,6 +114,41 @@ def predict(posterior: Path, other: Path, out: Path | None, setup: str | None) -
     manner().result |= found.as_json()
     report_written(directory)
     common.exit_by_convergence(loaded)
+
+
+@click.command()
+@click.argument("before", type=click.Path(path_type=Path))
+@click.argument("new", type=click.Path(path_type=Path))
+@common.outside_option
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, help="Seed of all that is random; by default 1.")
+def same(before: Path, new: Path, seed: int) -> None:
+    """Say whether a joint has changed between two tests, and by how much; exit 1 where it has.
+
+    BEFORE and NEW are case files, posterior files or run directories of one test each.
+
+    \b
+    Examples:
+      jointbayes same reference.toml today.toml
+      jointbayes same reports/before reports/new --json
+    """
+    from jointbayes.studies.same import compare_joints
+    from jointbayes.workflow import answered_case, load_posterior
+
+    def problem_of(given: Path) -> "Problem":
+        if given.suffix == ".toml":
+            return answered_case(common.load(given), seed, progress)
+        return load_posterior(common.posterior_file(given)).problem
+
+    with show_progress() as progress:
+        change = compare_joints(problem_of(before), problem_of(new), seed, progress)
+    for line in change.lines:
+        say(line)
+    manner().result |= asdict(change)
+    if not change.converged:
+        say(f"NOT CONVERGED, DO NOT USE THESE NUMBERS: {change.reason}")
+        sys.exit(common.NOT_CONVERGED)
+    if change.changed:
+        sys.exit(common.NOT_MATCHED)
 
 
 def _stated(text: str) -> tuple[str, float]:

@@ -1,0 +1,228 @@
+"""Whether a joint has changed between two tests: both are analysed together, each with a joint of its own.
+
+What is uncertain in the structure, and the error of the model in each mode, are the same in two tests of one structure:
+they move both joints alike and cancel in the change, which is known far better than either stiffness.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from jointbayes.errors import ModelError
+from jointbayes.inference import JointPrior, ModelErrorNoise, Nuisance, Problem
+from jointbayes.inference.problem import is_one_structure
+from jointbayes.joint.blocks import Block, Blocks
+from jointbayes.joint.quantities import prefixed
+from jointbayes.posterior import Posterior
+from jointbayes.posterior.homogeneity import FALSE_ALARM
+from jointbayes.posterior.identifiability import listed
+from jointbayes.posterior.rounding import number
+from jointbayes.progress import ProgressCallback
+from jointbayes.structure.recipe import is_damping
+from jointbayes.workflow import find_map, sample_quickly
+from vibrecords.arrays import Array
+
+_TESTS = ("before", "new")
+_LEAST = 1e-6  # probability by chance that is printed
+_MODES, _DRAWS = 3, 4000
+_UNKNOWN = 4.0  # upper over lower end of a ratio, from which on a change by a factor of 2 would not show
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Change of one quantity: of a positive one new over before, less 1; else the difference in its unit.
+
+    Parameters
+    ----------
+    name, unit
+        Of the quantity; the unit is ``"1"`` where the change is relative.
+    median, low95, high95
+        Posterior median and ends of the 95 % credible interval.
+    probability_higher
+        That the new one is larger.
+    """
+
+    name: str
+    unit: str
+    median: float
+    low95: float
+    high95: float
+    probability_higher: float
+
+    @classmethod
+    def of(cls, name: str, unit: str, first: Array, second: Array) -> "Change":
+        """The change from draws before to the same draws of the new one, each shape (n,)."""
+        relative = bool((first > 0).all() and (second > 0).all())
+        change = second / first - 1 if relative else second - first
+        low, median, high = np.quantile(change, [0.025, 0.5, 0.975]).tolist()
+        return cls(name, "1" if relative else unit, median, low, high, float((change > 0).mean()))
+
+    @property
+    def known(self) -> bool:
+        """Whether a change by a factor of 2 would show; of a difference nobody can say what is much."""
+        return self.unit != "1" or (1 + self.high95) < _UNKNOWN * (1 + self.low95)
+
+    @property
+    def shown(self) -> bool:
+        """Whether it is known, and the interval excludes no change."""
+        return self.known and not self.low95 <= 0 <= self.high95
+
+    @property
+    def clarity(self) -> float:
+        """Median over the width of the interval, which tells the clearest of several."""
+        return abs(self.median) / max(self.high95 - self.low95, np.finfo(float).tiny) if self.known else -1.0
+
+    @property
+    def how_much(self) -> str:
+        """Median and interval, with two digits of the interval's width."""
+        scale, unit = (100.0, "%") if self.unit == "1" else (1.0, self.unit)
+        ends = [scale * end for end in (self.median, self.low95, self.high95)]
+        places = max(0, 1 - math.floor(math.log10(max(ends[2] - ends[1], 1e-9) / 2)))
+        middle, low, high = (f"{end:+.{places}f}" for end in ends)
+        return f"{middle} {unit} ({low} to {high} {unit})"
+
+
+@dataclass(frozen=True, slots=True)
+class JointChange:
+    """Whether a joint has changed between two tests.
+
+    Parameters
+    ----------
+    stiffness
+        The change of each, the best known first; where the joint has changed, the clearest.
+    together
+        What the whole joint does to the natural frequency of the structure before that shows it most clearly; None
+        where nobody knows any, as of a measured body.
+    changed, p_value
+        Whether the joint has changed: the probability of such a difference by chance, all stiffnesses together, is
+        below `FALSE_ALARM` of `jointbayes.posterior.homogeneity`.
+    premises
+        What is taken for granted, sentences.
+    converged, reason
+        Whether the sampler has converged, in words.
+    """
+
+    stiffness: tuple[Change, ...]
+    together: Change | None
+    changed: bool
+    p_value: float
+    premises: tuple[str, ...]
+    converged: bool
+    reason: str
+
+    @property
+    def lines(self) -> Iterator[str]:
+        """What is printed, the answer first."""
+        if self.changed and not self.stiffness[0].shown:
+            yield "The joint has changed; which stiffness is not clear."
+        for k in self.stiffness:
+            if not k.known:
+                yield f"{k.name} is not known well enough: a factor of {number(1 + k.low95)} to {number(1 + k.high95)}."
+            elif k.shown and not self.changed:
+                yield f"{k.name} has not changed by more than chance, all stiffnesses together: {k.how_much}."
+            else:
+                yield f"{k.name} has {'' if k.shown else 'not '}changed: {k.how_much}."
+        head = "The joint has changed" if self.changed else "No change of the joint is shown"
+        chance = number(self.p_value, 2) if self.p_value >= _LEAST else f"below {number(_LEAST)}"
+        together = f"such a difference has probability {chance} by chance (limit {FALSE_ALARM:g})"
+        yield f"{head}: all stiffnesses together, {together}."
+        if self.together:
+            yield f"The whole joint moves {self.together.name} by {self.together.how_much}."
+        yield from self.premises
+
+
+def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressCallback) -> JointChange:
+    """Compare the joints of two problems of one test each, as both were answered.
+
+    Raises
+    ------
+    ModelError
+        If one has several tests, or their joints have other quantities.
+    """
+    own, shared, premises = _together(before, new)
+    one = find_map(shared, seed=seed, progress=progress)
+    posterior = sample_quickly(own, seed=seed, progress=progress)
+    gained = _profile(own, posterior.estimate.theta) - _profile(shared, one.theta)
+    degrees = min(len(shared.prior.marginals), *(p.log_posterior.likelihood.n_data for p in (before, new)))
+    p_value = float(chdtrc(degrees, max(0.0, 2 * gained)))
+    changed = p_value < FALSE_ALARM
+    each = [
+        Change.of(q.name, q.unit, *(posterior.values(prefixed(test, q.name)).ravel() for test in _TESTS))
+        for q in before.quantities
+        if q.places
+    ]
+    each.sort(key=lambda k: -k.clarity if changed else (k.unit != "1") + k.high95 - k.low95)
+    if not posterior.check.explains:
+        premises = (*premises, "The model does not explain the data: what it lacks may look like a change.")
+    effect = _effect(posterior)
+    return JointChange(tuple(each), effect, changed, p_value, premises, posterior.converged, posterior.reason)
+
+
+def _together(before: Problem, new: Problem) -> tuple[Problem, Problem, tuple[str, ...]]:
+    """Both tests with a joint each, with one joint, and what is taken for granted."""
+    for several in (p for p in (before, new) if len(p.tests) > 1):
+        names = ", ".join(test.name for test in several.tests)
+        raise ModelError(f"same: found the tests {names} in {several.name}; expected one; give a case of each test")
+    given, prior = before.parametrisation, before.prior
+    if before.test.joints != new.test.joints or given != new.parametrisation:
+        found = " and ".join(f"{p.test.joints} ({', '.join(q.name for q in p.quantities)})" for p in (before, new))
+        raise ModelError(f"same: found {found}; expected one joint, tested twice; state both alike")
+    alike = is_one_structure(before.test, new.test)
+    named = [
+        [replace(n, name=n.name.removeprefix(f"{p.test.name}.")) for n in p.prior.nuisances] for p in (before, new)
+    ]
+    common = {n.name for n in named[0] if alike and n in named[1] and n.name in before.test.structures.names}
+    common = {name for name in common if not is_damping(name)}
+    structural: list[Nuisance] = []
+    of_noise: list[Nuisance] = []
+    for test, problem, every in zip(_TESTS, (before, new), named, strict=True):
+        own_named = [n if n.name in common else replace(n, name=prefixed(test, n.name)) for n in every]
+        end = len(every) - problem.log_posterior.likelihood.hyper_count  # those of the noise are the last
+        structural += [n for n in own_named[:end] if n not in structural]
+        of_noise += own_named[end:]
+    blocks = given.blocks if isinstance(given, Blocks) else (Block("", given, (0,)),)
+    both = Blocks(tuple(_named(block, test) for test in _TESTS for block in blocks))
+    tests = [replace(p.test, name=test, level=None) for test, p in zip(_TESTS, (before, new), strict=True)]
+    whole = JointPrior(both, prior.marginals + new.prior.marginals, (*structural, *of_noise))
+    guess = np.concatenate([before.first_guess, new.first_guess])
+    own = Problem(tests, whole, guess, name="same", premises=before.premises)
+    shared = replace(own, prior=replace(whole, parametrisation=given, marginals=prior.marginals), initial=None)
+    apart = [n.name.replace("_", " ") for n in whole.nuisances if n.name not in common]
+    return own, shared, _premises(own, sorted(common), apart, alike=alike)
+
+
+def _named(block: Block, test: str) -> Block:
+    name, *joints = (prefixed(test, name) if name else test for name in (block.name, *block.joints))
+    return replace(block, name=name, joints=tuple(joints))
+
+
+def _premises(own: Problem, common: list[str], apart: list[str], *, alike: bool) -> tuple[str, ...]:
+    same = [name.replace("_", " ") for name in common]
+    laws = [test.noise.shares if isinstance(test.noise, ModelErrorNoise) else None for test in own.tests]
+    if alike and not apart and laws[0] is not None and laws[0] == laws[1]:
+        same.append("error of the model in each mode")
+    one = "Assumed: one structure in both tests, so that whatever has changed is the joint."
+    sentences = [one if alike else "The two structures are stated differently: nothing of them cancels."]
+    sentences += [f"Assumed to be the same in both, so that it cancels: {listed(same)}."] if same else []
+    sentences += [f"Uncertain in each by itself: {listed(apart)}."] if apart else []
+    return tuple(sentences)
+
+
+def _profile(problem: Problem, theta: Array) -> float:
+    """Log likelihood at θ with the priors of what is uncertain besides the joint, but not those of the joint."""
+    rest = zip(problem.prior.nuisances, theta[len(problem.prior.marginals) :], strict=True)
+    of_rest = sum(float(np.squeeze(n.prior.log_density(np.array([x])))) for n, x in rest)
+    return float(problem.log_posterior.log_likelihood(theta)[0]) + of_rest
+
+
+def _effect(posterior: Posterior) -> Change | None:
+    """Change of the natural frequency that shows most clearly what the new joint does in the structure before."""
+    part, prior, theta = posterior.problem.part(_TESTS[0]), posterior.problem.prior, posterior.thinned(_DRAWS)
+    count, values, factors = min(_MODES, part.test.most_modes), prior.values(theta), prior.factors(theta)
+    new = np.tile(values[:, values.shape[1] // 2 :], 2)  # quantities before, then the new ones
+    hz = [part.natural_frequencies_hz(k, count, factors) for k in (values, new)] if count > 0 else []
+    each = [Change.of(f"natural frequency {i + 1}", "Hz", hz[0][:, i], hz[1][:, i]) for i in range(len(hz) and count)]
+    return max(each, key=lambda change: change.clarity, default=None)

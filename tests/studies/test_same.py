@@ -1,0 +1,147 @@
+"""Whether two tests are of one joint: simulated pairs with and without a change, words, boundaries and exit codes."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks import same_joint
+from benchmarks.same_joint import compared, pair_of
+from click.testing import CliRunner
+
+import jointbayes as jb
+from jointbayes.cli.commands import main
+from jointbayes.errors import ModelError
+from jointbayes.progress import tell_nobody
+from jointbayes.studies import same
+from jointbayes.studies.same import Change, JointChange, compare_joints
+from jointbayes.workflow import answered_case
+from tests.marks import first_in_ci
+
+UNCHANGED = Change("k22", "1", 0.004, -0.011, 0.019, 0.7)
+LOOSER = Change("k22", "1", -0.062, -0.079, -0.044, 0.0)
+UNKNOWN = Change("k11", "1", 0.2, -0.9, 9.0, 0.5)
+COUPLING = Change("k12", "N", 1200.0, -300.0, 2700.0, 0.9)
+
+
+def said(*stiffness, p_value, together=None):
+    changed = p_value < same.FALSE_ALARM
+    return list(JointChange(stiffness, together, changed, p_value, ("Assumed: all.",), True, "").lines)
+
+
+@pytest.fixture(scope="module")
+def changes():
+    """What is said of one pair of each truth, by what the table calls it."""
+    return {kind: compared(factor, 1) for kind, factor in same_joint.KINDS.items()}
+
+
+def test_the_first_sentence_answers_in_words_with_the_interval():
+    effect = Change("natural frequency 1", "1", 0, -1e-4, 2e-4, 0.5)
+    lines = said(UNCHANGED, COUPLING, UNKNOWN, p_value=0.34, together=effect)
+    assert lines == [
+        "k22 has not changed: +0.4 % (-1.1 to +1.9 %).",
+        "k12 has not changed: +1200 N (-300 to +2700 N).",
+        "k11 is not known well enough: a factor of 0.1 to 10.",
+        "No change of the joint is shown: all stiffnesses together, such a difference has probability 0.34 by chance "
+        "(limit 0.01).",
+        "The whole joint moves natural frequency 1 by +0.000 % (-0.010 to +0.020 %).",
+        "Assumed: all.",
+    ]
+    assert said(LOOSER, p_value=1e-9)[:2] == [
+        "k22 has changed: -6.2 % (-7.9 to -4.4 %).",
+        "The joint has changed: all stiffnesses together, such a difference has probability below 1e-6 by chance "
+        "(limit 0.01).",
+    ]
+    assert said(UNCHANGED, p_value=0.002)[0] == "The joint has changed; which stiffness is not clear."
+    assert "has not changed by more than chance, all stiffnesses together: -6.2 %" in said(LOOSER, p_value=0.2)[0]
+
+
+def test_a_change_is_told_from_none_where_the_error_of_the_model_is_larger_than_either(changes):
+    for kind, factor in same_joint.KINDS.items():
+        change = changes[kind]
+        assert change.converged
+        assert change.changed == (factor != 1)
+        for stiffness in change.stiffness:
+            assert stiffness.low95 - 0.002 < factor - 1 < stiffness.high95 + 0.002
+            assert stiffness.high95 - stiffness.low95 < 0.1
+        assert (change.together.low95 > 0) == (factor > 1)
+        assert "cancels: density, length, Young's modulus and error of the model in each mode." in change.premises[-1]
+    alone = jb.sample(pair_of(1.0, 1)[0], seed=1).interval("krz")
+    assert alone[1] / alone[0] > 1.1  # of which the change is known to a tenth: what both have in common cancels
+
+
+@pytest.mark.science
+@pytest.mark.parametrize("count", first_in_ci([3, 12], 1))
+@pytest.mark.parametrize("kind", ["no change", "5 % stiffer"])
+def test_few_of_many_unchanged_joints_are_called_changed(kind, count):
+    rows = [same_joint.outcome(kind, index) for index in range(1, count + 1)]
+    changed = sum(row["changed"] for row in rows)
+    print(f"{kind}: {changed} of n = {count} called changed")
+    if kind == "no change":
+        assert changed <= 1  # two or more of 12 at 1 % in 0.6 % of such samples
+    else:
+        assert changed == count
+
+
+def test_another_structure_shares_nothing_and_another_joint_is_refused():
+    first, second = pair_of(1.0, 2)
+    longer = jb.case_from_text(
+        "longer", second.text.replace("length_mm = 360.0", "length_mm = 380.0"), directory=same_joint.CONFIGS
+    )
+    one, other = (answered_case(case, 1, tell_nobody) for case in (first, longer))
+    own, shared, premises = same._together(one, other)
+    assert premises[0] == "The two structures are stated differently: nothing of them cancels."
+    assert {"before.density", "new.density"} < set(own.names)
+    assert shared.names[:2] == one.names[:2]
+    own, _, premises = same._together(one, one)
+    assert {"density", "length", "youngs_modulus"} < set(own.names)
+    assert own.names[:4] == ("before.ky", "before.krz", "new.ky", "new.krz")
+    clamp = jb.load_case(same_joint.CONFIGS / "clamped_beam.toml").problem
+    with pytest.raises(ModelError, match=r"same: found .*; expected one joint, tested twice; state both alike"):
+        compare_joints(one, clamp, 1, tell_nobody)
+    several = jb.load_case(same_joint.CONFIGS / "two_overhangs.toml").problem
+    with pytest.raises(ModelError, match=r"same: found the tests long, short in .*; expected one; give a case of each"):
+        compare_joints(several, clamp, 1, tell_nobody)
+
+
+def test_damping_and_noise_are_each_tests_own():
+    nominal = jb.load_case(same_joint.CONFIGS / "clamped_beam_uncertain.toml").problem
+    own, _, premises = same._together(nominal, nominal)
+    assert {"before.damping_ratio", "new.damping_ratio", "density"} < set(own.names)
+    assert premises[-1] == "Uncertain in each by itself: before.damping ratio and new.damping ratio."
+    assert np.isfinite(own.log_posterior(own.prior.sample(np.random.default_rng(1), 50))).any()
+
+
+@pytest.fixture
+def files(cheap_posterior, tmp_path):
+    (tmp_path / "run").mkdir()
+    cheap_posterior.save(tmp_path / "run" / "posterior.nc")
+    return tmp_path / "run", tmp_path / "run" / "posterior.nc"
+
+
+@pytest.mark.parametrize(
+    ("wish", "code"), [({}, 0), ({"changed": True}, 1), ({"converged": False, "changed": True, "reason": "no"}, 3)]
+)
+def test_exit_codes_say_what_was_found(files, monkeypatch, wish, code):
+    found = JointChange((UNCHANGED,), None, False, 0.5, (), True, "")
+    monkeypatch.setattr(same, "compare_joints", lambda *_: replace(found, **wish))
+    result = CliRunner().invoke(main, ["same", *map(str, files), "--json", "--quiet"])
+    assert result.exit_code == code, result.output
+    told = json.loads(result.stdout)
+    assert told["stiffness"][0]["name"] == "k22"
+    assert ("NOT CONVERGED, DO NOT USE THESE NUMBERS: no" in told["messages"]) == (code == 3)
+
+
+@pytest.mark.parametrize("given", ["none.toml", "none"])
+def test_what_is_not_there_is_bad_input(files, given):
+    result = CliRunner().invoke(main, ["same", given, str(files[0])])
+    assert result.exit_code == 2
+    assert len(result.output.strip().splitlines()[-1:]) == 1
+    assert "no such file" in result.output
+
+
+@pytest.mark.whole
+def test_a_run_compared_with_itself_has_not_changed(files):
+    result = CliRunner().invoke(main, ["same", *map(str, files), "--quiet"])
+    assert result.exit_code == 0, result.output
+    assert "such a difference has probability 1 by chance" in result.output
