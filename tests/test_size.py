@@ -7,7 +7,7 @@ SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;
 #: whoever adds to one moves its second figure, and says in the commit what the lines are for.
 ROOMS = {
-    "vibrecords": (6700, 8327),
+    "vibrecords": (6700, 8340),
     "structure": (1900, 3850),
     "joint": (1250, 1500),
     "frf": (1900, 2110),

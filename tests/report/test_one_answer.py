@@ -1,5 +1,6 @@
 """One posterior, one verdict, one interval: every surface gives the same numbers of a run."""
 
+import csv
 import json
 from dataclasses import fields, replace
 from xml.etree import ElementTree
@@ -104,13 +105,16 @@ def require_figures_that_agree(posterior, report, path):
         return
     export(posterior, path, "csv")
     written = {(record.response, record.reference): record.values for record in iter_records(path)}
+    text = path.read_text(encoding="utf-8").splitlines()
+    columns = list(csv.DictReader(line for line in text if not line.startswith("#")))
     for plot in plots:
         output, input_ = plot.pair
         median = next(curve.values for curve in plot.curves if curve.name == "median")
-        low, high = plot.band
-        for name, values in {"median": median, "lower end of 95 %": low, "upper end of 95 %": high}.items():
-            np.testing.assert_allclose(abs(values), abs(written[f"{output} {name}", input_]), rtol=1e-9, err_msg=name)
-        np.testing.assert_allclose(median, written[f"{output} median", input_], rtol=1e-9)
+        np.testing.assert_allclose(median, written[output, input_], rtol=1e-9)
+        for end, values in zip(("lower", "upper"), plot.band, strict=True):
+            column = f"{end} end of 95 % / {input_} of {output}"
+            ends = [float(row[column]) for row in columns]
+            np.testing.assert_allclose(abs(values), ends, rtol=1e-9, err_msg=column)
 
 
 @pytest.mark.whole
