@@ -16,7 +16,7 @@ from vibrecords.modal_fit import fit_modes
 from vibrecords.provenance import MeasuredMode, MeasurementWarning
 from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, Record, SpectrumRecord, TimeRecord, labels_of
 from vibrecords.signals.hits import Hit, hits_of
-from vibrecords.warnings.clear_frf import pair_of, usable
+from vibrecords.warnings.clear_frf import ClearFrf, pair_of, usable
 from vibrecords.warnings.collector import WarningCollector
 
 #: FRFs kept whole, of drive points and of others, for resonances and figure.
@@ -77,6 +77,8 @@ class Inspection:
         What contradicts itself.
     modes, modes_of, modes_note, doubtful
         Resonances, of which FRFs they are, why there are none, and what looks like one and is left out.
+    driven_hz
+        Ends of the band that was driven, in which resonances are sought; None where that is the end of the lines.
     """
 
     source: str = ""
@@ -95,6 +97,7 @@ class Inspection:
     modes_of: tuple[str, ...] = ()
     modes_note: str = ""
     doubtful: tuple[DoubtfulMode, ...] = ()
+    driven_hz: _Band = (None, None)
 
 
 def inspect_file(
@@ -209,16 +212,30 @@ def with_resonances(inspection: Inspection, band_hz: _Band = (None, None)) -> In
         if same and np.array_equal(record.frequency_hz, first.frequency_hz):
             group.setdefault(record.response, record)
     members = list(group.values())[:_KEPT]
-    inspection = replace(inspection, modes_of=tuple(f"{r.response}/{r.reference}" for r in members))
+    driven_hz = _driven_hz(members)
+    low = max((end for end in (band_hz[0], driven_hz[0]) if end is not None), default=None)
+    high = min((end for end in (band_hz[1], driven_hz[1]) if end is not None), default=None)
+    inspection = replace(
+        inspection, modes_of=tuple(f"{r.response}/{r.reference}" for r in members), driven_hz=driven_hz
+    )
     coherences = [r.coherence for r in members if r.averages and r.coherence is not None]
     told = len(coherences) == len(members) and all(((c >= 0) & (c <= 1)).all() for c in coherences)
     try:
         frf = join_frfs(members if told else [replace(r, coherence=None) for r in members], "modes")
-        fit = fit_modes(frf, f_min_hz=band_hz[0], f_max_hz=band_hz[1])
+        fit = fit_modes(frf, f_min_hz=low, f_max_hz=high)
     except MeasurementError as error:
         return replace(inspection, modes_note=str(error))
     note = "" if fit.modes else "none stands out of the noise"
     return replace(inspection, modes=fit.modes, doubtful=fit.doubtful, modes_note=note)
+
+
+def _driven_hz(members: list[FrfRecord]) -> _Band:
+    """Ends of the band that was driven, by the FRF that shows most of it; None where that is the end of the lines."""
+    clear = [(whole, whole.driven(record)) for record in members if (whole := ClearFrf.of(record))]
+    low = min((part.frequency_hz[0] for _, part in clear), default=0.0)
+    high = max((part.frequency_hz[-1] for _, part in clear), default=np.inf)
+    lines = members[0].frequency_hz
+    return None if low <= lines[0] else float(low), None if high >= lines[-1] else float(high)
 
 
 @dataclass(slots=True)

@@ -50,6 +50,10 @@ def resonances_text(inspection: Inspection) -> Iterator[str]:
         yield f"Resonances: {inspection.modes_note}"
     else:
         yield f"Resonances of {', '.join(inspection.modes_of)} (± one standard deviation)"
+    low, high = inspection.driven_hz
+    if low or high:
+        ends = (f"from {low:.6g} " if low else "") + (f"to {high:.6g} " if high else "")
+        yield f"  sought {ends}Hz only: the test drove nothing else, as coherence or noise shows"
     for number, mode in enumerate(inspection.modes, 1):
         digits = _digits(mode.frequency_sd_hz)
         percent, sd = 100 * mode.damping_ratio, 100 * mode.damping_sd

@@ -15,6 +15,10 @@ _OTHER_SHAPE = 0.9
 _DIP = 1.5
 #: So many lines apart, or less, are neighbouring poles by which a window's leakage is fitted.
 _LEAKS = 3.0
+#: Two poles closer than so many lines are of one resonance, unless their shapes differ.
+_TOLD_APART = 1.25
+#: A pole below this fraction of a mode in every FRF, and not further from it than that, is a sideband of it.
+_SIDEBAND, _BESIDE = 10 ** (-65 / 20), 0.25
 #: A mode is damped by so many standard deviations, as a tone is not; and by so many if it is narrower than some lines.
 _DAMPED, _DAMPED_NARROW, _NARROW = 2.0, 4.0, 3.0
 #: Damping ratios above this are of a background.
@@ -92,6 +96,7 @@ class PoleReview:
         nonlinear = self._merge()
         damping_sd = np.sqrt(np.diag(self.problem.covariance(self.poles))[self.poles.size :])
         reasons = [self._reason(i, float(sd)) for i, sd in enumerate(damping_sd)]
+        self._name_sidebands(reasons)
         for frequency, reason, named in zip(self.frequency_hz, reasons, nonlinear, strict=True):
             if reason and not named:
                 self.doubtful.append(DoubtfulMode(float(frequency), reason))
@@ -107,8 +112,11 @@ class PoleReview:
                     continue
                 fewer, rise = self.problem.without(self.poles, weak)
                 gain = rise / self.local_misfit()[strong]
-                dips = self._coherence_dips(strong)
-                if gain > _INSISTED * self.problem.price and (not dips or self._shapes_differ(weak, strong)):
+                dips, differ = self._coherence_dips(strong), self._shapes_differ(weak, strong)
+                one = dips or self._untold(strong)[weak]
+                if gain > _INSISTED * self.problem.price and (differ or not one):
+                    continue
+                if dips and not self._one_resonance(strong)[weak]:
                     continue
                 cluster = self._one_resonance(weak) | self._one_resonance(strong)
                 leaks = _LEAKS * (cluster.sum() - 1) * self.line_step_hz(self.frequency_hz[strong])
@@ -127,13 +135,18 @@ class PoleReview:
     def _pairs(self) -> list[tuple[int, int]]:
         """Numbers of the weaker and the stronger of two poles in one half-power width, the weakest first."""
         order = np.argsort(self.problem.losses(self.poles).sum(axis=0)).tolist()
-        near = [self._one_resonance(i) for i in range(self.poles.size)]
+        near = [self._one_resonance(i) | self._untold(i) for i in range(self.poles.size)]
         return [(weak, s) for i, weak in enumerate(order) for s in order[:i:-1] if near[weak][s]]
 
     def _one_resonance(self, pole: int) -> Flags:
         """Which poles are within a half-power width of this one (the geometric mean of both), or within a line."""
         width = np.sqrt(self.width_hz * self.width_hz[pole])
         reach = np.maximum(width, self.line_step_hz(self.frequency_hz))
+        return np.asarray(np.abs(self.frequency_hz - self.frequency_hz[pole]) < reach)
+
+    def _untold(self, pole: int) -> Flags:
+        """Which poles are so close to this one that lines do not tell them apart."""
+        reach = _TOLD_APART * self.line_step_hz(self.frequency_hz)
         return np.asarray(np.abs(self.frequency_hz - self.frequency_hz[pole]) < reach)
 
     def _coherence_dips(self, pole: int) -> bool:
@@ -159,6 +172,17 @@ class PoleReview:
         poles = f"between {(f - w / 2).min():.6g} and {(f + w / 2).max():.6g} Hz, which takes {f.size} poles and {dip}"
         reason = f"nonlinear? One resonance {poles}; measure it at a lower level"
         return DoubtfulMode(float(self.frequency_hz[strong]), reason)
+
+    def _name_sidebands(self, reasons: list[str]) -> None:
+        """Give a reason to modes that hardly stand beside another: no test shows two so unlike that are both true."""
+        height = np.abs(self.problem.residues(self.poles)) * self.frequency_hz / self.width_hz
+        modes = np.array([not reason for reason in reasons])
+        for pole in np.flatnonzero(modes).tolist():
+            near = modes & (np.abs(self.frequency_hz / self.frequency_hz[pole] - 1) < _BESIDE)
+            above = np.flatnonzero(near & (height[:, [pole]] < _SIDEBAND * height).all(axis=0))
+            if above.size:
+                other = self.frequency_hz[above[np.argmax(height[:, above].max(axis=0))]]
+                reasons[pole] = f"more than 65 dB below the resonance at {other:.6g} Hz: a sideband"
 
     def _reason(self, pole: int, damping_sd: float) -> str:
         """Why a pole of the fit is no mode; empty where it is one."""

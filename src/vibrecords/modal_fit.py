@@ -3,14 +3,16 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
 import scipy.ndimage
 
 from vibrecords.arrays import Array, ComplexArray, Flags, Indices
+from vibrecords.driven import driven_lines
 from vibrecords.errors import MeasurementError
-from vibrecords.frf_set import FrfSet, quantity_factor
+from vibrecords.frf_set import FrfSet, Quantity, quantity_factor
 from vibrecords.modal_doubt import DoubtfulMode, PoleReview
 from vibrecords.modal_problem import ModalProblem
 from vibrecords.polynomial_poles import polynomial_poles, steady_poles
@@ -85,7 +87,7 @@ def identify_modes(
         If the band holds too few lines, or the variance has another shape or is not positive.
     """
     with _finite_numbers():
-        return _fit_poles(frf, variance, (f_min_hz, f_max_hz), max_order).modes()[0]
+        return _modes_of(_fit_bands(frf, variance, (f_min_hz, f_max_hz), max_order))[0]
 
 
 def modes_and_doubtful(
@@ -93,8 +95,8 @@ def modes_and_doubtful(
 ) -> tuple[tuple[MeasuredMode, ...], tuple[DoubtfulMode, ...]]:
     """As `identify_modes`, and what looks like a mode and is left out."""
     with _finite_numbers():
-        fitted = _fit_poles(frf, variance, (None, None))
-        return fitted.modes()[0], fitted.doubtful
+        fits = _fit_bands(frf, variance, (None, None))
+        return _modes_of(fits)[0], tuple(doubt for fitted in fits for doubt in fitted.doubtful)
 
 
 def fit_modes(
@@ -107,18 +109,16 @@ def fit_modes(
 ) -> ModalFit:
     """As `identify_modes`, with the fitted FRFs (in the band), misfit, covariance and doubtful modes as well."""
     with _finite_numbers():
-        fitted = _fit_poles(frf, variance, (f_min_hz, f_max_hz), max_order)
-        problem, poles = fitted.problem, fitted.poles
-        every = fitted.all_frfs or (problem.values, problem.weight)
+        fits = _fit_bands(frf, variance, (f_min_hz, f_max_hz), max_order)
         chi2, freedom, values = 0.0, 0, []
-        for first in range(0, every[0].shape[1], problem.values.shape[1]):  # as many at once as poles were sought in
-            some = slice(first, first + problem.values.shape[1])
-            few = ModalProblem(problem.omega / (2 * np.pi), every[0][:, some], every[1][:, some], frf.quantity)
-            chi2, freedom = chi2 + few.chi2(poles), freedom + few.freedom(poles.size)
-            values.append(few.model(poles))
-        shape = (problem.omega.size, len(frf.outputs), len(frf.inputs))
-        modes, covariance = fitted.modes()
-        return ModalFit(modes, np.hstack(values).reshape(shape), chi2 / freedom, covariance, fitted.doubtful)
+        for fitted in fits:
+            more_chi2, more_freedom, model = fitted.all_values(frf.quantity)
+            chi2, freedom = chi2 + more_chi2, freedom + more_freedom
+            values.append(model[fitted.core])
+        modes, covariance = _modes_of(fits)
+        doubtful = tuple(doubt for fitted in fits for doubt in fitted.doubtful)
+        shape = (-1, len(frf.outputs), len(frf.inputs))
+        return ModalFit(modes, np.vstack(values).reshape(shape), chi2 / freedom, covariance, doubtful)
 
 
 def identify_zeros(frf: FrfSet, variance: Array | None = None) -> dict[str, ModalFit]:
@@ -148,13 +148,13 @@ def identify_zeros(frf: FrfSet, variance: Array | None = None) -> dict[str, Moda
         at = np.s_[:, [frf.outputs.index(dof)], [frf.inputs.index(dof)]]
         noise = None if variance is None else variance[at][:, :, None]
         with _finite_numbers():
-            direct = _fit_poles(frf.select((dof,), (dof,)), noise, (None, None))
-            problem, lines = direct.problem, direct.problem.omega / (2 * np.pi)
-            smooth, factor = problem.model(direct.poles), quantity_factor(lines, "accelerance", frf.quantity)[:, None]
+            cores = [fitted.in_core() for fitted in _fit_bands(frf.select((dof,), (dof,)), noise, (None, None))]
+            lines, values, weight, smooth = (np.concatenate(each) for each in zip(*cores, strict=True))
+            factor = quantity_factor(lines, "accelerance", frf.quantity)[:, None]
             # one over the accelerance, linearised about the fitted one: its noise is Gaussian even where that is nearly
             # 0; fitted as a receptance, since it is a constant, the mass, at high frequencies
-            inverse = (2 / smooth - problem.values / smooth**2) / factor
-            sd = 1 / (problem.weight * np.abs(smooth**2 * factor))
+            inverse = (2 / smooth - values / smooth**2) / factor
+            sd = 1 / (weight * np.abs(smooth**2 * factor))
         fits[dof] = fit_modes(FrfSet(lines, inverse[:, :, None], (dof,), (dof,)), sd[:, :, None] ** 2)
     return fits
 
@@ -172,14 +172,45 @@ def _finite_numbers() -> Iterator[None]:
         ) from None
 
 
-def _fit_poles(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int = 40) -> "_PoleFit":
-    """Modes, and the problem with the poles that they are.
+def _fit_bands(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int = 40) -> list["_PoleFit"]:
+    """Fits of the driven part of a band, or of each of its sub-bands where it has many lines."""
+    lines = np.flatnonzero(_lines_inside(frf, variance, band_hz))
+    if variance is None and frf.coherence is not None:
+        coherence = np.clip(frf.coherence[lines].reshape(lines.size, -1), 1e-6, 1.0)
+        noise = np.abs(frf.values[lines].reshape(lines.size, -1)) * np.sqrt(1 / coherence - 1)
+        driven = lines[driven_lines(coherence.max(axis=1), np.median(noise, axis=1))]
+        lines = driven if driven.size >= _FEWEST_LINES else lines
+    ends = _ends_of_sub_bands(np.abs(frf.values[lines]).reshape(lines.size, -1))
+    fits = []
+    for first, last in pairwise(ends):
+        over = (last - first) // _OVERLAP if len(ends) > 2 else 0
+        low, high = max(first - over, 0), min(last + over, lines.size)
+        fits.append(_fit_poles(frf, variance, lines[low:high], slice(first - low, last - low), max_order))
+    return fits
+
+
+def _ends_of_sub_bands(magnitude: Array) -> list[int]:
+    """Lines at which sub-bands begin, and the end of the last; between two of them the FRFs are smallest.
+
+    A fit takes as long as its lines times the modes and what looks like one among them, times the latter again.
+    """
+    count = len(magnitude)
+    if count <= _MOST_LINES:
+        return [0, count]
+    level = (magnitude / (np.median(magnitude, axis=0) + np.finfo(float).tiny)).max(axis=1)
+    level = scipy.ndimage.uniform_filter1d(level, 9, mode="nearest")
+    nominal = np.linspace(0, count, -(-count // _SUB_BAND) + 1).round().astype(int)
+    reach = _SUB_BAND // 4
+    return [0, *(n - reach + int(np.argmin(level[n - reach : n + reach])) for n in nominal[1:-1].tolist()), count]
+
+
+def _fit_poles(frf: FrfSet, variance: Array | None, inside: Indices, core: slice, max_order: int) -> "_PoleFit":
+    """Modes of some lines, and the problem with the poles that they are; those modes count that are in the core.
 
     Of many FRFs poles are sought in a few, evenly spaced; then the values and weights of all follow, whose residues are
     a linear problem.
     """
-    inside = _lines_inside(frf, variance, band_hz)
-    n_lines = int(inside.sum())
+    n_lines = inside.size
     frequency = frf.frequency_hz[inside]
     values = frf.values[inside].reshape(n_lines, -1)
     stated = None if variance is None else variance[inside].reshape(n_lines, -1)
@@ -207,9 +238,10 @@ def _fit_poles(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: i
     incoherence = None if frf.coherence is None else 1 - frf.coherence[inside].reshape(n_lines, -1)[:, few]
     review = PoleReview(problem, poles, incoherence)
     is_mode = review.review()
-    is_mode = is_mode & (review.frequency_hz >= frequency[0]) & (review.frequency_hz <= frequency[-1])
-    doubtful = tuple(doubt for doubt in review.doubtful if frequency[0] <= doubt.frequency_hz <= frequency[-1])
-    return _PoleFit(problem, review.poles, is_mode, doubtful, all_frfs)
+    low, high = frequency[core.start], np.append(frequency, np.nextafter(frequency[-1], np.inf))[core.stop]
+    is_mode = is_mode & (review.frequency_hz >= low) & (review.frequency_hz < high)
+    doubtful = tuple(doubt for doubt in review.doubtful if low <= doubt.frequency_hz < high)
+    return _PoleFit(problem, review.poles, is_mode, doubtful, all_frfs, core)
 
 
 def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: _Band) -> Flags:
@@ -237,6 +269,8 @@ def _band_words(low: float | None, high: float | None) -> str:
 
 #: Values that poles are sought in, and FRFs at least: more tell hardly more of a pole, and each costs the same again.
 _MOST_VALUES, _FEWEST_FRFS = 30_000, 6
+#: A band of more lines is fitted in sub-bands of about so many, each with a part of its lines more on either side.
+_MOST_LINES, _SUB_BAND, _OVERLAP = 3201, 1200, 8
 #: Below this many lines there is nothing to fit: fourteen numbers for the rest and four for one mode need more values.
 _FEWEST_LINES = 16
 #: Noise where nothing is known of it, and the least that a coherence is believed.
@@ -252,14 +286,14 @@ def _few_of(shape: tuple[int, ...]) -> Indices:
     return np.linspace(0, frfs - 1, few).round().astype(np.intp)
 
 
-def _noise_squares(frf: FrfSet, inside: Flags, few: Indices) -> tuple[Array, int] | None:
+def _noise_squares(frf: FrfSet, inside: Indices, few: Indices) -> tuple[Array, int] | None:
     """σ² as coherence and averages estimate it line by line, and how many lines hold 40 degrees of freedom.
 
     None where they do not tell. At one line σ² has 2(n − 1) degrees of freedom: weights as uncertain as that would
     spoil the fit.
     """
     try:
-        square = np.maximum(coherence_variance(frf), _LEAST.variance(frf.values))[inside].reshape(int(inside.sum()), -1)
+        square = np.maximum(coherence_variance(frf), _LEAST.variance(frf.values))[inside].reshape(inside.size, -1)
     except MeasurementError:
         return None
     assert frf.averages is not None
@@ -305,15 +339,48 @@ def _log_linear_fit(columns: Array, square: Array) -> Array:
     return coefficients
 
 
+def _modes_of(fits: list["_PoleFit"]) -> tuple[tuple[MeasuredMode, ...], Array]:
+    """Modes of all sub-bands, and the covariance of their frequencies in Hz and then their damping ratios."""
+    each = [fitted.modes() for fitted in fits]
+    counts = [len(modes) for modes, _ in each]
+    first = np.concatenate([[0], np.cumsum(counts)])
+    covariance = np.zeros((2 * first[-1], 2 * first[-1]))
+    for at, count, (_, block) in zip(first[:-1], counts, each, strict=True):
+        numbers = np.concatenate([np.arange(at, at + count), first[-1] + np.arange(at, at + count)])
+        covariance[np.ix_(numbers, numbers)] = block
+    return tuple(mode for modes, _ in each for mode in modes), covariance
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _PoleFit:
-    """Poles of least squares, which of them are modes, and values and weights of all FRFs where some were left out."""
+    """Poles of least squares, which of them are modes, and values and weights of all FRFs where some were left out.
+
+    The core is the lines that the fit answers for: the others are of the next sub-bands.
+    """
 
     problem: ModalProblem
     poles: ComplexArray
     is_mode: Flags
     doubtful: tuple[DoubtfulMode, ...]
     all_frfs: tuple[ComplexArray, Array] | None
+    core: slice
+
+    def in_core(self) -> tuple[Array, ComplexArray, Array, ComplexArray]:
+        """Lines in Hz, values, weights and the model of the core."""
+        problem, core = self.problem, self.core
+        lines = problem.omega[core] / (2 * np.pi)
+        return lines, problem.values[core], problem.weight[core], problem.model(self.poles)[core]
+
+    def all_values(self, quantity: Quantity) -> tuple[float, int, ComplexArray]:
+        """χ², its degrees of freedom and the model of all FRFs, shape (lines, frfs)."""
+        chi2, freedom, values = 0.0, 0, []
+        every, count = self.all_frfs or (self.problem.values, self.problem.weight), self.problem.values.shape[1]
+        for first in range(0, every[0].shape[1], count):  # as many at once as poles were sought in
+            some = slice(first, first + count)
+            few = ModalProblem(self.problem.omega / (2 * np.pi), every[0][:, some], every[1][:, some], quantity)
+            chi2, freedom = chi2 + few.chi2(self.poles), freedom + few.freedom(self.poles.size)
+            values.append(few.model(self.poles))
+        return chi2, freedom, np.hstack(values)
 
     def modes(self) -> tuple[tuple[MeasuredMode, ...], Array]:
         """Modes, and the covariance of their frequencies in Hz and then their damping ratios."""

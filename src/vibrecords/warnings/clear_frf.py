@@ -7,6 +7,7 @@ import numpy as np
 import scipy  # its parts load at first use
 
 from vibrecords.arrays import Array, ComplexArray
+from vibrecords.driven import driven_lines
 from vibrecords.frf_set import Quantity, quantity_factor
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
@@ -78,6 +79,26 @@ class ClearFrf:
         response, reference, sign = pair_of(good)
         mobility = sign * good.values * quantity_factor(good.frequency_hz, "mobility", good.quantity)
         return cls(response, reference, good.quantity, good.frequency_hz, mobility)
+
+    def excitation(self, record: FrfRecord) -> tuple[Array, Array]:
+        """Coherence of the record that this was made of, and noise over the force in the quantity that was measured.
+
+        Without a coherence that tells both are made of the scatter of neighbouring lines: of noise alone the magnitude
+        is about as large as that.
+        """
+        coherence, size, noise = usable(record).coherence, np.abs(self.mobility), self.noise
+        if coherence is None or not ((coherence >= 0) & (coherence <= 1)).all() or (coherence >= 1 - 1e-9).all():
+            coherence = 1 / (1 + (2 * noise / size) ** 2)
+        else:
+            noise = size * np.sqrt((1 - coherence) / np.maximum(coherence, 1e-6))
+        return coherence, noise / np.abs(quantity_factor(self.frequency_hz, "mobility", self.quantity))
+
+    def driven(self, record: FrfRecord) -> "ClearFrf":
+        """The lines that the test drove, by the coherence of the record that this was made of."""
+        which = driven_lines(*self.excitation(record))
+        if which == slice(0, self.frequency_hz.size):
+            return self
+        return replace(self, frequency_hz=self.frequency_hz[which], mobility=self.mobility[which])
 
     @cached_property
     def noise(self) -> Array:

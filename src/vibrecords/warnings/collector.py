@@ -184,10 +184,11 @@ class WarningCollector:
             return
         if not isinstance(record, FrfRecord):
             return
-        where, clear = _place(f"{record.response}/{record.reference}", record.where), ClearFrf.of(record)
-        if clear is None:
-            self._tell(where, record, clear, turned=False)
+        where, whole = _place(f"{record.response}/{record.reference}", record.where), ClearFrf.of(record)
+        if whole is None:
+            self._tell(where, record, None, turned=False)
         else:
+            clear = whole.driven(record)
             self._turns += clear.turns
             turned = are_conjugates(clear.turns, _ALONE)
             if turned is None and len(self._waiting) < _WAITING:  # for the others to tell
@@ -196,7 +197,7 @@ class WarningCollector:
                 self._tell(where, record, clear, turned=bool(turned))
             pair = clear.response, clear.reference
             self._compare_peaks(pair, Peaks.of(where, clear))
-            self._compare(pair, Sketch.of(record, clear))
+            self._compare(pair, Sketch.of(record, whole))  # whose lines are those of other FRFs
         highest = float(np.max(record.frequency_hz, initial=0.0))
         if highest > self._highest_hz:
             self._highest_hz, self._highest_where = highest, where

@@ -7,6 +7,7 @@ import numpy as np
 import scipy  # its parts load at first use
 
 from vibrecords.arrays import Array, Flags
+from vibrecords.driven import BAD, GOOD, RISE
 from vibrecords.formats.units import frf_unit
 from vibrecords.frf_set import Quantity
 from vibrecords.provenance import MeasurementWarning
@@ -293,8 +294,8 @@ _DIP, _OVER = 0.05, 3.0
 _SCATTER = 8.0
 #: Averages where the file does not say.
 _FEW_AVERAGES = 4
-#: Stretches of the band; coherence above and below which one is good and bad; how the noise rises where the force ends.
-_STRETCHES, _GOOD, _BAD, _RISE = 40, 0.9, 0.5, 5.0
+#: Stretches of the band.
+_STRETCHES = 40
 #: Multiples of the mains that are looked at; how many at least must stand out, and what share of them: of the
 #: coherence, and of the FRF, where the tips of resonances stand out as well.
 _MULTIPLES, _HUMMING, _SHARE, _SHARE_OF_LINES = 20, 3, 0.25, 0.5
@@ -303,18 +304,26 @@ _COARSE_HZ = 5.0
 
 
 def _excitation_warnings(record: FrfRecord, clear: ClearFrf) -> Iterator[MeasurementWarning]:
-    """Warnings that rest on coherence, or where there is none on the scatter of neighbouring lines."""
-    coherence = usable(record).coherence
-    stated = coherence is not None and coherence.shape == clear.mobility.shape
+    """Warnings that rest on coherence, or where there is none on the scatter of neighbouring lines.
+
+    That the excitation ends is judged of all lines, the others of those that were driven, which `clear` has.
+    """
+    record, whole = usable(record), clear
+    if record.frequency_hz.size > clear.frequency_hz.size:
+        whole = ClearFrf.of(record) or clear
+    coherence = record.coherence
+    stated = coherence is not None and coherence.shape == whole.mobility.shape
     if coherence is not None and not (stated and ((coherence >= 0) & (coherence <= 1)).all()):
         return
     averages = max((record.averages or _FEW_AVERAGES) - 1, 1)
     incoherence = None if coherence is None or (coherence >= 1 - 1e-9).all() else 1 - coherence
+    yield from _end_of_excitation(whole, record)
+    if incoherence is not None:
+        incoherence = incoherence[np.isin(whole.frequency_hz, clear.frequency_hz)]
     hum, humming = _mains(clear, incoherence, averages)
     yield from hum
     if incoherence is not None:
         yield from _leakage(clear, incoherence, averages, ~humming)
-    yield from _end_of_excitation(clear, incoherence, averages)
 
 
 def _leakage(clear: ClearFrf, incoherence: Array, averages: int, judged: Flags) -> Iterator[MeasurementWarning]:
@@ -348,31 +357,24 @@ def _leakage(clear: ClearFrf, incoherence: Array, averages: int, judged: Flags) 
         )
 
 
-def _end_of_excitation(clear: ClearFrf, incoherence: Array | None, averages: int) -> Iterator[MeasurementWarning]:
+def _end_of_excitation(clear: ClearFrf, record: FrfRecord) -> Iterator[MeasurementWarning]:
     """From where on to the end of the band coherence is gone and the noise far above that before."""
-    f, size = clear.frequency_hz, np.abs(clear.mobility)
+    f = clear.frequency_hz
     if f.size < 4 * _STRETCHES:
         return
-    if incoherence is None:
-        # of noise alone the magnitude is about as large
-        coherence, noise = 1 / (1 + (2 * clear.noise / size) ** 2), clear.noise
-    else:
-        coherence = 1 - incoherence
-        noise = size * np.sqrt(incoherence / np.maximum(coherence, 1e-6) / (2 * (averages + 1)))
-    if clear.quantity != "mobility":  # noise of the sensor is even in the quantity that is measured
-        noise = noise * (2 * np.pi * f) ** (1 if clear.quantity == "accelerance" else -1)
+    coherence, noise = clear.excitation(record)
     each = f.size // _STRETCHES
     good, level = (np.median(x[-_STRETCHES * each :].reshape(_STRETCHES, each), axis=1) for x in (coherence, noise))
-    bad = np.flatnonzero(good >= _BAD)
+    bad = np.flatnonzero(good >= BAD)
     first = int(bad[-1]) + 1 if bad.size else 0
     if not 3 <= first <= _STRETCHES - 2:
         return
     before = slice(0, max(first - 2, 1))
-    if np.median(good[before]) > _GOOD and np.median(level[first:]) > _RISE * np.median(level[before]):
+    if np.median(good[before]) > GOOD and np.median(level[first:]) > RISE * np.median(level[before]):
         start, rise = f[f.size - (_STRETCHES - first) * each], np.median(level[first:]) / np.median(level[before])
         yield MeasurementWarning(
             "excitation_ends",
-            f"from {start:.4g} Hz to the last line at {f[-1]:.4g} Hz coherence is mostly below {_BAD:g}, and the noise "
+            f"from {start:.4g} Hz to the last line at {f[-1]:.4g} Hz coherence is mostly below {BAD:g}, and the noise "
             f"is {rise:.2g} times that before: the force does not reach so far",
             "end the band there (f_max_hz), or hit with a harder tip, or drive with a wider band",
         )
