@@ -215,6 +215,7 @@ def _fit_poles(frf: FrfSet, variance: Array | None, inside: Indices, core: slice
     values = frf.values[inside].reshape(n_lines, -1)
     stated = None if variance is None else variance[inside].reshape(n_lines, -1)
     order = min(max_order, n_lines // 4)
+    further = order if core == slice(0, n_lines) else min(order, _FURTHER)
     first = 1 / (_UNKNOWN.sd_of_part(np.abs(values)) + np.finfo(float).tiny) if stated is None else stated**-0.5
     few = _few_of(values.shape)
     all_frfs = None
@@ -224,7 +225,7 @@ def _fit_poles(frf: FrfSet, variance: Array | None, inside: Indices, core: slice
     problem = ModalProblem(frequency, values, first, frf.quantity)
     poles = steady_poles(polynomial_poles(frequency, values, problem.weight, order), max(4, order // 5))
     if stated is not None:
-        poles = problem.search(poles, order)
+        poles = problem.search(poles, further)
     else:
         poles = problem.by_pieces(poles, ModalProblem.climb)
         from_coherence = _noise_squares(frf, inside, few)
@@ -233,7 +234,7 @@ def _fit_poles(frf: FrfSet, variance: Array | None, inside: Indices, core: slice
             model = problem.model(poles)
             square, width = from_coherence or (np.abs(values - model) ** 2, n_lines)
             problem = ModalProblem(frequency, values, _weight_of_squares(square, model, width), frf.quantity)
-            poles = problem.search(poles, order)
+            poles = problem.search(poles, further)
     poles = problem.climb(poles, fine=True)
     incoherence = None if frf.coherence is None else 1 - frf.coherence[inside].reshape(n_lines, -1)[:, few]
     review = PoleReview(problem, poles, incoherence)
@@ -271,6 +272,8 @@ def _band_words(low: float | None, high: float | None) -> str:
 _MOST_VALUES, _FEWEST_FRFS = 30_000, 6
 #: A band of more lines is fitted in sub-bands of about so many, each with a part of its lines more on either side.
 _MOST_LINES, _SUB_BAND, _OVERLAP = 3201, 1200, 8
+#: Order of the models by which further modes of a sub-band are sought.
+_FURTHER = 24
 #: Below this many lines there is nothing to fit: fourteen numbers for the rest and four for one mode need more values.
 _FEWEST_LINES = 16
 #: Noise where nothing is known of it, and the least that a coherence is believed.

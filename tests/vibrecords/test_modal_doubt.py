@@ -145,6 +145,52 @@ def test_two_poles_within_a_half_power_width_are_two_modes_where_the_data_insist
     assert at[1] - at[0] < width
 
 
+def modal_sum(*modes, noise):
+    """FRFs of modes of unit height, each of a frequency, a damping and its share of each FRF."""
+    rng, lines = np.random.default_rng(1), np.arange(20.0, 400.0, 0.5)
+    exact = sum(
+        np.outer(-2 * zeta * lines**2 / (f**2 - lines**2 + 2j * zeta * f * lines), np.atleast_1d(shares))
+        for f, zeta, shares in modes
+    )
+    values = exact + noise * (rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape))
+    outputs = tuple(f"{k + 1}:z" for k in range(values.shape[1]))
+    return FrfSet(lines, values[:, :, None], outputs, ("1:z",), "accelerance")
+
+
+@pytest.mark.parametrize(
+    ("apart", "shares", "count"),
+    [(0.5, 0.8, 1), (0.7, 0.8, 2), (0.5, [0.8, -0.8], 2)],
+    ids=["a line", "1.4 lines", "a line, with other shapes"],
+)
+def test_two_poles_that_lines_do_not_tell_apart_are_one_mode_unless_their_shapes_differ(apart, shares, count):
+    frf = modal_sum((100.1, 0.0015, np.ones(np.size(shares))), (100.1 + apart, 0.0015, shares), noise=1e-4)
+    fit = fit_modes(frf)
+    assert len(fit.modes) == count
+    assert all(100 < mode.frequency_hz < 101 for mode in fit.modes)
+    assert [doubt.reason.endswith("one resonance") for doubt in fit.doubtful] == [True] * (2 - count)
+
+
+@pytest.mark.parametrize(
+    ("beside", "level_db", "shares", "is_mode"),
+    [
+        (108.0, -71, 1.0, False),
+        (92.0, -71, 1.0, False),
+        (108.0, -67, 1.0, False),
+        (108.0, -63, 1.0, True),
+        (82.0, -71, 1.0, False),  # 22 % from it, the resonance over the sideband
+        (78.0, -71, 1.0, True),  # 28 %
+        (108.0, -71, [1.0, 100.0], True),  # one FRF shows it better
+    ],
+)
+def test_what_is_65_db_below_a_resonance_beside_it_is_a_sideband(beside, level_db, shares, is_mode):
+    weak = 10 ** (level_db / 20) * np.atleast_1d(shares)
+    fit = fit_modes(modal_sum((100.0, 0.004, np.ones(weak.size)), (beside, 0.004, weak), noise=1e-6))
+    assert [round(mode.frequency_hz) for mode in fit.modes] == sorted([100, *[round(beside)] * is_mode])
+    assert [doubt.reason for doubt in fit.doubtful] == ["more than 65 dB below the resonance at 100 Hz: a sideband"] * (
+        not is_mode
+    )
+
+
 @pytest.mark.science
 def test_the_covariance_holds_the_standard_deviations_and_the_correlations():
     truth = np.concatenate([true_frequencies(), [0.01] * 3])

@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose
 from tests.vibrecords.rod import measured, on_joint
 from vibrecords import FrfSet, RelativeNoise
 from vibrecords.errors import MeasurementError
-from vibrecords.modal_fit import _few_of, fit_modes, identify_modes
+from vibrecords.modal_fit import _few_of, fit_modes, identify_modes, identify_zeros
+from vibrecords.polynomial_poles import polynomial_poles
 
 LINES = np.arange(20.0, 2500.1, 5.0)
 
@@ -206,3 +207,53 @@ def test_a_band_of_many_modes_that_is_searched_in_pieces_has_the_modes_and_error
         assert a.frequency_hz == pytest.approx(b.frequency_hz, abs=0.02 * b.frequency_sd_hz)
         assert a.damping_ratio == pytest.approx(b.damping_ratio, abs=0.02 * b.damping_sd)
     assert_allclose(pieces.covariance, whole.covariance, rtol=1e-2, atol=1e-3 * np.abs(whole.covariance).max())
+
+
+def test_many_lines_are_fitted_in_sub_bands_with_errors_as_stated_and_values_on_all_lines(monkeypatch):
+    """Of 6400 lines no fit has more than a sub-band and what it overlaps; where one ends nothing resonates."""
+    frequency, damping = np.linspace(70, 1550, 13), np.tile([0.004, 0.01, 0.002], 5)[:13]
+    lines, rng = np.arange(20.0, 1620.0, 0.25), np.random.default_rng(8)
+    omega, omega_r = lines[:, None], frequency
+    modal = -(omega**2) / (omega_r**2 - omega**2 + 2j * damping * omega_r * omega)
+    exact = (modal @ rng.uniform(0.5, 1.5, (13, 2)))[:, :, None]
+    variance = RelativeNoise(0.02, 0.01).variance(exact)
+    noise = np.sqrt(variance / 2) * (rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape))
+    frf = FrfSet(lines, exact + noise, ("1:y", "2:y"), ("1:y",), "accelerance")
+    sizes = []
+
+    def counted(lines_hz, *arguments):
+        sizes.append(lines_hz.size)
+        return polynomial_poles(lines_hz, *arguments)
+
+    monkeypatch.setattr("vibrecords.modal_fit.polynomial_poles", counted)
+    fit = fit_modes(frf, variance)
+    assert len(sizes) == 6
+    assert max(sizes) < 2200
+    assert len(fit.modes) == 13
+    assert np.abs(scores(fit.modes, frequency, damping)).max() < 4
+    assert fit.values.shape == frf.values.shape
+    assert np.abs(fit.values - exact).max() < 0.05 * np.abs(exact).max()
+    assert fit.misfit == pytest.approx(1, abs=0.05)
+    sd = [m.frequency_sd_hz for m in fit.modes] + [m.damping_sd for m in fit.modes]
+    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx(sd)
+    assert np.count_nonzero(fit.covariance[:13, :13]) < 13 * 13  # nothing is said between sub-bands
+    assert {round(fit.frequency_hz, 6) for fit in identify_modes(frf, variance)} == {
+        round(mode.frequency_hz, 6) for mode in fit.modes
+    }
+    # one fit of all lines knows a little more: what those far from a mode tell of it
+    monkeypatch.setattr("vibrecords.modal_fit._MOST_LINES", lines.size)
+    whole = fit_modes(frf, variance)
+    assert len(sizes) == 6 + 6 + 1
+    wider = [m.frequency_sd_hz / o.frequency_sd_hz for m, o in zip(fit.modes, whole.modes, strict=True)]
+    assert 0.95 < min(wider) <= np.median(wider) < 1.15
+
+
+def test_zeros_of_many_lines_are_those_of_a_drive_point():
+    lines = np.arange(20.0, 420.0, 0.1)
+    omega, omega_r = lines[:, None], np.array([80.0, 300.0])
+    values = (-(omega**2) / (omega_r**2 - omega**2 + 2j * 0.004 * omega_r * omega)).sum(axis=1)[:, None, None]
+    (fit,) = identify_zeros(
+        FrfSet(lines, values, ("1:y",), ("1:y",), "accelerance"), np.full(values.shape, 1e-6)
+    ).values()
+    # of equal residues of the accelerance: the root of the mean of both squares
+    assert [mode.frequency_hz for mode in fit.modes] == [pytest.approx(np.sqrt((80**2 + 300**2) / 2), rel=1e-3)]
