@@ -51,7 +51,10 @@ def longest_chain(room: str, src: Path = SRC) -> list[str]:
 
 def rooms(src: Path = SRC) -> list[str]:
     """The rooms of jointbayes that are packages, and the readers."""
-    return ["vibrecords", *sorted(f"jointbayes.{path.parent.name}" for path in (src / "jointbayes").glob("*/__init__.py"))]
+    return [
+        "vibrecords",
+        *sorted(f"jointbayes.{path.parent.name}" for path in (src / "jointbayes").glob("*/__init__.py")),
+    ]
 
 
 if __name__ == "__main__":

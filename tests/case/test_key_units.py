@@ -2,7 +2,7 @@
 
 import pytest
 
-from jointbayes.case.keys import UNITS, same_stem, stem_of, unit_of
+from jointbayes.case.spec.fields import UNITS, same_stem, stem_of, unit_of
 
 
 @pytest.mark.parametrize(

@@ -29,10 +29,9 @@ from jointbayes.case.case_objects import (
 )
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
 from jointbayes.case.imported_model import reduce_imported, top_of
-from jointbayes.case.keys import DATA_FILE
 from jointbayes.case.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
-from jointbayes.case.spec.fields import show_key
+from jointbayes.case.spec.fields import DATA_FILE, show_key
 from jointbayes.case.spec.imported_table import ImportedSpec
 from jointbayes.case.spec.joint_table import joint_table
 from jointbayes.case.spec.settings_tables import LeftOutSpec

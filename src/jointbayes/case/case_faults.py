@@ -18,8 +18,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from jointbayes.case.case_text import CaseText
-from jointbayes.case.keys import UNITS, same_stem, stem_of, unit_of
-from jointbayes.case.spec.fields import Finding, quoted, show_key
+from jointbayes.case.spec.fields import UNITS, Finding, quoted, same_stem, show_key, stem_of, unit_of
 from jointbayes.case.toml_text import KeyPath, similar
 
 #: Faults that are told, that are compared with each other, and that are looked at: nobody writes a case with more.

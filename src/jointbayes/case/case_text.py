@@ -14,8 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from jointbayes.case.keys import rename_files
-from jointbayes.case.spec.fields import Finding, show_key
+from jointbayes.case.spec.fields import Finding, rename_files, show_key
 from jointbayes.case.toml_text import (
     KeyPath,
     fault_line,

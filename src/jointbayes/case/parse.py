@@ -11,8 +11,7 @@ import pydantic
 
 from jointbayes.case.case_faults import fault_lines, fault_paths
 from jointbayes.case.case_text import CaseText, case_text, drop_inherited, planned_texts, setup_texts
-from jointbayes.case.keys import DATA_FILE, named_files
-from jointbayes.case.spec.fields import Finding, KeyPath, either
+from jointbayes.case.spec.fields import DATA_FILE, Finding, KeyPath, either, named_files
 from jointbayes.case.spec.joint_table import JointSpec, joint_table, prior_table
 from jointbayes.case.spec.prior_tables import quantity_table
 from jointbayes.case.spec.whole import CaseSpec

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from jointbayes.case.case_text import CaseText, InputWarning
-from jointbayes.case.keys import other_units
-from jointbayes.case.spec.fields import Finding, numbers_in
+from jointbayes.case.spec.fields import Finding, numbers_in, other_units
 from jointbayes.case.spec.frame_table import FrameSpec
 from jointbayes.case.spec.structure_kinds import BeamSpec
 from jointbayes.case.spec.structure_table import StructureBase

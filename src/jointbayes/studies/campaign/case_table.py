@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from jointbayes.case.case_text import CaseText, find_outside, read_case_text
-from jointbayes.case.keys import named_files
 from jointbayes.case.parse import parse_case
+from jointbayes.case.spec.fields import named_files
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import key_parts, printable, similar, toml_text
 from jointbayes.errors import CaseError
