@@ -8,7 +8,7 @@ from benchmarks.bricks import brick_model, face
 
 import jointbayes as jb
 from jointbayes.case.case import load_case
-from jointbayes.case.imported_model import _read, _reduced
+from jointbayes.case.case_objects import _read, _reduced
 from jointbayes.errors import CaseError
 from jointbayes.structure.imported import kept, reduction
 from tests.conftest import FEW_STEPS

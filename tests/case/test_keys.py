@@ -26,7 +26,7 @@ from jointbayes import workflow
 from jointbayes.case import case as case_module
 from jointbayes.case import case_objects, simulated_test
 from jointbayes.case.case import case_from_text
-from jointbayes.case.spec.measured_table import RotationSpec
+from jointbayes.case.spec.data_table import RotationSpec
 from jointbayes.case.spec.prior_tables import PriorsSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import toml_text

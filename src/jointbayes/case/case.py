@@ -24,11 +24,12 @@ from jointbayes.case.case_objects import (
     problem_of,
     read_matrices,
     recipe_of,
+    reduce_imported,
     require_lowest,
     split_data,
+    top_of,
 )
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
-from jointbayes.case.imported_model import reduce_imported, top_of
 from jointbayes.case.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
 from jointbayes.case.spec.fields import DATA_FILE, show_key

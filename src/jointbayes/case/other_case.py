@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from jointbayes.case.case_objects import CaseHome, quantities_of
+from jointbayes.case.case_objects import CaseHome, quantities_of, reduce_imported
 from jointbayes.case.case_text import CaseText, read_case_text
-from jointbayes.case.imported_model import reduce_imported
 from jointbayes.case.parse import parse_case
 from jointbayes.case.spec.imported_table import ImportedSpec
 from jointbayes.case.spec.whole import CaseSpec

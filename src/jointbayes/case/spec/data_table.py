@@ -1,38 +1,720 @@
-"""The `[data]` table of a case file: what was measured, or how synthetic measurements are made."""
+"""The `[data]` table of a case file: what was measured, or how synthetic measurements are made.
+
+Its kinds are synthetic FRFs or frequencies, what is in measurement files, with `[data.layout]` for what the variables
+of a file stand for, and modes. A body that is given by its FRFs, `[bodies.NAME]`, has the table of such files.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Mapping
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import singledispatch
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
 from jointbayes.case.spec.fields import (
     DATA_KIND,
+    ESTIMATOR,
     FREQUENCIES,
+    MOST_FILES,
+    MOST_LABELS,
     MOST_VALUES,
+    POINT_LABEL,
     DataTable,
     Finding,
+    Fraction,
     Frequencies,
     KeyPath,
+    Label,
     Labels,
+    Positive,
     Ratios,
     Spec,
     count_field,
+    even,
     key_field,
     law_findings,
+    listed,
+    max_length,
     not_above,
     not_negative,
     positive,
+    raise_findings,
+    to_list,
 )
-from jointbayes.case.spec.measured_table import MeasuredFrequenciesSpec, MeasuredFrfSpec, MeasuredSpec
-from jointbayes.case.spec.mode_data_table import ModesSpec
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
+from jointbayes.errors import MeasurementError
 
 if TYPE_CHECKING:
-    from vibrecords import FrequencyData, NoiseLaw
+    from jointbayes.case.spec.structure_table import StructureBase
+    from vibrecords import Antiresonances, FrequencyData, ModalConstants, ModeData, NoiseLaw, Observed
+    from vibrecords.measurement_plan import VarianceSource
+    from vibrecords.rotations import Rotation
+
+
+_VARIABLE = 'the variable of the file that holds {}, as "H", "run.H", "run(2).H" or, of a matrix, "data(:,2)"'
+_Name = Annotated[str, Field(min_length=1, max_length=400)]
+
+
+def _variable(held: str, example: str, or_number: str = "") -> object:
+    return key_field(_VARIABLE.format(held) + or_number, example)
+
+
+_OR = ", or the number itself in quotes"
+_TABLE_AXIS = key_field('what the first column of a table is, "time" in s or "frequency_hz"', "time")
+
+
+class LayoutSpec(Spec):
+    """Names of variables by what they stand for; where one of values is given, nothing else of the file is read."""
+
+    axis: Annotated[Literal["time", "frequency_hz"] | None, _TABLE_AXIS] = None
+    frequency_hz: Annotated[_Name | None, _variable("the frequency lines in Hz", "Freq")] = None
+    omega_rad_s: Annotated[_Name | None, _variable("the lines in rad/s", "w")] = None
+    f_start_hz: Annotated[_Name | None, _variable("the first line in Hz", "f0", _OR)] = None
+    f_step_hz: Annotated[_Name | None, _variable("the distance of lines in Hz", "df", _OR)] = None
+    frf: Annotated[_Name | None, _variable("the complex FRFs", "H1")] = None
+    real: Annotated[_Name | None, _variable("the real part of the FRFs", "a")] = None
+    imaginary: Annotated[_Name | None, _variable("their imaginary part", "b")] = None
+    magnitude: Annotated[_Name | None, _variable("the magnitude of the FRFs", "A")] = None
+    magnitude_db: Annotated[_Name | None, _variable("the magnitude in dB, as 20 log10", "A")] = None
+    phase: Annotated[_Name | None, _variable("the phase, with its unit in its name", "P_deg")] = None
+    phase_deg: Annotated[_Name | None, _variable("the phase in degrees", "P")] = None
+    phase_rad: Annotated[_Name | None, _variable("the phase in radians", "P")] = None
+    coherence: Annotated[_Name | None, _variable("the coherence", "C")] = None
+    time: Annotated[_Name | None, _variable("the instants in s", "tt")] = None
+    sample_rate_hz: Annotated[_Name | None, _variable("the sampling rate in Hz", "rate", _OR)] = None
+    samples: Annotated[_Name | None, _variable("the samples of all channels, one column each", "data")] = None
+    force: Annotated[_Name | None, _variable("the force, hits in columns", "data(:,1)")] = None
+    response: Annotated[_Name | None, _variable("the response, hits in columns", "data(:,2)")] = None
+    mode_frequencies_hz: Annotated[_Name | None, _variable("the natural frequencies of modes in Hz", "freqs")] = None
+    damping_ratios: Annotated[_Name | None, _variable("the damping ratios of modes", "zeta")] = None
+    mode_shapes: Annotated[_Name | None, _variable("the shapes of modes, channels × modes", "V")] = None
+
+    @property
+    def names(self) -> Mapping[str, str]:
+        """What is given, by key."""
+        return {key: name for key, name in self.model_dump().items() if name is not None}
+
+
+SensorQuantity = Literal["force", "displacement", "velocity", "acceleration"]
+
+
+def _signed(text: str) -> str:
+    if not re.fullmatch(f"-?{POINT_LABEL}:(x|y|z|rx|ry|rz)", text):
+        expected = 'a DOF such as "11:y", or "-11:y" if it points the other way'
+        raise_findings([Finding((), f'found "{text[:40]}"', expected, 'write for example "11:y"')])
+    return text
+
+
+def _channel_table(value: object) -> object:
+    """A channel that is a DOF alone, as the table it stands for."""
+    return {"dof": value} if isinstance(value, str) else value
+
+
+_DOF = key_field('a DOF such as "11:y", or "-11:y" if it points the other way', "11:y")
+_UNIT = key_field(
+    'the unit of what it measures, as "g", "m/s^2" or "lbf", where the file does not say or is wrong', "g"
+)
+_MEASURES = key_field('what it measures, "force", "displacement", "velocity" or "acceleration"', "acceleration")
+_SENSITIVITY = positive("the volts for one of its unit, where the file holds volts", 0.01)
+_SENSOR_MASS = not_negative("the mass in g of the sensor, to be taken out of the FRFs", 2.0)
+
+
+class ChannelSpec(Spec):
+    """What a channel of the file stands for; in a case file often the DOF alone: ``"Point:11:Y+" = "11:y"``."""
+
+    dof: Annotated[str, AfterValidator(_signed), _DOF]
+    quantity: Annotated[SensorQuantity | None, _MEASURES] = None
+    unit: Annotated[str, max_length(60), _UNIT] = ""
+    sensitivity: Annotated[float | None, _SENSITIVITY] = None
+    gain: Annotated[float, positive("the factor by which the channel's signal is multiplied", 1.02)] = 1.0
+    accelerometer_mass_g: Annotated[float, _SENSOR_MASS] = 0.0
+
+    @property
+    def label(self) -> str:
+        """The DOF without its sign."""
+        return self.dof.removeprefix("-")
+
+    @property
+    def sign(self) -> float:
+        """−1 where the channel points the other way."""
+        return -1.0 if self.dof.startswith("-") else 1.0
+
+    def _findings(self) -> Iterator[Finding]:
+        from vibrecords.formats.units import sensor_unit
+
+        measured = sensor_unit(self.unit)
+        if self.unit and measured is None:
+            expected = 'the unit of a force or a motion, such as "N", "lbf", "g", "m/s^2", "mm/s" or "um"'
+            yield Finding(("unit",), f'found "{self.unit}"', expected, "correct it")
+        elif self.sensitivity is not None and not self.unit:
+            yield Finding(("unit",), missing=True)
+        elif measured and self.quantity not in (None, measured[1]):
+            fault = f'found "{self.quantity}" beside unit = "{self.unit}", which is one of {measured[1]}'
+            yield Finding(("quantity",), fault, "one that fits", "correct or remove one of the two")
+
+
+_STATIONS = key_field("two or three translations in order along the structure", ["1:y", "2:y", "3:y"])
+_SCHEME = key_field(
+    'the differences, "first order" (two stations), "second order, end" or "second order, centre"', "first order"
+)
+_SPACING = positive("the distance of neighbouring stations in mm", 20.0)
+_AXIS = key_field('the axis along which the stations lie, "x", "y" or "z"', "x")
+_USE = key_field("true (the rotation is data, its stations are not) or false (it serves the iteration)", False)
+
+
+class RotationSpec(Spec):
+    """A rotation by differences of translations."""
+
+    stations: Annotated[Labels, Field(min_length=2, max_length=3), _STATIONS]
+    scheme: Annotated[Literal["first order", "second order, end", "second order, centre"], _SCHEME] = "first order"
+    spacing_mm: Annotated[float | None, _SPACING] = None
+    in_likelihood: Annotated[bool, _USE] = False
+    axis: Annotated[Literal["x", "y", "z"], _AXIS] = "x"
+
+    def built(self, label: str, spacing_mm: float) -> Rotation:
+        """The rotation of this label, its stations so far apart; negative where they run backwards."""
+        from vibrecords.rotations import Rotation
+
+        return Rotation(label, self.stations, spacing_mm * 1e-3, self.scheme, self.in_likelihood, self.axis)
+
+
+_SOURCE = key_field('where the variance comes from, "coherence", "repeats" or "relative"', "coherence")
+_MEASURED_AVERAGES = Field(
+    ge=1, le=10**6, description="the number of averages, a whole number from 1 to 1000000", examples=[10]
+)
+
+
+class VarianceSpec(Spec):
+    """Variance of measured FRFs; the law of relative and floor is all of it, or the least that is believed."""
+
+    used_with = {"averages": ("source", "coherence")}  # noqa: RUF012 (no field)
+
+    source: Annotated[Literal["coherence", "repeats", "relative"], _SOURCE] = "coherence"
+    relative: Annotated[float, not_negative("the least standard deviation as a fraction of |H|", 0.001)] = 0.001
+    floor: Annotated[float, not_negative("the least standard deviation as a fraction of the median |H|", 0.001)] = 0.0
+    averages: Annotated[int | None, _MEASURED_AVERAGES] = None
+
+    def built(self) -> VarianceSource:
+        """The variance; without a law where nothing is the least that is believed."""
+        from vibrecords import RelativeNoise
+        from vibrecords.measurement_plan import VarianceSource
+
+        stated = self.source == "relative" or self.relative + self.floor > 0
+        law = RelativeNoise(self.relative, self.floor) if stated else None
+        return VarianceSource(self.source, law, self.averages, "relative" in self.model_fields_set)
+
+    def try_objects(self) -> None:
+        """The variance."""
+        self.built()
+
+    def _findings(self) -> Iterator[Finding]:
+        if self.source == "relative":
+            yield from law_findings(self)
+
+
+_METHOD = key_field('how the structure was excited, "impact" or "shaker"', "impact")
+_WINDOW = key_field('the window of the blocks, "hann" or "boxcar"', "hann")
+_LENGTH = positive("the length of a block in s", 1.0)
+_PULSE = Field(gt=0, description="how long after its trigger the force counts in s, above 0", examples=[0.005])
+_END = key_field("what is left of the exponential window at the end of a block, above 0 and at most 1", 0.05)
+_RANGE = positive("the full scale of the force channel in N", 500.0)
+_OVERLAP = Field(ge=0, lt=1, description="the overlap of blocks, a number of at least 0 and below 1", examples=[0.5])
+
+
+class RecordsSpec(Spec):
+    """How FRFs are made from the time histories of a file."""
+
+    used_with = {  # noqa: RUF012 (no field)
+        **dict.fromkeys(("pretrigger_s", "force_window_s", "exponential_end", "force_range_n"), ("method", "impact")),
+        **dict.fromkeys(("overlap", "window"), ("method", "shaker")),
+    }
+
+    method: Annotated[Literal["impact", "shaker"], _METHOD]
+    estimator: Annotated[Literal["H1", "H2", "Hv"], ESTIMATOR] = "H1"
+    block_s: Annotated[float | None, _LENGTH] = None
+    pretrigger_s: Annotated[float, not_negative("how long before its trigger a block begins, in s", 0.01)] = 0.0
+    force_window_s: Annotated[float | None, _PULSE] = None
+    exponential_end: Annotated[Fraction, _END] = 1.0
+    force_range_n: Annotated[float | None, _RANGE] = None
+    overlap: Annotated[float, _OVERLAP] = 0.5
+    window: Annotated[Literal["hann", "boxcar"], _WINDOW] = "hann"
+
+    def _findings(self) -> Iterator[Finding]:
+        if self.method == "shaker" and self.block_s is None:
+            yield Finding(("block_s",), missing=True)
+
+
+_RECORDS = Field(description="how FRFs are made from time histories: method")
+_LAYOUT = Field(description="what the variables of the files stand for: frequency_hz, frf, time, force and others")
+_FILE = key_field("the name of a measurement file, or a list of names", "tip.uff")
+_MAP = key_field('a table from channel to DOF, as "Point:11:Y+" = "11:y"', {})
+_MEASURED_QUANTITY = key_field(
+    'what the FRFs are, "receptance", "mobility" or "accelerance", where the file does not say or is wrong',
+    "accelerance",
+)
+_SENSORS = key_field('"fixed" (all sensors stay on) or "roving" (one sensor moves from output to output)', "fixed")
+_EXCLUDED = key_field("a list of bands [lowest, highest] in Hz whose lines are left out", [[49.5, 50.5]])
+_CONJUGATE = key_field("true (the FRFs have the time factor exp(-i omega t)) or false (exp(+i omega t))", True)
+_VARIANCE = Field(description="the variance of the FRFs: source")
+_FileName = Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+_Band = tuple[Annotated[float, Field(ge=0)], Positive]
+_Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_channel_table)]]
+
+
+class MeasuredSpec(DataTable):
+    """What all data from files have: the files, what their channels stand for, and the lines that are used."""
+
+    file: Annotated[
+        tuple[_FileName, ...],
+        Strict(False),
+        Field(min_length=1),
+        BeforeValidator(to_list),
+        max_length(MOST_FILES),
+        _FILE,
+    ]
+    quantity: Annotated[Literal["receptance", "mobility", "accelerance"] | None, _MEASURED_QUANTITY] = None
+    f_min_hz: Annotated[float | None, positive("the lowest frequency used in Hz", 20.0)] = None
+    f_max_hz: Annotated[float | None, positive("the highest frequency used in Hz", 2500.0)] = None
+    exclude_hz: Annotated[tuple[Annotated[_Band, Strict(False)], ...], Strict(False), max_length(1000), _EXCLUDED] = ()
+    conjugate: Annotated[bool, _CONJUGATE] = False
+    thin: Annotated[int | None, count_field("every how many lines one is kept", 2, 1, 10_000)] = None
+    accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
+    channels: Annotated[_Channels, _MAP]
+    layout: Annotated[LayoutSpec | None, _LAYOUT] = None
+    records: Annotated[RecordsSpec | None, _RECORDS] = None
+    variance: Annotated[VarianceSpec | None, _VARIANCE] = None
+
+    @property
+    def loaded(self) -> tuple[str, ...]:
+        """DOFs of the channels."""
+        return tuple(channel.label for channel in self.channels.values())
+
+    @property
+    def band_key(self) -> str:
+        """The files."""
+        return "file"
+
+    def asked_for(self, structure: StructureBase) -> dict[str, Any]:
+        """What a plan of the measurement asks for beside what all files give, by the names of `MeasurementPlan`."""
+        return {}
+
+    def structure_findings(self, structure: StructureBase) -> Iterator[Finding]:
+        """Yield what the structure lacks for it."""
+        yield from ()
+
+    def try_objects(self) -> None:
+        """Its rotations, which know no distance of their stations yet."""
+        for label, rotation in getattr(self, "rotations", {}).items():
+            try:
+                rotation.built(label, 1.0)
+            except MeasurementError as error:
+                error.key = "rotations", label, *rotation._key_of(error.key)
+                raise
+
+    def _findings(self) -> Iterator[Finding]:
+        if self.f_min_hz is not None and self.f_max_hz is not None:
+            yield from not_above(self.f_min_hz, self.f_max_hz, "f_min_hz", "f_max_hz", "in Hz")
+        for i, (low, high) in enumerate(self.exclude_hz):
+            if high <= low:
+                fault = f"found the band from {low!r} to {high!r} Hz"
+                yield Finding(("exclude_hz", i), fault, "the lower frequency first", "correct one of the two")
+        if self.conjugate and self.records is not None:
+            fault = "found true with time histories, of which the FRFs are made here"
+            yield Finding(("conjugate",), fault, "it for FRFs of a file", "remove it")
+        if not self.channels:
+            fault, remedy = "found no channel", 'write for example "Point:11:Y+" = "11:y" in [data.channels]'
+            yield Finding(("channels",), fault, "a DOF for each channel that is used", remedy)
+
+
+class MeasuredFrfSpec(MeasuredSpec):
+    """FRFs of measurement files."""
+
+    frfs: ClassVar[bool] = True
+
+    kind: Annotated[Literal["measured_frf"], DATA_KIND]
+    outputs: Annotated[Labels, key_field("a list of the measured DOFs used; empty: all", ["11:y"])] = ()
+    inputs: Annotated[Labels, key_field("a list of the excited DOFs used; empty: all", ["11:y"])] = ()
+    variance: Annotated[VarianceSpec, _VARIANCE] = VarianceSpec()
+    rotations: Annotated[
+        dict[Label, RotationSpec], key_field('a table for each rotation, as [data.rotations."1:rz"]', {})
+    ] = {}  # noqa: RUF012 (frozen model)
+
+    def asked_for(self, structure: StructureBase) -> dict[str, Any]:
+        """Outputs, inputs and rotations, whose stations are points of a straight beam."""
+        rotations = []
+        for label, rotation in self.rotations.items():
+            first, second, *_ = (int(station.split(":")[0]) for station in rotation.stations)
+            assert structure.spans is not None  # as the rules of the tables ask
+            spacing = (second - first) * structure.stated["length"][1] / structure.spans
+            if rotation.spacing_mm is not None:
+                spacing = math.copysign(rotation.spacing_mm, spacing)
+            rotations.append(rotation.built(label, spacing))
+        return {"outputs": self.outputs, "inputs": self.inputs, "rotations": tuple(rotations)}
+
+    def structure_findings(self, structure: StructureBase) -> Iterator[Finding]:
+        """Yield rotations of a structure without evenly spaced points, or from other points than these."""
+        if self.rotations and structure.spans is None:
+            fault = f'found rotations in a structure of kind = "{structure.kind}"'
+            yield Finding(("data", "rotations"), fault, 'kind = "beam", whose points are evenly spaced', "remove it")
+            return
+        for label, rotation in self.rotations.items():
+            loc, last = ("data", "rotations", label), (structure.spans or 0) + 1
+            nodes = [int(station.split(":")[0]) for station in rotation.stations]
+            steps = {b - a for a, b in itertools.pairwise(nodes)}
+            if len(steps) != 1 or 0 in steps or max(nodes) > last:
+                fault = f"found nodes {', '.join(map(str, nodes))}"
+                expected = f"different nodes, evenly spaced in one direction, from 1 to {last}"
+                yield Finding((*loc, "stations"), fault, expected, "correct the stations")
+            if (words := structure.absent(label)) is not None:
+                yield Finding(loc, *words)
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from super()._findings()
+        measured = dict.fromkeys(channel.label for channel in self.channels.values())
+        for key in ("outputs", "inputs"):
+            for i, label in enumerate(getattr(self, key)):
+                if label not in measured:
+                    fault = f'found "{label}", which no channel stands for'
+                    yield Finding((key, i), fault, f"one of {listed(list(measured))}", "map its channel or remove it")
+        for label, rotation in self.rotations.items():
+            if rotation.axis != "x":
+                place = ("rotations", label, "axis")
+                yield Finding(place, f'found "{rotation.axis}"', '"x", along which the beam lies', "remove it")
+
+
+class MeasuredFrequenciesSpec(MeasuredSpec):
+    """Natural frequencies of the modes that FRFs of measurement files show, the lowest ones."""
+
+    kind: Annotated[Literal["measured_frequencies"], DATA_KIND]
+    modes: Annotated[int | None, count_field("how many modes are used, the lowest ones", 3, 1, 1000)] = None
+    sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.001)] = 0.0
+    sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.1)] = 0.0
+
+    def asked_for(self, structure: StructureBase) -> dict[str, Any]:
+        """Natural frequencies."""
+        from vibrecords.measurement_plan import FrequencyPlan
+
+        return {"frequencies": FrequencyPlan(self.modes, self.sd_relative, self.sd_hz)}
+
+
+_BODY_KIND = key_field('the kind of body, "measured"', "measured")
+_PROPAGATE = key_field(
+    "true (the noise of the FRFs counts in the likelihood) or false (it is ignored: intervals are too narrow)", True
+)
+_BODY_ROTATIONS = key_field('a table for each rotation, as [bodies.spindle.rotations."spindle:rz"]', {})
+
+
+class MeasuredBodySpec(MeasuredSpec):
+    """A body given by its FRFs between the DOFs that its channels stand for, and rotations between them."""
+
+    kind: Annotated[Literal["measured"], _BODY_KIND]
+    variance: Annotated[VarianceSpec, _VARIANCE] = VarianceSpec()
+    rotations: Annotated[dict[Label, RotationSpec], _BODY_ROTATIONS] = {}  # noqa: RUF012 (frozen model)
+    propagate: Annotated[bool, _PROPAGATE] = True
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """DOFs that the body has: those of its channels, and its rotations."""
+        return tuple(dict.fromkeys((*(channel.label for channel in self.channels.values()), *self.rotations)))
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from super()._findings()
+        measured = {channel.label for channel in self.channels.values()}
+        for label, rotation in self.rotations.items():
+            if rotation.spacing_mm is None:
+                yield Finding(("rotations", label, "spacing_mm"), missing=True)
+            if rotation.in_likelihood:
+                expected = "false: a rotation of a body stands beside its stations, with the noise that they share"
+                yield Finding(("rotations", label, "in_likelihood"), "found true", expected, "remove it")
+            for i, station in enumerate(rotation.stations):
+                if station not in measured:
+                    fault = f'found "{station}", which no channel of the body stands for'
+                    place = ("rotations", label, "stations", i)
+                    yield Finding(place, fault, "a DOF of the body", "map its channel or correct the station")
+
+
+_MOST_REPETITIONS, _MOST_MODES = 10_000, 1000
+
+
+def _depth(value: object) -> int:
+    """Lists in lists, as their first entries go."""
+    return 1 + (_depth(value[0]) if value else 0) if isinstance(value, list | tuple) else 0
+
+
+def _repeated(depth: int) -> BeforeValidator:
+    """Takes the list of one repetition for the list of one such list that it stands for."""
+    return BeforeValidator(lambda value: [value] if _depth(value) == depth - 1 else value)
+
+
+_Number = Annotated[float, Field(allow_inf_nan=True)]  # NaN where nothing was observed
+_Row = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
+_Rows = Annotated[
+    tuple[_Row, ...], Strict(False), Field(min_length=1), AfterValidator(even), _repeated(2),
+    max_length(_MOST_REPETITIONS),
+]  # fmt: skip
+_Shape = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(MOST_LABELS)]
+_Shapes = Annotated[tuple[_Shape, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
+_AllShapes = Annotated[
+    tuple[_Shapes, ...], Strict(False), Field(min_length=1), AfterValidator(even), _repeated(3),
+    max_length(_MOST_REPETITIONS),
+]  # fmt: skip
+_EachLabel = Annotated[
+    tuple[Label, ...], Strict(False), Field(min_length=1), BeforeValidator(to_list), max_length(_MOST_MODES)
+]
+_EachMode = Annotated[
+    tuple[Annotated[float, Field(ge=0)], ...],
+    Strict(False),
+    Field(min_length=1),
+    BeforeValidator(to_list),
+    max_length(_MOST_MODES),
+]
+_Numbers = Annotated[
+    tuple[Annotated[int, Field(ge=1, le=_MOST_MODES)], ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)
+]
+
+_EACH = "a number of at least 0, or a list of such numbers, one for each mode"
+_EACH_ZERO = _EACH.replace("mode", "antiresonance")
+_FREQUENCIES = key_field(
+    "the natural frequencies in Hz, a list with one above 0 for each mode, or a list of such lists, one for each "
+    "repetition of the test; nan where none was found",
+    [12.1, 31.4],
+)
+_EIGENVALUES = key_field(
+    "the eigenvalues (2 pi f)^2 in rad2/s2 in place of the frequencies, a list for each repetition of the test",
+    [5780.0],
+)
+_RATIOS = key_field(
+    "the damping ratios, from 0 to below 1, a list for each repetition of the test as the frequencies", [0.01, 0.012]
+)
+_DOFS = key_field("a list of at least one DOF at which shapes were measured, without the reference", ["1:y", "6:y"])
+_REFERENCE = key_field("the DOF whose component is 1, or a list of such, one for each mode", "11:y")
+_COMPONENTS = key_field(
+    "the components of the shapes over that at the reference: a list for each mode of one for each DOF, or a list of "
+    "such lists, one for each repetition of the test; nan where none was found",
+    [[0.1, 0.4], [-0.3, -0.6]],
+)
+_ZERO_DOF = key_field("the DOF that was excited and measured, or a list of such, one for each antiresonance", "11:y")
+_ZEROS = key_field(
+    "the antiresonances in Hz, a list for each repetition of the test, as the frequencies", [82.0, 520.0]
+)
+_ZERO_NUMBERS = key_field(
+    "the number of each antiresonance among those of its DOF, from 1; by default the lowest, as they stand", [1, 2]
+)
+_PAIR_OUTPUTS = key_field("a list of the measured DOFs", ["6:y", "11:y"])
+_PAIR_INPUTS = key_field("the DOF that was excited, or a list of such, one for each of outputs", "11:y")
+_CONSTANTS = key_field(
+    "the modal constants of unit modal mass in 1/kg, with signs: lists as of components of shapes", [[0.4, 1.2]]
+)
+_MATCH = key_field('how modes are matched, by "number" or by "shape"', "number")
+_NUMBERS = key_field(
+    "the number of each mode among those of the assembled structure, from 1; by default the lowest", [1, 3]
+)
+
+
+class ModeShapesSpec(Spec):
+    """Components of mode shapes relative to a reference DOF."""
+
+    dofs: Annotated[Labels, Field(min_length=1), _DOFS]
+    reference: Annotated[_EachLabel, _REFERENCE]
+    components: Annotated[_AllShapes, _COMPONENTS]
+    sd: Annotated[_EachMode, key_field(f"the standard deviation of a component, {_EACH}", 0.02)]
+
+
+class AntiresonancesSpec(Spec):
+    """Antiresonances of drive points."""
+
+    field_keys = {  # noqa: RUF012 (no field)
+        "dofs": "dof", "frequency.values": "frequencies_hz", "frequency.sd": "sd_relative"
+    }  # fmt: skip
+
+    dof: Annotated[_EachLabel, _ZERO_DOF]
+    frequencies_hz: Annotated[_Rows, _ZEROS]
+    sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH_ZERO}", 0.005)] = (0.0,)
+    sd_hz: Annotated[_EachMode, key_field(f"the standard deviation in Hz, {_EACH_ZERO}", 0.5)] = (0.0,)
+    numbers: Annotated[_Numbers | None, _ZERO_NUMBERS] = None
+
+    @property
+    def highest(self) -> int:
+        """Highest number of any DOF."""
+        return max(self.numbers or Counter(self.dof * (len(self.frequencies_hz[0]) // len(self.dof))).values())
+
+    def stated(self) -> Antiresonances:
+        """The antiresonances."""
+        from vibrecords import Antiresonances
+
+        dofs = self.dof[0] if len(self.dof) == 1 else self.dof
+        return Antiresonances(dofs, _observed(self, self.frequencies_hz, "sd_relative", "sd_hz"), self.numbers or ())
+
+    def try_objects(self) -> None:
+        """The antiresonances."""
+        self.stated()
+
+
+class ConstantsSpec(Spec):
+    """Modal constants of pairs of DOFs."""
+
+    outputs: Annotated[_EachLabel, _PAIR_OUTPUTS]
+    inputs: Annotated[_EachLabel, _PAIR_INPUTS]
+    values_per_kg: Annotated[_AllShapes, _CONSTANTS]
+    sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH}", 0.05)] = (0.0,)
+    sd_per_kg: Annotated[_EachMode, key_field(f"the standard deviation in 1/kg, {_EACH}", 0.02)] = (0.0,)
+
+    def stated(self) -> ModalConstants:
+        """The modal constants."""
+        from vibrecords import ModalConstants
+
+        inputs = self.inputs * len(self.outputs) if len(self.inputs) == 1 else self.inputs
+        return ModalConstants(self.outputs, inputs, _observed(self, self.values_per_kg, "sd_relative", "sd_per_kg"))
+
+    def try_objects(self) -> None:
+        """The modal constants."""
+        self.stated()
+
+
+_SHAPES_TABLE = "the mode shapes: dofs, reference, components, sd"
+_ZEROS_TABLE = "the antiresonances of drive points: dof, frequencies_hz, sd_relative or sd_hz, numbers"
+_CONSTANTS_TABLE = "the modal constants: outputs, inputs, values_per_kg, sd_relative or sd_per_kg"
+
+
+class ModesSpec(DataTable):
+    """Modes of a modal test, or of several repetitions of it."""
+
+    field_keys = {  # noqa: RUF012 (no field)
+        "frequency.values": "frequencies_hz", "frequency.sd": "sd_relative", "eigenvalues.sd": "sd_relative",
+        "damping.values": "damping_ratios", "damping.sd": "damping_sd_relative", "shapes.components.sd": "shapes.sd",
+        "constants.values": "constants.values_per_kg", "constants.sd": "constants.sd_relative",
+    }  # fmt: skip
+
+    kind: Annotated[Literal["modes"], DATA_KIND]
+    frequencies_hz: Annotated[_Rows | None, _FREQUENCIES] = None
+    eigenvalues: Annotated[_Rows | None, _EIGENVALUES] = None
+    sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH}", 0.005)] = (0.0,)
+    sd_hz: Annotated[_EachMode, key_field(f"the standard deviation in Hz, {_EACH}", 0.5)] = (0.0,)
+    eigenvalue_sd: Annotated[
+        _EachMode, key_field(f"the standard deviation of an eigenvalue in rad2/s2, {_EACH}", 24.0)
+    ] = (0.0,)
+    damping_ratios: Annotated[_Rows | None, _RATIOS] = None
+    damping_sd_relative: Annotated[
+        _EachMode, key_field(f"the standard deviation of a damping ratio as a fraction of it, {_EACH}", 0.1)
+    ] = (0.0,)
+    damping_sd: Annotated[_EachMode, key_field(f"the standard deviation of a damping ratio, {_EACH}", 0.001)] = (0.0,)
+    numbers: Annotated[_Numbers | None, _NUMBERS] = None
+    match: Annotated[Literal["number", "shape"], _MATCH] = "number"
+    shapes: Annotated[ModeShapesSpec | None, Field(description=_SHAPES_TABLE)] = None
+    zeros: Annotated[AntiresonancesSpec | None, Field(description=_ZEROS_TABLE)] = None
+    constants: Annotated[ConstantsSpec | None, Field(description=_CONSTANTS_TABLE)] = None
+
+    @property
+    def frequencies(self) -> tuple[tuple[float, ...], ...]:
+        """Natural frequencies in Hz, each repetition, also of eigenvalues."""
+        if self.eigenvalues is not None:
+            return tuple(tuple(math.sqrt(value) / (2 * math.pi) for value in row) for row in self.eigenvalues)
+        return self.frequencies_hz or ()
+
+    @property
+    def count(self) -> int:
+        """Number of measured modes."""
+        return len(self.frequencies[0])
+
+    @property
+    def least_modes(self) -> Mapping[KeyPath, int]:
+        """Number of the highest mode; an antiresonance lies between the mode of its number and the next."""
+        key = "numbers" if self.numbers else "frequencies_hz"
+        highest: dict[KeyPath, int] = {("data", key): max(self.numbers or (self.count,))}
+        return highest if self.zeros is None else highest | {("data", "zeros", "dof"): 1 + self.zeros.highest}
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest natural frequency of any repetition, Hz."""
+        seen = [f for row in self.frequencies for f in row if not math.isnan(f)]
+        return min(seen), max(seen)
+
+    @property
+    def depends_on(self) -> frozenset[str]:
+        """Damping, if its ratios are stated, and masses of sensors, if DOFs are."""
+        damping = {"damping_ratio", "loss_factor"} if self.damping_ratios is not None else set()
+        return frozenset(damping | ({"accelerometer_mass"} if self.labelled else set()))
+
+    @property
+    def labelled(self) -> dict[KeyPath, tuple[str, ...]]:
+        """DOFs of shapes with their references, of antiresonances, and of modal constants."""
+        labelled: dict[KeyPath, tuple[str, ...]] = {}
+        for table, keys in (
+            ("shapes", ("dofs", "reference")),
+            ("zeros", ("dof",)),
+            ("constants", ("outputs", "inputs")),
+        ):
+            if (given := getattr(self, table)) is not None:
+                labelled |= {("data", table, key): getattr(given, key) for key in keys}
+        return labelled
+
+    def stated(self) -> ModeData:
+        """The modes."""
+        import numpy as np
+
+        from vibrecords import ModeData, ModeShapes, Observed
+
+        damping = shapes = None
+        if self.damping_ratios is not None:
+            damping = _observed(self, self.damping_ratios, "damping_sd_relative", "damping_sd")
+        if (given := self.shapes) is not None:
+            reference = given.reference[0] if len(given.reference) == 1 else given.reference
+            components = Observed(np.array(given.components), np.array(given.sd)[:, None])
+            shapes = ModeShapes(given.dofs, reference, components)
+        rows = self.frequencies_hz or self.eigenvalues
+        assert rows is not None
+        of_eigenvalues = self.eigenvalues is not None
+        frequency = _observed(self, rows, "sd_relative", "eigenvalue_sd" if of_eigenvalues else "sd_hz")
+        made = ModeData(frequency, damping, shapes, self.numbers or (), self.match, of_eigenvalues)
+        if self.zeros is not None:
+            made = replace(made, zeros=self.zeros.stated())
+        return made if self.constants is None else replace(made, constants=self.constants.stated())
+
+    def try_objects(self) -> None:
+        """The modes."""
+        self.stated()
+
+    def _findings(self) -> Iterator[Finding]:
+        given = [key for key in ("frequencies_hz", "eigenvalues") if getattr(self, key) is not None]
+        if len(given) != 1:
+            if given:
+                fault = "given together with frequencies_hz"
+                yield Finding(("eigenvalues",), fault, "one of the two", "remove one of the two")
+            else:
+                yield Finding(("frequencies_hz",), missing=True)
+            return
+        key = given[0]
+        absolute, other = ("eigenvalue_sd", "sd_hz") if key == "eigenvalues" else ("sd_hz", "eigenvalue_sd")
+        if max(getattr(self, other)) > 0:
+            yield Finding((other,), f"found it with {key}", f"sd_relative or {absolute}", f"state {absolute}")
+
+
+def _observed(table: Spec, rows: Sequence[object], relative_key: str, absolute_key: str) -> Observed:
+    """Values with standard deviations that are fractions of their means over repetitions, or absolute, or both."""
+    import numpy as np
+
+    from vibrecords import Observed
+
+    values = np.array(rows, dtype=float)
+    for key in (relative_key, absolute_key):
+        if (given := len(getattr(table, key))) not in (1, values.shape[1]):
+            found, expected = f"found {given} for {values.shape[1]}", "one, or one for each"
+            raise MeasurementError.of("modes", (key,), found, expected, "correct the list")
+    # a fraction of the mean over repetitions: the spread does not depend on what one of them happened to give
+    seen = ~np.isnan(values)
+    mean = np.where(seen, values, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+    each = (slice(None), None) if values.ndim > 2 else ...  # of a mode, at each of its DOFs
+    relative, absolute = (np.array(getattr(table, key))[each] for key in (relative_key, absolute_key))
+    return Observed(values, np.hypot(relative * np.abs(mean), absolute))
+
 
 _MOST_LINES = 1_000_000  # frequency lines; more is a slip in f_step_hz, and would fill the memory
 

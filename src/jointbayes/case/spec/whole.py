@@ -3,9 +3,8 @@
 Each field's ``description`` is also the "expected …" of its error messages, and its first example the remedy.
 Units are in the keys; nothing is converted here. Importing this module loads pydantic.
 
-The tables stand in modules of their own; here they come together, with the rules between them.
-
-Rules between the tables of a case file: what one table says must be possible with what another one says.
+The tables stand in modules of their own; here they come together, with the rules between them: what one table says must
+be possible with what another one says.
 """
 
 from __future__ import annotations
@@ -17,12 +16,18 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BeforeValidator, Field, Strict
 
-from jointbayes.case.spec.data_table import DataSpec, SyntheticFrfSpec, files_table, synthetic_table
+from jointbayes.case.spec.data_table import (
+    DataSpec,
+    MeasuredBodySpec,
+    MeasuredSpec,
+    SyntheticFrfSpec,
+    files_table,
+    synthetic_table,
+)
 from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, key_field, listed, show_key
 from jointbayes.case.spec.frame_table import FrameSpec
 from jointbayes.case.spec.imported_table import ImportedSpec
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table, prior_table
-from jointbayes.case.spec.measured_table import MeasuredBodySpec, MeasuredSpec
 from jointbayes.case.spec.prior_tables import (
     ModelErrorSpec,
     NamedStiffnessSpec,
