@@ -7,8 +7,8 @@ import numpy as np
 
 from benchmarks.cases import ROOT
 from jointbayes.case.case import Case, case_from_text
-from jointbayes.case.simulated_test import simulate
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
+from jointbayes.studies.simulated_test import simulate
 from vibrecords import FrfSet
 from vibrecords.records import FrfRecord
 from vibrecords.variance import coherence_variance

@@ -20,8 +20,8 @@ import numpy as np
 
 import jointbayes as jb
 from benchmarks.calibration_data import case_of
-from jointbayes.case.simulated_test import simulate
 from jointbayes.joint import LogStiffness
+from jointbayes.studies.simulated_test import simulate
 from vibrecords import FrfData
 from vibrecords.formats import FORMATS, write_records
 

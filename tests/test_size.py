@@ -15,8 +15,8 @@ ROOMS = {
     "identification": (1050, 1500),
     "sampling": (1450, 2400),
     "posterior": (3500, 5950),
-    "studies": (3300, 4424),
-    "case": (4000, 5430),
+    "studies": (3300, 4600),
+    "case": (4000, 5210),
     "report": (2700, 3656),
     "cli and what stands alone": (1600, 1675),
 }

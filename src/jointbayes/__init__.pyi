@@ -3,7 +3,6 @@
 from jointbayes.case.case import Case as Case
 from jointbayes.case.case import case_from_text as case_from_text
 from jointbayes.case.case import load_case as load_case
-from jointbayes.case.simulated_test import simulate as simulate
 from jointbayes.errors import CaseError as CaseError
 from jointbayes.errors import JointBayesError as JointBayesError
 from jointbayes.errors import MeasurementError as MeasurementError
@@ -77,6 +76,7 @@ from jointbayes.studies.comparison_report import Comparison as Comparison
 from jointbayes.studies.planning.make_plan import plan as plan
 from jointbayes.studies.planning.plan_report import Plan as Plan
 from jointbayes.studies.reference_check import check_posterior as check_posterior
+from jointbayes.studies.simulated_test import simulate as simulate
 from jointbayes.workflow import find_map as find_map
 from jointbayes.workflow import identify as identify
 from jointbayes.workflow import load_posterior as load_posterior

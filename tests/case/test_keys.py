@@ -24,7 +24,7 @@ from pydantic import BaseModel
 
 from jointbayes import workflow
 from jointbayes.case import case as case_module
-from jointbayes.case import case_objects, simulated_test
+from jointbayes.case import case_objects
 from jointbayes.case.case import case_from_text
 from jointbayes.case.spec.data_table import RotationSpec
 from jointbayes.case.spec.prior_tables import PriorsSpec
@@ -38,6 +38,7 @@ from jointbayes.joint import Joints
 from jointbayes.posterior.candidate import Candidate, FrfCandidate, StatedVariance
 from jointbayes.structure import Section
 from jointbayes.structure.family import UncertainBody
+from jointbayes.studies import simulated_test
 from jointbayes.studies.planning import make_plan
 from tests.case.key_cases import CASES, KeyCase
 from tests.case.key_lines import KEYS, Value, expression

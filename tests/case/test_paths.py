@@ -89,7 +89,7 @@ def test_every_command_that_reads_a_case_has_the_option_and_tells_of_slips_first
     def stop(*_arguments, **_options):
         raise CaseError("stopped here")
 
-    for place in ("workflow.sample", "workflow.find_map", "workflow.identify", "case.simulated_test.simulate",
+    for place in ("workflow.sample", "workflow.find_map", "workflow.identify", "studies.simulated_test.simulate",
                   "studies.compare.compare", "studies.planning.make_plan.plan"):  # fmt: skip
         monkeypatch.setattr(f"jointbayes.{place}", stop)
     path = case_in(home, '"../tip.npz"')

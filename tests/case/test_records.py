@@ -8,8 +8,8 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.case.case import Case
-from jointbayes.case.simulated_test import simulate
 from jointbayes.errors import CaseError
+from jointbayes.studies.simulated_test import simulate
 from tests.conftest import TABLE_3, best_of, cheap_text, edited
 from vibrecords.formats import iter_records, write_records
 from vibrecords.records import TimeRecord

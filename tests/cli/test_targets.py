@@ -40,7 +40,7 @@ TARGETS = {
 #: Work that must not begin.
 WORK = (
     "jointbayes.workflow.sample",
-    "jointbayes.case.simulated_test.simulate",
+    "jointbayes.studies.simulated_test.simulate",
     "vibrecords.inspection.contents_of",
     "jointbayes.report.run_directory.write_run",
     "jointbayes.report.export.export",

@@ -8,7 +8,6 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
-from jointbayes.case.simulated_test import Truth, simulate
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.posterior.prediction import simulated_values
@@ -18,6 +17,7 @@ from jointbayes.studies.campaign.index import DONE, read_index, write_index
 from jointbayes.studies.campaign.joint_draws import OTHER_KIND, read_draws
 from jointbayes.studies.compare import hypothesis_problem, require_same_data
 from jointbayes.studies.data_sets import require_simulable, simulated_problem
+from jointbayes.studies.simulated_test import Truth, simulate
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3, without_stages
 from tests.report.test_setups import HEARD, OWN, TORQUES, posterior_of

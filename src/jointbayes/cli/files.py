@@ -104,8 +104,8 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
     """
     from jointbayes.case.case import load_case
     from jointbayes.case.case_text import read_case_text
-    from jointbayes.case.simulated_test import describe
-    from jointbayes.case.simulated_test import simulate as measure
+    from jointbayes.studies.simulated_test import describe
+    from jointbayes.studies.simulated_test import simulate as measure
     from vibrecords.formats import write_records
 
     chosen = form or format_of_ending(out, FORMATS)

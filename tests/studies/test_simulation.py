@@ -8,11 +8,11 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 from jointbayes.case.case import Case, case_from_text
-from jointbayes.case.simulated_test import Truth, describe, simulate
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import DirectSolve, Ports
+from jointbayes.studies.simulated_test import Truth, describe, simulate
 from tests.conftest import TABLE_3, cheap_text, edited, pair_matrix
 from vibrecords import CoherenceNoise, FrfSet, RelativeNoise
 from vibrecords.formats import FORMATS, detect_format, iter_records
