@@ -7,6 +7,7 @@ from jointbayes.inference.log_posterior import LogPosterior as LogPosterior
 from jointbayes.inference.marginals import Independent as Independent
 from jointbayes.inference.marginals import Marginal as Marginal
 from jointbayes.inference.marginals import Normal as Normal
+from jointbayes.inference.marginals import Nuisance as Nuisance
 from jointbayes.inference.marginals import OfStiffness as OfStiffness
 from jointbayes.inference.marginals import OwnMarginal as OwnMarginal
 from jointbayes.inference.marginals import Uniform as Uniform
@@ -22,11 +23,10 @@ from jointbayes.inference.noise.gaussian import ScaledNoise as ScaledNoise
 from jointbayes.inference.noise.model_error import ModelErrorNoise as ModelErrorNoise
 from jointbayes.inference.noise.proportional import ProportionalNoise as ProportionalNoise
 from jointbayes.inference.noise.student_t import StudentNoise as StudentNoise
-from jointbayes.inference.premises import Premises as Premises
-from jointbayes.inference.premises import UsedMode as UsedMode
 from jointbayes.inference.prior import JointPrior as JointPrior
-from jointbayes.inference.prior import Nuisance as Nuisance
+from jointbayes.inference.problem import Premises as Premises
 from jointbayes.inference.problem import Problem as Problem
+from jointbayes.inference.problem import UsedMode as UsedMode
 from jointbayes.inference.quadrature import on_nodes as on_nodes
 from jointbayes.inference.test import Level as Level
 from jointbayes.inference.test import Test as Test

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike
 
 from jointbayes.errors import ModelError
 from jointbayes.inference.assemblies import AssemblyScatter
-from jointbayes.inference.marginals import Marginal, Normal, OfStiffness, Uniform, marginal_of
+from jointbayes.inference.marginals import Marginal, Normal, Nuisance, OfStiffness, Uniform, marginal_of
 from jointbayes.joint import JointMatrix, Parametrisation
-from jointbayes.structure import is_additive
 from vibrecords.arrays import Array, Flags
 
 _CELLS = 1000  # of probability, in each of the two stiffnesses beside the coupling
@@ -117,75 +116,6 @@ def _room(first: Marginal, coupling: Marginal, last: Marginal) -> Array:
 
 def _middles(marginal: Marginal) -> Array:
     return marginal.ppf((np.arange(_CELLS) + 0.5) / _CELLS)
-
-
-@dataclass(frozen=True, slots=True)
-class Nuisance:
-    """A quantity besides the joint that is not exactly known; its coordinate is ln(value/nominal).
-
-    That of an offset, ``length_offset``, is value/nominal itself: the offset in m, of either sign.
-
-    Parameters
-    ----------
-    name
-        Such as ``youngs_modulus``, see `jointbayes.structure.STRUCTURE_QUANTITIES`, or one of the noise model's.
-    unit
-        Unit of the value.
-    nominal
-        Value at coordinate 0, above zero; of an offset what a metre is in the unit: 1000 for mm.
-    prior
-        Prior on the coordinate: `Normal`, `Uniform`, or a distribution of one's own as for `JointPrior`.
-
-    Raises
-    ------
-    ModelError
-        If the nominal value is not positive, or the prior is one on a stiffness.
-    """
-
-    name: str
-    unit: str
-    nominal: float
-    prior: Marginal
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "prior", marginal_of(self.prior))
-        if isinstance(self.prior, OfStiffness):
-            raise ModelError(
-                f"{self.name}: found {self.prior!r}; expected a prior on ln({self.name}/nominal), since OfStiffness is "
-                "for stiffnesses of the joint; give Normal or Uniform"
-            )
-        if not 0 < self.nominal < math.inf:
-            raise ModelError(
-                f"{self.name}: found a nominal value of {self.nominal:g}; expected a number above 0 for a quantity "
-                "that is uncertain by a factor; correct it, or leave the quantity certain"
-            )
-
-    @property
-    def additive(self) -> bool:
-        """Whether it is an offset, whose coordinate is no logarithm."""
-        return is_additive(self.name)
-
-    @property
-    def label(self) -> str:
-        """How its coordinate is written: ``"ln length"``, ``"length_offset"``."""
-        return self.name if self.additive else f"ln {self.name}"
-
-    def value(self, coordinate: ArrayLike) -> Array:
-        """Value in its unit, of the shape of the coordinates."""
-        x = np.asarray(coordinate, dtype=float)
-        return self.nominal * (x if self.additive else np.exp(x))
-
-    def coordinate(self, value: ArrayLike) -> Array:
-        """Coordinate of a value in its unit."""
-        relative = np.asarray(value, dtype=float) / self.nominal
-        return relative if self.additive else np.log(relative)
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """Smallest and largest coordinate that the forward model is made for: six standard deviations of a normal."""
-        low, high = self.prior.support
-        wide = 6 * self.prior.sd
-        return max(low, self.prior.mean - wide), min(high, self.prior.mean + wide)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,12 +22,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointbayes.inference.likelihood_base import Likelihood
+from jointbayes.inference.likelihood_base import Likelihood, Term, TestsLikelihood
 from jointbayes.inference.log_posterior import LogPosterior
 from jointbayes.inference.noise.base import columns_of
 from jointbayes.inference.problem import Problem
 from jointbayes.inference.test import Test, likelihood_of
-from jointbayes.inference.tests_likelihood import Term, TestsLikelihood
 from jointbayes.joint import AnyJointMatrix
 from vibrecords.arrays import Array, Flags, Indices
 

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.inference.marginals import Uniform
-from jointbayes.inference.prior import Nuisance
+from jointbayes.inference.marginals import Nuisance, Uniform
 from vibrecords import FrfData
 from vibrecords.arrays import Array
 

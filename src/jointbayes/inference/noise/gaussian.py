@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from jointbayes.inference.marginals import Nuisance
 from jointbayes.inference.noise import model_error
 from jointbayes.inference.noise.base import (
     GaussianSpread,
@@ -20,7 +21,6 @@ from jointbayes.inference.noise.base import (
     rows_of,
     white,
 )
-from jointbayes.inference.prior import Nuisance
 from vibrecords import Data
 from vibrecords.arrays import Array
 

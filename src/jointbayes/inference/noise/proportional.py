@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from jointbayes.errors import ModelError
 from jointbayes.inference.likelihood_base import PURE_NOISE
+from jointbayes.inference.marginals import Nuisance
 from jointbayes.inference.noise.base import GaussianSpread, NoiseChoice, NoiseModel, Residuals, log_uniform, rows_of
-from jointbayes.inference.prior import Nuisance
 from vibrecords import Data, FrfData
 from vibrecords.arrays import Array
 from vibrecords.frf_set import read_only

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from jointbayes.frf.kernels.compiled import compiled
+from jointbayes.inference.marginals import Nuisance
 from jointbayes.inference.noise.base import (
     Absorbed,
     NoiseChoice,
@@ -21,7 +22,6 @@ from jointbayes.inference.noise.base import (
     squares_of,
     white,
 )
-from jointbayes.inference.prior import Nuisance
 from vibrecords import Data
 from vibrecords.arrays import Array
 
