@@ -37,7 +37,7 @@ from jointbayes.inference import Problem
 from jointbayes.joint import Joints
 from jointbayes.posterior.candidate import Candidate, FrfCandidate, StatedVariance
 from jointbayes.structure import Section
-from jointbayes.structure.family import UncertainBody
+from jointbayes.structure.recipe import UncertainBody
 from jointbayes.studies import simulated_test
 from jointbayes.studies.planning import make_plan
 from tests.case.key_cases import CASES, KeyCase

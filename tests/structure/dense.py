@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from jointbayes.frf import DirectSolve, Ports, receptance_model
 from jointbayes.joint import Joint
-from jointbayes.structure.family import UncertainBody
+from jointbayes.structure.recipe import UncertainBody
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,7 @@ from jointbayes.joint import Joint, Joints
 from jointbayes.report.canvas import svg
 from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.structure import FrameBody, Member, Section
-from jointbayes.structure.beam_recipe import BeamRecipe
-from jointbayes.structure.frame_recipe import FrameRecipe
+from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from jointbayes.structure.imported.imported_body import ImportedRecipe
 from vibrecords.arrays import Array
 

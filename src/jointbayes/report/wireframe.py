@@ -10,8 +10,7 @@ from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
 from jointbayes.report.line_plot import Wireframe
 from jointbayes.report.structure_sketch import OBLIQUE
-from jointbayes.structure.beam_recipe import BeamRecipe
-from jointbayes.structure.frame_recipe import FrameRecipe
+from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from jointbayes.structure.imported.imported_body import ImportedRecipe
 from vibrecords.arrays import Array
 

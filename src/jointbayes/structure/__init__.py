@@ -1,8 +1,5 @@
 """Structures as matrices: beams, their damping and their DOF labels."""
 
-from jointbayes.structure.beam_recipe import STRUCTURE_QUANTITIES as STRUCTURE_QUANTITIES
-from jointbayes.structure.beam_recipe import BeamRecipe as BeamRecipe
-from jointbayes.structure.beam_recipe import beam as beam
 from jointbayes.structure.body import Body as Body
 from jointbayes.structure.body import FreeModes as FreeModes
 from jointbayes.structure.damping import DampingLaw as DampingLaw
@@ -13,8 +10,11 @@ from jointbayes.structure.damping import ViscousMatrix as ViscousMatrix
 from jointbayes.structure.frame import FrameBody as FrameBody
 from jointbayes.structure.frame import Member as Member
 from jointbayes.structure.frame import PointMass as PointMass
+from jointbayes.structure.frame_recipe import STRUCTURE_QUANTITIES as STRUCTURE_QUANTITIES
+from jointbayes.structure.frame_recipe import BeamRecipe as BeamRecipe
 from jointbayes.structure.frame_recipe import FrameRecipe as FrameRecipe
 from jointbayes.structure.frame_recipe import MemberRecipe as MemberRecipe
+from jointbayes.structure.frame_recipe import beam as beam
 from jointbayes.structure.frame_recipe import require_unbuckled as require_unbuckled
 from jointbayes.structure.given_matrices import MatrixFamily as MatrixFamily
 from jointbayes.structure.given_matrices import MatrixRecipe as MatrixRecipe

@@ -10,10 +10,9 @@ import numpy as np
 from jointbayes.errors import ModelError
 from jointbayes.structure.body import FreeModes
 from jointbayes.structure.damping import NOT_NEGATIVE, DampingLaw, ViscousMatrix, lowest_eigenvalue
-from jointbayes.structure.family import UncertainBody
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced
-from jointbayes.structure.recipe import ElementKind, Recipe
+from jointbayes.structure.recipe import ElementKind, Recipe, UncertainBody
 from vibrecords.arrays import Array, convert_fields
 from vibrecords.errors import array_of, printable
 

@@ -1,14 +1,22 @@
-"""What recipes of structures share: names of uncertain quantities, supports, accelerometers, elements."""
+"""What recipes of structures share: names of uncertain quantities, supports, accelerometers, elements.
+
+And the bodies that come of them: beams, frames and given matrices that differ by factors on what is uncertain.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Literal, Self
 
+import numpy as np
+
 from jointbayes.errors import ModelError
-from jointbayes.structure.damping import DampingLaw
+from jointbayes.structure.body import Body, FreeModes, Rows
+from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping
 from jointbayes.structure.matrices import Structure
-from vibrecords.arrays import Array
+from jointbayes.structure.modes import Forced
+from vibrecords.arrays import Array, ComplexArray
 from vibrecords.errors import printable
 
 #: ``"converged"``: elements of high order, so many that no mesh shows.  ``"paper"``: the paper's two-node element.
@@ -154,3 +162,227 @@ class Recipe(ABC):
     def load(self, factors: Mapping[str, float]) -> float:
         """Mass at each accelerometer's place, kg."""
         return self.accelerometer_mass * factors.get("accelerometer_mass", 1.0) + self.added_mass
+
+
+#: Free modes of so many structures are kept, of no more motions each: search, draws, checks and report of one case, and
+#: cases that differ in their data alone, ask for the same ones again and again.
+_KEPT, _KEPT_MOTIONS = 12, 256
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class UncertainBody(Body):
+    """Structures whose quantities are uncertain.
+
+    Parameters
+    ----------
+    recipe
+        The structure at its nominal quantities.
+    ranges
+        Smallest and largest logarithm of the factor by quantity; outside these the modes are not defined.
+    dofs, top_hz
+        DOFs where something acts or is observed, and the highest frequency that is wanted, Hz; see `at`.
+    exact
+        Whether it is assembled and solved anew for each row of factors, and every mode kept: a reference.
+
+    Raises
+    ------
+    ModelError
+        If a quantity is unknown or does not belong to the damping law.
+    """
+
+    recipe: Recipe
+    ranges: Mapping[str, tuple[float, float]]
+    _: KW_ONLY
+    dofs: tuple[str, ...] | None = None
+    top_hz: float | None = None
+    exact: bool = False
+
+    def __post_init__(self) -> None:
+        law = self.recipe.damping
+        for name in self.names:
+            of_other_law = is_damping_ratio(name) and not isinstance(law, ModalDamping)
+            if of_other_law or (name == "loss_factor" and not isinstance(law, LossFactor)):
+                raise ModelError(
+                    f"uncertain structure: found {name!r} with a damping law of another kind; expected damping_ratio "
+                    "for modal damping or loss_factor for structural damping; remove it or change the law"
+                )
+            self.recipe.require_quantity(name)
+
+    def __repr__(self) -> str:
+        law, uncertain = type(self.recipe.damping).__name__, ", ".join(self.names) or "nothing"
+        return f"{type(self).__name__}({self.recipe.what}, {law}, uncertain: {uncertain})"
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The q quantities."""
+        return tuple(self.ranges)
+
+    @property
+    def reach_of_modes_hz(self) -> float | None:
+        """Frequency up to which modes are wanted."""
+        return self.top_hz
+
+    @cached_property
+    def mesh(self) -> Any:  # noqa: ANN401 (of the recipe's own kind)
+        """How it is discretised."""
+        return self.recipe.mesh(self.dofs, self.reach_of_modes_hz)
+
+    @cached_property
+    def nominal(self) -> Structure:
+        """Structure at all factors 1."""
+        return self.recipe.structure(dict.fromkeys(self.names, 1.0), self.mesh)
+
+    def certain(self) -> Structure:
+        """The structure at all factors 1."""
+        return self.nominal
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the DOFs."""
+        return self.nominal.dofs
+
+    @property
+    def damping(self) -> DampingLaw:
+        """Damping law at all factors 1."""
+        return self.nominal.damping
+
+    @property
+    def shift(self) -> float:
+        """That of the nominal structure, see `Structure.shift`."""
+        return self.nominal.shift
+
+    def position(self, label: str) -> tuple[float, float, float] | None:
+        """Where a DOF is, m; None where that is not known."""
+        return self.nominal.position(label)
+
+    def rigid_motions(self, dofs: Rows) -> Array:
+        """Motions of DOFs in the rigid-body modes, see `Body`."""
+        return self.nominal.rigid_motions(dofs)
+
+    def own_stiffness(self, row: str, column: str) -> float:
+        """Its stiffness by itself where two DOFs of a point are, see `Recipe`."""
+        return self.recipe.own_stiffness(row, column)
+
+    def own_inertia(self, label: str) -> float:
+        """Mass or moment of inertia that a spring at a DOF moves, see `Recipe`."""
+        return self.recipe.own_inertia(label)
+
+    def dampers(self) -> tuple[Array, Rows, Array]:
+        """Dampers that a matrix C amounts to, see `Body`."""
+        return self.nominal.dampers()
+
+    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> ComplexArray | None:
+        """That of the structure, see `Structure`, where nothing is uncertain."""
+        return None if self.names else self.nominal.solved_receptance(dofs, motions, omega)
+
+    def at(self, dofs: Iterable[str], top_hz: float) -> Self:
+        """The same structures, exact at these DOFs up to this frequency; elements end at their points."""
+        there = replace(self, dofs=tuple(dofs), top_hz=top_hz)
+        return there if self.exact or not is_hashable(there._made_from) else _one_of(there._made_from)
+
+    @property
+    def _made_from(self) -> tuple[Any, ...]:
+        """Equal for equal ones."""
+        return type(self), self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz
+
+    def reference(self, *, solved: bool = True) -> Self:
+        """The same of much richer elements; solved anew for each row of factors, or interpolated as ever."""
+        return type(self)(self.recipe.reference, self.ranges, exact=solved)
+
+    def solved_anew(self) -> Self:
+        """The same, solved for each row of factors; itself where these change no mode, which is solved once anyway."""
+        return self if all(map(is_damping, self.names)) else replace(self, exact=True)
+
+    def with_certain_damping(self, factors: Mapping[str, float]) -> Self:
+        """The same, its damping taken for certain, at these factors."""
+        certain = {name: factors.get(name, 1.0) for name in self.ranges if is_damping(name)}
+        ranges = {name: ends for name, ends in self.ranges.items() if name not in certain}
+        recipe = replace(self.recipe, damping=self.recipe.damping.scaled(certain))  # type: ignore[type-var]
+        return replace(self, recipe=recipe, ranges=ranges)
+
+    def structure(self, factors: Array) -> Structure:
+        """Structure at factors (q,), assembled anew."""
+        values = np.asarray(factors, dtype=float)
+        named = dict(zip(self.names, values.tolist(), strict=True)) if values.size else {}
+        return self.recipe.structure(named, self.mesh)
+
+    def named(self, factors: Array) -> dict[str, Array]:
+        """Factors (n, q) by their names, each (n,); none where no column gives them."""
+        return dict(zip(self.names, factors.T, strict=True)) if factors.shape[1] else {}
+
+    def free_modes(self, dofs: Rows, motions: Array, forced: Forced = None) -> FreeModes:
+        """Interpolated modes; where modes cross or meet, so that they cannot be, one solution for each row."""
+        forms = self.nominal.on_all_dofs(dofs, motions)
+        if self.exact:
+            return _ModesSolvedAnew(self, forms)
+        if forms.shape[1] > _KEPT_MOTIONS or not is_hashable(self._made_from):
+            return self.over_factors(forms, forced)
+        return _kept(self._made_from, forms.shape, forms.tobytes(), None if forced is None else tuple(forced.tolist()))
+
+    def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
+        """The free modes with motions given as forms on all DOFs, shape (DOFs, k)."""
+        raise NotImplementedError
+
+    def damping_ratios(self, factors: Array, count: int) -> Array:
+        """Damping ratio of each of the first `count` modes, (n, count), or (1, count) where all are certain."""
+        law = self.recipe.damping
+        certain = self._certain_ratios[:count]
+        if not any(map(is_damping_ratio, self.names)):
+            return certain[None]
+        listed = len(law.ratios) if isinstance(law, ModalDamping) else 1
+        ratios = np.tile(certain, (len(factors), 1))
+        ratios *= self.factor(factors, "damping_ratio")[:, None]
+        for i in range(listed):
+            # the last one holds for all higher modes
+            ratios[:, i : None if i == listed - 1 else i + 1] *= self.factor(factors, f"damping_ratio_{i + 1}")[:, None]
+        return ratios
+
+    @cached_property
+    def _certain_ratios(self) -> Array:
+        return self.recipe.damping.per_mode(self.n_dofs)
+
+    def loss_factors(self, factors: Array) -> Array:
+        """Loss factor, shape (n,)."""
+        return self.recipe.damping.hysteretic * self.factor(factors, "loss_factor")
+
+    def factor(self, factors: Array, name: str) -> Array:
+        """Factor on one quantity, shape (n,); ones where it is certain."""
+        return np.broadcast_to(self.named(factors).get(name, 1.0), len(factors))
+
+
+def is_hashable(values: object) -> bool:
+    """Whether something can be looked up; not where a caller gave lists for tuples."""
+    try:
+        hash(values)
+    except TypeError:
+        return False
+    return True
+
+
+@lru_cache(maxsize=_KEPT)
+def _one_of(made_from: tuple[Any, ...]) -> Any:  # noqa: ANN401 (of the kind that is asked for)
+    """A body with its mesh and its nominal structure, which are made once."""
+    kind, recipe, ranges, dofs, top_hz = made_from
+    return kind(recipe, dict(ranges), dofs=dofs, top_hz=top_hz)
+
+
+@lru_cache(maxsize=_KEPT)
+def _kept(
+    made_from: tuple[Any, ...], shape: tuple[int, ...], motions: bytes, forced: tuple[bool, ...] | None
+) -> FreeModes:
+    family: UncertainBody = _one_of(made_from)
+    forms = np.frombuffer(motions).reshape(shape)
+    return family.over_factors(forms, None if forced is None else np.array(forced, dtype=bool))
+
+
+class _ModesSolvedAnew:
+    """Motions in all free modes, the structure assembled and solved anew for each row of factors."""
+
+    def __init__(self, family: UncertainBody, motions: Array) -> None:
+        self._family, self._motions = family, motions
+
+    def __call__(self, factors: Array) -> tuple[Array, Array]:
+        """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q)."""
+        rows = factors if factors.shape[1] else np.empty((1, 0))
+        solved = [self._family.structure(row).modes() for row in rows]
+        return np.stack([s.eigenvalues for s in solved]), np.stack([self._motions.T @ s.shapes for s in solved])

@@ -14,15 +14,14 @@ from functools import cache, cached_property, lru_cache, partial
 import numpy as np
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.beam_recipe import BeamRecipe
 from jointbayes.structure.body import MOST_HELD, Discretisation, FreeModes
-from jointbayes.structure.family import UncertainBody, is_hashable
 from jointbayes.structure.frame_element import BodyFactors
-from jointbayes.structure.frame_recipe import FrameMesh, FrameRecipe, MemberRecipe
+from jointbayes.structure.frame_recipe import BeamRecipe, FrameMesh, FrameRecipe, MemberRecipe
 from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe
 from jointbayes.structure.imported.imported_body import ImportedFamily, ImportedRecipe
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced
+from jointbayes.structure.recipe import UncertainBody, is_hashable
 from jointbayes.structure.shape_modes import (
     ModesOverShape,
     Parts,

@@ -8,8 +8,7 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, Paragraph
 from jointbayes.report.structure_sketch import sketch
-from jointbayes.structure.beam_recipe import BeamRecipe
-from jointbayes.structure.frame_recipe import FrameRecipe
+from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from vibrecords import FrfData
 
 _MOST_TESTS = 4  # of which each has its sentence

@@ -12,14 +12,13 @@ from scipy import linalg
 from jointbayes.errors import ModelError
 from jointbayes.structure.body import Discretisation, FreeModes, Rows
 from jointbayes.structure.damping import DampingLaw, ViscousMatrix
-from jointbayes.structure.family import UncertainBody
 from jointbayes.structure.imported.fe_model import FeModel
 from jointbayes.structure.imported.outline import Outline, outline_of
 from jointbayes.structure.imported.ports import Port, hold_rigid, port_forms
 from jointbayes.structure.imported.reduction import MODES_TO, PART_QUANTITIES, ReducedModel, reduce_model
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced, Modes
-from jointbayes.structure.recipe import ElementKind, Recipe
+from jointbayes.structure.recipe import ElementKind, Recipe, UncertainBody
 from jointbayes.structure.shape_modes import ModesOverShape, Powers, ends_of, modes_over_shape, rising, shape_numbers
 from vibrecords.arrays import Array, ComplexArray, convert_fields
 
