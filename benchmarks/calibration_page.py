@@ -8,7 +8,7 @@ from typing import Any
 from benchmarks.calibration_data import VARIANTS
 from benchmarks.page import table
 from jointbayes.studies.calibration import ranks_figure
-from jointbayes.studies.ranks import QuantityCalibration
+from jointbayes.studies.data_sets import QuantityCalibration
 
 ROOT = Path(__file__).resolve().parents[1]
 SUMMARY = ROOT / "benchmarks" / "calibration.json"

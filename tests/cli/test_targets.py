@@ -46,7 +46,7 @@ WORK = (
     "jointbayes.report.export.export",
     "jointbayes.studies.compare.compare",
     "jointbayes.studies.planning.make_plan.sample",
-    "jointbayes.studies.calibrate._done",
+    "jointbayes.studies.calibration._done",
     "jointbayes.studies.campaign.campaign_run.run_cases",
 )
 

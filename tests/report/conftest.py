@@ -16,8 +16,7 @@ from jointbayes.sampling import Draws
 from jointbayes.studies.calibration import Calibration, build_calibration_report
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
 from jointbayes.studies.campaign.campaign_report import build_campaign_report
-from jointbayes.studies.comparison import WeighedModel
-from jointbayes.studies.comparison_report import Comparison, build_comparison_report
+from jointbayes.studies.comparison_report import Comparison, WeighedModel, build_comparison_report
 from jointbayes.studies.data_sets import DataSet
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.plan_report import Plan, PlannedMeasurement, build_plan_report

@@ -10,7 +10,7 @@ from benchmarks.planning import PAGE, RESULTS, SETTINGS, analyse, measured_toget
 
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.simulator import Simulator
+from jointbayes.studies.planning.make_plan import Simulator
 from jointbayes.workflow import sample
 
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.errors import MeasurementError, ModelError, SamplingError
-from jointbayes.studies import calibrate as driver
+from jointbayes.studies import calibration as driver
 from jointbayes.studies import data_sets
 from jointbayes.studies.calibration import (
     FALSE_ALARM,

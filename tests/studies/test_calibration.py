@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from jointbayes.errors import ModelError
-from jointbayes.studies.ranks import coverage, ecdf, ecdf_band, judge, rank_statistic
+from jointbayes.studies.data_sets import coverage, ecdf, ecdf_band, judge, rank_statistic
 
 DRAWS, DATA_SETS = 63, 500
 

@@ -16,12 +16,16 @@ from jointbayes.posterior.identifiability import NO_VALID_VALUE
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Table
 from jointbayes.studies.campaign import campaign_findings as findings_module
+from jointbayes.studies.campaign import campaign_report, hierarchical
 from jointbayes.studies.campaign import campaign_report as report_module
-from jointbayes.studies.campaign import charts, hierarchical
-from jointbayes.studies.campaign.campaign import Campaign
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
-from jointbayes.studies.campaign.campaign_report import joints_csv, write_campaign_report
-from jointbayes.studies.campaign.campaign_sections import campaign_lead, campaign_sections
+from jointbayes.studies.campaign.campaign_report import (
+    campaign_lead,
+    campaign_sections,
+    joints_csv,
+    write_campaign_report,
+)
+from jointbayes.studies.campaign.campaign_run import Campaign
 from jointbayes.studies.campaign.index import read_index
 from jointbayes.studies.campaign.joint_draws import OTHER_KIND, read_draws
 from jointbayes.workflow import load_posterior
@@ -76,7 +80,9 @@ def summary(reported):
 
 @pytest.fixture
 def blank_charts(monkeypatch):
-    monkeypatch.setattr(charts, "svg", lambda *_: '<svg xmlns="http://www.w3.org/2000/svg" width="9pt" height="9pt"/>')
+    monkeypatch.setattr(
+        campaign_report, "svg", lambda *_: '<svg xmlns="http://www.w3.org/2000/svg" width="9pt" height="9pt"/>'
+    )
 
 
 @pytest.fixture

@@ -14,14 +14,16 @@ from jointbayes.joint import RIGID
 from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import Evidence
 from jointbayes.studies.compare import HYPOTHESES, _answered, _data_of, compare, hypothesis_problem, require_same_data
-from jointbayes.studies.comparison import (
+from jointbayes.studies.comparison_report import (
+    Comparison,
     PriorEdge,
     WeighedModel,
     bayes_factor_words,
+    build_comparison_report,
+    evidence_table,
     leave_one_out,
     model_probabilities,
 )
-from jointbayes.studies.comparison_report import Comparison, build_comparison_report, evidence_table
 from tests.cli.test_cli import cli
 from tests.conftest import cheap_frequencies_text, cheap_text, edited, pair_matrix
 

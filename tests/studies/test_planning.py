@@ -30,7 +30,14 @@ from jointbayes.posterior.uncertain_inputs import taken_as_exact
 from jointbayes.sampling import WeightedDraws, fit_proposal
 from jointbayes.structure import BeamFamily
 from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.make_plan import could_come_first, plan
+from jointbayes.studies.planning.make_plan import (
+    Simulator,
+    WithFurther,
+    assumed_truth,
+    could_come_first,
+    plan,
+    stated_joint,
+)
 from jointbayes.studies.planning.plan_report import (
     Plan,
     PlannedMeasurement,
@@ -39,7 +46,6 @@ from jointbayes.studies.planning.plan_report import (
     plan_lines,
 )
 from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulation, predictive_range
-from jointbayes.studies.planning.simulator import Simulator, WithFurther, assumed_truth, stated_joint
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix, shipped_text
 from vibrecords import RelativeNoise
 
@@ -131,7 +137,7 @@ def test_reweighting_and_importance_sampling_find_the_same_posterior(cheap_case,
         return [simulator.posterior_after([candidate], i) for i in range(5)]
 
     usual = simulated()
-    monkeypatch.setattr("jointbayes.studies.planning.simulator._SPARE", 1e9)
+    monkeypatch.setattr("jointbayes.studies.planning.make_plan._SPARE", 1e9)
     by_importance = simulated()
     assert {one.method for one in by_importance} == {"importance sampling"}
     both = [(a.sd, b.sd) for a, b in zip(usual, by_importance, strict=True) if a.method == "reweighting"]

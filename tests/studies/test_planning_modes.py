@@ -11,7 +11,7 @@ from jointbayes.joint import Joints
 from jointbayes.posterior.first_look import measurement_information
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.simulator import WithFurther
+from jointbayes.studies.planning.make_plan import WithFurther
 from tests.case.test_free_setup import MATERIAL, TWO
 from tests.case.test_setups import BASE
 from tests.conftest import CONFIGS, cheap_text, edited

@@ -15,8 +15,8 @@ from jointbayes.posterior.first_look import FirstLook, WithOwn, own_of
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.studies.planning.case_candidates import candidates_of
+from jointbayes.studies.planning.make_plan import WithFurther
 from jointbayes.studies.planning.plan_report import plan_lines
-from jointbayes.studies.planning.simulator import WithFurther
 from tests.conftest import CLAMP, CONFIGS, PAIR, TABLE_3, cheap_text, pair_matrix
 from vibrecords import FrfData, FrfSet, RelativeNoise
 

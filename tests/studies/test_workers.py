@@ -190,7 +190,7 @@ def test_script_without_a_guard_is_told_to_have_one(tmp_path):
     ],
 )
 def test_settings_that_cannot_work_are_refused(settings, message, monkeypatch):
-    monkeypatch.setattr("jointbayes.studies.dask_workers._CONNECT", 1.0)
+    monkeypatch.setattr("jointbayes.studies.workers._CONNECT", 1.0)
     with pytest.raises(WorkerError, match=message):
         list(run_tasks(square, numbered(3), **settings))
 

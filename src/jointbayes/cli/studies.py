@@ -17,7 +17,7 @@ from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
     from jointbayes.inference import Problem
-    from jointbayes.studies.campaign.campaign import Campaign
+    from jointbayes.studies.campaign.campaign_run import Campaign
 
 
 def _require_place(directory: Path, kind: str) -> None:
@@ -236,8 +236,8 @@ def calibrate(
     """
     case = common.load(config)
     source = common.load(data_from) if data_from is not None else None
-    from jointbayes.studies.calibrate import calibrate as judged
     from jointbayes.studies.calibration import A_CALIBRATION, calibration_lines
+    from jointbayes.studies.calibration import calibrate as judged
 
     name = f"{common.directory_name(case.name, config)}-calibration{'-near' if near else ''}"
     if source is not None and data_from is not None:

@@ -17,8 +17,7 @@ from jointbayes.posterior.evidence import evidence
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Start
-from jointbayes.studies.comparison import PriorEdge, WeighedModel, leave_one_out
-from jointbayes.studies.comparison_report import Comparison
+from jointbayes.studies.comparison_report import Comparison, PriorEdge, WeighedModel, leave_one_out
 from jointbayes.workflow import answered_case, find_map
 from vibrecords.arrays import Array
 

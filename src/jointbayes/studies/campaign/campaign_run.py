@@ -1,4 +1,4 @@
-"""The driver of a campaign: what is still to do, who does it, what a worker does for a case, and what became of it."""
+"""A campaign: what is still to do, who does it, what a worker does for a case, and what is on the disk of it."""
 
 import hashlib
 import os
@@ -11,13 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jointbayes.errors import ModelError
+from jointbayes.errors import MeasurementError, ModelError
+from jointbayes.posterior import Posterior
 from jointbayes.posterior.posterior import Cell
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import code_version
-from jointbayes.studies.campaign.campaign import Campaign
+from jointbayes.studies.campaign.campaign_report import write_campaign_report
 from jointbayes.studies.campaign.case_table import CampaignCase, read_cases
 from jointbayes.studies.campaign.index import (
+    COLUMNS,
     DONE,
     FAILED,
     INDEX,
@@ -25,14 +27,80 @@ from jointbayes.studies.campaign.index import (
     Row,
     campaign_directory,
     kept_rows,
+    read_index,
+    rows_of_campaign,
     write_index,
 )
 from jointbayes.studies.study_directory import append_line
 from jointbayes.studies.workers import Outcome, run_tasks
+from jointbayes.workflow import load_posterior
 from vibrecords.files import real_directory, sweep
 
 if TYPE_CHECKING:
     from distributed import Client
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """A campaign on the disk.
+
+    Parameters
+    ----------
+    directory
+        Its directory.
+    """
+
+    directory: Path
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "directory", Path(self.directory))  # a path may be given as text
+
+    @property
+    def index(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
+        """The index as a pandas.DataFrame, one row a case in the order of the table; see docs/campaigns.md.
+
+        Raises
+        ------
+        MeasurementError
+            If there is none.
+        """
+        import pandas
+
+        rows = rows_of_campaign(self.directory)
+        names = dict.fromkeys((*COLUMNS, *(name for row in rows for name in row)))
+        table = pandas.DataFrame(rows, columns=list(names))
+        table["date"] = pandas.to_datetime(table["date"])
+        return table.set_index("key", drop=False)
+
+    def write_report(self, *, seed: int = 1) -> Path:
+        """Write the report of the campaign and its population into its directory; `seed` is that of the population.
+
+        Raises
+        ------
+        MeasurementError
+            If there is no campaign in the directory.
+        WriteError
+            If a file cannot be written.
+        """
+        return write_campaign_report(self.directory, seed)
+
+    def posterior(self, key: str) -> Posterior:
+        """Posterior of one case.
+
+        Raises
+        ------
+        MeasurementError
+            If the case is not done, or there is no such case.
+        """
+        rows = {row.key: row for row in read_index(self.directory)}
+        if key not in rows:
+            raise MeasurementError(
+                f"{self.directory / INDEX}: found no case {key!r}; expected one of its {len(rows)} keys"
+            )
+        row = rows[key]
+        if row.status != DONE:
+            raise MeasurementError(f"{self.directory / INDEX}: case {key!r}: found that it {row.status}: {row.error}")
+        return load_posterior(self.directory / row.file)
 
 
 @dataclass(frozen=True, slots=True)
