@@ -1,4 +1,4 @@
-"""What a comparison of joints found: each hypothesis with its evidence and cross-validation, the best of them, the report.
+"""What a comparison of joints found: evidence and cross-validation of each, the best of them, the report.
 
 The numbers are those of ``compare.json``.
 """

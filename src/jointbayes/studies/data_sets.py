@@ -4,8 +4,9 @@ What a case takes from its measured values, the stated variance above all, stays
 anew from each simulated FRF would be a function of the truth that the analysis takes as given: it would tell it where
 the resonances lie, and no prior knows of that.
 
-Ranks of truths, bands for their distribution and coverage of intervals say whether an analysis is calibrated: if truths come from the prior and data from the likelihood, the rank of a truth among independent draws of its posterior
-is uniform, whatever the prior, the likelihood and the data: anything else is an error in one of the three, or in the
+Ranks of truths, bands for their distribution and coverage of intervals say whether an analysis is calibrated: if truths
+come from the prior and data from the likelihood, the rank of a truth among independent draws of its posterior is
+uniform, whatever the prior, the likelihood and the data: anything else is an error in one of the three, or in the
 sampler.
 
 References

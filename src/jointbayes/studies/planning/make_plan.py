@@ -1,9 +1,10 @@
 """What to measure next: the plan of a case, ranked by simulated measurements, each kept once it is made.
 
-The posterior that each would leave comes of nested Monte Carlo: a truth is drawn from the present posterior, the further measurement is made there with noise, and the posterior of the
-data in hand together with the simulated ones is found: by reweighting draws of the present posterior with the
-likelihood of the new data where enough of them stay effective, and otherwise by importance sampling from a Student-t
-fit about the truth, in coordinates in which the posterior is near Gaussian.
+The posterior that each would leave comes of nested Monte Carlo: a truth is drawn from the present posterior, the
+further measurement is made there with noise, and the posterior of the data in hand together with the simulated ones is
+found: by reweighting draws of the present posterior with the likelihood of the new data where enough of them stay
+effective, and otherwise by importance sampling from a Student-t fit about the truth, in coordinates in which the
+posterior is near Gaussian.
 
 References
 ----------
