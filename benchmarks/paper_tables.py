@@ -15,7 +15,7 @@ from scipy import optimize
 
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joint, parametrisation_named
-from jointbayes.posterior.rounding import signed
+from jointbayes.rounding import signed
 from jointbayes.structure import BeamMaterial, ModalDamping, Section, Structure, beam
 from vibrecords.arrays import Array
 

@@ -6,7 +6,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joints
-from jointbayes.posterior.fisher import fisher_information
+from jointbayes.posterior.first_look import fisher_information
 from jointbayes.studies.data_sets import simulated_problem
 from tests.case.test_setups import BASE
 from tests.conftest import FEW_STEPS, TABLE_3, plain_reports, shipped_text

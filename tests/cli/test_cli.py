@@ -18,7 +18,7 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.cli.commands import main
-from jointbayes.posterior.rounding import rounded
+from jointbayes.rounding import rounded
 from jointbayes.studies.reference_check import check_posterior
 from jointbayes.workflow import load_posterior
 from tests.conftest import (

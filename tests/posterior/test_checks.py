@@ -19,10 +19,11 @@ from jointbayes.posterior.checks import (
     FALSE_ALARM,
     FAR_BELOW,
     PredictiveCheck,
+    Whiteness,
     check_frequencies,
     check_frfs,
+    replicated_portmanteau,
 )
-from jointbayes.posterior.whiteness import Whiteness, replicated_portmanteau
 
 LINES = 80
 #: A model of three parameters, linear: H = design @ β.

@@ -14,7 +14,7 @@ from jointbayes.posterior.directions import (
     summary_sentence,
 )
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.rounding import factor_in_words
+from jointbayes.rounding import factor_in_words
 from tests.conftest import PAIR
 
 NAMES = ("k11", "k12", "k22")

@@ -21,12 +21,12 @@ from jointbayes.posterior.excluded import (
     simpler_joints,
 )
 from jointbayes.posterior.identifiability import assess
+from jointbayes.posterior.knowledge import UncertainInputsRow
 from jointbayes.posterior.limits import LikelihoodRegion
-from jointbayes.posterior.rounding import rounded, rounded_interval
-from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
 from jointbayes.report import ReportInputs
 from jointbayes.report.model import Paragraph
 from jointbayes.report.sections.identifiable import knowledge_section
+from jointbayes.rounding import rounded, rounded_interval
 from tests.conftest import TABLE_3, judged_as, of_case, plain_reports, shipped_text
 
 RIGID = np.array([1e30, 0.0, 1e30])

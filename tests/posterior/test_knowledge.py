@@ -15,15 +15,16 @@ from jointbayes.case import case_objects
 from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
 from jointbayes.errors import ModelError
-from jointbayes.posterior import gather_knowledge, uncertain_inputs
+from jointbayes.posterior import gather_knowledge
+from jointbayes.posterior import knowledge as uncertain_inputs
 from jointbayes.posterior.identifiability import NO_VALID_VALUE, assess
-from jointbayes.posterior.knowledge import KeptKnowledge, effect_sentence
-from jointbayes.posterior.rounding import rounded, rounded_interval
-from jointbayes.posterior.uncertain_inputs import (
+from jointbayes.posterior.knowledge import (
+    KeptKnowledge,
     UncertainInputsRow,
     assumed_beyond,
     assumed_words,
     effect_of_uncertain_inputs,
+    effect_sentence,
     inputs_taken_as_exact,
 )
 from jointbayes.posterior.verdicts import Finding
@@ -32,6 +33,7 @@ from jointbayes.report.markup import badge
 from jointbayes.report.model import Lights, Paragraph, Table
 from jointbayes.report.sections import lead
 from jointbayes.report.sections.identifiable import freed_blocks
+from jointbayes.rounding import rounded, rounded_interval
 from jointbayes.stored_values import stored_value
 from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, judged_as, of_case, plain_reports
 
@@ -145,7 +147,7 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, g
     assert gathered.freed[0].source == "this run"
     # of a case that assumes nothing there are no further rows
     monkeypatch.setattr(
-        "jointbayes.posterior.uncertain_inputs._row", lambda _, __, names, ___: UncertainInputsRow(names, "none", {})
+        "jointbayes.posterior.knowledge._row", lambda _, __, names, ___: UncertainInputsRow(names, "none", {})
     )
     assert [row.uncertain for row in effect_of_uncertain_inputs(uncertain)] == [("length", "gain"), ()]
     assert assumed_beyond(uncertain.problem, None) == ()

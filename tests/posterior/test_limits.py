@@ -19,11 +19,11 @@ from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.examination import _profiles
 from jointbayes.posterior.identifiability import WEAK_RATIO, assess
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
-from jointbayes.posterior.rounding import factor as ratio_in_words
-from jointbayes.posterior.rounding import rounded, rounded_interval
 from jointbayes.posterior.verdicts import LEAST_EXCLUDED, lines_of
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.report.sections.lead import _accuracy
+from jointbayes.rounding import factor as ratio_in_words
+from jointbayes.rounding import rounded, rounded_interval
 from tests.conftest import CONFIGS, PAIR, TO_CONVERGE
 from tests.posterior.test_verdicts import widened_by, with_cached
 

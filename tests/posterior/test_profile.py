@@ -9,7 +9,7 @@ from jointbayes.case.case import case_from_text
 from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import LogStiffness
-from jointbayes.posterior.fisher import fisher_information
+from jointbayes.posterior.first_look import fisher_information
 from jointbayes.posterior.limits import FALL_PRINTED, LikelihoodRegion
 from tests.conftest import cheap_text, edited
 

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from jointbayes.posterior.identifiability import Identifiability
-from jointbayes.posterior.rounding import engineering, interval, rounded, rounded_interval
 from jointbayes.posterior.verdicts import lines_of
+from jointbayes.rounding import engineering, interval, rounded, rounded_interval
 
 NAN = math.nan
 

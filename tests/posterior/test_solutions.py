@@ -9,9 +9,9 @@ from benchmarks import several_modes as study
 
 import jointbayes as jb
 from jointbayes.posterior.excluded import known_by_bounds
+from jointbayes.posterior.knowledge import effect_of_uncertain_inputs
 from jointbayes.posterior.limits import FALL_PRINTED, FALL_TWO_SIDED
 from jointbayes.posterior.solutions import LEAST_SHARE, Solutions, _are_apart, further_measurement
-from jointbayes.posterior.uncertain_inputs import effect_of_uncertain_inputs
 from jointbayes.posterior.widened import _drawn_anew, widened_prior
 from jointbayes.report import ReportInputs
 from jointbayes.report.sections.lead import lead

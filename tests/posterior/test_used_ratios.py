@@ -11,9 +11,8 @@ import xarray as xr
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.inference import ErrorSizes, UsedMode
-from jointbayes.posterior.decision import modes_problem, premises_sentences
+from jointbayes.posterior.decision import FARTHEST_RATIO, modes_problem, premises_sentences, shapes_of, with_ratios
 from jointbayes.posterior.stored_problem import PROBLEM_GROUP, add_problem, problem_from
-from jointbayes.posterior.used_ratios import FARTHEST_RATIO, shapes_of, with_ratios
 from vibrecords.modal_ratios import MotionRatio
 
 TRUTH = np.array([4e7, 6e4])

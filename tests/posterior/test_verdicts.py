@@ -20,7 +20,6 @@ from jointbayes.posterior.identifiability import (
     ExactInputs,
     Identifiability,
 )
-from jointbayes.posterior.rounding import factor, number, rounded, rounded_interval
 from jointbayes.posterior.verdicts import (
     BEYOND,
     LEAST_EXCLUDED,
@@ -41,6 +40,7 @@ from jointbayes.report.markup import badge
 from jointbayes.report.model import Callout, Table
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.report.sections.lead import lead
+from jointbayes.rounding import factor, number, rounded, rounded_interval
 from jointbayes.workflow import sample
 from tests.conftest import PAIR, TO_CONVERGE, first_in_ci, judged_as
 

@@ -15,7 +15,7 @@ from jointbayes.frf import DirectSolve, Ports
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Uniform
 from jointbayes.joint import LogStiffness
 from jointbayes.posterior.directions import interval_ratio
-from jointbayes.posterior.fisher import FisherInformation, fisher_information
+from jointbayes.posterior.first_look import FisherInformation, fisher_information
 from jointbayes.posterior.identifiability import verdict_by_rule
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section, beam

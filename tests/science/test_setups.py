@@ -25,7 +25,7 @@ from benchmarks.setups import (
 )
 
 from jointbayes.frf import DirectSolve, Ports
-from jointbayes.posterior.fisher import fisher_information
+from jointbayes.posterior.first_look import fisher_information
 from jointbayes.structure import BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.workflow import sample
 from tests.conftest import pair_matrix

@@ -18,15 +18,16 @@ from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.directions import spread_in_words
 from jointbayes.posterior.first_look import (
     FirstLook,
+    FisherInformation,
     Linearised,
+    fisher_information,
     measurement_information,
     sd_of,
     sets_of,
     worth_simulating,
 )
-from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from jointbayes.posterior.identifiability import listed
-from jointbayes.posterior.uncertain_inputs import taken_as_exact
+from jointbayes.posterior.knowledge import taken_as_exact
 from jointbayes.sampling import WeightedDraws, fit_proposal
 from jointbayes.structure import BeamFamily
 from jointbayes.studies.planning.case_candidates import candidates_of

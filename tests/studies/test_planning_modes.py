@@ -8,8 +8,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.errors import CaseError
 from jointbayes.joint import Joints
-from jointbayes.posterior.first_look import measurement_information
-from jointbayes.posterior.fisher import fisher_information
+from jointbayes.posterior.first_look import fisher_information, measurement_information
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.make_plan import WithFurther
 from tests.case.test_free_setup import MATERIAL, TWO

@@ -11,8 +11,7 @@ from jointbayes.frf import Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
 from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.posterior.candidate import FrfCandidate
-from jointbayes.posterior.first_look import FirstLook, WithOwn, own_of
-from jointbayes.posterior.fisher import fisher_information
+from jointbayes.posterior.first_look import FirstLook, WithOwn, fisher_information, own_of
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.make_plan import WithFurther

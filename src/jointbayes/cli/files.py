@@ -218,7 +218,7 @@ def _understood(case: "Case") -> list[str]:
     """What a case says, line by line: structure, joints, data and noise of each test; unknowns."""
     import numpy as np
 
-    from jointbayes.posterior.rounding import number
+    from jointbayes.rounding import number
 
     told = [line for test in case.problem.tests for line in str(test).split("\n")]
     rows = [re.sub(r"\b[A-Z]\w+\(|\)", "", line) for line in told]  # without the names of classes

@@ -182,7 +182,7 @@ def source_lines(fault: str) -> list[str]:
 
 def print_json(whole: Any) -> None:  # noqa: ANN401 (what JSON knows)
     """Print one JSON object."""
-    from jointbayes.posterior.rounding import json_ready
+    from jointbayes.rounding import json_ready
 
     _write(json.dumps(json_ready(whole), indent=2, allow_nan=False), err=False)  # in ASCII, which steers no terminal
 

@@ -85,7 +85,7 @@ def identify(config: Path, *, paper: bool) -> None:
     """
     case = common.load(config)
     from jointbayes.identification import missing_for_iteration
-    from jointbayes.posterior.rounding import join_unit, rounded_row
+    from jointbayes.rounding import join_unit, rounded_row
     from jointbayes.workflow import find_map
 
     with show_progress() as progress:

@@ -11,8 +11,8 @@ from jointbayes.inference import AssemblyScatter, Level, Test
 from jointbayes.inference.test import own_name
 from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.homogeneity import compare_tests
-from jointbayes.posterior.rounding import number
 from jointbayes.posterior.verdicts import reasons_for_no_verdict
+from jointbayes.rounding import number
 from vibrecords.arrays import Array
 
 _TINY = float(np.finfo(float).tiny)

@@ -37,7 +37,7 @@ from jointbayes.posterior.identifiability import (
     ratio_of,
     verdict_by_rule,
 )
-from jointbayes.posterior.rounding import LARGEST_FACTOR, factor_in_words, rounded, rounded_interval
+from jointbayes.rounding import LARGEST_FACTOR, factor_in_words, rounded, rounded_interval
 from vibrecords.arrays import Array
 
 _NORMAL_95 = 1.959963984540054

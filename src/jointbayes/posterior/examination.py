@@ -5,11 +5,10 @@ from contextlib import suppress
 from jointbayes.errors import ModelError
 from jointbayes.posterior.directions import name_directions
 from jointbayes.posterior.excluded import simpler_joints
-from jointbayes.posterior.knowledge import KeptKnowledge, Knowledge
+from jointbayes.posterior.knowledge import KeptKnowledge, Knowledge, assumed_beyond, known_in_workshop
 from jointbayes.posterior.limits import ProfileLikelihood
 from jointbayes.posterior.next_step import next_step
 from jointbayes.posterior.posterior import Posterior
-from jointbayes.posterior.uncertain_inputs import assumed_beyond, known_in_workshop
 from jointbayes.posterior.verdicts import MOST_UNKNOWNS
 from vibrecords.arrays import Array
 

@@ -23,7 +23,7 @@ from jointbayes.joint.parametrisation import RIGID
 from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.identifiability import CERTAINTY
 from jointbayes.posterior.limits import LikelihoodRegion
-from jointbayes.posterior.rounding import likelihood_ratio
+from jointbayes.rounding import likelihood_ratio
 
 #: Probability that the likelihood ratio of a joint that is so exceeds the limit.
 LEVEL = 1e-3

@@ -15,7 +15,7 @@ from scipy.special import chdtrc, gammaincc, gammainccinv
 from jointbayes.inference import Problem, Test
 from jointbayes.inference.problem import is_one_structure
 from jointbayes.posterior.decision import FARTHEST, resonances_of
-from jointbayes.posterior.rounding import number
+from jointbayes.rounding import number
 from vibrecords import Data, FrfData
 from vibrecords.provenance import MeasuredMode
 

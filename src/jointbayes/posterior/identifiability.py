@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jointbayes.posterior.rounding import factor, factor_in_words, join_unit, rounded, rounded_interval, rounded_row
+from jointbayes.rounding import factor, factor_in_words, join_unit, rounded, rounded_interval, rounded_row
 from vibrecords.arrays import Array
 
 #: Monte Carlo standard error of a quantile of draws at a probability.

@@ -1,23 +1,382 @@
-"""What the data say beyond the draws: does the model explain them, what is known of the joint, and resting on what."""
+"""What the data say beyond the draws: does the model explain them, what is known of the joint, and resting on what.
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+What is known when other quantities are uncertain, or are not, is a row each, from draws of its own. The first row is
+the run itself. Every further one belongs to the same density with other quantities free, those left out held at their
+stated values. It is sampled by importance until the ends of its intervals are known to `END_TOLERANCE` of their width,
+or the probability beyond them by `ENOUGH` draws: where quantities are freed that the run takes as exact from the run's
+draws, letting them go step by step, else from a proposal fitted about its modes. Where this does not settle nothing is
+said.
+"""
 
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cache, partial
+from typing import Any, Literal
+
+import numpy as np
+
+from jointbayes.errors import JointBayesError, ModelError, require_probability
+from jointbayes.inference import Independent, JointPrior, Normal, Nuisance, Problem
+from jointbayes.joint import Quantity
+from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
 from jointbayes.posterior.directions import NamedDirection, summary_sentence
 from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences
-from jointbayes.posterior.identifiability import CERTAINTY, IF_MODEL_RIGHT, ExactInputs, Identifiability, listed
-from jointbayes.posterior.limits import ProfileLikelihood
-from jointbayes.posterior.next_step import NextStep
-from jointbayes.posterior.uncertain_inputs import (
-    LARGEST_CHANGE,
-    RANK,
-    UncertainInputsRow,
-    inputs_taken_as_exact,
-    known_in_workshop,
-    quantities_taken_as_exact,
+from jointbayes.posterior.first_look import fisher_information
+from jointbayes.posterior.identifiability import (
+    CERTAINTY,
+    IF_MODEL_RIGHT,
+    ExactInputs,
+    Identifiability,
+    Verdict,
+    assess,
+    listed,
 )
+from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
+from jointbayes.posterior.next_step import NextStep
+from jointbayes.posterior.solutions import LEAST_SHARE
+from jointbayes.posterior.verdicts import (
+    Finding,
+    by_likelihood,
+    concluded,
+    found_with_wider_priors,
+    judge_stiffness,
+)
+from jointbayes.posterior.widened import ENOUGH_FOR_CLASS, WidenedPosterior, replace_prior, widen
+from jointbayes.sampling import (
+    ENOUGH,
+    Coordinates,
+    Proposal,
+    Quantities,
+    Restraint,
+    fit_each_mode,
+    quantile_spread,
+    released_draws,
+    starts_of_hills,
+)
+from jointbayes.stored_values import StoredArray
+from vibrecords.arrays import Array
+
+Source = Literal["this run", "importance sampling", "short run", "none"]  # a short run: in files of before
+#: Verdicts that say something, best first.
+RANK: dict[Verdict, int] = {
+    "identified": 0, "weakly identified": 1, "bounded below": 2, "bounded above": 2, "not identified": 3,
+}  # fmt: skip
+#: An interval that is wider, or whose ends lie further out, by more than this share of its width is another one.
+LARGEST_CHANGE = 0.5
+_PILOT = 2000
+_REGION_DRAWS = 4000
+_KEPT = 2000  # draws of a row, with the run
+#: Coordinates up to which those that the run takes as exact are let go step by step.
+_MOST_RELEASED = 10
+#: Efficiency of a proposal that will do to start from.
+_ENOUGH = 0.1
+#: Draws of the run among which a first point is looked for.
+_TRIED = 200
+
+
+@dataclass(frozen=True, slots=True)
+class UncertainInputsRow:
+    """What is known of the stiffnesses while some quantities are uncertain and the others exactly known.
+
+    Parameters
+    ----------
+    uncertain
+        Names of the uncertain quantities; empty where all are exactly known.
+    source
+        Where the draws come from; ``"none"`` where there are none that can be trusted.
+    known
+        What the draws say of each stiffness, by name; empty where there are none.
+    draws
+        Independent draws of the stiffnesses, in the order of `known` and their units, shape (n, q), at most 2000; those
+        of the run itself are the posterior's.
+    """
+
+    uncertain: tuple[str, ...]
+    source: Source
+    known: Mapping[str, Identifiability]
+    draws: StoredArray = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
+
+    def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
+        """Equal-tailed credible interval of a stiffness, in its unit.
+
+        Raises
+        ------
+        ModelError
+            If there is no such stiffness, or the row has no draws of its own.
+        """
+        require_probability(probability, "under: found")
+        if name not in self.known or not self.draws.size:
+            raise ModelError(
+                f"under: found no draws of {name!r}; expected one of {', '.join(self.known) or 'none'}, of a row that "
+                "settled; correct the name"
+            )
+        tail = (1 - probability) / 2
+        low, high = np.quantile(self.draws[:, list(self.known).index(name)], [tail, 1 - tail])
+        return float(low), float(high)
+
+    @property
+    def verdict(self) -> dict[str, Verdict]:
+        """Verdict on each stiffness."""
+        return {name: assessment.verdict for name, assessment in self.known.items()}
+
+
+def uncertain_quantities(problem: Problem) -> tuple[str, ...]:
+    """Uncertain quantities on which the prediction depends; parameters of the noise are none."""
+    count = len(problem.prior.nuisances) - problem.log_posterior.likelihood.hyper_count
+    return tuple(n.name for n in problem.prior.nuisances[:count])
+
+
+def taken_as_exact(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
+    """Names of what is uncertain in a workshop and not in the problem."""
+    stated, names = uncertain_quantities(problem), () if freed is None else uncertain_quantities(freed)
+    return tuple(name for name in names if name not in stated)
+
+
+def quantities_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> tuple[str, ...]:
+    """Names of what the run, the first row, takes as exact and another row does not."""
+    most = max((row.uncertain for row in rows), key=len, default=())
+    return tuple(name for name in most if name not in rows[0].uncertain)
+
+
+def known_in_workshop(rows: Sequence[UncertainInputsRow]) -> Mapping[str, Identifiability] | None:
+    """What is known with all uncertain that the run takes as exact; None where it takes nothing so, or nobody knows."""
+    return rows[-1].known or None if quantities_taken_as_exact(rows) else None
+
+
+def inputs_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> dict[str, ExactInputs]:
+    """The stiffnesses whose verdict holds only if what the run takes as exact is so, by name.
+
+    A verdict does where the run's interval is another one with these quantities uncertain, see `LARGEST_CHANGE`, where
+    its class is worse, its one-sided limit is weaker by a factor of 1.5, or where this could not be shown.
+    """
+    exact = quantities_taken_as_exact(rows)
+    if not exact:
+        return {}
+    run, most = rows[0], max(rows, key=lambda row: len(row.uncertain))
+    return {
+        name: ExactInputs(exact, most.known.get(name))
+        for name, assessment in run.known.items()
+        if assessment.verdict != "not identified" and (not most.known or _is_weaker(most.known[name], assessment))
+    }
+
+
+def _is_weaker(freed: Identifiability, run: Identifiability) -> bool:
+    """Whether less is known than the run says, beyond the Monte Carlo error of either."""
+    if RANK[freed.verdict] > RANK[run.verdict] or (freed.limit and run.limit and freed.verdict != run.verdict):
+        return True
+    if freed.limit and run.limit:
+        weaker = math.log(run.printed_limit / freed.printed_limit) * (1 if run.verdict == "bounded below" else -1)
+        return weaker > math.log(1 + LARGEST_CHANGE)
+    low, high = run.interval95
+    ends = np.array([run.interval95, freed.interval95])
+    errors = np.nan_to_num(np.array([run.interval95_error, freed.interval95_error]))
+    median = freed.median
+    if (ends > 0).all() or (ends < 0).all():
+        errors, ends = errors / np.abs(ends), np.sort(np.log(np.abs(ends)), axis=1)
+    (low_run, high_run), (low_freed, high_freed) = ends
+    width, error = high_run - low_run, float(np.sqrt((errors**2).sum()))
+    change = max(high_freed - low_freed - width, low_run - low_freed, high_freed - high_run)
+    return bool(not low <= median <= high or change > max(LARGEST_CHANGE * width, 2 * error))
+
+
+def effect_of_uncertain_inputs(posterior: AnyPosterior, freed: Problem | None = None) -> tuple[UncertainInputsRow, ...]:
+    """What the verdicts rest on: the run, then other sets of uncertain quantities.
+
+    Parameters
+    ----------
+    posterior
+        The run, which is the first row. Where it has uncertain quantities, there is one with none uncertain.
+    freed
+        The same problem with more quantities uncertain. Where the run takes any of them as exactly known, the last row
+        is that with all uncertain.
+
+    Returns
+    -------
+    tuple of UncertainInputsRow
+        Empty where there is nothing to free, and where the run allows no verdict.
+    """
+    present = uncertain_quantities(posterior.problem)
+    more = () if freed is None else uncertain_quantities(freed)
+    problem = freed if freed is not None and set(more) > set(present) else posterior.problem
+    every = uncertain_quantities(problem)
+    if not every:
+        return ()
+    run = UncertainInputsRow(present, "this run", {n: judge_stiffness(posterior, n) for n in posterior.stiffness_names})
+    if "no verdict" in map(str, run.verdict.values()):
+        return ()
+    rng = np.random.default_rng([posterior.record.seed, 3])
+    sets: list[tuple[str, ...]] = [()] if present else []
+    sets += [every] if set(every) > set(present) else []
+    return run, *(_row(posterior, problem, names, rng) for names in sets)
+
+
+def _row(
+    posterior: AnyPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
+) -> UncertainInputsRow:
+    """Draws of the problem with only these quantities uncertain, and what they say, by the rule of a run."""
+    part, modes = _Part(problem, uncertain), int((posterior.solutions.shares >= LEAST_SHARE).sum())
+    try:
+        sample = part.draws(posterior, modes, rng)
+    except (JointBayesError, np.linalg.LinAlgError):
+        sample = None
+    if sample is None:
+        return UncertainInputsRow(uncertain, "none", {})
+    theta, effective = sample
+    (random,) = rng.spawn(1)  # the rows that follow do not depend on whether a bound is within reach
+
+    def drawn_anew(wide: JointPrior) -> tuple[Array, float] | None:
+        part_of_wide = _Part(replace_prior(problem, wide), uncertain)
+        return part_of_wide.sample(part.free(theta), modes, random, enough=ENOUGH_FOR_CLASS)
+
+    wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew)
+    values = problem.prior.values(theta)
+    region = cache(lambda: LikelihoodRegion(problem.log_posterior, theta[:: -(-len(theta) // _REGION_DRAWS)]))
+    known = {
+        quantity.name: _judged(posterior, quantity, column, effective, wider, region)
+        for quantity, column in zip(problem.quantities, values.T, strict=True)
+    }
+    return UncertainInputsRow(uncertain, "importance sampling", known, values[:: -(-len(theta) // _KEPT)])
+
+
+def _judged(
+    posterior: AnyPosterior,
+    quantity: Quantity,
+    values: Array,
+    effective: float,
+    wider: WidenedPosterior | None,
+    region: Callable[[], LikelihoodRegion],
+) -> Identifiability:
+    """One stiffness by its draws, those under wider priors, and of one that is bounded by the likelihood."""
+    name, error = quantity.name, partial(quantile_spread, values, effective=effective)
+    drawn = assess(values, posterior.prior_values(name).ravel(), error, quantity.unit)
+    finding = Finding(drawn.verdict, drawn.verdict_reason)
+    if name in posterior.solutions.split:
+        finding = Finding("not identified", "several solutions")
+    elif wider is not None:
+        finding = found_with_wider_priors(posterior, wider, name, drawn, values, error)
+    if math.isfinite(finding.limit95):  # which no volume of a prior moves
+        finding = by_likelihood(posterior, region, name, drawn, finding)
+    return concluded(drawn, finding, explained=posterior.check.explains)
+
+
+class _Part:
+    """The density of a problem with some of its uncertain quantities held at their stated values."""
+
+    def __init__(self, problem: Problem, uncertain: tuple[str, ...]) -> None:
+        self._problem = problem
+        held = set(uncertain_quantities(problem)) - set(uncertain)
+        self._free = np.array([i for i, name in enumerate(problem.names) if name not in held])
+        self._names = [problem.names[i] for i in self._free]
+        low, high = np.array([m.support for m in problem.prior.all_marginals]).reshape(-1, 2).T
+        self._low, self._high = low[self._free], high[self._free]
+
+    def whole(self, theta: Array) -> Array:
+        """All coordinates, shape (n, d), of the free ones, shape (n, f)."""
+        points = np.zeros((len(theta), len(self._problem.names)))
+        points[:, self._free] = theta
+        return points
+
+    def free(self, theta: Array) -> Array:
+        """The free ones, shape (n, f), of all coordinates, shape (n, d)."""
+        return theta[:, self._free]
+
+    def log_density(self, theta: Array) -> Array:
+        """Log density, shape (n,), of the free coordinates, shape (n, f)."""
+        return self._problem.log_posterior(self.whole(theta))
+
+    def coordinate_systems(self) -> tuple[Coordinates, ...]:
+        """Compliance of the joint, and normal scores of all."""
+        return compliance_and_scores(self._problem.parametrisation, self._low, self._high)
+
+    def sample(
+        self,
+        theta: Array,
+        modes: int,
+        rng: np.random.Generator,
+        *,
+        restraint: Restraint | None = None,
+        proposal: Proposal | None = None,
+        enough: float = ENOUGH,
+    ) -> tuple[Array, float] | None:
+        """As `released_draws` of the free coordinates, but draws of all coordinates."""
+        judged, systems = judged_quantities(self._problem.prior), self.coordinate_systems()
+        quantities = Quantities(judged.names, lambda theta: judged.values(self.whole(theta)))
+        marginals = self._problem.prior.all_marginals
+        wide = None if restraint is not None else Independent(tuple(marginals[i] for i in self._free))
+        sample = released_draws(
+            self.log_density, systems, theta, rng, quantities,
+            restraint=restraint, proposal=proposal, wide=wide, modes=modes, enough=enough,
+        )  # fmt: skip
+        return None if sample is None else (self.whole(sample.theta), sample.effective)
+
+    def draws(self, posterior: AnyPosterior, modes: int, rng: np.random.Generator) -> tuple[Array, float] | None:
+        """Draws of all coordinates, and how many independent ones they are worth; None where they do not settle.
+
+        Where the run takes any of the coordinates as exact from its draws; else, and of several modes or many
+        coordinates, to which a Student-t cannot be fitted step by step, from a proposal about its modes.
+        """
+        freed = np.flatnonzero([name not in posterior.problem.names for name in self._names])
+        if freed.size and modes == 1 and len(self._names) <= _MOST_RELEASED:
+            restraint = Restraint(freed, self._problem.prior.sd[self._free[freed]])
+            drawn = by_names(posterior.thinned(_PILOT), posterior.problem.names, self._names)
+            return self.sample(drawn, modes, rng, restraint=restraint)
+        about = [(start, self.covariance(start)) for start in self.starts(posterior)]
+        starts, systems = starts_of_hills(self.log_density, about), self.coordinate_systems()
+        proposal = fit_each_mode(self.log_density, systems, starts, None, rng, enough=_ENOUGH)
+        return self.sample(np.zeros((0, len(self._names))), modes, rng, proposal=proposal)
+
+    def starts(self, posterior: AnyPosterior) -> list[Array]:
+        """The likeliest point, shape (f,), among draws of each solution with what is held put at its stated value."""
+        candidates = np.vstack([posterior.estimate.theta, posterior.thinned(_TRIED)])
+        nearest = posterior.solutions.nearest(candidates)
+        points = by_names(candidates, posterior.problem.names, self._names)
+        density = self.log_density(points)
+        likely = [mode for mode in np.unique(nearest) if posterior.solutions.shares[mode] >= LEAST_SHARE]
+        best = [int(np.argmax(np.where(nearest == mode, density, -np.inf))) for mode in likely]
+        return [points[i] for i in sorted(best, key=lambda i: -density[i])]
+
+    def covariance(self, theta: Array) -> Array:
+        """Rough covariance there, shape (f, f), no wider than the prior in any direction of a coordinate."""
+        prior: JointPrior = self._problem.prior
+        covariance = fisher_information(self._problem, self.whole(theta[None])[0]).covariance(self._names)
+        sd = prior.sd[self._free]
+        variance = np.where(np.isfinite(np.diag(covariance)), np.diag(covariance), sd**2)
+        finite = np.where(np.isfinite(covariance), covariance, 0.0)
+        np.fill_diagonal(finite, variance)
+        shrink = np.minimum(1.0, sd / np.sqrt(variance))
+        return finite * np.outer(shrink, shrink)
+
+
+def assumed_beyond(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
+    """The words of `assumed_words` for what is uncertain in `freed` alone."""
+    if freed is None:
+        return ()
+    already_uncertain = uncertain_quantities(problem)
+    words = zip(uncertain_quantities(freed), assumed_words(freed), strict=True)
+    return tuple(word for name, word in words if name not in already_uncertain)
+
+
+def assumed_words(freed: Problem) -> tuple[str, ...]:
+    """How well each quantity is taken to be known, in words, from the very priors that were used."""
+    names = uncertain_quantities(freed)
+    return tuple(_prior_words(n) for n in freed.prior.nuisances if n.name in names)
+
+
+def _prior_words(nuisance: Nuisance) -> str:
+    name = listed((nuisance.name,))
+    if nuisance.additive:
+        ends = nuisance.value(nuisance.range)
+        sd = float(nuisance.value(nuisance.prior.sd))
+        spread = f"±{sd:g}" if isinstance(nuisance.prior, Normal) else f"between {ends[0]:.3g} and {ends[1]:.3g}"
+        return f"{name} to {spread} {nuisance.unit}"
+    if isinstance(nuisance.prior, Normal):
+        return f"{name} to {100 * nuisance.prior.sd:g} %"
+    low, high = (math.exp(end) for end in nuisance.prior.support)
+    return f"{name} to between {low:.3g} and {high:.3g} times the stated"
+
 
 _MOST_TOLD = 4  # stiffnesses in a sentence
 #: What ``summary.json`` holds of each combination.

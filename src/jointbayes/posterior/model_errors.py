@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports
 from jointbayes.identification import refine
 from jointbayes.inference import Problem
-from jointbayes.posterior.rounding import number
 from jointbayes.reproducibility import one_blas_thread
+from jointbayes.rounding import number
 from vibrecords import quantity_factor
 from vibrecords.arrays import Array
 

@@ -32,7 +32,7 @@ from jointbayes.posterior.candidate import (
 from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.first_look import FirstLook
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
-from jointbayes.posterior.rounding import factor, number
+from jointbayes.rounding import factor, number
 from vibrecords import ModalData
 
 #: Places of one further sensor that are looked at in each test.

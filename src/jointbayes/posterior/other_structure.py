@@ -19,7 +19,7 @@ from jointbayes.inference.test import own_name
 from jointbayes.joint import AnyJoint, JointMatrix, joint_matrix_of
 from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.prediction import FrfPrediction, frf_band, simulate_at
-from jointbayes.posterior.rounding import number
+from jointbayes.rounding import number
 from jointbayes.structure import (
     LossFactor,
     ModalDamping,

@@ -22,12 +22,17 @@ from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.file_record import BestDraw, FileRecord
 from jointbayes.posterior.identifiability import ExactInputs, Identifiability, listed
-from jointbayes.posterior.knowledge import Knowledge
+from jointbayes.posterior.knowledge import (
+    Knowledge,
+    UncertainInputsRow,
+    effect_of_uncertain_inputs,
+    inputs_taken_as_exact,
+    taken_as_exact,
+)
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
 from jointbayes.posterior.other_structure import OtherStructure, predict_other
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut, frfs_as_measured, predict_frf, predict_left_out
-from jointbayes.posterior.rounding import join_unit, number
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.solutions import Solutions
 from jointbayes.posterior.storage import log_prior_of_joint, to_arviz, write_tree
@@ -43,15 +48,10 @@ from jointbayes.posterior.summary import (
     summarise,
     value_rows,
 )
-from jointbayes.posterior.uncertain_inputs import (
-    UncertainInputsRow,
-    effect_of_uncertain_inputs,
-    inputs_taken_as_exact,
-    taken_as_exact,
-)
 from jointbayes.posterior.verdicts import judge_stiffness, line_of
 from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
 from jointbayes.reproducibility import one_blas_thread
+from jointbayes.rounding import join_unit, number
 from jointbayes.structure import StructureRecipe
 from vibrecords import FrfSet
 from vibrecords.arrays import Array

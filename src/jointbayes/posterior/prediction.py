@@ -13,7 +13,7 @@ from jointbayes.errors import MeasurementError, require, require_probability
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
-from jointbayes.posterior.rounding import number
+from jointbayes.rounding import number
 from vibrecords import FrfSet, Quantity, quantity_factor
 from vibrecords.arrays import Array
 

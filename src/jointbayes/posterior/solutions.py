@@ -4,20 +4,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import JointBayesError
 from jointbayes.frf import Ports
-from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import is_rotation
-from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.checks import AnyDraws
 from jointbayes.posterior.prediction import frfs_as_measured
-from jointbayes.posterior.rounding import join_unit, number, rounded, rounded_interval
-from jointbayes.posterior.run_record import RunRecord
+from jointbayes.rounding import join_unit, number, rounded, rounded_interval
 from jointbayes.sampling import INTERVAL, SeveralModes, quantile_spread
 from vibrecords.arrays import Array
 
@@ -39,48 +36,6 @@ class ModeSummary:
     share: float
     log_posterior: float
     values: Mapping[str, Mapping[str, float | tuple[float, float]]]
-
-
-class AnyDraws(Protocol):
-    """Draws of a posterior and how they came about; each member is described by the class."""
-
-    @property
-    def problem(self) -> Problem:
-        """Structure, joint, data and prior."""
-
-    @property
-    def estimate(self) -> MapEstimate:
-        """MAP with Laplace covariance."""
-
-    @property
-    def mode_theta(self) -> Array:
-        """The best draw refined, shape (d,)."""
-
-    @property
-    def record(self) -> RunRecord:
-        """How the draws came about."""
-
-    @property
-    def converged(self) -> bool:
-        """Whether the sampler met its stop rule."""
-
-    @property
-    def check(self) -> PredictiveCheck:
-        """Posterior predictive check of the data that were analysed."""
-
-    @property
-    def theta(self) -> Array:
-        """All draws of θ, shape (n, d), chain after chain."""
-
-    @property
-    def stiffness_names(self) -> tuple[str, ...]:
-        """Names of the joint's stiffnesses."""
-
-    def values(self, name: str) -> Array:
-        """All draws of one stiffness or other quantity, shape (chains, draws)."""
-
-    def unit(self, name: str) -> str:
-        """Unit of one stiffness or other quantity."""
 
 
 class Solutions:

@@ -19,7 +19,6 @@ from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
 from jointbayes.posterior.prediction import LeftOut, left_out_json, sentence_of_left_out
-from jointbayes.posterior.rounding import align_columns, engineering, json_ready, number, rounded
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
 from jointbayes.posterior.setup_summary import (
     FitSummary,
@@ -32,6 +31,7 @@ from jointbayes.posterior.setup_summary import (
 )
 from jointbayes.posterior.solutions import ModeSummary
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
+from jointbayes.rounding import align_columns, engineering, json_ready, number, rounded
 from jointbayes.sampling import INTERVAL, quantile_error
 from jointbayes.sampling.diagnostics import effective_sizes
 from vibrecords import MeasuredFile

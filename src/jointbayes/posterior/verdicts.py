@@ -32,8 +32,8 @@ from jointbayes.posterior.identifiability import (
     verdict_by_rule,
 )
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
-from jointbayes.posterior.rounding import join_unit, number, rounded
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
+from jointbayes.rounding import join_unit, number, rounded
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
 from vibrecords.arrays import Array
 

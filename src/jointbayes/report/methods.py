@@ -9,12 +9,12 @@ from importlib.resources import files
 
 from jointbayes.posterior.identifiability import RULE
 from jointbayes.posterior.model_errors import MeshCheck
-from jointbayes.posterior.rounding import interval, join_unit
 from jointbayes.report.guides import packaged
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign, readable
 from jointbayes.report.model import Code
 from jointbayes.reproducibility import code_version
+from jointbayes.rounding import interval, join_unit
 
 
 def report_text(key: str, **values: object) -> str:

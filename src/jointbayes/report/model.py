@@ -12,8 +12,8 @@ from importlib.metadata import version
 from itertools import chain, count
 from typing import ClassVar, Literal, TypeAlias, get_args
 
-from jointbayes.posterior.rounding import align_columns
 from jointbayes.report.line_plot import FrfPlot, LinePlot, Wireframe
+from jointbayes.rounding import align_columns
 
 Kind: TypeAlias = Literal["good", "caution", "bad"]
 

@@ -15,7 +15,6 @@ from jointbayes.errors import ModelError, require, shown
 from jointbayes.identification import IterationHistory
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.rounding import engineering, join_unit
 from jointbayes.posterior.setup_summary import frequency_summary
 from jointbayes.report import drawing
 from jointbayes.report.drawing import AxesArray
@@ -24,6 +23,7 @@ from jointbayes.report.sections.intervals import corner_values
 from jointbayes.report.sections.natural_frequencies import compared_modes, frequency_values, shape_values
 from jointbayes.report.sections.run_details import chain_values
 from jointbayes.report.sections.several_setups import curve_values
+from jointbayes.rounding import engineering, join_unit
 from vibrecords import FrfSet, ModeData
 
 _MOST_INSIDE = 6  # curves that a legend names inside the axes

@@ -22,13 +22,13 @@ from matplotlib.figure import Figure as Canvas
 from jointbayes.case.case import Case, require_case
 from jointbayes.errors import ModelError, SamplingError
 from jointbayes.inference import Problem
-from jointbayes.posterior.rounding import number
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.report.canvas import panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.methods import references, report_text
 from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
+from jointbayes.rounding import number
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.data_sets import (
     DENSITY,

@@ -21,7 +21,6 @@ from jointbayes.joint import COUPLED, RIGID, Quantity
 from jointbayes.joint.quantities import split_hypothesis
 from jointbayes.posterior import package_versions
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
-from jointbayes.posterior.rounding import json_ready, likelihood_ratio, number
 from jointbayes.posterior.storage import loo_pointwise
 from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
@@ -29,6 +28,7 @@ from jointbayes.report.markup import foreign
 from jointbayes.report.methods import references, report_text
 from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
+from jointbayes.rounding import json_ready, likelihood_ratio, number
 from jointbayes.studies.study_directory import write_study
 from vibrecords.arrays import Array
 

@@ -8,8 +8,8 @@ from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError
 from jointbayes.joint import COUPLED
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.rounding import signed
 from jointbayes.reproducibility import one_blas_thread
+from jointbayes.rounding import signed
 
 #: Largest relative difference of mode and reference where the data are exact.
 EXACT_TOLERANCE = 0.005

@@ -19,8 +19,8 @@ from jointbayes.joint.quantities import prefixed
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.homogeneity import FALSE_ALARM
 from jointbayes.posterior.identifiability import listed
-from jointbayes.posterior.rounding import number
 from jointbayes.progress import ProgressCallback
+from jointbayes.rounding import number
 from jointbayes.structure.recipe import is_damping
 from jointbayes.workflow import find_map, sample_quickly
 from vibrecords.arrays import Array

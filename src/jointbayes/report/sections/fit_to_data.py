@@ -5,13 +5,13 @@ import numpy as np
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior, PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
-from jointbayes.posterior.rounding import number
 from jointbayes.report import drawing, figures
 from jointbayes.report.frf_curves import frf_curves
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.line_plot import FrfPlot, LinePlot, Series
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
+from jointbayes.rounding import number
 from vibrecords import FrfData, FrfSet
 
 #: FRFs that have figures, and rows of a table of FRFs; those that fit worst come first.

@@ -5,12 +5,12 @@ import numpy as np
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.identifiability import NO_VALID_VALUE, Verdict
-from jointbayes.posterior.rounding import factor, interval, number, rounded_interval
-from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
+from jointbayes.posterior.knowledge import UncertainInputsRow
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, foreign, kind_of, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
+from jointbayes.rounding import factor, interval, number, rounded_interval
 from jointbayes.sampling import END_TOLERANCE
 
 _MOST_COLUMNS = 4

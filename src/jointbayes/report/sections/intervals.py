@@ -4,12 +4,12 @@ import numpy as np
 
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import IF_MODEL_RIGHT
-from jointbayes.posterior.rounding import contraction, fixed, interval, number
 from jointbayes.posterior.summary import Summary
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
+from jointbayes.rounding import contraction, fixed, interval, number
 from vibrecords.arrays import Array
 
 _MOST_IN_CORNER = 6  # coordinates of a figure in which each can be read

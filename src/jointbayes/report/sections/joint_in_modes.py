@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import Problem
 from jointbayes.posterior.identifiability import IF_MODEL_RIGHT
-from jointbayes.posterior.rounding import number, signed
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Paragraph, ReportSection, Table
+from jointbayes.rounding import number, signed
 from vibrecords.arrays import Array
 
 #: Either way, of a difference for 1 % of a stiffness: near the edge of what is positive semidefinite 1 % leaves it.

@@ -15,14 +15,14 @@ from jointbayes.posterior.identifiability import (
     listed,
     ratio_of,
 )
+from jointbayes.posterior.knowledge import RANK, quantities_taken_as_exact, uncertain_quantities
 from jointbayes.posterior.prediction import sentence_of_left_out
-from jointbayes.posterior.rounding import engineering, factor, join_unit, number
-from jointbayes.posterior.uncertain_inputs import RANK, quantities_taken_as_exact, uncertain_quantities
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
 from jointbayes.report.sections.tested import blocks_on_tests
 from jointbayes.report.sections.trust import lights_of, worst_setup
+from jointbayes.rounding import engineering, factor, join_unit, number
 
 #: Stiffnesses that are named in one sentence, of more their number is told; and reasons that page one has room for.
 _MOST_NAMED, _MOST_REASONS = 6, 3

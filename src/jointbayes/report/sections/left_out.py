@@ -1,10 +1,10 @@
 """What was left out of the estimate, measured and predicted."""
 
 from jointbayes.posterior.prediction import sentence_of_left_out
-from jointbayes.posterior.rounding import interval, number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Paragraph, ReportSection, Table
+from jointbayes.rounding import interval, number
 
 
 def left_out_section(inputs: ReportInputs) -> ReportSection | None:

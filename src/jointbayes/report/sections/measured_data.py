@@ -3,10 +3,10 @@
 import numpy as np
 
 from jointbayes.frf import MeasuredBody
-from jointbayes.posterior.rounding import number
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
+from jointbayes.rounding import number
 from vibrecords import MeasuredFile
 from vibrecords.provenance import ChannelUse, MeasurementWarning
 

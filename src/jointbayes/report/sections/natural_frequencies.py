@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import ModePrediction, Problem, mac
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.rounding import interval, number, signed
 from jointbayes.posterior.setup_summary import FrequencySummary
 from jointbayes.report import drawing, figures
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, ReportSection, Table
 from jointbayes.report.wireframe import wireframe
+from jointbayes.rounding import interval, number, signed
 from vibrecords import Data, ModeData, Observed
 from vibrecords.arrays import Array
 

@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 from jointbayes.identification import IterationHistory, missing_for_iteration
 from jointbayes.joint import Quantity
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.rounding import fixed, number
 from jointbayes.report import drawing, figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, foreign, listed_names
 from jointbayes.report.model import Block, Code, Figure, Paragraph, ReportSection, Table
+from jointbayes.rounding import fixed, number
 from vibrecords.arrays import Array
 
 

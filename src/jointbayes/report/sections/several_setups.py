@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from jointbayes.posterior.curves import Curve, curves_of
-from jointbayes.posterior.rounding import interval, number
 from jointbayes.report import drawing, figures
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
+from jointbayes.rounding import interval, number
 from vibrecords.arrays import Array
 
 _OF_NOISE = "Standard deviations are those of the noise, of the fit of the modes or as stated for them."

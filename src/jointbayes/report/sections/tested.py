@@ -3,11 +3,11 @@
 import numpy as np
 
 from jointbayes.inference import Problem
-from jointbayes.posterior.rounding import number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, Paragraph
 from jointbayes.report.structure_sketch import sketch
+from jointbayes.rounding import number
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from vibrecords import FrfData
 

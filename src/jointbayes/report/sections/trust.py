@@ -3,12 +3,12 @@
 import math
 
 from jointbayes.posterior.model_errors import InferredError
-from jointbayes.posterior.rounding import number
 from jointbayes.posterior.setup_summary import SetupSummary
 from jointbayes.posterior.summary import Summary
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Light, Lights
+from jointbayes.rounding import number
 
 
 def lights_of(inputs: ReportInputs) -> Lights:

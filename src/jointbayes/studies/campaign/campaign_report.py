@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from jointbayes.joint import Coordinate
 from jointbayes.posterior import package_versions
 from jointbayes.posterior.identifiability import NO_VALID_VALUE
-from jointbayes.posterior.rounding import engineering, interval, json_ready, number
 from jointbayes.report import Report
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
@@ -26,6 +25,7 @@ from jointbayes.report.markup import foreign, format_numbers
 from jointbayes.report.methods import references, report_text
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
 from jointbayes.report.run_directory import json_text, write_into
+from jointbayes.rounding import engineering, interval, json_ready, number
 from jointbayes.studies.campaign.campaign_findings import (
     FEWEST_JOINTS,
     CampaignFindings,

@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from jointbayes.errors import MeasurementError
-from jointbayes.posterior.rounding import engineering
+from jointbayes.rounding import engineering
 from jointbayes.studies.study_directory import read_lines
 from vibrecords.files import OwnDirectory, write_whole_file
 

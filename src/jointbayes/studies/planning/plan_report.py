@@ -13,13 +13,13 @@ from matplotlib.figure import Figure as Canvas
 from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.directions import spread_in_words
 from jointbayes.posterior.first_look import Linearised, Names
-from jointbayes.posterior.rounding import json_ready, number
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.markup import foreign
 from jointbayes.report.methods import report_text
 from jointbayes.report.model import Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
+from jointbayes.rounding import json_ready, number
 from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulation
 from jointbayes.studies.study_directory import write_study
 
