@@ -2,7 +2,6 @@
 
 An import counts wherever it stands, within a function and for a type checker too. A package's `__init__.py` hands names
 on: whoever imports one from it imports the file that has it, and the `__init__.py` is no link of a chain.
-`python -m benchmarks.walk` follows one call instead.
 """
 
 import ast

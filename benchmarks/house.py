@@ -17,6 +17,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # MkDocs loads this file by its path
 
+from benchmarks.chains import longest_chain  # noqa: E402
 from benchmarks.size import code_lines  # noqa: E402
 
 OPEN, CLOSE = "<!--house-->", "<!--/house-->"
@@ -116,12 +117,19 @@ def chapter() -> str:
     """What stands between the two comments: the picture, and a table of the rooms."""
     house = rooms()
     lines = [
-        f"| {room.floor} | `{room.name}` | {room.sentence} | {room.files} | {room.lines:,} |"
+        f"| {room.floor} | `{room.name}` | {room.sentence} | {room.files} | {_chain(room.name)} | {room.lines:,} |"
         for room in sorted(house, key=lambda room: -room.floor)
     ]
-    total = f"| | | all | {sum(room.files for room in house)} | {sum(room.lines for room in house):,} |"
-    head = ["| Floor | Room | What is in it | Files | Code lines |", "|---|---|---|---|---|"]
+    total = f"| | | all | {sum(room.files for room in house)} | | {sum(room.lines for room in house):,} |"
+    head = ["| Floor | Room | What is in it | Files | Longest chain | Code lines |", "|---|---|---|---|---|---|"]
     return "\n".join([OPEN, "", picture(house), "", *head, *lines, total, "", CLOSE])
+
+
+def _chain(name: str) -> int:
+    """Files of the longest chain of imports inside a room; a module alone is one."""
+    if name == READERS:
+        return len(longest_chain(name))
+    return len(longest_chain(f"jointbayes.{name}")) if (ROOT / "src" / "jointbayes" / name).is_dir() else 1
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -1,5 +1,9 @@
 """What a reader has to hold in mind at once stays small."""
 
+from graphlib import CycleError
+
+import pytest
+from benchmarks.chains import imports, longest_chain, rooms
 from benchmarks.page import table
 from benchmarks.size import ROOT, longest_functions, sizes
 
@@ -37,3 +41,34 @@ def test_rooms_stay_within_their_lines():
     print("\n".join(table(("room", "code lines", "budget", "at most"), [*rows, ("all", str(total), str(budgets), "")])))
     assert by_room.keys() == ROOMS.keys()
     assert {room: by_room[room] for room, (_, most) in ROOMS.items() if by_room[room] > most} == {}
+
+
+#: Files in the longest chain of imports inside a room; whoever makes one longer says in the commit what for.
+CHAINS = {"vibrecords": 13, "posterior": 9, "report": 9}
+MOST_IN_A_CHAIN = 6  # in all other rooms
+
+
+@pytest.mark.parametrize("room", rooms())
+def test_imports_lead_through_few_files_of_a_room(room):
+    chain = longest_chain(room)
+    assert len(chain) <= CHAINS.get(room.rpartition(".")[2], MOST_IN_A_CHAIN), " → ".join(chain)
+
+
+def test_a_chain_goes_through_imports_in_functions_and_for_types_and_not_through_what_hands_on(tmp_path):
+    texts = {
+        "__init__": "from thing.first import one",
+        "first": "def one():\n    from thing.second import two",
+        "second": "from typing import TYPE_CHECKING\n\nif TYPE_CHECKING:\n    from thing.inner import three",
+        "inner/__init__": "from thing.inner.third import three",
+        "inner/third": "three = 3",
+        "apart": "from thing import one",
+    }
+    for name, text in texts.items():
+        path = tmp_path / "thing" / f"{name}.py"
+        path.parent.mkdir(exist_ok=True, parents=True)
+        path.write_text(text)
+    assert longest_chain("thing", tmp_path) == ["thing.apart", "thing.first", "thing.second", "thing.inner.third"]
+    (tmp_path / "thing" / "inner" / "third.py").write_text("from thing.apart import one\n\nthree = 3")
+    imports.cache_clear()
+    with pytest.raises(CycleError):
+        longest_chain("thing", tmp_path)
