@@ -1,5 +1,6 @@
 """The public names of vibrecords, each once: read by type checkers, and by the package itself to load them."""
 
+from vibrecords.assemble import mean_of_repeats as mean_of_repeats
 from vibrecords.data import Data as Data
 from vibrecords.data import FrequencyData as FrequencyData
 from vibrecords.data import FrfData as FrfData
@@ -15,7 +16,6 @@ from vibrecords.formats import write_records as write_records
 from vibrecords.frf_set import FrfSet as FrfSet
 from vibrecords.frf_set import Quantity as Quantity
 from vibrecords.frf_set import quantity_factor as quantity_factor
-from vibrecords.frf_variance import mean_of_repeats as mean_of_repeats
 from vibrecords.inspection import Inspection as Inspection
 from vibrecords.inspection import inspect_file as inspect_file
 from vibrecords.modal_fit import identify_modes as identify_modes

@@ -7,7 +7,7 @@ import pytest
 
 from tests.vibrecords.rod import receptance
 from vibrecords import FrfSet, RelativeNoise
-from vibrecords.frf_variance import estimate_variance
+from vibrecords.assemble import estimate_variance
 from vibrecords.measurement_plan import VarianceSource
 
 LAW = RelativeNoise(0.05, 0.02)

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vibrecords import FrfSet, RelativeNoise
+from vibrecords.assemble import mean_of_repeats
 from vibrecords.errors import MeasurementError
-from vibrecords.frf_variance import mean_of_repeats
 
 LINES = np.arange(10.0, 60.0)
 TRUE = (1 + LINES / 10) * np.exp(0.1j * LINES)

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from vibrecords.arrays import complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import matlab_5
-from vibrecords.formats.matlab_4 import read_matlab_4
-from vibrecords.formats.matlab_5 import Block, MatrixOf, Unread, full_matrix
+from vibrecords.formats.matlab_5 import Block, MatrixOf, Unread, full_matrix, read_matlab_4
 from vibrecords.formats.written_by import WRITTEN_BY
 from vibrecords.records import LONGEST_LABEL, MOST_RECORDS, refuse_damage
 

@@ -14,7 +14,7 @@ from vibrecords.formats.array_files import read_arrays, zip_entries
 from vibrecords.formats.array_walk import records_of_tree
 from vibrecords.formats.grid import cut_to_band, join_frfs
 from vibrecords.formats.lvm import read_lvm
-from vibrecords.formats.matlab_4 import is_matlab_4
+from vibrecords.formats.matlab_5 import is_matlab_4
 from vibrecords.formats.table import read_table
 from vibrecords.formats.tdms import read_tdms
 from vibrecords.formats.uff_data_sets import BEGINNING

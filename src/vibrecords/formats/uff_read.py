@@ -18,19 +18,17 @@ from vibrecords.errors import MeasurementError
 from vibrecords.formats.columns import TIME_S
 from vibrecords.formats.table_text import float_of
 from vibrecords.formats.uff_data_sets import (
+    MOST_MODE_BYTES,
+    FileUnits,
     FunctionHeader,
     LineError,
     UffDataSet,
-    line_of,
-    scan,
-)
-from vibrecords.formats.uff_values import (
-    MOST_MODE_BYTES,
-    FileUnits,
     decode,
     even_abscissa,
     frf_meaning,
+    line_of,
     read_mode,
+    scan,
     sensor_meaning,
     units_of,
 )

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.uff_data_sets import AXIS_TYPES
-from vibrecords.formats.uff_values import NORMAL_MODES
+from vibrecords.formats.uff_data_sets import AXIS_TYPES, NORMAL_MODES
 from vibrecords.formats.units import MOTION_OF, si_sensor_unit
 from vibrecords.records import (
     Dof,
