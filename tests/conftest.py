@@ -28,7 +28,7 @@ from jointbayes.posterior import Posterior, examination
 from jointbayes.posterior import posterior as posterior_module
 from jointbayes.posterior.storage import imported_arviz
 from jointbayes.report import ReportInputs, figures
-from jointbayes.sampling import SamplerSettings, distribution_fit
+from jointbayes.sampling import SamplerSettings, distributions
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.workflow import sample
 from tests.cost import Cost
@@ -170,8 +170,8 @@ def _plain_reports() -> Iterator[None]:
 def _rough_proposals() -> Iterator[None]:
     """Runs whose proposal is fitted in one round: half the price of few steps, for claims about none of their draws."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(distribution_fit, "_TRIALS", 1)
-        patch.setattr(distribution_fit, "_ROUNDS", 1)
+        patch.setattr(distributions, "_TRIALS", 1)
+        patch.setattr(distributions, "_ROUNDS", 1)
         yield
 
 

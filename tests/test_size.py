@@ -18,11 +18,11 @@ ROOMS = {
     "inference": (1900, 2800),
     "identification": (1050, 1500),
     "sampling": (1450, 2400),
-    "posterior": (3500, 5950),
-    "studies": (3300, 4600),
+    "posterior": (3500, 5790),
+    "studies": (3300, 4510),
     "case": (4000, 5210),
     "report": (2700, 3656),
-    "cli and what stands alone": (1600, 1675),
+    "cli and what stands alone": (1600, 1774),
 }
 
 

@@ -71,8 +71,8 @@ from jointbayes.studies.calibration import Calibration as Calibration
 from jointbayes.studies.calibration import calibrate as calibrate
 from jointbayes.studies.campaign.campaign_run import Campaign as Campaign
 from jointbayes.studies.campaign.campaign_run import campaign as campaign
+from jointbayes.studies.compare import Comparison as Comparison
 from jointbayes.studies.compare import compare as compare
-from jointbayes.studies.comparison_report import Comparison as Comparison
 from jointbayes.studies.planning.make_plan import plan as plan
 from jointbayes.studies.planning.plan_report import Plan as Plan
 from jointbayes.studies.reference_check import check_posterior as check_posterior

@@ -16,11 +16,16 @@ from jointbayes.sampling import Draws
 from jointbayes.studies.calibration import Calibration, build_calibration_report
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
 from jointbayes.studies.campaign.campaign_report import build_campaign_report
-from jointbayes.studies.comparison_report import Comparison, WeighedModel, build_comparison_report
+from jointbayes.studies.compare import Comparison, WeighedModel, build_comparison_report
 from jointbayes.studies.data_sets import DataSet
 from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.plan_report import Plan, PlannedMeasurement, build_plan_report
-from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulation
+from jointbayes.studies.planning.plan_report import (
+    Plan,
+    PlannedMeasurement,
+    SimulatedPosterior,
+    Simulation,
+    build_plan_report,
+)
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, of_case, shipped_text
 from tests.studies.campaign_directory import campaign_directory

@@ -22,7 +22,7 @@ from jointbayes.sampling import (
     sampler,
 )
 from jointbayes.sampling.coordinate_maps import Identity, straightened
-from jointbayes.sampling.distribution_fit import first_mixture, most_likely_mixture
+from jointbayes.sampling.distributions import first_mixture, most_likely_mixture
 from jointbayes.sampling.ensemble import Streams
 
 SETTINGS = SamplerSettings(walkers=24, max_steps=6000)

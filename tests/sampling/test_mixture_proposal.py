@@ -7,12 +7,14 @@ from scipy import stats
 from jointbayes.errors import SamplingError
 from jointbayes.sampling import NormalScores, StudentT, fit_proposal, importance_efficiency
 from jointbayes.sampling.coordinate_maps import Identity
-from jointbayes.sampling.distribution_fit import first_mixture, most_likely_mixture, split
 from jointbayes.sampling.distributions import (
     Pool,
     StudentMixture,
     drawn_without_replacement,
+    first_mixture,
+    most_likely_mixture,
     resampled,
+    split,
     tempered,
     truncated,
 )

@@ -13,8 +13,7 @@ from jointbayes.joint import ComplianceCoordinates, LogStiffness, SignedCoupling
 from jointbayes.sampling import Proposal, SamplerSettings, fit_proposal
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.distributions import StudentMixture, StudentT, importance_efficiency
-from jointbayes.sampling.sampler import run_ensembles
-from jointbayes.sampling.starting import KEPT, MANY_DIMENSIONS, independence_share, weighted_moves
+from jointbayes.sampling.sampler import KEPT, MANY_DIMENSIONS, independence_share, run_ensembles, weighted_moves
 from jointbayes.workflow import sample
 from tests.conftest import edited, first_in_ci
 

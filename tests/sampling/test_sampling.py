@@ -16,7 +16,7 @@ from jointbayes.sampling import SamplerSettings, quantile_error, run_ensembles
 from jointbayes.sampling.diagnostics import autocorrelation_time, split_r_hat
 from jointbayes.sampling.ensemble import EnsembleState, Streams
 from jointbayes.sampling.moves import advance
-from jointbayes.sampling.starting import weighted_moves
+from jointbayes.sampling.sampler import weighted_moves
 from jointbayes.sampling.stopping import (
     Check,
     EndError,

@@ -20,7 +20,7 @@ from jointbayes.sampling import (
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.moves import JumpMove
 from jointbayes.sampling.proposal import refit_proposal
-from jointbayes.sampling.starting import weighted_moves
+from jointbayes.sampling.sampler import weighted_moves
 from jointbayes.sampling.stopping import diagnose
 
 SWAP = np.array([[0.0, 1.0], [1.0, 0.0]])

@@ -13,16 +13,21 @@ from jointbayes.errors import CaseError, ModelError
 from jointbayes.joint import RIGID
 from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import Evidence
-from jointbayes.studies.compare import HYPOTHESES, _answered, _data_of, compare, hypothesis_problem, require_same_data
-from jointbayes.studies.comparison_report import (
+from jointbayes.studies.compare import (
+    HYPOTHESES,
     Comparison,
     PriorEdge,
     WeighedModel,
+    _answered,
+    _data_of,
     bayes_factor_words,
     build_comparison_report,
+    compare,
     evidence_table,
+    hypothesis_problem,
     leave_one_out,
     model_probabilities,
+    require_same_data,
 )
 from tests.cli.test_cli import cli
 from tests.conftest import cheap_frequencies_text, cheap_text, edited, pair_matrix

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointbayes.studies.campaign.outliers import FALSE_ALARM, outlier_limit, spread_of
+from jointbayes.studies.campaign.campaign_findings import FALSE_ALARM, outlier_limit, spread_of
 from tests.conftest import first_in_ci
 
 ERROR = 0.1

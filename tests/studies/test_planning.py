@@ -42,11 +42,13 @@ from jointbayes.studies.planning.make_plan import (
 from jointbayes.studies.planning.plan_report import (
     Plan,
     PlannedMeasurement,
+    SimulatedPosterior,
+    Simulation,
     build_plan_report,
     candidate_table,
     plan_lines,
+    predictive_range,
 )
-from jointbayes.studies.planning.simulation import SimulatedPosterior, Simulation, predictive_range
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix, shipped_text
 from vibrecords import RelativeNoise
 

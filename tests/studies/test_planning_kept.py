@@ -14,7 +14,7 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import WriteError
 from jointbayes.studies.planning import make_plan
 from jointbayes.studies.planning.make_plan import KEPT, KeptSimulations, Simulator
-from jointbayes.studies.planning.simulation import SimulatedPosterior
+from jointbayes.studies.planning.plan_report import SimulatedPosterior
 from tests.studies.test_planning import planned_text
 
 WANTED = SimulatedPosterior(0.3, "weakly identified", 812.5, "reweighting")

@@ -47,9 +47,8 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
       jointbayes compare springs.toml full.toml --out reports/compared
     """
     cases = [common.load(path) for path in config]
+    from jointbayes.studies.compare import A_COMPARISON, evidence_table, require_same_data
     from jointbayes.studies.compare import compare as weigh
-    from jointbayes.studies.compare import require_same_data
-    from jointbayes.studies.comparison_report import A_COMPARISON, evidence_table
 
     require_same_data(cases)
     if out is not None:

@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.errors import ModelError
-from jointbayes.frf.damped_joints import add_joint, chi2_of, compliance_by_line
 from jointbayes.frf.kernels.by_line import error_roots
 from jointbayes.frf.kernels.compiled import compiled
 from jointbayes.frf.kernels.multi_dof import MultiDofCoupling, MultiDofMisfit
 from jointbayes.frf.kernels.pair import PairCoupling, PairMisfit
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, substructures
-from jointbayes.frf.modal import AssembledModes
+from jointbayes.frf.modal import AssembledModes, add_joint, chi2_of, compliance_by_line
 from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, TakingPart, factors_batch
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.structure import Body, FreeModes

@@ -26,9 +26,9 @@ from jointbayes.sampling.released import ENOUGH as ENOUGH
 from jointbayes.sampling.released import Restraint as Restraint
 from jointbayes.sampling.released import independent_chains as independent_chains
 from jointbayes.sampling.released import released_draws as released_draws
+from jointbayes.sampling.sampler import replace_far_walkers as replace_far_walkers
 from jointbayes.sampling.sampler import run_adapted as run_adapted
 from jointbayes.sampling.sampler import run_ensembles as run_ensembles
-from jointbayes.sampling.starting import replace_far_walkers as replace_far_walkers
-from jointbayes.sampling.starting import starting_walkers as starting_walkers
+from jointbayes.sampling.sampler import starting_walkers as starting_walkers
 from jointbayes.sampling.stopping import INTERVAL as INTERVAL
 from jointbayes.sampling.stopping import Quantities as Quantities

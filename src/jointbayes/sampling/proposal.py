@@ -8,26 +8,24 @@ import numpy as np
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinate_maps import Coordinates, Identity, straightened
 from jointbayes.sampling.density import Checked, LogDensity, SeveralModes, covariance_roots
-from jointbayes.sampling.distribution_fit import (
+from jointbayes.sampling.distributions import (
     DOF,
     Fit,
-    Whitened,
-    first_mixture,
-    good_efficiency,
-    laplace,
-    most_likely_mixture,
-    refined_student,
-    search,
-    whitened,
-)
-from jointbayes.sampling.distributions import (
     Pool,
     StudentMixture,
     StudentT,
+    Whitened,
+    first_mixture,
+    good_efficiency,
     importance_efficiency,
+    laplace,
     log_density_over_theta,
+    most_likely_mixture,
+    refined_student,
+    search,
     theta_draws,
     truncated,
+    whitened,
 )
 from vibrecords.arrays import Array, Flags
 
@@ -146,7 +144,7 @@ def fit_proposal(
 
     Where one Student-t is not good enough in the first system, and always from several starts, mixtures are fitted in
     every one to all weighted draws so far, and the best one is refined
-    (:func:`jointbayes.sampling.distribution_fit.search`). A wide component bounds the weights.
+    (:func:`jointbayes.sampling.distributions.search`). A wide component bounds the weights.
 
     A poor fit is no error: the efficiency says so, and the moves are chosen by it.
 

@@ -27,15 +27,16 @@ from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSec
 from jointbayes.report.run_directory import json_text, write_into
 from jointbayes.rounding import engineering, interval, json_ready, number
 from jointbayes.studies.campaign.campaign_findings import (
+    FALSE_ALARM,
     FEWEST_JOINTS,
     CampaignFindings,
+    ComparedQuantity,
     PopulationFindings,
     examine_campaign,
 )
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
 from jointbayes.studies.campaign.index import DONE
 from jointbayes.studies.campaign.joint_draws import OTHER_KIND
-from jointbayes.studies.campaign.outliers import FALSE_ALARM, ComparedQuantity
 from vibrecords.arrays import Array
 
 Flags = NDArray[np.bool_]

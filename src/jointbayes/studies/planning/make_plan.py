@@ -51,8 +51,14 @@ from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Coordinates, Start, WeightedDraws, fit_proposal
 from jointbayes.sampling.diagnostics import pareto_k
 from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.plan_report import A_PLAN, Plan, PlannedMeasurement
-from jointbayes.studies.planning.simulation import Method, SimulatedPosterior, Simulation
+from jointbayes.studies.planning.plan_report import (
+    A_PLAN,
+    Method,
+    Plan,
+    PlannedMeasurement,
+    SimulatedPosterior,
+    Simulation,
+)
 from jointbayes.studies.study_directory import append_line, kept_lines
 from jointbayes.workflow import sample
 from vibrecords.arrays import Array
