@@ -10,12 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import (
-    AssembledShapes,
-    Modal,
-    NaturalFrequencies,
-    rigid_body_modes,
-)
+from jointbayes.frf import AssembledShapes, Modal, NaturalFrequencies, rigid_body_modes
 from jointbayes.frf.ports import factors_batch
 from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
 from jointbayes.inference.noise.base import NoiseModel, residuals_of_values, values_of_residuals

@@ -37,13 +37,7 @@ from jointbayes.posterior.identifiability import (
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.next_step import NextStep
 from jointbayes.posterior.solutions import LEAST_SHARE
-from jointbayes.posterior.verdicts import (
-    Finding,
-    by_likelihood,
-    concluded,
-    found_with_wider_priors,
-    judge_stiffness,
-)
+from jointbayes.posterior.verdicts import Finding, by_likelihood, concluded, found_with_wider_priors, judge_stiffness
 from jointbayes.posterior.widened import ENOUGH_FOR_CLASS, WidenedPosterior, replace_prior, widen
 from jointbayes.sampling import (
     ENOUGH,

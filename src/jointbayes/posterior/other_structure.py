@@ -20,12 +20,7 @@ from jointbayes.joint import AnyJoint, JointMatrix, joint_matrix_of
 from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.prediction import FrfPrediction, frf_band, simulate_at
 from jointbayes.rounding import number
-from jointbayes.structure import (
-    LossFactor,
-    ModalDamping,
-    StructureRecipe,
-    family_of_recipe,
-)
+from jointbayes.structure import LossFactor, ModalDamping, StructureRecipe, family_of_recipe
 from jointbayes.structure.recipe import is_damping, is_damping_ratio
 from vibrecords import ModeData, Observed, Quantity, quantity_factor
 from vibrecords.arrays import Array

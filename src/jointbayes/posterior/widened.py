@@ -16,12 +16,7 @@ from jointbayes.joint import Coordinate
 from jointbayes.posterior.checks import AnyDraws
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.sampling import (
-    WeightedDraws,
-    fit_each_mode,
-    fit_proposal,
-    released_draws,
-)
+from jointbayes.sampling import WeightedDraws, fit_each_mode, fit_proposal, released_draws
 from vibrecords.arrays import Array
 
 Side = Literal["lower", "upper"]

@@ -24,15 +24,7 @@ from vibrecords.records import FrfRecord, Record, TimeRecord
 from vibrecords.signals.impact import ImpactSettings, frfs_of_hits
 from vibrecords.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
 from vibrecords.signals.windows import effective_averages, lines_apart
-from vibrecords.simulated import (
-    ChannelNoise,
-    Hammer,
-    Rig,
-    channel_label,
-    hammer_records,
-    noisy_frf,
-    shaker_records,
-)
+from vibrecords.simulated import ChannelNoise, Hammer, Rig, channel_label, hammer_records, noisy_frf, shaker_records
 
 _AVERAGES = 10  # where neither the virtual test nor the noise of the data states a number
 #: Length of a block times the decay rate of the slowest mode: what is cut off is below any noise; a shaker leaks.

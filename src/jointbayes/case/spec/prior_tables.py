@@ -9,16 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, Strict, create_model
 
-from jointbayes.case.spec.fields import (
-    OWN,
-    Finding,
-    Positive,
-    Spec,
-    ascii_unit,
-    key_field,
-    not_negative,
-    positive,
-)
+from jointbayes.case.spec.fields import OWN, Finding, Positive, Spec, ascii_unit, key_field, not_negative, positive
 from jointbayes.joint import (
     COORDINATES,
     COUPLED,

@@ -12,16 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BeforeValidator, Field, ValidatorFunctionWrapHandler, WrapValidator
 
-from jointbayes.case.spec.fields import (
-    Finding,
-    Labels,
-    Ratios,
-    Spec,
-    key_field,
-    listed,
-    not_negative,
-    positive,
-)
+from jointbayes.case.spec.fields import Finding, Labels, Ratios, Spec, key_field, listed, not_negative, positive
 from jointbayes.case.toml_text import similar
 
 if TYPE_CHECKING:

@@ -11,12 +11,7 @@ from numpy.typing import ArrayLike
 
 from jointbayes.errors import ModelError
 from jointbayes.inference.marginals import Nuisance
-from jointbayes.inference.noise.base import (
-    ErrorSizes,
-    NoiseModel,
-    Residuals,
-    finite_or_impossible,
-)
+from jointbayes.inference.noise.base import ErrorSizes, NoiseModel, Residuals, finite_or_impossible
 from vibrecords import Data, ModalData
 from vibrecords.arrays import Array
 from vibrecords.frf_set import read_only
