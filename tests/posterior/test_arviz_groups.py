@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import jointbayes as jb
 from jointbayes.inference import IntegratedScale
 from jointbayes.posterior import storage
-from jointbayes.posterior.arviz_groups import fold_chains
+from jointbayes.posterior.storage import fold_chains
 from jointbayes.sampling.diagnostics import effective_sizes, split_r_hat
 from tests.report.test_setups import BASE, CLAMP_EDGE, HEARD, TWO, posterior_of
 

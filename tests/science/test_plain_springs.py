@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointbayes.frf import AssembledModes, LowRankCoupling, NaturalFrequencies, Ports
-from jointbayes.frf.direct import DirectSolve
+from jointbayes.frf.synthetic import DirectSolve
 from jointbayes.joint import Joint, PlainSprings
 from jointbayes.structure import LossFactor, ModalDamping
 from tests.conftest import CLAMP, pair_matrix, rod

@@ -9,10 +9,9 @@ from numpy.testing import assert_allclose
 from scipy import optimize
 
 from jointbayes.errors import ModelError
-from jointbayes.frf.direct import DirectSolve
 from jointbayes.frf.modal import NaturalFrequencies
 from jointbayes.frf.ports import Ports
-from jointbayes.frf.synthetic import receptance_model
+from jointbayes.frf.synthetic import DirectSolve, receptance_model
 from jointbayes.joint import Joint, joints_of
 from jointbayes.structure import (
     BeamFamily,

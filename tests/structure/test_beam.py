@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from jointbayes.errors import ModelError
 from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, beam
-from jointbayes.structure.frame_mesh import ACCURACY, MANY, BodyMesh, element_error
+from jointbayes.structure.frame_recipe import ACCURACY, MANY, BodyMesh, element_error
 from jointbayes.structure.matrices import Reduction, Structure
 from tests.conftest import CLAMP, pair_matrix
 

@@ -14,8 +14,7 @@ import jointbayes as jb
 from jointbayes.case.toml_text import toml_text
 from jointbayes.cli.commands import main
 from jointbayes.errors import WriteError
-from jointbayes.studies.campaign.campaign_run import CaseWork, case_seed, do_case, run_cases
-from jointbayes.studies.campaign.case_table import read_cases
+from jointbayes.studies.campaign.campaign_run import CaseWork, case_seed, do_case, read_cases, run_cases
 from jointbayes.studies.campaign.index import INDEX, campaign_directory, kept_rows, write_index
 from jointbayes.studies.study_directory import append_line
 from tests.conftest import CONFIGS, without_stages

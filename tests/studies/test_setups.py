@@ -12,7 +12,7 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.posterior.prediction import simulated_values
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
-from jointbayes.studies.campaign.case_table import read_cases
+from jointbayes.studies.campaign.campaign_run import read_cases
 from jointbayes.studies.campaign.index import DONE, read_index, write_index
 from jointbayes.studies.campaign.joint_draws import OTHER_KIND, read_draws
 from jointbayes.studies.compare import hypothesis_problem, require_same_data

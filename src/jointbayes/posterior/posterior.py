@@ -15,7 +15,6 @@ from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint import AnyJoint
-from jointbayes.posterior.arviz_groups import arviz_tree
 from jointbayes.posterior.checks import PredictiveCheck, check_part
 from jointbayes.posterior.curves import Curve, curve_of
 from jointbayes.posterior.decision import premises_sentences
@@ -35,7 +34,7 @@ from jointbayes.posterior.other_structure import OtherStructure, predict_other
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut, frfs_as_measured, predict_frf, predict_left_out
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.solutions import Solutions
-from jointbayes.posterior.storage import log_prior_of_joint, to_arviz, write_tree
+from jointbayes.posterior.storage import arviz_tree, log_prior_of_joint, to_arviz, write_tree
 from jointbayes.posterior.stored_problem import add_problem
 from jointbayes.posterior.summary import (
     STIFFNESS_HEAD,
