@@ -1,9 +1,11 @@
 """An imported model as a body: against dense solves of the whole model, in every frequency, joint and part."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from benchmarks.bricks import brick_model, face
-from scipy import linalg
+from scipy import linalg, sparse
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
@@ -88,6 +90,28 @@ def test_a_free_model_has_exactly_six_rigid_body_modes_and_the_frequencies_of_th
     moved = recipe.structure().rigid_motions(np.arange(3))
     mass = 7800 * 0.2 * 0.02 * 0.03
     assert np.einsum("pr,pr->p", moved, moved)[0] == pytest.approx(1 / mass, rel=1e-9)  # along the bar, no rotation
+
+
+def rounded(matrix, digits):
+    matrix = sparse.csc_array(matrix)
+    matrix.eliminate_zeros()
+    size = 10.0 ** (np.floor(np.log10(np.abs(matrix.data))) + 1 - digits)
+    data = np.round(matrix.data / size) * size
+    return sparse.csc_array((data, matrix.indices, matrix.indptr), shape=matrix.shape)
+
+
+@pytest.mark.parametrize(("digits", "support"), [(16, 1.0), (13, 10.0), (10, 1e4)])
+def test_a_model_of_few_digits_floats_and_one_on_soft_supports_does_not(digits, support):
+    model = brick_model((8, 2, 2))
+    few = replace(model, stiffness=rounded(model.stiffness, digits))
+    ports = {"tip": face(model, 0.2)}
+    floating = reduce_to_ports(few, ports, TOP_HZ, LossFactor(0.01)).structure().modes().frequency_hz
+    assert (floating[:6] == 0).all()
+    assert floating[6] > 1000
+    soft = np.zeros(model.n_dofs)
+    soft[[model.row(node, way) for node in face(model, 0.0) for way in "xyz"]] = support  # N/m
+    held = replace(few, stiffness=few.stiffness + sparse.diags_array(soft))
+    assert reduce_to_ports(held, ports, TOP_HZ, LossFactor(0.01)).reduced.rigid == 0
 
 
 @pytest.mark.parametrize("law", [ModalDamping((0.01, 0.02)), LossFactor(0.01), Rayleigh(4.0, 1e-6)])

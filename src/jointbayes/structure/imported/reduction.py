@@ -35,8 +35,9 @@ _MODES_FIRST, _MOST_MODES = 24, 600
 _SOLVED = 1.0  # of a unit load at each DOF, which is some hundreds in length
 _SAME = 1e-9  # a vector of which less than this is new adds rounding only
 _STATIC = 1e-12  # part of the largest inverse eigenvalue below which a vector has no mass: it answers at once
-#: A motion is a rigid body's if its strain energy is no more than so many times the rounding of φᵀ|K|φ.
-_RIGID = 30 * np.finfo(float).eps
+#: A motion is a rigid body's if its strain energy is no more than so many times the rounding of φᵀ|K|φ, or than a few
+#: times what nine in ten rows of Kφ have left over: files have ten digits to sixteen, and a support strains few rows.
+_RIGID, _LEFT, _FEWEST_DIGITS = 30 * np.finfo(float).eps, 3, 1e-9
 
 #: Quantities of a part, and how its matrices grow with each: stiffness, bending, mass.
 PART_QUANTITIES = {"youngs_modulus": (1, 1, 0), "density": (0, 0, 1), "thickness": (1, 3, 1)}
@@ -187,8 +188,10 @@ def _rigid_modes(model: FeModel, shift: float) -> Array:
 
 
 def _is_rigid(model: FeModel, mode: Array, eigenvalue: float, shift: float) -> bool:
-    cancelled = float(np.abs(mode) @ (abs(model.stiffness) @ np.abs(mode)))
-    return abs(eigenvalue) <= max(_RIGID * cancelled, 1e-12 * shift)
+    of_rows = abs(model.stiffness) @ np.abs(mode)
+    left = np.abs(model.stiffness @ mode) / np.maximum(of_rows, np.finfo(float).tiny)
+    rounding = max(_RIGID, _LEFT * min(np.quantile(left, 0.9), _FEWEST_DIGITS))
+    return abs(eigenvalue) <= max(rounding * float(np.abs(mode) @ of_rows), 1e-12 * shift)
 
 
 def _modes_below(
