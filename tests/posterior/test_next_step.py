@@ -6,16 +6,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from benchmarks.bricks import brick_model, face
 from scipy.linalg import eigh
 
 import jointbayes as jb
 from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports
 from jointbayes.inference import JointPrior, Normal, Nuisance
 from jointbayes.joint import Joint, Joints
+from jointbayes.posterior.candidate import modes_hit_free
 from jointbayes.posterior.first_look import FirstLook, measurement_information
 from jointbayes.posterior.identifiability import ratio_of
 from jointbayes.posterior.next_step import _candidates, _hit_free, next_step, spread_in_words
 from jointbayes.posterior.prediction import frfs_as_measured
+from jointbayes.structure import family_of_recipe, reduce_to_ports
 from tests.conftest import CLAMP, PAIR, TABLE_3, of_case
 from tests.inference.test_free_test import BODY, CLAMPED, FREE, MATERIAL, PRIOR, beam_family
 from vibrecords import Antiresonances, ModeData, Observed, quantity_factor
@@ -194,3 +197,16 @@ def joined(nuisances, test=CLAMPED, *more):
 )
 def test_free_is_proposed_of_an_uncertain_body_that_joints_alone_hold_to_ground(test, nuisances, more, proposed):
     assert bool(list(_hit_free(joined(nuisances, test, *more)))) == proposed
+
+
+def test_of_an_imported_structure_no_more_free_modes_are_proposed_than_it_is_known_up_to():
+    model = brick_model((8, 2, 2))
+    recipe = reduce_to_ports(model, {"foot": face(model, 0.0)}, 5000.0, jb.LossFactor(0.01))
+    body, joint = family_of_recipe(recipe, {"density": (-0.1, 0.1)}), Joint(("foot:y", "foot:z"))
+    frequency = np.array([300.0, 500.0, 1500.0, 2100.0])
+    test = jb.Test("", body, joint, ModeData(Observed(frequency, 1e-3 * frequency)))
+    (free,) = modes_hit_free(test, test.data, "free")
+    natural = np.sqrt(np.abs(eigh(model.stiffness.toarray(), model.mass.toarray(), eigvals_only=True))) / (2 * np.pi)
+    assert len(free.numbers) == (natural[6:] < 5000.0).sum() < 4
+    low = replace(test, structure=family_of_recipe(replace(recipe, top_hz=100.0)))
+    assert not list(modes_hit_free(low, test.data, "free"))

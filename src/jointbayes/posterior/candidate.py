@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from jointbayes.frf import AnyStructure, Ports
-from jointbayes.inference import ModelErrorNoise, NoiseModel, Nuisance, Problem
+from jointbayes.inference import ModelErrorNoise, NoiseModel, Nuisance, Problem, Test
 from jointbayes.inference.likelihood_base import ResidualKind
 from jointbayes.inference.test import columns_of_names
 from jointbayes.joint import AnyJoint, Joints
@@ -302,12 +303,20 @@ class ModalCandidate(Candidate):
         return ModeData(Observed(frequency, _UNKNOWN * frequency), shapes=shapes, numbers=self.numbers)
 
 
-def modes_hit_free(modes: ModalData, setup: str) -> ModalCandidate:
-    """As many natural frequencies of the structure without its joints, as well known as the present ones."""
-    numbers = tuple(range(1, modes.frequency_hz.size + 1))
-    return ModalCandidate(
-        name=FREE, words=FREE_WORDS, setup=setup, joint=Joints(()), numbers=numbers, relative=scatter(modes)
-    )
+def modes_hit_free(test: Test, modes: ModalData, setup: str) -> Iterator[ModalCandidate]:
+    """As many natural frequencies of the structure without its joints, as well known as the present ones.
+
+    Fewer where it has not as many up to where it is known, as an imported model may; none where it has none.
+    """
+    most = modes.frequency_hz.size
+    top_hz, nowhere = test.structures.reach_hz(most), np.empty(0, dtype=np.intp)
+    free = test.structures.at((), top_hz).certain().free_modes(nowhere, np.empty((0, 0)))
+    eigenvalues, _ = free(np.empty((1, 0)))
+    there = int(((eigenvalues > 0) & (eigenvalues <= (2 * np.pi * top_hz) ** 2)).sum())
+    if numbers := tuple(range(1, min(most, there) + 1)):
+        yield ModalCandidate(
+            name=FREE, words=FREE_WORDS, setup=setup, joint=Joints(()), numbers=numbers, relative=scatter(modes)
+        )
 
 
 def _of_data(problem: Problem, data: ModeData) -> Problem:

@@ -141,7 +141,7 @@ def _hit_free(problem: Problem) -> Iterator[Candidate]:
         if measured is not None:
             yield as_measured(part, name, words, setup=setup, joint=Joints(()))
         elif modes is not None:
-            yield replace(modes_hit_free(modes, setup), name=name, words=words)
+            yield from (replace(each, name=name, words=words) for each in modes_hit_free(test, modes, setup))
 
 
 def _of_test(setup: str) -> str:

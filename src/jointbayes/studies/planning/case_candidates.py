@@ -278,7 +278,7 @@ class _ModalMaker(_Maker):
 
     def _free(self, modes: ModalData) -> Iterator[Candidate]:
         if self._hits_free:
-            yield modes_hit_free(modes, FREE)
+            yield from modes_hit_free(self._problem.test, modes, FREE)
 
 
 class _FrfMaker(_Maker):
