@@ -97,6 +97,35 @@ def test_a_problem_of_arrays_has_the_density_of_a_dense_solution():
         assert found == pytest.approx(expected, rel=1e-9)
 
 
+def test_draws_are_asked_by_name(sampled):
+    draws = sampled["k22"]
+    assert (draws.dims, draws.attrs["units"]) == (("chain", "draw"), "N·m/rad")
+    np.testing.assert_array_equal(draws, sampled.values("k22"))
+    assert list(sampled) == ["k11", "k12", "k22"]
+    assert ("k22" in sampled, "k33" in sampled, "ensemble" in sampled) == (True, False, False)
+    with pytest.raises(ModelError, match=r"found parameter 'k33'; expected one of k11, k12, k22$"):
+        sampled["k33"]
+
+
+def test_the_likelihood_is_asked_in_the_coordinates_of_the_posterior():
+    problem = from_arrays()
+    inside = problem.prior.sample(np.random.default_rng(1), 5)
+    theta = np.vstack([inside, inside[:1] + 50.0])
+    found = problem.log_likelihood(theta)
+    np.testing.assert_allclose(found[:5] + problem.prior.log_density(inside), problem.log_posterior(inside))
+    assert np.isneginf(found[5])
+    assert problem.log_likelihood(theta[0]).shape == (1,)
+    with pytest.raises(ModelError, match=r"θ: found shape \(5, 2\); expected \(n, 3\)"):
+        problem.log_likelihood(inside[:, :2])
+
+
+@pytest.mark.parametrize(("initial", "theta"), [(TRUTH, np.log(TRUTH)), ([1e7, 0.0, 0.0], None), (None, None)])
+def test_a_first_guess_in_coordinates_is_where_a_sampler_can_begin(initial, theta):
+    problem = from_arrays(initial=initial)
+    np.testing.assert_allclose(problem.initial_theta, problem.prior.mean if theta is None else theta)
+    assert np.isfinite(problem.log_posterior(problem.initial_theta)).all()
+
+
 def test_lists_and_sparse_matrices_serve_as_well_and_stay_as_they_are():
     stiffness, mass, labels = euler_beam()
     law = LossFactor(LOSS)

@@ -1,11 +1,14 @@
 """How numbers are rounded, on the terminal as in reports, to the digits their errors support; and put in columns."""
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+#: Longest line of what Python shows of a posterior.
+LINE = 100
 _MOST_DIGITS = 5
 _DIGITS_WITHOUT_ERROR = 3
 #: The largest ratio of the ends of an interval that is told as a number.
@@ -251,6 +254,18 @@ def align_columns(rows: Sequence[Sequence[str]], alignment: str = "") -> list[st
         "  ".join(f"{c:{'>' if s == 'r' else '<'}{w}}" for c, w, s in zip(row, widths, sides, strict=True)).rstrip()
         for row in rows
     ]
+
+
+def in_lines(text: str, indent: int) -> list[str]:
+    """A sentence in lines of at most `LINE` characters, the first indented by so many blanks, the others by four more.
+
+    Examples
+    --------
+    >>> in_lines("k22: 1.5e6", 4)
+    ['    k22: 1.5e6']
+    """
+    first = " " * indent
+    return textwrap.wrap(text, LINE, initial_indent=first, subsequent_indent=first + " " * 4, break_on_hyphens=False)
 
 
 def contraction(value: float | None, decimals: int) -> str:

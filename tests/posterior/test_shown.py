@@ -29,15 +29,38 @@ def shown(cheap_case, cheap_posterior, frequency_posterior):
     }  # fmt: skip
 
 
+def unwrapped(text):
+    """The text with each line that goes on below, deeper, as one."""
+    return re.sub(r"\n {6,}", " ", text)
+
+
+def test_a_summary_has_what_lmfit_reports(shown, cheap_posterior):
+    text, summary = str(shown["summary"]), shown["summary"]
+    assert f"249 values, synthetic; χ² per value {summary.fit.chi2_per_line:.3g}\n" in text
+    assert "converged" in text
+    matrix = np.corrcoef(cheap_posterior.theta.T)
+    names = cheap_posterior.problem.names
+    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+    expected = {(a, b): matrix[names.index(a), names.index(b)] for a, b in pairs}
+    assert summary.correlations == pytest.approx({pair: r for pair, r in expected.items() if abs(r) > 0.1})
+    strongest = max(summary.correlations, key=lambda pair: abs(summary.correlations[pair]))
+    head = "[[Correlations of the draws (above 0.1)]]"
+    assert f"{head}\n    C({', '.join(strongest)}) = {summary.correlations[strongest]:+.2f}" in text
+
+
 def test_all_is_short(shown):
     lines = {name: repr(one).splitlines() for name, one in shown.items()}
+    summary = lines.pop("summary")
+    assert len(summary) <= 24
     assert {name: len(each) for name, each in lines.items() if len(each) > 12} == {}
+    for each in (summary, lines["posterior"], lines["of frequencies"]):
+        assert max(map(len, each)) <= 100
     assert {name: sum(map(len, each)) for name, each in lines.items() if sum(map(len, each)) > 1200} == {}
     assert not [name for name, each in lines.items() if "array(" in "".join(each)]
 
 
 def test_quantities_have_names_units_and_digits(shown, cheap_posterior):
-    text = repr(shown["posterior"])
+    text = unwrapped(repr(shown["posterior"]))
     for name, unit in (("k11", "N/m"), ("k12", "N"), ("k22", "N·m/rad")):
         known = shown["posterior"].verdict(name)
         line = re.search(
@@ -128,8 +151,8 @@ def test_an_interval_that_the_likelihood_moved_names_the_credible_one(shown):
     summary = shown["summary"]
     moved = summary.parameters["k11"].known
     assert moved.source.endswith(f"95 % credible interval {moved.source.split('interval ')[1]}")
-    (line,) = [line for line in str(summary).splitlines() if line.startswith("    k11:")]
-    assert line.endswith(moved.source)
+    (line,) = [line for line in unwrapped(str(summary)).splitlines() if line.startswith("    k11:")]
+    assert moved.source in line
     assert f"{moved.interval()} {moved.source}" in texts(summary._repr_html_(), "td")
     assert f"{moved.interval()} {moved.source}" in texts(shown["posterior"]._repr_html_(), "td")
 
@@ -157,7 +180,7 @@ def test_a_fit_that_failed_says_so_wherever_it_is_shown(shown, cheap_posterior):
     estimate = replace(shown["estimate"], effort=effort)
     assert effort.sentence.startswith("The best fit misses the data by 20 times their noise")
     for one in (estimate, replace(cheap_posterior, estimate=estimate)):
-        assert repr(one).endswith(effort.sentence)
+        assert unwrapped(repr(one)).endswith(effort.sentence)
         assert texts(one._repr_html_(), "p")[-1] == effort.sentence
 
 

@@ -9,7 +9,7 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.figure import Figure as Canvas
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy import stats
+from scipy import linalg, stats
 
 import jointbayes as jb
 from jointbayes.posterior.limits import LikelihoodRegion
@@ -48,6 +48,7 @@ ON_AXES = [
     (jb.plot_autocorrelation, "frequency_posterior", ("Lag (steps)", "Autocorrelation")),
     (jb.plot_frequencies, "frequency_posterior", ("Mode", "Deviation from measured (%)")),
     (jb.plot_mode_shape, "shapes", ("", "Component over the reference's")),
+    (jb.plot_mode_shape, "cheap_posterior", ("", "Component over 5:y's")),
     (lambda of, ax: jb.plot_levels(of, "k22", ax=ax), "torques", ("Torque (N m)", "k22 (N·m/rad)")),
 ]  # fmt: skip
 
@@ -127,6 +128,22 @@ def test_what_was_measured_has_bars_of_95_percent(axes):
     axes = Canvas().subplots()
     drawing.draw_mode_shape(axes, ("1:y", "2:y"), measured, sd, measured, measured - sd, measured + sd)
     assert_allclose(ends_of_bars(axes), np.stack([measured - normal * sd, measured + normal * sd], axis=1), rtol=1e-3)
+
+
+def test_a_predicted_mode_shape_is_that_of_the_matrices(axes, cheap_posterior):
+    jb.plot_mode_shape(cheap_posterior, 2, ax=axes)
+    best = next(line for line in axes.lines if line.get_label() == "MAP").get_ydata()
+    assert "measured, 95 %" not in axes.get_legend_handles_labels()[1]
+    problem, theta = cheap_posterior.problem, cheap_posterior.estimate.theta
+    whole = problem.test.structures.certain()
+    stiffness = np.array(whole.stiffness)
+    at = whole.index(problem.test.joints.labels)
+    stiffness[np.ix_(at, at)] += problem.prior.matrix(theta).stiffness
+    shape = linalg.eigh(stiffness, whole.mass)[1][:, 1]
+    moved = shape[[i for i, label in enumerate(whole.labels) if label.endswith(":y") and label[0] != "~"]]
+    shown = [text.get_text() for text in axes.get_xticklabels()]
+    assert_allclose(best, moved / moved[np.abs(moved).argmax()], rtol=0.02, atol=0.02)
+    assert shown[-1] == "5:y"
 
 
 def test_the_line_across_a_profile_is_at_its_95_percent(axes):
@@ -236,7 +253,7 @@ def test_one_of_several_frfs_is_named(cheap_posterior, axes):
             "found natural frequencies; expected FRFs; draw plot_frequencies or plot_intervals",
         ),
         (lambda _, f, two: jb.plot_residuals(f), "found natural frequencies; expected FRFs"),
-        (lambda p, *_: jb.plot_mode_shape(p), "found no shape of mode 1; expected a mode whose shape was measured"),
+        (lambda p, *_: jb.plot_mode_shape(p, 99), r"found mode 99; expected one of \d+ of the model"),
         (
             lambda p, *_: jb.plot_frequencies(replace(p, case=None)),
             "found no measured frequencies; expected some; draw plot_frf",

@@ -52,14 +52,7 @@ class LogPosterior:
         ModelError
             If θ has another shape, or is no array of numbers.
         """
-        array = (
-            theta if isinstance(theta, np.ndarray) and theta.dtype == float else array_of(theta, float, "θ", ModelError)
-        )
-        t = np.atleast_2d(array)
-        if t.ndim != 2 or t.shape[1] != len(self.prior.names):
-            raise ModelError(
-                f"θ: found shape {array.shape}; expected (n, {len(self.prior.names)}), a row for each joint"
-            )
+        t = self.rows_of(theta)
         with np.errstate(over="ignore", invalid="ignore"):  # far outside the support
             density = self.prior.log_density(t)
         inside = np.isfinite(density)
@@ -68,6 +61,24 @@ class LogPosterior:
             density[inside] += value
             self.singular += int(np.isneginf(value).sum())
         return density
+
+    def rows_of(self, theta: ArrayLike) -> Array:
+        """θ as an array of shape (n, d).
+
+        Raises
+        ------
+        ModelError
+            If it has another shape, or is no array of numbers.
+        """
+        array = (
+            theta if isinstance(theta, np.ndarray) and theta.dtype == float else array_of(theta, float, "θ", ModelError)
+        )
+        t = np.atleast_2d(array)
+        if t.ndim != 2 or t.shape[1] != len(self.prior.names):
+            raise ModelError(
+                f"θ: found shape {array.shape}; expected (n, {len(self.prior.names)}), a row for each joint"
+            )
+        return t
 
     def log_likelihood(self, theta: ArrayLike) -> Array:
         """ln L, shape (n,), of θ, shape (n, d), inside the prior's support; the further term is part of it.

@@ -102,7 +102,8 @@ class Problem:
         Prior over all that is uncertain; carries the parametrisation of the joint, or of all, see
         `jointbayes.joint.blocks_of`.
     initial
-        First guess of the joint's quantities, shape (q,); by default the middle of the prior.
+        First guess of the joint's quantities, shape (q,), N/m, N, N·m/rad; by default the middle of the prior. It may
+        be no point of the prior (k12 = 0): `initial_theta` is in the coordinates of `log_posterior`.
     extra_log_likelihood
         A further term of the log likelihood: a function of θ, shape (n, d) with the coordinates `names`, that gives
         shape (n,), −inf where impossible. For what else is known of the joint: a static test, another set-up.
@@ -278,6 +279,23 @@ class Problem:
         likelihood = TestsLikelihood(self._nuisances, terms, self._sharing(terms))
         return LogPosterior(self.prior, likelihood, self.extra_log_likelihood)
 
+    def log_likelihood(self, theta: ArrayLike) -> Array:
+        """ln L, shape (n,), of θ, shape (n, d), in the coordinates of `log_posterior`: for a sampler of one's own.
+
+        −inf outside the prior's support. A nested sampler takes it with `prior.transform`, from the unit cube to θ.
+
+        Raises
+        ------
+        ModelError
+            If θ has another shape, or is no array of numbers.
+        """
+        rows = self.log_posterior.rows_of(theta)
+        inside = np.isfinite(self.prior.log_density(rows))
+        value = np.full(len(rows), -np.inf)
+        if inside.any():
+            value[inside] = self.log_posterior.log_likelihood(rows[inside])
+        return value
+
     def _term(self, test: Test, row: int) -> Term:
         """The likelihood of a test, and where its joints and its uncertain quantities stand among all."""
         likelihood = likelihood_of(test.data, test, gain=own_name(test.name, "gain", self._nuisances) is not None)
@@ -319,6 +337,14 @@ class Problem:
         if self.initial is not None:
             return np.asarray(self.initial, dtype=float)
         return self.parametrisation.middle(self.prior.joint(self.prior.mean))
+
+    @property
+    def initial_theta(self) -> Array:
+        """θ, shape (d,), in the coordinates of `log_posterior`: `initial` where the prior has it, else its mean."""
+        theta = self.prior.mean.copy()
+        if self.parametrisation.describes(self.first_guess):
+            theta[: len(self.prior.marginals)] = self.parametrisation.coordinates(self.first_guess)
+        return theta if np.isfinite(self.prior.log_density(theta)[0]) else self.prior.mean
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """The posterior: draws in physical units, what is computed from them, judged, summed up, and kept."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
@@ -50,7 +50,7 @@ from jointbayes.posterior.summary import (
 from jointbayes.posterior.verdicts import judge_stiffness, line_of
 from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.rounding import join_unit, number
+from jointbayes.rounding import in_lines, join_unit, number
 from jointbayes.structure import StructureRecipe
 from vibrecords import FrfSet
 from vibrecords.arrays import Array
@@ -100,6 +100,22 @@ class Posterior:
     case: SampledCase | None = None
     #: What `gather_knowledge` once found, as it was read with the draws.
     _kept_knowledge: Any = field(default=None, repr=False)
+
+    def __getitem__(self, name: str) -> xr.DataArray:
+        """Draws of one stiffness or other uncertain quantity, chain × draw, in its unit.
+
+        Raises
+        ------
+        ModelError
+            If there is no such quantity.
+        """
+        return _named(self.draws, name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.draws.data_vars
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(map(str, self.draws))
 
     def to_dataframe(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
         """The draws as a pandas.DataFrame: a row for each chain and draw, a column for each quantity, in its unit."""
@@ -516,7 +532,8 @@ class Posterior:
         names = [*self.judged_names, *(nuisance.name for nuisance in self.problem.prior.nuisances)]
         shown = [self._line(name) for name in names[:_MOST_SHOWN]]
         more = f"and {len(names) - _MOST_SHOWN} more" if len(names) > _MOST_SHOWN else ""
-        return "\n  ".join(filter(None, [self._title, *shown, more, *self._remarks]))
+        body = [line for text in (*shown, more, *self._remarks) if text for line in in_lines(text, 2)]
+        return "\n".join([*in_lines(self._title, 0), *body])
 
     def _repr_html_(self) -> str:
         part = next((part for part in self.problem.parts if part.test.data.shown_frfs), None)
@@ -531,7 +548,8 @@ class Posterior:
 
     @property
     def _title(self) -> str:
-        return f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"
+        reason = self.reason.partition(":")[0] if self.converged else self.reason
+        return f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {reason}"
 
     @property
     def judged_names(self) -> list[str]:
@@ -744,7 +762,7 @@ def _columns(name: str, summary: StiffnessSummary | NuisanceSummary) -> dict[str
 
 
 def _named(dataset: xr.Dataset, name: str) -> xr.DataArray:
-    if name not in dataset:
+    if name not in dataset.data_vars:
         raise ModelError(f"posterior: found parameter {name!r}; expected one of {', '.join(map(str, dataset))}")
     return dataset[name]
 

@@ -31,7 +31,7 @@ from jointbayes.posterior.setup_summary import (
 )
 from jointbayes.posterior.solutions import ModeSummary
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
-from jointbayes.rounding import align_columns, engineering, json_ready, number, rounded
+from jointbayes.rounding import align_columns, engineering, in_lines, json_ready, number, rounded, signed
 from jointbayes.sampling import INTERVAL, quantile_error
 from jointbayes.sampling.diagnostics import effective_sizes
 from vibrecords import MeasuredFile
@@ -42,6 +42,7 @@ from vibrecords.notebook_view import table_html
 SCHEMA_VERSION = 3
 
 Interval = tuple[float, float]
+_LEAST_CORRELATION, _MOST_CORRELATIONS = 0.1, 10  # that are printed
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +140,8 @@ class Summary:
         there is no place for one.
     assumptions
         The same in sentences, and what the verdicts take as exact where nobody asked what is known without that.
+    correlations
+        Of the draws of two coordinates, by their names, where it is above 0.1 either way.
     """
 
     record: RunRecord
@@ -165,42 +168,47 @@ class Summary:
     premises: Premises
     model_error: InferredError | None
     assumptions: tuple[str, ...]
+    correlations: Mapping[tuple[str, str], float]
 
     def __str__(self) -> str:
         record, fit = self.record, self.fit
-        rows = [
-            (
-                f"{name}:",
-                rounded(p.known.median, p.known.median_error),
-                p.unit,
-                f"({p.known.limit or p.known.interval()})",
-                p.verdict,
-                p.known.source,
-            )
-            for name, p in self.parameters.items()
-        ]
+        known = [p.known for p in self.parameters.values()]
+        medians = [rounded(k.median, k.median_error) for k in known]
+        intervals = [f"({k.limit or k.interval()})" for k in known]
+        rows = zip(
+            (f"{name}:" for name in self.parameters), medians, (p.unit for p in self.parameters.values()), intervals,
+            (k.plain_words for k in known), strict=True,
+        )  # fmt: skip
+        beside = [(k.words.removeprefix(k.plain_words).strip(), k.source) for k in known]
         others = [
             (f"{name}:", number(n.median, 4), n.unit, f"({number(n.interval95[0], 4)} … {number(n.interval95[1], 4)})")
             for name, n in self.nuisances.items()
         ]
         synthetic = ", synthetic" if fit.synthetic_data else ""
+        said = [
+            *(setup.check.sentence for setup in self.setups.values()),
+            *([sentence_of_left_out(self.left_out)] if self.left_out else []),
+            *([] if self.measured_bodies is None else [self.measured_bodies.sentence]),
+            *(line for line in (self.solutions, *(each.sentence for each in self.assemblies)) if line),
+            *self.assumptions,
+            *(f"No verdict: {reason}" for reason in self.no_verdict),
+            *(f"Warning: {warning}" for warning in self.warnings),
+        ]
         lines = [
             f"[[Posterior of {record.case_name!r}]]",
-            f"    {record.reason}; seed {record.seed}",
+            *in_lines(f"{record.reason}; seed {record.seed}", 4),
             "[[Joint: median (95 % interval), verdict]]",
-            *(f"    {line}" for line in align_columns(rows)),
-            *(["[[Other quantities: median (95 % credible interval)]]"] if others else []),
-            *(f"    {line}" for line in align_columns(others)),
-            "[[Data]]",
-            f"    {fit.n_data} values{synthetic}",
-            *(f"    {setup.check.sentence}" for setup in self.setups.values()),
-            *([f"    {sentence_of_left_out(self.left_out)}"] if self.left_out else []),
-            *([] if self.measured_bodies is None else [f"    {self.measured_bodies.sentence}"]),
-            *(f"    {line}" for line in (self.solutions, *(each.sentence for each in self.assemblies)) if line),
-            *(f"    {line}" for line in self.assumptions),
-            *(f"    No verdict: {reason}" for reason in self.no_verdict),
-            *(f"    Warning: {warning}" for warning in self.warnings),
         ]
+        for line, words in zip(align_columns(list(rows)) if known else [], beside, strict=True):
+            lines += [f"    {line}", *(part for text in words for part in in_lines(text, 8))]
+        lines += ["[[Other quantities: median (95 % credible interval)]]"] if others else []
+        lines += [f"    {line}" for line in align_columns(others)] if others else []
+        lines += ["[[Data]]", f"    {fit.n_data} values{synthetic}; χ² per value {number(fit.chi2_per_line)}"]
+        lines += [part for text in said for part in in_lines(text, 4)]
+        shown = sorted(self.correlations.items(), key=lambda pair: -abs(pair[1]))
+        lines += [f"[[Correlations of the draws (above {_LEAST_CORRELATION:g})]]"] if shown else []
+        lines += [f"    C({', '.join(names)}) = {signed(value)}" for names, value in shown[:_MOST_CORRELATIONS]]
+        lines += [f"    and {len(shown) - _MOST_CORRELATIONS} more"] if len(shown) > _MOST_CORRELATIONS else []
         return "\n".join(lines)
 
     __repr__ = __str__  # what a notebook shows of the last line of a cell
@@ -312,7 +320,17 @@ def summarise(
         premises=problem.premises,
         model_error=posterior.model_error,
         assumptions=tuple(assumptions),
+        correlations=_correlations(posterior),
     )
+
+
+def _correlations(posterior: AnyPosterior) -> dict[tuple[str, str], float]:
+    """Correlations of the coordinates' draws, of those that are not held."""
+    moved = np.flatnonzero(np.ptp(posterior.theta, axis=0) > 0)
+    matrix = np.atleast_2d(np.corrcoef(posterior.theta[:, moved].T)) if moved.size else np.empty((0, 0))
+    names = [posterior.problem.names[i] for i in moved]
+    pairs = zip(*np.triu_indices(len(names), 1), strict=True)
+    return {(names[i], names[j]): float(matrix[i, j]) for i, j in pairs if abs(matrix[i, j]) > _LEAST_CORRELATION}
 
 
 def _interval95(values: Array) -> Interval:

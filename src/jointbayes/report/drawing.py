@@ -264,18 +264,20 @@ def _autocorrelation(chains: Array, lags: int) -> Array:
 
 
 def draw_mode_shape(
-    axes: Axes, labels: Sequence[str], measured: Array, sd: Array, best: Array, low: Array, high: Array
-) -> None:
+    axes: Axes, labels: Sequence[str], measured: Array, sd: Array, best: Array, low: Array, high: Array,
+    *, over: str = "the reference",
+) -> None:  # fmt: skip
     """Components of one mode at DOFs with these labels, each array of shape (DOFs,): measured, MAP and its interval."""
     place = np.arange(len(labels))
-    axes.errorbar(place, measured, yerr=1.96 * sd, fmt="o", ms=4, color="0.4", elinewidth=1, label="measured, 95 %")
+    if np.isfinite(measured).any():
+        axes.errorbar(place, measured, yerr=1.96 * sd, fmt="o", ms=4, color="0.4", elinewidth=1, label="measured, 95 %")
     axes.plot(place + 0.12, best, "D", ms=3, color=_BLUE, label="MAP")
     axes.vlines(place + 0.2, low, high, color=_ORANGE, lw=2, label="95 % interval")
     axes.axhline(0, color="0.4", lw=0.6)
     shown = place[:: max(1, -(-len(labels) // _MOST_TICKS))]
     axes.set_xticks(shown, [labels[i] for i in shown])
     axes.set_xlim(-0.5, len(labels) - 0.3)
-    axes.set_ylabel("Component over the reference's")
+    axes.set_ylabel(f"Component over {over}'s")
     legend_above(axes)
 
 

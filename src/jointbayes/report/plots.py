@@ -11,7 +11,8 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jointbayes.errors import ModelError, require, shown
+from jointbayes.errors import ModelError, require, require_count, shown
+from jointbayes.frf import AssembledShapes
 from jointbayes.identification import IterationHistory
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
@@ -26,6 +27,7 @@ from jointbayes.report.sections.several_setups import curve_values
 from jointbayes.rounding import engineering, join_unit
 from vibrecords import FrfSet, ModeData
 
+_SHAPE_DRAWS, _MOST_SHAPE_DOFS = 400, 40  # of a mode that is predicted alone
 _MOST_INSIDE = 6  # curves that a legend names inside the axes
 
 
@@ -219,20 +221,43 @@ def plot_frequencies(posterior: Posterior, *, setup: str | None = None, ax: Axes
 
 
 def plot_mode_shape(posterior: Posterior, mode: int = 1, *, setup: str | None = None, ax: Axes | None = None) -> Axes:
-    """Draw the components of one mode, by its number among the data.
+    """Draw the components of one mode: as measured and predicted where its shape is among the data, else as predicted.
+
+    Measured ones have the number of the data. Predicted ones are counted from the lowest natural frequency, and drawn
+    at translations of the structure over the largest.
 
     Raises
     ------
     ModelError
-        If no shape of that mode was measured, or there is no such set-up.
+        If there is no such mode or set-up, or a body is given by its measured FRFs and has no modes.
     """
     problem = _of(posterior).problem.part(setup)
     data = problem.test.data.modes
     shapes = getattr(data, "shapes", None)
     if data is None or shapes is None or mode not in data.numbers:
-        raise ModelError(f"plot_mode_shape: found no shape of mode {mode}; expected a mode whose shape was measured")
+        return _plot_predicted_shape(posterior, problem, mode, ax)
     shape, (ax,) = compared_modes(posterior, problem, cast(ModeData, data))[0]["shape"], _axes(ax, 2.6)
     drawing.draw_mode_shape(ax, *shape_values(shapes.dofs, shape, data.numbers.index(mode)))
+    return ax
+
+
+def _plot_predicted_shape(posterior: Posterior, problem: Problem, mode: int, ax: Axes | None) -> Axes:
+    test, prior = problem.test, problem.prior
+    count = 0 if test.measured_bodies else test.most_modes
+    require_count(mode, "plot_mode_shape: found mode")
+    if mode > count:
+        raise ModelError(f"plot_mode_shape: found mode {mode}; expected one of {count} of the model; correct it")
+    own = [label for label in test.structures.labels if not label.startswith("~")]  # those are of the mesh alone
+    labels = [label for label in own if ":r" not in label] or own
+    labels = labels[:: -(-len(labels) // _MOST_SHAPE_DOFS)]
+    theta = np.vstack([posterior.estimate.theta, posterior.thinned(_SHAPE_DRAWS)])
+    model = AssembledShapes(test.structures, test.joints, mode, labels)
+    drawn = model.modes(prior.matrix(theta), problem.structural(prior.factors(theta))).shapes[:, mode - 1]
+    largest = int(np.abs(drawn[0]).argmax())
+    drawn = drawn / drawn[:, largest : largest + 1]
+    low, high = np.quantile(drawn[1:], [0.025, 0.975], axis=0)
+    nothing, (ax,) = np.full(len(labels), np.nan), _axes(ax, 2.6)
+    drawing.draw_mode_shape(ax, labels, nothing, nothing, drawn[0], low, high, over=labels[largest])
     return ax
 
 
