@@ -122,7 +122,8 @@ def test_the_likelihood_is_asked_in_the_coordinates_of_the_posterior():
 @pytest.mark.parametrize(("initial", "theta"), [(TRUTH, np.log(TRUTH)), ([1e7, 0.0, 0.0], None), (None, None)])
 def test_a_first_guess_in_coordinates_is_where_a_sampler_can_begin(initial, theta):
     problem = from_arrays(initial=initial)
-    np.testing.assert_allclose(problem.initial_theta, problem.prior.mean if theta is None else theta)
+    middle = problem.prior.transform([[0.5, 0.5, 0.5]])[0]
+    np.testing.assert_allclose(problem.initial_theta, middle if theta is None else theta)
     assert np.isfinite(problem.log_posterior(problem.initial_theta)).all()
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vibrecords.arrays import Array, convert_fields
 from vibrecords.errors import MeasurementError
@@ -158,6 +158,18 @@ class FrfData(Data):
             )
         if not (np.isfinite(self.variance).all() and (self.variance > 0).all()):
             raise MeasurementError("noise: found an impossible variance; expected all above 0; raise the noise floor")
+
+    @classmethod
+    def of_arrays(
+        cls, frequency_hz: ArrayLike, values: ArrayLike, sd: ArrayLike, outputs: Sequence[str], inputs: Sequence[str],
+        quantity: Quantity = "receptance",
+    ) -> "FrfData":  # fmt: skip
+        """Those of lines, values (lines, outputs, inputs) and the standard deviation √(E|δH|²) of their noise.
+
+        The deviation is of the shape of the values, or one number, or one that broadcasts to them.
+        """
+        frf = FrfSet(np.asarray(frequency_hz), np.asarray(values), tuple(outputs), tuple(inputs), quantity)
+        return cls(frf, np.broadcast_to(np.asarray(sd, dtype=float) ** 2, frf.values.shape))
 
     def __repr__(self) -> str:
         return f"FrfData({self.frf!r}{', synthetic' if self.synthetic else ''})"

@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from jointbayes.case.case import Case, case_from_text, load_case
-from jointbayes.errors import CaseError
+from jointbayes.errors import CaseError, ModelError
+from jointbayes.frf import MeasuredBody, Substructures
+from jointbayes.inference import Problem
+from jointbayes.inference.default_prior import default_prior
+from jointbayes.joint import Joint
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
 from tests.conftest import CONFIGS, edited
@@ -228,3 +232,26 @@ def test_a_limit_set_by_a_default_range_is_not_called_the_users():
     text = case.text + '[prior.kx]\ndistribution = "log_uniform"\nlow = 800.0\nhigh = 8e9\n'
     again = replace(posterior, case=case_from_text("stated", text))
     assert again.verdict("kx").verdict_reason.startswith("the prior's upper bound 8e9 N/m limits it")
+
+
+@pytest.mark.parametrize("name", ["clamped_beam", "two_storeys", "portal_frame"])
+def test_a_problem_in_python_has_the_default_prior_of_a_case(name):
+    text = (CONFIGS / f"{name}.toml").read_text(encoding="utf-8")
+    bare = re.sub(r"(?ms)^\[(joints\.\w+\.)?prior(\.\w+)?\].*?(?=^\[|\Z)", "", text)
+    case = case_from_text(name, bare, directory=CONFIGS)
+    assert case.default_priors == frozenset(case.problem.parametrisation.names)
+    found, stated = default_prior(case.problem.tests), case.problem.prior
+    assert (found.names, found.marginals) == (stated.parametrisation.names, stated.marginals)
+
+
+def test_a_problem_without_a_prior_has_it():
+    lone = case_from_text("default", (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")).problem.test
+    problem = Problem(structure=lone.structure, joint=("1:y", "1:rz"), data=lone.data)
+    assert problem.prior == default_prior([lone])
+    assert problem.test.joints == lone.joints
+    assert np.isfinite(problem.log_posterior(problem.initial_theta)).all()
+    lines = lone.data.frf.frequency_hz
+    body = MeasuredBody("held", lines, ("9:w",), np.ones((lines.size, 1, 1)), np.ones((lines.size, 1, 1)))
+    whole = Substructures(lone.structure, (body,))
+    with pytest.raises(ModelError, match=r"found no prior of joint '9:w' between measured bodies; .* pass prior="):
+        Problem(structure=whole, joint=Joint(("9:w",)), data=lone.data)

@@ -49,7 +49,7 @@ def test_each_peak_keeps_the_lines_that_show_its_shape(long_frf, monkeypatch, on
 def test_where_nearly_all_lines_are_on_peaks_all_are_kept(long_frf, monkeypatch):
     needing(monkeypatch, 2400, 1)
     assert on_fewer_lines(long_frf) is not long_frf
-    monkeypatch.setattr(resonances, "_shoulders", lambda magnitude, _: (0, len(magnitude) - 1))
+    monkeypatch.setattr(resonances, "shoulders", lambda magnitude, _: (0, len(magnitude) - 1))
     monkeypatch.setattr(resonances, "_ON_A_PEAK", 5000)
     assert on_fewer_lines(long_frf) is long_frf
 

@@ -9,15 +9,15 @@ from benchmarks import mode_found as study
 from numpy.testing import assert_allclose
 
 import jointbayes as jb
-from jointbayes.identification import ModeSearch, SearchEffort, effort, resonances, search_further
-from jointbayes.identification.resonances import resonances_hz
+from jointbayes.identification import ModeSearch, SearchEffort, effort, search_further
 from jointbayes.identification.starting_points import _SetupMatch, frequency_starts
 from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
 from jointbayes.sampling import fit_proposal
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix
-from vibrecords import FrequencyData, FrfData, FrfSet
+from vibrecords import FrequencyData, FrfData, FrfSet, peaks
+from vibrecords.peaks import resonances_hz
 
 
 def natural(problem, stiffness=TABLE_3, count=4):
@@ -51,7 +51,7 @@ def test_a_resonance_is_found_between_lines_that_are_coarser_than_it_is_wide():
 def test_noise_is_no_resonance(monkeypatch):
     data = one_mode(np.arange(10.0, 3000.0, 2.0), 1000.0, noise=0.01)
     assert resonances_hz(data).size == 1
-    monkeypatch.setattr(resonances, "LEAST_SD", 0.0)
+    monkeypatch.setattr(peaks, "LEAST_SD", 0.0)
     assert resonances_hz(data).size > 20
 
 
@@ -287,7 +287,7 @@ def test_natural_frequencies_alone_find_modes_of_the_rod_that_as_many_draws_miss
 @pytest.mark.science
 def test_without_the_condition_on_the_noise_a_ripple_is_taken_for_a_mode_and_the_mode_is_missed(monkeypatch):
     assert found(by_frequencies, (5, 6, 8)) == 3
-    monkeypatch.setattr(resonances, "LEAST_SD", 0.0)
+    monkeypatch.setattr(peaks, "LEAST_SD", 0.0)
     assert found(by_frequencies, (5, 6, 8)) < 3
 
 

@@ -190,7 +190,6 @@ def test_joints_of_set_ups_are_found_by_their_names():
     [
         (lambda: jb.Problem(tests=[LONG, LONG], prior=PRIOR), "a name for each"),
         (lambda: jb.Problem([LONG, jb.Test("", FULL, CLAMP, LONG.data)], PRIOR), "a name for each"),
-        (lambda: jb.Problem(tests=[LONG]), "found no prior"),
         (lambda: jb.Problem(FULL, CLAMP), "found as a test Structure; expected tests, or structure, joint"),
         (lambda: jb.Problem(prior=PRIOR), "found no structure, joint, data"),
         (

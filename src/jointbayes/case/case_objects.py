@@ -36,7 +36,6 @@ from jointbayes.frf import (
     rigid_body_modes,
     synthesise_frf,
 )
-from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import (
     AssemblyScatter,
     JointPrior,
@@ -46,11 +45,17 @@ from jointbayes.inference import (
     Nuisance,
     Problem,
     Test,
-    Uniform,
+)
+from jointbayes.inference.default_prior import (
+    DEFAULT_DASHPOT_FACTORS,
+    DEFAULT_LOSS,
+    OwnStiffness,
+    default_marginal,
+    own_stiffnesses,
 )
 from jointbayes.inference.noise.base import ErrorSizes, NoiseChoice
-from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, blocks_of, joints_of
-from jointbayes.joint.quantities import is_rotation_unit, prefixed
+from jointbayes.joint import COUPLED, RIGID, AnyJoint, Parametrisation, blocks_of, joints_of
+from jointbayes.joint.quantities import prefixed
 from jointbayes.structure import (
     Body,
     FeModel,
@@ -405,15 +410,7 @@ def _matrix(file: Path) -> Matrix:
     return tuple(tuple(row) if array.ndim == 2 else row for row in array.astype(float).tolist())
 
 
-#: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses. At its lower
-#: one no spring moves an elastic frequency further from that without it than a model's usual error, at the upper ones
-#: all are that near those of a rigid joint, so that both are inside: 0.1 EI/L would raise that of a free beam by 0.7 %.
-DEFAULT_PRIOR_FACTORS = 0.1, 1e6
-DEFAULT_ROTATION_FACTORS = 0.01, 1e6
-DEFAULT_GUESS_FACTOR = 1e3
-#: Bounds of the default priors of a loss factor, and of a dashpot relative to the beam's own stiffness times a second.
-DEFAULT_LOSS = 1e-4, 1.0
-DEFAULT_DASHPOT_FACTORS = 1e-6, 100.0
+DEFAULT_GUESS_FACTOR = 1e3  # of k11, relative to the beam's own stiffness
 
 #: How well material and length are known in a workshop, where the case takes them as exactly known.
 WORKSHOP_SD_PERCENT = {"youngs_modulus": 3.0, "density": 1.0, "length": 0.5}
@@ -503,11 +500,13 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
                 continue
             kinds[named] = owner if named != owner else joint.parametrisation_object
             if named == owner:
-                sizes = own_stiffnesses(joint, setup.spec.structure, family_of_recipe(setup.recipe), setup.data)
+                table, body = setup.spec.structure, family_of_recipe(setup.recipe)
+                sides = [side for side in (joint.dofs, joint.against) if side and table.absent(side[0]) is None]
+                sizes = own_stiffnesses(sides, joint.quantities, body, setup.data)
                 extent = setup.recipe.extent
                 priors = setup.spec.priors_of(name)
                 of_joint = [
-                    getattr(priors, axis.name).marginal() if priors else _default_marginal(axis, sizes, extent)
+                    getattr(priors, axis.name).marginal() if priors else default_marginal(axis, sizes, extent)
                     for axis in joint.coordinates
                 ]
                 marginals += of_joint
@@ -582,57 +581,6 @@ def problem_of(setups: Sequence[CaseSetup], name: str) -> Problem:
             noise = setup.noise.fitted_to(setup.apart, setup.noise.parts)  # type: ignore[arg-type]  # of its kind
             left_out.append(replace(test, data=setup.apart, noise=noise))
     return Problem(tests, prior, guess, name=name, left_out=left_out)
-
-
-@dataclass(frozen=True, slots=True)
-class OwnStiffness:
-    """A structure's stiffness by itself where one of a joint acts, and the softest joint that default priors expect."""
-
-    size: float
-    softest: float
-
-
-def own_stiffnesses(joint: JointSpec, structure: StructureBase, body: Body, data: Data) -> dict[str, OwnStiffness]:
-    """The structure's stiffness by itself where each stiffness and dashpot of a joint acts, by their names.
-
-    A structure may hang on a joint far softer than itself. The spring on which its inertia m has the lowest measured
-    natural frequency is then m ω²: the softest joint is expected there where the default range would not reach so far.
-    Where nothing holds a mass that spring is its stiffness as well. Empty where both sides are measured bodies.
-    """
-    sides = [side for side in (joint.dofs, joint.against) if side and structure.absent(side[0]) is None]
-    if not sides:
-        return {}
-    shown = resonances_hz(data)
-    lowest = float(shown.min()) if shown.size else data.band_hz[0]
-    sizes = {}
-    for quantity in joint.quantities:
-        if quantity.unit == "1":
-            continue
-        i, j = quantity.places[0]
-        springs = [
-            math.sqrt(body.own_inertia(side[i]) * body.own_inertia(side[j])) * (2 * math.pi * lowest) ** 2
-            for side in sides
-        ]
-        size = body.own_stiffness(sides[0][i], sides[0][j]) or min(springs)
-        beyond = shown.size and min(springs) < _prior_factors(quantity.unit)[0] * size
-        sizes[quantity.name] = OwnStiffness(size, min(springs) if beyond else size)
-    return sizes
-
-
-def _prior_factors(unit: str) -> tuple[float, float]:
-    return DEFAULT_ROTATION_FACTORS if is_rotation_unit(unit) else DEFAULT_PRIOR_FACTORS
-
-
-def _default_marginal(axis: Coordinate, sizes: Mapping[str, OwnStiffness], length: float) -> Marginal:
-    """Prior of a case that states none: far softer than the beam to far stiffer, any coupling, an arm on the beam."""
-    if axis.logarithmic and axis.unit not in [quantity.unit for quantity in COUPLED]:  # a loss factor, or a dashpot
-        if axis.unit == "1":
-            return Uniform(*np.log(DEFAULT_LOSS))
-        return Uniform(*np.log([end * sizes[axis.quantity].size for end in DEFAULT_DASHPOT_FACTORS]))
-    if axis.logarithmic:
-        low, high = _prior_factors(axis.unit)
-        return Uniform(*np.log([low * sizes[axis.quantity].softest, high * sizes[axis.quantity].size]))
-    return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
 
 
 def guess_of(joint: JointSpec, sizes: Mapping[str, OwnStiffness], marginals: Sequence[Marginal]) -> Array:

@@ -8,11 +8,11 @@ import numpy as np
 import scipy  # its parts load at first use
 
 from jointbayes.frf import NaturalFrequencies, rigid_body_modes
-from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, LogPosterior, Problem, Test
 from jointbayes.inference.climb import climb_all
 from jointbayes.structure.recipe import is_damping
 from vibrecords.arrays import Array, Indices
+from vibrecords.peaks import resonances_hz
 
 #: Relative error of a frequency that counts as one standard deviation.
 TOLERANCE = 0.005

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from jointbayes.errors import ModelError, require
 from jointbayes.frf import AnyStructure, NaturalFrequencies
+from jointbayes.inference.default_prior import default_prior
 from jointbayes.inference.likelihood_base import ResidualKind, Sharing, Term, TestsLikelihood
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import ErrorSizes, NoiseModel
@@ -92,7 +93,7 @@ _AS_STATED = Premises()
 class Problem:
     """Joints to be identified from one test, or from several of the same joints.
 
-    ``Problem(structure=…, joint=…, data=…, prior=…)`` makes that of a lone test.
+    ``Problem(structure=…, joint=…, data=…)`` makes that of a lone test.
 
     Parameters
     ----------
@@ -100,7 +101,8 @@ class Problem:
         What was tested and measured. Quantities of the prior whose names begin with that of a test are its own.
     prior
         Prior over all that is uncertain; carries the parametrisation of the joint, or of all, see
-        `jointbayes.joint.blocks_of`.
+        `jointbayes.joint.blocks_of`. By default that of a case file which states none, see
+        `jointbayes.inference.default_prior.default_prior`.
     initial
         First guess of the joint's quantities, shape (q,), N/m, N, N·m/rad; by default the middle of the prior. It may
         be no point of the prior (k12 = 0): `initial_theta` is in the coordinates of `log_posterior`.
@@ -115,7 +117,8 @@ class Problem:
     premises
         What is taken for granted beyond that; by default nothing.
     structure, joint, data, noise, residual_kind
-        Those of a lone test, see `Test`, in place of `tests`; several joints in a sequence, each with a name.
+        Those of a lone test, see `Test`, in place of `tests`; several joints in a sequence, each with a name; one to
+        ground by the labels of its DOFs, ``("1:y", "1:rz")``.
 
     Raises
     ------
@@ -141,7 +144,7 @@ class Problem:
         name: str = "problem",
         *,
         structure: AnyStructure | None = None,
-        joint: AnyJoint | Sequence[Joint] | None = None,
+        joint: AnyJoint | Sequence[Joint] | Sequence[str] | None = None,
         data: Data | None = None,
         noise: NoiseModel | None = None,
         residual_kind: ResidualKind = "complex",
@@ -163,15 +166,16 @@ class Problem:
                 )
         elif structure is not None and joint is not None and data is not None:
             tests = (Test("", structure, joints_of(joint), data, noise, residual_kind),)
-        if not tests or prior is None:
-            missing = [name for name, value in (({} if tests else own) | {"prior": prior}).items() if value is None]
+        if not tests:
+            missing = [name for name, value in own.items() if value is None]
             raise ModelError(
-                f"problem: found no {', '.join(missing)}; expected structure, joint, data and prior, or tests and a "
-                "prior; pass them"
+                f"problem: found no {', '.join(missing)}; expected structure, joint and data, or tests; pass them"
             )
-        require(prior, JointPrior, "problem: found as prior", "jb.JointPrior(parametrisation, marginals); make one")
         _require_names(tests)
         require_own_bodies(tests)
+        if prior is None:
+            prior = default_prior(tests)
+        require(prior, JointPrior, "problem: found as prior", "jb.JointPrior(parametrisation, marginals); make one")
         parametrisation = arranged(prior.parametrisation, tests)
         if parametrisation != prior.parametrisation:
             prior = replace(prior, parametrisation=parametrisation)
@@ -340,11 +344,13 @@ class Problem:
 
     @property
     def initial_theta(self) -> Array:
-        """θ, shape (d,), in the coordinates of `log_posterior`: `initial` where the prior has it, else its mean."""
-        theta = self.prior.mean.copy()
-        if self.parametrisation.describes(self.first_guess):
-            theta[: len(self.prior.marginals)] = self.parametrisation.coordinates(self.first_guess)
-        return theta if np.isfinite(self.prior.log_density(theta)[0]) else self.prior.mean
+        """θ, shape (d,), in the coordinates of `log_posterior`: `initial` where the prior has it, else its middle."""
+        theta, count = self.prior.mean.copy(), len(self.prior.marginals)
+        if self.initial is not None and self.parametrisation.describes(self.initial):
+            theta[:count] = self.parametrisation.coordinates(self.initial)
+            if np.isfinite(self.prior.log_density(theta)[0]):
+                return theta
+        return self.prior.transform(np.full((1, len(self.names)), 0.5))[0]
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -272,6 +272,9 @@ class Joints:
 AnyJoint = Joint | Joints
 
 
-def joints_of(given: AnyJoint | Iterable[Joint]) -> AnyJoint:
-    """A joint or several as they are given, or several in a sequence."""
-    return given if isinstance(given, Joint | Joints) else Joints(tuple(given))
+def joints_of(given: AnyJoint | Iterable[Joint] | Sequence[str]) -> AnyJoint:
+    """A joint or several as they are given, several in a sequence, or one to ground by the labels of its DOFs."""
+    if isinstance(given, Joint | Joints):
+        return given
+    each: tuple[Any, ...] = (given,) if isinstance(given, str) else tuple(given)
+    return Joint(each) if each and all(isinstance(label, str) for label in each) else Joints(each)

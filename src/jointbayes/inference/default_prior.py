@@ -1,0 +1,127 @@
+"""The prior of a joint of which nothing is stated: far softer than the structure to far stiffer, any coupling."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointbayes.errors import ModelError
+from jointbayes.frf.measured_body import substructures
+from jointbayes.inference.marginals import Marginal, Uniform
+from jointbayes.inference.prior import JointPrior
+from jointbayes.inference.test import Test
+from jointbayes.joint import (
+    COUPLED,
+    Coordinate,
+    Joint,
+    Joints,
+    Parametrisation,
+    Quantity,
+    blocks_of,
+    parametrisation_named,
+)
+from jointbayes.joint.quantities import is_rotation, is_rotation_unit
+from jointbayes.structure import Body
+from vibrecords import Data
+from vibrecords.peaks import resonances_hz
+
+#: Bounds of the default prior relative to the structure's own stiffnesses. At its lower
+#: one no spring moves an elastic frequency further from that without it than a model's usual error, at the upper ones
+#: all are that near those of a rigid joint, so that both are inside: 0.1 EI/L would raise that of a free beam by 0.7 %.
+DEFAULT_PRIOR_FACTORS = 0.1, 1e6
+DEFAULT_ROTATION_FACTORS = 0.01, 1e6
+#: Bounds of the default priors of a loss factor, and of a dashpot relative to the beam's own stiffness times a second.
+DEFAULT_LOSS = 1e-4, 1.0
+DEFAULT_DASHPOT_FACTORS = 1e-6, 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class OwnStiffness:
+    """A structure's stiffness by itself where one of a joint acts, and the softest joint that default priors expect."""
+
+    size: float
+    softest: float
+
+
+def own_stiffnesses(
+    sides: Sequence[Sequence[str]], quantities: Sequence[Quantity], body: Body, data: Data
+) -> dict[str, OwnStiffness]:
+    """The structure's stiffness by itself where each stiffness and dashpot of a joint acts, by their names.
+
+    A structure may hang on a joint far softer than itself. The spring on which its inertia m has the lowest measured
+    natural frequency is then m ω²: the softest joint is expected there where the default range would not reach so far.
+    Where nothing holds a mass that spring is its stiffness as well. Empty where both sides are measured bodies: `sides`
+    are the DOFs on each side of the joint that is modelled.
+    """
+    if not sides:
+        return {}
+    shown = resonances_hz(data)
+    lowest = float(shown.min()) if shown.size else data.band_hz[0]
+    sizes = {}
+    for quantity in quantities:
+        if quantity.unit == "1":
+            continue
+        i, j = quantity.places[0]
+        springs = [
+            math.sqrt(body.own_inertia(side[i]) * body.own_inertia(side[j])) * (2 * math.pi * lowest) ** 2
+            for side in sides
+        ]
+        size = body.own_stiffness(sides[0][i], sides[0][j]) or min(springs)
+        beyond = shown.size and min(springs) < _prior_factors(quantity.unit)[0] * size
+        sizes[quantity.name] = OwnStiffness(size, min(springs) if beyond else size)
+    return sizes
+
+
+def _prior_factors(unit: str) -> tuple[float, float]:
+    return DEFAULT_ROTATION_FACTORS if is_rotation_unit(unit) else DEFAULT_PRIOR_FACTORS
+
+
+def default_marginal(axis: Coordinate, sizes: Mapping[str, OwnStiffness], length: float) -> Marginal:
+    """Prior of a coordinate that nobody states: far softer than the beam to far stiffer, any coupling, an arm on it."""
+    if axis.logarithmic and axis.unit not in [quantity.unit for quantity in COUPLED]:  # a loss factor, or a dashpot
+        if axis.unit == "1":
+            return Uniform(*np.log(DEFAULT_LOSS))
+        return Uniform(*np.log([end * sizes[axis.quantity].size for end in DEFAULT_DASHPOT_FACTORS]))
+    if axis.logarithmic:
+        low, high = _prior_factors(axis.unit)
+        return Uniform(*np.log([low * sizes[axis.quantity].softest, high * sizes[axis.quantity].size]))
+    return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
+
+
+def default_prior(tests: Sequence[Test]) -> JointPrior:
+    """That of a case file which states none, for the joints of tests in Python: of each name once.
+
+    A joint of one translation and one rotation is `LogStiffness`, any other a spring for each of its DOFs. The range is
+    relative to the structure's own stiffness: of matrices that of a static deformation, of beams EI/L³ and EI/L.
+
+    Raises
+    ------
+    ModelError
+        If a joint holds nothing but measured bodies, of whose stiffness nobody knows.
+    """
+    kinds: dict[str, Parametrisation | str] = {}
+    marginals: list[Marginal] = []
+    for test in tests:
+        body, joints = substructures(test.structure).modelled, test.joints
+        for joint in joints.joints if isinstance(joints, Joints) else (joints,):
+            if joint.name in kinds:
+                continue
+            kind = _default_kind(joint)
+            sides = [side for side in (joint.dofs, joint.against) if side and side[0] in body.labels]
+            if not sides:
+                raise ModelError(
+                    f"problem: found no prior of joint {joint.name or joint.dofs[0]!r} between measured bodies; "
+                    "expected one, since no modelled structure says how stiff it may be; pass prior=jb.JointPrior(…)"
+                )
+            sizes = own_stiffnesses(sides, kind.quantities, body, test.data)
+            extent = getattr(getattr(body, "recipe", None), "extent", 1.0)
+            marginals += [default_marginal(axis, sizes, extent) for axis in kind.axes]
+            kinds[joint.name] = kind
+    return JointPrior(blocks_of(kinds), tuple(marginals))
+
+
+def _default_kind(joint: Joint) -> Parametrisation:
+    directions = tuple(label.rpartition(":")[2] for label in joint.dofs)
+    pair = list(map(is_rotation, directions)) == [False, True]
+    return parametrisation_named("log" if pair else "springs", directions)
