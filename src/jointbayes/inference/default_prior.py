@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointbayes.errors import ModelError
+from jointbayes.frf import AnyStructure
 from jointbayes.frf.measured_body import substructures
 from jointbayes.inference.marginals import Marginal, Uniform
 from jointbayes.inference.prior import JointPrior
-from jointbayes.inference.test import Test
 from jointbayes.joint import (
     COUPLED,
+    AnyJoint,
     Coordinate,
     Joint,
     Joints,
@@ -89,8 +90,10 @@ def default_marginal(axis: Coordinate, sizes: Mapping[str, OwnStiffness], length
     return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
 
 
-def default_prior(tests: Sequence[Test]) -> JointPrior:
-    """That of a case file which states none, for the joints of tests in Python: of each name once.
+def default_prior(tests: Sequence[tuple[AnyStructure, AnyJoint, Data]]) -> JointPrior:
+    """That of a case file which states none, for the joints of tests in Python, each its structure, joints and data.
+
+    Of several joints of one name the first decides.
 
     A joint of one translation and one rotation is `LogStiffness`, any other a spring for each of its DOFs. The range is
     relative to the structure's own stiffness: of matrices that of a static deformation, of beams EI/L³ and EI/L.
@@ -102,8 +105,8 @@ def default_prior(tests: Sequence[Test]) -> JointPrior:
     """
     kinds: dict[str, Parametrisation | str] = {}
     marginals: list[Marginal] = []
-    for test in tests:
-        body, joints = substructures(test.structure).modelled, test.joints
+    for structure, joints, data in tests:
+        body = substructures(structure).modelled
         for joint in joints.joints if isinstance(joints, Joints) else (joints,):
             if joint.name in kinds:
                 continue
@@ -114,7 +117,7 @@ def default_prior(tests: Sequence[Test]) -> JointPrior:
                     f"problem: found no prior of joint {joint.name or joint.dofs[0]!r} between measured bodies; "
                     "expected one, since no modelled structure says how stiff it may be; pass prior=jb.JointPrior(…)"
                 )
-            sizes = own_stiffnesses(sides, kind.quantities, body, test.data)
+            sizes = own_stiffnesses(sides, kind.quantities, body, data)
             extent = getattr(getattr(body, "recipe", None), "extent", 1.0)
             marginals += [default_marginal(axis, sizes, extent) for axis in kind.axes]
             kinds[joint.name] = kind

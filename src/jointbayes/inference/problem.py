@@ -174,7 +174,7 @@ class Problem:
         _require_names(tests)
         require_own_bodies(tests)
         if prior is None:
-            prior = default_prior(tests)
+            prior = default_prior([(test.structure, test.joints, test.data) for test in tests])
         require(prior, JointPrior, "problem: found as prior", "jb.JointPrior(parametrisation, marginals); make one")
         parametrisation = arranged(prior.parametrisation, tests)
         if parametrisation != prior.parametrisation:
