@@ -15,7 +15,7 @@ import jointbayes as jb
 from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, ScaledNoise, Uniform
 from jointbayes.joint import Joint, LogStiffness, PlainSprings, Rigid, SignedCoupling
-from jointbayes.posterior.stored_problem import problem_from
+from jointbayes.posterior.storage import problem_from
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
 from jointbayes.workflow import _on_one_hill, _with_best_draw

@@ -12,7 +12,7 @@ import jointbayes as jb
 from jointbayes.errors import CaseError
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.joint import Joint
-from jointbayes.posterior.stored_problem import _Description, _Restoring
+from jointbayes.posterior.storage import _Description, _Restoring
 from jointbayes.structure import (
     BeamMaterial,
     FrameBody,

@@ -12,7 +12,7 @@ from jointbayes.frf import MeasuredBody, NoisePropagation, Ports, Substructures
 from jointbayes.inference import Problem, Test
 from jointbayes.posterior import Posterior, data_sha256
 from jointbayes.posterior.model_errors import DOUBTFUL, noise_of_bodies
-from jointbayes.posterior.stored_problem import run_fingerprint
+from jointbayes.posterior.storage import run_fingerprint
 from jointbayes.posterior.verdicts import lines_of
 from jointbayes.report.contents import build_report
 from jointbayes.report.inputs import ReportInputs

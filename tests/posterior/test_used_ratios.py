@@ -12,7 +12,7 @@ import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.inference import ErrorSizes, UsedMode
 from jointbayes.posterior.decision import FARTHEST_RATIO, modes_problem, premises_sentences, shapes_of, with_ratios
-from jointbayes.posterior.stored_problem import PROBLEM_GROUP, add_problem, problem_from
+from jointbayes.posterior.storage import PROBLEM_GROUP, add_problem, problem_from
 from vibrecords.modal_ratios import MotionRatio
 
 TRUTH = np.array([4e7, 6e4])

@@ -19,7 +19,7 @@ from jointbayes.identification import missing_for_iteration, part_to_iterate
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.curves import Curve, _change, curves_of
 from jointbayes.posterior.homogeneity import ModeShift
-from jointbayes.posterior.stored_problem import run_fingerprint
+from jointbayes.posterior.storage import run_fingerprint
 from jointbayes.report.contents import PAGES
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Lights, Paragraph, Table

@@ -14,7 +14,7 @@ import pyuff
 from tests.vibrecords.broken_files import refusal
 from tests.vibrecords.uff_text import function_58, header_164, mode_55
 from vibrecords.errors import MeasurementError
-from vibrecords.formats import iter_records, uff_read, write_records
+from vibrecords.formats import iter_records, uff_data_sets, write_records
 from vibrecords.inspection import inspect_file
 from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord
 
@@ -117,7 +117,7 @@ def test_functions_are_the_same_whatever_is_decoded_at_once(tmp_path, monkeypatc
     loose = "\n".join(" ".join(line.split()) if "E" in line[4:20] else line for line in uneven.split("\n"))
     text = time + function_58(values) + uneven + loose.replace("         2   3", "         5   3")
     whole = read(tmp_path / "a.uff", text)
-    monkeypatch.setattr(uff_read, "_PART", part)
+    monkeypatch.setattr(uff_data_sets, "_PART", part)
     for record, same in zip(read(tmp_path / "a.uff", text), whole, strict=True):
         np.testing.assert_array_equal(record.values, same.values)
         if isinstance(record, FrfRecord):
@@ -179,7 +179,7 @@ def test_modes_written_are_read_back_with_the_six_digits_of_their_columns(tmp_pa
     assert [back.modal_mass for back in iter_records(tmp_path / "a.uff")] == [pytest.approx(1 / 7, rel=1e-5), None]
 
 
-def test_pyuff_reads_the_modes_that_are_written(tmp_path):
+def test_pyuff_data_setss_the_modes_that_are_written(tmp_path):
     modes = exact_modes()
     write_records(modes, tmp_path / "a.uff", "uff58")
     sets = [each for each in pyuff.UFF(str(tmp_path / "a.uff")).read_sets() if each["type"] == 55]

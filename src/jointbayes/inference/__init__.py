@@ -1,6 +1,5 @@
 """Priors, likelihoods and the posterior density of a joint's coordinates."""
 
-from jointbayes.inference.assemblies import AssemblyScatter as AssemblyScatter
 from jointbayes.inference.likelihood import FrfLikelihood as FrfLikelihood
 from jointbayes.inference.likelihood_base import Likelihood as Likelihood
 from jointbayes.inference.log_posterior import LogPosterior as LogPosterior
@@ -23,6 +22,7 @@ from jointbayes.inference.noise.gaussian import ScaledNoise as ScaledNoise
 from jointbayes.inference.noise.model_error import ModelErrorNoise as ModelErrorNoise
 from jointbayes.inference.noise.proportional import ProportionalNoise as ProportionalNoise
 from jointbayes.inference.noise.student_t import StudentNoise as StudentNoise
+from jointbayes.inference.prior import AssemblyScatter as AssemblyScatter
 from jointbayes.inference.prior import JointPrior as JointPrior
 from jointbayes.inference.problem import Premises as Premises
 from jointbayes.inference.problem import Problem as Problem

@@ -12,7 +12,7 @@ from jointbayes.errors import MeasurementError
 from jointbayes.identification import MapEstimate
 from jointbayes.posterior.knowledge import KeptKnowledge
 from jointbayes.posterior.run_record import RunRecord
-from jointbayes.posterior.stored_problem import StoredProblem
+from jointbayes.posterior.storage import StoredProblem
 from jointbayes.stored_values import StoredArray, stored_value
 
 #: Of the file: raised when an older reader would misread it. Version 1 held the text of a case instead of a problem.

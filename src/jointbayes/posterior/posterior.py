@@ -34,8 +34,7 @@ from jointbayes.posterior.other_structure import OtherStructure, predict_other
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut, frfs_as_measured, predict_frf, predict_left_out
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.solutions import Solutions
-from jointbayes.posterior.storage import arviz_tree, log_prior_of_joint, to_arviz, write_tree
-from jointbayes.posterior.stored_problem import add_problem
+from jointbayes.posterior.storage import add_problem, arviz_tree, log_prior_of_joint, to_arviz, write_tree
 from jointbayes.posterior.summary import (
     STIFFNESS_HEAD,
     NuisanceSummary,

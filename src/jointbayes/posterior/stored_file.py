@@ -19,8 +19,14 @@ from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.file_record import FileRecord, parse_record
 from jointbayes.posterior.posterior import Posterior
-from jointbayes.posterior.storage import RECORD, value_units, values_tree
-from jointbayes.posterior.stored_problem import PROBLEM_GROUP, problem_from, require_same_problem
+from jointbayes.posterior.storage import (
+    PROBLEM_GROUP,
+    RECORD,
+    problem_from,
+    require_same_problem,
+    value_units,
+    values_tree,
+)
 from jointbayes.stored_values import REMEDY
 from vibrecords.arrays import Array
 from vibrecords.formats.array_files import read_groups

@@ -16,7 +16,6 @@ from vibrecords.arrays import Array, complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import units as known
 from vibrecords.formats.channel_units import sides_of
-from vibrecords.formats.columns import TIME_S
 from vibrecords.formats.matlab_5 import Unread
 from vibrecords.formats.named_arrays import (
     ALIASES,
@@ -31,7 +30,7 @@ from vibrecords.formats.named_arrays import (
     tokens_of,
     two_axes_error,
 )
-from vibrecords.formats.table_text import float_of
+from vibrecords.formats.table_text import TIME_S, float_of
 from vibrecords.formats.units import frequency_factor, frf_unit, in_hz, parse_unit, read_frf_unit, scaled
 from vibrecords.frf_set import Quantity
 from vibrecords.records import HIGHEST_HZ, MOST_AVERAGES, CoherenceRecord, FrfRecord, ModeRecord, Record, SpectrumRecord

@@ -10,9 +10,8 @@ import numpy as np
 
 from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.columns import Column, column_of
 from vibrecords.formats.table import column_records, place_records
-from vibrecords.formats.table_text import Lines, bad_number, float_of, read_rows, text_lines
+from vibrecords.formats.table_text import Column, Lines, bad_number, column_of, float_of, read_rows, text_lines
 from vibrecords.records import MOST_COLUMNS, Record, require_short
 
 _END = "***End_of_Header***"

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.columns import TIME_S
 from vibrecords.formats.matlab_5 import Unread
+from vibrecords.formats.table_text import TIME_S
 from vibrecords.formats.units import read_sensor_unit, scaled
 from vibrecords.frf_set import Quantity
 from vibrecords.records import HIGHEST_HZ, MOST_RECORDS, SensorQuantity, TimeRecord, even_rate

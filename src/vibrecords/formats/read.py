@@ -17,8 +17,7 @@ from vibrecords.formats.lvm import read_lvm
 from vibrecords.formats.matlab_5 import is_matlab_4
 from vibrecords.formats.table import read_table
 from vibrecords.formats.tdms import read_tdms
-from vibrecords.formats.uff_data_sets import BEGINNING
-from vibrecords.formats.uff_read import read_uff
+from vibrecords.formats.uff_data_sets import BEGINNING, read_uff
 from vibrecords.formats.xlsx import read_xlsx
 from vibrecords.frf_set import FrfSet, Quantity
 from vibrecords.records import MOST_BYTES, MOST_RECORDS, FrfRecord, Record, labels_of, require_short

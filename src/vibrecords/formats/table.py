@@ -9,9 +9,17 @@ import numpy as np
 
 from vibrecords.arrays import Array, complex_of
 from vibrecords.errors import MeasurementError
-from vibrecords.formats import columns as headers
-from vibrecords.formats.columns import Column, Role, column_of, describe
-from vibrecords.formats.table_text import TextTable, float_of, read_text_table, text_lines
+from vibrecords.formats import table_text as headers
+from vibrecords.formats.table_text import (
+    Column,
+    Role,
+    TextTable,
+    column_of,
+    describe,
+    float_of,
+    read_text_table,
+    text_lines,
+)
 from vibrecords.formats.units import in_hz, read_frf_unit, read_sensor_unit, scaled
 from vibrecords.records import MOST_AVERAGES, CoherenceRecord, FrfRecord, Record, SpectrumRecord, TimeRecord, even_rate
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.columns import Column, Role, column_of, describe, layout_axis
 from vibrecords.formats.table import column_records, place_records
+from vibrecords.formats.table_text import Column, Role, column_of, describe, layout_axis
 from vibrecords.records import MOST_COLUMNS, Record, refuse_damage, require_short
 
 #: Scales of a channel: npTDMS looks at each, however many a damaged file promises.

@@ -45,7 +45,7 @@ from jointbayes.posterior.first_look import (
 from jointbayes.posterior.identifiability import assess, listed
 from jointbayes.posterior.knowledge import taken_as_exact
 from jointbayes.posterior.run_record import sha256_of
-from jointbayes.posterior.stored_problem import run_fingerprint
+from jointbayes.posterior.storage import run_fingerprint
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Coordinates, Start, WeightedDraws, fit_proposal
