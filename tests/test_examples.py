@@ -1,5 +1,6 @@
 """The pages of the examples: their cases, figures and numbers."""
 
+import itertools
 import json
 
 import numpy as np
@@ -109,6 +110,21 @@ def test_the_files_of_the_measured_spindle_are_those_of_the_script(tmp_path):
         assert len(made) == len(shipped) == frf.values[0].size
         for one, other in zip(made, shipped, strict=True):
             np.testing.assert_allclose(one.values, other.values, rtol=1e-5)
+
+
+def test_the_files_of_the_imported_bar_are_those_of_the_script(tmp_path):
+    pytest.importorskip("skfem", reason="scikit-fem, which makes the matrices of configs/clamped_solid.toml")
+    from benchmarks import solid_data
+
+    solid_data.write_model(tmp_path / "made.npz")
+    made, shipped = map(jb.read_structure, (tmp_path / "made.npz", solid_data.MODEL))
+    for name in ("stiffness", "mass"):
+        one, other = getattr(made, name), getattr(shipped, name)
+        assert abs(one - other).max() < 1e-9 * abs(other).max()
+    made_frfs, records = solid_data.frfs(every=40), list(iter_records(solid_data.FRFS))
+    for (i, output), (j, input_) in itertools.product(enumerate(made_frfs.outputs), enumerate(made_frfs.inputs)):
+        (record,) = (r for r in records if (r.response, r.reference) == (output, input_))
+        np.testing.assert_allclose(made_frfs.values[:, i, j], record.values[::40], rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["spindle_tool", "spindle_measured"])
