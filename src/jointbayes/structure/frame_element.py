@@ -155,14 +155,19 @@ class Rigidities:
         return self.bending_y, self.shear_z, self.rotary_y
 
 
+def lobatto_points(order: int) -> Array:
+    """Nodes of an element of an order, from −1 to 1, shape (p + 1,)."""
+    inner = legendre.legroots(legendre.legder(np.eye(order + 1)[order])) if order > 1 else np.empty(0)
+    return np.concatenate([[-1.0], np.sort(np.real(inner)), [1.0]])
+
+
 @cache
 def _basis(order: int, count: int) -> tuple[Array, Array, Array]:
     """Gauss points on [0, 1] (q,), their weights (q,), and values and slopes there (2, q, p + 1).
 
     Of the polynomials that are 1 at one Gauss-Lobatto-Legendre point each.
     """
-    inner = legendre.legroots(legendre.legder(np.eye(order + 1)[order])) if order > 1 else np.empty(0)
-    nodal = np.linalg.inv(legendre.legvander(np.concatenate([[-1.0], np.sort(np.real(inner)), [1.0]]), order))
+    nodal = np.linalg.inv(legendre.legvander(lobatto_points(order), order))
     at, weight = legendre.leggauss(count)
     value = legendre.legvander(at, order) @ nodal
     slope = np.stack([legendre.legval(at, legendre.legder(row)) for row in np.eye(order + 1)], axis=-1) @ nodal

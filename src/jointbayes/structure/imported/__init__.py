@@ -1,5 +1,6 @@
 """Finite-element models of other programs: read, reduced to what a joint and sensors see, and used as bodies."""
 
+from jointbayes.structure.imported.beams import with_beams as with_beams
 from jointbayes.structure.imported.fe_model import FeModel as FeModel
 from jointbayes.structure.imported.fe_model import FePart as FePart
 from jointbayes.structure.imported.imported_body import ImportedFamily as ImportedFamily

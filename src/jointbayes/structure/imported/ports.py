@@ -5,11 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from jointbayes.errors import ModelError
 from jointbayes.structure.imported.fe_model import DIRECTIONS, FeModel
 from vibrecords.arrays import Array, convert_fields
 
+_MOST_BODIES = 100  # that hang together; more is no assembly but a mechanism
 _NO_ARM = 1e-6  # of a patch's size: about an axis through all its nodes nothing says how it turns
 
 
@@ -167,20 +169,27 @@ def _rigid_motion(arm: Array, way: int) -> Array:
 
 
 def rigid_motions(model: FeModel) -> Array | None:
-    """Translations and rotations of all rows about the middle of the model, shape (n, 6); None where places miss."""
-    places = {int(node): place for node, place in zip(model.nodes, model.places, strict=True)}
-    if not places or any(int(node) not in places for node in np.unique(model.dofs[:, 0])):
+    """Translations and rotations of each body that hangs together, about its middle, shape (n, 6 each).
+
+    None where a place is not known.
+    """
+    nodes, of_row = np.unique(model.dofs[:, 0], return_inverse=True)
+    if not np.isin(nodes, model.nodes).all() or (model.dofs[:, 1] < 1).any():
         return None
-    middle = model.places.mean(axis=0)
-    arms = np.array([places[int(node)] for node in model.dofs[:, 0]]) - middle
-    ways = model.dofs[:, 1]
-    if (ways < 1).any():
-        return None
-    motions = np.zeros((model.n_dofs, 6))
-    motions[np.arange(model.n_dofs), ways - 1] = 1.0
-    moved = ways <= 3
-    motions[moved, 3:] = np.cross(arms[moved], np.eye(3)[ways[moved] - 1])
-    return motions
+    links = model.stiffness.tocoo()
+    joined = of_row[links.row[links.data != 0]], of_row[links.col[links.data != 0]]
+    linked = sparse.coo_array((np.ones(len(joined[0])), joined), shape=(len(nodes), len(nodes)))
+    count, body = connected_components(linked, directed=False)
+    if count > _MOST_BODIES:
+        count, body = 1, np.zeros_like(body)
+    places, ways = np.array([model.place(int(node)) for node in nodes]), model.dofs[:, 1]
+    rows = np.arange(model.n_dofs)
+    motions = np.zeros((model.n_dofs, count, 6))
+    motions[rows, body[of_row], ways - 1] = 1.0
+    middles = np.array([places[body == one].mean(axis=0) for one in range(count)])
+    arms, moved = (places - middles[body])[of_row], ways <= 3
+    motions[rows[moved], body[of_row][moved], 3:] = np.cross(arms[moved], np.eye(3)[ways[moved] - 1])
+    return motions.reshape(model.n_dofs, 6 * count)
 
 
 def nodes_in_box(model: FeModel, low: Sequence[float], high: Sequence[float]) -> tuple[int, ...]:

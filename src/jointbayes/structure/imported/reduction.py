@@ -178,7 +178,8 @@ def _rigid_modes(model: FeModel, shift: float) -> Array:
     if motions is None:
         return np.empty((model.n_dofs, 0))
     scale = np.sqrt((motions * (model.mass @ motions)).sum(axis=0))
-    motions = motions[:, scale > 0] / scale[scale > 0]
+    there = scale > _SAME * scale.max(initial=0.0)  # nodes in a line do not turn about it
+    motions = motions[:, there] / scale[there]
     energy = motions.T @ (model.stiffness @ motions)
     weight = motions.T @ (model.mass @ motions)
     values, turn = linalg.eigh((energy + energy.T) / 2, (weight + weight.T) / 2)
