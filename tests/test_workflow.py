@@ -299,7 +299,7 @@ def test_a_replaced_problem_is_saved_as_it_was_sampled(tmp_path):
 def run_page_without_files(*changes):
     page = (CONFIGS.parent / "docs" / "without-files.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", edited(page, *changes), re.MULTILINE | re.DOTALL)
-    assert len(blocks) == 5
+    assert len(blocks) == 6
     names = {}
     for block in blocks:
         exec(compile(block, "without-files.md", "exec"), names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache, partial
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
@@ -80,6 +81,45 @@ def require(given: object, kind: Any, what: str, expected: str, within: Callable
     """
     if isinstance(given, bool) or not isinstance(given, kind) or (within is not None and not within(given)):
         raise ModelError(f"{what} {shown(given)}; expected {expected}")
+
+
+def with_defaults(given: Any, kind: type, what: str) -> Any:  # noqa: ANN401 (any object of one's own)
+    """An object of one's own that has the methods of a kind, with that kind's defaults for all the others.
+
+    What has none of them comes back as it is.
+
+    Raises
+    ------
+    ModelError
+        If it has some of them and lacks others: which.
+    """
+    needed = sorted(getattr(kind, "__abstractmethods__", ()))
+    missing = [name for name in needed if not hasattr(given, name)]
+    if isinstance(given, kind) or len(missing) == len(needed):
+        return given
+    if missing:
+        raise ModelError(
+            f"{what} {type(given).__name__} without {', '.join(missing)}; expected {', '.join(needed)}; write those"
+        )
+    return _with_defaults(type(given), kind, dict(vars(given)))
+
+
+def _with_defaults(own: type, kind: type, values: dict[str, Any]) -> Any:  # noqa: ANN401
+    made: Any = object.__new__(_class_with_defaults(own, kind, tuple(name for name in values if hasattr(kind, name))))
+    made.__dict__.update(values)
+    return made
+
+
+@cache
+def _class_with_defaults(own: type, kind: type, stated: tuple[str, ...]) -> type:
+    """The class `own` as one of a kind; of a property of the kind an instance's own value wins, where it is stated."""
+    space: dict[str, Any] = {name: property(partial(_own_value, name)) for name in stated}
+    space["__reduce__"] = lambda self: (_with_defaults, (own, kind, dict(vars(self))))
+    return type(own.__name__, (own, kind), space | {"__module__": own.__module__, "__qualname__": own.__qualname__})
+
+
+def _own_value(name: str, self: object) -> Any:  # noqa: ANN401
+    return vars(self)[name]
 
 
 def require_probability(given: object, where: str) -> None:

@@ -9,7 +9,7 @@ Hyperparameters are positive physical values, one column for each name.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -137,7 +137,9 @@ class NoiseModel(ABC):
 
     def log_likelihood_of_chi2(self, chi2: ArrayLike, n_values: int, hyper: ArrayLike) -> Array:
         """ln L (n,) from Σ|z|² (n,) of `n_values` values, without the constant, where this is all that it needs."""
-        raise NotImplementedError
+        raise ModelError(
+            f"noise: found {type(self).__name__} without log_likelihood; expected log_likelihood(z, hyper)"
+        )
 
     def log_likelihood(self, z: Residuals, hyper: ArrayLike) -> Array:
         """ln L (n,) of residuals (n, lines, pairs), without the constant; −inf where a residual is not finite."""
@@ -219,7 +221,7 @@ class NoiseModel(ABC):
 
     def fitted_to(self, data: FrfData, parts: int) -> Self:
         """The same law for the lines and values of another measurement, with residuals of so many parts."""
-        return replace(self, parts=parts)  # type: ignore[type-var]  # every model is a dataclass
+        return replace(self, parts=parts) if is_dataclass(self) else self
 
 
 class GaussianSpread(NoiseModel):

@@ -1,0 +1,190 @@
+"""What people ask of a notebook who never read this package: ArviZ, corner, pandas, a noise and a sampler of their own.
+
+`.ci/run` asks both of its Pythons, which have ArviZ 0.23 and 1.x.
+"""
+
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+import jointbayes as jb
+from jointbayes.errors import ModelError
+from jointbayes.inference import GaussianNoise, JointPrior, Nuisance, ScaledNoise, Uniform
+from jointbayes.structure import LossFactor
+from tests.structure.long_rod import LongRod
+from tests.test_workflow import LOSS, QUICK, TRUTH, euler_beam, from_arrays, measured
+
+pytestmark = pytest.mark.version
+
+
+@pytest.fixture(scope="module")
+def first():
+    """A first posterior from arrays: five names, and no prior."""
+    k, m, labels = euler_beam()
+    frfs = measured()
+    data = jb.FrfData.of_arrays(
+        frfs.frf.frequency_hz, frfs.frf.values, np.sqrt(frfs.variance), ("7:y", "4:y"), ("7:y",)
+    )
+    structure = jb.Structure(k, m, jb.LossFactor(LOSS), labels)
+    return jb.sample(jb.Problem(structure=structure, joint=("1:y", "1:rz"), data=data), settings=QUICK)
+
+
+def test_a_first_posterior_from_arrays_finds_the_truth(first):
+    assert first.problem.test.data.variance == pytest.approx(measured().variance)
+    low, high = np.quantile(first["k22"], [0.0005, 0.9995])
+    assert low < TRUTH[2] < high
+
+
+def test_arviz_takes_it(first):
+    az, pyplot = pytest.importorskip("arviz"), pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    idata = first.to_arviz()
+    table = az.summary(idata, var_names=["k11", "k22"], round_to="none")
+    assert table.loc["k22", "mean"] == pytest.approx(first["k22"].mean().item(), rel=0.05)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of single values that count for much
+        found = az.loo(idata, var_name="data")
+        az.plot_rank(idata, var_names=["k22"])
+    pyplot.close("all")
+    assert 0 < (found.p_loo if hasattr(found, "p_loo") else found.p) < 10
+
+
+def test_corner_and_pandas_take_draws_by_name(first):
+    corner, pandas = pytest.importorskip("corner"), pytest.importorskip("pandas")
+    frame = first.to_dataframe()
+    assert isinstance(frame, pandas.DataFrame)
+    assert list(frame.columns[:3]) == list(first)
+    assert frame["k22"].median() == pytest.approx(float(np.median(first["k22"])))
+    figure = corner.corner(np.log(np.stack([first[name].values.ravel() for name in first], axis=-1)))
+    assert len(figure.axes) == 9
+    pytest.importorskip("matplotlib.pyplot").close("all")
+
+
+class Plain:
+    """A noise model from a notebook: the stated noise times a number, which nothing here says how to write."""
+
+    def __init__(self, factor):
+        self.factor = factor
+
+    def spread(self, hyper, n):
+        return np.full((1, 1, 1), self.factor)
+
+
+class Scaled:
+    """The same with the number unknown, written out in full."""
+
+    def __init__(self):
+        self.names = ("noise_scale",)
+
+    def log_likelihood(self, z, hyper):
+        scale = np.asarray(hyper)[:, 0]
+        return -(np.abs(z) ** 2).sum(axis=(1, 2)) / scale**2 - 2 * z[0].size * np.log(scale)
+
+    def scores(self, z, hyper):
+        return z / np.reshape(hyper, (-1, 1))[:, 0, None, None]
+
+    def draw(self, rng, hyper, lines, pairs):
+        n = len(np.atleast_2d(hyper))
+        white = rng.normal(size=(n, lines, pairs, 2)) @ [1, 1j] / np.sqrt(2)
+        return np.reshape(hyper, (-1, 1))[:, 0, None, None] * white
+
+
+SCALE = Nuisance("noise_scale", "× stated", 1.0, Uniform(np.log(0.1), np.log(10.0)))
+
+
+def test_a_plain_noise_model_has_the_density_that_it_says():
+    theta = np.log(TRUTH)[None] + [[0.0, 0.0, 0.0], [0.2, 0.1, 0.01]]
+    known, plain = (from_arrays(noise=noise) for noise in (GaussianNoise(), Plain(2.0)))
+    data = known.test.data
+    chi2 = (np.abs(known.log_posterior.standardised(theta)) ** 2).sum(axis=(1, 2))
+    expected = known.log_likelihood(theta) + chi2 * (1 - 0.25) - 2 * data.variance.size * np.log(2.0)
+    np.testing.assert_allclose(plain.log_likelihood(theta), expected)
+    np.testing.assert_allclose(pickle.loads(pickle.dumps(plain)).log_likelihood(theta), expected)
+    prior = JointPrior(known.prior.parametrisation, known.prior.marginals, (SCALE,))
+    stated, own = (from_arrays(noise=noise, prior=prior) for noise in (ScaledNoise(2), Scaled()))
+    theta = np.column_stack([theta, [0.3, -0.1]])
+    np.testing.assert_allclose(own.log_posterior(theta), stated.log_posterior(theta))
+
+
+def test_a_posterior_of_a_plain_noise_model_says_what_its_file_lacks(tmp_path):
+    problem = from_arrays(noise=Plain(1.0))
+    posterior = jb.sample(problem, settings=QUICK)
+    assert posterior.check.explains
+    posterior.save(tmp_path / "own.nc")
+    with pytest.raises(ModelError, match=r"parts that no file can hold: problem\.tests\[0\]\.noise \(Plain\);"):
+        jb.load_posterior(tmp_path / "own.nc")
+    again = jb.load_posterior(tmp_path / "own.nc", problem=problem)
+    np.testing.assert_array_equal(again["k22"], posterior["k22"])
+
+
+@pytest.mark.parametrize(
+    ("noise", "said"),
+    [
+        (type("Half", (), {"scores": None})(), "found as noise Half without draw; expected draw, scores; write those"),
+        (object(), "found as noise object; expected a noise model"),
+        (3.0, r"found as noise 3\.0; expected a noise model"),
+    ],
+)
+def test_what_is_no_noise_model_is_told_in_one_line(noise, said):
+    with pytest.raises(ModelError, match=said):
+        from_arrays(noise=noise)
+
+
+def test_a_noise_model_without_a_likelihood_is_told_in_one_line():
+    problem = from_arrays(noise=type("Bare", (), {"scores": Scaled.scores, "draw": Scaled.draw})())
+    with pytest.raises(ModelError, match="found Bare without log_likelihood"):
+        problem.log_posterior(np.log(TRUTH))
+
+
+class Rod:
+    """A body from a notebook with the five things that a body has: a free rod along x, by the modes of `LongRod`."""
+
+    def __init__(self):
+        self.rod = LongRod().certain()
+        self.labels, self.damping = self.rod.labels, LossFactor(0.01)
+
+    def reach_hz(self, count):
+        return self.rod.reach_hz(count)
+
+    def rigid_motions(self, dofs):
+        return self.rod.rigid_motions(dofs)
+
+    def free_modes(self, dofs, motions, forced=None):
+        return self.rod.free_modes(dofs, motions, forced)
+
+
+def test_a_plain_body_is_a_structure():
+    lines = np.arange(200.0, 4000.0, 50.0)
+    data = jb.FrfData.of_arrays(lines, np.full((lines.size, 1, 1), 1e-9), 1e-10, ("100000:x",), ("100000:x",))
+    plain, stated = (jb.Problem(structure=body, joint=("1:x",), data=data) for body in (Rod(), LongRod().certain()))
+    assert plain.names == ("kx",)
+    theta = plain.prior.sample(np.random.default_rng(1), 5)
+    np.testing.assert_allclose(plain.log_posterior(theta), stated.log_posterior(theta))
+    assert repr(plain.test.structure).startswith("Rod(100000 DOFs, 1:x to 100000:x")
+
+
+def test_a_nested_sampler_of_ones_own_finds_the_evidence():
+    dynesty = pytest.importorskip("dynesty")
+    few = slice(None, None, 12)
+    frfs = measured()
+    data = jb.FrfData.of_arrays(
+        frfs.frf.frequency_hz[few], frfs.frf.values[few], 10 * np.sqrt(frfs.variance[few]), ("7:y", "4:y"), ("7:y",)
+    )
+    prior = JointPrior(
+        jb.parametrisation_named("springs", ("y", "rz")),
+        (Uniform.of_logarithm(1e6, 1e9), Uniform.of_logarithm(1e3, 1e6)),
+    )
+    problem = from_arrays(data=data, prior=prior)
+    grid = (np.arange(200) + 0.5) / 200
+    cells = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+    known = logsumexp(problem.log_likelihood(problem.prior.transform(cells))) - np.log(len(cells))
+    sampler = dynesty.NestedSampler(
+        lambda theta: problem.log_likelihood(theta)[0],
+        lambda u: problem.prior.transform(u)[0],
+        2, nlive=250, rstate=np.random.default_rng(1),
+    )  # fmt: skip
+    sampler.run_nested(print_progress=False, dlogz=0.1)
+    assert sampler.results.logz[-1] == pytest.approx(known, abs=3.5 * sampler.results.logzerr[-1] + 0.02)
