@@ -50,9 +50,12 @@ def test_every_figure_of_a_report_has_its_guide_and_keeps_one_of_its_own():
 
 
 def test_the_terms_state_the_limits_of_the_program():
-    section = terms_section(None)
+    section = terms_section(" ".join(terms()))
     assert section.appendix
     assert dict(section.blocks[0].rows) == terms()
+    assert dict(terms_section("of the prior, identified").blocks[0].rows) == {
+        name: terms()[name] for name in ("prior", "identified")
+    }
     meaning = terms()["identified"]
     assert f"at most {IDENTIFIED_RATIO:g} times" in meaning
     assert f"at most {WEAK_RATIO:g} times" in meaning

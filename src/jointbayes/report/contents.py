@@ -50,7 +50,6 @@ APPENDIX: tuple[Section, ...] = (
     likelihood_section,
     settings_section,
     methods_section,
-    terms_section,
 )
 
 
@@ -66,12 +65,14 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     others = [setup for setup in enumerate(inputs.setups, 1) if setup[1].problem.test.name != shown.problem.test.name]
     of_data = tuple(chain.from_iterable(page[3] for page in PAGES))
     more += [replace(setup_section(n, setup, _written(of_data, setup)), appendix=True) for n, setup in others]
-    appendix = (replace(section, appendix=True) for section in _written(APPENDIX, inputs))
+    appendix = [replace(section, appendix=True) for section in _written(APPENDIX, inputs)]
+    first = lead(inputs)
+    said = [str(block) for block in chain(first, *(section.blocks for section in (*pages, *more, *appendix)))]
     report = Report(
         title=inputs.title,
         subtitle=f"Joint stiffness with uncertainty{synthetic}",
-        lead=lead(inputs),
-        sections=(*pages, *more, *appendix),
+        lead=first,
+        sections=(*pages, *more, *appendix, terms_section(" ".join(said))),
         date=date,
         version=inputs.posterior.record.versions["jointbayes"],
     )

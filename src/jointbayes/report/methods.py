@@ -1,6 +1,6 @@
 """How the numbers of a report came about, in the words of ``texts/methods.toml``, and what to cite for it.
 
-A text cites what ran by names in square brackets; exactly those are printed as BibTeX.
+A text cites what ran by names in square brackets; exactly those are written as BibTeX to a file beside the report.
 """
 
 import re
@@ -12,7 +12,6 @@ from jointbayes.posterior.model_errors import MeshCheck
 from jointbayes.report.guides import packaged
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign, readable
-from jointbayes.report.model import Code
 from jointbayes.reproducibility import code_version
 from jointbayes.rounding import interval, join_unit
 
@@ -22,13 +21,13 @@ def report_text(key: str, **values: object) -> str:
     return str(packaged("methods.toml")["text"][key].format(**values))
 
 
-def references(*texts: str) -> Code:
-    """BibTeX of all that texts cite, in their order."""
+def references(*texts: str) -> str:
+    """BibTeX of all that texts cite, in their order; empty where they cite nothing."""
     source = files("jointbayes.report").joinpath("texts", "references.bib").read_text(encoding="utf-8")
     entries = {entry.split("{", 1)[1].split(",", 1)[0]: entry for entry in source.strip().split("\n\n")}
     cited = re.findall(r"\w+", " ".join(re.findall(r"\[([\w, ]+)\]", " ".join(texts))))
     text = "\n\n".join(entries[key] for key in dict.fromkeys(cited) if key in entries)
-    return Code(text.replace("VERSION", code_version()), "bibtex")
+    return text and text.replace("VERSION", code_version()) + "\n"
 
 
 def methods_text(inputs: ReportInputs) -> str:

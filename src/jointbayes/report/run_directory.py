@@ -15,13 +15,15 @@ from jointbayes.progress import Progress, ProgressCallback, callback_of, tell_no
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.guides import with_guides
 from jointbayes.report.kept_draws import draws_kept
+from jointbayes.report.methods import references
+from jointbayes.report.model import Paragraph
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
 from vibrecords.files import real_directory, scratch_file, sweep, whole_directory, write_whole_file
 
 _MARK = "summary.json"  # by which a run directory is known
 #: What may be in a run directory; any other file is the user's.
-_FILES = ("report.html", "report.pdf", "posterior.nc", "summary.json", "case.toml")
+_FILES = ("report.html", "report.pdf", "posterior.nc", "summary.json", "case.toml", "references.bib")
 _FIGURES, _FIGURE = "figures", ".svg"
 _OF_THE_SYSTEM = (".DS_Store", "Thumbs.db", "desktop.ini")  # what looking at a directory leaves in it
 _ROOM = 3_000_000  # bytes of a report without its draws: HTML, PDF and figures
@@ -51,8 +53,8 @@ def write_report(
     Returns
     -------
     Path
-        The directory: ``report.html``, ``report.pdf``, ``posterior.nc``, ``summary.json``, ``figures/*.svg``, and
-        ``case.toml`` where a case file states the problem.
+        The directory: ``report.html``, ``report.pdf``, ``posterior.nc``, ``summary.json``, ``figures/*.svg``,
+        ``references.bib``, and ``case.toml`` where a case file states the problem.
 
     Raises
     ------
@@ -129,9 +131,11 @@ def json_text(numbers: dict[str, Any]) -> str:
 
 
 def write_into(directory: Path, report: Report, files: Mapping[str, str]) -> None:
-    """Write report, figures and other files, in this order, into a directory; each is whole or absent."""
+    """Write report, figures, references and other files, in this order, into a directory; each is whole or absent."""
     report = with_guides(report)
     figures = {f"figures/{block.identifier}.svg": block.svg for block in report.blocks() if isinstance(block, Figure)}
+    if cited := references(*(block.text for block in report.blocks() if isinstance(block, Paragraph))):
+        figures["references.bib"] = cited
     rendered = {"report.html": render_html(report).encode(), "report.pdf": render_pdf(report)}
     for name, content in (rendered | {name: text.encode() for name, text in {**figures, **files}.items()}).items():
         if "/" in name:

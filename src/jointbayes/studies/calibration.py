@@ -25,7 +25,7 @@ from jointbayes.inference import Problem
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.report.canvas import panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
-from jointbayes.report.methods import references, report_text
+from jointbayes.report.methods import report_text
 from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.rounding import number
@@ -314,7 +314,7 @@ def _method(calibration: Calibration) -> tuple[Block, ...]:
             seed=calibration.seed,
         ),
     )
-    return (*map(Paragraph, texts), references(*texts))
+    return tuple(map(Paragraph, texts))
 
 
 def _data_sets(calibration: Calibration) -> Table:

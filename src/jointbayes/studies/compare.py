@@ -27,7 +27,7 @@ from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.markup import foreign
-from jointbayes.report.methods import references, report_text
+from jointbayes.report.methods import report_text
 from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.reproducibility import one_blas_thread
@@ -394,7 +394,7 @@ def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
     texts = ["; ".join(f"**{name}**: {_meaning(name)}" for name in present) + ".", report_text("comparison")]
     texts += [report_text("nested")] if any(row["method"] == "nested sampling" for row in summary["candidates"]) else []
     texts += [report_text("loo")] if any(row["loo"] for row in summary["candidates"]) else []
-    return (*map(Paragraph, texts), references(*texts))
+    return tuple(map(Paragraph, texts))
 
 
 def _meaning(hypothesis: str) -> str:

@@ -24,8 +24,7 @@ _FIRST = 2  # blocks on FRFs before the residuals and the tables
 def fit_section(inputs: SetupInputs) -> ReportSection:
     """Measured against predicted."""
     summary = inputs.summary
-    said = (summary.check.sentence, f"The data are {summary.fit.n_data} values. {summary.check.advice}".rstrip())
-    blocks: list[Block] = [Paragraph(foreign(words)) for words in said]
+    blocks: list[Block] = [Paragraph(foreign(f"{summary.check.sentence} {summary.check.advice}"))]
     data, shown = inputs.problem.test.data.frfs, inputs.problem.test.data.shown_frfs
     of_frfs = [] if shown is None else _frf_figures(inputs.posterior, inputs.problem, shown, summary.diagnosis)
     residuals = [] if data is None else [_residuals(data, summary.check)]

@@ -14,6 +14,7 @@ from jointbayes.rounding import factor, interval, number, rounded_interval
 from jointbayes.sampling import END_TOLERANCE
 
 _MOST_COLUMNS = 4
+_ROWS_OF_PAGE_ONE = 2  # the run, and everything uncertain: both answers stand there
 
 
 def knowledge_section(inputs: ReportInputs) -> ReportSection:
@@ -89,7 +90,8 @@ def freed_blocks(knowledge: Knowledge) -> list[Block]:
             f"({', '.join(knowledge.assumed)}): {lead[0].lower()}{lead[1:]}"
         )
         note += " These uncertainties are assumed; state your own in [uncertain] to include them in the result."
-    return [Paragraph(f"**{lead}**"), Table("Effect of uncertain inputs", head, rows, note=note, align=None)]
+    table = Table("Effect of uncertain inputs", head, rows, note=note, align=None)
+    return [Paragraph(lead), *([table] if len(rows) > _ROWS_OF_PAGE_ONE else [])]
 
 
 def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -117,10 +119,8 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
     units = "".join(f"; {axis.name} {'has none' if axis.unit == '1' else f'in {axis.unit}'}" for axis in others)
     blocks: tuple[Block, ...] = (
         Paragraph(
-            "These are likelihood-ratio confidence limits, not credible intervals. They bound the values at which the "
-            "data can still be fitted with all else adjusted, however few joints fit so well, and use only the bounds "
-            "of the joint's priors. Verdicts are based on the draws; an end that page one or the terminal give by "
-            "likelihood ratio is the limit at 97.5 %, which lies farther out."
+            "The data can still be fitted up to these confidence limits with all else adjusted, however few joints fit "
+            "so well. An end that page one gives by likelihood ratio is the limit at 97.5 %, farther out."
         ),
         Table(
             "Likelihood-ratio limits at 95 %",

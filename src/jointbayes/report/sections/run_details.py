@@ -9,32 +9,23 @@ from jointbayes.posterior import Posterior
 from jointbayes.report import drawing, figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, foreign, listed_names
-from jointbayes.report.model import Block, Code, Figure, Paragraph, ReportSection, Table
-from jointbayes.rounding import fixed, number
+from jointbayes.report.model import Block, Code, Figure, Paragraph, ReportSection
+from jointbayes.rounding import number
 from vibrecords.arrays import Array
 
 
 def starts_section(inputs: ReportInputs) -> ReportSection:
     """Where the mode came from: the starts, and the paper's iteration or what is missing for it."""
     posterior, estimate = inputs.posterior, inputs.posterior.estimate
-    rows = tuple(
-        (
-            foreign(start.name),
-            ", ".join(number(k) for k in start.start),
-            ", ".join(number(k) for k in start.stiffness),
-            number(start.log_posterior, 7),
-            "yes" if start.reached_mode else "no",
-        )
-        for start in estimate.starts
+    every = len(estimate.starts)
+    text = f"The best fit was found from {every - len(estimate.failed_starts)} of {every} starting points; "
+    away = number(posterior.mode_distance, 2)
+    text += (
+        "none was better." if posterior.mode_agrees else f"a draw leads to another, {away} standard deviations away."
     )
-    head = ("Start", f"{foreign(', '.join(posterior.stiffness_names))} from", "to", "ln p", "Best fit reached")
-    reached = len(rows) - len(estimate.failed_starts)
-    text = f"{reached} of {len(rows)} starting points lead to the best fit"
-    text += f"; these do not: {foreign(estimate.failed_text)}." if estimate.failed_starts else "."
-    text += f" The best draw leads to a point {number(posterior.mode_distance, 2)} standard deviations from it."
     if estimate.sentence:
         text += f" {estimate.sentence}"
-    blocks: list[Block] = [Paragraph(text), Table("Starting points, and where each led", head, rows)]
+    blocks: list[Block] = [Paragraph(text)]
     if estimate.iteration is not None:
         blocks += _iteration_blocks(estimate.iteration, posterior.problem.quantities, inputs.reference)
     elif missing := missing_for_iteration(posterior.problem):
@@ -82,25 +73,15 @@ def sampling_section(inputs: ReportInputs) -> ReportSection:
     """How the draws were made and how well they mixed."""
     record = inputs.posterior.record
     s = record.sampler
-    rows = (
-        ("Ensembles × walkers", f"{s['ensembles']} × {s['walkers']}"),
-        ("Steps (limit)", f"{s['steps']} ({s['max_steps']})"),
-        ("Burn-in, thinning", f"{s['burn_in']} steps, every {s['thin']} steps"),
-        ("Autocorrelation time τ", ", ".join(f"{n} {number(t)}" for n, t in s["tau"].items()) + " steps"),
-        ("Acceptance", f"{100 * s['acceptance']:.0f} %"),
-        *((f"– {foreign(name)}", f"{100 * share:.0f} %") for name, share in s["move_acceptance"].items()),
-        ("Importance efficiency of the proposal", f"{100 * s['proposal_efficiency']:.0f} %"),
-        ("Evaluations", f"{s['evaluations']}"),
-        ("of these without a finite value", f"{s['singular']}"),
-        ("Effective draws", ", ".join(f"{n} {fixed(e, 0)}" for n, e in s["ess"].items())),
-        ("Time", f"{s['seconds']:.1f} s, {fixed(s['ess_per_second'], 0)} effective draws per second"),
-        ("Seed", f"{record.seed}"),
+    effective = f"{min(s['ess'].values()):.0f} effective draws in {s['seconds']:.1f} s, seed {record.seed}"
+    moves = ", ".join(f"{foreign(name)} {100 * share:.0f} %" for name, share in s["move_acceptance"].items())
+    text = (
+        f"{s['ensembles']} × {s['walkers']} walkers took {s['steps']} of at most {s['max_steps']} steps and left "
+        f"{effective}. Accepted: {100 * s['acceptance']:.0f} % of the proposals{f' ({moves})' if moves else ''}. "
+        f"Longest autocorrelation time: {number(max(s['tau'].values()))} steps."
     )
-    return ReportSection(
-        "sampling",
-        "Sampling",
-        (Table("Sampler", ("Figure", "Value"), rows, align="ll"), *chain_figures(inputs.posterior, s["thin"])),
-    )
+    text += f" {s['singular']} of {s['evaluations']} evaluations had no finite value." if s["singular"] else ""
+    return ReportSection("sampling", "Sampling", (Paragraph(text), *chain_figures(inputs.posterior, s["thin"])))
 
 
 def chain_values(posterior: Posterior) -> tuple[list[str], Array, NDArray[np.intp]]:
@@ -140,14 +121,16 @@ def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
 def settings_section(inputs: ReportInputs) -> ReportSection:
     """Everything needed to repeat the run."""
     summary = inputs.summary
-    versions = tuple((foreign(name), foreign(version)) for name, version in summary.record.versions.items())
+    versions = ", ".join(foreign(f"{name} {version}") for name, version in summary.record.versions.items())
+    case = "The case is in `case.toml`, its numbers in `summary.json`, both in this directory. " * bool(
+        inputs.case_text
+    )
     return ReportSection(
         "settings",
         "Settings and versions",
         (
             *([] if summary.mesh is None else [Paragraph(summary.mesh.sentence)]),
-            Paragraph(f"Fingerprint of the data (SHA-256): `{summary.data_sha256}`."),
-            Table("Versions", ("Package", "Version"), versions, align="ll"),
-            Code(inputs.case_text, "toml") if inputs.case_text else Code(str(inputs.posterior.problem), "text"),
+            Paragraph(f"{case}Fingerprint of the data (SHA-256): `{summary.data_sha256}`. Versions: {versions}."),
+            *([] if inputs.case_text else [Code(str(inputs.posterior.problem), "text")]),
         ),
     )

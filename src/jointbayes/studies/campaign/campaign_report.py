@@ -22,7 +22,7 @@ from jointbayes.report import Report
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.markup import foreign, format_numbers
-from jointbayes.report.methods import references, report_text
+from jointbayes.report.methods import report_text
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
 from jointbayes.report.run_directory import json_text, write_into
 from jointbayes.rounding import engineering, interval, json_ready, number
@@ -442,7 +442,7 @@ def _moved(q: ComparedQuantity) -> Array:
 def _method_section(joints: PopulationFindings) -> ReportSection:
     axes = ", ".join(axis.label for axis in joints.draws.parametrisation.axes)
     text = report_text("campaign", axes=axes, how=joints.population.how, worth=joints.population.effective_populations)
-    return ReportSection("method", "How this was computed", (Paragraph(text), references(text)))
+    return ReportSection("method", "How this was computed", (Paragraph(text),))
 
 
 #: Raised when a reader of the older form would misread the newer one.
