@@ -91,17 +91,14 @@ def default_of(field: FieldInfo) -> str:
 
 
 def case_keys() -> str:
-    """Every key of the case file by its name, with what error messages expect of it, linked to its section."""
+    """Every key of the case file by its name, with the tables that have it, linked to their sections."""
     sections, tables = _sections_of_keys(), {}
-    for table, key, field in keys_of(CaseSpec):
+    for table, key, _ in keys_of(CaseSpec):
         if anchor := sections.get((table, key)):
-            row = (key, anchor, _cell(field.description or ""), default_of(field))
-            tables.setdefault(row, {})[f"`[{table}]`" if table else "top level"] = None
-    lines = ["# All keys of the case file", "", _NOTE, ""]
-    lines += ["Made from the program: what its error messages expect of each key.", ""]
-    lines += ["| Key | Table | Expected | Default |", "|---|---|---|---|"]
-    for (key, anchor, expected, default), names in sorted(tables.items()):
-        lines.append(f"| [`{key}`](case-file.md#{anchor}) | {', '.join(names)} | {_escaped(expected)} | `{default}` |")
+            link = f"[`{table}`]" if table else "[top level]"
+            tables.setdefault(key, {})[f"{link}(case-file.md#{anchor})"] = None
+    lines = ["# Keys of the case file by name", "", _NOTE, "", "| Key | Tables |", "|---|---|"]
+    lines += [f"| `{key}` | {', '.join(links)} |" for key, links in sorted(tables.items())]
     return "\n".join(lines) + "\n"
 
 
