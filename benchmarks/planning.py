@@ -244,18 +244,7 @@ def counts(cases: list[list[Row]]) -> dict[str, Any]:
 
 
 def report(cases: list[list[Row]]) -> str:
-    """Markdown table of all candidates, and the counts."""
-    lines = [
-        "| case | wanted | uncertain | measurement | sd now | forecast (80 %) | found |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for row in (row for rows in cases for row in rows):
-        found = ", ".join(f"{sd:.3g}" if row.low <= sd <= row.high else f"**{sd:.3g}**" for sd in row.found)
-        name = f"{row.name} (first)" if row.recommended else row.name
-        lines.append(
-            f"| {row.seed} | {row.parameter} | {row.uncertain} | {name} | {row.before:.3g} | {row.median:.3g} "
-            f"({row.low:.3g} to {row.high:.3g}) | {found.replace('**nan**', '–')} |"
-        )
+    """The counts, in Markdown; `planning.json` has every candidate of every case."""
     n = counts(cases)
     return "\n".join([
         f"- Of {n['cases']} cases {n['planned']} were planned; the present posterior of the others had not converged.",
@@ -264,8 +253,6 @@ def report(cases: list[list[Row]]) -> str:
         f"- First choice among the best two: {_share(n['first_among_best_two'], n['planned'])} of the planned cases.",
         f"- Left out: {n['not_converged']} measurements whose posterior had not converged within "
         f"{SETTINGS.max_steps} steps (–).",
-        "", '<details markdown="1"><summary>All candidates of all cases; bold: outside the stated range</summary>', "",
-        *lines, "", "</details>",
     ])  # fmt: skip
 
 

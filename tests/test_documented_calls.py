@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from tests.conftest import STEEL, edited, rod
+from tests.conftest import STEEL, rod
 from tests.report.test_setups import OWN, TORQUES
 from tests.structure.imported import small_frame as small
 from tests.structure.imported.nastran_files import superelement, write_punch
@@ -19,10 +19,6 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 #: Run by tests of their own, of tests/test_workflow.py and of those whose files they show.
 ELSEWHERE = {"without-files.md", "developing.md"}
-
-
-#: Of how many steps a page speaks changes no call.
-FEWER_STEPS = {"method.md": [("max_steps=6000", "max_steps=200")]}
 #: Pages whose blocks ask what is known under other premises.
 OTHER_PREMISES = ("api.md",)
 
@@ -105,8 +101,7 @@ def test_every_block_of_python_runs_as_it_stands(page, clone, request):
         request.getfixturevalue("plain_reports")
     names = {"__name__": "__main__"} | (spindle_and_tool() if page.name == "measured-bodies.md" else {})
     for block in blocks(page):
-        short = edited(block, *FEWER_STEPS.get(page.name, ()))
-        exec(compile(short, page.name, "exec"), names)
+        exec(compile(block, page.name, "exec"), names)
 
 
 #: What a call in a line of text leaves to its reader.
