@@ -1,6 +1,7 @@
 """A posterior as xarray groups, as ArviZ wants them, and as a netCDF file.
 
-A problem is kept as a JSON description with arrays, and comes back to the last bit. The edge to ArviZ: its 0.x (InferenceData) and 1.x (DataTree) differ.
+A problem is kept as a JSON description with arrays, and comes back to the last bit. ArviZ's 0.x (InferenceData) and
+1.x (DataTree) differ; that is known here alone.
 """
 
 import hashlib

@@ -10,8 +10,7 @@ from scipy import sparse
 from jointbayes.structure.damping import LossFactor
 from jointbayes.structure.frame import FrameBody
 from jointbayes.structure.frame_element import lobatto_points
-from jointbayes.structure.frame_mesh import BodyMesh
-from jointbayes.structure.frame_recipe import FrameRecipe
+from jointbayes.structure.frame_recipe import BodyMesh, FrameRecipe
 from jointbayes.structure.imported.fe_model import DIRECTIONS, FeModel, FePart, Sparse
 from vibrecords.arrays import Array
 
