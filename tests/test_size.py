@@ -22,7 +22,7 @@ ROOMS = {
     "studies": (3300, 4510),
     "case": (4000, 5210),
     "report": (2700, 3680),
-    "cli and what stands alone": (1600, 1780),
+    "cli and what stands alone": (1600, 1800),
 }
 
 

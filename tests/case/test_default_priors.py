@@ -240,14 +240,14 @@ def test_a_problem_in_python_has_the_default_prior_of_a_case(name):
     bare = re.sub(r"(?ms)^\[(joints\.\w+\.)?prior(\.\w+)?\].*?(?=^\[|\Z)", "", text)
     case = case_from_text(name, bare, directory=CONFIGS)
     assert case.default_priors == frozenset(case.problem.parametrisation.names)
-    found, stated = default_prior(case.problem.tests), case.problem.prior
+    found, stated = default_prior([(t.structure, t.joints, t.data) for t in case.problem.tests]), case.problem.prior
     assert (found.names, found.marginals) == (stated.parametrisation.names, stated.marginals)
 
 
 def test_a_problem_without_a_prior_has_it():
     lone = case_from_text("default", (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")).problem.test
     problem = Problem(structure=lone.structure, joint=("1:y", "1:rz"), data=lone.data)
-    assert problem.prior == default_prior([lone])
+    assert problem.prior == default_prior([(lone.structure, lone.joints, lone.data)])
     assert problem.test.joints == lone.joints
     assert np.isfinite(problem.log_posterior(problem.initial_theta)).all()
     lines = lone.data.frf.frequency_hz

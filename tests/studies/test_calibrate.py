@@ -202,6 +202,7 @@ def test_a_directory_holds_report_numbers_and_ranks(done, tmp_path):
     done.write(tmp_path / "out")
     names = {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*") if p.is_file()}
     assert names - {".jointbayes"} == {
+        "references.bib",
         "report.html",
         "report.pdf",
         "summary.json",
@@ -305,7 +306,7 @@ def test_a_calibration_near_the_data_has_a_directory_and_a_report_of_its_own(tmp
     directory = tmp_path / "reports" / "case-calibration-near"
     assert json.loads((directory / "summary.json").read_text(encoding="utf-8"))["truths_from"] == "posterior"
     page = (directory / "report.html").read_text(encoding="utf-8")
-    assert "2502.03279" in page
+    assert "2502.03279" in (directory / "references.bib").read_text(encoding="utf-8")
     assert "from the priors of" not in page
 
 

@@ -41,7 +41,7 @@ from tests.studies.campaign_directory import (
 )
 
 JOINTS = 40
-FILES = {"report.html", "report.pdf", "summary.json", "joints.csv", "index.jsonl", "cases", "figures"}
+FILES = {"references.bib", "report.html", "report.pdf", "summary.json", "joints.csv", "index.jsonl", "cases", "figures"}
 
 
 @pytest.fixture(scope="module")

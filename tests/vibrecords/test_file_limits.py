@@ -20,7 +20,7 @@ from vibrecords.formats import (
     iter_records,
     join_frfs,
     read_frf,
-    uff_read,
+    uff_data_sets,
     write_frf,
     write_records,
 )
@@ -110,7 +110,7 @@ def test_more_records_than_any_measurement_are_refused(tmp_path, monkeypatch, fo
 
 def test_more_data_sets_than_belong_to_so_many_are_refused(tmp_path, monkeypatch):
     (tmp_path / "a").write_text("    -1\n   151\nmodel\n    -1\n" * 30)
-    monkeypatch.setattr(uff_read, "_MOST_SETS", 20)
+    monkeypatch.setattr(uff_data_sets, "_MOST_SETS", 20)
     assert "data sets: found more than 20" in refusal(tmp_path / "a")
 
 
