@@ -235,6 +235,8 @@ def _driven_hz(members: list[FrfRecord]) -> _Band:
     low = min((part.frequency_hz[0] for _, part in clear), default=0.0)
     high = max((part.frequency_hz[-1] for _, part in clear), default=np.inf)
     lines = members[0].frequency_hz
+    if not lines.size:
+        return None, None
     return None if low <= lines[0] else float(low), None if high >= lines[-1] else float(high)
 
 

@@ -124,6 +124,7 @@ def test_a_run_leaves_its_directory_and_nothing_else(finished):
         "report.pdf",
         "summary.json",
         "posterior.nc",
+        "references.bib",
         "case.toml",
         "figures",
     }
