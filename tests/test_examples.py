@@ -121,10 +121,11 @@ def test_the_files_of_the_imported_bar_are_those_of_the_script(tmp_path):
     for name in ("stiffness", "mass"):
         one, other = getattr(made, name), getattr(shipped, name)
         assert abs(one - other).max() < 1e-9 * abs(other).max()
-    made_frfs, records = solid_data.frfs(every=40), list(iter_records(solid_data.FRFS))
-    for (i, output), (j, input_) in itertools.product(enumerate(made_frfs.outputs), enumerate(made_frfs.inputs)):
-        (record,) = (r for r in records if (r.response, r.reference) == (output, input_))
-        np.testing.assert_allclose(made_frfs.values[:, i, j], record.values[::40], rtol=1e-6)
+    for name, make in solid_data.MADE.items():
+        made_frfs, records = make(every=40), list(iter_records(numbers.CONFIGS / "data" / name))
+        for (i, output), (j, input_) in itertools.product(enumerate(made_frfs.outputs), enumerate(made_frfs.inputs)):
+            (record,) = (r for r in records if (r.response, r.reference) == (output, input_))
+            np.testing.assert_allclose(made_frfs.values[:, i, j], record.values[::40], rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["spindle_tool", "spindle_measured"])

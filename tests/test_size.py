@@ -19,8 +19,8 @@ ROOMS = {
     "identification": (1050, 1500),
     "sampling": (1450, 2400),
     "posterior": (3500, 5795),
-    "studies": (3300, 4510),
-    "case": (4000, 5210),
+    "studies": (3300, 4605),
+    "case": (4000, 5150),
     "report": (2700, 3680),
     "cli and what stands alone": (1600, 1800),
 }

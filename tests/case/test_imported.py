@@ -35,6 +35,13 @@ truth = { k11 = 3e7, k12 = 1e5, k22 = 2e5 }
 """
 
 
+TOOL = """youngs_modulus_gpa = 580.0
+density_kg_m3 = 14400.0
+section = { shape = "circle", diameter_mm = 14.0 }
+points = { shank = [383, 0, 0], tip = [433, 0, 0] }
+"""
+
+
 def save(model, path, **more):
     np.savez(path, K=model.stiffness.toarray(), M=model.mass.toarray(), dofs=model.dofs, nodes=model.nodes,
              xyz=model.places, **more)  # fmt: skip
@@ -191,6 +198,13 @@ def test_supports_and_boxes(home):
         (("[joint]", "[uncertain.length]\nsd_percent = 1.0\n[joint]"), "uncertain.length", 'kind = "imported"'),
         (('file = "beam.npz"', 'file = "beam.npz"\nsupports = ["1:z"]'), "case.toml", "no DOF 1:z"),
         (('law = "modal", ratio = 0.01', 'law = "model"'), "case.toml", "no damping matrix"),
+        (("[joint]", "[structure.bodies.2nd]\n" + TOOL + "[joint]"), "structure.bodies.2nd", "rename the body"),
+        (("[joint]", "[structure.bodies.tool]\n" + TOOL + "[structure.parts.tool]\nfile = 'beam.npz'\n[joint]"),
+         "structure.bodies.tool", "also that of a part"),
+        (("[joint]", "[structure.bodies.tool]\n" + TOOL.replace("section", "# ") + "[joint]"), "structure.bodies.tool",
+         "section"),
+        (("[joint]", "[structure.bodies.tool]\n" + TOOL + 'masses = [{ point = "x", mass_kg = 1.0 }]\n[joint]'),
+         "structure.bodies.tool", "masses"),
         (('file = "beam.npz"', 'file = "beam.npz"\nlength_unit = "mm"'), "case.toml", "unit"),
     ],
 )  # fmt: skip

@@ -33,7 +33,7 @@ from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_ca
 from jointbayes.case.parse import first_joined, needs_files, parse_planned, parse_setups
 from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
 from jointbayes.case.spec.fields import DATA_FILE, show_key
-from jointbayes.case.spec.imported_table import ImportedSpec
+from jointbayes.case.spec.frame_and_imported import ImportedSpec
 from jointbayes.case.spec.joint_table import joint_table
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.whole import CaseSpec

@@ -19,9 +19,9 @@ from scipy import sparse
 from jointbayes.case.case_text import CaseText, find_outside
 from jointbayes.case.spec.data_table import ChannelSpec, MeasuredBodySpec, MeasuredSpec, SyntheticFrfSpec, files_table
 from jointbayes.case.spec.fields import DataTable, KeyPath
-from jointbayes.case.spec.imported_table import ImportedSpec, ModelDampingSpec, PortSpec
+from jointbayes.case.spec.frame_and_imported import ImportedSpec, ModelDampingSpec, PortSpec
 from jointbayes.case.spec.joint_table import JointSpec
-from jointbayes.case.spec.prior_tables import FactorPriorSpec, UncertainSpec
+from jointbayes.case.spec.prior_tables import WORKSHOP_SD_PERCENT, FactorPriorSpec, UncertainSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix
 from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase, metres
@@ -60,6 +60,7 @@ from jointbayes.structure import (
     Body,
     FeModel,
     FePart,
+    FrameBody,
     ImportedRecipe,
     LossFactor,
     Port,
@@ -68,7 +69,7 @@ from jointbayes.structure import (
     read_structure,
     reduce_to_ports,
 )
-from jointbayes.structure.imported import nodes_in_box
+from jointbayes.structure.imported import nodes_in_box, with_beams
 from jointbayes.structure.imported.kept import kept_or_made, key_of
 from vibrecords import Data, split_modes
 from vibrecords.arrays import Array
@@ -412,8 +413,6 @@ def _matrix(file: Path) -> Matrix:
 
 DEFAULT_GUESS_FACTOR = 1e3  # of k11, relative to the beam's own stiffness
 
-#: How well material and length are known in a workshop, where the case takes them as exactly known.
-WORKSHOP_SD_PERCENT = {"youngs_modulus": 3.0, "density": 1.0, "length": 0.5}
 _ACCELEROMETER_SD_PERCENT = 5.0
 _ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot be the same mode
 
@@ -672,6 +671,8 @@ _BEYOND_MODES = 1.25
 
 _Stamp = tuple[str, int, int]
 """A file by its path, its size and when it was written."""
+Bodies = tuple[tuple[str, FrameBody], ...]
+"""Bodies of beams beside the model, by their names."""
 
 
 def top_of(spec: CaseSpec, data: Data | None) -> float:
@@ -720,18 +721,23 @@ def reduce_imported(spec: CaseSpec, home: CaseHome, dofs: Iterable[str], top_hz:
     ports |= {point: Port((int(point),)) for point in named if point.isdecimal()}
     quantities = {nuisance.name: nuisance.range for nuisance, _ in quantities_of(spec)}
     whole = sum(max(map(abs, quantities.get(q, (0.0, 0.0)))) for q in ("youngs_modulus", "density")) / 2
+    top_hz = max(structure.top_hz or 0.0, top_hz * float(np.exp(whole)))
+    bodies = tuple((name, body.body(body)) for name, body in structure.bodies.items())
+    beside, points = _with_beams(tuple(stamps.items()), structure.length_unit, bodies, top_hz)
+    ports |= {point: Port((points[point],)) for point in named if point in points}
     ends = {
         name: tuple(np.exp(range_).tolist())
         for name, range_ in quantities.items()
-        if name.rpartition(".")[0] in model.parts
+        if name.rpartition(".")[0] in beside.parts
     }
     recipe = _reduced(
         tuple(stamps.items()),
         structure.length_unit,
+        bodies,
         tuple(ports.items()),
-        max(structure.top_hz or 0.0, top_hz * float(np.exp(whole))),
+        top_hz,
         tuple(ends.items()),
-        tuple((int(node), way) for node, _, way in (label.rpartition(":") for label in structure.supports)),
+        tuple((points.get(node) or int(node), way) for node, _, way in (s.rpartition(":") for s in structure.supports)),
         isinstance(structure.damping, ModelDampingSpec),
     )
     return spec.model_copy(update={"structure": structure.with_reduced(recipe)})
@@ -760,6 +766,14 @@ def _read(stamps: tuple[tuple[tuple[str, ...], _Stamp], ...], length_unit: str) 
             bending = read_structure(of["bending_file"], length_unit=length_unit, mass=of.get("mass_file"), **maps)
         parts[name] = _part(model, part, bending, name)
     return replace(model, parts={**model.parts, **parts})
+
+
+@lru_cache(maxsize=4)
+def _with_beams(
+    stamps: tuple[tuple[tuple[str, ...], _Stamp], ...], length_unit: str, bodies: Bodies, top_hz: float
+) -> tuple[FeModel, dict[str, int]]:
+    model = _read(stamps, length_unit)
+    return with_beams(model, dict(bodies), top_hz) if bodies else (model, {})
 
 
 def _part(model: FeModel, part: FeModel, bending: FeModel | None, name: str) -> FePart:
@@ -797,16 +811,18 @@ def _port(spec: PortSpec, model: FeModel, name: str) -> Port:
 def _reduced(
     stamps: tuple[tuple[tuple[str, ...], _Stamp], ...],
     length_unit: str,
+    bodies: Bodies,
     ports: tuple[tuple[str, Port], ...],
     top_hz: float,
     ends: tuple[tuple[str, tuple[float, float]], ...],
     supports: tuple[tuple[int, str], ...],
     own_damping: bool,
 ) -> ImportedRecipe:
-    model, law = _read(stamps, length_unit), None if own_damping else LossFactor(0.0)
+    model, _ = _with_beams(stamps, length_unit, bodies, top_hz)
+    law = None if own_damping else LossFactor(0.0)
     files = [Path(path) for _, (path, _, _) in stamps]
     return kept_or_made(
         model.n_dofs,
-        lambda: key_of(files, length_unit, ports, top_hz, ends, supports, own_damping),
+        lambda: key_of(files, length_unit, *bodies, ports, top_hz, ends, supports, own_damping),
         lambda: reduce_to_ports(model, dict(ports), top_hz, law, ends=dict(ends), supports=supports),
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from jointbayes.case.case_objects import WORKSHOP_SD_PERCENT
+from jointbayes.case.spec.prior_tables import WORKSHOP_SD_PERCENT
 from jointbayes.case.toml_text import toml_text, toml_value
 from jointbayes.errors import MeasurementError
 from vibrecords import FrfSet

@@ -86,7 +86,7 @@ def predict(posterior: Path, other: Path, out: Path | None, setup: str | None) -
     Examples:
       jointbayes predict reports/my_case longer_tool.toml
     """
-    from jointbayes.case.other_case import read_other
+    from jointbayes.studies.other_case import read_other
     from jointbayes.studies.prediction_report import A_PREDICTION, prediction_lines, write_prediction
     from jointbayes.workflow import load_posterior
 

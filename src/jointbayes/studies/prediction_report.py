@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
-from jointbayes.case.other_case import OtherCase
 from jointbayes.posterior import OtherStructure, Posterior, package_versions
 from jointbayes.report.canvas import panels, svg
 from jointbayes.report.frf_curves import frf_unit
@@ -15,6 +14,7 @@ from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.rounding import json_ready, number
+from jointbayes.studies.other_case import OtherCase
 from jointbayes.studies.study_directory import write_study
 
 #: What the directory of a prediction holds.

@@ -25,8 +25,7 @@ from jointbayes.case.spec.data_table import (
     synthetic_table,
 )
 from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, key_field, listed, show_key
-from jointbayes.case.spec.frame_table import FrameSpec
-from jointbayes.case.spec.imported_table import ImportedSpec
+from jointbayes.case.spec.frame_and_imported import FrameSpec, ImportedSpec
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table, prior_table
 from jointbayes.case.spec.prior_tables import (
     ModelErrorSpec,

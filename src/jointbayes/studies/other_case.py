@@ -11,7 +11,7 @@ import numpy as np
 from jointbayes.case.case_objects import CaseHome, quantities_of, reduce_imported
 from jointbayes.case.case_text import CaseText, read_case_text
 from jointbayes.case.parse import parse_case
-from jointbayes.case.spec.imported_table import ImportedSpec
+from jointbayes.case.spec.frame_and_imported import ImportedSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, JointBayesError
 from jointbayes.frf import Ports
