@@ -120,6 +120,64 @@ def engineering(values: Sequence[float], unit: str, errors: Sequence[float] = ()
     return texts, prefix + unit
 
 
+def with_interval(values: Sequence[float], unit: str, errors: Sequence[float] = ()) -> str:
+    """A value with its 95 % interval, or the interval alone, as every page, line and figure prints it.
+
+    Three digits, or as many as tell the ends apart to a fifth of the interval's width, and no more than the errors
+    support.
+
+    Parameters
+    ----------
+    values
+        Value and both ends, or the ends alone, in the unit.
+    unit
+        Unit without a prefix.
+    errors
+        Monte Carlo standard error of each; by default not known.
+
+    Examples
+    --------
+    >>> with_interval((1.52214e6, 1.50943e6, 1.5801e6), "N·m/rad"), with_interval((3.19e9, 1.52e10), "N/m")
+    ('1.52 (1.51 to 1.58) MN·m/rad', '3.19 to 15.2 GN/m')
+    >>> with_interval((2.0005e7, 1.9988e7, 2.0021e7), "N/m")
+    '20.005 (19.988 to 20.021) MN/m'
+    """
+    width = abs(values[-1] - values[-2])
+    least = [_last_place(value, width) for value in values]
+    supported = [np.fmax(*pair) for pair in zip(least, errors or least, strict=True)]
+    (*value, low, high), of = engineering(values, unit, supported)
+    return join_unit(f"{value[0]} ({low} to {high})" if value else f"{low} to {high}", of)
+
+
+def _last_place(value: float, width: float) -> float:
+    """An error that leaves a number three digits, or so many that an interval of this width has its fifths."""
+    sizes = (abs(value) / 100, width / 5)
+    return 1.5 * 10.0 ** min((math.floor(math.log10(size)) for size in sizes if 0 < size < math.inf), default=0)
+
+
+def one_sided(side: str, limit: float, unit: str) -> str:
+    """A limit that holds with 95 % probability, as it is printed everywhere.
+
+    Examples
+    --------
+    >>> one_sided("above", 4.482e5, "N·m/rad")
+    'above 448 kN·m/rad (95 %)'
+    """
+    return f"{side} {quantity_text(limit, unit)} (95 %)"
+
+
+def quantity_text(value: float, unit: str) -> str:
+    """One number with three digits and its unit.
+
+    Examples
+    --------
+    >>> quantity_text(9.3549e9, "N/m")
+    '9.35 GN/m'
+    """
+    (text,), of = engineering((value,), unit)
+    return join_unit(text, of)
+
+
 def join_unit(text: str, unit: str) -> str:
     """A number with its unit; a pure number, whose unit is "1", by itself.
 
@@ -131,15 +189,15 @@ def join_unit(text: str, unit: str) -> str:
     return text if unit == "1" else f"{text} {unit}"
 
 
-def rounded_interval(ends: tuple[float, float], errors: tuple[float, float], between: str = " … ") -> str:
+def rounded_interval(ends: tuple[float, float], errors: tuple[float, float]) -> str:
     """Format the ends of an interval, each with the digits that its own error supports.
 
     Examples
     --------
     >>> rounded_interval((3.532e9, 1.4552e10), (5.1e6, 2.1e8))
-    '3.532e9 … 1.46e10'
+    '3.532e9 to 1.46e10'
     """
-    return between.join(rounded_row(ends, errors))
+    return " to ".join(rounded_row(ends, errors))
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -290,12 +348,12 @@ def interval(ends: Sequence[float], digits: int = 3) -> str:
     Examples
     --------
     >>> interval((99.2, 12345.0)), interval((0.12, 4.5))
-    ('9.92e1 … 1.23e4', '0.12 … 4.5')
+    ('9.92e1 to 1.23e4', '0.12 to 4.5')
     """
     texts = [number(end, digits) for end in ends]
     if len({"e" in text for text in texts}) > 1:
         texts = [_in_powers(end, digits) for end in ends]
-    return " … ".join(texts)
+    return " to ".join(texts)
 
 
 def json_ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)

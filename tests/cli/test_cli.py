@@ -18,7 +18,7 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.cli.commands import main
-from jointbayes.rounding import rounded
+from jointbayes.rounding import with_interval
 from jointbayes.studies.reference_check import check_posterior
 from jointbayes.workflow import load_posterior
 from tests.conftest import (
@@ -151,17 +151,13 @@ def test_a_run_states_the_numbers_of_its_summary(finished):
     said_of = re.split(r"\n(?=k\d\d: )", "\n".join(lines[1:-2]))
     for text, (name, p) in zip(said_of, summary["parameters"].items(), strict=True):
         line = " ".join(text.split())
-        median, ends = rounded(p["median"], p["median_error"]), zip(p["interval95"], p["interval95_error"], strict=True)
-        low, high = (rounded(end, error) for end, error in ends)
-        ends = f"95 % credible interval {low} to {high}"
+        drawn = with_interval((p["median"], *p["interval95"]), p["unit"], (p["median_error"], *p["interval95_error"]))
         exact = " only if Young's modulus, density, length and damping ratio are exact" if p["only_if_exact"] else ""
         if any(p["printed_by_likelihood"]):
-            sources = zip(p["printed95"], p["printed_by_likelihood"], (low, high), strict=True)
-            printed = " to ".join(rounded(end) if moved else drawn for end, moved, drawn in sources)
-            assert line.startswith(f"{name}: median {median} {p['unit']}, 95 % interval {printed}: ")
-            assert f" by likelihood ratio; {ends}" in line
+            assert f" by likelihood ratio; by the draws {drawn}" in line
+            assert line.startswith(f"{name}: {drawn.partition(' ')[0]} (")
         else:
-            assert line.startswith(f"{name}: median {median} {p['unit']}, {ends}: ")
+            assert line.startswith(f"{name}: {drawn}: ")
         assert f": {p['verdict']}{exact} " in line
         assert p["verdict_reason"] in line
         assert p["prior_volume"] in line

@@ -158,7 +158,7 @@ def test_a_bounded_stiffness_is_named_with_its_limit_and_no_factor():
     values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
     k11 = replace(assess(values[:, 0], prior_draws()[:, 0]), verdict="bounded below", limit95=2.5e8, unit="N/m")
     found = {named.quantity: named for named in name_directions(values, prior_draws(), {"k11": k11})}
-    assert found["k11"].sentence == "k11 is bounded below: it is above 2.50e8 N/m with 95 % probability"
+    assert found["k11"].sentence == "k11 is bounded below: it is above 250 MN/m (95 %)"
 
 
 def test_where_a_failed_run_allows_no_verdict_no_combination_has_one():

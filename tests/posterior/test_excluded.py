@@ -177,9 +177,9 @@ def test_terminal_page_one_and_summary_say_what_is_excluded(stated, capsys):
     assert said.startswith("The data rule out that the joint is rigid (more than 1e6 times less likely)")
     assert "The data do not rule out that the joint is uncoupled (" in said
     best = inputs.knowledge.directions[0]
-    assert f"Best known: {best.sentence} (median {rounded(best.median)}, 95 % credible interval " in said
+    assert f"Best known: {best.sentence} ({rounded(best.median)} (" in said
     assert best.interval95[0] < best.median < best.interval95[1]
-    assert f"{rounded_interval(best.interval95, best.interval95_error, ' to ')}, SI units)" in said
+    assert f"{rounded_interval(best.interval95, best.interval95_error)}), SI units)" in said
     assert summary["directions"][0]["median"] == best.median
     assert summary["bounds_sentence"] == said
     assert [one["excluded"] for one in summary["simpler_joints"]] == [True, True, False]

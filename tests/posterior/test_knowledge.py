@@ -33,7 +33,7 @@ from jointbayes.report.markup import badge
 from jointbayes.report.model import Lights, Paragraph, Table
 from jointbayes.report.sections import lead
 from jointbayes.report.sections.identifiable import freed_blocks
-from jointbayes.rounding import rounded, rounded_interval
+from jointbayes.rounding import one_sided
 from jointbayes.stored_values import stored_value
 from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, judged_as, of_case, plain_reports
 
@@ -212,10 +212,9 @@ def row_of(uncertain, **sd):
 
 def test_the_sentence_says_which_verdicts_rest_on_what():
     known, all_free = row_of((), k11=0.5, k22=0.01), row_of(("youngs_modulus", "length"), k11=0.6, k22=0.5)
-    ratio = all_free.known["k22"].ratio
     assert effect_sentence((known, all_free)) == (
-        f"With Young's modulus and length uncertain: k22 goes from identified (a factor of 1.033) to not identified "
-        f"(a factor of {ratio:.3g})."
+        f"With Young's modulus and length uncertain: k22 goes from {known.known['k22'].value}, identified, to "
+        f"{all_free.known['k22'].value}, not identified."
     )
     assert effect_sentence((all_free, known)) == effect_sentence((known, all_free))
     assert effect_sentence((known, row_of(("youngs_modulus",), k11=0.5, k22=0.01))) == (
@@ -228,11 +227,10 @@ def test_the_sentence_states_the_ends_that_are_printed_everywhere():
     known, freed = row_of_intervals((), k=(1.0, 1.2)), row_of_intervals(("length",), k=(1.0, 2.0))
     known.known["k"] = replace(known.known["k"], printed95=(0.8, 1.2))
     freed.known["k"] = replace(freed.known["k"], printed95=(0.5, 2.0))
-    assert "k goes from identified (a factor of 1.50) to weakly identified (a factor of 4)" in effect_sentence(
-        (known, freed)
-    )
+    said = effect_sentence((known, freed))
+    assert "k goes from 1.10 (0.800 to 1.20) N/m, identified, to 1.41 (0.500 to 2.00) N/m, weakly identified" in said
     freed.known["k"] = replace(freed.known["k"], verdict="identified")
-    assert "its interval goes from 0.800 … 1.20 to 0.500 … 2.00" in effect_sentence((known, freed))
+    assert "but goes from 1.10 (0.800 to 1.20) N/m to 1.41 (0.500 to 2.00) N/m" in effect_sentence((known, freed))
 
 
 def row_of_intervals(uncertain, **ends):
@@ -268,8 +266,7 @@ def test_a_verdict_is_unconditional_where_freed_inputs_leave_its_interval(freed,
     assert ("k" not in exact) == holds
     if not holds:
         assert exact["k"].condition == " only if density and length are exact"
-        ends = rounded_interval(row.known["k"].interval95, row.known["k"].interval95_error, " to ")
-        assert exact["k"].words_if_uncertain == f"with them uncertain {ends} N/m, {row.verdict['k']}"
+        assert exact["k"].words_if_uncertain == f"with them uncertain {row.known['k'].value}, {row.verdict['k']}"
     # a change that the Monte Carlo errors of the ends explain is none
     noisy = replace(row, known={"k": replace(row.known["k"], interval95_error=(8.0, 8.0))})
     within = run.verdict == row.verdict and 100 < row.known["k"].median < 110
@@ -339,7 +336,7 @@ def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs,
     limits = next(b.text for b in built.lead if isinstance(b, Paragraph) and b.text.startswith("**What limits"))
     assert "only with Young's modulus, density, length and damping ratio exact." in limits
     assert badge(only_if).kind == "caution"
-    beside = f"with them uncertain {rounded_interval(freed.interval95, freed.interval95_error, ' to ')} N·m/rad"
+    beside = f"with them uncertain {freed.value}"
     said = next(b.text for b in built.blocks() if isinstance(b, Paragraph) and only_if in b.text and beside in b.text)
     assert f"**k22**: {only_if} (" in said
     assert summary["identifiability"]["sentence"].startswith("With Young's modulus, density, length and damping ratio")
@@ -420,7 +417,7 @@ def test_other_premises_have_verdicts_and_draws_of_their_own_that_are_kept(cheap
     np.testing.assert_array_equal(workshop.draws, found.draws)
     assert 1000 <= len(workshop.draws) <= 2000
     for name, known in cheap_inputs.knowledge.workshop.items():
-        assert (workshop.known[name].row, workshop.verdict[name]) == (known.row, known.verdict)
+        assert (workshop.known[name].value, workshop.verdict[name]) == (known.value, known.verdict)
         np.testing.assert_allclose(np.log(workshop.interval(name)), np.log(known.interval95), atol=0.3)
         narrow, wide = cheap_posterior.interval(name), workshop.interval(name, 0.999)
         assert wide[0] < narrow[0] < narrow[1] < wide[1]
@@ -491,7 +488,7 @@ def test_a_limit_under_other_premises_is_the_more_cautious_of_draws_and_likeliho
     known = uncertain_inputs._judged(cheap_posterior, quantity, values, 4000.0, object(), lambda: region)
     assert known.verdict == f"bounded {side}"
     assert known.printed_limit == printed
-    assert known.limit_in_words.startswith(f"{'above' if side == 'below' else 'below'} {rounded(printed)[0]}")
+    assert known.value == one_sided("above" if side == "below" else "below", printed, "N·m/rad")
     weaker = replace(known, printed95=(printed / 2, math.nan) if side == "below" else (math.nan, printed * 2))
     run, row = (
         UncertainInputsRow(names, "this run", {"k22": one}) for names, one in (((), known), (("length",), weaker))

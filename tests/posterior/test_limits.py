@@ -23,7 +23,7 @@ from jointbayes.posterior.verdicts import LEAST_EXCLUDED, lines_of
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.report.sections.lead import _accuracy
 from jointbayes.rounding import factor as ratio_in_words
-from jointbayes.rounding import rounded, rounded_interval
+from jointbayes.rounding import one_sided, quantity_text, with_interval
 from tests.conftest import CONFIGS, PAIR, TO_CONVERGE
 from tests.posterior.test_verdicts import widened_by, with_cached
 
@@ -314,7 +314,7 @@ def test_what_is_printed_is_the_more_cautious_end(cheap_posterior):
     identified = cheap_posterior.verdict("k22")
     assert identified.verdict == "identified"
     assert np.isnan([identified.likelihood95, identified.printed95]).all()
-    assert identified.interval() == rounded_interval(identified.interval95, identified.interval95_error)
+    assert identified.ends == (identified.interval95, identified.interval95_error)
 
 
 @pytest.mark.parametrize("wider", [1.001, 1.5, 3.0])
@@ -351,15 +351,11 @@ def test_each_end_says_where_it_comes_from(cheap_posterior):
         changed = with_limits(cheap_posterior, (low, high), printed)
         known, line = changed.verdict("k12"), " ".join(lines_of("k12", changed.verdict("k12")))
         assert known.prior_volume == ""
-        drawn = rounded_interval(known.interval95, known.interval95_error, " to ")
-        if words:
-            assert f"95 % interval {known.interval(' to ')}: " in line
-            assert f"{words}; 95 % credible interval {drawn}" in line
-        else:
-            assert f", 95 % credible interval {drawn}: " in line
-        ends = known.interval(" to ").split(" to ")
-        assert (ends[0] == rounded(low / 2)) == ("lower" in words or "both" in words)
-        assert (ends[1] == rounded(high * 2)) == ("upper" in words or "both" in words)
+        drawn = with_interval((known.median, *known.interval95), "N", (known.median_error, *known.interval95_error))
+        assert line.startswith(f"k12: {known.value}: ")
+        assert (f"{words}; by the draws {drawn}" in line) == bool(words)
+        assert (known.ends[0][0] == low / 2) == ("lower" in words or "both" in words)
+        assert (known.ends[0][1] == high * 2) == ("upper" in words or "both" in words)
 
 
 @pytest.mark.parametrize(("share", "speaks"), [(0.09, False), (0.11, True)])
@@ -369,28 +365,27 @@ def test_the_volume_speaks_beyond_a_tenth_of_the_interval(cheap_posterior, share
         moved = low * (high / low) ** (sign * share)
         changed = with_limits(cheap_posterior, (moved, high), (low, high))
         said = changed.verdict("k12").prior_volume
-        lower = changed.verdict("k12").interval().split(" … ")[0]
         assert bool(said) == speaks
         assert said in " ".join(lines_of("k12", changed.verdict("k12")))
         if speaks:
-            ends = f"lower end {lower} by the draws, {rounded(moved)} by the likelihood alone"
+            alone, drawn = (quantity_text(end, "N") for end in (moved, low))
+            ends = f"the test alone sets the lower end at {alone}, the draws at {drawn}"
             assert said == f"part of this rests on the prior: {ends}"
-            assert f"{said.capitalize()}." in verdict_sentences(changed.summary())
+            assert f"{said[0].upper()}{said[1:]}." in verdict_sentences(changed.summary())
     none = with_limits(cheap_posterior, (low, math.nan), (low, 2 * high)).verdict("k12")
-    drawn = rounded(high, none.interval95_error[1])
-    assert none.prior_volume.endswith(f"upper end {drawn} by the draws, not limited by the data alone")
-    assert none.source.startswith("(upper end as far as the priors reach; 95 % credible interval ")
+    assert none.prior_volume.endswith(f"the test alone sets no upper end, the draws at {quantity_text(high, 'N')}")
+    assert none.source.startswith("upper end as far as the priors reach; by the draws ")
     both = with_limits(cheap_posterior, (low / 2, math.nan), (low / 2, 2 * high)).verdict("k12")
-    assert both.source.startswith("(lower end by likelihood ratio, upper end as far as the priors reach; ")
+    assert both.source.startswith("lower end by likelihood ratio, upper end as far as the priors reach; ")
     neither = with_limits(cheap_posterior, (math.nan, math.nan), (low / 2, 2 * high)).verdict("k12")
-    assert neither.source.startswith("(both ends as far as the priors reach; ")
+    assert neither.source.startswith("both ends as far as the priors reach; ")
 
 
 def test_a_sign_that_the_likelihood_leaves_open_is_compared_on_the_plain_scale():
     known = replace(assess(np.linspace(0.1, 2.1, 1000), np.linspace(0.1, 9.0, 1000)), printed95=(-0.5, 2.1))
     low, high = known.interval95
     assert replace(known, likelihood95=(-0.5, high)).prior_volume.startswith(
-        "part of this rests on the prior: lower end "
+        "part of this rests on the prior: the test alone sets the lower end at "
     )
     assert low - 0.09 * (high - low) < 0
     assert not replace(known, likelihood95=(low - 0.09 * (high - low), high)).prior_volume
@@ -418,12 +413,11 @@ def test_a_one_sided_limit_is_the_more_cautious_one(cheap_posterior):
             ends = [known.printed95[side == "above"], known.printed95[side == "below"]]
             assert ends[0] == pick(drawn, drawn * factor)
             assert math.isnan(ends[1])
-            drawn_text, limit = rounded(drawn, known.limit95_error), rounded(drawn * factor)
-            moved = ends[0] != drawn
-            words = f"{limit} N·m/rad by likelihood ratio ({drawn_text} by the draws)"
-            words = words if moved else f"{drawn_text} N·m/rad with 95 % probability"
-            beyond = "above" if side == "below" else "below"
-            assert " ".join(lines_of("k22", found.verdict("k22"))).startswith(f"k22: {beyond} {words}: bounded {side}")
+            beyond, moved = "above" if side == "below" else "below", ends[0] != drawn
+            line = " ".join(lines_of("k22", found.verdict("k22")))
+            assert line.startswith(f"k22: {one_sided(beyond, ends[0], 'N·m/rad')}: bounded {side}")
+            by_draws = f"by likelihood ratio; by the draws {one_sided(beyond, drawn, 'N·m/rad')}"
+            assert (by_draws in line) == moved
             assert known.prior_volume.count("end") == 1
 
 
@@ -449,7 +443,7 @@ def test_the_summary_has_both_intervals_and_what_is_printed(cheap_posterior):
         assert entry["printed_by_likelihood"] == list(known.printed_by_likelihood)
         assert entry["prior_volume"] == known.prior_volume
     table = str(cheap_posterior.summary())
-    assert f"({cheap_posterior.verdict('k11').interval()})" in table
+    assert cheap_posterior.verdict("k11").value in table
 
 
 @pytest.mark.parametrize("bend", [0.5, 2.0])

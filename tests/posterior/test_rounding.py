@@ -1,12 +1,13 @@
 """Numbers side by side have one notation, and the digits that their errors support."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.verdicts import lines_of
-from jointbayes.rounding import engineering, interval, rounded, rounded_interval
+from jointbayes.rounding import engineering, interval, rounded, rounded_interval, with_interval
 
 NAN = math.nan
 
@@ -33,18 +34,36 @@ def test_a_median_and_its_interval_share_one_prefix(values, unit, errors, texts,
 @pytest.mark.parametrize("low", [99210.0, 9.921e-5])
 def test_both_ends_of_an_interval_have_one_notation(low):
     for text in (interval((low, 1.1 * low)), rounded_interval((low, 1.1 * low), (0.0, 0.0))):
-        assert len({"e" in end for end in text.split(" … ")}) == 1
+        assert len({"e" in end for end in text.split(" to ")}) == 1
 
 
 def test_a_number_alone_is_told_as_in_a_row_of_one():
     assert rounded(99936.0, 12.0) == "9.994e4"
-    assert rounded_interval((99936.0, 1.0067e5), (12.0, 40.0)) == "9.994e4 … 1.0067e5"
+    assert rounded_interval((99936.0, 1.0067e5), (12.0, 40.0)) == "9.994e4 to 1.0067e5"
 
 
 def test_a_median_and_the_ends_of_its_interval_are_told_alike():
     known = Identifiability(
         (99210.0, 100673.0), 1.01, 0.01, 0.99, "identified", "", 99936.0, 12.0, (40.0, 40.0), unit="N·m/rad"
     )
-    assert known.row == ("9.994e4", "9.921e4", "1.0067e5")
+    assert known.value == "99.9 (99.2 to 100.7) kN·m/rad"
     (line,) = lines_of("krz", known)
-    assert line.startswith("krz: median 9.994e4 N·m/rad, 95 % credible interval 9.921e4 to 1.0067e5: identified")
+    assert line.startswith("krz: 99.9 (99.2 to 100.7) kN·m/rad: identified")
+    bounded = replace(known, verdict="bounded below", limit95=4.482e5)
+    assert bounded.value == bounded.limit == "above 448 kN·m/rad (95 %)"
+    assert replace(bounded, verdict="bounded above").value == "below 448 kN·m/rad (95 %)"
+
+
+@pytest.mark.parametrize(
+    ("values", "errors", "text"),
+    [
+        ((1.5221e6, 1.5094e6, 1.580e6), (1e2, 1e2, 1e3), "1.52 (1.51 to 1.58) MN·m/rad"),
+        ((1.06e6, 5.43e5, 2.2e7), (NAN, NAN, 1e6), "1.06 (0.543 to 22) MN·m/rad"),
+        ((6.0e4, 5.9917e4, 6.0094e4), (), "60.00 (59.92 to 60.09) kN·m/rad"),
+        ((2e5, -3e5, 4e5), (), "200 (-300 to 400) kN·m/rad"),
+        ((5.0, 5.0, 5.0), (), "5.00 (5.00 to 5.00) N·m/rad"),
+        ((NAN, NAN, NAN), (), "– (– to –) N·m/rad"),
+    ],
+)
+def test_a_value_has_three_digits_or_those_that_its_interval_needs(values, errors, text):
+    assert with_interval(values, "N·m/rad", errors) == text

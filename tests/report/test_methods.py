@@ -81,7 +81,7 @@ SWITCHES = {
     "residuals": (lambda i: with_test(i, residual_kind="log_magnitude"), "logarithms of magnitudes are compared"),
     "mesh": (lambda i: changed(i, summary=replace(i.summary, mesh=None)), "taken as given"),
     "prior": (with_normal_prior, "The prior is normal in ln k11, uniform in ln k12"),
-    "uncertain": (with_modulus, "Uncertain besides the joint were Young's modulus (201.8 … 218.2 GPa)"),
+    "uncertain": (with_modulus, "Uncertain besides the joint were Young's modulus (201.8 to 218.2 GPa)"),
     "starts": (
         lambda i: with_posterior(i, estimate=replace(i.posterior.estimate, starts=i.posterior.estimate.starts[:3])),
         "from 3 starting points",

@@ -20,6 +20,6 @@ def test_a_mode_of_which_no_component_was_measured_has_no_figure():
 def test_a_row_says_by_how_many_standard_deviations_the_map_lies_above_what_was_measured():
     measured, best = np.array([100.0, 50.0, np.nan]), np.array([103.0, 49.0, 7.0])
     compared = Compared(measured, np.array([2.0, 0.5, 1.0]), best, best - 4, best + 4)
-    assert compared.row((0,)) == ("100", "2", "103", "+1.50", "99 … 107")
-    assert compared.row((1,)) == ("50", "0.5", "49", "-2.00", "45 … 53")
-    assert compared.row((2,)) == ("–", "–", "7", "–", "3 … 11")
+    assert compared.row((0,)) == ("100", "2", "103", "+1.50", "99 to 107")
+    assert compared.row((1,)) == ("50", "0.5", "49", "-2.00", "45 to 53")
+    assert compared.row((2,)) == ("–", "–", "7", "–", "3 to 11")

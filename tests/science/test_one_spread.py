@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
+from jointbayes.posterior.knowledge import UncertainInputsRow
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout, Paragraph, Table
+from jointbayes.report.sections.identifiable import _freed_row
 from tests.conftest import CONFIGS, TO_CONVERGE, first_in_ci
 
 pytestmark = pytest.mark.science
 
-_LIMIT = r"(k11|k12|k22) is bounded (below|above): it is (?:above|below) (\S+) \S+ with 95 % probability"
+SCALE = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
+_LIMIT = r"(k11|k12|k22) is bounded (below|above): it is (?:above|below) (\S+ \S+) \(95 %\)"
 _SPREAD = r"(\S.*?) is ([a-z ]+): its 95 % (?:credible )?interval spans (more than )?a factor of (\d+(?:\.\d+)?)"
 NAMES = ("k11", "k12", "k22")
 CASES = ("clamped_beam", "clamped_beam_frequencies")
@@ -107,7 +110,8 @@ def test_every_sentence_about_a_spread_says_what_the_draws_say(written):
             clause = re.sub(r"^With [^:]+ exactly known: ", "", clause)
             if (match := re.match(_LIMIT, clause)) is not None:
                 name, side, printed = match.groups()
-                assert float(printed) == pytest.approx(
+                limit, prefixed = printed.split()
+                assert float(limit) * SCALE[prefixed.partition("N")[0]] == pytest.approx(
                     limit_of(name, posterior.values(name), int(side == "above"), summary), rel=0.01
                 )
                 found += 1
@@ -130,14 +134,14 @@ def test_the_table_of_combinations_prints_the_same_numbers(written):
     table = captions["Combinations of the stiffnesses that are determined independently"]
     for quantity, interval, ratio, sd, _ in table.rows:
         values = values_of(quantity, posterior)
-        if "…" not in interval:
-            side, limit, *_ = interval.split(" ")
+        if " to " not in interval:
+            side, limit, unit, *_ = interval.split(" ")
             expected = limit_of(quantity, values, int(side == "below"), summary)
-            assert float(limit) == pytest.approx(expected, rel=0.01)
+            assert float(limit) * SCALE[unit.partition("N")[0]] == pytest.approx(expected, rel=0.01)
             assert (ratio, sd) == ("–", "–")
             continue
         ends, expected = printed_of(quantity, posterior, summary)
-        printed = [float(end) for end in interval.split(" … ")]
+        printed = [float(end) for end in interval.split(" to ")]
         assert printed == pytest.approx(ends, rel=0.01)
         assert (ratio == "–") if math.isinf(expected) else float(ratio) == pytest.approx(expected, rel=0.01)
         assert (sd == "–") == math.isinf(expected)
@@ -155,18 +159,15 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run_as_page_one_
     captions = {b.caption: b for b in report.blocks() if isinstance(b, Table)}
     table = captions["Stiffness of the joint"]
     run = next(i for i, title in enumerate(table.head) if title.startswith("All else"))
-    on_page_one = dict(zip(NAMES, (row[run : run + 2] for row in table.rows), strict=True))
-    cells = captions["Effect of uncertain inputs"].rows[0]
-    for name, cell in zip(NAMES, cells[1:4], strict=True):
+    known = {name: posterior.verdict(name) for name in NAMES}
+    cells = _freed_row(UncertainInputsRow((), "this run", known), NAMES)
+    assert cells[4] == "; ".join(f"{name} {known[name].plain_words}" for name in NAMES)
+    for name, row, cell in zip(NAMES, table.rows, cells[1:4], strict=True):
+        assert row[run].partition("\n")[0] == cell == posterior.verdict(name).value
         if not posterior.verdict(name).limit:
             ends, _ = printed_of(name, posterior, summary)
-            assert [float(end) for end in cell.split(" … ")] == pytest.approx(ends, rel=0.03)  # of two digits
-        printed = [float(text) for text in on_page_one[name][0].strip(")").partition("(")[2].split(" to ") if text]
-        if len(printed) == 2 and " … " in cell:
-            scale = printed[0] / float(cell.split(" … ")[0])
-            assert printed[1] == pytest.approx(scale * float(cell.split(" … ")[1]), rel=0.02)
-    verdicts = {name: on_page_one[name][1] for name in NAMES}
-    assert cells[4] == "; ".join(f"{name} {verdict}" for name, verdict in verdicts.items())
+            *printed, prefix = re.fullmatch(r"\S+ \((\S+) to (\S+)\) ([GMk]?)N\S*", cell).groups()
+            assert [float(end) * SCALE[prefix] for end in printed] == pytest.approx(ends, rel=0.03)  # of two digits
 
 
 def test_no_spread_is_wider_than_any_within_the_range_of_the_prior(written):

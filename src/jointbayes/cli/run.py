@@ -85,7 +85,7 @@ def identify(config: Path, *, paper: bool) -> None:
     """
     case = common.load(config)
     from jointbayes.identification import missing_for_iteration
-    from jointbayes.rounding import join_unit, rounded_row
+    from jointbayes.rounding import quantity_text, with_interval
     from jointbayes.workflow import find_map
 
     with show_progress() as progress:
@@ -95,10 +95,8 @@ def identify(config: Path, *, paper: bool) -> None:
     for i, (quantity, value) in enumerate(zip(case.problem.quantities, estimate.values.tolist(), strict=True)):
         interval = None if ends is None else ends[:, i].tolist()
         found[quantity.name] = {"unit": quantity.unit, "value": value, "interval95": interval}
-        errors = [(interval[1] - interval[0]) / 400] * 3 if interval else []  # digits that the interval supports
-        shown, *between = rounded_row([value, *(interval or ())], errors)
-        shown += f" ({' to '.join(between)})" if between else ""
-        say("  " + join_unit(f"{quantity.name} = {shown}", quantity.unit))
+        shown = with_interval((value, *interval), quantity.unit) if interval else quantity_text(value, quantity.unit)
+        say(f"  {quantity.name} = {shown}")
     if ends is None:
         edges = ", ".join(case.problem.prior.coordinates_at_edge(estimate.theta))
         say(f"No intervals: the best fit lies on an edge of the prior ({edges}); run the case.")

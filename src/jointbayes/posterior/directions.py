@@ -94,8 +94,8 @@ class NamedDirection:
     @property
     def value(self) -> str:
         """Median and interval in words."""
-        ends = rounded_interval(self.interval95, self.interval95_error, " to ")
-        return f"median {rounded(self.median)}, 95 % credible interval {ends}, SI units"
+        ends = rounded_interval(self.interval95, self.interval95_error)
+        return f"{rounded(self.median)} ({ends}), SI units"
 
 
 def interval_ratio(sd: float) -> float:
@@ -330,7 +330,7 @@ def _named(quantity: str, judged: Identifiability, moving: str = "") -> NamedDir
     ratio = math.inf if math.isinf(judged.ratio) else ratio_of((low, high))  # draws of either sign have none
     interval = "its 95 % interval" if any(judged.printed_by_likelihood) else "its 95 % credible interval"
     if judged.limit:
-        spread = f"it is {judged.limit_in_words}"
+        spread = f"it is {judged.limit}"
     elif low <= 0 <= high:
         spread = f"{interval}, {low:.3g} to {high:.3g}, contains zero"
     elif math.isinf(judged.ratio):

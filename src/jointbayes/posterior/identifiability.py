@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jointbayes.rounding import factor, factor_in_words, join_unit, rounded, rounded_interval, rounded_row
+from jointbayes.rounding import factor, one_sided, quantity_text, with_interval
 from vibrecords.arrays import Array
 
 #: Monte Carlo standard error of a quantile of draws at a probability.
@@ -74,8 +74,7 @@ class ExactInputs:
             return ""
         if self.freed is None:
             return f"what is known with {them} uncertain could not be shown"
-        known = self.freed.limit or join_unit(self.freed.interval(" to "), self.freed.unit)
-        return f"with {them} uncertain {known}, {self.freed.verdict}"
+        return f"with {them} uncertain {self.freed.value}, {self.freed.verdict}"
 
     def as_json(self) -> dict[str, Any]:
         """What ``parameters.<name>.only_if_exact`` of ``summary.json`` holds."""
@@ -186,14 +185,10 @@ class Identifiability:
         return (low, high), (first, second)
 
     @property
-    def row(self) -> tuple[str, ...]:
-        """Median and ends of the 95 % interval as they are printed: in one notation, each with the digits it has."""
+    def value(self) -> str:
+        """Median and 95 % interval with the unit, or the one-sided limit, as they are printed everywhere."""
         ends, errors = self.ends
-        return rounded_row((self.median, *ends), (self.median_error, *errors))
-
-    def interval(self, between: str = " … ") -> str:
-        """The 95 % interval as it is printed."""
-        return between.join(self.row[1:])
+        return self.limit or with_interval((self.median, *ends), self.unit, (self.median_error, *errors))
 
     @property
     def printed_limit(self) -> float:
@@ -203,31 +198,9 @@ class Identifiability:
 
     @property
     def limit(self) -> str:
-        """The one-sided limit of a stiffness that is bounded: ``"above 3.2e6 N·m/rad"``; empty where it has none."""
-        if not math.isfinite(self.limit95):
-            return ""
-        side, end = ("above", 0) if self.verdict == "bounded below" else ("below", 1)
-        by_likelihood = self.printed_by_likelihood[end]
-        value = rounded(self.printed95[end]) if by_likelihood else rounded(self.limit95, self.limit95_error)
-        return f"{side} {join_unit(value, self.unit)}"
-
-    @property
-    def limit_or_interval(self) -> str:
-        """The one-sided limit, or the 95 % interval, as it is printed."""
-        return self.limit or self.interval()
-
-    @property
-    def limit_in_words(self) -> str:
-        """The one-sided limit with what it rests on; empty where it has none."""
-        return f"{self.limit} {self.source or 'with 95 % probability'}" if self.limit else ""
-
-    @property
-    def spread(self) -> str:
-        """How wide the 95 % interval is as it is printed, in words; of a stiffness that is bounded its limit."""
-        if self.limit:
-            return self.limit_in_words
-        ratio = ratio_of(self.ends[0])
-        return factor_in_words(ratio) if math.isfinite(ratio) else "its sign is unknown"
+        """The one-sided limit of a stiffness that is bounded: ``"above 3.2 MN·m/rad (95 %)"``; empty without one."""
+        side = "above" if self.verdict == "bounded below" else "below"
+        return one_sided(side, self.printed_limit, self.unit) if math.isfinite(self.limit95) else ""
 
     @property
     def source(self) -> str:
@@ -235,8 +208,8 @@ class Identifiability:
         if not any(self.printed_by_likelihood):
             return ""
         if self.limit:
-            return f"by likelihood ratio ({rounded(self.limit95, self.limit95_error)} by the draws)"
-        drawn = rounded_interval(self.interval95, self.interval95_error, " to ")
+            return f"by likelihood ratio; by the draws {one_sided(self.limit.split()[0], self.limit95, self.unit)}"
+        drawn = with_interval((self.median, *self.interval95), self.unit, (self.median_error, *self.interval95_error))
         ends = list(zip(self.printed_by_likelihood, self.likelihood95, strict=True))
         closed = [moved and not math.isnan(limit) for moved, limit in ends]
         reached = [moved and math.isnan(limit) for moved, limit in ends]
@@ -245,7 +218,7 @@ class Identifiability:
             for which, words in ((closed, "by likelihood ratio"), (reached, "as far as the priors reach"))
             if any(which)
         ]
-        return f"({', '.join(sentences)}; 95 % credible interval {drawn})"
+        return f"{', '.join(sentences)}; by the draws {drawn}"
 
     @property
     def prior_volume(self) -> str:
@@ -253,17 +226,13 @@ class Identifiability:
         measure = float if any(end <= 0 for end in (*self.interval95, *self.likelihood95)) else math.log
         low, high = map(measure, self.interval95)
         sentences = []
-        errors = (self.limit95_error,) * 2 if self.limit else self.interval95_error
-        ends = zip(("lower", "upper"), self.printed95, self.drawn95, errors, self.likelihood95, strict=True)
-        for side, printed, drawn, error, limit in ends:  # where the likelihood leaves an end open its limit is NaN
+        ends = zip(("lower", "upper"), self.printed95, self.drawn95, self.likelihood95, strict=True)
+        for side, printed, drawn, limit in ends:  # where the likelihood leaves an end open its limit is NaN
             if math.isfinite(printed) and not abs(measure(limit) - measure(drawn)) <= VOLUME_SHARE * (high - low):
-                alone = (
-                    "not limited by the data alone"
-                    if math.isnan(limit)
-                    else f"{rounded(limit)} by the likelihood alone"
-                )
-                sentences.append(f"{side} end {rounded(drawn, error)} by the draws, {alone}")
-        return f"part of this rests on the prior: {', '.join(sentences)}" if sentences else ""
+                value, alone = (quantity_text(end, self.unit) for end in (drawn, limit))
+                by_data = f"no {side} end" if math.isnan(limit) else f"the {side} end at {alone}"
+                sentences.append(f"the test alone sets {by_data}, the draws at {value}")
+        return f"part of this rests on the prior: {'; '.join(sentences)}" if sentences else ""
 
 
 def ratio_of(ends: tuple[float, float]) -> float:

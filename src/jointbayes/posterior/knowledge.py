@@ -388,14 +388,12 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
         if RANK[most.verdict[name]] <= RANK[verdict]:
             continue
         parts.append(
-            f"{name} goes from {verdict} ({least.known[name].spread}) to {most.verdict[name]} "
-            f"({most.known[name].spread})"
+            f"{name} goes from {least.known[name].value}, {verdict}, to {most.known[name].value}, {most.verdict[name]}"
         )
         wider.pop(name, None)
     for name in wider:
         parts.append(
-            f"{name} stays {most.verdict[name]}, but its interval goes from {least.known[name].limit_or_interval} to "
-            f"{most.known[name].limit_or_interval}"
+            f"{name} stays {most.verdict[name]}, but goes from {least.known[name].value} to {most.known[name].value}"
         )
     if not parts:
         return (

@@ -49,7 +49,7 @@ from jointbayes.posterior.summary import (
 from jointbayes.posterior.verdicts import judge_stiffness, line_of
 from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.rounding import in_lines, join_unit, number
+from jointbayes.rounding import in_lines, number
 from jointbayes.structure import StructureRecipe
 from vibrecords import FrfSet
 from vibrecords.arrays import Array
@@ -542,7 +542,7 @@ class Posterior:
             drawing = frf_svg(frf.frequency_hz, {"measured": frf.values[:, 0, 0], "MAP": best[:, 0, 0]})
         drawing += "".join(map(paragraph_html, self._remarks))
         rows = [stiffness_row(name, self.verdict(name)) for name in self.judged_names]
-        rows += [(*row, "") for row in value_rows(self._nuisances)]
+        rows += [(name, value, "") for name, value in value_rows(self._nuisances)]
         return table_html(self._title, STIFFNESS_HEAD, rows, drawing)
 
     @property
@@ -563,8 +563,8 @@ class Posterior:
     def _line(self, name: str) -> str:
         if name in self.stiffness_names:
             return line_of(name, self.verdict(name))
-        ((_, median, *ends),) = value_rows({name: (self.by_ensemble(name), self.unit(name))})
-        return f"{name}: median {median}, 95 % credible interval {join_unit(*ends)}"
+        ((_, value),) = value_rows({name: (self.by_ensemble(name), self.unit(name))})
+        return f"{name}: {value}"
 
     @property
     def _remarks(self) -> tuple[str, ...]:

@@ -88,7 +88,7 @@ class Solutions:
             effective = max(1.0, share * min(map(float, posterior.record.sampler["ess"].values())))
             quantiles = [(float(np.quantile(draws, p)), quantile_spread(draws, p, effective)) for p in (0.5, *INTERVAL)]
             (median, error), low, high = quantiles
-            interval = rounded_interval((low[0], high[0]), (low[1], high[1]), " to ")
+            interval = rounded_interval((low[0], high[0]), (low[1], high[1]))
             unit = posterior.unit(name)
             values.append(f"{join_unit(rounded(median, error), unit)} ({interval}) with probability {share:.2f}")
         return f"{_count(len(groups))} solutions: {' or '.join(values)}"

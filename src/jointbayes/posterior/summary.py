@@ -31,7 +31,7 @@ from jointbayes.posterior.setup_summary import (
 )
 from jointbayes.posterior.solutions import ModeSummary
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
-from jointbayes.rounding import align_columns, engineering, in_lines, json_ready, number, rounded, signed
+from jointbayes.rounding import align_columns, in_lines, json_ready, number, signed, with_interval
 from jointbayes.sampling import INTERVAL, quantile_error
 from jointbayes.sampling.diagnostics import effective_sizes
 from vibrecords import MeasuredFile
@@ -173,17 +173,9 @@ class Summary:
     def __str__(self) -> str:
         record, fit = self.record, self.fit
         known = [p.known for p in self.parameters.values()]
-        medians = [rounded(k.median, k.median_error) for k in known]
-        intervals = [f"({k.limit or k.interval()})" for k in known]
-        rows = zip(
-            (f"{name}:" for name in self.parameters), medians, (p.unit for p in self.parameters.values()), intervals,
-            (k.plain_words for k in known), strict=True,
-        )  # fmt: skip
+        rows = [(f"{name}:", k.value, k.plain_words) for name, k in zip(self.parameters, known, strict=True)]
         beside = [(k.words.removeprefix(k.plain_words).strip(), k.source) for k in known]
-        others = [
-            (f"{name}:", number(n.median, 4), n.unit, f"({number(n.interval95[0], 4)} … {number(n.interval95[1], 4)})")
-            for name, n in self.nuisances.items()
-        ]
+        others = [(f"{name}:", with_interval((n.median, *n.interval95), n.unit)) for name, n in self.nuisances.items()]
         synthetic = ", synthetic" if fit.synthetic_data else ""
         said = [
             *(setup.check.sentence for setup in self.setups.values()),
@@ -199,9 +191,9 @@ class Summary:
             *in_lines(f"{record.reason}; seed {record.seed}", 4),
             "[[Joint: median (95 % interval), verdict]]",
         ]
-        for line, words in zip(align_columns(list(rows)) if known else [], beside, strict=True):
+        for line, words in zip(align_columns(rows) if known else [], beside, strict=True):
             lines += [f"    {line}", *(part for text in words for part in in_lines(text, 8))]
-        lines += ["[[Other quantities: median (95 % credible interval)]]"] if others else []
+        lines += ["[[Other quantities: median (95 % interval)]]"] if others else []
         lines += [f"    {line}" for line in align_columns(others)] if others else []
         lines += ["[[Data]]", f"    {fit.n_data} values{synthetic}; χ² per value {number(fit.chi2_per_line)}"]
         lines += [part for text in said for part in in_lines(text, 4)]
@@ -407,16 +399,15 @@ def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
     }
 
 
-def value_rows(drawn: Mapping[str, tuple[Array, str]]) -> list[tuple[str, str, str, str]]:
-    """Name, median, 95 % interval and unit of quantities, with the digits that their Monte Carlo errors support.
+def value_rows(drawn: Mapping[str, tuple[Array, str]]) -> list[tuple[str, str]]:
+    """Name of quantities, and median with 95 % interval and unit.
 
     Of each its draws, shape (ensembles, draws, walkers), and its unit.
     """
     rows, probabilities = [], (0.5, *INTERVAL)
     for name, (draws, unit) in drawn.items():
         errors = [quantile_error(draws, probability) for probability in probabilities]
-        (middle, low, high), prefixed = engineering(np.quantile(draws, probabilities).tolist(), unit, errors)
-        rows.append((name, middle, f"{low} to {high}", prefixed))
+        rows.append((name, with_interval(np.quantile(draws, probabilities).tolist(), unit, errors)))
     return rows
 
 
@@ -440,13 +431,12 @@ def _cells(row: Mapping[str, Any]) -> dict[str, Any]:
     return {name: math.nan if value is None else value for name, value in cells.items()}
 
 
-STIFFNESS_HEAD = ("Stiffness", "Median", "95 % interval", "Unit", "Verdict")
+STIFFNESS_HEAD = ("Stiffness", "Median (95 % interval)", "Verdict")
 
 
 def stiffness_row(name: str, known: Identifiability) -> tuple[str, ...]:
     """What is printed of one stiffness, below `STIFFNESS_HEAD`."""
-    ends = known.limit.removesuffix(f" {known.unit}") or known.interval()
-    return name, known.row[0], f"{ends} {known.source}".strip(), known.unit, known.words
+    return name, f"{known.value}{known.source and '; '}{known.source}", known.words
 
 
 def summary_html(text: str, parameters: Mapping[str, "StiffnessSummary"]) -> str:

@@ -144,15 +144,13 @@ def _moved_by_mesh(posterior: AnyPosterior, name: str) -> tuple[str, ...]:
 
 def line_of(name: str, assessment: Identifiability) -> str:
     """Median, 95 % interval and verdict of one stiffness, on whatever surface."""
-    median = join_unit(assessment.row[0], assessment.unit)
-    interval = f"95 % {'' if assessment.source else 'credible '}interval {assessment.interval(' to ')}"
-    return f"{name}: {assessment.limit_in_words or f'median {median}, {interval}'}: {assessment.words}"
+    return f"{name}: {assessment.value}: {assessment.words}"
 
 
 def lines_of(name: str, assessment: Identifiability) -> list[str]:
     """The same with its reasons; those of a long line below it."""
-    reasons = ["" if assessment.limit else assessment.source.strip("()")]
-    reasons += [
+    reasons = [
+        assessment.source,
         assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: "),
         assessment.prior_volume,
         assessment.beside,

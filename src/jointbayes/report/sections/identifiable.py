@@ -99,7 +99,7 @@ def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ..
     if not row.known:
         return (uncertain, *("–" for _ in names), "–", "–")
     assessments = row.known
-    intervals = (assessments[name].limit_or_interval for name in names)
+    intervals = (assessments[name].value for name in names)
     verdicts = "; ".join(f"{name} {assessments[name].plain_words}" for name in names)
     return (uncertain, *intervals, verdicts, row.source)
 

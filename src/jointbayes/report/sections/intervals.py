@@ -132,8 +132,9 @@ def verdict_sentences(summary: Summary) -> str:
         assessment = p.known
         reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
         reason += f"; {assessment.beside}" if assessment.beside else ""
-        limit = f" {assessment.limit_in_words}," if assessment.limit else ""
-        ends = f" {assessment.source}" if assessment.source and not assessment.limit else ""
-        volume = f" {assessment.prior_volume.capitalize()}." if assessment.prior_volume else ""
-        sentences.append(f"**{name}**{ends}:{limit} {p.verdict} ({reason}).{volume}")
+        ends = f" {assessment.source}" if assessment.source else ""
+        volume = (
+            f" {assessment.prior_volume[0].upper()}{assessment.prior_volume[1:]}." if assessment.prior_volume else ""
+        )
+        sentences.append(f"**{name}**{ends}: {p.verdict} ({reason}).{volume}")
     return " ".join(sentences)

@@ -118,19 +118,6 @@ def _accuracy(known: Identifiability) -> str:
     return f"its interval spans a factor of {factor(ratio)}"
 
 
-def answer_text(known: Identifiability, unit: str) -> str:
-    """Median and 95 % interval, or the limit, in engineering units."""
-    if known.limit:
-        above = known.verdict == "bounded below"
-        end = known.printed95[0 if above else 1]
-        value, error = (end, math.nan) if any(known.printed_by_likelihood) else (known.limit95, known.limit95_error)
-        (text,), of = engineering((value,), unit, (error,))
-        return f"{'above' if above else 'below'} {join_unit(text, of)}"
-    ends, errors = known.ends
-    (median, low, high), of = engineering((known.median, *ends), unit, (known.median_error, *errors))
-    return f"{join_unit(median, of)} ({low} to {high})"
-
-
 def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -> Table:
     """A row for each stiffness, of more than so many of those that are known least; the assumptions side by side."""
     unit_of, names = inputs.posterior.unit, inputs.posterior.stiffness_names
@@ -143,7 +130,7 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
         row = [f"**{foreign(name)}**, {_MEANING[unit]}" if (unit := unit_of(name)) in _MEANING else f"**{name}**"]
         for answer in answers:
             known = answer.known[name]
-            row += [answer_text(known, unit), known.plain_words]
+            row += [known.value, known.plain_words]
         rows.append(tuple(row))
         of_row = {kind_of(verdict) for verdict in row[2::2]}
         kinds.append(of_row.pop() if len(of_row) == 1 else "")  # no colour for two verdicts that differ

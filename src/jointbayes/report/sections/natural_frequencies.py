@@ -49,7 +49,7 @@ def frequency_section(inputs: SetupInputs) -> ReportSection | None:
         "Published (Hz)": [*(f"{hz:.1f}" for hz in (measured or ()) if modes is None), *more],
         "First guess (Hz)": [*(f"{hz:.2f}" for hz in frequencies.initial), *more],
         "MAP (Hz)": [*(f"{hz:.2f}" for hz in best), *more],
-        "95 % interval (Hz)": [*(f"{low:.2f} … {high:.2f}" for low, high in frequencies.interval95), *more],
+        "95 % interval (Hz)": [*(f"{low:.2f} to {high:.2f}" for low, high in frequencies.interval95), *more],
         "Error (%)": ["–" if peak is None else signed(peak.error_percent) for peak in seen],
         "Damping, data over MAP": ["–" if peak is None else number(peak.damping_ratio, 2) for peak in seen],
     }

@@ -305,7 +305,7 @@ def _scatter_text(k: PopulationStiffness, *, resolved: bool) -> str:
         middle, ends, most = k.scatter[0], interval(k.scatter[1:].tolist(), 2), k.scatter[2]
         return f"{number(middle, 2)} {k.unit} ({ends})" if resolved else f"below {number(most, 2)} {k.unit}"
     middle, low, high = (number(100 * value, 2) for value in k.scatter)
-    return f"{middle} % ({low} … {high} %)" if resolved else f"below {high} %"
+    return f"{middle} % ({low} to {high} %)" if resolved else f"below {high} %"
 
 
 def _population_section(joints: PopulationFindings) -> ReportSection:
@@ -400,7 +400,7 @@ def _rank_row(q: ComparedQuantity, label: str, i: int, place: int) -> tuple[str,
         foreign(_cut(label)),
         number(median),
         interval((low, high)),
-        f"{q.rank[i, 0]:.0f} … {q.rank[i, 2]:.0f}",
+        f"{q.rank[i, 0]:.0f} to {q.rank[i, 2]:.0f}",
     )
 
 
