@@ -21,7 +21,6 @@ from jointbayes.posterior.identifiability import WEAK_RATIO, assess
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
 from jointbayes.posterior.verdicts import LEAST_EXCLUDED, lines_of
 from jointbayes.report.sections.intervals import verdict_sentences
-from jointbayes.report.sections.lead import _accuracy
 from jointbayes.rounding import factor as ratio_in_words
 from jointbayes.rounding import one_sided, quantity_text, with_interval
 from tests.conftest import CONFIGS, PAIR, TO_CONVERGE
@@ -327,7 +326,6 @@ def test_the_reason_states_the_ratio_of_the_printed_ends(cheap_posterior, wider)
     assert printed == pytest.approx(wider * high / low)
     limit = f"at most {WEAK_RATIO:g}" if printed <= WEAK_RATIO else f"by the draws alone at most {WEAK_RATIO:g}"
     assert known.verdict_reason == f"the upper end is {ratio_in_words(printed)} times the lower end, {limit}"
-    assert _accuracy(known) == f"its interval spans a factor of {ratio_in_words(printed)}"
 
 
 def test_of_many_unknowns_and_without_verdict_no_limits_are_sought(cheap_posterior, monkeypatch):

@@ -138,10 +138,12 @@ def test_a_forecast_of_hardly_anything_is_none(cheap_posterior, judged, monkeypa
     assert (step is not None) == said
 
 
-def test_the_sentence_has_its_figures_and_says_that_it_is_a_forecast(cheap_posterior, judged):
+def test_the_sentence_has_its_figure_and_price_and_says_that_it_is_an_estimate(cheap_posterior, judged):
     step = next_step(cheap_posterior, None, judged)
     assert spread_in_words(step.sd_after) in step.sentence
-    assert "forecast" in step.sentence
+    assert "an estimate" in step.sentence
+    assert "It costs 4 times the measuring time" in step.sentence
+    assert "It costs a sensor and its FRF" in replace(step, words="an accelerometer at 2:y").sentence
     changed = replace(step, sd_after=0.01).sentence
     assert "±2 %" in changed
     assert changed != step.sentence

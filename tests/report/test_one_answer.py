@@ -176,7 +176,7 @@ def test_every_surface_gives_the_same_numbers(kind, request, tmp_path, capsys):
     if kind == "signed coupling":
         assert (posterior.values("k12") > 0).all()  # although the prior allows either sign
         assert (posterior.prior_values("k12") < 0).any()
-        assert "roughly known k12 (its interval spans a factor of" in page
+        assert "weakly identified" in page
     if posterior.problem.premises.of_modes or posterior.problem.premises.asked:
         for said in (printed, repr(posterior), posterior._repr_html_(), str(posterior.summary()), page):
             assert all(sentence in said for sentence in posterior.premises_sentences[:2])

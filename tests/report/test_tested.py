@@ -1,6 +1,7 @@
 """What page one says was tested, and its sketch: to scale, with what the problem has and where it has it."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import jointbayes as jb
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Paragraph
 from jointbayes.report.sections.tested import blocks_on_tests
-from jointbayes.report.structure_sketch import _Places, sketch
+from jointbayes.report.structure_sketch import _drawing, _Places, dof_words, sketch
 from tests.conftest import CONFIGS, cheap_text, of_case
 
 
@@ -22,12 +23,15 @@ def test_each_dof_of_the_data_and_each_joint_is_where_the_model_has_it(name):
     problem = problem_of(name)
     places, frf = _Places(problem), problem.test.data.frfs.frf
     marks = [*places.joints(), *places.sensors()]
-    assert sorted(m.text for m in marks if m.kind == "force") == sorted(frf.inputs)
-    assert sorted(m.text for m in marks if m.kind == "sensor") == sorted(frf.outputs)
-    for mark in marks:
-        if mark.kind != "joint":
-            x, y, _ = problem.test.structures.position(mark.text)
+    for kind, labels in (("force", frf.inputs), ("sensor", frf.outputs)):
+        shown = [mark for mark in marks if mark.kind == kind]
+        assert [mark.text for mark in shown] == [dof_words(problem.test, label) for label in labels]
+        for mark, label in zip(shown, labels, strict=True):
+            x, y, _ = problem.test.structures.position(label)
             np.testing.assert_allclose(mark.place, [x, y])  # all of these lie in the plane of the drawing
+    joints = [mark for mark in marks if mark.kind == "joint"]
+    every = getattr(problem.test.joints, "joints", (problem.test.joints,))
+    assert [bool(mark.ground) for mark in joints] == [not joint.against for joint in every]
     assert "<svg" in sketch(problem)
 
 
@@ -44,20 +48,52 @@ def test_lengths_are_to_scale_in_both_directions():
     assert shapes[120.0] == pytest.approx(120 / 25, rel=1e-3)
 
 
+def test_dofs_have_the_names_that_people_use():
+    test = problem_of("clamped_beam_midspan").test
+    names = {label: dof_words(test, label) for label in ("11:y", "1:y", "1:rz", "3:y")}
+    assert names == {
+        "11:y": "tip, vertical",
+        "1:y": "joint, vertical",
+        "1:rz": "joint, turning",
+        "3:y": "76.6 mm, vertical",
+    }
+    assert dof_words(problem_of("portal_frame").test, "headA:x") == "headA:x"
+
+
+def test_ground_lies_beyond_the_end_that_it_holds():
+    drawing = _drawing(problem_of("clamped_beam"))
+    (joint,) = (mark for mark in drawing.marks if mark.kind == "joint")
+    np.testing.assert_array_equal(joint.ground[0], [-1, 0])
+    feet = [mark.ground[0] for mark in _drawing(problem_of("portal_frame")).marks if mark.ground]
+    assert feet
+    assert all(foot.tolist() == [0, -1] or abs(foot[0]) == 1 for foot in feet)
+
+
+def test_every_set_up_that_looks_different_is_drawn():
+    problem = jb.load_case(CONFIGS / "two_overhangs.toml").problem
+    _, figure = blocks_on_tests(ReportInputs(SimpleNamespace(problem=problem)))
+    assert figure.caption == "What was tested: test long and short with joints, ground, forces and responses."
+    one, both = sketch(problem.parts[0]), sketch(*problem.parts)
+    assert both.count("#c9d3dd") == 2 * one.count("#c9d3dd")
+    same = SimpleNamespace(problem=SimpleNamespace(parts=(problem.parts[0],) * 2))
+    (figure,) = (block for block in blocks_on_tests(ReportInputs(same)) if isinstance(block, Figure))
+    assert figure.svg == one
+
+
 def test_the_sentence_is_made_from_the_data(cheap_posterior):
-    figure, text = blocks_on_tests(ReportInputs(of_case(cheap_posterior)))
+    text, figure = blocks_on_tests(ReportInputs(of_case(cheap_posterior)))
     assert isinstance(figure, Figure)
-    assert figure.caption == "Beam, 383 mm long, section circle 25 mm. Joint: 1:y, 1:rz to ground."
     data = cheap_posterior.problem.test.data
     noise = 100 * np.median(np.sqrt(data.variance) / np.abs(data.frf.values))
     assert text.text == (
-        "**Tested.** 1 computed receptance FRF (response at 5:y, force at 5:y), 249 lines from 20 to 2500 Hz, noise "
-        f"{noise:.2g} % of |H| (median)."
+        "**Tested.** Beam, 383 mm long, section circle 25 mm: 1 computed receptance FRF (force and response at tip, "
+        f"vertical (5:y)), 249 lines from 20 to 2500 Hz, noise {noise:.2g} % of |H| (median). Joint: 1:y, 1:rz "
+        "to ground."
     )
 
 
 def test_a_structure_that_nobody_can_draw_is_told_in_words(cheap_posterior, monkeypatch):
-    monkeypatch.setattr("jointbayes.report.sections.tested.sketch", lambda _: "")
+    monkeypatch.setattr("jointbayes.report.sections.tested.sketch", lambda *_: "")
     (text,) = blocks_on_tests(ReportInputs(of_case(cheap_posterior)))
     assert isinstance(text, Paragraph)
     assert text.text.startswith("**Tested.** Beam, 383 mm long")

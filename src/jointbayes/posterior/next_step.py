@@ -39,6 +39,12 @@ from vibrecords import ModalData
 _MOST_PLACES = 8
 _AVERAGES = 4.0
 _DRAWS = 5
+#: What a measurement costs, by a word that names it.
+_PRICES = {
+    "hit free": "a test without the joint", "antiresonances": "a force and a sensor at one place",
+    "accelerometer": "a sensor and its FRF", "averages": f"{_AVERAGES:g} times the measuring time",
+    "modes": "a wider band",
+}  # fmt: skip
 #: Of a 95 % interval's half width in standard deviations; and up to which standard deviation of ln k it is told in %.
 _HALF_WIDTH, _SMALL = 1.96, 0.2
 #: A measurement that makes the standard deviation less than so many times smaller is not worth its price.
@@ -64,12 +70,12 @@ class NextStep:
 
     @property
     def sentence(self) -> str:
-        """The step with its price and what it would bring, said to be a forecast."""
-        rest = ", all else as in a workshop" if self.names else ""
-        verb = "Take" if self.words[0].isdigit() else "Add"  # 4 times the averages, or a sensor
+        """The step with what it should bring, said to be an estimate, and its price."""
+        rest = " with inputs as in a workshop" if self.names else ""
+        price = next(price for word, price in _PRICES.items() if word in self.words)
         return (
-            f"{verb} {self.words}: {self.quantity} would go from {spread_in_words(self.sd_before)} to "
-            f"{spread_in_words(self.sd_after)} (95 %{rest}). This is a forecast; `jointbayes plan` simulates it."
+            f"{self.words[0].upper()}{self.words[1:]} should give {self.quantity} to {spread_in_words(self.sd_after)}"
+            f"{rest} (95 %, an estimate). It costs {price}; `jointbayes plan` simulates it."
         )
 
 

@@ -110,12 +110,14 @@ class Table:
     head : tuple of str, shape (n_columns,)
         Column titles.
     rows : tuple of tuple of str, shape (n_rows, n_columns)
-        Formatted cells. A cell that is exactly a verdict, as `Identifiability.words` has
-        it, becomes a badge with colour and symbol.
+        Formatted cells. A cell or its second line that is exactly a verdict, as `Identifiability.words` has it,
+        becomes a badge with colour and symbol.
     align : str, optional
         One letter per column, ``"l"`` or ``"r"``. By default a column of numbers is set to the right.
     note : str, optional
         Small print under the table.
+    bars : tuple, optional
+        Of each row the bars drawn in its last cell: lower end, middle and upper end as shares of the bar.
     row_kinds : tuple of str, optional
         One of ``""``, ``"good"``, ``"caution"``, ``"bad"`` per row: a tint. Colour must only repeat what a
         cell already says, since not every reader sees it.
@@ -134,6 +136,7 @@ class Table:
     align: str | None = None
     note: str = ""
     row_kinds: tuple[str, ...] = ()
+    bars: tuple[tuple[tuple[float, float, float], ...], ...] = ()
 
     def __post_init__(self) -> None:
         where, width = f"table {self.caption!r}", len(self.head)

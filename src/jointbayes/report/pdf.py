@@ -114,6 +114,7 @@ def _block(block: Block) -> dict[str, Any]:
                 "align": list(block.alignment),
                 "note": _runs(block.note),
                 "row_kinds": list(block.row_kinds),
+                "bars": block.bars,
                 "long": block_height(block) > _LONG_TABLE,
             }
         case Figure():
@@ -128,10 +129,16 @@ def _signal(kind: Kind, text: str) -> dict[str, Any]:
 
 
 def _cell(text: str) -> dict[str, Any]:
-    mark = badge(text)
+    value, _, below = text.partition("\n")
+    mark = badge(below or value)
     if mark is None:
         return {"runs": _runs(text)}
-    return {"kind": mark.kind, "symbol": mark.symbol, "text": text.strip()}
+    return {
+        "kind": mark.kind,
+        "symbol": mark.symbol,
+        "text": (below or value).strip(),
+        "above": _runs(value if below else ""),
+    }
 
 
 def _runs(text: str) -> list[dict[str, Any]]:

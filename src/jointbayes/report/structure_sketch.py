@@ -1,7 +1,7 @@
 """The structure of a test drawn to scale: bodies, joints, sensors and forces where the problem has them."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from jointbayes.inference import Problem
+from jointbayes.inference import Problem, Test
 from jointbayes.joint import Joint, Joints
 from jointbayes.report.canvas import svg
 from jointbayes.report.line_plot import SERIES_COLOURS
@@ -24,9 +24,11 @@ _GREY = "#5b6672"
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 #: A place (x, y, z) on paper: how much of the third axis goes to the right and up.
 OBLIQUE = np.array([[1.0, 0.0], [0.0, 1.0], [0.45, 0.3]])
-_WIDTH, _LEAST, _MOST = 7.2, 1.3, 2.2  # inches
+_WIDTH, _LEAST, _MOST = 3.4, 0.9, 2.2  # inches, of one test
+_FOOT = 0.2  # inches below all, for the key
 _LABEL = 0.25  # inches above the highest arrow, for its name
 _MOST_MASSES = 20  # in a row
+_WAYS = {"x": "axial", "y": "vertical", "z": "sideways", "rx": "twist", "ry": "turning", "rz": "turning"}
 _MOST_NAMED = 8  # joints, sensors or forces: of more none is named
 
 
@@ -34,48 +36,99 @@ _MOST_NAMED = 8  # joints, sensors or forces: of more none is named
 class Mark:
     """A joint, a force or a sensor on paper: its place (2,), and its direction (2,).
 
-    Of a spring the two ends stand for a direction; a rotation has none.
+    Of a spring the two ends stand for a direction; a rotation has none. A joint to ground has the way to it, (2,).
     """
 
     kind: Kind
     place: Array
     text: str
     way: tuple[Array, ...] = ()
+    ground: tuple[Array, ...] = ()
 
 
-def sketch(problem: Problem) -> str:
-    """SVG of the structure of one test with what acts on it; empty where nobody knows what it looks like."""
-    places = _Places(problem)
-    outlines = list(_outlines(problem, places))
-    marks = [*places.joints(), *places.sensors()]
-    if not outlines:
-        return ""
-    every = np.concatenate([*(outline for outline, _ in outlines), *([m.place[None] for m in marks])])
-    low, high = every.min(axis=0), every.max(axis=0)
-    size = float((high - low).max())
-    low, high = low - np.array([0.11, 0.16]) * size, high + 0.11 * size
-    height = float(np.clip(_WIDTH * (high - low)[1] / (high - low)[0], _LEAST, _MOST))
-    high[1] += (high - low)[1] * _LABEL / height
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drawing:
+    """What is drawn of one test, the corners of its paper, and how high that is in inches."""
+
+    name: str
+    outlines: list[tuple[Array, str]]
+    marks: list[Mark]
+    low: Array
+    high: Array
+    height: float
+    to_scale: bool
+
+
+def sketch(*problems: Problem) -> str:
+    """SVG of the structure of each test with what acts on it; empty where nobody knows what any looks like."""
+    drawings = [drawing for problem in problems if (drawing := _drawing(problem)) is not None]
+    total = _FOOT + sum(drawing.height for drawing in drawings)
 
     def draw(canvas: Canvas) -> None:
-        axes = canvas.add_axes((0, 0, 1, 1))
-        axes.set_axis_off()
-        axes.set_aspect("equal")
-        axes.set_xlim(low[0], high[0])
-        axes.set_ylim(low[1], high[1])
-        for outline, name in outlines:
-            axes.fill(*outline.T, fc="#c9d3dd", ec=_GREY, lw=0.8, alpha=0.8)
-            if name:
-                axes.annotate(name, outline.mean(axis=0), ha="center", va="center", fontsize=8, color=_GREY)
-        for mark in marks:
-            _draw_mark(axes, mark, 0.06 * size)
-        if places.to_scale:
-            _draw_scale(axes, low, size)
-        for i, kind in enumerate(dict.fromkeys(mark.kind for mark in marks)):
+        top = total
+        for drawing in drawings:
+            top -= drawing.height
+            axes = canvas.add_axes((0, top / total, 1, drawing.height / total))
+            _draw_test(axes, drawing)
+            if len(drawings) > 1:
+                axes.annotate(drawing.name, (0.02, 0.98), xycoords="axes fraction", va="top", fontsize=8, color=_GREY)
+        kinds = dict.fromkeys(mark.kind for drawing in drawings for mark in drawing.marks)
+        for i, kind in enumerate(kinds):
             key = {"joint": "□ joint", "force": "→ force", "sensor": "→ response"}[kind]
-            canvas.text(0.99 - 0.11 * i, 0.02, key, ha="right", va="bottom", fontsize=8, color=_COLOURS[kind])
+            canvas.text(0.98 - 0.22 * i, 0.05 / total, key, ha="right", va="bottom", fontsize=8, color=_COLOURS[kind])
 
-    return svg(draw, _WIDTH, height)
+    return svg(draw, _WIDTH, total) if drawings else ""
+
+
+def _drawing(problem: Problem) -> _Drawing | None:
+    places = _Places(problem)
+    outlines = list(_outlines(problem, places))
+    if not outlines:
+        return None
+    marks = [*places.joints(), *places.sensors()]
+    every = np.concatenate([*(outline for outline, _ in outlines), *([m.place[None] for m in marks])])
+    low, high = every.min(axis=0), every.max(axis=0)
+    size, middle = float((high - low).max()), (low + high) / 2
+    if places.to_scale:  # ground is away from what it holds
+        marks = [replace(m, ground=(_outwards(m.place - middle),)) if m.ground else m for m in marks]
+    low, high = low - np.array([0.14, 0.2]) * size, high + np.array([0.14, 0.12]) * size
+    height = float(np.clip(_WIDTH * (high - low)[1] / (high - low)[0], _LEAST, _MOST))
+    high[1] += (high - low)[1] * _LABEL / height
+    return _Drawing(problem.test.name, outlines, marks, low, high, height, places.to_scale)
+
+
+def _outwards(away: Array) -> Array:
+    """The axis of the paper that leads away from the middle."""
+    axis = int(np.argmax(np.abs(away)))
+    return np.eye(2)[axis] * (np.sign(away[axis]) or 1.0)
+
+
+def _draw_test(axes: Axes, drawing: _Drawing) -> None:
+    size = float((drawing.high - drawing.low).max()) / 1.28
+    axes.set_axis_off()
+    axes.set_aspect("equal")
+    axes.set_xlim(drawing.low[0], drawing.high[0])
+    axes.set_ylim(drawing.low[1], drawing.high[1])
+    for outline, name in drawing.outlines:
+        axes.fill(*outline.T, fc="#c9d3dd", ec=_GREY, lw=0.8, alpha=0.8)
+        if name:
+            axes.annotate(name, outline.mean(axis=0), ha="center", va="center", fontsize=8, color=_GREY)
+    for mark in drawing.marks:
+        _draw_mark(axes, mark, 0.08 * size)
+    if drawing.to_scale:
+        _draw_scale(axes, drawing.low, size)
+
+
+def _draw_ground(axes: Axes, place: Array, out: Array, size: float) -> None:
+    """A wall with hatches behind it, across the way to it, and a spring up to it."""
+    along, wall = out[::-1], place + 0.9 * size * out
+    steps = np.array([0, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 1.0])[:, None]
+    spring = place + steps * (wall - place) + 0.2 * size * along * np.array([0, 0, 1, -1, 1, -1, 0, 0])[:, None]
+    axes.plot(*spring.T, color=_COLOURS["joint"], lw=1.1)
+    axes.plot(*np.transpose([wall - size * along, wall + size * along]), color=_GREY, lw=1.6, solid_capstyle="butt")
+    for share in np.linspace(-1, 0.75, 8):
+        foot = wall + share * size * along
+        axes.plot(*np.transpose([foot, foot + 0.3 * size * (out + along)]), color=_GREY, lw=0.7)
 
 
 def _draw_mark(axes: Axes, mark: Mark, size: float) -> None:
@@ -83,6 +136,8 @@ def _draw_mark(axes: Axes, mark: Mark, size: float) -> None:
     if mark.kind == "joint":
         if mark.way:
             axes.plot(*np.transpose(mark.way), color=_COLOURS["joint"], lw=1.2, zorder=0)
+        if mark.ground:
+            _draw_ground(axes, mark.place, mark.ground[0], size)
         axes.plot(x, y, "s", ms=7, mfc="none", mec=_COLOURS["joint"], mew=1.8)
         axes.annotate(mark.text, (x, y), xytext=(0, -14), **style)
         return
@@ -112,6 +167,18 @@ def _style(colour: str) -> dict[str, Any]:
     return {"textcoords": "offset points", "ha": "center", "va": "center", "fontsize": 8, "color": colour}
 
 
+def dof_words(test: Test, label: str) -> str:
+    """A DOF of a beam as people call it, such as "tip, vertical"; of anything else its label."""
+    recipe, place = getattr(test.structures, "recipe", None), test.structures.position(label)
+    point, _, way = label.rpartition(":")
+    if not isinstance(recipe, BeamRecipe) or place is None or way not in _WAYS:
+        return label
+    held = {dof.rpartition(":")[0] for dof in test.joints.labels}
+    at_end = min(place[0], recipe.length - place[0]) < 1e-6 * recipe.length
+    where = "joint" if point in held else "tip" if at_end and held else f"{1e3 * place[0]:.4g} mm"
+    return f"{where}, {_WAYS[way]}"
+
+
 class _Places:
     """Where DOFs are on paper: by their positions, or one beside the other where these are not known."""
 
@@ -132,7 +199,8 @@ class _Places:
                 ends = ends if len(ends) > 1 else [ends[0], ends[0] - [1.0, 0.0]]
             way = () if self.to_scale else tuple(ends)
             name = (joint.name or "joint") if len(every) <= _MOST_NAMED else ""
-            yield Mark("joint", ends[0] if self.to_scale else np.mean(ends, axis=0), name, way)
+            ground = () if joint.against or not self.to_scale else (np.array([-1.0, 0.0]),)
+            yield Mark("joint", ends[0] if self.to_scale else np.mean(ends, axis=0), name, way, ground)
 
     def sensors(self) -> Iterator[Mark]:
         """Forces and measured motions of FRFs."""
@@ -146,7 +214,7 @@ class _Places:
                 place, direction = self.at(label), label.rpartition(":")[2]
                 if place is not None:
                     way = (np.array(_AXES[direction]) @ OBLIQUE,) if direction in _AXES else ()
-                    yield Mark(kind, place, label if len(labels) <= _MOST_NAMED else "", way)
+                    yield Mark(kind, place, dof_words(self._test, label) if len(labels) <= _MOST_NAMED else "", way)
 
     def at(self, label: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Array | None:
         """A DOF's place on paper, shape (2,); None of a body without a model."""

@@ -2,8 +2,11 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import (
@@ -11,7 +14,6 @@ from jointbayes.posterior.identifiability import (
     IF_MODEL_RIGHT,
     WEAK_RATIO,
     Identifiability,
-    Verdict,
     listed,
     ratio_of,
 )
@@ -22,20 +24,13 @@ from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
 from jointbayes.report.sections.tested import blocks_on_tests
 from jointbayes.report.sections.trust import lights_of, worst_setup
-from jointbayes.rounding import engineering, factor, join_unit, number
+from jointbayes.rounding import engineering, join_unit, number
 
-#: Stiffnesses that are named in one sentence, of more their number is told; and reasons that page one has room for.
+#: Stiffnesses that have a row on page one, and reasons that it has room for.
 _MOST_NAMED, _MOST_REASONS = 6, 3
-#: Ratio of an interval's ends up to which it is told as ± so many per cent.
-_PERCENT_RATIO = 1.5
-_WORKSHOP = "As in a workshop"
-#: Verdicts as the headline has them, best first.
-_SAID: dict[Verdict, str] = {
-    "identified": "known", "weakly identified": "roughly known", "bounded below": "known from below",
-    "bounded above": "known from above", "not identified": "not identified", "no verdict": "no value for",
-}  # fmt: skip
-#: What a stiffness resists, by its unit.
-_MEANING = {"N/m": "deflection", "N·m/rad": "rotation", "N": "coupling", "N·s/m": "damping", "N·m·s/rad": "damping"}
+_WORKSHOP = "Inputs as in a workshop"
+#: What a stiffness resists, by its unit; k11 of a coupled pair is across the structure.
+_MEANING = {"N/m": "translation", "N·m/rad": "turning", "N": "coupling", "N·s/m": "damping", "N·m·s/rad": "damping"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +47,11 @@ def lead(inputs: ReportInputs) -> tuple[Block, ...]:
     return (
         *_stops(inputs),
         *blocks_on_tests(inputs),
-        Paragraph(f"**{_headline(answers)}**"),
         _answer_table(inputs, answers, _MOST_NAMED),
+        Paragraph(f"**Rests on.** {_premises(inputs, answers)}"),
+        Paragraph(f"**Next.** {_next(inputs)}"),
         lights_of(inputs),
         Paragraph(f"**What limits the answer.** {_limits(inputs, answers)}"),
-        Paragraph(f"**Next.** {_next(inputs)}"),
     )
 
 
@@ -82,7 +77,7 @@ def _stops(inputs: ReportInputs) -> list[Block]:
 def _answers(inputs: ReportInputs) -> list[_Answer]:
     """The answer as the run has it and, where it takes anything as exact, with all else as in a workshop."""
     problem = inputs.posterior.problem
-    stated = "All else as stated" if uncertain_quantities(problem) else "All else exact"
+    stated = "Inputs as stated" if uncertain_quantities(problem) else "Inputs exact"
     title = _WORKSHOP if problem.premises.assumed else stated
     run = _Answer(title, {name: p.known for name, p in inputs.summary.parameters.items()})
     workshop = inputs.knowledge.workshop
@@ -93,31 +88,6 @@ def _answers(inputs: ReportInputs) -> list[_Answer]:
     return [run, freed] if inputs.summary.fit.synthetic_data else [freed, run]
 
 
-def _headline(answers: Sequence[_Answer]) -> str:
-    """Which stiffnesses are known, in one sentence for each assumption."""
-    return " ".join(f"{answer.title}: {_which(answer.known)}." for answer in answers)
-
-
-def _which(known: Mapping[str, Identifiability]) -> str:
-    groups: dict[Verdict, list[str]] = {verdict: [] for verdict in _SAID}
-    for name, each in known.items():
-        certain = each.verdict in ("identified", "weakly identified") and not each.if_model_right
-        verdict: Verdict = "no verdict" if each.if_model_right else each.verdict
-        groups[verdict].append(f"{foreign(name)} ({_accuracy(each)})" if certain else foreign(name))
-    said = [(_SAID[verdict], names) for verdict, names in groups.items() if names]
-    if len(known) > _MOST_NAMED:
-        return ", ".join(f"{len(names)} of {len(known)} {words}" for words, names in said)
-    return "; ".join(f"{words} {listed_names(names)}" for words, names in said)
-
-
-def _accuracy(known: Identifiability) -> str:
-    """Half the width of the interval in per cent, or the factor that it spans."""
-    ratio = ratio_of(known.ends[0])
-    if ratio <= _PERCENT_RATIO:
-        return f"±{number(100 * (math.sqrt(ratio) - 1), 2)} %"
-    return f"its interval spans a factor of {factor(ratio)}"
-
-
 def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -> Table:
     """A row for each stiffness, of more than so many of those that are known least; the assumptions side by side."""
     unit_of, names = inputs.posterior.unit, inputs.posterior.stiffness_names
@@ -125,47 +95,76 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
         first = answers[0].known
         by_need = sorted(names, key=lambda n: (-RANK.get(first[n].verdict, 9), -ratio_of(first[n].ends[0])))
         names = tuple(name for name in names if name in by_need[:most])
-    rows, kinds = [], []
+    rows, kinds, bars = [], [], []
     for name in names:
-        row = [f"**{foreign(name)}**, {_MEANING[unit]}" if (unit := unit_of(name)) in _MEANING else f"**{name}**"]
-        for answer in answers:
-            known = answer.known[name]
-            row += [known.value, known.plain_words]
-        rows.append(tuple(row))
-        of_row = {kind_of(verdict) for verdict in row[2::2]}
+        known = [answer.known[name] for answer in answers]
+        what = "sideways" if name == "k11" else _MEANING.get(unit_of(name))
+        cells = [f"{each.value}\n{each.plain_words}" for each in known]
+        bars.append([_bar(each, inputs.summary.parameters[name].prior_interval95) for each in known])
+        shares = "; ".join(f"{number(max(100 * (high - low), 0.1), 2)} %" for low, _, high in bars[-1])
+        rows.append((f"**{foreign(name)}**, {what}" if what else f"**{foreign(name)}**", *cells, shares))
+        of_row = {kind_of(each.plain_words) for each in known}
         kinds.append(of_row.pop() if len(of_row) == 1 else "")  # no colour for two verdicts that differ
     every = len(inputs.posterior.stiffness_names)
-    more = f" The {most} known least of {every}; the section on stiffness has all." if every > most else ""
     damped = inputs.posterior.problem.parametrisation.damped
-    head = ["Quantity" if damped else "Stiffness"]
-    for answer in answers:
-        head += [answer.title, "Verdict"]
+    note = "Median, in brackets the 95 % interval. Bars and per cent: what is left of the prior's range."
+    if every > most:
+        note += f" The {most} known least of {every}: {_counts(answers[0].known)}; the section on stiffness has all."
     return Table(
         "Stiffness and damping of the joint" if damped else "Stiffness of the joint",
-        tuple(head),
+        ("Quantity" if damped else "Stiffness", *(answer.title for answer in answers), "Of the prior"),
         tuple(rows),
-        note=_note(inputs, answers) + more,
+        note=note,
         row_kinds=tuple(kinds),
-        align="l" * len(head),
+        align="l" * (len(answers) + 2),
+        bars=tuple(map(tuple, bars)),
     )
 
 
-def _note(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
+def _counts(known: Mapping[str, Identifiability]) -> str:
+    """How many stiffnesses have each verdict, best first."""
+    counts = Counter(each.plain_words for each in sorted(known.values(), key=lambda each: RANK.get(each.verdict, 9)))
+    return ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+
+
+def _bar(known: Identifiability, prior95: tuple[float, float]) -> tuple[float, float, float]:
+    """Lower end, median and upper end of an interval as shares of the prior's; of what is positive by logarithms."""
+    low, high = known.ends[0]
+    if known.limit:
+        low, high = (known.printed_limit, math.inf) if known.verdict == "bounded below" else (0.0, known.printed_limit)
+    ends = np.clip([low, known.median, high], *prior95)
+    first, *places, last = (np.log if prior95[0] > 0 else np.asarray)([prior95[0], *ends, prior95[1]])
+    low, median, high = ((place - first) / (last - first) for place in places)
+    return float(low), float(median), float(high)
+
+
+def _premises(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
+    """What the answer takes for granted, and what is left of it where that is not so."""
     problem, knowledge = inputs.posterior.problem, inputs.knowledge
-    premises = problem.premises
-    words = ["Median, in brackets the 95 % interval."]
-    if any(any(known.printed_by_likelihood) for answer in answers for known in answer.known.values()):
-        where = ", in a workshop where it is one-sided" * (len(answers) > 1)
-        words.append(f"An end that rests on the prior is given by likelihood ratio{where}.")
-    assumed = premises.assumed or (knowledge.assumed if knowledge.workshop else ())
-    if assumed:
-        words.append(f"As in a workshop: {', '.join(assumed)}, assumed as nobody stated them.")
+    assumed, taken = problem.premises.assumed, quantities_taken_as_exact(knowledge.freed)
+    if len(answers) == 2 and taken:
+        run, workshop = sorted(answers, key=lambda answer: answer.title == _WORKSHOP)
+        worse = [n for n, k in run.known.items() if RANK[workshop.known[n].verdict] > RANK[k.verdict]]
+        left = (
+            f"{_more(worse)} {'is' if len(worse) == 1 else 'are'} known less well" if worse else "no verdict is worse"
+        )
+        if all(known.verdict == "not identified" for known in workshop.known.values()):
+            left = "this test determines none of the stiffnesses"
+        usual = f"as in a workshop ({', '.join(knowledge.assumed)})"
+        exact = f"{_capital(listed(taken))} {'are' if len(taken) > 1 else 'is'} taken as exact."
+        return f"{exact} With inputs known {usual}, {left}."
     uncertain = [readable(name) for name in uncertain_quantities(problem)]
-    if stated := [name for name in uncertain if not any(word.startswith(f"{name} to ") for word in premises.assumed)]:
+    stated = [name for name in uncertain if not any(word.startswith(f"{name} to ") for word in assumed)]
+    words = [f"Inputs known as in a workshop: {', '.join(assumed)}; the case does not state them."] if assumed else []
+    if stated:
         words.append(f"Uncertain as the case states: {listed(stated)}.")
-    elif len(answers) == 1 and not assumed:
+    elif not assumed:
         words.append("All else, such as material, dimensions and masses, is taken as exact.")
     return " ".join(words)
+
+
+def _capital(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}"
 
 
 def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
@@ -173,28 +172,19 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     summary, premises = inputs.summary, inputs.posterior.problem.premises
     if not inputs.posterior.converged:
         return "The calculation: nothing can be said before it has settled."
-    parts, exonerated = [], ""
+    parts = []
     if premises.reason:
-        parts.append(f"{premises.decision[0].upper()}{premises.decision[1:]}.")
+        parts.append(f"{_capital(premises.decision)}.")
     parts += [premises.asked] if premises.asked else []
     parts += inputs.posterior.unseen_inputs
     if summary.no_verdict:
         parts.append("The model: intervals of a model that misses the data are too narrow.")
-    if len(answers) == 2 and (taken := quantities_taken_as_exact(inputs.knowledge.freed)):
-        run, workshop = sorted(answers, key=lambda answer: answer.title == _WORKSHOP)
-        worse = [n for n, k in run.known.items() if RANK[workshop.known[n].verdict] > RANK[k.verdict]]
-        if worse:
-            verb = "is" if len(worse) == 1 else "are"
-            parts.append(f"What else is uncertain: {_more(worse)} {verb} that good only with {listed(taken)} exact.")
-        else:
-            exonerated = f" Not what else is uncertain: with {listed(taken)} as in a workshop no verdict is worse."
     if solutions := inputs.posterior.solutions.description:
         parts.append(foreign(solutions))
     parts += _reasons(answers[0].known, inputs.posterior)
     if summary.left_out:
         parts.append(foreign(sentence_of_left_out(summary.left_out)))
-    limits = " ".join(parts) or "The noise of the measurement: more averages would narrow every interval."
-    return f"{limits}{exonerated}"
+    return " ".join(parts) or "The noise of the measurement: more averages would narrow every interval."
 
 
 def _more(names: Sequence[str]) -> str:

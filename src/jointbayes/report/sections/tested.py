@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from jointbayes.inference import Problem
+from jointbayes.inference import Problem, Test
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.markup import foreign
+from jointbayes.report.markup import foreign, listed_names
 from jointbayes.report.model import Block, Figure, Paragraph
-from jointbayes.report.structure_sketch import sketch
+from jointbayes.report.structure_sketch import dof_words, sketch
 from jointbayes.rounding import number
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from vibrecords import FrfData
@@ -19,19 +19,21 @@ def blocks_on_tests(inputs: ReportInputs) -> tuple[Block, ...]:
     """The sketch, where anybody knows what the structure looks like, and what was measured."""
     problem = inputs.posterior.problem
     parts = problem.parts
-    drawing = sketch(parts[0])
-    which = f" of test {foreign(parts[0].test.name)}" if len(parts) > 1 else ""
     structures = [_structure(part) for part in parts]
     differ = len(set(structures)) > 1
     told = zip(parts[:_MOST_TESTS], structures, strict=False)
     text = " ".join(_sentence(part, structure if differ else "") for part, structure in told)
     if len(parts) > _MOST_TESTS:
         text += f" In all {len(parts)} tests, see below."
-    whole = f"{structures[0]}{which}. Joint: {foreign(str(parts[0].test.joints))}."
+    joint = f"Joint: {foreign(str(parts[0].test.joints))}."
+    tested = Paragraph(f"**Tested.** {text if differ else f'{structures[0]}: {text}'} {joint}")
+    drawn = tuple({sketch(part): part for part in reversed(parts[:_MOST_TESTS])}.values())[::-1]  # each picture once
+    drawing = sketch(*drawn)
     if not drawing:
-        return (Paragraph(f"**Tested.** {whole} {text}"),)
-    alt = f"Structure{which} with its joints, forces and responses."
-    return Figure("structure", whole, alt, drawing), Paragraph(f"**Tested.** {text}")
+        return (tested,)
+    tests = f"test {listed_names([foreign(part.test.name) for part in drawn])}"
+    which = f"{tests if len(parts) > 1 else 'the structure'} with joints, ground, forces and responses."
+    return tested, Figure("structure", f"What was tested: {which}", f"Drawing of {which}", drawing)
 
 
 def _structure(part: Problem) -> str:
@@ -57,7 +59,7 @@ def _sentence(part: Problem, structure: str) -> str:
     frfs, modes = test.data.shown_frfs, test.data.modes
     if frfs is not None:
         seen = "" if modes is None else f"; analysed by the {modes.frequency_hz.size} modes that they show"
-        return f"{name}{_frfs(frfs)}{level}{seen}."
+        return f"{name}{_frfs(test, frfs)}{level}{seen}."
     if modes is not None:
         spread = 100 * float(np.median(modes.sd_hz / modes.frequency_hz))
         low, high = modes.band_hz
@@ -67,7 +69,7 @@ def _sentence(part: Problem, structure: str) -> str:
     return f"{name}{foreign(test.data.in_short())}{level}."
 
 
-def _frfs(data: FrfData) -> str:
+def _frfs(test: Test, data: FrfData) -> str:
     frf, provenance = data.frf, data.provenance
     count = len(frf.outputs) * len(frf.inputs)
     averages = f", {provenance.averages} averages" if provenance is not None and provenance.averages else ""
@@ -75,11 +77,18 @@ def _frfs(data: FrfData) -> str:
     noise = 100 * float(np.median(np.sqrt(data.variance[size > 0]) / size[size > 0]))
     return (
         f"{count} {'computed ' if data.synthetic else ''}{frf.quantity} FRF{'s' if count > 1 else ''} "
-        f"(response at {_listed(frf.outputs)}, force at {_listed(frf.inputs)}), {frf.n_lines} lines from "
+        f"({_where(test, frf.outputs, frf.inputs)}), {frf.n_lines} lines from "
         f"{frf.frequency_hz[0]:g} to {frf.frequency_hz[-1]:g} Hz{averages}, noise {number(noise, 2)} % of |H| (median)"
     )
 
 
-def _listed(dofs: tuple[str, ...]) -> str:
+def _where(test: Test, outputs: tuple[str, ...], inputs: tuple[str, ...]) -> str:
+    """Where responses and forces are, by the names that people use."""
+    sides = {"force and response": inputs} if outputs == inputs else {"response": outputs, "force": inputs}
+    return ", ".join(f"{side} at {_listed(test, dofs)}" for side, dofs in sides.items())
+
+
+def _listed(test: Test, dofs: tuple[str, ...]) -> str:
     more = f" and {len(dofs) - _MOST_DOFS} more" if len(dofs) > _MOST_DOFS else ""
-    return foreign(", ".join(dofs[:_MOST_DOFS])) + more
+    names = (words if (words := dof_words(test, dof)) == dof else f"{words} ({dof})" for dof in dofs[:_MOST_DOFS])
+    return foreign("; ".join(names)) + more
