@@ -3,7 +3,9 @@
 `.ci/run` asks both of its Pythons, which have ArviZ 0.23 and 1.x.
 """
 
+import importlib.util
 import pickle
+import re
 import warnings
 
 import numpy as np
@@ -14,53 +16,59 @@ import jointbayes as jb
 from jointbayes.errors import ModelError
 from jointbayes.inference import GaussianNoise, JointPrior, Nuisance, ScaledNoise, Uniform
 from jointbayes.structure import LossFactor
+from tests.conftest import CONFIGS
 from tests.structure.long_rod import LongRod
-from tests.test_workflow import LOSS, QUICK, TRUTH, euler_beam, from_arrays, measured
+from tests.test_workflow import QUICK, TRUTH, from_arrays
 
 pytestmark = pytest.mark.version
 
 
 @pytest.fixture(scope="module")
-def first():
-    """A first posterior from arrays: five names, and no prior."""
-    k, m, labels = euler_beam()
-    frfs = measured()
-    data = jb.FrfData.of_arrays(
-        frfs.frf.frequency_hz, frfs.frf.values, np.sqrt(frfs.variance), ("7:y", "4:y"), ("7:y",)
-    )
-    structure = jb.Structure(k, m, jb.LossFactor(LOSS), labels)
-    return jb.sample(jb.Problem(structure=structure, joint=("1:y", "1:rz"), data=data), settings=QUICK)
+def asked(tmp_path_factory):
+    """What examples/five_questions.py says, with short runs; an example is no module of the package."""
+    for package in ("arviz", "corner", "dynesty", "pandas"):
+        pytest.importorskip(package)
+    spec = importlib.util.spec_from_file_location("five_questions", CONFIGS.parent / "examples" / "five_questions.py")
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of single values that count for much, of wide ellipsoids
+        return example.main(tmp_path_factory.mktemp("asked") / "corner.png", settings=QUICK)
 
 
-def test_a_first_posterior_from_arrays_finds_the_truth(first):
-    assert first.problem.test.data.variance == pytest.approx(measured().variance)
-    low, high = np.quantile(first["k22"], [0.0005, 0.9995])
+def test_a_first_posterior_from_arrays_finds_the_truth_with_five_names(asked):
+    text = (CONFIGS.parent / "examples" / "five_questions.py").read_text(encoding="utf-8")
+    first = text[text.index("def measured") : text.index("def ask_arviz")] + "jb.sample("
+    names = set(re.findall(r"jb\.(\w+)", first))
+    assert names == {"FrfData", "LossFactor", "Problem", "Structure", "sample"}
+    low, high = np.quantile(asked["posterior"]["k22"], [0.0005, 0.9995])
     assert low < TRUTH[2] < high
 
 
-def test_arviz_takes_it(first):
-    az, pyplot = pytest.importorskip("arviz"), pytest.importorskip("matplotlib.pyplot")
-    pyplot.switch_backend("Agg")
-    idata = first.to_arviz()
-    table = az.summary(idata, var_names=["k11", "k22"], round_to="none")
-    assert table.loc["k22", "mean"] == pytest.approx(first["k22"].mean().item(), rel=0.05)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of single values that count for much
-        found = az.loo(idata, var_name="data")
-        az.plot_rank(idata, var_names=["k22"])
-    pyplot.close("all")
-    assert 0 < (found.p_loo if hasattr(found, "p_loo") else found.p) < 10
+def test_arviz_corner_and_pandas_take_draws_by_name(asked):
+    posterior, table, loo = asked["posterior"], asked["table"], asked["loo"]
+    assert list(table.index) == list(posterior) == ["k11", "k12", "k22"]
+    assert table.loc["k22", "mean"] == pytest.approx(posterior["k22"].mean().item(), rel=0.05)
+    assert 0 < (loo.p_loo if hasattr(loo, "p_loo") else loo.p) < 10
+    assert asked["described"].loc["50%", "k22"] == pytest.approx(float(np.median(posterior["k22"])))
+    assert asked["described"].loc[["2.5%", "97.5%"], "k22"].tolist() == pytest.approx(posterior.interval("k22"))
 
 
-def test_corner_and_pandas_take_draws_by_name(first):
-    corner, pandas = pytest.importorskip("corner"), pytest.importorskip("pandas")
-    frame = first.to_dataframe()
-    assert isinstance(frame, pandas.DataFrame)
-    assert list(frame.columns[:3]) == list(first)
-    assert frame["k22"].median() == pytest.approx(float(np.median(first["k22"])))
-    figure = corner.corner(np.log(np.stack([first[name].values.ravel() for name in first], axis=-1)))
-    assert len(figure.axes) == 9
-    pytest.importorskip("matplotlib.pyplot").close("all")
+def test_a_noise_model_of_ones_own_widens_as_it_says(asked):
+    widths = [np.diff(np.log(asked[name].interval("k22")))[0] for name in ("posterior", "coarse")]
+    assert widths[1] / widths[0] == pytest.approx(3.0, rel=0.15)
+
+
+def test_a_body_of_all_modes_of_two_matrices_is_that_structure(asked):
+    np.testing.assert_allclose(asked["by_modes"].values, jb.find_map(asked["posterior"].problem).values, rtol=1e-4)
+
+
+def test_a_nested_sampler_of_ones_own_finds_the_evidence(asked):
+    problem, (found, error) = asked["few"], asked["evidence"]
+    grid = (np.arange(200) + 0.5) / 200
+    cells = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+    known = logsumexp(problem.log_likelihood(problem.prior.transform(cells))) - np.log(len(cells))
+    assert found == pytest.approx(known, abs=3.5 * error + 0.02)
 
 
 class Plain:
@@ -164,27 +172,3 @@ def test_a_plain_body_is_a_structure():
     theta = plain.prior.sample(np.random.default_rng(1), 5)
     np.testing.assert_allclose(plain.log_posterior(theta), stated.log_posterior(theta))
     assert repr(plain.test.structure).startswith("Rod(100000 DOFs, 1:x to 100000:x")
-
-
-def test_a_nested_sampler_of_ones_own_finds_the_evidence():
-    dynesty = pytest.importorskip("dynesty")
-    few = slice(None, None, 12)
-    frfs = measured()
-    data = jb.FrfData.of_arrays(
-        frfs.frf.frequency_hz[few], frfs.frf.values[few], 10 * np.sqrt(frfs.variance[few]), ("7:y", "4:y"), ("7:y",)
-    )
-    prior = JointPrior(
-        jb.parametrisation_named("springs", ("y", "rz")),
-        (Uniform.of_logarithm(1e6, 1e9), Uniform.of_logarithm(1e3, 1e6)),
-    )
-    problem = from_arrays(data=data, prior=prior)
-    grid = (np.arange(200) + 0.5) / 200
-    cells = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
-    known = logsumexp(problem.log_likelihood(problem.prior.transform(cells))) - np.log(len(cells))
-    sampler = dynesty.NestedSampler(
-        lambda theta: problem.log_likelihood(theta)[0],
-        lambda u: problem.prior.transform(u)[0],
-        2, nlive=250, rstate=np.random.default_rng(1),
-    )  # fmt: skip
-    sampler.run_nested(print_progress=False, dlogz=0.1)
-    assert sampler.results.logz[-1] == pytest.approx(known, abs=3.5 * sampler.results.logzerr[-1] + 0.02)
