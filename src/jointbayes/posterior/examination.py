@@ -5,11 +5,18 @@ from contextlib import suppress
 from jointbayes.errors import ModelError
 from jointbayes.posterior.directions import name_directions
 from jointbayes.posterior.excluded import simpler_joints
-from jointbayes.posterior.knowledge import KeptKnowledge, Knowledge, assumed_beyond, known_in_workshop
+from jointbayes.posterior.knowledge import (
+    KeptKnowledge,
+    Knowledge,
+    assumed_beyond,
+    known_in_workshop,
+    uncertain_quantities,
+)
 from jointbayes.posterior.limits import ProfileLikelihood
 from jointbayes.posterior.next_step import next_step
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.verdicts import MOST_UNKNOWNS
+from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from vibrecords.arrays import Array
 
 
@@ -43,7 +50,24 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
         kept.assumed if kept else assumed_beyond(posterior.problem, freed),
         simpler_joints(posterior) if simpler is None else simpler,
         step,
+        _what_decides(posterior),
     )
+
+
+def _what_decides(posterior: Posterior) -> WhatDecides | None:
+    """Each input alone; None of fewer than two, and where the model does not explain the data."""
+    rows = [row for row in posterior.rows if row.known]
+    exact = next((row for row in rows if not row.uncertain), None)
+    inputs = max((row.uncertain for row in rows), key=len, default=())
+    if exact is None or len(inputs) < 2 or not all(check.explains for check in posterior.checks):
+        return None
+    freed = None if posterior.case is None else posterior.case.workshop_problem
+    problem = next(
+        p for p in (posterior.problem, freed) if p is not None and set(inputs) <= set(uncertain_quantities(p))
+    )
+    together = next(row.known for row in rows if row.uncertain == inputs)
+    run = posterior.problem
+    return what_decides(problem, inputs, run.names, posterior.mode_theta, exact.known, together)
 
 
 def _wider_prior_draws(posterior: Posterior) -> tuple[Array, Array] | None:

@@ -38,6 +38,7 @@ from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.next_step import NextStep
 from jointbayes.posterior.solutions import LEAST_SHARE
 from jointbayes.posterior.verdicts import Finding, by_likelihood, concluded, found_with_wider_priors, judge_stiffness
+from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.posterior.widened import ENOUGH_FOR_CLASS, WidenedPosterior, replace_prior, widen
 from jointbayes.sampling import (
     ENOUGH,
@@ -438,6 +439,9 @@ class Knowledge:
     next_step
         A forecast of what to measure next, with all else as in a workshop where `workshop` is not None; None where
         nothing that was looked at would help, the draws have not converged, or the model does not explain the data.
+    decides
+        Which uncertain input matters most; None where there are fewer than two, or no stiffness is known with all of
+        them exact.
     """
 
     check: PredictiveCheck
@@ -447,6 +451,7 @@ class Knowledge:
     assumed: tuple[str, ...]
     simpler: tuple[SimplerJoint, ...] = ()
     next_step: NextStep | None = None
+    decides: WhatDecides | None = None
 
     @property
     def kept(self) -> KeptKnowledge:
@@ -538,4 +543,5 @@ class Knowledge:
             "freed_assumed": bool(self.assumed),
             "freed_assumptions": list(self.assumed),
             "freed_sentence": self.freed_sentence,
+            "what_decides": None if self.decides is None else self.decides.as_json(),
         }

@@ -113,6 +113,19 @@ def draw_intervals(axes: Axes, labels: Sequence[str], ends: Array) -> None:
     legend_above(axes)
 
 
+def draw_tornado(row: AxesArray, names: Sequence[str], labels: Sequence[str], ends: Array) -> None:
+    """Intervals over the first one's middle, shape (names, labels, 2), a bar each; the first and the last are draws."""
+    for axes, name, bars in zip(row, names, ends / np.sqrt(np.abs(ends[:, :1].prod(axis=-1)))[..., None], strict=True):
+        place = np.arange(len(labels))
+        sampled = (place == 0) | (place == len(labels) - 1)
+        axes.barh(place, bars[:, 1] - bars[:, 0], left=bars[:, 0], height=0.6, color=np.where(sampled, "0.7", _BLUE))
+        axes.axvspan(*bars[0], color=_ORANGE, alpha=0.3, lw=0)
+        axes.set_xscale("log")
+        axes.set_yticks(place, labels)
+        axes.set_ylim(len(labels) - 0.5, -0.5)
+        axes.set_xlabel(f"{name} over its middle with all exact")
+
+
 def draw_profiles(row: AxesArray, curves: Sequence[tuple[str, Array, Array]]) -> None:
     """Profile likelihoods side by side: label of the axis, values on it and ln ratio, each of shape (points,)."""
     for axes, (label, value, log_ratio) in zip(row, curves, strict=True):

@@ -82,6 +82,13 @@ def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
     return _in_rows(lambda axes: drawing.draw_profiles(axes, curves), len(curves), 2.4, apart=(0.5, 0.1), sharey=True)
 
 
+def tornado(names: Sequence[str], labels: Sequence[str], ends: Array) -> str:
+    """Widths of intervals with one input uncertain at a time, a panel for each stiffness."""
+    layout: Any = {"columns": len(names), "left": 1.45, "apart": (0.2, 0.1), "sharey": True}
+    size = (7.2, 0.75 + 0.24 * len(labels))
+    return _page(lambda axes: drawing.draw_tornado(axes[0], names, labels, ends), size, **layout)
+
+
 def histories(titles: Sequence[str], history: Array, published: Array | None) -> str:
     """The paper's Fig. 8."""
     layout: Any = {"left": 0.45, "top": 0.3, "apart": (0.75, 0.45)}

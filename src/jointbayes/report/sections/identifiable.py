@@ -1,19 +1,25 @@
 """What the data determine and what it assumes: combinations, correlations, uncertain inputs, likelihood limits."""
 
+import math
+
 import numpy as np
 
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.directions import NamedDirection
-from jointbayes.posterior.identifiability import NO_VALID_VALUE, Verdict
+from jointbayes.posterior.identifiability import NO_VALID_VALUE, Verdict, listed
 from jointbayes.posterior.knowledge import UncertainInputsRow
+from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, foreign, kind_of, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
-from jointbayes.rounding import factor, interval, number, rounded_interval
+from jointbayes.rounding import engineering, factor, interval, join_unit, number, rounded_interval
 from jointbayes.sampling import END_TOLERANCE
 
 _MOST_COLUMNS = 4
+_MOST_BARS = 3  # stiffnesses of the tornado
+#: What a verdict's reason says where the prior decides.
+_OF_RANGE = ("the default range", "bound ", "rest on the prior", "rests on the prior")
 _ROWS_OF_PAGE_ONE = 2  # the run, and everything uncertain: both answers stand there
 
 
@@ -21,6 +27,8 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     """Which combinations are known, correlations, and what the verdicts rest on: all of it from draws."""
     knowledge = inputs.knowledge
     blocks: list[Block] = freed_blocks(knowledge) if knowledge.freed else []
+    blocks += _decides_blocks(knowledge.decides) if knowledge.decides else []
+    blocks += [Paragraph(foreign(text)) for text in range_sentences(knowledge)]
     if premises := inputs.posterior.premises_sentences:
         blocks.insert(0, Paragraph(foreign(" ".join(premises))))
     if knowledge.bounds_sentence:
@@ -102,6 +110,54 @@ def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ..
     intervals = (assessments[name].value for name in names)
     verdicts = "; ".join(f"{name} {assessments[name].plain_words}" for name in names)
     return (uncertain, *intervals, verdicts, row.source)
+
+
+def _decides_blocks(decides: WhatDecides) -> list[Block]:
+    """Each uncertain input alone: which matters most, and where the best fit goes with each off by its uncertainty."""
+    names = tuple(decides.exact)[:_MOST_BARS]
+    labels = ["all exact", *(readable(each.name) for each in decides.inputs), "all uncertain"]
+    ends = [
+        [decides.exact[name].ends[0], *(each.interval95[name] for each in decides.inputs)]
+        + ([decides.together[name].interval95] if decides.together else [])
+        for name in names
+    ]
+    labels = labels[: len(ends[0])]
+    shown = [[_in_words(pair, decides.exact[name].unit) for pair in of] for name, of in zip(names, ends, strict=True)]
+    off = ["", *(f"±{each.off[1].removesuffix(' higher')}" for each in decides.inputs), ""]
+    first = (" ".join(both).strip() for both in zip(labels, off, strict=False))
+    rows = tuple(zip(first, *shown, strict=True))
+    caption = "95 % intervals with one input uncertain at a time"
+    note = (
+        "All exact and all uncertain: draws. One input: to first order, the draws with all exact widened by what the "
+        "Gaussian at the best fit adds."
+    )
+    blocks: list[Block] = [
+        Paragraph(decides.sentence),
+        Paragraph(decides.if_off),
+        Table(caption, ("Uncertain", *names), rows, note=note, align="l" * (1 + len(names))),
+    ]
+    drawable = np.isfinite(ends).all() and (np.array(ends) > 0).all()
+    if drawable:
+        alt = f"Bars of the intervals of {' and '.join(names)} with each input alone uncertain, between none and all."
+        svg = figures.tornado(names, labels, np.array(ends))
+        blocks.insert(2, Figure("tornado", f"{caption}, widest first; the band is that with all exact.", alt, svg))
+    return blocks
+
+
+def _in_words(ends: tuple[float, float], unit: str) -> str:
+    (_, low, high), of = engineering((math.sqrt(abs(math.prod(ends))), *ends), unit)
+    return join_unit(f"{low} to {high}", of)
+
+
+def range_sentences(knowledge: Knowledge) -> tuple[str, ...]:
+    """Where the range of a prior decides a verdict, and by how much: as the run has it, and of the last row."""
+    found = {}
+    for row in knowledge.freed[:1] + knowledge.freed[-1:]:
+        for name, known in row.known.items():
+            if known.verdict != "no verdict" and any(words in known.verdict_reason for words in _OF_RANGE):
+                where = f"With {listed(row.uncertain)} uncertain" if row.uncertain else "With all else exact"
+                found[where, name] = f"{where} the prior decides on {name}: {known.verdict_reason}."
+    return (" ".join(found.values()),) if found else ()
 
 
 def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
