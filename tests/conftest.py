@@ -6,7 +6,7 @@ import re
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -79,6 +79,7 @@ class StatedCase:
     """What a report says of a case besides its posterior, as a test states it; nothing else is uncertain in it."""
 
     title: str = "Clamp"
+    about: Mapping[str, str] = field(default_factory=dict)
     stated: Problem | None = None
     reference: np.ndarray | None = None
     reference_source: str = ""

@@ -277,10 +277,10 @@ def test_every_key_of_the_schema_says_what_it_expects():
     assert [key for key, info in FIELDS if not info.description] == []
 
 
-#: How a description states a bound, by what pydantic calls it; and keys where the bound is that of entries.
+#: How a description states a bound, by what pydantic calls it; and keys where it is that of entries or of characters.
 BOUNDS = {"Gt": "greater than|above", "Ge": "at least|from", "Lt": "below", "Le": "at most|to"}
 OF_ENTRIES = (
-    r"PriorsSpec\..*|.*\.(title|axes|exclude_hz|bands_hz|masses_kg|numbers|nodes)|LeftOutSpec\.modes|"
+    r"PriorsSpec\..*|.*\.(title|axes|exclude_hz|bands_hz|masses_kg|numbers|nodes)|AboutSpec\..*|LeftOutSpec\.modes|"
     r"ModesSpec\.(frequencies_hz|damping_ratios)"
 )
 

@@ -61,6 +61,14 @@ def test_validate_and_report_state_the_same_prior(tmp_path, cheap_posterior):
     assert high[1] ** 2 < high[0] * high[2]  # k12² <= k11 k22 in every joint
 
 
+def test_validate_says_what_was_tested_with_its_day_in_quotes_or_not(tmp_path, measured):
+    for day in ("2026-11-25", '"2026-11-25"', "2026-11-25T08:00:00"):
+        about = f'[about]\nspecimen = "Clamp 12"\ndate = {day}\noperator = "A. Miller"\n'
+        (tmp_path / "case.toml").write_text(measured + about, encoding="utf-8")
+        (entry,) = json.loads(typed("validate", "case.toml", "--json").stdout)["cases"]
+        assert entry["understood"][0] == "Specimen: Clamp 12; Date of test: 2026-11-25; Operator: A. Miller"
+
+
 def test_a_wrong_modulus_is_the_first_that_a_mode_above_those_of_a_rigid_joint_is_blamed_on(tmp_path, measured):
     text = edited(measured, ("youngs_modulus_gpa = 210.0", "youngs_modulus_gpa = 70.0"))
     text = text.replace("ratio = 0.01", 'ratio = "measured"')

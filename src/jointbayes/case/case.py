@@ -91,6 +91,11 @@ class Case:
         return self.spec.title or self.name
 
     @property
+    def about(self) -> dict[str, str]:
+        """Title, specimen, date of the test, operator and instruments, as far as the file states them."""
+        return {key: text for key, text in {"title": self.spec.title, **dict(self.spec.about)}.items() if text}
+
+    @property
     def reference(self) -> Array | None:
         """Published stiffnesses in the order of the problem's quantities, shape (q,), if the case names any."""
         if self.spec.reference is None:

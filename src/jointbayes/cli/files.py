@@ -218,11 +218,13 @@ def _understood(case: "Case") -> list[str]:
     """What a case says, line by line: structure, joints, data and noise of each test; unknowns."""
     import numpy as np
 
+    from jointbayes.posterior.summary import specimen_line
     from jointbayes.rounding import number
 
     told = [line for test in case.problem.tests for line in str(test).split("\n")]
     rows = [re.sub(r"\b[A-Z]\w+\(|\)", "", line) for line in told]  # without the names of classes
     rows = [re.sub(r"(?<=[a-z])[A-Z](?=[a-z])", lambda found: f" {found[0].lower()}", line) for line in rows]
+    rows = [*filter(None, [specimen_line(case.about)]), *rows]
     prior = case.problem.prior
     theta = prior.sample(np.random.default_rng(0), 20_000)  # as the report: what no joint can be is cut off
     values = np.column_stack([prior.values(theta), prior.nuisance_values(theta)])

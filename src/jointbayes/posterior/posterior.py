@@ -646,6 +646,7 @@ class Posterior:
             knowledge,
             warnings,
             self.assumptions,
+            None if self.case is None else self.case.about,
         )
 
     def curve(self, name: str, probability: float = 0.95) -> Curve:

@@ -94,6 +94,10 @@ class SampledCase(Protocol):
         """Title for people."""
 
     @property
+    def about(self) -> Mapping[str, str]:
+        """Title, specimen, date of the test, operator and instruments, as far as they are stated."""
+
+    @property
     def stated(self) -> Problem | None:
         """The problem that its text states."""
 

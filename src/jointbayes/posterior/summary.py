@@ -142,6 +142,8 @@ class Summary:
         The same in sentences, and what the verdicts take as exact where nobody asked what is known without that.
     correlations
         Of the draws of two coordinates, by their names, where it is above 0.1 either way.
+    about
+        Title, specimen, date of the test, operator and instruments, as far as the case states them.
     """
 
     record: RunRecord
@@ -169,6 +171,7 @@ class Summary:
     model_error: InferredError | None
     assumptions: tuple[str, ...]
     correlations: Mapping[tuple[str, str], float]
+    about: Mapping[str, str]
 
     def __str__(self) -> str:
         record, fit = self.record, self.fit
@@ -188,6 +191,7 @@ class Summary:
         ]
         lines = [
             f"[[Posterior of {record.case_name!r}]]",
+            *in_lines(specimen_line(self.about), 4),
             *in_lines(f"{record.reason}; seed {record.seed}", 4),
             "[[Joint: median (95 % interval), verdict]]",
         ]
@@ -219,6 +223,7 @@ class Summary:
         summary = {
             "schema_version": SCHEMA_VERSION,
             "case": record.case_name,
+            "about": self.about,
             "seed": record.seed,
             "converged": record.converged,
             "reason": record.reason,
@@ -256,6 +261,7 @@ def summarise(
     knowledge: Knowledge | None = None,
     warnings: Sequence[str] = (),
     assumptions: Sequence[str] = (),
+    about: Mapping[str, str] | None = None,
 ) -> Summary:
     """Summarise a posterior.
 
@@ -273,6 +279,8 @@ def summarise(
         What in the case is probably a slip, see `Case.warnings`.
     assumptions
         What the answer takes for granted, in sentences.
+    about
+        What was tested, see `Case.about`.
     """
     estimate, problem = posterior.estimate, posterior.problem
     setups = setup_summaries(posterior, initial, measured_frequencies_hz)
@@ -313,7 +321,16 @@ def summarise(
         model_error=posterior.model_error,
         assumptions=tuple(assumptions),
         correlations=_correlations(posterior),
+        about=about or {},
     )
+
+
+_OF_A_TEST = {"specimen": "Specimen", "date": "Date of test", "operator": "Operator", "instruments": "Instruments"}
+
+
+def specimen_line(about: Mapping[str, str]) -> str:
+    """What was tested, when, by whom and with what, in one line; empty where nothing is stated."""
+    return "; ".join(f"{words}: {about[key]}" for key, words in _OF_A_TEST.items() if key in about)
 
 
 def _correlations(posterior: AnyPosterior) -> dict[tuple[str, str], float]:

@@ -6,7 +6,7 @@ from functools import cached_property
 from jointbayes.inference import Problem
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
 from jointbayes.posterior.setup_summary import SetupSummary
-from jointbayes.posterior.summary import Summary
+from jointbayes.posterior.summary import Summary, specimen_line
 from jointbayes.report.markup import foreign
 from vibrecords.arrays import Array
 
@@ -63,6 +63,11 @@ class ReportInputs:
         """Title of the case, or the problem's name."""
         case = self.posterior.case
         return foreign(self.posterior.problem.name if case is None else case.title)
+
+    @property
+    def specimen(self) -> str:
+        """What was tested, when, by whom and with what, in one line; empty where the case does not say."""
+        return "" if self.posterior.case is None else foreign(specimen_line(self.posterior.case.about))
 
     @property
     def case_text(self) -> str:

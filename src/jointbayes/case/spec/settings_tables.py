@@ -6,9 +6,10 @@ Noise models, the sampler, hypotheses, plans, virtual tests; and `[setups.NAME]`
 from __future__ import annotations
 
 from collections.abc import Iterator
+from datetime import date, datetime
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
-from pydantic import AfterValidator, Field, Strict
+from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
 from jointbayes.case.spec.fields import (
     ESTIMATOR,
@@ -36,6 +37,34 @@ from jointbayes.case.spec.fields import (
 )
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
 from jointbayes.joint import COUPLED, HYPOTHESES, USUAL_HYPOTHESES
+
+_LINE = r"^[^\r\n]*$"
+
+
+def _what(of: str, example: str) -> object:
+    text = f"{of}: a text of one line, at most 200 characters"
+    return Field(max_length=200, pattern=_LINE, description=text, examples=[example])
+
+
+def _day(value: object) -> object:
+    """A day as text: TOML has dates of its own, with or without quotes."""
+    if isinstance(value, date):
+        return (value.date() if isinstance(value, datetime) else value).isoformat()
+    if isinstance(value, str) and value:
+        try:
+            return date.fromisoformat(value).isoformat()
+        except ValueError:
+            raise_findings([Finding((), "", "", "write year, month and day in this order")])
+    return value
+
+
+class AboutSpec(Spec):
+    """What was tested, when, by whom and with what, as a report has it: no number depends on it."""
+
+    specimen: Annotated[str, _what("what was tested", "Clamp 12, serial number 0471")] = ""
+    date: Annotated[str, BeforeValidator(_day), key_field("the day of the test, as 2026-11-25", "2026-11-25")] = ""
+    operator: Annotated[str, _what("who made the test", "A. Miller")] = ""
+    instruments: Annotated[str, _what("what it was measured with", "hammer PCB 086C03, accelerometer 352C33")] = ""
 
 
 class IdentificationSpec(Spec):

@@ -35,6 +35,7 @@ from jointbayes.case.spec.prior_tables import (
     quantity_table,
 )
 from jointbayes.case.spec.settings_tables import (
+    AboutSpec,
     AssemblySpec,
     CompareSpec,
     IdentificationSpec,
@@ -440,6 +441,9 @@ class CaseSpec(Spec):
     extends: Annotated[str, _EXTENDS] = ""
     remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
     title: Annotated[str, _TITLE] = ""
+    about: Annotated[AboutSpec, Field(description="what was tested: specimen, date, operator, instruments")] = (
+        AboutSpec()
+    )
     setups: Annotated[
         dict[Name, SetupSpec], Field(description="several tests of the same joints, a table for each, as [setups.long]")
     ] = {}  # noqa: RUF012 (pydantic copies it)

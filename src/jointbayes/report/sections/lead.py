@@ -46,6 +46,7 @@ def lead(inputs: ReportInputs) -> tuple[Block, ...]:
     answers = _answers(inputs)
     return (
         *_stops(inputs),
+        *([Paragraph(f"{inputs.specimen}.")] if inputs.specimen else []),
         *blocks_on_tests(inputs),
         _answer_table(inputs, answers, _MOST_NAMED),
         Paragraph(f"**Rests on.** {_premises(inputs, answers)}"),
