@@ -6,7 +6,7 @@ from typing import Any, Literal
 #: What a channel is to an FRF.
 Role = Literal["response", "force"]
 #: Warnings that leave open which sign, or which sign of i, the numbers of an FRF have.
-_SIGN_IN_DOUBT = ("conjugated", "sign_flip", "not_passive", "quantity")
+SIGN_IN_DOUBT = ("conjugated", "sign_flip", "not_passive", "quantity")
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ class Provenance:
     @property
     def sign_doubts(self) -> tuple[MeasurementWarning, ...]:
         """Warnings that leave the sign of the FRFs, their time factor or their quantity in doubt."""
-        return tuple(warning for warning in self.warnings if warning.key in _SIGN_IN_DOUBT)
+        return tuple(warning for warning in self.warnings if warning.key in SIGN_IN_DOUBT)
 
     def as_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists, texts and numbers."""

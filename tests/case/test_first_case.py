@@ -1,16 +1,19 @@
 """What a newcomer types: `init --from FILE`, an answer to each question, `run`; the beam of the files has no mesh."""
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.walk_through import AVERAGES, COHERENCE, TRUTH, accelerance, write_frfs, write_lvm
+from benchmarks.walk_through import AVERAGES, COHERENCE, TRUTH, accelerance, hits, write_frfs, write_lvm
 from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from vibrecords.formats import write_records
+from vibrecords.formats.read import iter_records
 from vibrecords.records import ModeRecord, TimeRecord
 
 LINES = np.arange(20.0, 1000.0, 8.0)
@@ -138,7 +141,9 @@ def test_a_layout_goes_into_the_case(tmp_path):
 def test_modes_of_a_modal_test_are_typed_into_the_case(tmp_path, monkeypatch):
     modes = [ModeRecord(i + 1, f, 0.1 * (i + 1), 0.01, shape={"1:Z+": 1.0}) for i, f in enumerate((121.5, 752.4))]
     monkeypatch.setattr("jointbayes.case.first_case.iter_records", lambda *_: iter(modes))
+    monkeypatch.setattr("jointbayes.case.first_case.about_file", lambda _: {"operator": "A. Miller"})
     text = jb.case.first_case.propose_case([tmp_path / "modes.uff"], tmp_path)
+    assert 'about = { operator = "A. Miller" }   # as the file says' in text
     assert "frequencies_hz = [121.5, 752.4]" in text
     assert "sd_hz = [0.1, 0.2]" in text
     assert "shapes at 1:Z+" in text
@@ -185,3 +190,60 @@ def test_a_recording_says_nothing_of_its_blocks_where_it_is_no_hammers(tmp_path)
         write_records([record], tmp_path / f"{name}.uff", "uff58b")
     typed("init", tmp_path / "a.toml", "--from", tmp_path / "shaker.uff", tmp_path / "acc.uff")
     assert 'records = { method = "shaker", block_s = 1' in (tmp_path / "a.toml").read_text(encoding="utf-8")
+
+
+def write_hit(path: Path, head: str) -> None:
+    (force, response), *_ = hits(1)
+    samples = enumerate(zip(force.tolist(), response.tolist(), strict=True))
+    rows = [f"{i / 5120:.7f},{x!r},{y!r}" for i, (x, y) in samples]
+    path.write_text("\n".join([head, *rows]), encoding="utf-8")
+
+
+def test_one_hit_has_the_noise_that_a_modal_fit_leaves_and_its_case_is_valid(tmp_path):
+    write_hit(tmp_path / "hit.csv", "Time (s),hammer (N),acc (m/s^2)")
+    typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "hit.csv")
+    text = (tmp_path / "my_case.toml").read_text(encoding="utf-8")
+    assert 'records = { method = "impact" }   # H1 from 1 of 1 hits' in text
+    assert 'source = "relative"   # what a modal fit leaves: the one hit has no coherence' in text
+    (tmp_path / "my_case.toml").write_text(with_answers(text), encoding="utf-8")
+    assert "valid, no warnings" in typed("validate", tmp_path / "my_case.toml")
+
+
+def with_answers(text: str) -> str:
+    for question, answer in ANSWERS:
+        text = text.replace(question, answer)
+    return text.replace('= "?"', '= "11:y"')
+
+
+def test_a_band_that_begins_above_mode_1_has_its_damping_in_numbers(tmp_path):
+    write_frfs(tmp_path / "high.uff", np.arange(300.0, 2400.0, 4.0), "uff58b", (("Point:3:Z+", "11:y"),))
+    typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "high.uff")
+    text = (tmp_path / "my_case.toml").read_text(encoding="utf-8")
+    ratio = float(re.search(r'law = "modal", ratio = ([\d.]+)', text)[1])
+    assert ratio == pytest.approx(0.01, rel=0.1)  # a loss factor of 0.02
+    assert "The file begins at 300 Hz, and its first resonance at 752" in text
+    (tmp_path / "my_case.toml").write_text(with_answers(text), encoding="utf-8")
+    assert "valid, no warnings" in typed("validate", tmp_path / "my_case.toml")
+    wrong = with_answers(text).replace(f"ratio = {ratio}", 'ratio = "measured"')
+    (tmp_path / "my_case.toml").write_text(wrong, encoding="utf-8")
+    refused = CliRunner().invoke(main, ["validate", str(tmp_path / "my_case.toml")])
+    assert refused.exit_code == 2
+    assert f"write ratio = {ratio:.2g} for the damping where mode 1 is below the band" in refused.output
+
+
+def test_a_turned_drive_point_and_averages_are_told_as_the_file_has_them(tmp_path):
+    write_frfs(tmp_path / "tip.uff", np.arange(20.0, 1000.0, 2.0), "uff58b", (("Point:3:Z+", "11:y"),))
+    turned = [replace(record, values=-record.values) for record in iter_records(tmp_path / "tip.uff")]
+    write_records(turned, tmp_path / "turned.uff", "uff58b")
+    typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "turned.uff")
+    text = (tmp_path / "my_case.toml").read_text(encoding="utf-8")
+    assert 'turn the channel in the case file ("-11:y")' in text
+    assert f'source = "coherence"   # {AVERAGES} averages, as the file says' in text
+
+
+def test_a_hammer_without_units_is_told_by_its_name(tmp_path):
+    write_hit(tmp_path / "hit.csv", "Time (s),hammer,acc")
+    typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "hit.csv")
+    text = (tmp_path / "my_case.toml").read_text(encoding="utf-8")
+    assert 'records = { method = "impact" }' in text
+    assert 'hammer = { dof = "?", unit = "?" }' in text

@@ -1,9 +1,12 @@
 """A first case from measurement files: all that they tell, and a question mark where only the user knows."""
 
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +16,16 @@ from jointbayes.case.spec.prior_tables import WORKSHOP_SD_PERCENT
 from jointbayes.case.toml_text import toml_text, toml_value
 from jointbayes.errors import MeasurementError
 from vibrecords import FrfSet
+from vibrecords.formats.about import about_file
 from vibrecords.formats.channel_units import unknown_sides
 from vibrecords.formats.grid import cut_to_band, join_frfs, measured_lines
 from vibrecords.formats.read import iter_records
-from vibrecords.modal_fit import fit_modes
+from vibrecords.modal_fit import ModalFit, fit_modes
+from vibrecords.provenance import SIGN_IN_DOUBT
 from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, TimeRecord
-from vibrecords.signals.impact import settings_of
-from vibrecords.signals.spectra import sort_by_force
+from vibrecords.signals.impact import frfs_of_hits, settings_of
+from vibrecords.signals.spectra import ShakerSettings, frfs_of_shaker, sort_by_force
+from vibrecords.warnings.collector import find_warnings
 
 #: FRFs that are fitted to tell how noisy they are, where no coherence does.
 _FITTED = 3
@@ -27,10 +33,14 @@ _STRUCTURE = (
     'structure = { length_mm = "?", section = { shape = "circle", diameter_mm = "?" }, youngs_modulus_gpa = 210.0, '
     "density_kg_m3 = 7800.0%s }"
 )
-_MEASURED_DAMPING = ', damping = { law = "modal", ratio = "measured" }'
+_DAMPING = ', damping = { law = "modal", ratio = %s }'
+#: A band that begins so far below its first resonance holds the first mode: a clamped beam has its second at six times.
+_FIRST_MODE = 5.0
+#: What a channel of a file without units is called that is a force.
+_FORCE = re.compile(r"force|hammer|impact|load|shaker", re.IGNORECASE)
 
 
-@dataclass(slots=True)
+@dataclass
 class _Content:
     """What the files hold."""
 
@@ -44,6 +54,17 @@ class _Content:
     band: tuple[float, float] = (np.inf, 0.0)
     histories: list[TimeRecord] = field(default_factory=list)
     modes: list[ModeRecord] = field(default_factory=list)
+    about: dict[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def fit(self) -> tuple[FrfSet, ModalFit] | None:
+        """The first FRF, and a modal fit of it; None where none fits."""
+        try:
+            used, _ = measured_lines([cut_to_band(self.frfs[0], "", 1e-6, None)], "")
+            frf = join_frfs([FrfRecord("2", "1", r.frequency_hz, r.values, "accelerance") for r in used], "")
+            return frf, fit_modes(frf)
+        except (MeasurementError, IndexError):  # no FRF at all
+            return None
 
     def add_frf(self, record: FrfRecord) -> None:
         """Take note of an FRF; the first ones are kept."""
@@ -81,6 +102,7 @@ def propose_case(files: Sequence[Path], directory: Path, layout: Mapping[str, st
     names = [_name_from(path, directory) for path in files]
     content = _Content()
     for path in files:
+        content.about |= {key: text for key, text in about_file(path).items() if key not in content.about}
         for record in iter_records(path, layout):
             match record:
                 case FrfRecord():
@@ -93,21 +115,23 @@ def propose_case(files: Sequence[Path], directory: Path, layout: Mapping[str, st
                     content.with_coherence += 1
                     content.averages.add(record.averages)
     if content.pairs:
-        data = _frf_lines(names, content, layout)
+        data = list(_frf_lines(names, content, layout))
     elif content.histories:
-        data = _history_lines(names, content, layout)
+        data = list(_history_lines(names, content, layout))
     elif content.modes:
-        data = _mode_lines(content.modes)
+        data = list(_mode_lines(content.modes))
     else:
         raise MeasurementError(
             f"{', '.join(names)}: found no FRF, time history or mode; expected one of these; export the FRFs"
         )
-    damping = "" if content.modes and not content.pairs else _MEASURED_DAMPING
+    damping, of_damping = ("", []) if content.modes and not content.pairs else _damping(content)
     # the answer of the modes of FRFs takes them for uncertain anyway, and the FRFs themselves take far longer with them
     sign = "# " if damping else ""
     uncertain = ["[uncertain]   # as in a workshop, and assumed where the report says so; state what you know better"]
     uncertain += [f"{name} = {{ sd_percent = {percent} }}" for name, percent in WORKSHOP_SD_PERCENT.items()]
-    return "\n".join([*_head(names, damping), *data, "", *(f"{sign}{line}" for line in uncertain)]) + "\n"
+    about = [f"about = {toml_value(content.about)}   # as the file says"] if content.about else []
+    head, rest = _head(names, damping, [*about, *of_damping]), (f"{sign}{line}" for line in uncertain)
+    return "\n".join([*head, *data, "", *rest]) + "\n"
 
 
 def _name_from(path: Path, directory: Path) -> str:
@@ -120,13 +144,27 @@ def _name_from(path: Path, directory: Path) -> str:
     return Path(name).as_posix()
 
 
-def _head(names: Sequence[str], damping: str) -> Iterator[str]:
+def _damping(content: _Content) -> tuple[str, list[str]]:
+    """The damping of the structure, and a line on it: as measured where the modes are surely counted from the first."""
+    modes = content.fit[1].modes if content.fit else ()
+    if not modes or content.band[0] * _FIRST_MODE <= modes[0].frequency_hz:
+        return _DAMPING % toml_value("measured"), []
+    ratio = float(f"{np.median([mode.damping_ratio for mode in modes]):.2g}")
+    words = f"# Damping: the median of {len(modes)} modes. The file begins at {content.band[0]:.4g} Hz, and its first"
+    return _DAMPING % ratio, [
+        f"{words} resonance at {modes[0].frequency_hz:.4g} Hz",
+        '#    may not be mode 1; write ratio = "measured", of each mode its own, where it is.',
+    ]
+
+
+def _head(names: Sequence[str], damping: str, more: Sequence[str]) -> Iterator[str]:
     yield f'# Written by jointbayes init from {", ".join(_plain(name) for name in names)}. Answer each "?".'
     yield "# 1. What is the structure, without its joint? A straight beam of steel here: node 1 at one end, node 11 at"
     yield '#    the other, evenly spaced. Other structures: "The case file" in the documentation, [structure].'
     yield _STRUCTURE % damping
     yield '# 2. Where is the joint? Its DOFs: a clamp of node 1 that yields is ["1:y", "1:rz"].'
     yield 'joint.dofs = ["?"]'
+    yield from more
     yield ""
     yield "[data]"
 
@@ -159,6 +197,7 @@ def _frf_lines(names: Sequence[str], content: _Content, layout: Mapping[str, str
     yield f"f_min_hz = {float(content.band[0])}"
     yield f"f_max_hz = {float(content.band[1])}"
     variance = list(_variance(content))
+    yield from _signs(content.frfs)
     yield from _channels(content.channels)
     yield ""
     yield "[data.variance]"
@@ -170,34 +209,31 @@ def _variance(content: _Content) -> Iterator[str]:
     if times > 1 and not surplus:
         yield f'source = "repeats"   # {times} measurements of each FRF'
     elif content.with_coherence >= content.pairs.total() and content.averages != {1}:
-        yield 'source = "coherence"'
+        told = " or ".join(str(count) for count in sorted(filter(None, content.averages)))
+        yield 'source = "coherence"' + (f"   # {told} averages, as the file says" if told else "")
         if None in content.averages:
             yield 'averages = "?"   # the number of averages, which the file does not say'
     else:
-        relative, floor, words = _noise(content.frfs)
-        yield f'source = "relative"   # {words}'
-        yield f"relative = {relative:.2g}"
-        yield f"floor = {floor:.2g}"
+        yield from _noise(content)
 
 
-def _noise(frfs: Sequence[FrfRecord]) -> tuple[float, float, str]:
+def _noise(content: _Content, what: str = "file") -> Iterator[str]:
     """Noise relative to |H|, and to its median, as a modal fit leaves it; a usual one where none fits."""
-    usual = 0.03, 0.01, "a usual one: the file has no coherence; state what you know"
-    try:
-        used, _ = measured_lines([cut_to_band(frfs[0], "", 1e-6, None)], "")
-        frf: FrfSet = join_frfs([FrfRecord("2", "1", r.frequency_hz, r.values, "accelerance") for r in used], "")
-        fit = fit_modes(frf)
-    except MeasurementError:
-        return usual
-    # of a part with the standard deviation a|H| + b the magnitude of both is on average the square root of π/2 times it
-    size, middle = np.abs(fit.values).ravel(), float(np.median(np.abs(fit.values)))
-    left, weight = np.abs(frf.values - fit.values).ravel() * np.sqrt(2 / np.pi), 1 / (size + 0.1 * middle)
-    columns = np.column_stack([size, np.full(size.size, middle)]) * weight[:, None]
-    relative, floor = map(float, scipy.optimize.nnls(columns, left * weight)[0])
-    if not fit.modes or relative > 0.2:
-        return usual
-    # the floor keeps lines near zero from counting without end; more of it than there is would overstate the noise
-    return max(relative, 0.002), max(floor, 1e-5), "what a modal fit leaves: the file has no coherence"
+    relative, floor, words = 0.03, 0.01, f"a usual one: the {what} has no coherence; state what you know"
+    if content.fit is not None:
+        frf, fit = content.fit
+        # of a part with the standard deviation a|H| + b the magnitude of both is on average √(π/2) times it
+        size, middle = np.abs(fit.values).ravel(), float(np.median(np.abs(fit.values)))
+        left, weight = np.abs(frf.values - fit.values).ravel() * np.sqrt(2 / np.pi), 1 / (size + 0.1 * middle)
+        columns = np.column_stack([size, np.full(size.size, middle)]) * weight[:, None]
+        found, rest = map(float, scipy.optimize.nnls(columns, left * weight)[0])
+        if fit.modes and found <= 0.2:
+            # the floor keeps lines near zero from counting without end; more of it would overstate the noise
+            relative, floor = max(found, 0.002), max(rest, 1e-5)
+            words = f"what a modal fit leaves: the {what} has no coherence"
+    yield f'source = "relative"   # {words}'
+    yield f"relative = {relative:.2g}"
+    yield f"floor = {floor:.2g}"
 
 
 def _history_lines(names: Sequence[str], content: _Content, layout: Mapping[str, str] | None) -> Iterator[str]:
@@ -205,20 +241,59 @@ def _history_lines(names: Sequence[str], content: _Content, layout: Mapping[str,
     for record in records:
         content.channels.setdefault(record.channel, set()).update({"unit"} if record.quantity == "unknown" else set())
     longest = max(record.values.size / record.sample_rate_hz for record in records)
+    content.band = max(20.0, round(2 / longest, 3)), round(records[0].sample_rate_hz / 2.56, 3)
     yield 'kind = "measured_frf"'
     yield from _files(names, layout)
     yield "# From two lines above 0 Hz to where the anti-alias filter begins; shorten it to what the hammer excites."
-    yield f"f_min_hz = {max(20.0, round(2 / longest, 3))}"
-    yield f"f_max_hz = {round(records[0].sample_rate_hz / 2.56, 3)}"
-    if any(record.quantity == "force" for record in records) and not any(content.channels.values()):
-        sort_by_force(records)
-        try:
-            hits = settings_of(records, None, None).hits
-            block = f", block_s = {hits.block_s:g}, pretrigger_s = {hits.pretrigger_s:g}" if hits.block_s else ""
-            yield f'records = {{ method = "impact"{block} }}'
-        except MeasurementError:
-            yield f'records = {{ method = "shaker", block_s = {longest / 16:.3g} }}'
+    yield f"f_min_hz = {content.band[0]}"
+    yield f"f_max_hz = {content.band[1]}"
+    yield from _records(content, longest)
+    yield from _signs(content.frfs)
     yield from _channels(content.channels)
+    if content.frfs and content.frfs[0].coherence is None:
+        yield ""
+        yield "[data.variance]"
+        yield from _noise(content, "one hit")
+
+
+def _records(content: _Content, longest: float) -> Iterator[str]:
+    """How FRFs are made of time histories, and what came of it; channels without a unit are forces by their names."""
+    named = [_named(record) for record in content.histories]
+    try:
+        sort_by_force(named)
+    except MeasurementError:
+        return
+    low, high = content.band
+    try:
+        settings = settings_of(named, low, high)
+    except MeasurementError:  # no hits
+        block_s = float(f"{longest / 16:.3g}")
+        line, made = f'method = "shaker", block_s = {block_s:g}', None
+        with suppress(MeasurementError):
+            made = frfs_of_shaker(named, ShakerSettings(block_s, f_min_hz=low, f_max_hz=high))
+    else:
+        hits, made = settings.hits, None
+        block = f", block_s = {hits.block_s:g}, pretrigger_s = {hits.pretrigger_s:g}" if hits.block_s else ""
+        line = f'method = "impact"{block}'
+        with suppress(MeasurementError):
+            made = frfs_of_hits(named, settings)
+    content.frfs = list(made.frfs[:_FITTED]) if made else []
+    yield f"records = {{ {line} }}   # {content.frfs[0].notes[0]}" if content.frfs else f"records = {{ {line} }}"
+    yield from (f"# {_plain(note)}" for note in (made.notes if made else ()))
+
+
+def _named(record: TimeRecord) -> TimeRecord:
+    """A time history of an unknown quantity as one of force or of acceleration, by its name."""
+    if record.quantity != "unknown":
+        return record
+    return replace(record, quantity="force" if _FORCE.search(record.channel) else "acceleration")
+
+
+def _signs(frfs: Sequence[FrfRecord]) -> Iterator[str]:
+    """What is found of signs at drive points, which the DOF of a channel is to say."""
+    for doubt in find_warnings(frfs):
+        if doubt.key in SIGN_IN_DOUBT:
+            yield f"# At {_plain(doubt.where)} {_plain(doubt.sentence)}: {_plain(doubt.remedy)}."
 
 
 def _mode_lines(modes: Sequence[ModeRecord]) -> Iterator[str]:
