@@ -3,8 +3,8 @@
 import inspect
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 from typing import get_args
 
 import click
@@ -12,28 +12,35 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.cli.commands import main
 from jointbayes.report.guides import terms
 
 _NOTE = "<!-- `make pages` writes this page from the code: change the code. -->"
-CASE_FILE = Path(__file__).resolve().parents[1] / "docs" / "case-file.md"
 
 
 def command_line() -> str:
-    """Every command with its arguments and options, as `--help` says it."""
-    lines = ["# Command line", "", _NOTE, "", "Made from the program: the same as `jointbayes COMMAND --help`.", ""]
-    lines += [*_paragraphs(main), *_options(main, click.Context(main, info_name="jointbayes", **main.context_settings))]
-    lines += ["| Command | What it does |", "|---|---|"]
-    lines += [
-        f"| [`{name}`](#jointbayes-{name}) | {_escaped(_cell(c.get_short_help_str(200)))} |" for name, c in _commands()
-    ]
+    """Every command with its arguments and options, as `--help` says it; what many have alike is said once."""
+    of_all, shared = _shared_options()
+    lines = ["# Command line", "", _NOTE, "", *_paragraphs(main)]
+    lines += [", ".join(f"[`{name}`](#jointbayes-{name})" for name, _ in _commands()) + ".", ""]
+    lines += ["## Options of every command", "", *_table(of_all), "## Options of several commands", "", *_table(shared)]
     for name, command in _commands():
         context = click.Context(command, info_name=f"jointbayes {name}", **main.context_settings)
         usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
-        lines += ["", f"## jointbayes {name}", "", "```text", usage, "```", "", *_paragraphs(command)]
-        lines += _options(command, context)
-    return "\n".join(lines) + "\n"
+        options = _options(command, context)
+        own = [option for option in options if option not in of_all + shared]
+        also = ", ".join(f"`{option[0].split()[0]}`" for option in options if option in shared)
+        lines += [f"## jointbayes {name}", "", "```text", usage, "```", "", *_paragraphs(command)]
+        lines += [*(_table(own) if own else ()), *((f"Also {also}.", "") if also else ())]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _shared_options() -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Names and meaning of the options that every command has, and of those that three or more have alike."""
+    contexts = [(c, click.Context(c, info_name=name, **main.context_settings)) for name, c in _commands()]
+    found = Counter(option for command, context in contexts for option in _options(command, context))
+    of_all = [option for option, count in found.items() if count == len(contexts)]
+    return of_all, [option for option, count in found.most_common() if 2 < count < len(contexts)]
 
 
 def _commands() -> list[tuple[str, click.Command]]:
@@ -50,10 +57,14 @@ def _paragraphs(command: click.Command) -> Iterator[str]:
             yield from (_escaped(paragraph), "")
 
 
-def _options(command: click.Command, context: click.Context) -> list[str]:
-    """A table of the options."""
+def _options(command: click.Command, context: click.Context) -> list[tuple[str, str]]:
+    """Names and meaning of each option."""
     records = (p.get_help_record(context) for p in command.get_params(context) if isinstance(p, click.Option))
-    rows = [f"| `{_cell(names)}` | {_escaped(_cell(text))} |" for names, text in filter(None, records)]
+    return [(names, text) for names, text in filter(None, records)]
+
+
+def _table(options: list[tuple[str, str]]) -> list[str]:
+    rows = [f"| `{_cell(names)}` | {_escaped(_cell(text))} |" for names, text in options]
     return ["| Option | Meaning |", "|---|---|", *rows, ""]
 
 
@@ -90,32 +101,9 @@ def default_of(field: FieldInfo) -> str:
     return re.sub(r"e-0(\d)$", r"e-\1", json.dumps(field.default))  # JSON writes 1e-8 as 1e-08
 
 
-def case_keys() -> str:
-    """Every key of the case file by its name, with the tables that have it, linked to their sections."""
-    sections, tables = _sections_of_keys(), {}
-    for table, key, _ in keys_of(CaseSpec):
-        if anchor := sections.get((table, key)):
-            link = f"[`{table}`]" if table else "[top level]"
-            tables.setdefault(key, {})[f"{link}(case-file.md#{anchor})"] = None
-    lines = ["# Keys of the case file by name", "", _NOTE, "", "| Key | Tables |", "|---|---|"]
-    lines += [f"| `{key}` | {', '.join(links)} |" for key, links in sorted(tables.items())]
-    return "\n".join(lines) + "\n"
-
-
 def anchor_of(heading: str) -> str:
     """The name by which a link reaches a heading, as mkdocs makes it."""
     return re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
-
-
-def _sections_of_keys() -> dict[tuple[str, str], str]:
-    """The anchor of the section of docs/case-file.md in which a key of a table is described."""
-    parts = re.split(r"^## +(.*)$", CASE_FILE.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    found = {}
-    for heading, text in zip(parts[1::2], parts[2::2], strict=True):
-        anchor = anchor_of(heading)
-        for table in re.findall(r"`\[([\w.]+)\]`", heading) or [""]:
-            found |= {(table, key): anchor for key in re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)}
-    return found
 
 
 def glossary() -> str:
@@ -126,4 +114,4 @@ def glossary() -> str:
 
 
 #: Pages by name, and what writes them.
-PAGES = {"command-line.md": command_line, "case-keys.md": case_keys, "glossary.md": glossary}
+PAGES = {"command-line.md": command_line, "glossary.md": glossary}
