@@ -134,10 +134,7 @@ def write_page(results: Path) -> None:
 def where_measured(environment: Mapping[str, Any]) -> str:
     """Date, machine and version of a study, as one sentence."""
     version = environment["packages"]["jointbayes"]
-    return (
-        f"{environment['date']}, {environment['cores']} cores, {environment['cpu']} ({environment['machine']}), "
-        f"{environment['system']}, Python {environment['python']}, jointbayes {version}."
-    )
+    return f"{environment['date']}, {environment['cpu']}, Python {environment['python']}, jointbayes {version}."
 
 
 def _failures(subjects: Mapping[str, Any]) -> list[str]:
@@ -168,23 +165,19 @@ def _coverage(subjects: Mapping[str, Any]) -> tuple[str, list[str]]:
 
 
 def _mode(subjects: Mapping[str, Any]) -> tuple[str, list[str]]:
-    rows = [
-        (
-            SUBJECTS[subject].title,
-            f"{data['found']} of {data['count']}",
-            f"{data['median_seconds']:.2f}",
-            f"{data['longest_seconds']:.2f}",
-        )
-        for subject, data in subjects.items()
-    ]
     found, count = (sum(data[key] for data in subjects.values()) for key in ("found", "count"))
+    medians, longest = ([data[f"{key}_seconds"] for data in subjects.values()] for key in ("median", "longest"))
     missed = [
         f"- Missed, {subject}, data set {index}: {number(depth)} below."
         for subject, data in subjects.items()
         for index, depth in data["missed"].items()
     ]
-    head = ("structure", "mode found", "CPU seconds, median", "longest")
-    lines = [*table(head, rows), "", f"In all {found} of {count}.", "", *missed, *_failures(subjects)]
+    lines = [
+        f"In {found} of {count} data sets, the same number of each structure, in {min(medians):.2f} to "
+        f"{max(medians):.2f} s of CPU in the median, at the longest {max(longest):.2f} s.",
+        *missed,
+        *_failures(subjects),
+    ]
     return "Is the mode found?", lines
 
 

@@ -16,8 +16,8 @@ def page(results: Data) -> str:
     """The whole page, from the sections that have been measured."""
     parts = [
         "# Benchmarks\n",
-        "Printed by `make bench`, in less than five minutes, but for what `make science` adds: growth with the data,\n"
-        "few measured frequencies, and NUTS. The figures are in `benchmarks/results.json`.\n",
+        "`make bench` prints this page in less than five minutes; `make science` adds growth with the data, few\n"
+        "measured frequencies, and NUTS. The figures are in `benchmarks/results.json`.\n",
     ]
     parts += [section(name, results[name]) for name in _SECTIONS if name in results]
     return "\n".join(parts)
@@ -60,14 +60,11 @@ def _where(environment: Data) -> str:
 
 def _likelihood(data: Data) -> list[str]:
     lines = [
-        f"The shipped cases as they are, one FRF at {data['lines']} lines; a joint of 2 DOFs where nothing else is",
-        "said. The peers have all DOFs of the elements that the band needs, jointbayes its modes and residual terms.",
-        "Medians of the clock and of the processor; all rows of a table were timed in turn, round by round, in one",
-        "process, and ratios are those of processor time: they hold on a busy machine.",
-        f'"jointbayes" is `problem.log_posterior` of {data["batch"]} points, as a sampler asks for them; what is set',
-        "up once for each case is not part of it. The peers compute the same likelihood to 1e-8, which",
-        "`tests/test_benchmarks.py` checks, from joint matrices, and no prior. `python -m benchmarks.likelihood`",
-        "repeats this table. The sum of the lowest modes leaves out what the others add: that is another number.",
+        f"One FRF at {data['lines']} lines of the shipped cases; a joint of 2 DOFs where nothing else is said.",
+        f'"jointbayes" is `problem.log_posterior` of {data["batch"]} points in a batch, without what is set up once a',
+        "case. The peers compute the same likelihood to 1e-8 (`tests/test_benchmarks.py`) from joint matrices, and no",
+        "prior, with all DOFs of the elements that the band needs; a sum of the lowest modes leaves out the others.",
+        "Medians of rounds in turn, in one process; ratios are of CPU time. `python -m benchmarks.likelihood`.",
     ]
     for law in LAW:
         rows = [r for r in data["rows"] if r["law"] == law]
@@ -81,31 +78,29 @@ def _likelihood(data: Data) -> list[str]:
                 number(r["us"]),
                 number(r["cpu_us"]),
                 number(r["ratio"] and r["cpu_us"] / ours),
-                str(r["rounds"]),
             )
             for r in rows
         )
         lines += ["", f"### Likelihood, {LAW[law]}", ""]
-        lines += table(("what", "µs per likelihood", "µs of CPU", "times as long as jointbayes", "rounds"), body)
+        lines += table(("what", "µs per likelihood", "µs of CPU", "times as long as jointbayes"), body)
     return lines
 
 
 def _growth(data: Data) -> list[str]:
     lines = [
-        "Of joint matrices, as `python -m benchmarks.likelihood --growth` measures it.",
-        "The exponent is the slope of the logarithms: 1 is proportional. Memory is the most that one call held beyond",
-        "what was there before, the data and the structure's own FRFs: traced by Python, and in brackets as the",
-        "resident memory of the process grew (– where the system does not tell).",
+        "Of joint matrices (`python -m benchmarks.likelihood --growth`). Exponent: slope of the logarithms over all",
+        "points, 1 is proportional; first and last of them are shown. Memory: the most that a call held besides data",
+        "and FRFs of the structure, traced by Python; in brackets growth of the process.",
         "",
     ]
     rows = []
     for one in data["rows"]:
-        for i, p in enumerate(one["points"]):
+        for i, p in enumerate((one["points"][0], one["points"][-1])):
             first = (LAW[one["law"]], f"more {one['kind']}", f"{one['slope']:.2f}") if i == 0 else ("", "", "")
             memory = f"{number(p['peak_mb'])} ({number(p['resident_peak_mb'])})"
             nanoseconds = number(1e3 * p["us"] / p["values"])
-            rows.append((*first, str(p["values"]), str(p["batch"]), number(p["us"]), nanoseconds, memory))
-    head = ("damping", "series", "exponent", "values", "joints", "µs per likelihood", "ns per value", "memory, MB")
+            rows.append((*first, str(p["values"]), number(p["us"]), nanoseconds, memory))
+    head = ("damping", "series", "exponent", "values", "µs per likelihood", "ns per value", "memory, MB")
     return lines + table(head, rows)
 
 
@@ -120,7 +115,7 @@ def _samplers(data: Data) -> list[str]:
             "",
             *table((h.format(wanted=wanted) for h in _SAMPLER_HEAD), (_sampler_row(r) for r in case["rows"])),
             "",
-            *(f"- {r['method']}: {r['note']}" for r in case["rows"] if r.get("note")),
+            *(f"- {r['method']}: {_note(r)}" for r in case["rows"] if r.get("note")),
             "",
         ]
     return lines
@@ -140,16 +135,19 @@ _SAMPLER_HEAD = (
 )
 
 _SAMPLER_NOTES = """\
-Each sampler draws from the posterior of (ln k11, ln k12, ln k22) on one core. ESS is the smallest over the three:
-draws/τ with τ averaged over walkers for ensembles (walkers of one ensemble are not independent chains), ArviZ's bulk
-ESS over the chains for NUTS, Kish's (Σw)²/Σw² for nested samplers. ESS per second counts the sampling alone, the
-evaluations all of it. Seconds to {wanted} ESS count everything but compiling: finding the mode from which
-ensembles and NUTS start, burn-in or adaptation, and sampling; beside them the same in processor time, by what each
-run took of either. `python -m benchmarks.samplers` repeats this, `--nuts` with NUTS.
-The last two columns compare with the jointbayes row:
-the largest difference of a mean in posterior standard deviations, and the ratio of standard deviations furthest from 1;
-both contain the Monte Carlo error, about 1/√ESS of either. A nested sampler also gives the evidence.
+Draws from the posterior of (ln k11, ln k12, ln k22) on one core. ESS is the smallest over the three: draws/τ with τ
+averaged over walkers for ensembles, ArviZ's bulk ESS for NUTS, Kish's (Σw)²/Σw² for nested samplers. ESS per second
+counts sampling alone, evaluations all of it, seconds to {wanted} ESS everything but compiling: search for the mode,
+burn-in or adaptation, sampling. Extrapolated: measured µs per likelihood with τ and draws of emcee on the jointbayes
+likelihood. Last two columns: largest difference of a mean in posterior standard deviations, and ratio of standard
+deviations furthest from 1, to the jointbayes row; Monte Carlo error about 1/√ESS of either.
+`python -m benchmarks.samplers` repeats this, `--nuts` with NUTS.
 """
+
+
+def _note(row: Data) -> str:
+    """What is to be said of a sampler; of an extrapolated one the likelihood alone."""
+    return row["note"].split("; measured µs")[0] if row["extrapolated"] else row["note"]
 
 
 def _sampler_row(row: Data) -> tuple[str, ...]:

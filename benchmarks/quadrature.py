@@ -119,22 +119,36 @@ def problems(count: int, folder: Path) -> Iterator[tuple[str, Problem]]:
         )
 
 
+def _line(name: str, rows: Sequence[Row]) -> tuple[str, ...]:
+    """A row of the table: of one problem, or of several that were reduced, from the least to the largest."""
+    unknowns, values = (_range([getattr(row, key) for row in rows], "d") for key in ("unknowns", "values"))
+    if not rows[0].at_nodes:
+        return (name, unknowns, values, "all lines", "–", "–", "–")
+    nodes = _range([row.at_nodes for row in rows], "d")
+    times = (_range([getattr(row, key) for row in rows], ".1f") for key in ("exact_us", "reduced_us"))
+    return (name, unknowns, values, nodes, f"{max(row.error for row in rows):.1e}", *times)
+
+
+def _range(values: Sequence[float], style: str) -> str:
+    ends = dict.fromkeys(f"{end:{style}}" for end in (min(values), max(values)))
+    return " to ".join(ends)
+
+
 def section(rows: Sequence[Row]) -> str:
     """The table, and what holds for all."""
     head = (
-        *("case", "unknowns", "values", "at the nodes", "directions", "largest error of ln p", "efficiency"),
-        *("draws on all lines", "µs a draw, all lines", "by quadrature"),
+        "case",
+        "unknowns",
+        "values",
+        "at the nodes",
+        "largest error of ln p",
+        "µs a draw, all lines",
+        "by quadrature",
     )
-    lines = []
-    for row in rows:
-        found = (
-            *(str(row.at_nodes), str(row.directions), f"{row.error:.1e}", f"{row.efficiency:.6f}"),
-            *(f"{100 * row.on_all:.1f} %", f"{row.exact_us:.1f}", f"{row.reduced_us:.1f}"),
-        )
-        lines.append(
-            (row.name, str(row.unknowns), str(row.values), *(found if row.at_nodes else ("all lines", *["–"] * 6)))
-        )
     reduced = [row for row in rows if row.at_nodes]
+    beams = [row for row in reduced if not (ROOT / "configs" / f"{row.name}.toml").exists()]
+    lines = [_line(row.name, [row]) for row in rows if row not in beams]
+    lines += [_line(f"{len(beams)} random beams", beams)] if beams else []
     good = sum(row.error <= 0.01 and row.efficiency >= 0.999 for row in reduced)
     where = environment()
     return "\n".join(

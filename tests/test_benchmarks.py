@@ -261,14 +261,16 @@ def test_the_table_of_run_times_counts_reports_and_ratios():
 
 def test_the_table_of_quadrature_counts_what_was_reduced_and_what_was_good():
     rows = [
-        quadrature.Row("good", 3, 996, 8, 16, 5e-3, 0.99999, 0.01, 5.0, 4.0),
+        quadrature.Row("clamped_beam", 3, 996, 8, 16, 5e-3, 0.99999, 0.01, 5.0, 4.0),
         quadrature.Row("off", 3, 996, 8, 16, 2e-2, 0.99999, 0.01, 5.0, 4.0),
+        quadrature.Row("poor", 2, 1992, 8, 20, 3e-2, 0.99999, 0.01, 5.0, 4.5),
         quadrature.Row("whole", 3, 996),
     ]
     text = quadrature.section(rows)
-    assert "| good | 3 | 996 | 16 | 8 | 5.0e-03 | 0.999990 | 1.0 % | 5.0 | 4.0 |" in text
-    assert "| whole | 3 | 996 | all lines | – | – | – | – | – | – |" in text
-    assert "Of 3 problems 2 were reduced" in text
+    assert "| clamped_beam | 3 | 996 | 16 | 5.0e-03 | 5.0 | 4.0 |" in text
+    assert "| 2 random beams | 2 to 3 | 996 to 1992 | 16 to 20 | 3.0e-02 | 5.0 | 4.0 to 4.5 |" in text
+    assert "| whole | 3 | 996 | all lines | – | – | – |" in text
+    assert "Of 4 problems 3 were reduced" in text
     assert "2000 draws each, 1 had ln p within 0.01" in text
 
 
