@@ -43,16 +43,14 @@ def section(variant: str, data: Mapping[str, Any]) -> str:
                 name,
                 "inside" if row["inside_band"] else "**outside**",
                 f"{row['p_value']:.3f}",
-                f"{row['largest_deviation']:+.3f}",
                 f"{100 * row['covered'] / n:.1f} % ({100 * low:.1f} to {100 * high:.1f})",
             )
         )
-    head = ("quantity", "ranks and band", "p-value", "largest deviation", "95 % intervals that hold the truth")
+    head = ("quantity", "ranks and band", "p-value", "95 % intervals that hold the truth")
     lines = [
         f"### {variant.capitalize()}",
         "",
-        f"{n} data sets, seed {data['seed']}; {where['date']}, {where['cpu']}, Python {where['python']}; "
-        f"median {data['median_seconds']:.1f} s of one core and {data['median_ess']:.0f} effective draws each. "
+        f"{n} data sets, seed {data['seed']}; {where['date']}, {where['cpu']}; median {data['median_seconds']:.1f} s. "
         f"Converged: {data['converged']} of {n}; joint mode and MAP agree: {data['mode_agrees']} of {n}; "
         f"failed: {data['failed']}. All quantities together: p = {data['p_value']:.2g}.",
         "",

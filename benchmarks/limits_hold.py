@@ -144,22 +144,26 @@ def finding(row: Mapping[str, Any]) -> str:
     return "yes" if share <= WANTED[1] or "bounded" in row["verdict"] else "more often"
 
 
+#: Of a class with fewer joints a share says nothing.
+_SHOWN = 10
+
+
 def section(results: Mapping[str, Mapping[str, Any]]) -> str:
     """Tables of all centres that were studied."""
     head = ("stiffness", "verdict", "joints", "draws hold", "printed holds", "share (95 % confidence)", "as wanted",
-            "printed width, median", "volume speaks")  # fmt: skip
+            "printed width, median")  # fmt: skip
     lines = []
     for centre, data in results.items():
         where = data["environment"]
         rows = []
         for row in data["classes"]:
+            if row["joints"] < _SHOWN:
+                continue
             low, high = stats.binomtest(row["held"], row["joints"]).proportion_ci(0.95, method="exact")
             share = f"{100 * row['held'] / row['joints']:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
             width = "–" if row["width_ratio"] is None else f"{row['width_ratio']:.2f} × draws"
             counts = (row["joints"], row["held_by_draws"], row["held"])
-            rows.append(
-                (row["stiffness"], row["verdict"], *map(str, counts), share, finding(row), width, str(row["volume"]))
-            )
+            rows.append((row["stiffness"], row["verdict"], *map(str, counts), share, finding(row), width))
         lines += [
             f"### Around {'the joint of the paper' if centre == 'paper' else f'a {centre} joint'}",
             "",
