@@ -1,7 +1,8 @@
-"""The house in one picture: rooms, their lines and who imports whom, drawn from the sources.
+"""The house in one picture, rooms and who imports whom, and the way of a run in another, drawn from the sources.
 
-A hook of MkDocs, so that the page is that of the sources it is built from: what stands between two comments,
-``<!--house-->`` and ``<!--/house-->``, is replaced while the site is built. `python -m benchmarks.house` prints it.
+A hook of MkDocs, so that a page is that of the sources it is built from: what stands between two comments,
+``<!--house-->`` and ``<!--/house-->``, or ``<!--way-->`` and ``<!--/way-->``, is replaced while the site is built.
+`python -m benchmarks.house` prints both.
 Floors are those of the contract in `pyproject.toml`, a room's sentence is the first of its docstring, its lines are
 counted without blanks, comments and docstrings, and an arrow stands for an import that no other arrows lead to.
 """
@@ -21,6 +22,18 @@ from benchmarks.chains import longest_chain  # noqa: E402
 from benchmarks.size import code_lines  # noqa: E402
 
 OPEN, CLOSE = "<!--house-->", "<!--/house-->"
+WAY_OPEN, WAY_CLOSE = "<!--way-->", "<!--/way-->"
+#: Steps of a run: what comes out of each, and the function that makes it, which must stand in that file.
+STEPS = (
+    ("FRFs, modes, records", "vibrecords/formats/read.py", "read_frf"),
+    ("case", "jointbayes/case/case.py", "load_case"),
+    ("problem: tests, prior", "jointbayes/inference/problem.py", "Problem"),
+    ("premises", "jointbayes/posterior/decision.py", "decide"),
+    ("mode (MAP)", "jointbayes/workflow.py", "find_map"),
+    ("draws", "jointbayes/workflow.py", "sample"),
+    ("intervals, verdicts", "jointbayes/posterior/verdicts.py", "judge_stiffness"),
+    ("report, summary", "jointbayes/report/run_directory.py", "write_report"),
+)
 READERS = "vibrecords"
 _WIDTH, _ROW, _HEIGHT, _GAP = 900, 68, 44, 24
 _STYLE = "font-family: sans-serif; fill: currentColor; text-anchor: middle"
@@ -132,11 +145,44 @@ def _chain(name: str) -> int:
     return len(longest_chain(f"jointbayes.{name}")) if (ROOT / "src" / "jointbayes" / name).is_dir() else 1
 
 
+def way() -> str:
+    """The way of a run as SVG: a box a step, with the function that makes it and the file where that stands."""
+    columns, width, height = len(STEPS) // 2, 200, 64
+    step, parts = _WIDTH / columns, list[str]()
+    for i, (made, file, name) in enumerate(STEPS):
+        defined = {getattr(node, "name", "") for node in ast.parse((ROOT / "src" / file).read_text("utf-8")).body}
+        if name not in defined:
+            raise SystemExit(f"the way of a run: found no {name} in src/{file}; change STEPS in benchmarks/house.py")
+        x, y = step * (i % columns) + step / 2, _GAP / 2 + (height + 2 * _GAP) * (i // columns)
+        parts.append(
+            f'<rect x="{x - width / 2:.0f}" y="{y:.0f}" width="{width}" height="{height}" rx="4" fill="none" '
+            f'stroke="currentColor"/><text x="{x:.0f}" y="{y + 20:.0f}" style="{_STYLE}; font-size: 14px">{made}</text>'
+            f'<text x="{x:.0f}" y="{y + 38:.0f}" style="{_STYLE}; font-size: 12px">{name}</text>'
+            f'<text x="{x:.0f}" y="{y + 54:.0f}" style="{_STYLE}; font-size: 10px">{file}</text>'
+        )
+        if i % columns:
+            parts.append(_arrow(x - step + width / 2, y + height / 2, x - width / 2, y + height / 2))
+        elif i:
+            parts.append(_arrow(_WIDTH - step / 2, y - 2 * _GAP, x, y))
+    below = 2 * height + 3 * _GAP
+    return (
+        f'<svg viewBox="0 0 {_WIDTH} {below}" role="img" aria-label="The way of a run, from file to report" '
+        'xmlns="http://www.w3.org/2000/svg"><defs><marker id="tip" markerWidth="8" markerHeight="8" refX="7" refY="4" '
+        f'orient="auto"><path d="M0 0 L8 4 L0 8 z" fill="currentColor"/></marker></defs>{"".join(parts)}</svg>'
+    )
+
+
+def _arrow(x: float, y: float, to_x: float, to_y: float) -> str:
+    return f'<path d="M{x:.0f} {y:.0f} L{to_x:.0f} {to_y:.0f}" stroke="currentColor" marker-end="url(#tip)"/>'
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """A page with the picture in its place; called by MkDocs with every page."""
-    before, marked, rest = markdown.partition(OPEN)
-    return before + chapter() + rest.partition(CLOSE)[2] if marked else markdown
+    """A page with the pictures in their places; called by MkDocs with every page."""
+    for opened, closed, made in ((OPEN, CLOSE, chapter), (WAY_OPEN, WAY_CLOSE, way)):
+        before, marked, rest = markdown.partition(opened)
+        markdown = f"{before}{made()}{rest.partition(closed)[2]}" if marked else markdown
+    return markdown
 
 
 if __name__ == "__main__":
-    print(chapter())
+    print(chapter(), way(), sep="\n\n")

@@ -202,22 +202,16 @@ def _used(first: Search) -> list[str]:
 
 def lines(record: Mapping[str, Any]) -> list[str]:
     """What the study found, for a page."""
-    kinds = next(iter(record.values()))["kinds"]
-    of_kind = {kind: [family["kinds"][kind] for family in record.values()] for kind in kinds}
-    rows = [
-        [
-            kind,
-            "" if kind == ROUNDS else str(sum(each["led"] for each in families)),
-            *(str(each["lost"]) for each in families),
-            "" if kind == ROUNDS else f"{sum(each['seconds'] or 0.0 for each in families):.1f} s",
-        ]
-        for kind, families in of_kind.items()
-    ]
-    head = ["Kind of start", "led to the mode", *(f"lost of {f['count']} {name}" for name, f in record.items())]
+    rows = []
+    for kind in KINDS:
+        families = [family["kinds"][kind] for family in record.values()]
+        led, lost = (sum(each[what] for each in families) for what in ("led", "lost"))
+        if led or lost:
+            rows.append((kind, str(led), str(lost), f"{sum(each['seconds'] or 0.0 for each in families):.1f} s"))
     found = ", ".join(f"{family['found']} of {family['count']} {name}" for name, family in record.items())
     timed = ", ".join(name for name, f in record.items() if all(k["seconds"] is not None for k in f["kinds"].values()))
     after = f"With all of them the mode is found of {found}. Processor time is that of {timed}."
-    return [*table([*head, "processor time"], rows), "", after]
+    return [*table(["Kind of start", "led to the mode", "modes lost without it", "processor time"], rows), "", after]
 
 
 def main() -> None:

@@ -1,7 +1,8 @@
-"""The picture of the house in docs/developing.md, which is drawn from the sources while the site is built."""
+"""The pictures of the house and of the way of a run, which are drawn from the sources while the site is built."""
 
 import re
 
+import pytest
 from benchmarks import house, size
 
 PYPROJECT = """[tool.importlinter]
@@ -52,3 +53,14 @@ def test_the_page_has_every_room_and_all_its_lines():
     assert all(below[lower] < below[upper] for upper, lower in house.arrows(built))
     marked = (house.ROOT / "docs" / "developing.md").read_text(encoding="utf-8")
     assert marked.count(house.OPEN) == marked.count(house.CLOSE) == 1
+
+
+def test_the_way_of_a_run_is_drawn_of_functions_that_there_are(monkeypatch):
+    drawn = house.on_page_markdown(f"before\n\n{house.WAY_OPEN}\nelse\n{house.WAY_CLOSE}\n\nafter")
+    assert drawn.startswith("before\n\n<svg ")
+    assert drawn.endswith("</svg>\n\nafter")
+    assert drawn.count("<rect ") == drawn.count("marker-end") + 1 == len(house.STEPS)
+    assert (house.ROOT / "docs" / "method.md").read_text(encoding="utf-8").count(house.WAY_OPEN) == 1
+    monkeypatch.setattr(house, "STEPS", (("draws", "jointbayes/workflow.py", "no_such_step"), *house.STEPS[1:]))
+    with pytest.raises(SystemExit, match="found no no_such_step"):
+        house.way()
