@@ -27,39 +27,38 @@ def between(page: str, text: str) -> str:
 def write_page() -> None:
     """Write what has been measured into docs/calibration.md."""
     found = json.loads(SUMMARY.read_text(encoding="utf-8"))
-    text = "\n".join(section(name, found[name]) for name in VARIANTS if name in found)
+    text = page_text(found)
     PAGE.write_text(between(PAGE.read_text(encoding="utf-8"), text), encoding="utf-8")
     print(f"written: {PAGE.relative_to(ROOT)}", flush=True)
 
 
-def section(variant: str, data: Mapping[str, Any]) -> str:
-    """Table of one variant."""
-    where, n = data["environment"], data["data_sets"]
-    rows = []
-    for name, row in data["quantities"].items():
-        low, high = row["coverage_interval95"]
-        rows.append(
-            (
-                name,
-                "inside" if row["inside_band"] else "**outside**",
-                f"{row['p_value']:.3f}",
-                f"{100 * row['covered'] / n:.1f} % ({100 * low:.1f} to {100 * high:.1f})",
-            )
-        )
-    head = ("quantity", "ranks and band", "p-value", "95 % intervals that hold the truth")
-    lines = [
-        f"### {variant.capitalize()}",
-        "",
-        f"{n} data sets, seed {data['seed']}; {where['date']}, {where['cpu']}; median {data['median_seconds']:.1f} s. "
-        f"Converged: {data['converged']} of {n}; joint mode and MAP agree: {data['mode_agrees']} of {n}; "
-        f"failed: {data['failed']}. All quantities together: p = {data['p_value']:.2g}.",
-        "",
-        *table(head, rows),
-        "",
-        f"![ECDF differences of the ranks, {variant}](figures/{figure_name(variant)})",
-        "",
-    ]
-    return "\n".join(lines)
+def page_text(found: Mapping[str, Mapping[str, Any]]) -> str:
+    """Table and figures of all variants."""
+    known = [name for name in VARIANTS if name in found]
+    head = (
+        "uncertain",
+        "data sets (converged)",
+        "ranks outside their band",
+        "p, all together",
+        "95 % intervals hold, %",
+    )
+    figures = [f"![ECDF differences of the ranks, {name}](figures/{figure_name(name)})" for name in known]
+    return "\n\n".join(["\n".join(table(head, (row_of(name, found[name]) for name in known))), *figures]) + "\n"
+
+
+def row_of(variant: str, data: Mapping[str, Any]) -> tuple[str, ...]:
+    """What came out of one variant."""
+    n, quantities = data["data_sets"], data["quantities"]
+    outside = ", ".join(name for name, row in quantities.items() if not row["inside_band"]) or "none"
+    held = [100 * row["covered"] / n for row in quantities.values()]
+    counts = f"{n} ({data['converged']})"
+    return (
+        variant,
+        counts,
+        f"{outside} of {len(quantities)}",
+        f"{data['p_value']:.2g}",
+        f"{min(held):.1f} to {max(held):.1f}",
+    )
 
 
 def figure_name(variant: str) -> str:

@@ -52,10 +52,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
 
 def _where(environment: Data) -> str:
     versions = ", ".join(f"{name} {v}" for name, v in environment["packages"].items() if v is not None)
-    return (
-        f"{environment['date']}, {environment['cpu']} ({environment['machine']}), {environment['cores']} cores of "
-        f"which one was used, {environment['system']}, Python {environment['python']}; {versions}."
-    )
+    return f"{environment['date']}, one core, {environment['cpu']}, Python {environment['python']}; {versions}."
 
 
 def _likelihood(data: Data) -> list[str]:
@@ -89,17 +86,15 @@ def _likelihood(data: Data) -> list[str]:
 def _growth(data: Data) -> list[str]:
     lines = [
         "Of joint matrices (`python -m benchmarks.likelihood --growth`). Exponent: slope of the logarithms over all",
-        "points, 1 is proportional; first and last of them are shown. Memory: the most that a call held besides data",
-        "and FRFs of the structure, traced by Python; in brackets growth of the process.",
+        "points, 1 is proportional. Memory: the most that a call held besides data and FRFs of the structure.",
         "",
     ]
     rows = []
     for one in data["rows"]:
-        for i, p in enumerate((one["points"][0], one["points"][-1])):
-            first = (LAW[one["law"]], f"more {one['kind']}", f"{one['slope']:.2f}") if i == 0 else ("", "", "")
-            memory = f"{number(p['peak_mb'])} ({number(p['resident_peak_mb'])})"
-            nanoseconds = number(1e3 * p["us"] / p["values"])
-            rows.append((*first, str(p["values"]), number(p["us"]), nanoseconds, memory))
+        first, last = one["points"][0], one["points"][-1]
+        each = [[number(p["us"]), number(1e3 * p["us"] / p["values"]), number(p["peak_mb"])] for p in (first, last)]
+        ends = (f"{a} to {b}" for a, b in zip([first["values"], *each[0]], [last["values"], *each[1]], strict=True))
+        rows.append((LAW[one["law"]], f"more {one['kind']}", f"{one['slope']:.2f}", *ends))
     head = ("damping", "series", "exponent", "values", "µs per likelihood", "ns per value", "memory, MB")
     return lines + table(head, rows)
 

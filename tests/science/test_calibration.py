@@ -137,9 +137,9 @@ def test_data_lie_about_the_dense_solution(variant):
 
 def test_page_and_figure_say_what_was_found(right, tmp_path, monkeypatch):
     data = merged(None, "joint", right.summary(), False)["joint"]
-    text = calibration_page.section("joint", data)
-    assert f"{COUNT} data sets" in text
-    assert f"| k22 | inside | {right.quantities[2].p_value:.3f} |" in text
+    assert calibration_page.row_of("joint", data)[:3] == ("joint", f"{COUNT} ({data['converged']})", "none of 4")
+    text = calibration_page.page_text({"joint": data})
+    assert f"| joint | {COUNT} ({data['converged']}) | none of 4 |" in text
     monkeypatch.setattr(calibration_page, "FIGURES", tmp_path / "figures")
     calibration_page.write_figure("joint", right.quantities)
     assert "<svg" in (tmp_path / "figures" / "calibration-joint.svg").read_text(encoding="utf-8")
@@ -157,8 +157,8 @@ def test_the_published_study_finds_every_variant_calibrated():
     found = json.loads(calibration_page.SUMMARY.read_text(encoding="utf-8"))
     page = calibration_page.PAGE.read_text(encoding="utf-8")
     assert {"joint"} <= found.keys() <= VARIANTS.keys()
+    assert calibration_page.page_text(found) in page
     for variant, data in found.items():
-        assert calibration_page.section(variant, data) in page
         if data["data_sets"] < FINISHED:
             continue  # it stands on the page with its figures; it is no verdict yet, for or against
         assert data["passed"], variant
