@@ -28,6 +28,7 @@ from jointbayes.studies.compare import (
     leave_one_out,
     model_probabilities,
     require_same_data,
+    what_differs,
 )
 from tests.cli.test_cli import cli
 from tests.conftest import cheap_frequencies_text, cheap_text, edited, pair_matrix
@@ -179,17 +180,47 @@ def test_the_same_seed_gives_the_same_evidence_whatever_else_is_compared(cases, 
     assert abs(other.candidates[1].evidence.log_z - alone.candidates[1].evidence.log_z) > 1e-6
 
 
-def test_the_verdict_names_the_winner_the_next_and_a_prior_that_decides():
-    said = "The data favour rotation in case over rotation in case: the evidence is "
-    assert Comparison((made_up(-20.0), made_up(-10.0)), 1, "").verdict == f"{said}very strong, odds 2.2e4 to 1."
-    assert Comparison((made_up(-12.0), made_up(-10.0)), 1, "").verdict == f"{said}positive, odds 7.4 to 1."
-    close = Comparison((made_up(-10.5), made_up(-10.0)), 1, "").verdict
-    assert repr(Comparison((made_up(-10.5), made_up(-10.0)), 1, "")) == f"Comparison of 2 joints: {close}"
-    assert close == "The data cannot tell rotation in case from rotation in case (odds 1.6 to 1)."
+def of(case, log_z, hypothesis="rotation", **changes):
+    return dataclasses.replace(made_up(log_z, **changes), case=case, hypothesis=hypothesis)
+
+
+def test_the_verdict_answers_which_case_and_names_a_prior_that_decides():
+    labels = {"short": "length 360 mm", "long": "length 383 mm"}
+    found = Comparison((of("long", -20.0), of("short", -10.0)), 1, "", labels=labels)
+    assert found.verdict == "Length 360 mm, not 383 mm: odds 22000 to 1, very strong evidence."
+    assert list(found.by_case) == ["short", "long"]
+    assert found.decided
+    far = Comparison((of("long", -40.0), of("short", -10.0)), 1, "").verdict
+    assert far == "Short, not long: odds 10¹³ to 1, very strong evidence."
+    close = Comparison((of("long", -10.5), of("short", -10.0)), 1, "", labels=labels)
+    assert close.verdict == "Cannot decide between length 360 mm and 383 mm: odds 1.6 to 1."
+    assert not close.decided
+    assert repr(close) == f"Comparison of 2 joints: {close.verdict}"
     edge = PriorEdge("k22", "high", 0.4)
     alone = Comparison((made_up(-10.0, at_edge=(edge,)),), 1, "").verdict
-    assert alone.startswith("Nothing was compared: ")
+    assert alone.startswith("Nothing was compared: springs in rotation only is the only joint.")
     assert "Draws pile up at an edge of the prior of k22: " in alone
+
+
+def test_the_verdict_answers_which_joint_and_what_is_excluded():
+    joints = of("a", -10.0, "springs"), of("a", -10.5, "full"), of("a", -60.0, "rigid"), of("a", -12.0, "rotation")
+    found = Comparison(joints, 1, "")
+    assert found.sentences == (
+        "Cannot decide between springs without coupling and with coupling: odds 1.6 to 1.",
+        "Excluded: a rigid joint (odds 10²² to 1).",
+    )
+    assert not found.decided
+    assert Comparison(joints[1:], 1, "").sentences[0] == (
+        "Springs with coupling, not in rotation only: odds 4.5 to 1, positive evidence."
+    )
+
+
+def test_cases_are_named_by_the_one_number_in_which_they_differ(cases):
+    assert what_differs(cases) == {"long": "length 383 mm", "short": "length 360 mm"}
+    changes = ("length_mm = 360.0", "length_mm = 350.0"), ("walkers = 8", "walkers = 10")
+    other = case_from_text("other", frequencies_text(*changes))
+    assert what_differs([cases[0], other]) == {"long": "long", "other": "other"}
+    assert what_differs(cases[:1]) == {"long": "long"}
 
 
 @pytest.mark.parametrize(
@@ -327,7 +358,7 @@ def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(compari
     log_z = comparison.best.evidence.log_z
     near = dataclasses.replace(comparison.candidates[0], evidence=Evidence(log_z - 0.5, 0.1, 0.2, "exact", 1, 1.0))
     undecided = build_comparison_report(Comparison((comparison.best, near), 1, "").summary()).lead[0]
-    assert (undecided.kind, "cannot tell" in undecided.text) == ("caution", True)
+    assert (undecided.kind, "Cannot decide" in undecided.text) == ("caution", True)
     doubtful = dataclasses.replace(comparison.best, evidence=Evidence(-14.0, 0.1, 0.9, "importance sampling", 1, 1.0))
     doubt = Comparison((doubtful, comparison.candidates[0]), 1, "").summary()
     report = build_comparison_report(doubt)
@@ -361,17 +392,18 @@ def test_compare_prints_the_table_and_the_winner_and_leaves_a_whole_directory(tm
     result = cli("compare", *files, "--seed", 3, "--out", out)
     assert result.exit_code == 0, result.output
     lines = result.stdout.splitlines()
-    assert lines[:5] == evidence_table(comparison.summary(), method=True).lines()
-    assert lines[-1] == comparison.verdict
+    count = len(comparison.sentences)
+    assert tuple(lines[:count]) == comparison.sentences
+    assert lines[count : count + 5] == evidence_table(comparison.summary(), method=True).lines()
     assert {p.name for p in tmp_path.iterdir()} == {"long.toml", "short.toml", "out"}
     listed = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
     assert listed == {
         "report.html", "report.pdf", "compare.json", "cases/long.toml", "cases/short.toml", "figures/evidence-plot.svg",
-        ".jointbayes",
+        "figures/structure.svg", "references.bib", ".jointbayes",
     }  # fmt: skip
     assert json.loads((out / "compare.json").read_text(encoding="utf-8")) == comparison.summary()
     assert (out / "report.pdf").read_bytes().startswith(b"%PDF-")
-    assert comparison.best.label in (out / "report.html").read_text(encoding="utf-8")
+    assert "Length 360 mm, not 383 mm: odds 10 to 1" in (out / "report.html").read_text(encoding="utf-8")
     comparison.write(out)  # an earlier comparison may be replaced
     assert {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()} == listed
 

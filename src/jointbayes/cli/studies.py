@@ -55,6 +55,8 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
         _require_place(out, A_COMPARISON)
     with show_progress() as progress:
         comparison = weigh(cases, seed=seed, progress=progress)
+    for sentence in comparison.sentences:
+        say(sentence)
     for line in evidence_table(comparison.summary(), method=True).lines():
         say(line)
     for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):
@@ -65,8 +67,6 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
     manner().result |= comparison.summary()
     if not comparison.trusted:
         say("NOT TRUSTED: the error of an evidence is unknown, see the table.")
-    say(comparison.verdict)
-    if not comparison.trusted:
         sys.exit(common.NOT_CONVERGED)
 
 

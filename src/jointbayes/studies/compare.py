@@ -3,7 +3,7 @@
 import math
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,18 +22,20 @@ from jointbayes.posterior import data_sha256, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence, evidence
+from jointbayes.posterior.identifiability import listed
 from jointbayes.posterior.storage import loo_pointwise
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
-from jointbayes.report.markup import foreign
+from jointbayes.report.markup import SUPERSCRIPTS, foreign
 from jointbayes.report.methods import report_text
 from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
+from jointbayes.report.structure_sketch import sketch
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.rounding import json_ready, likelihood_ratio, number
+from jointbayes.rounding import json_ready, number
 from jointbayes.sampling import Start
-from jointbayes.studies.study_directory import write_study
+from jointbayes.studies.study_directory import sketch_figure, write_study
 from jointbayes.workflow import answered_case, find_map
 from vibrecords.arrays import Array
 
@@ -225,6 +227,13 @@ def model_probabilities(log_z: ArrayLike) -> Array:
 Row = dict[str, Any]
 
 _METHOD_HEAD = ("Method", "Pareto k")
+#: Endings of keys and their units, where a case differs from another by one number.
+_UNITS = {"_mm": "mm", "_gpa": "GPa", "_kg_m3": "kg/m³", "_g": "g", "_kg": "kg", "_percent": "%"}
+_IN_SHORT = {
+    "rigid": "a rigid joint", "translation": "springs in translation only", "rotation": "springs in rotation only",
+    "springs": "springs without coupling", "full": "springs with coupling", "coupled": "springs with further coupling",
+}  # fmt: skip
+_POWER = 6  # of ten from which odds are told by it
 _REACH = 12.0  # of ln Z below the best that the figure shows
 
 
@@ -243,14 +252,14 @@ def evidence_table(summary: dict[str, Any], *, method: bool = False) -> Table:
     return Table("Evidence", tuple(head), tuple(map(tuple, rows)), note=report_text("evidence"), row_kinds=kinds)
 
 
-def build_comparison_report(summary: dict[str, Any]) -> Report:
-    """Build the report of a comparison, verdict first, from the numbers of ``compare.json``."""
+def build_comparison_report(summary: dict[str, Any], drawing: str = "") -> Report:
+    """Build the report of a comparison, verdict first, from the numbers of ``compare.json`` and a sketch."""
     return Report(
         title="Comparison of joints",
         subtitle=" against ".join(dict.fromkeys(foreign(row["title"]) for row in summary["candidates"])),
-        lead=_lead(summary),
+        lead=(*_lead(summary), *sketch_figure(drawing), _figure(summary)),
         sections=(
-            ReportSection("evidence", "Evidence", (evidence_table(summary), _figure(summary), _method_table(summary))),
+            ReportSection("evidence", "Evidence", (evidence_table(summary), _method_table(summary))),
             ReportSection("joints", "Best joint of each candidate", (_joint_table(summary),)),
             ReportSection("cross-validation", "Cross-validation", _loo_blocks(summary)),
             ReportSection("reading", "How to read this", _reading(summary)),
@@ -287,8 +296,7 @@ def _method_cells(row: Row) -> tuple[str, str]:
 
 
 def _lead(summary: dict[str, Any]) -> tuple[Block, ...]:
-    told_apart = not any(row["words"] == GRADES[0][1] for row in summary["candidates"])
-    kind: Kind = "good" if summary["trusted"] and told_apart else "caution"
+    kind: Kind = "good" if summary["trusted"] and summary["decided"] else "caution"
     blocks: list[Block] = [Callout(kind, f"**{foreign(summary['verdict'])}**")]
     if not summary["trusted"]:
         names = ", ".join(
@@ -397,6 +405,58 @@ def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
     return tuple(map(Paragraph, texts))
 
 
+def _is_close(two_log_b: float) -> bool:
+    """Whether evidence is not worth more than a bare mention."""
+    return bayes_factor_words(two_log_b) == GRADES[0][1]
+
+
+def _odds(two_log_b: float) -> str:
+    """Such as ``"7.4 to 1"`` or ``"10¹² to 1"``."""
+    power = two_log_b / (2 * math.log(10))
+    if power >= _POWER:
+        return f"10{f'{power:.0f}'.translate(SUPERSCRIPTS)} to 1"
+    ratio = float(f"{10**power:.2g}")
+    return f"{ratio:.0f} to 1" if ratio >= 10 else f"{ratio:g} to 1"
+
+
+def _won(first: str, second: str, two_log_b: float) -> str:
+    """Which of two it is, or that this cannot be told."""
+    same = first.rpartition(" ")[0].rpartition(" ")[0]
+    second = second.removeprefix(f"{same} ") if same else second  # "length 360 mm, not 383 mm"
+    if _is_close(two_log_b):
+        return f"Cannot decide between {first} and {second}: odds {_odds(two_log_b)}."
+    words = bayes_factor_words(two_log_b)
+    return f"{first[0].upper()}{first[1:]}, not {second}: odds {_odds(two_log_b)}, {words} evidence."
+
+
+def _short_meaning(hypothesis: str) -> str:
+    """A joint in a few words: ``"springs without coupling"``."""
+    undamped, joint = split_hypothesis(hypothesis)
+    return f"{_IN_SHORT[joint]}{', undamped' if undamped else ''}"
+
+
+def what_differs(cases: Sequence[Case]) -> dict[str, str]:
+    """Of each case, by its name, the one number that it has otherwise than the others; its name where there is none."""
+    stated = [dict(_leaves(case.spec.model_dump(exclude={"reference", "title"}))) for case in cases]
+    keys = [k for k in dict.fromkeys(k for each in stated for k in each) if len({repr(e.get(k)) for e in stated}) > 1]
+    values = [each.get(keys[0]) for each in stated] if len(keys) == 1 else []
+    if not values or not all(isinstance(value, float | int) for value in values):
+        return {case.name: case.name for case in cases}
+    words = keys[0].rpartition(".")[2]
+    unit = next((unit for ending, unit in _UNITS.items() if words.endswith(ending)), "")
+    words = words.removesuffix(next((ending for ending in _UNITS if words.endswith(ending)), ""))
+    text = f"{listed((words,))} {{:g}} {unit}"
+    return {case.name: text.format(value).strip() for case, value in zip(cases, values, strict=True)}
+
+
+def _leaves(stated: Any, path: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (whatever a case holds)
+    if not isinstance(stated, dict):
+        yield path, stated
+        return
+    for name, value in stated.items():
+        yield from _leaves(value, f"{path}.{name}")
+
+
 def _meaning(hypothesis: str) -> str:
     undamped, joint = split_hypothesis(hypothesis)
     return f"{report_text(joint)}{', without damping' if undamped else ''}"
@@ -426,12 +486,18 @@ class Comparison:
         Fingerprint of the data that all share.
     case_texts
         Text of each case by its name.
+    labels
+        Of each case by its name what tells it from the others: ``"length 360 mm"``.
+    sketch
+        SVG of the structure that was tested; empty where nobody knows what it looks like.
     """
 
     candidates: tuple[WeighedModel, ...]
     seed: int
     data_sha256: str
     case_texts: Mapping[str, str] = field(default_factory=dict)
+    labels: Mapping[str, str] = field(default_factory=dict)
+    sketch: str = ""
 
     def __repr__(self) -> str:
         return f"Comparison of {len(self.candidates)} joints: {self.verdict}"
@@ -465,21 +531,51 @@ class Comparison:
         return "best" if candidate is self.best else bayes_factor_words(self.two_log_b(candidate))
 
     @property
+    def by_case(self) -> dict[str, float]:
+        """ln of the evidence of each case, its hypotheses as probable as each other before; the best first."""
+        log_z = {case: [c.evidence.log_z for c in self.candidates if c.case == case] for case in self._cases}
+        found = {case: float(special.logsumexp(each)) - math.log(len(each)) for case, each in log_z.items()}
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    @property
+    def _cases(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(c.case for c in self.candidates))
+
+    @property
+    def decided(self) -> bool:
+        """Whether what was asked has an answer: which case of several, or which joint in one."""
+        if len(self._cases) > 1:
+            first, second, *_ = self.by_case.values()
+            return not _is_close(2 * (first - second))
+        _, *others = self.ranking
+        return not others or not _is_close(self.two_log_b(others[0]))
+
+    @property
     def verdict(self) -> str:
-        """One plain sentence, or two, that name the winner."""
-        best, *others = self.ranking
-        if not others:
-            text = f"Nothing was compared: {best.label} is the only joint."
-        else:
-            two_log_b = self.two_log_b(others[0])
-            odds, words = f"odds {likelihood_ratio(two_log_b)} to 1", bayes_factor_words(two_log_b)
-            text = f"The data favour {best.label} over {others[0].label}: the evidence is {words}, {odds}."
-            if words == GRADES[0][1]:
-                text = f"The data cannot tell {best.label} from {others[0].label} ({odds})."
-        if best.at_edge:
-            edges = ", ".join(dict.fromkeys(edge.name for edge in best.at_edge))
-            text += f" Draws pile up at an edge of the prior of {edges}: the prior has a say in this."
-        return text
+        """What was asked, answered in words: which of several cases, and which joint."""
+        return " ".join(self.sentences)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The same, sentence by sentence."""
+        sentences = []
+        if len(self._cases) > 1:
+            (first, best), (second, next_best), *_ = self.by_case.items()
+            first, second = self.labels.get(first, first), self.labels.get(second, second)
+            sentences.append(_won(first, second, 2 * (best - next_best)))
+        inside = [c for c in self.ranking if c.case == next(iter(self.by_case))]
+        joints = [_short_meaning(c.hypothesis) for c in inside]
+        twice = [2 * (inside[0].evidence.log_z - c.evidence.log_z) for c in inside]
+        if len(inside) > 1:
+            sentences.append(_won(joints[0], joints[1], twice[1]))
+        elif len(self._cases) == 1:
+            sentences.append(f"Nothing was compared: {joints[0]} is the only joint.")
+        if excluded := [(j, t) for j, t in zip(joints[2:], twice[2:], strict=True) if t > GRADES[-1][0]]:
+            sentences.append(f"Excluded: {', '.join(f'{joint} (odds {_odds(t)})' for joint, t in excluded)}.")
+        if inside[0].at_edge:
+            edges = ", ".join(dict.fromkeys(edge.name for edge in inside[0].at_edge))
+            sentences.append(f"Draws pile up at an edge of the prior of {edges}: the prior has a say in this.")
+        return tuple(sentences)
 
     def summary(self) -> dict[str, Any]:
         """The numbers, as in ``compare.json``."""
@@ -487,6 +583,8 @@ class Comparison:
         return json_ready(
             {
                 "verdict": self.verdict,
+                "decided": self.decided,
+                "cases": self.by_case,
                 "trusted": self.trusted,
                 "seed": self.seed,
                 "data_sha256": self.data_sha256,
@@ -554,7 +652,7 @@ class Comparison:
         summary = self.summary()
         files = {f"cases/{name}.toml": text for name, text in self.case_texts.items()}
         files["compare.json"] = json_text(summary)
-        return write_study(directory, A_COMPARISON, build_comparison_report(summary), files)
+        return write_study(directory, A_COMPARISON, build_comparison_report(summary, self.sketch), files)
 
 
 _KEPT = 2000  # posterior draws, for what the evidence does not need
@@ -665,7 +763,9 @@ def compare(
             raise
         except JointBayesError as error:
             raise CaseError(f"{case.name}, {hypothesis}: {error}") from error
-    return Comparison(tuple(candidates), seed, data_sha256(given[0].problem), {case.name: case.text for case in given})
+    texts = {case.name: case.text for case in given}
+    labels, drawing = what_differs(given), sketch(given[0].problem.parts[0])
+    return Comparison(tuple(candidates), seed, data_sha256(given[0].problem), texts, labels, drawing)
 
 
 def require_same_data(cases: Sequence[Case]) -> None:

@@ -12,6 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from jointbayes.errors import CaseError, WriteError
 from jointbayes.report import Report
+from jointbayes.report.model import Figure
 from jointbayes.report.run_directory import write_into
 from vibrecords.errors import printable
 from vibrecords.files import OwnDirectory, open_regular
@@ -121,6 +122,12 @@ def _parsed(line: bytes) -> Any:  # noqa: ANN401 (any JSON)
         return json.loads(line)
     except ValueError:
         return None
+
+
+def sketch_figure(drawing: str) -> tuple[Figure, ...]:
+    """The sketch of a structure as a figure of a study's page; none where there is no drawing."""
+    text = "The structure with its joint, sensors and force."
+    return (Figure("structure", text, text, drawing),) if drawing else ()
 
 
 def write_study(directory: str | os.PathLike[str], kind: str, report: Report, files: Mapping[str, str]) -> Path:
