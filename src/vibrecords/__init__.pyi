@@ -1,5 +1,7 @@
 """The public names of vibrecords, each once: read by type checkers, and by the package itself to load them."""
 
+from vibrecords.arrays import Quantity as Quantity
+from vibrecords.arrays import quantity_factor as quantity_factor
 from vibrecords.assemble import mean_of_repeats as mean_of_repeats
 from vibrecords.data import Data as Data
 from vibrecords.data import FrequencyData as FrequencyData
@@ -14,8 +16,6 @@ from vibrecords.formats import read_frf as read_frf
 from vibrecords.formats import write_frf as write_frf
 from vibrecords.formats import write_records as write_records
 from vibrecords.frf_set import FrfSet as FrfSet
-from vibrecords.frf_set import Quantity as Quantity
-from vibrecords.frf_set import quantity_factor as quantity_factor
 from vibrecords.inspection import Inspection as Inspection
 from vibrecords.inspection import inspect_file as inspect_file
 from vibrecords.modal_fit import identify_modes as identify_modes

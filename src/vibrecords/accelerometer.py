@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibrecords.arrays import Array, ComplexArray, Indices
+from vibrecords.arrays import Array, ComplexArray, Indices, quantity_factor
 from vibrecords.data import FrfData
 from vibrecords.errors import MeasurementError
-from vibrecords.frf_set import FrfSet, quantity_factor
+from vibrecords.frf_set import FrfSet
 
 _STEP = 1e-6  # of the largest receptance of a line, in differences of a function that is smooth
 

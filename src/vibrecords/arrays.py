@@ -1,7 +1,7 @@
-"""The names for arrays in annotations, and how a frozen dataclass makes its fields what they are."""
+"""The names for arrays and quantities in annotations, and how a frozen dataclass makes its fields what they are."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,22 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
+
+Quantity = Literal["receptance", "mobility", "accelerance"]
+#: What the sensor of a time history measures.
+SensorQuantity = Literal["force", "displacement", "velocity", "acceleration", "unknown"]
+#: Some of the lines of an FRF: a mask or indices over them, or a slice.
+Lines = Flags | Indices | slice
+#: Power of jω by which a quantity follows from the receptance.
+POWER_OF_JW: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
+
+
+def quantity_factor(frequency_hz: Array, to: Quantity, source: Quantity = "receptance") -> ComplexArray:
+    """Factor (jω)ⁿ per line that turns `source` into `to`, shape (lines,); ω = 2πf."""
+    power = POWER_OF_JW[to] - POWER_OF_JW[source]
+    omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
+    # (jω)ⁿ by integer powers of j is exact: mobility to receptance and back is the same to the last bit or two
+    return np.array([1, 1j, -1, -1j])[power % 4] * omega**power
 
 
 def complex_of(real: NDArray[Any], imaginary: NDArray[Any]) -> ComplexArray:

@@ -8,9 +8,9 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vibrecords.arrays import Array, convert_fields
-from vibrecords.errors import MeasurementError
-from vibrecords.frf_set import FrfSet, Lines, Quantity, quantity_factor, read_only
+from vibrecords.arrays import Array, Lines, Quantity, convert_fields, quantity_factor
+from vibrecords.errors import MeasurementError, read_only
+from vibrecords.frf_set import FrfSet
 from vibrecords.provenance import Provenance
 
 _MOST_DOFS = 6  # of the outputs and inputs, in a table

@@ -104,3 +104,10 @@ def array_of(given: object, kind: type, what: str, error: type[UserError]) -> ND
     except (TypeError, ValueError, OverflowError):
         numbers = "real numbers" if kind is float else "numbers"
         raise error(f"{what}: found no array of {numbers}; expected one; convert it before") from None
+
+
+def read_only(given: object, kind: type = float) -> NDArray[Any]:
+    """The same for measured data, which cannot be written to."""
+    copied = array_of(given, kind, "data", MeasurementError)
+    copied.setflags(write=False)
+    return copied

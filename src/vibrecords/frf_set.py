@@ -3,28 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
-from typing import Any, Literal, get_args
+from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vibrecords.arrays import Array, ComplexArray, Flags, Indices, convert_fields
-from vibrecords.errors import MeasurementError, array_of
+from vibrecords.arrays import Array, ComplexArray, Lines, Quantity, convert_fields, quantity_factor
+from vibrecords.errors import MeasurementError, read_only
 from vibrecords.notebook_view import frf_svg, table_html
-
-Quantity = Literal["receptance", "mobility", "accelerance"]
-#: Some of the lines of an FRF: a mask or indices over them, or a slice.
-Lines = Flags | Indices | slice
-#: Power of jω by which a quantity follows from the receptance.
-POWER_OF_JW: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
-
-
-def quantity_factor(frequency_hz: Array, to: Quantity, source: Quantity = "receptance") -> ComplexArray:
-    """Factor (jω)ⁿ per line that turns `source` into `to`, shape (lines,); ω = 2πf."""
-    power = POWER_OF_JW[to] - POWER_OF_JW[source]
-    omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
-    # (jω)ⁿ by integer powers of j is exact: mobility to receptance and back is the same to the last bit or two
-    return np.array([1, 1j, -1, -1j])[power % 4] * omega**power
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +47,7 @@ class FrfSet:
     averages: int | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", read_only(self.values, np.complex128))
+        object.__setattr__(self, "values", read_only(self.values, complex))
         convert_fields(self, read_only, "frequency_hz", "coherence")
         convert_fields(self, tuple, "outputs", "inputs")
         require_lines(self.frequency_hz, "FRF set")
@@ -131,7 +116,7 @@ class FrfSet:
         coherence = None if self.coherence is None else self.coherence[cut]
         return replace(self, values=self.values[cut], outputs=tuple(outputs), inputs=tuple(inputs), coherence=coherence)
 
-    def at_lines(self, which: "Lines") -> "FrfSet":
+    def at_lines(self, which: Lines) -> "FrfSet":
         """Return some of the lines: a mask or indices over lines, or a slice."""
         coherence = None if self.coherence is None else self.coherence[which]
         return replace(self, frequency_hz=self.frequency_hz[which], values=self.values[which], coherence=coherence)
@@ -140,13 +125,6 @@ class FrfSet:
         """Return the same FRFs as receptance, mobility jωH or accelerance −ω²H."""
         factor = quantity_factor(self.frequency_hz, quantity, self.quantity)
         return replace(self, values=self.values * factor[:, None, None], quantity=quantity)
-
-
-def read_only(array: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
-    """Copy of an array of numbers that cannot be written to."""
-    copied = array_of(array, complex if dtype is np.complex128 else float, "data", MeasurementError)
-    copied.setflags(write=False)
-    return copied
 
 
 def _listed(labels: tuple[str, ...]) -> str:

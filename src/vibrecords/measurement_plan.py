@@ -8,14 +8,13 @@ from typing import Literal
 
 import numpy as np
 
+from vibrecords.arrays import Quantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.channel_units import AS_THE_FILE_SAYS, ChannelUnit, restate_frf
-from vibrecords.frf_set import Quantity
 from vibrecords.provenance import ChannelUse, Role
 from vibrecords.records import CoherenceRecord, FrfRecord, Record
 from vibrecords.rotations import Rotation
-from vibrecords.signals.impact import ImpactSettings
-from vibrecords.signals.spectra import ShakerSettings
+from vibrecords.signals.spectra import ImpactSettings, ShakerSettings
 from vibrecords.variance import RelativeNoise
 
 _OPPOSITE = {"+": "-", "-": "+"}

@@ -9,13 +9,12 @@ import numpy as np
 import scipy.linalg
 import scipy.ndimage
 
-from vibrecords.arrays import Array, ComplexArray, Flags, Indices
+from vibrecords.arrays import Array, ComplexArray, Flags, Indices, Quantity, quantity_factor
 from vibrecords.driven import driven_lines
 from vibrecords.errors import MeasurementError
-from vibrecords.frf_set import FrfSet, Quantity, quantity_factor
+from vibrecords.frf_set import FrfSet
 from vibrecords.modal_doubt import DoubtfulMode, PoleReview
-from vibrecords.modal_problem import ModalProblem
-from vibrecords.polynomial_poles import polynomial_poles, steady_poles
+from vibrecords.modal_problem import ModalProblem, polynomial_poles, steady_poles
 from vibrecords.provenance import MeasuredMode
 from vibrecords.variance import RelativeNoise, coherence_variance
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from vibrecords.arrays import Array, Flags, convert_fields
 from vibrecords.data import FrfData, Match, ModalData
-from vibrecords.errors import MeasurementError, array_of, printable
-from vibrecords.frf_set import read_only
+from vibrecords.errors import MeasurementError, array_of, printable, read_only
 from vibrecords.provenance import Provenance
 
 _WIDEST = 1e100  # of a value: squares stay finite

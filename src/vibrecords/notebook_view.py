@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrecords.arrays import Array
-
 _STRETCHES = 200  # of a curve, each drawn by its lowest and its highest value
 _WIDTH, _HEIGHT = 480, 120
 #: In the colour of the text, and in one that is seen on black and on white.
@@ -28,7 +26,7 @@ def paragraph_html(text: str) -> str:
     return f"<p>{escape(text)}</p>" if text else ""
 
 
-def frf_svg(frequency_hz: Array, curves: Mapping[str, NDArray[Any]]) -> str:
+def frf_svg(frequency_hz: NDArray[np.float64], curves: Mapping[str, NDArray[Any]]) -> str:
     """SVG of at most two FRFs over frequency by what they are called, each shape (lines,), in decibels."""
     levels = [20 * np.log10(np.maximum(np.abs(curve), np.finfo(float).tiny)) for curve in curves.values()]
     low, high = np.min(levels), np.max(levels)

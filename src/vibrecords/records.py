@@ -4,14 +4,12 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrecords.arrays import Array, ComplexArray, Flags, convert_fields
-from vibrecords.errors import MeasurementError
-from vibrecords.frf_set import Lines, Quantity, read_only
+from vibrecords.arrays import Array, ComplexArray, Flags, Lines, Quantity, SensorQuantity, convert_fields
+from vibrecords.errors import MeasurementError, read_only
 
 #: Nothing measured has a larger number in SI units or the inverse of it, and no line is higher or at the inverse, Hz.
 #: Squares and products of what is within stay finite.
@@ -29,8 +27,6 @@ LONGEST_LABEL = 300
 
 _AXES = ("S", "X", "Y", "Z", "RX", "RY", "RZ")
 _LABEL = re.compile(r"(?:(?P<entity>[^:\s]{1,10}):)?(?P<node>\d{1,9}):(?P<axis>S|R?[XYZ])(?P<sign>[+-]?)")
-#: What the sensor of a time history measures.
-SensorQuantity = Literal["force", "displacement", "velocity", "acceleration", "unknown"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +71,7 @@ class FrfRecord:
     factor: float | None = 1.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", read_only(self.values, np.complex128))
+        object.__setattr__(self, "values", read_only(self.values, complex))
         convert_fields(self, read_only, "frequency_hz", "coherence")
 
     def at_lines(self, which: Lines) -> "FrfRecord":

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from vibrecords.arrays import Array, ComplexArray
+from vibrecords.arrays import Array, ComplexArray, Quantity
 from vibrecords.formats.units import MOTION_OF, si_sensor_unit
-from vibrecords.frf_set import FrfSet, Quantity
+from vibrecords.frf_set import FrfSet
 from vibrecords.records import TimeRecord
 from vibrecords.variance import NoiseLaw
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibrecords.arrays import Array, ComplexArray
+from vibrecords.arrays import Array, ComplexArray, quantity_factor
 from vibrecords.errors import MeasurementError
-from vibrecords.frf_set import FrfSet, quantity_factor
+from vibrecords.frf_set import FrfSet
 
 #: Coherence this close to 1 is 1 to the last bits.
 _ONE = 1 - 1e-12

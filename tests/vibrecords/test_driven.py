@@ -7,8 +7,7 @@ import pytest
 
 from vibrecords.driven import driven_lines
 from vibrecords.frf_set import FrfSet
-from vibrecords.inspection import contents_of_records, with_resonances
-from vibrecords.inspection_text import resonances_text
+from vibrecords.inspection import contents_of_records, resonances_text, with_resonances
 from vibrecords.modal_fit import fit_modes
 from vibrecords.records import FrfRecord
 from vibrecords.warnings.collector import find_warnings

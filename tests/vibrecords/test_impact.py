@@ -11,8 +11,8 @@ from vibrecords import FrfSet
 from vibrecords.errors import MeasurementError
 from vibrecords.records import TimeRecord
 from vibrecords.signals.hits import HitSettings
-from vibrecords.signals.impact import ImpactSettings, frfs_of_hits, impact_frfs
-from vibrecords.signals.spectra import ShakerSettings, estimate_frf, shaker_frf, sort_by_force
+from vibrecords.signals.impact import frfs_of_hits, impact_frfs
+from vibrecords.signals.spectra import ImpactSettings, ShakerSettings, estimate_frf, shaker_frf, sort_by_force
 from vibrecords.signals.windows import added_decay_rate
 from vibrecords.simulated import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from vibrecords.variance import coherence_variance

@@ -8,8 +8,7 @@ import pytest
 
 from tests.vibrecords.test_warnings import DAMPING, FREQUENCY, LINES, hammer, records
 from vibrecords.formats import write_records
-from vibrecords.inspection import contents_of_records, inspect_file, with_resonances
-from vibrecords.inspection_text import contents_text, resonances_text
+from vibrecords.inspection import contents_of_records, contents_text, inspect_file, resonances_text, with_resonances
 from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord
 
 COARSE = LINES[1::2]  # 1 Hz apart

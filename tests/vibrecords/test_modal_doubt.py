@@ -10,8 +10,7 @@ from tests.vibrecords.test_modal_fit import PLATE, beam_frf, plate_frf, true_fre
 from vibrecords import FrfData, FrfSet, RelativeNoise
 from vibrecords.assemble import _modes as assembled_modes
 from vibrecords.errors import MeasurementError
-from vibrecords.inspection import contents_of_records, with_resonances
-from vibrecords.inspection_text import resonances_text
+from vibrecords.inspection import contents_of_records, resonances_text, with_resonances
 from vibrecords.measurement_plan import MeasurementPlan
 from vibrecords.modal_fit import fit_modes, identify_modes, identify_zeros
 from vibrecords.records import FrfRecord

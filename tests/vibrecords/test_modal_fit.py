@@ -10,7 +10,7 @@ from tests.vibrecords.rod import measured, on_joint
 from vibrecords import FrfSet, RelativeNoise
 from vibrecords.errors import MeasurementError
 from vibrecords.modal_fit import _few_of, fit_modes, identify_modes, identify_zeros
-from vibrecords.polynomial_poles import polynomial_poles
+from vibrecords.modal_problem import polynomial_poles
 
 LINES = np.arange(20.0, 2500.1, 5.0)
 

@@ -77,8 +77,7 @@ from vibrecords.errors import printable
 from vibrecords.formats.channel_units import ChannelUnit
 from vibrecords.measurement_plan import Channel, MeasurementPlan
 from vibrecords.signals.hits import HitSettings
-from vibrecords.signals.impact import ImpactSettings
-from vibrecords.signals.spectra import ShakerSettings
+from vibrecords.signals.spectra import ImpactSettings, ShakerSettings
 
 _MOST_BYTES = 200_000_000
 _MOST_ROWS = 2000

@@ -152,8 +152,7 @@ def inspect_command(
     show_stage(Progress("reading the file", str(file)), on_terminal_only=not file.is_file())
     from vibrecords.files import write_whole_file
     from vibrecords.formats.written_by import WRITTEN_BY
-    from vibrecords.inspection import contents_of, with_resonances
-    from vibrecords.inspection_text import contents_text, resonances_text
+    from vibrecords.inspection import contents_of, contents_text, resonances_text, with_resonances
 
     if figure is not None:
         manner().read.append(file)

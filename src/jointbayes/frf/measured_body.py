@@ -22,7 +22,7 @@ from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.structure import Body
 from vibrecords import FrfSet, MeasuredFile, quantity_factor
 from vibrecords.arrays import Array, ComplexArray, Indices, convert_fields
-from vibrecords.frf_set import read_only
+from vibrecords.errors import read_only
 
 #: Lines whose frequencies differ by less than this, relative, are the same.
 SAME_LINE = 1e-9
@@ -78,7 +78,7 @@ class MeasuredBody:
         return self.frequency_hz, self.receptance, self.covariance
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "receptance", read_only(self.receptance, np.complex128))
+        object.__setattr__(self, "receptance", read_only(self.receptance, complex))
         convert_fields(self, read_only, "frequency_hz", "covariance")
         convert_fields(self, tuple, "dofs", "files")
         lines, m = self.frequency_hz.size, len(self.dofs)

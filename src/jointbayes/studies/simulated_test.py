@@ -21,8 +21,8 @@ from vibrecords import FrfSet, quantity_factor
 from vibrecords.arrays import Array
 from vibrecords.formats import records_of_frf
 from vibrecords.records import FrfRecord, Record, TimeRecord
-from vibrecords.signals.impact import ImpactSettings, frfs_of_hits
-from vibrecords.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
+from vibrecords.signals.impact import frfs_of_hits
+from vibrecords.signals.spectra import ImpactSettings, MadeFrfs, ShakerSettings, frfs_of_shaker
 from vibrecords.signals.windows import effective_averages, lines_apart
 from vibrecords.simulated import ChannelNoise, Hammer, Rig, channel_label, hammer_records, noisy_frf, shaker_records
 

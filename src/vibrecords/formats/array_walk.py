@@ -12,7 +12,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrecords.arrays import Array, complex_of
+from vibrecords.arrays import Array, Quantity, complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import units as known
 from vibrecords.formats.channel_units import sides_of
@@ -30,9 +30,8 @@ from vibrecords.formats.named_arrays import (
     tokens_of,
     two_axes_error,
 )
-from vibrecords.formats.table_text import TIME_S, float_of
-from vibrecords.formats.units import frequency_factor, frf_unit, in_hz, parse_unit, read_frf_unit, scaled
-from vibrecords.frf_set import Quantity
+from vibrecords.formats.table_text import float_of
+from vibrecords.formats.units import TIME_S, frequency_factor, frf_unit, in_hz, parse_unit, read_frf_unit, scaled
 from vibrecords.records import HIGHEST_HZ, MOST_AVERAGES, CoherenceRecord, FrfRecord, ModeRecord, Record, SpectrumRecord
 
 #: Phases beyond are in degrees: those of resonances in radians do not come near.

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, replace
 from typing import get_args
 
+from vibrecords.arrays import Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.units import MOTION_OF, frf_unit, parse_unit, scaled, sensor_unit, si_sensor_unit
-from vibrecords.frf_set import Quantity
-from vibrecords.records import FrfRecord, SensorQuantity, TimeRecord
+from vibrecords.records import FrfRecord, TimeRecord
 
 _EXAMPLE = 'write for example { dof = "11:y", unit = "g" } in [data.channels]'
 

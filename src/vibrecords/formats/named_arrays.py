@@ -9,13 +9,11 @@ from typing import Any, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrecords.arrays import Array
+from vibrecords.arrays import Array, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.matlab_5 import Unread
-from vibrecords.formats.table_text import TIME_S
-from vibrecords.formats.units import read_sensor_unit, scaled
-from vibrecords.frf_set import Quantity
-from vibrecords.records import HIGHEST_HZ, MOST_RECORDS, SensorQuantity, TimeRecord, even_rate
+from vibrecords.formats.units import TIME_S, read_sensor_unit, scaled
+from vibrecords.records import HIGHEST_HZ, MOST_RECORDS, TimeRecord, even_rate
 
 #: Names by which each array is known, the one we write first; compared without regard to case.
 ALIASES: dict[str, tuple[str, ...]] = {

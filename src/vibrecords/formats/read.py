@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from vibrecords.arrays import Quantity
 from vibrecords.errors import MeasurementError, path_fault
 from vibrecords.formats.array_files import read_arrays, zip_entries
 from vibrecords.formats.array_walk import records_of_tree
@@ -19,7 +20,7 @@ from vibrecords.formats.table import read_table
 from vibrecords.formats.tdms import read_tdms
 from vibrecords.formats.uff_data_sets import BEGINNING, read_uff
 from vibrecords.formats.xlsx import read_xlsx
-from vibrecords.frf_set import FrfSet, Quantity
+from vibrecords.frf_set import FrfSet
 from vibrecords.records import MOST_BYTES, MOST_RECORDS, FrfRecord, Record, labels_of, require_short
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"

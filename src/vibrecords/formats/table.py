@@ -20,7 +20,7 @@ from vibrecords.formats.table_text import (
     read_text_table,
     text_lines,
 )
-from vibrecords.formats.units import in_hz, read_frf_unit, read_sensor_unit, scaled
+from vibrecords.formats.units import TIME_S, in_hz, read_frf_unit, read_sensor_unit, scaled
 from vibrecords.records import MOST_AVERAGES, CoherenceRecord, FrfRecord, Record, SpectrumRecord, TimeRecord, even_rate
 
 _UNITLESS = "no unit, where other columns have one: values left as written, and not taken as SI"
@@ -215,7 +215,7 @@ class _Group:
             self.notes += ("its first column is taken as frequency in Hz, since the file names spectra",)
             yield from self.spectra(spectra, instants)
             return
-        scale = headers.TIME_S.get(unit.lower() or "s")
+        scale = TIME_S.get(unit.lower() or "s")
         if scale is None:
             raise MeasurementError(f"{where}: found the unit {unit!r}; expected s or ms; correct the header")
         rate = even_rate(instants * scale, where)

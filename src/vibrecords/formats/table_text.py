@@ -15,10 +15,9 @@ from typing import Literal, cast
 
 import numpy as np
 
-from vibrecords.arrays import Array
+from vibrecords.arrays import Array, Quantity
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.units import frequency_factor, parse_unit, read_sensor_unit
-from vibrecords.frf_set import Quantity
+from vibrecords.formats.units import TIME_S, frequency_factor, parse_unit, read_sensor_unit
 from vibrecords.records import MOST_COLUMNS, require_short
 
 Role = Literal[
@@ -71,12 +70,6 @@ _IN_BRACKETS = re.compile(rf"\(\s*({_PARTS})\s*\)(?=$|\s*[\[(])", re.IGNORECASE)
 #: A coherence of a number, which is that of the FRF of this number.
 _NUMBERED = re.compile(r"(?:coherence|coh|gamma2)[ _]?(\d{1,4})", re.IGNORECASE)
 _QUOTIENT = re.compile(r"(\S+) ?/ ?(\S+)|(.*?) ?\bin (\S+)")  # f/Hz, Kraft / N, Zeit in s
-#: Units of time and their factors to s.
-TIME_S: dict[str, float] = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sekunden"), 1.0),
-    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
-    **dict.fromkeys(("us", "µs", "μs"), 1e-6),
-}
 
 #: Steps in s below which a column that begins at 0 is time, and steps that time histories of vibration do not have.
 TIME_STEP, FREQUENCY_STEP = 0.01, 0.1

@@ -24,11 +24,18 @@ from typing import BinaryIO, TypeVar
 
 import numpy as np
 
-from vibrecords.arrays import Array, ComplexArray
+from vibrecords.arrays import Array, ComplexArray, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.table_text import TIME_S, bad_number, float_of, plain_text
-from vibrecords.formats.units import MOTION_OF, frequency_factor, frf_unit, read_frf_unit, read_sensor_unit, scaled
-from vibrecords.frf_set import Quantity
+from vibrecords.formats.table_text import bad_number, float_of, plain_text
+from vibrecords.formats.units import (
+    MOTION_OF,
+    TIME_S,
+    frequency_factor,
+    frf_unit,
+    read_frf_unit,
+    read_sensor_unit,
+    scaled,
+)
 from vibrecords.records import (
     MOST_BYTES,
     MOST_RECORDS,
@@ -37,7 +44,6 @@ from vibrecords.records import (
     FrfRecord,
     ModeRecord,
     Record,
-    SensorQuantity,
     SpectrumRecord,
     TimeRecord,
     dof_label,

@@ -8,21 +8,11 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrecords.arrays import Array
+from vibrecords.arrays import Array, SensorQuantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.uff_data_sets import AXIS_TYPES, NORMAL_MODES
 from vibrecords.formats.units import MOTION_OF, si_sensor_unit
-from vibrecords.records import (
-    Dof,
-    FrfRecord,
-    ModeRecord,
-    Record,
-    SensorQuantity,
-    SpectrumRecord,
-    TimeRecord,
-    dof_label,
-    parse_dof,
-)
+from vibrecords.records import Dof, FrfRecord, ModeRecord, Record, SpectrumRecord, TimeRecord, dof_label, parse_dof
 
 #: Type of the data set of remarks: one that the format leaves to users.
 _REMARKS = 58018

@@ -9,15 +9,21 @@ from typing import Any, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrecords.arrays import Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError
-from vibrecords.frf_set import Quantity
-from vibrecords.records import SensorQuantity
 
 Q = TypeVar("Q")
 
 #: Standard acceleration of gravity, m/s² (exact).
 G_STANDARD = 9.80665
 _LBF = 4.4482216152605
+
+#: Units of time and their factors to s.
+TIME_S: dict[str, float] = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sekunden"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs"), 1e-6),
+}
 
 Powers = tuple[int, int, int, int]
 _FORCE, _ACCELERATION, _LENGTH, _SECONDS = (1, 1, -2, 0), (1, 0, -2, 0), (1, 0, 0, 0), (0, 0, 1, 0)

@@ -1,46 +1,21 @@
 """Impact tests: from the records of a hammer and of responses to FRFs, their coherence, and the hits behind them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrecords.arrays import Array, ComplexArray
+from vibrecords.arrays import Array, ComplexArray, Quantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.grid import join_frfs
-from vibrecords.frf_set import FrfSet, Quantity
+from vibrecords.frf_set import FrfSet
 from vibrecords.modal_fit import identify_modes
 from vibrecords.records import FrfRecord, TimeRecord
 from vibrecords.signals import spectra, windows
 from vibrecords.signals.hits import Hit, HitSettings, find_hits, hits_of, reject_overloads
+from vibrecords.signals.spectra import ImpactSettings
 
 Records = TimeRecord | Sequence[TimeRecord]
-
-
-@dataclass(frozen=True, slots=True)
-class ImpactSettings:
-    """How FRFs are made from hits.
-
-    Parameters
-    ----------
-    hits
-        How hits are found and judged.
-    force_window_s
-        How long after the trigger the force counts, s; None leaves it as it is.
-    exponential_end
-        What is left of the exponential window at the end of a block, 1 without one; it is put on both channels.
-    estimator
-        ``"H1"``, ``"H2"`` or ``"Hv"``.
-    f_min_hz, f_max_hz
-        Band of the lines that are kept; by default from the first above 0 Hz to the sample rate over 2.56.
-    """
-
-    hits: HitSettings = field(default_factory=HitSettings)
-    force_window_s: float | None = None
-    exponential_end: float = 1.0
-    estimator: spectra.Estimator = "H1"
-    f_min_hz: float | None = None
-    f_max_hz: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,17 +1,17 @@
 """FRFs and coherence from the spectra of force and response: H1, H2, Hv; and tests with a shaker."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
 import scipy  # its parts load at first use
 
-from vibrecords.arrays import Array, ComplexArray, Indices
+from vibrecords.arrays import Array, ComplexArray, Indices, Quantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.units import MOTION_OF, si_frf_unit
-from vibrecords.frf_set import Quantity
 from vibrecords.records import LARGEST, FrfRecord, TimeRecord, measurable
+from vibrecords.signals.hits import HitSettings
 from vibrecords.signals.windows import effective_averages, independent_step, line_correlation
 
 Estimator = Literal["H1", "H2", "Hv"]
@@ -105,6 +105,32 @@ def record_of_estimate(
     (force, response), (values, coherence) = pair, estimate
     told = (si_frf_unit(quantity), coherence if averages > 1 else None, averages, response.where, tuple(notes))
     return FrfRecord(response.channel, force.channel, frequency_hz, values, quantity, *told)
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactSettings:
+    """How FRFs are made from hits.
+
+    Parameters
+    ----------
+    hits
+        How hits are found and judged.
+    force_window_s
+        How long after the trigger the force counts, s; None leaves it as it is.
+    exponential_end
+        What is left of the exponential window at the end of a block, 1 without one; it is put on both channels.
+    estimator
+        ``"H1"``, ``"H2"`` or ``"Hv"``.
+    f_min_hz, f_max_hz
+        Band of the lines that are kept; by default from the first above 0 Hz to the sample rate over 2.56.
+    """
+
+    hits: HitSettings = field(default_factory=HitSettings)
+    force_window_s: float | None = None
+    exponential_end: float = 1.0
+    estimator: Estimator = "H1"
+    f_min_hz: float | None = None
+    f_max_hz: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

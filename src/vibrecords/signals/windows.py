@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibrecords.arrays import Array, ComplexArray, Indices
+from vibrecords.arrays import POWER_OF_JW, Array, ComplexArray, Indices
 from vibrecords.errors import MeasurementError
-from vibrecords.frf_set import POWER_OF_JW, FrfSet
+from vibrecords.frf_set import FrfSet
 
 _TAPER = 0.25  # of the force window's length, cosine-shaped, follows its end
 _LINES_APART = 64  # errors of lines farther apart than that do not correlate

@@ -6,9 +6,8 @@ from functools import cached_property
 import numpy as np
 import scipy  # its parts load at first use
 
-from vibrecords.arrays import Array, ComplexArray
+from vibrecords.arrays import Array, ComplexArray, Quantity, quantity_factor
 from vibrecords.driven import driven_lines
-from vibrecords.frf_set import Quantity, quantity_factor
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
 from vibrecords.signals.hits import stretch_about

@@ -6,10 +6,9 @@ from itertools import pairwise
 import numpy as np
 import scipy  # its parts load at first use
 
-from vibrecords.arrays import Array, Flags
+from vibrecords.arrays import Array, Flags, Quantity
 from vibrecords.driven import BAD, GOOD, RISE
 from vibrecords.formats.units import frf_unit
-from vibrecords.frf_set import Quantity
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable
 from vibrecords.warnings.clear_frf import ClearFrf, Resonance, rad_per_s_warning, usable

@@ -35,8 +35,7 @@ class FileTarget(Target):
     def _attempted(self, path: Path) -> Exception | None:
         from jointbayes.errors import MeasurementError
         from vibrecords.formats import read_frf
-        from vibrecords.inspection import inspect_file
-        from vibrecords.inspection_text import contents_text, resonances_text
+        from vibrecords.inspection import contents_text, inspect_file, resonances_text
 
         refused: MeasurementError | None = None
         try:

@@ -14,7 +14,7 @@ from jointbayes.inference.marginals import Nuisance
 from jointbayes.inference.noise.base import ErrorSizes, NoiseModel, Residuals, finite_or_impossible
 from vibrecords import Data, ModalData
 from vibrecords.arrays import Array
-from vibrecords.frf_set import read_only
+from vibrecords.errors import read_only
 
 #: Errors of a component of a shape are a fraction of it, or of this where it is less: near a node they do not vanish.
 LEAST_COMPONENT = 0.3

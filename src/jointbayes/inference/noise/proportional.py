@@ -13,7 +13,7 @@ from jointbayes.inference.marginals import Nuisance
 from jointbayes.inference.noise.base import GaussianSpread, NoiseChoice, NoiseModel, Residuals, log_uniform, rows_of
 from vibrecords import Data, FrfData
 from vibrecords.arrays import Array
-from vibrecords.frf_set import read_only
+from vibrecords.errors import read_only
 
 #: Sizes of the error, as fractions of |H|, between which every order of magnitude is equally probable.
 RANGE = 1e-4, 0.3
