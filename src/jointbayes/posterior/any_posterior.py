@@ -3,18 +3,18 @@
 from collections.abc import Mapping
 from typing import Protocol
 
-from jointbayes.posterior.checks import AnyDraws, PredictiveCheck
+from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
 from jointbayes.posterior.prediction import LeftOut
-from jointbayes.posterior.solutions import Solutions
+from jointbayes.posterior.solutions import CheckedDraws, Solutions
 from jointbayes.posterior.widened import WidenedPosterior
 from vibrecords.arrays import Array
 
 
-class AnyPosterior(AnyDraws, Protocol):
+class AnyPosterior(CheckedDraws, Protocol):
     """Draws with what is computed and found of them; each member is described by the class."""
 
     @property

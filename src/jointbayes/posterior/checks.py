@@ -13,17 +13,15 @@ DOI 10.1093/biomet/65.2.297
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from jointbayes.errors import ModelError
-from jointbayes.identification import MapEstimate
 from jointbayes.inference import NoiseModel, Problem
 from jointbayes.inference.noise.base import Absorbed, residuals_of_values, squares_of, values_of_residuals
-from jointbayes.posterior.run_record import RunRecord
 from jointbayes.rounding import number, p_value_in_words, told_apart
 from vibrecords.arrays import Array
 
@@ -367,48 +365,6 @@ class PredictiveCheck:
             f"One value deviates by {self.largest:.1f} standard deviations (line {self.largest_at[0] + 1}): "
             f"inspect it{other}."
         )
-
-
-class AnyDraws(Protocol):
-    """Draws of a posterior and how they came about; each member is described by the class."""
-
-    @property
-    def problem(self) -> Problem:
-        """Structure, joint, data and prior."""
-
-    @property
-    def estimate(self) -> MapEstimate:
-        """MAP with Laplace covariance."""
-
-    @property
-    def mode_theta(self) -> Array:
-        """The best draw refined, shape (d,)."""
-
-    @property
-    def record(self) -> RunRecord:
-        """How the draws came about."""
-
-    @property
-    def converged(self) -> bool:
-        """Whether the sampler met its stop rule."""
-
-    @property
-    def check(self) -> PredictiveCheck:
-        """Posterior predictive check of the data that were analysed."""
-
-    @property
-    def theta(self) -> Array:
-        """All draws of θ, shape (n, d), chain after chain."""
-
-    @property
-    def stiffness_names(self) -> tuple[str, ...]:
-        """Names of the joint's stiffnesses."""
-
-    def values(self, name: str) -> Array:
-        """All draws of one stiffness or other quantity, shape (chains, draws)."""
-
-    def unit(self, name: str) -> str:
-        """Unit of one stiffness or other quantity."""
 
 
 def check_part(part: Problem, theta: Array, rng: np.random.Generator) -> PredictiveCheck:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,9 @@ from jointbayes.errors import JointBayesError
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import is_rotation
-from jointbayes.posterior.checks import AnyDraws
+from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.prediction import frfs_as_measured
+from jointbayes.posterior.run_record import AnyDraws
 from jointbayes.rounding import join_unit, number, rounded, rounded_interval
 from jointbayes.sampling import INTERVAL, SeveralModes, quantile_spread
 from vibrecords.arrays import Array
@@ -27,6 +29,14 @@ _LINES = 200  # at which FRFs of the solutions are compared
 _MOST_PLACES = 1000  # of further sensors that are compared
 _ALIKE = 1e-3  # of |H|: FRFs that differ by less are equal
 _SHALLOWEST = 0.1  # of the median |H|: smaller values lie below the noise of other lines
+
+
+class CheckedDraws(AnyDraws, Protocol):
+    """Draws with the check of the data."""
+
+    @property
+    def check(self) -> PredictiveCheck:
+        """Posterior predictive check of the data that were analysed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +57,7 @@ class Solutions:
         The posterior.
     """
 
-    def __init__(self, posterior: AnyDraws) -> None:
+    def __init__(self, posterior: CheckedDraws) -> None:
         self._posterior, starts = posterior, posterior.estimate.starts_for_draws
         self._modes = SeveralModes.from_starts(starts) if len(starts) > 1 else None
         self._nearest = self.nearest(posterior.theta)

@@ -13,8 +13,8 @@ from jointbayes.identification import refine, refine_where_possible
 from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import Independent, JointPrior, LogPosterior, Marginal, Normal, OfStiffness, Problem, Uniform
 from jointbayes.joint import Coordinate
-from jointbayes.posterior.checks import AnyDraws
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
+from jointbayes.posterior.run_record import AnyDraws
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import WeightedDraws, fit_each_mode, fit_proposal, released_draws
 from vibrecords.arrays import Array
