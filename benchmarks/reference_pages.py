@@ -58,7 +58,7 @@ def _paragraphs(command: click.Command) -> Iterator[str]:
 
 
 def _options(command: click.Command, context: click.Context) -> list[tuple[str, str]]:
-    """Names and meaning of each option; help is that of the group, since click keeps it of a command by its first use."""
+    """Names and meaning of each option; help is that of the group: click keeps a command's by its first use."""
     help_ = main.get_help_option(click.Context(main, **main.context_settings))
     records = (p.get_help_record(context) for p in (*command.params, help_) if isinstance(p, click.Option))
     return [(names, text) for names, text in filter(None, records)]
