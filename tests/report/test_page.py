@@ -4,6 +4,8 @@ import csv
 import io
 import json
 import re
+import shutil
+import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jointbayes.report import render_html
+from jointbayes.report import render_html, render_pdf
 from tests.hostile import browser
 
 pytestmark = pytest.mark.science
@@ -101,6 +103,35 @@ def test_every_page_fits_every_screen_and_passes_axe(name, pages, opened):
                 page.evaluate(source)  # by the debugger, which the policy lets through
                 violations = page.evaluate("axe.run()")["violations"]
                 assert [(v["id"], v["nodes"][0]["html"]) for v in violations] == []
+
+
+#: Width of the text on A4 as the page's style sets its margins, in pixels, and on the sheet, in points.
+PAPER, SHEET = 657, 595.3
+CUT = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth).map(e => e.innerText)"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_table_scrolls_or_is_cut_on_screen_or_paper(name, pages, opened, reports, tmp_path):
+    for width, media in ((360, "screen"), (1280, "screen"), (PAPER, "print")):
+        with opened(pages[name], width) as page:
+            page.emulate_media(media=media)
+            assert page.evaluate(CUT) == [], (width, media)
+    with opened(pages[name]) as page:
+        page.pdf(path=tmp_path / "printed.pdf", format="A4", prefer_css_page_size=True)
+    (tmp_path / "own.pdf").write_bytes(render_pdf(reports[name]))
+    for path in tmp_path.glob("*.pdf"):
+        words = words_of(path)
+        assert len(words) > 50
+        right = {word: place for word, place in words if place > SHEET - 50}
+        assert right == {}, path.name
+
+
+def words_of(path):
+    """Each word of a PDF, and how far right it ends, in points."""
+    if shutil.which("pdftotext") is None:
+        pytest.skip("NOT CHECKED: pdftotext (poppler-utils) is not installed to see where words of a PDF end")
+    text = subprocess.run(["pdftotext", "-bbox", path, "-"], capture_output=True, check=True, text=True).stdout
+    return [(word, float(end)) for end, word in re.findall(r'<word [^>]*xMax="([\d.]+)"[^>]*>(.*?)</word>', text)]
 
 
 def test_each_view_of_an_frf_shows_other_curves_and_another_axis(pages, opened):

@@ -8,7 +8,7 @@ from typing import TypeAlias, TypeVar
 
 from jointbayes.report.guides import with_guides
 from jointbayes.report.inputs import ReportInputs, SetupInputs
-from jointbayes.report.model import Block, Paragraph, Report, ReportSection
+from jointbayes.report.model import Block, Paragraph, Report, ReportSection, Table
 from jointbayes.report.page_budget import share_pages
 from jointbayes.report.sections.fit_to_data import fit_section
 from jointbayes.report.sections.identifiable import knowledge_section, likelihood_section
@@ -72,7 +72,7 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
         title=inputs.title,
         subtitle=f"Joint stiffness with uncertainty{synthetic}",
         lead=first,
-        sections=(*pages, *more, *appendix, terms_section(" ".join(said))),
+        sections=(*map(_fitted, (*pages, *more, *appendix)), terms_section(" ".join(said))),
         date=date,
         version=inputs.posterior.record.versions["jointbayes"],
     )
@@ -97,6 +97,11 @@ def _blocks(
             Paragraph(f"**Test {name}**, the one that the model explains worst; the others are in the appendix.")
         )
     return [*blocks, *of_test]
+
+
+def _fitted(section: ReportSection) -> ReportSection:
+    """The section with tables that are no wider than a page."""
+    return replace(section, blocks=tuple(b.turned() if isinstance(b, Table) else b for b in section.blocks))
 
 
 def _written(sections: Iterable[Callable[[Inputs], ReportSection | None]], inputs: Inputs) -> list[ReportSection]:

@@ -7,7 +7,7 @@ may carry ``**bold**`` and `` `code` `` and nothing else (see :mod:`jointbayes.r
 
 import datetime
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from itertools import chain, count
 from typing import ClassVar, Literal, TypeAlias, get_args
@@ -20,6 +20,7 @@ Kind: TypeAlias = Literal["good", "caution", "bad"]
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_.:-]*")
 _NUMERIC_CELL = re.compile(r"[-+−±<>≤≥≈~]?\s*\.?\d.*")
 _NOT_ISOLATED = dict.fromkeys(map(ord, "\u2068\u2069"))  # a terminal has no use for them, see `markup.foreign`
+_MOST_COLUMNS = 9  # of a table that a page of paper holds
 _ABSENT_CELL = frozenset({"", "-", "–", "—", "n/a"})
 
 
@@ -151,6 +152,13 @@ class Table:
             raise ValueError(f"{where}: {len(self.row_kinds)} row kinds for {len(self.rows)} rows")
         if unknown := set(self.row_kinds) - {"", *get_args(Kind)}:
             raise ValueError(f"{where}: unknown row kinds {sorted(unknown)}")
+
+    def turned(self) -> "Table":
+        """Rows as columns where it is wider than a page and higher than it is wide then; itself elsewhere."""
+        if len(self.head) <= _MOST_COLUMNS or len(self.rows) >= len(self.head) or self.bars:
+            return self
+        head, *rows = zip(self.head, *self.rows, strict=True)
+        return replace(self, head=head, rows=tuple(rows), align=None, row_kinds=())
 
     @property
     def alignment(self) -> str:

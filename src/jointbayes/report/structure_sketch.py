@@ -88,23 +88,24 @@ def _drawing(problem: Problem) -> _Drawing | None:
     marks = [*places.joints(), *places.sensors()]
     every = np.concatenate([*(outline for outline, _ in outlines), *([m.place[None] for m in marks])])
     low, high = every.min(axis=0), every.max(axis=0)
-    size, middle = float((high - low).max()), (low + high) / 2
+    size, half = float((high - low).max()), (high - low) / 2
     if places.to_scale:  # ground is away from what it holds
-        marks = [replace(m, ground=(_outwards(m.place - middle),)) if m.ground else m for m in marks]
-    low, high = low - np.array([0.14, 0.2]) * size, high + np.array([0.14, 0.12]) * size
+        marks = [replace(m, ground=(_outwards((m.place - low) / half - 1),)) if m.ground else m for m in marks]
+    sides = 0.14 if len(outlines) == 1 else 0.26  # beside a frame there is room for names
+    low, high = low - np.array([sides, 0.2]) * size, high + np.array([sides, 0.12]) * size
     height = float(np.clip(_WIDTH * (high - low)[1] / (high - low)[0], _LEAST, _MOST))
     high[1] += (high - low)[1] * _LABEL / height
     return _Drawing(problem.test.name, outlines, marks, low, high, height, places.to_scale)
 
 
 def _outwards(away: Array) -> Array:
-    """The axis of the paper that leads away from the middle."""
-    axis = int(np.argmax(np.abs(away)))
+    """The axis of the paper that leads away from the middle, of a corner downwards; of a place within -1 and 1."""
+    axis = int(abs(away[1]) >= min(abs(away[0]), 0.9))
     return np.eye(2)[axis] * (np.sign(away[axis]) or 1.0)
 
 
 def _draw_test(axes: Axes, drawing: _Drawing) -> None:
-    size = float((drawing.high - drawing.low).max()) / 1.28
+    size = float((drawing.high - drawing.low).max()) / (1.28 if len(drawing.outlines) == 1 else 1.5)
     axes.set_axis_off()
     axes.set_aspect("equal")
     axes.set_xlim(drawing.low[0], drawing.high[0])
@@ -139,7 +140,8 @@ def _draw_mark(axes: Axes, mark: Mark, size: float) -> None:
         if mark.ground:
             _draw_ground(axes, mark.place, mark.ground[0], size)
         axes.plot(x, y, "s", ms=7, mfc="none", mec=_COLOURS["joint"], mew=1.8)
-        axes.annotate(mark.text, (x, y), xytext=(0, -14), **style)
+        below = bool(mark.ground) and bool(mark.ground[0][1])  # there is its ground
+        axes.annotate(mark.text, (x, y), xytext=(-11, 4) if below else (0, -14), **style)
         return
     if not mark.way:  # a rotation or a moment
         axes.plot(x, y, "o", ms=13, mfc="none", mec=_COLOURS[mark.kind], mew=1.4)

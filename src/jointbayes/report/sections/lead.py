@@ -26,11 +26,11 @@ from jointbayes.report.sections.tested import blocks_on_tests
 from jointbayes.report.sections.trust import lights_of, worst_setup
 from jointbayes.rounding import engineering, join_unit, number
 
-#: Stiffnesses that have a row on page one, and reasons that it has room for.
-_MOST_NAMED, _MOST_REASONS = 6, 3
+#: Stiffnesses that all have a row on page one, of more so many that are known least; and reasons it has room for.
+_MOST_NAMED, _FEW, _MOST_REASONS = 6, 4, 3
 _WORKSHOP = "Inputs as in a workshop"
 #: What a stiffness resists, by its unit; k11 of a coupled pair is across the structure.
-_MEANING = {"N/m": "translation", "N·m/rad": "turning", "N": "coupling", "N·s/m": "damping", "N·m·s/rad": "damping"}
+_MEANING = {"N/m": "pushing", "N·m/rad": "turning", "N": "coupling", "N·s/m": "damping", "N·m·s/rad": "damping"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +93,7 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
     """A row for each stiffness, of more than so many of those that are known least; the assumptions side by side."""
     unit_of, names = inputs.posterior.unit, inputs.posterior.stiffness_names
     if len(names) > most:
+        most = _FEW
         first = answers[0].known
         by_need = sorted(names, key=lambda n: (-RANK.get(first[n].verdict, 9), -ratio_of(first[n].ends[0])))
         names = tuple(name for name in names if name in by_need[:most])

@@ -25,7 +25,11 @@ def blocks_on_tests(inputs: ReportInputs) -> tuple[Block, ...]:
     text = " ".join(_sentence(part, structure if differ else "") for part, structure in told)
     if len(parts) > _MOST_TESTS:
         text += f" In all {len(parts)} tests, see below."
-    joint = f"Joint: {foreign(str(parts[0].test.joints))}."
+    every = getattr(parts[0].test.joints, "joints", ())
+    names = ", ".join(joint.name for joint in every)
+    joint = f"{len(every)} joints: {foreign(names)}."
+    if len(every) < 2:
+        joint = f"Joint: {foreign(str(parts[0].test.joints))}."
     tested = Paragraph(f"**Tested.** {text if differ else f'{structures[0]}: {text}'} {joint}")
     drawn = tuple({sketch(part): part for part in reversed(parts[:_MOST_TESTS])}.values())[::-1]  # each picture once
     drawing = sketch(*drawn)
