@@ -403,6 +403,7 @@ CASES = [
     *map(KeyCase, (*UNCERTAIN[:2], *UNCERTAIN[3:5], *FRAMES, *BODIES, *CHAINS, *MATRICES, *SPINDLE)),
     *(KeyCase(beam(i) + PAIR + read("8:y")) for i in range(4)),
     KeyCase(UNCERTAIN[2], keys=r"uncertain\.length"),
+    KeyCase(beam(0, "at_mm = { tip = 250.0 }") + PAIR + read("tip:y"), keys=r"structure.beam.\.at_mm"),
     *(KeyCase(text, keys="joint|prior") for text in JOINTS),
     *(KeyCase(text, keys=r"data|structure.beam.\.(length|elements)") for text in MEASURED),
     KeyCase(SYNTHETIC[0], keys="data"),

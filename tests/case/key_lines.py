@@ -47,6 +47,7 @@ def of_structures() -> list[tuple[str, str, Value]]:
         ("structure{beam}.elements", f"{STRUCTURE}elements", 1),
         ("structure{beam}.shear_coefficient", f"{STRUCTURE}shear_coefficient", 1),
         ("structure{beam}.axial_force_n", f"{STRUCTURE}axial_force", 1),
+        ("structure{beam}.at_mm.*", f"{STRUCTURE}points.{{0}}", MM),
     ]
     for key, name, unit in MATERIAL:
         lines.append((f"structure{{beam}}.{key}", f"{STRUCTURE}material.{name}", unit))

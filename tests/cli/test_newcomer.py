@@ -69,6 +69,20 @@ def test_validate_says_what_was_tested_with_its_day_in_quotes_or_not(tmp_path, m
         assert entry["understood"][0] == "Specimen: Clamp 12; Date of test: 2026-11-25; Operator: A. Miller"
 
 
+def test_validate_says_where_each_dof_is_and_what_the_beam_is_made_of(tmp_path, measured):
+    text = edited(
+        measured, ("elements = 10", "elements = 10\nat_mm = { mid = 250.0 }"), ('"a tip" = "11:y"', '"a tip" = "mid:y"')
+    )
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    (entry,) = json.loads(typed("validate", "case.toml", "--json").stdout)["cases"]
+    assert {
+        "material and section: 210 GPa, 7800 kg/m³; circle 25 mm",
+        "at 0 mm: 1:y, 1:rz",
+        "at 250 mm: mid:y",
+        "at 383 mm: 11:y",
+    } <= set(entry["understood"])
+
+
 def test_a_wrong_modulus_is_the_first_that_a_mode_above_those_of_a_rigid_joint_is_blamed_on(tmp_path, measured):
     text = edited(measured, ("youngs_modulus_gpa = 210.0", "youngs_modulus_gpa = 70.0"))
     text = text.replace("ratio = 0.01", 'ratio = "measured"')
@@ -77,7 +91,7 @@ def test_a_wrong_modulus_is_the_first_that_a_mode_above_those_of_a_rigid_joint_i
     assert message.startswith("jointbayes: case.toml:")
     assert "structure: found mode 1 at 22" in message
     assert message.endswith(
-        "correct Young's modulus, density, length or section, or lower f_min_hz if a mode was missed"
+        "; write ratio = 0.01, lower f_min_hz, or correct Young's modulus, density, length or section"
     )
 
 

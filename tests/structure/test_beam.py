@@ -271,3 +271,24 @@ def test_five_dofs_at_a_node_are_two_planes_and_the_axis():
     axial = np.sqrt(2.1e11 / 7800.0) / (2 * 0.383)
     assert np.abs(found / axial - 1).min() < 1e-8
     assert (found < 1e-3).sum() == 5
+
+
+def test_a_named_point_between_nodes_is_the_node_that_other_spans_have_there():
+    length, damping = 0.383, LossFactor(0.02)
+    between = (("mid", 0.45 * length), ("tip", 0.35 * length))
+    node, named = recipe(elements=20, damping=damping), recipe(elements=3, damping=damping, points=between)
+    assert list(named.positions) == ["1", "2", "tip", "mid", "3", "4"]
+    assert named.positions["tip"] == pytest.approx(node.positions["8"])
+    assert named.whole.length == length
+    values = []
+    for made, dofs in ((node, ("8:y", "21:y", "10:rz")), (named, ("tip:y", "4:y", "mid:rz"))):
+        built = made.structure(mesh=made.mesh((*CLAMP.labels, *dofs), 3000.0))
+        direct = DirectSolve(built, CLAMP, Ports(np.linspace(1.0, 3000.0, 200), dofs, dofs))
+        values.append(direct.receptance(TABLE_3))
+    assert_allclose(values[0], values[1], rtol=1e-6, atol=1e-9 * np.abs(values[0]).max())
+
+
+@pytest.mark.parametrize("points", [(("12", 0.1),), (("tip", 0.4),), (("tip", 0.0383),), (("tip", -0.1),)])
+def test_a_point_that_is_no_place_between_nodes_is_refused(points):
+    with pytest.raises(ModelError, match=r"^beam: found the point .* mm; expected .*; take the node there, or move it"):
+        recipe(points=points)

@@ -658,13 +658,14 @@ def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, mea
     rigid = NaturalFrequencies(family, joint, count).frequency_hz(np.eye(joint.size) * RIGID)[0]
     for number, (mode, highest) in enumerate(zip(modes, rigid, strict=False), 1):
         if mode.frequency_hz > _ABOVE_RIGID * highest:
-            ratio, stated = float(np.median([each.damping_ratio for each in modes])), ""
+            model = "correct Young's modulus, density, length or section"
+            remedy = f"{model}, or lower f_min_hz if a mode was missed"
             if measured.modes is None:  # only the damping rests on the numbers of modes
-                stated = f"write ratio = {ratio:.2g} for the damping where mode 1 is below the band, "
+                ratio = float(np.median([each.damping_ratio for each in modes]))
+                remedy = f"write ratio = {ratio:.2g}, lower f_min_hz, or {model}"
             raise MeasurementError(
                 f"found mode {number} at {mode.frequency_hz:.4g} Hz; expected {highest:.4g} Hz at most "
-                f"({'rigid joint' if joint.size else 'free structure'}); {stated}correct Young's modulus, density, "
-                "length or section, or lower f_min_hz if a mode was missed"
+                f"({'rigid joint' if joint.size else 'free structure'}); {remedy}"
             )
 
 

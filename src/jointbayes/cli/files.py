@@ -2,6 +2,7 @@
 
 import re
 import sys
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +18,7 @@ from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
     from jointbayes.case.case import Case
+    from jointbayes.inference import Test
 
 #: Formats of `simulate`, each with the endings that choose it.
 FORMATS: dict[str, tuple[str, ...]] = {
@@ -220,10 +222,11 @@ def _understood(case: "Case") -> list[str]:
     from jointbayes.posterior.summary import specimen_line
     from jointbayes.rounding import number
 
-    told = [line for test in case.problem.tests for line in str(test).split("\n")]
-    rows = [re.sub(r"\b[A-Z]\w+\(|\)", "", line) for line in told]  # without the names of classes
-    rows = [re.sub(r"(?<=[a-z])[A-Z](?=[a-z])", lambda found: f" {found[0].lower()}", line) for line in rows]
-    rows = [*filter(None, [specimen_line(case.about)]), *rows]
+    rows = [line for line in (specimen_line(case.about),) if line]
+    for test in case.problem.tests:
+        told = [re.sub(r"\b[A-Z]\w+\(|\)", "", line) for line in str(test).split("\n")]  # without names of classes
+        rows += [re.sub(r"(?<=[a-z])[A-Z](?=[a-z])", lambda found: f" {found[0].lower()}", line) for line in told]
+        rows += _model_rows(test)
     prior = case.problem.prior
     theta = prior.sample(np.random.default_rng(0), 20_000)  # as the report: what no joint can be is cut off
     values = np.column_stack([prior.values(theta), prior.nuisance_values(theta)])
@@ -233,6 +236,30 @@ def _understood(case: "Case") -> list[str]:
         low, high = (number(float(end), 3) for end in np.quantile(column, [0.025, 0.975]))
         rows.append(f"unknown {name}: 95 % of the prior from {low} to {high}{'' if unit == '1' else f' {unit}'}")
     return rows
+
+
+def _model_rows(test: "Test") -> Iterator[str]:
+    """Material and section of each body as understood, and where the DOFs are at which something acts or is seen."""
+    from jointbayes.structure.frame_recipe import MemberRecipe
+
+    recipe, alike = getattr(test.structures, "recipe", None), dict[str, list[str]]()
+    for name, body in recipe.bodies if isinstance(recipe, MemberRecipe) else ():
+        for member in body.members:
+            made, section = member.material, member.section
+            sizes = [f"{1e3 * size:g}" for size in section.dimensions if size]
+            shape = "circle" if section.shape == "tube" and len(sizes) == 1 else section.shape
+            words = f"{made.youngs_modulus / 1e9:g} GPa, {made.density:g} kg/m³; {shape} {' × '.join(sizes)} mm"
+            alike.setdefault(words, []).append(name or f"{member.points[0]} to {member.points[-1]}")
+    for words, of in alike.items():
+        which = f" of {', '.join(dict.fromkeys(of))}" if len(alike) > 1 else ""
+        yield f"material and section{which}: {words}"
+    at: dict[str, list[str]] = {}
+    for label in dict.fromkeys((*test.joints.labels, *test.data.dofs)):
+        if (place := test.structures.position(label)) is not None:
+            x, *across = (f"{1e3 * number:.6g}" for number in place)
+            at.setdefault(f"{x} mm" if not any(place[1:]) else f"({x}, {', '.join(across)}) mm", []).append(label)
+    for where, labels in at.items():
+        yield f"at {where}: {', '.join(labels)}"
 
 
 @click.command()

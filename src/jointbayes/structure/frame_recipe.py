@@ -19,6 +19,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from numbers import Integral
+from operator import itemgetter
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -673,6 +674,7 @@ def _prefix(name: str) -> str:
 
 
 _DIRECTIONS: dict[int, tuple[str, ...]] = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}  # by the DOFs of a node
+_NEAR = 1e-6  # of the length: a point so near to a node is that node
 _LEAST, _MOST, _MOST_SPANS = 1e-6, 1e6, 10_000  # of a length in m, a coefficient; and equal spans
 
 #: Quantities of a beam that may be uncertain, beside ``damping_ratio_1`` and so on.
@@ -712,6 +714,8 @@ class BeamRecipe(MemberRecipe):
         matter to the paper's element.
     axial_force
         Force along it at rest, N, tension positive, see `Member`.
+    points
+        Further points between the numbered ones: name and distance from node 1, m. They move with its length.
     supports, accelerometer_mass, added_mass, accelerometer_dofs, element
         See `Recipe`.
 
@@ -735,6 +739,7 @@ class BeamRecipe(MemberRecipe):
     element: ElementKind = "converged"
     richer: bool = False
     axial_force: float = 0.0
+    points: tuple[tuple[str, float], ...] = ()
 
     kind: ClassVar[str] = "beam"
     quantities: ClassVar[tuple[str, ...]] = STRUCTURE_QUANTITIES
@@ -757,6 +762,14 @@ class BeamRecipe(MemberRecipe):
             )
         if self.dofs_per_node not in _DIRECTIONS:
             raise ModelError(f"beam: found {self.dofs_per_node} DOFs per node; expected 2 or 5; correct them")
+        nodes = [place[0] for point, place in self.positions.items() if point.isdecimal()]
+        for name, place in self.points:
+            near = min(abs(place - x) for x in nodes) < _NEAR * self.length
+            if name.isdecimal() or near or not 0 < place < self.length:
+                raise ModelError(
+                    f"beam: found the point {printable(name)!r} at {1e3 * place:g} mm; expected a name that is no "
+                    f"number, and a place between nodes, 0 to {1e3 * self.length:g} mm; take the node there, or move it"
+                )
         for label in (*self.supports, *self.accelerometer_dofs):
             self.require_dof(label)
 
@@ -772,21 +785,31 @@ class BeamRecipe(MemberRecipe):
 
     @cached_property
     def bodies(self) -> tuple[tuple[str, FrameBody], ...]:
-        """Its one member, through all numbered points."""
-        last = str(self.elements + 1)
+        """Its one member, through all numbered points and those between."""
+        between = {name: self.length * i / self.elements for i, name in self._nodes_beside()} | dict(self.points)
+        return (("", self._body(between)),)
+
+    def _nodes_beside(self) -> set[tuple[int, str]]:
+        """Spans before, and names, of the numbered points on both sides of each further one."""
+        spans = {int(self.elements * place / self.length) + side for _, place in self.points for side in (0, 1)}
+        return {(i, str(i + 1)) for i in spans if 0 < i < self.elements}
+
+    def _body(self, between: Mapping[str, float]) -> FrameBody:
+        places = {"1": 0.0, **dict(sorted(between.items(), key=itemgetter(1))), str(self.elements + 1): self.length}
         shear, force = self.shear_coefficient, self.axial_force
-        member = Member(("1", last), self.section, self.material, shear_coefficient=shear, axial_force=force)
-        return (("", FrameBody((("1", (0.0, 0.0, 0.0)), (last, (self.length, 0.0, 0.0))), (member,))),)
+        member = Member(tuple(places), self.section, self.material, shear_coefficient=shear, axial_force=force)
+        return FrameBody(tuple((name, (x, 0.0, 0.0)) for name, x in places.items()), (member,))
 
     @cached_property
     def positions(self) -> dict[str, tuple[float, float, float]]:
-        """Place of every numbered point, m."""
-        return {str(i + 1): (self.length * i / self.elements, 0.0, 0.0) for i in range(self.elements + 1)}
+        """Place of every point along it, m."""
+        numbered = [(str(i + 1), self.length * i / self.elements) for i in range(self.elements + 1)]
+        return {name: (x, 0.0, 0.0) for name, x in sorted((*numbered, *self.points), key=itemgetter(1))}
 
     @cached_property
     def whole(self) -> Stretch:
         """All of it as one piece."""
-        return segments_of(self.bodies[0][1], ())[0].stretch
+        return segments_of(self._body({}), ())[0].stretch
 
     def own_stiffness(self, row: str, column: str) -> float:
         """EI/L³ (N/m), EI/L² (N) or EI/L (N·m/rad) of two DOFs, of bending in the plane of the first."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from operator import itemgetter
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field, Strict
@@ -41,6 +42,11 @@ if TYPE_CHECKING:
     from jointbayes.structure import BeamRecipe, MatrixRecipe, ViscousMatrix
     from vibrecords.arrays import Array
 
+_AT = Field(
+    description="further points between the nodes: name and distance from node 1 in mm, above 0, as { tip = 250.0 }",
+    examples=[{"tip": 250.0}],
+    max_length=100,
+)
 _DIRECTIONS = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}
 _SHEAR = key_field('the shear coefficient, "cowper" or a number above 0 and at most 1', "cowper")
 _ELEMENT = key_field(
@@ -62,6 +68,7 @@ class BeamSpec(StructureBase):
     density_kg_m3: Annotated[float, positive("the density in kg/m³", 7800.0)]
     shear_coefficient: Annotated[Literal["cowper"] | Fraction, _SHEAR] = "cowper"
     axial_force_n: Annotated[float, FORCE] = 0.0
+    at_mm: Annotated[dict[PointName, Positive], _AT] = {}  # noqa: RUF012 (pydantic copies it)
     section: SectionSpec
     damping: Annotated[LAWS, DAMPING]
 
@@ -71,9 +78,15 @@ class BeamSpec(StructureBase):
         return _DIRECTIONS[self.dofs_per_node]
 
     @property
+    def places_mm(self) -> dict[str, float]:
+        """Distance of every point from node 1, mm, in their order along the beam."""
+        numbered = [(str(i + 1), self.length_mm * i / self.elements) for i in range(self.elements + 1)]
+        return dict(sorted((*numbered, *self.at_mm.items()), key=itemgetter(1)))
+
+    @property
     def points_in_order(self) -> tuple[str, ...]:
-        """Numbers of all nodes."""
-        return tuple(str(node) for node in range(1, self.elements + 2))
+        """Numbers of all nodes and names of all points between, along the beam."""
+        return tuple(self.places_mm)
 
     @property
     def spans(self) -> int:
@@ -97,8 +110,8 @@ class BeamSpec(StructureBase):
     def absent(self, label: str) -> Absence | None:
         """What to say of a DOF that does not exist."""
         (node, _, direction), last = label.rpartition(":"), self.elements + 1
-        if not node.isdecimal() or int(node) > last:
-            expected = f"a node from 1 to {last} (elements + 1)"
+        if node not in self.at_mm and (not node.isdecimal() or int(node) > last):
+            expected = f"a node from 1 to {last} (elements + 1), or a point that structure.at_mm names"
             return f'"{label}": there is no node {node}', expected, f'write for example "{last}:{direction}"'
         if direction not in self.directions:
             fault = f'"{label}": no direction {direction} with dofs_per_node = {self.dofs_per_node}'
@@ -108,7 +121,7 @@ class BeamSpec(StructureBase):
 
     def place(self, label: str) -> str:
         """Where a node is along the beam."""
-        return f"{self.length_mm * ((int(label.rpartition(':')[0]) - 1) / self.elements):.4g} mm"
+        return f"{self.places_mm[label.rpartition(':')[0]]:.4g} mm"
 
     def recipe(self, loaded: tuple[str, ...]) -> BeamRecipe:
         """The beam, with accelerometers where they sit."""
@@ -127,7 +140,24 @@ class BeamSpec(StructureBase):
             accelerometer_dofs=loaded,
             element=self.element,
             axial_force=self.axial_force_n,
+            points=tuple((name, place * 1e-3) for name, place in self.at_mm.items()),
         )
+
+    def _findings(self) -> Iterator[Finding]:
+        """Yield points that are no place between two nodes, or in a beam of equal elements only."""
+        yield from super()._findings()
+        for name, place in self.at_mm.items():
+            fault, node = f"found {place:g} mm", 1 + round(self.elements * place / self.length_mm)
+            if name.isdecimal():
+                yield Finding(("at_mm", name), f'found the name "{name}"', "a word, as tip", "rename it")
+            elif place > self.length_mm:
+                expected = f"a place on the beam, up to {self.length_mm:g} mm"
+                yield Finding(("at_mm", name), fault, expected, "correct it or structure.length_mm")
+            elif abs(place - self.length_mm * (node - 1) / self.elements) <= 1e-6 * self.length_mm:
+                yield Finding(("at_mm", name), f"{fault}, where node {node} is", "a place between", f'write "{node}:y"')
+        if self.at_mm and self.element == "paper":
+            fault = 'found it with element = "paper", whose elements are equal'
+            yield Finding(("at_mm",), fault, 'element = "converged"', "write it so, or choose elements that divide")
 
 
 _GROUND = "ground"
