@@ -208,13 +208,6 @@ def test_a_wrong_model_is_blamed_where_many_starts_agree_and_the_search_where_ha
     assert not replace(wrong, squares=1.1).sentence
 
 
-def test_starts_that_failed_are_named_up_to_eight(cheap_posterior):
-    failed = replace(cheap_posterior.estimate.starts[0], reached_mode=False)
-    starts = tuple(replace(failed, name=f"start {i}") for i in range(11))
-    assert replace(cheap_posterior.estimate, starts=starts).failed_text.endswith("start 6, start 7, and 3 more")
-    assert replace(cheap_posterior.estimate, starts=starts[:2]).failed_text == "start 0, start 1"
-
-
 def test_where_the_search_stands_is_kept_with_the_posterior(cheap_posterior, tmp_path):
     moved = replace(cheap_posterior.estimate, effort=SearchEffort(20.0, 1.2, 40, 17, 1))
     replace(cheap_posterior, estimate=moved).save(tmp_path / "p.nc")

@@ -181,8 +181,8 @@ def test_joints_of_set_ups_are_found_by_their_names():
     np.testing.assert_allclose(k[:2, :2], pair_matrix(0.5 * TABLE_3))
     np.testing.assert_allclose(k[2:4, 2:4], pair_matrix(TABLE_3))
     np.testing.assert_allclose(k[4:, 4:], pair_matrix(TABLE_3))
-    assert problem.parts[1].parametrisation.unused
-    assert not problem.parts[0].parametrisation.unused
+    acting = [[bool(quantity.places) for quantity in part.parametrisation.quantities] for part in problem.parts]
+    assert (all(acting[0]), all(acting[1])) == (True, False)
 
 
 @pytest.mark.parametrize(

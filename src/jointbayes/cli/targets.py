@@ -49,7 +49,7 @@ def require_free(target: Path, option: str, *, posterior: bool = False) -> None:
         )
 
 
-def require_outside(directory: Path, option: str = "--out") -> None:
+def require_outside(directory: Path) -> None:
     """Refuse a directory to write that holds what the command reads.
 
     Raises
@@ -60,7 +60,7 @@ def require_outside(directory: Path, option: str = "--out") -> None:
     for read in manner().read:
         if directory.is_dir() and any(_is_same(directory, above) for above in Path(os.path.realpath(read)).parents):
             raise CaseError(f"{directory}: found {read.name} in it, which is read; expected another directory; choose "
-                            f"another {option}")  # fmt: skip
+                            "another --out")  # fmt: skip
 
 
 def _is_same(one: Path, other: Path) -> bool:

@@ -16,7 +16,6 @@ from vibrecords.notebook_view import paragraph_html, table_html
 GAIN = 0.5
 #: A mode that fewer starts than this ended at may hide a better one.
 LEAST_AGREEING = 3
-_NAMED = 8  # starts in a sentence
 _HALF_OF_95 = 1.959964  # standard deviations of a normal distribution, either way
 
 
@@ -197,13 +196,6 @@ class MapEstimate:
     def failed_starts(self) -> tuple[str, ...]:
         """Names of the starts that ended elsewhere."""
         return tuple(s.name for s in self.starts if not s.reached_mode)
-
-    @property
-    def failed_text(self) -> str:
-        """The same in words, no more than eight of them by name."""
-        names = list(self.failed_starts)
-        more = [f"and {len(names) - _NAMED} more"] if len(names) > _NAMED else []
-        return ", ".join(names[:_NAMED] + more)
 
     @property
     def sentence(self) -> str:

@@ -125,11 +125,6 @@ class Parametrisation(ABC):
         return 1 + max((*rows, *self.held), default=-1)
 
     @property
-    def unused(self) -> bool:
-        """Whether K^J leaves some of the quantities out, as that of one of several set-ups may."""
-        return any(not quantity.places for quantity in self.quantities)
-
-    @property
     def cones(self) -> tuple[Cone, ...]:
         """Where joints are positive definite, unless the bounds of each coordinate say so."""
         return ()
