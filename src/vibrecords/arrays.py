@@ -35,6 +35,12 @@ def complex_of(real: NDArray[Any], imaginary: NDArray[Any]) -> ComplexArray:
     return values
 
 
+def stretch_about(low: Flags, top: int) -> tuple[int, int]:
+    """Ends of the stretch about a place that is not low: its first place, and the one behind its last."""
+    before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
+    return int(before[-1]) + 1 if before.size else 0, top + int(after[0]) if after.size else low.size
+
+
 def convert_fields(instance: object, convert: Callable[[Any], object], *names: str) -> None:
     """Convert fields of a frozen dataclass where they are not None, while it is made."""
     for name in names:

@@ -2,7 +2,7 @@
 
 import itertools
 import re
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,9 +10,17 @@ import numpy as np
 
 from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.table import column_records, place_records
-from vibrecords.formats.table_text import Column, Lines, bad_number, column_of, float_of, read_rows, text_lines
-from vibrecords.records import MOST_COLUMNS, Record, require_short
+from vibrecords.formats.table_text import (
+    Column,
+    ColumnTable,
+    Lines,
+    bad_number,
+    column_of,
+    float_of,
+    read_rows,
+    text_lines,
+)
+from vibrecords.records import MOST_COLUMNS, require_short
 
 _END = "***End_of_Header***"
 
@@ -38,8 +46,8 @@ class _Segment:
         return [*self.fields.get(key, []), *[""] * count][:count]
 
 
-def read_lvm(path: Path) -> Generator[Record, None, None]:
-    """Records of a LabVIEW measurement file; a segment or block that comes again counts as the next hit.
+def read_lvm(path: Path) -> Iterator[ColumnTable]:
+    """Tables of a LabVIEW measurement file; a segment or block that comes again counts as the next hit.
 
     Raises
     ------
@@ -65,7 +73,7 @@ def read_lvm(path: Path) -> Generator[Record, None, None]:
                 "is cut off within a number, export it again"
             )
         hit = number if number > 1 or following is not None else None
-        yield from place_records(_records(segment, names, values, layout), f"segment {number}", hit)
+        yield _table(segment, names, values, layout, f"segment {number}", hit)
         block = following
 
 
@@ -172,7 +180,9 @@ def _split_rows(lines: Lines, layout: _Layout, count: int) -> Iterator[tuple[int
         yield number, fields
 
 
-def _records(segment: _Segment, names: list[str], values: Array, layout: _Layout) -> Iterator[Record]:
+def _table(
+    segment: _Segment, names: list[str], values: Array, layout: _Layout, place: str, hit: int | None
+) -> ColumnTable:
     count = len(names)
     units, dimensions, axis_units = (segment.each(k, count) for k in ("y_unit_label", "x_dimension", "x_unit_label"))
     notes = _clock(segment, names, values, layout)
@@ -193,7 +203,7 @@ def _records(segment: _Segment, names: list[str], values: Array, layout: _Layout
     for note in segment.each("notes", 1)[0].split(";"):
         key, _, value = note.partition(":")
         comments[key.strip().lower()] = value.strip()
-    yield from column_records(columns, values, comments, notes)
+    return ColumnTable(columns, values, comments, notes, None, place, hit)
 
 
 @np.errstate(all="ignore")

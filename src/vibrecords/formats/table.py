@@ -1,7 +1,7 @@
 """FRFs, time histories and spectra of tables, whatever file they stand in: what the columns are is told by evidence."""
 
 import re
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from vibrecords.errors import MeasurementError
 from vibrecords.formats import table_text as headers
 from vibrecords.formats.table_text import (
     Column,
+    ColumnTable,
     Role,
     TextTable,
     column_of,
@@ -40,7 +41,7 @@ def read_table(path: Path, layout: Mapping[str, str] | None = None) -> Generator
 
 def table_records(
     table: TextTable, layout: Mapping[str, str] | None = None, notes: tuple[str, ...] = ()
-) -> Iterator[Record]:
+) -> Generator[Record, None, None]:
     """Records of a table; `layout` may say of its first column that it is ``axis``: time or frequency_hz."""
     columns = [column_of(name) for name in table.header]
     if columns[0].header.lower() in ("x", "sequence") and "increment" in table.comments:  # of an oscilloscope
@@ -103,12 +104,13 @@ def column_records(
             )
 
 
-def place_records(records: Iterator[Record], place: str, hit: int | None = None) -> Iterator[Record]:
-    """Records with the part of the file they stand in before their place, and as the hit that it holds, if it does."""
-    for record in records:
-        if hit is not None and isinstance(record, TimeRecord) and record.hit is None:
-            record = replace(record, hit=hit)
-        yield replace(record, where=f"{place}, {record.where}")
+def records_of_tables(tables: Iterable[ColumnTable]) -> Generator[Record, None, None]:
+    """Records of all, each with the part of the file before its place, and as the hit that this holds, if it does."""
+    for table in tables:
+        for record in column_records(table.columns, table.values, table.comments, table.notes, table.axis):
+            if table.hit is not None and isinstance(record, TimeRecord) and record.hit is None:
+                record = replace(record, hit=table.hit)
+            yield replace(record, where=f"{table.place}, {record.where}")
 
 
 @dataclass(slots=True)

@@ -298,6 +298,29 @@ Lines = Iterator[tuple[int, str]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ColumnTable:
+    """Columns that make records together, and where in the file they stand.
+
+    Parameters
+    ----------
+    columns, values, comments, notes, axis
+        As `vibrecords.formats.table.column_records` takes them.
+    place
+        Part of the file: ``"segment 2"``.
+    hit
+        Number of the hit that it holds; None where it holds no single one.
+    """
+
+    columns: Sequence[Column]
+    values: Array
+    comments: Mapping[str, str]
+    notes: tuple[str, ...]
+    axis: str | None
+    place: str
+    hit: int | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class TextTable:
     """Numbers of a table, shape (rows, columns), with its header.
 

@@ -1,7 +1,7 @@
 """LabVIEW's binary files (``.tdms``), by npTDMS: channels of groups with their own clocks."""
 
 import logging
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.table import column_records, place_records
-from vibrecords.formats.table_text import Column, Role, column_of, describe, layout_axis
-from vibrecords.records import MOST_COLUMNS, Record, refuse_damage, require_short
+from vibrecords.formats.table_text import Column, ColumnTable, Role, column_of, describe, layout_axis
+from vibrecords.records import MOST_COLUMNS, refuse_damage, require_short
 
 #: Scales of a channel: npTDMS looks at each, however many a damaged file promises.
 _MOST_SCALES = 100
 
 
-def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Generator[Record, None, None]:
-    """Records of the groups; groups with the same channels are hits.
+def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Iterator[ColumnTable]:
+    """Tables of the groups; groups with the same channels are hits.
 
     Sensitivities are applied where DAQmx wrote its scaling, once: npTDMS gives engineering units.
 
@@ -61,8 +60,7 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Generator[
     alike = len(groups) > 1 and len({tuple(c.name for c in channels) for channels in groups.values()}) == 1
     for number, (name, members) in enumerate(groups.items(), start=1):
         require_short("group", name, *(text for c in members for text in (c.name, c.unit)))
-        records = _group_records(name, members, layout, notes)
-        yield from place_records(records, f"group {name[:60]!r}", number if alike else None)
+        yield _group_table(name, members, layout, notes, number if alike else None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,10 +91,11 @@ def _channel(channel: Any) -> _Channel:  # noqa: ANN401 - npTDMS has no types
     return _Channel(channel.name, unit, channel[:], bool(known), clock)
 
 
-def _group_records(
-    name: str, channels: list[_Channel], layout: Mapping[str, str] | None, notes: tuple[str, ...]
-) -> Iterator[Record]:
-    """Records of a group: channels of one clock make a table behind a column of frequency or time."""
+def _group_table(
+    name: str, channels: list[_Channel], layout: Mapping[str, str] | None, notes: tuple[str, ...], hit: int | None
+) -> ColumnTable:
+    """Table of a group: channels of one clock stand behind a column of frequency or time."""
+    place = f"group {name[:60]!r}"
     columns: list[Column] = []
     arrays: list[NDArray[Any]] = []
     clocks = dict.fromkeys(c.clock for c in channels if c.has_clock)
@@ -115,7 +114,7 @@ def _group_records(
                 arrays.append(values)
     if not clocks and not any(column.role in ("time", "frequency") for column in columns) and not layout:
         raise MeasurementError(
-            f"group {name[:60]!r}: found {describe(columns)} without a wf_increment; expected the "
+            f"{place}: found {describe(columns)} without a wf_increment; expected the "
             "time between samples, or a channel named time or frequency; export the channels as waveforms"
         )
     table = np.full((max(a.size for a in arrays), len(arrays)), np.nan)
@@ -123,4 +122,4 @@ def _group_records(
         table[: array.size, i] = array
     left = [c.name for c in channels if clocks and not c.has_clock]
     notes += (f"without a wf_increment, passed over: {', '.join(left)[:200]}",) if left else ()
-    yield from column_records(columns, table, {}, notes, layout_axis(layout))
+    return ColumnTable(columns, table, {}, notes, layout_axis(layout), place, hit)

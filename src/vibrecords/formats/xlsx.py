@@ -1,23 +1,21 @@
 """Tables in Excel workbooks (``.xlsx``): the first sheet that holds one, read as a table in text is."""
 
 import warnings
-from collections.abc import Generator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.array_files import zip_entries
-from vibrecords.formats.table import table_records
-from vibrecords.formats.table_text import Lines, read_text_table
-from vibrecords.records import Record, refuse_damage
+from vibrecords.formats.table_text import Lines, TextTable, read_text_table
+from vibrecords.records import refuse_damage
 
 #: Bytes of a workbook unpacked, and cells of its sheets; the largest sheet that Excel writes has 10^6 rows.
 _MOST_BYTES, _MOST_CELLS, _MOST_SHEETS = 2**29, 20_000_000, 50
 
 
-def read_xlsx(path: Path, layout: Mapping[str, str] | None = None) -> Generator[Record, None, None]:
-    """Records of the first sheet with rows of numbers; `layout` as for tables in text.
+def read_xlsx(path: Path) -> tuple[TextTable, str]:
+    """Table of the first sheet with rows of numbers, and a note on which that is.
 
     Raises
     ------
@@ -43,15 +41,10 @@ def read_xlsx(path: Path, layout: Mapping[str, str] | None = None) -> Generator[
         with closing(openpyxl.load_workbook(file, read_only=True, data_only=True)) as workbook:
             for sheet in workbook.worksheets[:_MOST_SHEETS]:
                 try:
-                    table = read_text_table(_lines(sheet))
+                    return read_text_table(_lines(sheet)), f"sheet {sheet.title[:40]!r}"
                 except MeasurementError as error:
                     refused = refused or MeasurementError(f"sheet {sheet.title[:40]!r}, {error}")
-                    continue
-                notes = (f"sheet {sheet.title[:40]!r}",)
-                break
-            else:
-                raise refused or MeasurementError("workbook: found no sheet; expected a table; save it as CSV")
-    yield from table_records(table, layout, notes)
+            raise refused or MeasurementError("workbook: found no sheet; expected a table; save it as CSV")
 
 
 def _lines(sheet: Any) -> Lines:  # noqa: ANN401 - openpyxl has no types

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy  # its parts load at first use
 
-from vibrecords.arrays import Array, Flags
+from vibrecords.arrays import Array, stretch_about
 from vibrecords.errors import MeasurementError
 from vibrecords.records import TimeRecord, measurable
 
@@ -179,12 +179,6 @@ def _pulse_end(block: Array, trigger: int) -> int:
     """Sample after the first pulse: where the force, once triggered, changes its sign."""
     back = np.flatnonzero(np.sign(block[trigger]) * block[trigger:] <= 0)
     return trigger + (int(back[0]) if back.size else block.size - trigger)
-
-
-def stretch_about(low: Flags, top: int) -> tuple[int, int]:
-    """Ends of the stretch about a place that is not low: its first place, and the one behind its last."""
-    before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
-    return int(before[-1]) + 1 if before.size else 0, top + int(after[0]) if after.size else low.size
 
 
 def is_clipped(values: Array, full_scale: float | None = None) -> bool:

@@ -6,11 +6,10 @@ from functools import cached_property
 import numpy as np
 import scipy  # its parts load at first use
 
-from vibrecords.arrays import Array, ComplexArray, Quantity, quantity_factor
+from vibrecords.arrays import Array, ComplexArray, Quantity, quantity_factor, stretch_about
 from vibrecords.driven import driven_lines
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
-from vibrecords.signals.hits import stretch_about
 
 #: A resonance rises above both sides by this factor, and above the noise by that.
 _RISE, _ABOVE_NOISE = 3.0, 10.0
