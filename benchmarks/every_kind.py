@@ -135,21 +135,26 @@ def section(rows: Sequence[dict[str, Any]]) -> str:
     main = statistics.median(row["seconds"] for row in rows if row["kind"] == "main case")
     runs, lines = [row for row in rows if row["kind"] != "main case"], []
     for kind in KINDS:
-        for form in FORMS:
-            some = [row for row in runs if (row["kind"], row["form"]) == (kind, form)]
-            if some:
-                times = [row["seconds"] / main for row in some]
-                ended = sum(row["report"] and row["status"] in (0, 3) for row in some)
-                figures = f"{statistics.median(times):.2f}", f"{max(times):.2f}"
-                lines.append((kind, form, str(len(some)), str(ended), *figures))
+        some = {form: [row for row in runs if (row["kind"], row["form"]) == (kind, form)] for form in FORMS}
+        if any(some.values()):
+            lines.append((kind, *(_figures(rows, main) for rows in some.values())))
     ratios = np.array([row["seconds"] / main for row in runs])
     whole = (
         f"Of {len(runs)} runs {sum(row['report'] for row in runs)} left a report; {int((ratios <= 2).sum())} took at "
         f"most 2 times, {int((ratios <= 4).sum())} at most 4 times the processor time of the main case, {main:.1f} s."
     )
     where = environment()
-    head = ("kind", "data", "runs", "with a report", "median over the main case", "longest")
+    head = ("kind", *(f"{form}: median, longest; reports of runs" for form in FORMS))
     return "\n".join([*table(head, lines), "", f"{whole} {where['date']}, {where['cpu']}, Python {where['python']}."])
+
+
+def _figures(rows: Sequence[dict[str, Any]], main: float) -> str:
+    """Times over that of the main case, and how many runs ended with a report."""
+    if not rows:
+        return "–"
+    times = [row["seconds"] / main for row in rows]
+    ended = sum(row["report"] and row["status"] in (0, 3) for row in rows)
+    return f"{statistics.median(times):.2f}, {max(times):.2f}; {ended} of {len(rows)}"
 
 
 def main() -> None:

@@ -1,6 +1,7 @@
 """What the study with an exact beam found, as figures and as tables of docs/trust.md."""
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -183,13 +184,11 @@ def _mode(subjects: Mapping[str, Any]) -> tuple[str, list[str]]:
 
 def _bounds(subjects: Mapping[str, Any]) -> tuple[str, list[str]]:
     (data,) = subjects.values()
-    rows = [
-        (bound, ", ".join(f"{verdict}: {count}" for verdict, count in sorted(verdicts.items())))
-        for bound, verdicts in data["verdicts"].items()
-    ]
+    counts = Counter[str]()
+    for verdicts in data["verdicts"].values():
+        counts.update(verdicts)
     lines = [
-        *table(("bound, and truth beyond it", "verdicts"), rows),
-        "",
+        f"Verdicts: {', '.join(f'{verdict} {count}' for verdict, count in counts.most_common())}.",
         f'Called "identified" or "weakly identified": {data["called_identified"]} of {data["count"]}; '
         f'"bounded below" or "bounded above": {data["bounded"]}.',
         "",

@@ -121,21 +121,28 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 def section(results: Mapping[str, Mapping[str, Any]]) -> str:
     """A table of what was counted, and where it was analysed."""
     rows = [
-        (kind, str(data["cases"]), name, *(str(counts.get(verdict, 0)) for verdict in VERDICTS))
+        (kind, str(data["cases"]), *(_counts(data["verdicts"], verdict) for verdict in VERDICTS))
         for kind, data in results.items()
-        for name, counts in data["verdicts"].items()
     ]
     environments = [data["environment"] for data in results.values()]
     seconds = ", ".join(f"{data['median_seconds']:.0f}" for data in results.values())
     place = f"{environments[0]['date']}, {environments[0]['cpu']}, Python {environments[0]['python']}, one core"
     return "\n".join(
         [
-            *table(("counted", "bars", "stiffness", *VERDICTS), rows),
+            "Bars by verdict, of k11, k12, k22:",
+            "",
+            *table(("counted", "bars", *VERDICTS), rows),
             "",
             f"{place}: {seconds} s a bar.",
             "",
         ]
     )
+
+
+def _counts(verdicts: Mapping[str, Mapping[str, int]], verdict: str) -> str:
+    """Bars with this verdict, by stiffness; once where all are alike."""
+    counts = [str(of_one.get(verdict, 0)) for of_one in verdicts.values()]
+    return counts[0] if len(set(counts)) == 1 else ", ".join(counts)
 
 
 def main() -> None:

@@ -27,7 +27,7 @@ def section(name: str, data: Data) -> str:
     """One section with where it was measured."""
     title, body = _SECTIONS[name]
     short = ["**A short run to try the script: these figures say nothing.**\n"] if data["quick"] else []
-    return "\n".join([f"## {title}\n", *short, _where(data["environment"]), "", *body(data)]) + "\n"
+    return "\n".join([f"## {title}\n", *short, _where(data["environment"], name), "", *body(data)]) + "\n"
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -50,8 +50,14 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
     return [f"| {' | '.join(r)} |" for r in (names, ["---"] * len(names), *map(list, rows))]
 
 
-def _where(environment: Data) -> str:
-    versions = ", ".join(f"{name} {v}" for name, v in environment["packages"].items() if v is not None)
+#: Packages that a section measures or computes with; `results.json` has all.
+_PACKAGES = ("jointbayes", "numpy", "scipy", "numba")
+_PEERS = ("emcee", "dynesty", "nautilus-sampler", "blackjax")
+
+
+def _where(environment: Data, section: str) -> str:
+    names = _PACKAGES + (_PEERS if section == "samplers" else ())
+    versions = ", ".join(f"{name} {v}" for name, v in environment["packages"].items() if v and name in names)
     return f"{environment['date']}, one core, {environment['cpu']}, Python {environment['python']}; {versions}."
 
 
@@ -110,7 +116,7 @@ def _samplers(data: Data) -> list[str]:
             "",
             *table((h.format(wanted=wanted) for h in _SAMPLER_HEAD), (_sampler_row(r) for r in case["rows"])),
             "",
-            *(f"- {r['method']}: {_note(r)}" for r in case["rows"] if r.get("note")),
+            *(f"- {r['method']}: {r['note']}" for r in case["rows"] if r.get("note") and not r["extrapolated"]),
             "",
         ]
     return lines
@@ -122,7 +128,6 @@ _SAMPLER_HEAD = (
     "ESS",
     "ESS per second",
     "evaluations per effective sample",
-    "compiling, s",
     "seconds to {wanted} ESS",
     "of CPU",
     "mean off by, sd",
@@ -140,18 +145,13 @@ deviations furthest from 1, to the jointbayes row; Monte Carlo error about 1/√
 """
 
 
-def _note(row: Data) -> str:
-    """What is to be said of a sampler; of an extrapolated one the likelihood alone."""
-    return row["note"].split("; measured µs")[0] if row["extrapolated"] else row["note"]
-
-
 def _sampler_row(row: Data) -> tuple[str, ...]:
     name = row["method"] + (" (extrapolated)" if row["extrapolated"] else "")
     if row.get("missing"):
         return (name, row["missing"], *["–"] * (len(_SAMPLER_HEAD) - 2))
     figures = (
         *("us_per_likelihood", "ess", "ess_per_second", "evaluations_per_effective"),
-        *("compile_seconds", "seconds_to_wanted", "cpu_to_wanted", "mean_difference", "sd_ratio"),
+        *("seconds_to_wanted", "cpu_to_wanted", "mean_difference", "sd_ratio"),
     )
     return (name, *(number(row.get(figure)) for figure in figures))
 

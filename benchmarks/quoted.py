@@ -27,7 +27,7 @@ OBJECTIVES: dict[str, dict[str, tuple[float, ...]]] = {
 INLINE = re.compile(r"<!--n ([\w.]+)(?: ([\w.%+]+))?-->(.*?)<!--/n-->")
 BLOCK = re.compile(r"^<!--numbers ([^\n]*?)-->\n.*?^<!--/numbers-->$", re.MULTILINE | re.DOTALL)
 MINUS = "\N{MINUS SIGN}"
-_MOST_LISTED = 4  # stiffnesses of a case in the table of all cases
+_MOST_LISTED = 3  # stiffnesses of a case in the table of all cases
 
 
 def pages() -> list[Path]:

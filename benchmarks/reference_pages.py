@@ -30,7 +30,7 @@ def command_line() -> str:
         options = _options(command, context)
         own = [option for option in options if option not in of_all + shared]
         also = ", ".join(f"`{option[0].split()[0]}`" for option in options if option in shared)
-        lines += [f"## jointbayes {name}", "", "```text", usage, "```", "", *_paragraphs(command)]
+        lines += [f"## jointbayes {name}", "", f"`{usage}`", "", *_paragraphs(command)]
         lines += [*(_table(own) if own else ()), *((f"Also {also}.", "") if also else ())]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -48,12 +48,10 @@ def _commands() -> list[tuple[str, click.Command]]:
 
 
 def _paragraphs(command: click.Command) -> Iterator[str]:
-    """Help and epilog; what click is told not to wrap stands as it is."""
+    """Help and epilog without what click is told not to wrap: examples."""
     text = "\n\n".join(inspect.cleandoc(part) for part in (command.help, command.epilog) if part)
     for paragraph in re.split(r"\n\s*\n", text):
-        if paragraph.startswith("\b"):
-            yield from ("```text", *paragraph.splitlines()[1:], "```", "")
-        else:
+        if not paragraph.startswith("\b"):
             yield from (_escaped(paragraph), "")
 
 

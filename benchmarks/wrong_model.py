@@ -209,20 +209,21 @@ def _structure(
 def table(outcomes: Sequence[Outcome]) -> str:
     """Markdown table of one beam, one row for each kind of wrongness."""
     lines = [
-        "| Wrong | Data sets | ky held | krz held | Any outside 99.9 % | of these amber or red | identified "
-        "| Amber or red of all | Upper/lower of ky, krz |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| Wrong | ky, krz held | Any outside 99.9 % (warned, identified) | Warned | Upper/lower of ky, krz |",
+        "|---|---|---|---|---|",
     ]
     for wrong in WRONGS:
         rows = [one for one in outcomes if one.wrong == wrong]
         if not rows:
             continue
         outside = [one for one in rows if one.outside]
-        cells: list[object] = [len(rows), *(sum(k in one.held for one in rows) for k in ("ky", "krz"))]
-        cells += [len(outside), sum(_warned(one) for one in outside), sum(bool(one.identified) for one in rows)]
-        widths = np.exp(np.median([one.widths for one in rows], axis=0))
-        cells += [sum(_warned(one) for one in rows), ", ".join(f"{width:.2f}" for width in widths)]
-        lines.append(f"| {wrong} | {' | '.join(map(str, cells))} |")
+        held = ", ".join(str(sum(k in one.held for one in rows)) for k in ("ky", "krz"))
+        warned, identified = sum(_warned(one) for one in outside), sum(bool(one.identified) for one in rows)
+        widths = ", ".join(f"{width:.2f}" for width in np.exp(np.median([one.widths for one in rows], axis=0)))
+        all_warned = sum(_warned(one) for one in rows)
+        lines.append(
+            f"| {wrong} | {held} of {len(rows)} | {len(outside)} ({warned}, {identified}) | {all_warned} | {widths} |"
+        )
     where = environment()
     lines += ["", f"{where['date']}, {where['cpu']}, Python {where['python']}, one core."]
     return "\n".join(lines)

@@ -255,7 +255,7 @@ def test_the_table_of_run_times_counts_reports_and_ratios():
             {"kind": "soft", "form": "FRFs", "index": 0, "status": status, "report": report, "seconds": seconds}
         )
     text = every_kind.section(rows)
-    assert "| soft | FRFs | 3 | 2 | 3.00 | 5.00 |" in text
+    assert "| soft | 3.00, 5.00; 2 of 3 | – |" in text
     assert "Of 3 runs 2 left a report; 1 took at most 2 times, 2 at most 4 times the processor time" in text
 
 

@@ -57,4 +57,4 @@ def test_verdicts_are_counted_and_those_kept_not_made_again(tmp_path, monkeypatc
     del said[1]
     data = free_bar.summary(free_bar.outcomes(FROM_ONE, 3, tmp_path / "kept.jsonl"))
     assert data["verdicts"] == {"k22": {"bounded above": 2, "no verdict": 1}}
-    assert f"| {FROM_ONE} | 3 | k22 | 0 | 0 | 2 | 0 | 0 | 1 |" in free_bar.section({FROM_ONE: data})
+    assert f"| {FROM_ONE} | 3 | 0 | 0 | 2 | 0 | 0 | 1 |" in free_bar.section({FROM_ONE: data})
