@@ -260,3 +260,27 @@ def test_a_frame_is_kept_in_a_posterior_file_as_it_is():
     assert isinstance(again, FrameFamily)
     assert again.recipe == recipe.recipe
     assert again.ranges == recipe.ranges
+
+
+@pytest.mark.parametrize(("element", "right"), [("converged", True), ("paper", False)])
+def test_a_frame_of_two_points_has_all_its_modes_where_its_elements_are_as_many_as_it_takes(element, right):
+    text = f"""
+joint = {{ kind = "springs", dofs = ["b:y"] }}
+data = {{ kind = "natural_frequencies", frequencies_hz = [300.0, 1500.0, 3000.0], sd_relative = 0.005 }}
+[structure]
+kind = "frame"
+element = "{element}"
+directions = ["y", "rz"]
+supports = ["a:y", "a:rz"]
+youngs_modulus_gpa = 210.0
+density_kg_m3 = 7800.0
+section = {{ shape = "circle", diameter_mm = 25.0 }}
+points = {{ a = [0.0, 0.0, 0.0], b = [383.0, 0.0, 0.0] }}
+members = [{{ points = ["a", "b"] }}]
+damping = {{ law = "modal", ratio = 0.01 }}
+"""
+    if right:
+        assert jb.case_from_text("case", text).problem.test.data.modes.frequency_hz.size == 3
+    else:
+        with pytest.raises(CaseError, match="3 frequencies for 2 free DOFs"):
+            jb.case_from_text("case", text)

@@ -83,6 +83,44 @@ def test_validate_says_where_each_dof_is_and_what_the_beam_is_made_of(tmp_path, 
     } <= set(entry["understood"])
 
 
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (lambda h: 1000 * h, "times as large as the model has them with any joint"),
+        (lambda h: h / 1000, "times as large as the model has them with any joint"),
+        (lambda h: h.real + 0j, "no imaginary part on any of 580 lines: its phase is lost"),
+        (lambda h: 0 * h + 1.0, "the FRF is 1+0j on all 580 lines, which no structure is"),
+        (lambda h: np.array([1, 1j]) @ np.random.default_rng(1).standard_normal((2, h.size)), "it is noise"),
+    ],
+)
+def test_an_frf_that_no_structure_has_is_told_in_one_warning(tmp_path, measured, made, words):
+    squared = (2 * np.pi * LINES) ** 2
+    values = made(-squared / (4e6 * (1 + 0.02j) - 2 * squared)).tolist()
+    rows = (f"{f:g},{h.real!r},{h.imag!r}" for f, h in zip(LINES.tolist(), values, strict=True))
+    head = "frequency [Hz],real a tip / input 1 [m/s^2/N],imaginary a tip / input 1 [m/s^2/N]"
+    (tmp_path / "tip.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
+    result = typed("validate", "case.toml")
+    assert result.exit_code == 0
+    assert sum(words in line for line in result.stderr.splitlines()) == 1, result.stderr
+    text = measured.replace("ratio = 0.01", 'ratio = "measured"')
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    if "on all" in words or "noise" in words:
+        message, _ = only(typed("validate", "case.toml"))
+        assert "found no mode in an FRF of " in message
+
+
+def test_a_free_gain_that_would_mend_a_factor_of_1000_is_named(tmp_path, measured):
+    write_tip(tmp_path / "tip.csv", ("a tip", "a mid"), "[m/s^2/kN]")
+    text = (tmp_path / "tip.csv").read_text(encoding="utf-8").replace("m/s^2/kN", "m/s^2/N")
+    (tmp_path / "tip.csv").write_text(text, encoding="utf-8")
+    (tmp_path / "case.toml").write_text(f"{measured}\n[uncertain]\ngain = {{ sd_percent = 5.0 }}\n", encoding="utf-8")
+    assert "uncertain gain" not in typed("validate", "case.toml").stderr
+    rows = [row.split(",") for row in text.splitlines()]
+    scaled = [",".join([row[0], *(f"{1000 * float(cell):.6g}" for cell in row[1:])]) for row in rows[1:]]
+    (tmp_path / "tip.csv").write_text("\n".join([",".join(rows[0]), *scaled]), encoding="utf-8")
+    assert "which the uncertain gain would take up without a word" in typed("validate", "case.toml").stderr
+
+
 def test_a_wrong_modulus_is_the_first_that_a_mode_above_those_of_a_rigid_joint_is_blamed_on(tmp_path, measured):
     text = edited(measured, ("youngs_modulus_gpa = 210.0", "youngs_modulus_gpa = 70.0"))
     text = text.replace("ratio = 0.01", 'ratio = "measured"')

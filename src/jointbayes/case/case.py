@@ -31,7 +31,13 @@ from jointbayes.case.case_objects import (
 )
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
 from jointbayes.case.parse import first_joined, needs_files, parse_planned, parse_setups
-from jointbayes.case.plausibility import input_warnings, numbering_warnings, sign_warnings, truth_warnings
+from jointbayes.case.plausibility import (
+    input_warnings,
+    level_warnings,
+    numbering_warnings,
+    sign_warnings,
+    truth_warnings,
+)
 from jointbayes.case.spec.fields import DATA_FILE, show_key
 from jointbayes.case.spec.frame_and_imported import ImportedSpec
 from jointbayes.case.spec.joint_table import joint_table
@@ -149,6 +155,8 @@ class Case:
             measured = problem.test.data.shown_frfs or problem.test.data
             warnings += input_warnings(spec, texts[name], measured.band_hz)
             warnings += sign_warnings(measured.provenance, texts[name])
+            if not spec.bodies:  # of bodies that were measured alike the level may be off alike
+                warnings += level_warnings(problem, texts[name])
             if problem.test.data.shown_frfs is None:  # modes that FRFs show were numbered as the answer was decided
                 doubt = find_numbering(problem, None if self.model_is_exact else self.model_error or ErrorSizes())
                 warnings += numbering_warnings(doubt, texts[name], measured.provenance is not None)

@@ -275,6 +275,14 @@ def complete_from_data(spec: CaseSpec, measured: Data) -> CaseSpec:
     return spec.model_copy(update={"noise": noise.model_copy(update={"distribution": "student_t", "dof": float(dof)})})
 
 
+#: FRFs without modes by what is wrong with them, see `vibrecords.warnings`.
+_NO_MODE = {
+    "constant": "an FRF of one value on all lines",
+    "real_only": "an FRF without imaginary part",
+    "noise_only": "an FRF of noise alone",
+}
+
+
 def _take_measured_damping(spec: CaseSpec, measured: Data) -> CaseSpec:
     """The case with the damping ratios that the data show, where it asks for them.
 
@@ -292,9 +300,11 @@ def _take_measured_damping(spec: CaseSpec, measured: Data) -> CaseSpec:
     assert measured.provenance is not None
     ratios = tuple(float(mode.damping_ratio) for mode in measured.provenance.modes)
     if not ratios or not all(0 < ratio < 1 for ratio in ratios):
+        doubts = (_NO_MODE[w.key] for w in measured.provenance.warnings if w.key in _NO_MODE)
+        found = f"the ratios {list(ratios)} in the data" if ratios else f"no mode in {next(doubts, 'the data')}"
         raise MeasurementError(
-            f"structure.damping.ratio: found the ratios {list(ratios)} in the data; expected some between 0 and 1; "
-            "state a ratio"
+            f"structure.damping.ratio: found {found}; expected ratios between 0 and 1; look at the data, or write "
+            "ratio = 0.01"
         )
     structure = spec.structure.model_copy(update={"damping": damping.model_copy(update={"ratio": ratios})})
     uncertain = spec.uncertain

@@ -147,6 +147,8 @@ def _name_from(path: Path, directory: Path) -> str:
 def _damping(content: _Content) -> tuple[str, list[str]]:
     """The damping of the structure, and a line on it: as measured where the modes are surely counted from the first."""
     modes = content.fit[1].modes if content.fit else ()
+    if content.fit and not modes:
+        return _DAMPING % 0.01, ["# Damping: a usual one; no resonance was found in the first FRF, look at it first."]
     if not modes or content.band[0] * _FIRST_MODE <= modes[0].frequency_hz:
         return _DAMPING % toml_value("measured"), []
     ratio = float(f"{np.median([mode.damping_ratio for mode in modes]):.2g}")

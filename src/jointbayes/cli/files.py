@@ -243,7 +243,8 @@ def _model_rows(test: "Test") -> Iterator[str]:
     from jointbayes.structure.frame_recipe import MemberRecipe
 
     recipe, alike = getattr(test.structures, "recipe", None), dict[str, list[str]]()
-    for name, body in recipe.bodies if isinstance(recipe, MemberRecipe) else ():
+    members = recipe if isinstance(recipe, MemberRecipe) else None  # which need no mesh to tell
+    for name, body in members.bodies if members else ():
         for member in body.members:
             made, section = member.material, member.section
             sizes = [f"{1e3 * size:g}" for size in section.dimensions if size]
@@ -255,7 +256,8 @@ def _model_rows(test: "Test") -> Iterator[str]:
         yield f"material and section{which}: {words}"
     at: dict[str, list[str]] = {}
     for label in dict.fromkeys((*test.joints.labels, *test.data.dofs)):
-        if (place := test.structures.position(label)) is not None:
+        place = members.positions.get(label.rpartition(":")[0]) if members else test.structures.position(label)
+        if place is not None:
             x, *across = (f"{1e3 * number:.6g}" for number in place)
             at.setdefault(f"{x} mm" if not any(place[1:]) else f"({x}, {', '.join(across)}) mm", []).append(label)
     for where, labels in at.items():

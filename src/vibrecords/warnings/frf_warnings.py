@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import scipy  # its parts load at first use
 
-from vibrecords.arrays import Array, Flags, Quantity
+from vibrecords.arrays import Array, ComplexArray, Flags, Quantity
 from vibrecords.driven import BAD, GOOD, RISE
 from vibrecords.formats.units import frf_unit
 from vibrecords.provenance import MeasurementWarning
@@ -21,6 +21,8 @@ _RESOLVED = 3
 _TOO_HEAVY = 1.3
 #: No phase error of a measuring chain makes a drive point less passive than this fraction of its magnitude.
 _PHASE_ERROR = 0.15
+#: Values that show one number or no imaginary part, and noise; over a window noise is never so like its neighbours.
+_FEW_VALUES, _MANY_VALUES, _WINDOW, _UNLIKE = 16, 100, 30, 0.75
 
 
 def conjugated_warning(clear: ClearFrf) -> MeasurementWarning:
@@ -47,6 +49,7 @@ def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | 
         Mass of the structure if it hangs free, kg.
     """
     yield from _line_warnings(record)
+    yield from _value_warnings(record)
     yield from _coherence_warnings(record)
     yield from _unit_warnings(record)
     if clear is None:
@@ -105,6 +108,40 @@ def _line_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
         )
         return
     yield from _step_warnings(f)
+
+
+def _value_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
+    """Values that no structure has: no imaginary part, one number throughout, or nothing but noise."""
+    values = record.values[measurable(record.values) & (record.values != 0)]
+    size = np.abs(values)
+    if values.size < _FEW_VALUES:
+        return
+    if size.max() - size.min() <= 1e-9 * size.max() and np.abs(values - values[0]).max() <= 1e-9 * size.max():
+        yield MeasurementWarning(
+            "constant",
+            f"the FRF is {values[0]:.4g} on all {values.size} lines, which no structure is",
+            "look whether the right column or channel was exported, and export it again",
+        )
+    elif not values.imag.any():
+        yield MeasurementWarning(
+            "real_only",
+            f"the FRF has no imaginary part on any of {values.size} lines: its phase is lost",
+            "export real and imaginary part, or magnitude and phase",
+        )
+    elif values.size >= _MANY_VALUES and (likeness := _likeness(values)) < _UNLIKE:
+        yield MeasurementWarning(
+            "noise_only",
+            f"no {_WINDOW} lines of the FRF are like their neighbours (coherence {likeness:.2f} at most): it is noise",
+            "look whether the sensor was connected and the structure was driven, and measure again",
+        )
+
+
+def _likeness(values: ComplexArray) -> float:
+    """Coherence of each value with the next over windows of lines, the largest: 1 of a structure, less of noise."""
+    turn = values[1:] * values[:-1].conj()
+    window = np.ones(_WINDOW)
+    of_pairs = np.abs(np.convolve(turn / np.abs(turn), window, "valid")) / _WINDOW
+    return float(of_pairs.max())
 
 
 def _step_warnings(f: Array) -> Iterator[MeasurementWarning]:
