@@ -230,6 +230,8 @@ def _syntax_fault(message: str, text: str, name: str) -> str:
     if re.search(r'"[^"]*\\[^"]*"', row) and plain is None:
         fault = "a backslash in a text in double quotes"
         remedy = "write a Windows path with / or in single quotes: file = 'C:\\data\\tip.uff'"
+    if (comma := re.search(r"=\s*([+-]?\d+),(\d+)(?=\s*(?:[,}#]|$))", row)) is not None:
+        fault, remedy = f"found a decimal comma in {comma[1]},{comma[2]}", f"write {comma[1]}.{comma[2]} with a point"
     if re.search("[“”„‘’]", row):
         fault, remedy = "quotes of a word processor", 'write straight quotes: "text"'
     return fault_line(name, line, key[1] if key else "syntax", fault, "expected TOML: key = value", remedy)
