@@ -377,7 +377,8 @@ _LISTED = 40
 
 
 def contents_text(inspection: Inspection) -> Iterator[str]:
-    """Contents, channels, hits, notes, warnings: what needs no fit."""
+    """What to do with the file, then contents, channels, hits, notes, warnings: what needs no fit."""
+    yield _answer(inspection)
     yield f"{inspection.source} ({inspection.form})" if inspection.form else inspection.source or "records"
     yield from _first_lines(inspection.kinds, lambda kind, count: f"  {count} × {kind}")
     if inspection.averages:
@@ -402,6 +403,14 @@ def contents_text(inspection: Inspection) -> Iterator[str]:
     for number, warning in enumerate(inspection.warnings, 1):
         yield f"  {number}. [{warning.key}] {warning.where}: {warning.sentence}."
         yield f"     What to do: {warning.remedy}."
+
+
+def _answer(inspection: Inspection) -> str:
+    """Whether the measurement can be used as it is."""
+    if not inspection.warnings:
+        return "Nothing in it looks wrong."
+    count = len(inspection.warnings)
+    return f"{count} warning{'s, the first' if count > 1 else ''}: {inspection.warnings[0].sentence}."
 
 
 def resonances_text(inspection: Inspection) -> Iterator[str]:

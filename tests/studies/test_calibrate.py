@@ -19,6 +19,7 @@ from jointbayes.studies import data_sets
 from jointbayes.studies.calibration import (
     FALSE_ALARM,
     Calibration,
+    calibration_lines,
     calibration_table,
     ranks_csv,
 )
@@ -189,6 +190,9 @@ def test_a_wrong_analysis_fails_and_the_verdict_says_how():
     assert found.verdict.startswith("NOT CALIBRATED: over 400 data sets the ranks of 4 of 4 quantities leave their")
     assert "k22: posteriors are too narrow" in found.verdict
     assert "OUTSIDE: posteriors are too narrow" in calibration_table(found).rows[0][1]
+    assert found.answer.startswith("The intervals can NOT be trusted: of 400 data sets the 95 % interval held ")
+    near = dataclasses.replace(found, near=True)
+    assert near.answer.startswith("The intervals can NOT be trusted near these data: of 400 data sets ")
 
 
 def test_a_suspicious_calibration_passes_and_says_what_to_do():
@@ -209,10 +213,12 @@ def test_a_directory_holds_report_numbers_and_ranks(done, tmp_path):
         "ranks.csv",
         "case.toml",
         "figures/ranks.svg",
+        "figures/structure.svg",
     }
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summary["data_sets"] == COUNT
-    assert summary["verdict"] == done.verdict
+    assert (summary["answer"], summary["verdict"]) == (done.answer, done.verdict)
+    assert calibration_lines(done)[:2] == [done.answer, done.verdict]
     assert done.verdict.split(":")[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 

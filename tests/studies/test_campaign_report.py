@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import json
+import re
 import shutil
 
 import h5py
@@ -181,6 +182,8 @@ def test_what_is_odd_is_named_the_gravest_first(summary, rows):
     outliers = [one["key"] for one in summary["outliers"]["k22"]["outliers"]]
     assert outliers == [rows[JOINTS // 2]["key"], rows[JOINTS // 3]["key"]]
     assert not summary["outliers"]["k11"]["outliers"]
+    assert summary["answer"].startswith(f"{summary['counts']['in the population']} joints: k11 ")
+    assert re.search(r"; k22 \S+ \(\S+ to \S+\) MN·m/rad, scatter \S+ % \(.*\)\. Outliers: SN", summary["answer"])
 
 
 def test_every_case_has_a_line_with_its_numbers(reported, rows):
@@ -292,6 +295,8 @@ def test_joints_of_another_kind_stand_in_the_first_table_and_are_said_to_be_in_n
     assert set(findings.left_out.values()) == {OTHER_KIND}
     assert all(look.gravity > 2 for look in findings.look)  # the kind of most joints is no reason to look at one
     blocks = campaign_lead(findings)
+    known = "first.kx known of none of them, second.kx 23.2 MN/m (known of 3)"
+    assert blocks[0].text.startswith(f"**4 joints, each by itself: {known}.** 4 of 4 cases are done")
     table = next(block for block in blocks if isinstance(block, Table))
     assert [row[2:] for row in table.rows[:4]] == [
         ("16.8", "12.5 to 63.3", "MN/m", "not identified"),

@@ -459,10 +459,12 @@ def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     assert plan.now.sd == pytest.approx(np.log(cheap_posterior.values("k12")).std(), rel=1e-9)
     assert [now.done for now in told if now.stage == "simulating"] == list(range(1, 25))
     assert set(plan.sentences) <= set(plan_lines(plan))
-    report = build_plan_report(summary)
+    report = build_plan_report(summary, plan.sketch)
     assert report.lead[0].text == plan.sentence
     assert report.lead[0].kind == "good"
-    assert [block.text for block in report.lead[1:]] == list(plan.notes)
+    assert [block.text for block in report.lead[1:-2]] == list(plan.notes)
+    assert [block.identifier for block in report.lead[-2:]] == ["structure", "plan"]
+    assert plan_lines(plan)[: len(plan.sentences)] == list(plan.sentences)
     assert plan.notes[-1].startswith("This plan takes Young's modulus, density, length and damping ratio as exact")
     rows = candidate_table(summary).rows
     assert [row[0].removesuffix(" (recommended)") for row in rows[:-1]] == [one.label for one in plan.measurements]
@@ -495,7 +497,7 @@ def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_
     assert result.exit_code == 0, result.output
     assert re.search(r"^1:y \(recommended\) +0 mm .* identified +\d+ simulations$", result.stdout, re.MULTILINE)
     names = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file() and p.parent.name != "present"}
-    reported = {"report.html", "report.pdf", "plan.json", "case.toml", "figures/plan.svg"}
+    reported = {"report.html", "report.pdf", "plan.json", "case.toml", "figures/plan.svg", "figures/structure.svg"}
     assert names == {*reported, "simulations.jsonl", ".jointbayes"}
     written = json.loads((out / "plan.json").read_text(encoding="utf-8"))
     assert written["sentence"] in result.stdout

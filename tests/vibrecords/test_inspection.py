@@ -9,6 +9,7 @@ import pytest
 from tests.vibrecords.test_warnings import DAMPING, FREQUENCY, LINES, hammer, records
 from vibrecords.formats import write_records
 from vibrecords.inspection import contents_of_records, contents_text, inspect_file, resonances_text, with_resonances
+from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord
 
 COARSE = LINES[1::2]  # 1 Hz apart
@@ -147,6 +148,9 @@ def test_all_kinds_of_records_are_listed():
     assert (listed.averages, listed.coherence) == ((8,), (0.9, 0.9))
     assert listed.listed_modes == tuple(modes)
     text = "\n".join([*contents_text(listed), *resonances_text(listed)])
+    assert text.startswith("Nothing in it looks wrong.\n")
+    warned = replace(listed, warnings=(MeasurementWarning("a", "hit 3 is a double hit", "hit again"),) * 2)
+    assert next(contents_text(warned)) == "2 warnings, the first: hit 3 is a double hit."
     assert "Modes in the file (2)\n    1        12.5 ± 0.01 Hz   damping 0.4 % ± 0.02 %   shape at 2 DOFs\n" in text
     assert "acc  no direction; 1 spectra" in text
     assert "Resonances: there is no FRF" in text

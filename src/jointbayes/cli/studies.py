@@ -55,9 +55,7 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
         _require_place(out, A_COMPARISON)
     with show_progress() as progress:
         comparison = weigh(cases, seed=seed, progress=progress)
-    for sentence in comparison.sentences:
-        say(sentence)
-    for line in evidence_table(comparison.summary(), method=True).lines():
+    for line in (*comparison.sentences, *evidence_table(comparison.summary(), method=True).lines()):
         say(line)
     for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):
         say(f"No cross-validation: {note}.")
@@ -320,6 +318,8 @@ def _exit_by(ended: "Campaign") -> None:
     rows = read_index(ended.directory)
     failed = [row for row in rows if row.status != DONE]
     doubtful = [row for row in rows if row.status == DONE and not row.converged]
+    if ended.answer:
+        say(ended.answer)
     say(f"{len(rows)} cases: {len(rows) - len(failed)} done, {len(failed)} failed, {len(doubtful)} not converged")
     for row in failed[:_SHOWN]:
         say(f"{row.status.upper()}: {row.key}: {row.error}")

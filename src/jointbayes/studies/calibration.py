@@ -28,6 +28,7 @@ from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.methods import report_text
 from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
+from jointbayes.report.structure_sketch import sketch
 from jointbayes.rounding import number
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.data_sets import (
@@ -40,7 +41,7 @@ from jointbayes.studies.data_sets import (
     judge,
     require_simulable,
 )
-from jointbayes.studies.study_directory import write_study
+from jointbayes.studies.study_directory import sketch_figure, write_study
 from jointbayes.studies.workers import run_tasks
 from jointbayes.workflow import Analysed, answered_case, sample
 from vibrecords.arrays import Array
@@ -78,6 +79,8 @@ class Calibration:
         Of the case, where a case file states it.
     near
         Whether truths are from the posterior of the measured data, not from the prior.
+    sketch
+        SVG of the structure; empty where nobody knows what it looks like.
 
     Raises
     ------
@@ -93,6 +96,7 @@ class Calibration:
     title: str = ""
     case_text: str = ""
     near: bool = False
+    sketch: str = ""
 
     def __post_init__(self) -> None:
         if not self.analysed:
@@ -174,6 +178,18 @@ class Calibration:
         )
 
     @property
+    def answer(self) -> str:
+        """Whether intervals of this analysis can be trusted, and how often they held the truth."""
+        held = [f"{q.name} {100 * q.coverage.share:.3g} %" for q in self.quantities]
+        more = f" and {len(held) - _SHOWN} more" if len(held) > _SHOWN else ""
+        where = " near these data" if self.near else ""
+        held_by = (
+            f"of {len(self.data_sets)} data sets the 95 % interval held the truth for {', '.join(held[:_SHOWN])}{more}"
+        )
+        said = "Nothing speaks against the intervals" if self.passed else "The intervals can NOT be trusted"
+        return f"{said}{where}: {held_by}."
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What else has to be known of it, in sentences."""
         notes = []
@@ -229,6 +245,7 @@ class Calibration:
             "passed": self.passed,
             "p_value": self.p_value,
             "false_alarm": FALSE_ALARM,
+            "answer": self.answer,
             "verdict": self.verdict,
             "notes": list(self.notes),
             "quantities": {quantity.name: _entry(quantity) for quantity in self.quantities},
@@ -277,7 +294,8 @@ def calibration_table(calibration: Calibration) -> Table:
 
 def calibration_lines(calibration: Calibration) -> list[str]:
     """A calibration as lines for the terminal."""
-    return [*calibration_table(calibration).lines(), *calibration.notes, calibration.verdict]
+    first = (calibration.answer, calibration.verdict, *calibration.notes)
+    return [*first, "", *calibration_table(calibration).lines()]
 
 
 def build_calibration_report(calibration: Calibration) -> Report:
@@ -285,7 +303,7 @@ def build_calibration_report(calibration: Calibration) -> Report:
     suspicious = calibration.p_value < SUSPICIOUS or bool(calibration.notes)
     kind: Kind = "bad" if not calibration.passed else "caution" if suspicious else "good"
     sections = (
-        ReportSection("quantities", "Ranks and coverage", (calibration_table(calibration), _figure(calibration))),
+        ReportSection("quantities", "Ranks and coverage", (calibration_table(calibration),)),
         ReportSection("data-sets", "Data sets", (_data_sets(calibration),)),
         ReportSection("method", "How this was computed", _method(calibration)),
     )
@@ -294,7 +312,12 @@ def build_calibration_report(calibration: Calibration) -> Report:
     return Report(
         title=calibration.title or calibration.name,
         subtitle=f"Calibration of the analysis of {calibration.name}{near}{source}",
-        lead=(Callout(kind, calibration.verdict), *(Callout("caution", note) for note in calibration.notes)),
+        lead=(
+            Callout(kind, f"**{calibration.answer}** {calibration.verdict}"),
+            *(Callout("caution", note) for note in calibration.notes),
+            *sketch_figure(calibration.sketch),
+            _figure(calibration),
+        ),
         sections=sections,
     )
 
@@ -461,7 +484,8 @@ def calibrate(
     other = "" if job.source is job.analysis else job.source.name
     title, text = ("", "") if isinstance(case, Problem) else (case.title, case.text)
     data_sets = tuple(done[i] for i in range(n))
-    return Calibration(job.analysis.name, other, job.seed, job.names, data_sets, title, text, near)
+    drawing = sketch((case if isinstance(case, Problem) else case.problem).parts[0])
+    return Calibration(job.analysis.name, other, job.seed, job.names, data_sets, title, text, near, drawing)
 
 
 def _done(job: Job, n: int, tell: ProgressCallback, engine: dict[str, Any]) -> dict[int, DataSet]:

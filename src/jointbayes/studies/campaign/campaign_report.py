@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from jointbayes.joint import Coordinate
 from jointbayes.posterior import package_versions
-from jointbayes.posterior.identifiability import NO_VALID_VALUE
+from jointbayes.posterior.identifiability import CERTAINTY, NO_VALID_VALUE
 from jointbayes.report import Report
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
@@ -25,7 +25,7 @@ from jointbayes.report.markup import foreign, format_numbers
 from jointbayes.report.methods import report_text
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
 from jointbayes.report.run_directory import json_text, write_into
-from jointbayes.rounding import engineering, interval, json_ready, number
+from jointbayes.rounding import engineering, interval, join_unit, json_ready, number
 from jointbayes.studies.campaign.campaign_findings import (
     FALSE_ALARM,
     FEWEST_JOINTS,
@@ -35,7 +35,7 @@ from jointbayes.studies.campaign.campaign_findings import (
     examine_campaign,
 )
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
-from jointbayes.studies.campaign.index import DONE
+from jointbayes.studies.campaign.index import DONE, CaseRow
 from jointbayes.studies.campaign.joint_draws import OTHER_KIND
 from vibrecords.arrays import Array
 
@@ -159,6 +159,7 @@ _MOST_ROWS = 120  # in the table of every joint
 _LONGEST = 160  # characters of a reason
 _NOISY = 0.3  # Monte Carlo error in posterior sd that is said aloud
 _MOST_NAMED = 12
+_MOST_SAID = 3  # stiffnesses in the first sentence
 
 
 def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
@@ -170,7 +171,8 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
     parts += [f"{count} {foreign(status)}" for status, count in not_done.items()]
     if counts["not converged"]:
         parts.append(f"{counts['not converged']} of those done did not converge")
-    blocks: list[Block] = [Callout("good" if whole else "caution", f"**{', '.join(parts)}.**")]
+    answer = campaign_answer(findings)
+    blocks: list[Block] = [Callout("good" if whole else "caution", f"**{foreign(answer)}** {', '.join(parts)}.")]
     if counts["do not explain their data"]:
         blocks.append(
             Callout(
@@ -203,6 +205,37 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
             )
         )
     return tuple(blocks)
+
+
+def campaign_answer(findings: CampaignFindings) -> str:
+    """How stiff the joints are, how far they scatter and which stand out, in a sentence or two."""
+    joints = findings.joints
+    if joints is None or not joints.population.converged:
+        known = [row for row in findings.rows if row.stiffness and row.status == DONE]
+        said = [_range_of(name, known) for name in dict.fromkeys(name for row in known for name in row.stiffness)]
+        more = [f"and {len(said) - _MOST_SAID} more stiffnesses"] if len(said) > _MOST_SAID else []
+        return f"{len(known)} joints, each by itself: {', '.join([*said[:_MOST_SAID], *more]) or 'nothing is known'}."
+    hidden = np.flatnonzero(joints.population.unresolved(joints.draws.draws))
+    unresolved = {joints.draws.parametrisation.axes[i].quantity for i in hidden}
+    said = []
+    for k in joints.stiffness[:_MOST_SAID]:
+        (median, low, high), unit = engineering(k.median.tolist(), k.unit)
+        scatter = _scatter_text(k, resolved=k.name not in unresolved)
+        said.append(f"{k.name} {median} ({low} to {high}) {unit}, scatter {scatter}")
+    odd = dict.fromkeys(_named(joints, q.outlier) for q in joints.quantities if q.outlier.any())
+    outliers = f"Outliers: {', '.join(odd)}." if odd else "No joint stands out."
+    return f"{len(joints.draws.rows)} joints: {'; '.join(said)}. {outliers}"
+
+
+def _range_of(name: str, rows: Sequence[CaseRow]) -> str:
+    """Medians of one stiffness from the smallest to the largest, of joints that know it; what is known else."""
+    estimates = [row.stiffness[name] for row in rows if name in row.stiffness]
+    known = sorted(e.median for e in estimates if e.verdict in CERTAINTY)
+    if not known:
+        return f"{name} known of none of them"
+    (_, *ends), unit = engineering((known[-1], known[0], known[-1]), estimates[0].unit)
+    span = join_unit(" to ".join(dict.fromkeys(ends)), unit)
+    return f"{name} {span}{'' if len(known) == len(estimates) else f' (known of {len(known)})'}"
 
 
 def campaign_sections(findings: CampaignFindings) -> tuple[ReportSection, ...]:
@@ -457,6 +490,7 @@ def campaign_summary(name: str, findings: CampaignFindings) -> dict[str, Any]:
         {
             "schema_version": SCHEMA_VERSION,
             "campaign": name,
+            "answer": campaign_answer(findings),
             "counts": dict(findings.counts),
             "population": None if joints is None else _population(joints),
             "outliers": {} if joints is None else {q.name: _outliers(joints, q) for q in joints.quantities},

@@ -4,6 +4,7 @@ import csv
 import datetime
 import hashlib
 import io
+import json
 import os
 import re
 import time
@@ -447,6 +448,12 @@ class Campaign:
             If a file cannot be written.
         """
         return write_campaign_report(self.directory, seed)
+
+    @property
+    def answer(self) -> str:
+        """What its report says first; empty before there is one."""
+        file = self.directory / "summary.json"
+        return str(json.loads(file.read_text(encoding="utf-8")).get("answer", "")) if file.is_file() else ""
 
     def posterior(self, key: str) -> Posterior:
         """Posterior of one case.

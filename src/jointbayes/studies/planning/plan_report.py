@@ -22,7 +22,7 @@ from jointbayes.report.methods import report_text
 from jointbayes.report.model import Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.rounding import json_ready, number
-from jointbayes.studies.study_directory import write_study
+from jointbayes.studies.study_directory import sketch_figure, write_study
 from vibrecords.arrays import Array
 
 Method = Literal["reweighting", "importance sampling"]
@@ -250,6 +250,8 @@ class Plan:
         Of the case file.
     exact
         Modulus, density, length and damping, or those of them that the case takes as exact, for a sentence.
+    sketch
+        SVG of the structure as it is tested now; empty where nobody knows what it looks like.
     """
 
     case_name: str
@@ -264,6 +266,7 @@ class Plan:
     left_out: int = 0
     case_text: str = ""
     exact: str = ""
+    sketch: str = ""
 
     def __repr__(self) -> str:
         return f"Plan for {self.case_name}, {len(self.measurements)} measurements: {self.sentence}"
@@ -357,7 +360,7 @@ class Plan:
         """
         summary = self.summary()
         files = {"case.toml": self.case_text, "plan.json": json_text(summary)}
-        return write_study(directory, A_PLAN, build_plan_report(summary), files)
+        return write_study(directory, A_PLAN, build_plan_report(summary, self.sketch), files)
 
     def summary(self) -> dict[str, Any]:
         """The plan as one JSON-ready dictionary: `plan.json`, described in docs/planning.md."""
@@ -417,7 +420,7 @@ def candidate_table(summary: Mapping[str, Any]) -> Table:
 def plan_lines(plan: Plan) -> list[str]:
     """A plan as lines for the terminal: the table, the recommendation and notes."""
     table = candidate_table(plan.summary())
-    return [*table.lines(), table.note, "", *plan.sentences, *plan.notes]
+    return [*plan.sentences, *plan.notes, "", *table.lines(), table.note]
 
 
 def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:
@@ -436,14 +439,14 @@ def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:
     return names, where, spread, sds, simulated["verdict"], f"{count} simulations"
 
 
-def build_plan_report(summary: Mapping[str, Any]) -> Report:
-    """Build the report of a plan from its summary, the recommendation first."""
+def build_plan_report(summary: Mapping[str, Any], drawing: str = "") -> Report:
+    """Build the report of a plan from its summary and a sketch, the recommendation first."""
     parameter = summary["parameter"]
     entries: Sequence[Entry] = summary["measurements"]
     source = "the stated joint" if summary["assumed"] else "joints drawn from the present posterior"
     figure = _figure(entries, parameter, summary["now"])
     sections = (
-        ReportSection("candidates", "Candidates", (candidate_table(summary), figure)),
+        ReportSection("candidates", "Candidates", (candidate_table(summary),)),
         ReportSection("method", "How this was computed", (Paragraph(report_text("plan", source=source)),)),
     )
     kind: Kind = "bad" if not summary["converged"] else "caution" if summary["recommended"] is None else "good"
@@ -453,6 +456,8 @@ def build_plan_report(summary: Mapping[str, Any]) -> Report:
         lead=(
             Callout(kind, foreign(summary["sentence"])),
             *(Callout("caution", foreign(note)) for note in summary["notes"]),
+            *sketch_figure(drawing),
+            figure,
         ),
         sections=sections,
     )
