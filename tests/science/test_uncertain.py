@@ -1,5 +1,6 @@
 """What is uncertain beside the joint: the density sees it, and so do mode, information and draws."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -24,7 +25,8 @@ from jointbayes.inference import (
 )
 from jointbayes.joint import Joint, LogStiffness
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
-from tests.conftest import pair_matrix
+from jointbayes.workflow import sample
+from tests.conftest import pair_matrix, shipped_text
 from vibrecords import FrfData, FrfSet, RelativeNoise
 
 pytestmark = pytest.mark.science
@@ -192,3 +194,15 @@ def test_the_structure_of_the_data_may_differ_from_the_one_analysed():
     ports = Ports(other.frf.frequency_hz, other.frf.outputs, other.frf.inputs)
     exact = synthesise_frf(truth.structure(), JOINT, pair_matrix(TRUTH), ports, RelativeNoise(0.03, 0.01), gain=1.1)
     assert_allclose(other.variance, exact.variance, rtol=1e-6)  # on other meshes
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["clamped_beam_uncertain", "clamped_beam_midspan"])
+def test_no_verdict_depends_on_whether_the_prior_allows_a_coupling_of_either_sign(name):
+    text = shipped_text(name)
+    positive = '[prior.k12]\ndistribution = "log_uniform"\nlow = 1.0e4\nhigh = 1.0e10\n\n'  # as of clamped_beam.toml
+    other = re.sub(r"\[prior\.rho\][^\[]*", positive, text.replace('"signed"', '"log"'))
+    as_shipped, as_main = (sample(case_from_text(name, each), seed=1) for each in (text, other))
+    assert as_main.problem.parametrisation.names == ("k11", "k12", "k22")
+    for k in ("k11", "k12", "k22"):
+        assert as_shipped.verdict(k).verdict == as_main.verdict(k).verdict

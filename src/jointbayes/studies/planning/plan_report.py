@@ -304,7 +304,8 @@ class Plan:
     @property
     def sentences(self) -> tuple[str, ...]:
         """The same, sentence by sentence."""
-        return (self._advice, *(f"About as good: {data.words}." for data in self.as_good))
+        more = [f"About as good: {', '.join(data.label for data in self.as_good)}."] if self.as_good else []
+        return (self._advice, *more)
 
     @property
     def _advice(self) -> str:
@@ -495,4 +496,4 @@ def _ranges(entries: Sequence[Entry], parameter: str, now: Entry) -> str:
         axes.set_xlabel(f"Standard deviation of ln {parameter}")
         legend_above(axes)
 
-    return svg(draw, 6.2, 1.2 + 0.3 * len(entries))
+    return svg(draw, 6.2, 1.1 + 0.22 * len(entries))  # with the sketch on one page
