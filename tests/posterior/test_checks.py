@@ -92,7 +92,7 @@ def test_residuals_that_the_noise_does_not_allow_are_a_misfit() -> None:
     assert check.chi2_per_line == pytest.approx(1.96, rel=0.15)
     assert check.sentence.startswith("The model does NOT explain the data: the misfit is 1.39 times the noise (")
     assert "p < 0.001" in check.details
-    assert "too narrow" in check.sentence
+    assert "Do not use" in check.sentence
 
 
 def test_a_small_trend_that_the_sum_of_squares_overlooks_is_seen_along_frequency() -> None:
@@ -286,7 +286,7 @@ def test_each_cell_of_the_table_and_each_of_its_borders(
     assert check.finding == finding
     assert check.explains == (finding in ("explained", "noise overstated"))
     assert len(said) <= 200
-    assert ("too narrow" in said) == (finding == "misfit")
+    assert ("Do not use" in said) == (finding == "misfit")
     assert ("intervals are too wide" in said) == (finding == "noise overstated")
     assert ("does NOT explain" in said) == finding.startswith("misfit")
     assert said.startswith("The stated noise is overstated: ") == (finding == "noise overstated")

@@ -134,7 +134,7 @@ def test_a_chain_too_short_for_an_effective_size_is_reported_with_a_dash(wrong, 
     assert summary["parameters"]["k22"]["ess_bulk"] is None
     tables = [b for section in built.sections for b in section.blocks if isinstance(b, Table)]
     (numbers,) = (t for t in tables if t.caption == "Posterior in numbers")
-    assert all(row[-2:] == ("–", "–") for row in numbers.rows)
+    assert [set(row[1:]) for row in numbers.rows[-2:]] == [{"–"}, {"–"}]
 
 
 @pytest.mark.long

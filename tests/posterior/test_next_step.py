@@ -92,7 +92,7 @@ def test_of_natural_frequencies_further_modes_are_proposed(frequency_posterior):
 def test_of_natural_frequencies_a_sensor_and_antiresonances_are_looked_at_too(frequency_posterior):
     (part,) = frequency_posterior.problem.parts
     modes, *sensors, zeros = _candidates(part)
-    words = ["an accelerometer at 270 mm (4:y), calibrated beside that at 360 mm (5:y)"]
+    words = ["an accelerometer at 270 mm (4:y), calibrated with the one at 360 mm (5:y)"]
     assert [sensor.words for sensor in sensors] == words
     assert zeros.words == "antiresonances 1 and 2 at 360 mm (5:y), by force and sensor there"
     # where a place is held still the structure has one DOF fewer

@@ -44,7 +44,7 @@ def told(reason: str, *, converged: bool = True) -> str:
         (
             verdict_by_rule(1.0, 0.31)[1],
             verdict_by_rule(1.0, 0.01)[1],
-            ("it removes 31 % of that variance", "next to nothing"),
+            ("it removes 31 % of the prior's variance", "tells nothing"),
         ),
         (
             EFFORT.sentence,
@@ -64,7 +64,7 @@ def told(reason: str, *, converged: bool = True) -> str:
         (
             " ".join(premises_sentences(MODES, ERROR)),
             " ".join(premises_sentences(replace(MODES, reason="so", assumed=("density to 1 %",)), None)),
-            ("reason: why. The model misses each by about 1 %", "reason: so. Assumed, as nobody stated it: density"),
+            ("The model misses each by about 1 %", "reason: so. Assumed, as the case does not state it: density"),
         ),
         (
             " ".join(exclusion_sentences((SimplerJoint("", "rigid", 2 * math.log(30.0), 5.0),))),

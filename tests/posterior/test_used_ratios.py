@@ -93,7 +93,7 @@ def test_a_sensor_that_is_turned_round_is_named_and_not_used(measured):
     found = by_modes(measured.with_test(data=turned))
     assert found.test.data.shapes is None
     (why,) = found.premises.left_out
-    assert re.match(r"How much .*6:y.* move beside each other is not used: the nearest model misses it by", why)
+    assert re.match(r"How much .*6:y.* move relative to each other is not used: the nearest model misses it by", why)
     assert "look at signs, gains and places of the sensors" in why
 
 

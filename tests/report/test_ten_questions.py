@@ -49,7 +49,15 @@ def runs(reports, cheap_posterior):
 
 def page_one(report):
     """Its text as a reader has it."""
-    page = render_html(report).split('class="lead"', 1)[1].split('class="contents"', 1)[0]
+    return seen(render_html(report).split('class="lead"', 1)[1].split('class="contents"', 1)[0])
+
+
+def page_text(report):
+    """The text of all its pages."""
+    return seen(render_html(report).split("<body>", 1)[1])
+
+
+def seen(page):
     page = re.sub(r"<script.*?</script>|<img[^>]*>|<details.*?</details>", " ", page, flags=re.DOTALL)
     text = re.sub(r"<[^>]+>", " ", page).replace("\u00a0", " ").replace("&#39;", "'")
     return re.sub(r"\s+", " ", text).replace(" .", ".").replace(" ,", ",").replace(" :", ":")

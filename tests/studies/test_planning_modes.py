@@ -74,7 +74,7 @@ def test_beside_modes_candidates_are_ratios_at_further_dofs_the_free_structure_a
     candidates = named(FREQUENCIES + PLAN + SHORT)
     assert list(candidates) == ["2:y", "6:y", "free", "short"]
     first = candidates["2:y"]
-    assert first.words == ("an accelerometer on the beam (2:y, 38.3 mm), one that was calibrated beside that at 11:y")
+    assert first.words == ("an accelerometer on the beam (2:y, 38.3 mm), calibrated with the one at 11:y")
     problem = case_of(FREQUENCIES + PLAN).problem
     exact = first.problem(problem, TRUTH).test.data
     frequencies = problem.natural_frequencies_hz(np.exp(TRUTH[:3]), 3, problem.prior.factors(TRUTH[None]))[0]

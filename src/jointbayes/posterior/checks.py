@@ -138,7 +138,7 @@ class FitCell:
 #: Opening of each finding, and what it means for the intervals; nothing where the model explains the data.
 _WORDS: dict[Finding, tuple[str, str]] = {
     "explained": ("The model explains the data", ""),
-    "misfit": ("The model does NOT explain the data", "Its intervals are too narrow."),
+    "misfit": ("The model does NOT explain the data", "Do not use intervals from this fit."),
     "misfit below the noise": ("The model does NOT explain the data", "Intervals are too wide, and may be shifted."),
     "noise overstated": ("The stated noise is overstated", "The model explains the data; intervals are too wide."),
 }

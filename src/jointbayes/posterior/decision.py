@@ -64,9 +64,9 @@ def with_ratios(
     if (nearest := _nearest(part, tried, each, dofs)) > FARTHEST_RATIO:
         where = f" of set-up {part.test.name}" if part.test.name else ""
         return list(used), (
-            f"How much {', '.join(dofs)}{where} move beside each other is not used: the nearest model misses it by "
-            f"{number(100 * nearest, 2)} %, and {100 * FARTHEST_RATIO:g} % is allowed; look at signs, gains and places "
-            "of the sensors."
+            f"How much {', '.join(dofs)}{where} move relative to each other is not used: the nearest model misses it "
+            f"by {number(100 * nearest, 2)} %, and {100 * FARTHEST_RATIO:g} % is allowed; look at signs, gains and "
+            "places of the sensors."
         )
     return [replace(mode, ratios=tuple(of_mode)) for mode, of_mode in zip(used, ratios, strict=True)], ""
 
@@ -494,13 +494,13 @@ def premises_sentences(premises: Premises, model_error: InferredError | None) ->
     ratios = f", and the ratios of the motions of {', '.join(dofs)} in them" if dofs else ""
     sentences = [f"The reason: {premises.reason}."]
     if premises.of_modes:
-        sentences.insert(0, f"The answer is that of the modes that the FRFs show at {where['']} Hz{zeros}{ratios}.")
+        sentences.insert(0, f"The answer comes from the modes that the FRFs show at {where['']} Hz{zeros}{ratios}.")
     else:
         sentences = ["The answer allows for an error of the model in each mode.", *sentences]
     if model_error is not None:
         sentences.append(f"The model misses each by {model_error.words}, as inferred.")
     if premises.assumed:
-        sentences.append(f"Assumed, as nobody stated it: {', '.join(premises.assumed)}.")
+        sentences.append(f"Assumed, as the case does not state it: {', '.join(premises.assumed)}.")
     return (*sentences, *premises.left_out, *premises.numbering)
 
 

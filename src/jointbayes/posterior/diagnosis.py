@@ -47,10 +47,11 @@ _LET_COUNT = (
 _ADVICE: dict[Cause, str] = {
     "frequencies, all the same way": "All resonances of the model are too {side}: check length, Young's modulus and "
     "density, or state them as uncertain.",
-    "frequencies, unevenly": "No joint makes all resonances fit. Check length, Young's modulus and density, or state "
-    "them as uncertain; otherwise the model lacks something (a mass, a second joint).",
+    "frequencies, unevenly": "No joint stiffness brings all resonances to the measured ones. Check length, "
+    "Young's modulus and density, or state them as uncertain; otherwise the model lacks something (a mass, a second "
+    "joint).",
     "damping": "The peaks are at the right frequency but their width is wrong: measured damping is {damping:.2g} times "
-    "that of the model; correct it or state it as uncertain.",
+    "the model's; correct it or state it as uncertain.",
     "level": "The level is off: measured FRFs are {level:.3g} times the predicted ones at every resonance; check the "
     "calibration, or state the gain as uncertain.",
     "one sensor": "One FRF alone is off: {sensor} {how}; check its sensor's calibration, direction and position.",

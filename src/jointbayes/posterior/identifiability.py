@@ -157,11 +157,19 @@ class Identifiability:
     @property
     def words(self) -> str:
         """The verdict as it is printed, with the conditions it stands under."""
-        return self.plain_words + (self.exact.condition if self.exact and not self.if_model_right else "")
+        conditional = self.exact is not None and not self.if_model_right and not self._holds_without
+        return self.plain_words + (self.exact.condition if self.exact and conditional else "")
+
+    @property
+    def _holds_without(self) -> bool:
+        """Whether the verdict, if not the interval, is the same without what it takes as exact."""
+        return self.exact is not None and self.exact.freed is not None and self.exact.freed.verdict == self.verdict
 
     @property
     def beside(self) -> str:
         """What is known without what it takes as exact, in words; empty where that is nothing, or not known."""
+        if self.exact and self.exact.freed and self._holds_without:
+            return f"with {listed(self.exact.quantities)} uncertain {self.exact.freed.value}"
         return self.exact.words_if_uncertain if self.exact else ""
 
     @property
@@ -253,9 +261,9 @@ def verdict_by_rule(ratio: float, contraction: float, printed: float | None = No
     """
     if not contraction >= LEAST_CONTRACTION:
         if not contraction >= NOTHING:
-            return "not identified", "these data add next to nothing to what was assumed of it beforehand"
-        removed = f"removes {100 * contraction:.0f} % of that variance; {100 * LEAST_CONTRACTION:g} % is needed"
-        return "not identified", f"this test adds little to what was assumed of it beforehand (it {removed})"
+            return "not identified", "the test tells nothing about it"
+        removed = f"removes {100 * contraction:.0f} % of the prior's variance; {100 * LEAST_CONTRACTION:g} % is needed"
+        return "not identified", f"the test tells little about it (it {removed})"
     if math.isinf(ratio):
         return "not identified", "its 95 % credible interval contains zero"
     shown = ratio if printed is None else printed

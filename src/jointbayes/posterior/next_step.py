@@ -189,7 +189,7 @@ def _beside_modes(part: Problem, modes: ModalData, of_test: str) -> Iterator[Can
     reference, at = (known[0], known[0]) if known else places.pop()
     for label, place in places[2::3]:
         yield ModalCandidate(
-            name=f"{setup} {label}", words=f"an accelerometer at {place}, calibrated beside that at {at}{of_test}",
+            name=f"{setup} {label}", words=f"an accelerometer at {place}, calibrated with the one at {at}{of_test}",
             setup=setup, structure=test.structure, numbers=modes.numbers, relative=RELATIVE_CALIBRATION, dof=label,
             reference=reference,
         )  # fmt: skip

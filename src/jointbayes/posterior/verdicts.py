@@ -219,7 +219,7 @@ def found_with_wider_priors(
         return Finding(verdict, f"rests on the prior: {moved}")
     if _same_verdict(drawn, wider, _log_ratio_error(drawn, wider, beyond, wide.effective)):
         return Finding(drawn.verdict, drawn.verdict_reason)
-    which = "default priors, which no one stated" if posterior.has_default_prior(name) else "priors as stated"
+    which = "default priors" if posterior.has_default_prior(name) else "priors as stated"
     worst = min(drawn.verdict, wider.verdict, key=lambda either: CERTAINTY.get(either, 0))
     return Finding(worst, f"rests on the prior: {drawn.verdict} with the {which}, {wider.verdict} with {_WIDER}")
 
@@ -276,7 +276,7 @@ def _bound_in_words(posterior: AnyPosterior, name: str, side: Side) -> str:
     if posterior.has_default_prior(name):
         reach = "up to" if side == "upper" else "from"
         end = join_unit(number(bounds[side == "upper"]), posterior.unit(name))
-        return f"the default range, {reach} {end}, which no one stated,"
+        return f"the default range, {reach} {end},"
     return f"the prior's {side} bound {join_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
 
 

@@ -102,7 +102,7 @@ def export(
             write_matlab(arrays_of(frfs) | _band(frfs, ends) | _blocks(posterior, part, stiffness, modes), temporary)
         else:
             write_uff((*frfs, *ends, *modes), temporary, binary=form == "uff58b", remarks=ascii_lines(said))
-    band = f"{len(frfs)} FRFs: the median; beside each both ends of its 95 % band, which are no FRFs"
+    band = f"{len(frfs)} FRFs: the median; with each both ends of its 95 % band, which are no FRFs"
     shapes = f"{len(modes)} modes: medians of the draws, shapes of the {of}"
     return (*([band] if frfs else []), *([shapes] if modes else []))
 

@@ -287,7 +287,7 @@ def calibration_table(calibration: Calibration) -> Table:
         rows,
         align="llrrr",
         note="In brackets what so many data sets can tell of the share (95 %). A deviation above 0: draws lie above "
-        f"the truths. The bands are those of {len(rows)} quantities together, p is that of each by itself.",
+        f"the truths. The bands are for {len(rows)} quantities together, p is for each by itself.",
         row_kinds=tuple("good" if quantity.inside_band else "bad" for quantity in calibration.quantities),
     )
 

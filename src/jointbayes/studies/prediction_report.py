@@ -53,7 +53,7 @@ def build_prediction_report(found: OtherStructure, other: OtherCase, run: str) -
     kind: Kind = "caution" if found.never_asked else "good"
     lead: list[Block] = [
         Callout(kind, f"**The first natural frequency will be {first[1]} ({first[2]}).**"),
-        Paragraph(f"The joint is that of {foreign(run)}; this structure was never tested with it."),
+        Paragraph(f"The joint is taken from {foreign(run)}; this structure was never tested with it."),
         *(Callout("caution", foreign(sentence)) for sentence in found.never_asked),
     ]
     head = ("Mode", "Natural frequency", f"{percent(found)} interval", "Damping ratio")

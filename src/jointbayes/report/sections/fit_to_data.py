@@ -42,7 +42,7 @@ def _residuals(data: FrfData, check: PredictiveCheck) -> Figure:
         series.append(Series(name, middle, np.maximum(mean, 1e-4)))
     return Figure(
         "residuals",
-        "Squared misfit of each line over that of the noise, mean over the draws; the line is a running mean over 1 % "
+        "Squared misfit of each line over the noise's, mean over the draws; the line is a running mean over 1 % "
         "of the lines. Where it stays above 1 the model is wrong.",
         f"Squared residual by frequency; the largest is at {lines[int(np.argmax(check.chi2_by_line))]:.0f} Hz.",
         figures.draw_alone(drawing.draw_squares_by_line, lines, check.chi2_by_line, width=7.2, height=2.4, top=0.3),

@@ -90,9 +90,8 @@ def _table(inputs: ReportInputs) -> Table:
         for name, p in inputs.summary.parameters.items()
     )
     note = (
-        "Joint mode, MAP and mean in the stiffness's unit, see above. Contraction: the share of the prior's variance "
-        "of ln k (of k12 itself where it has both signs) that the data removed; none where the posterior is as wide as "
-        "the prior or wider, because the data favour values near the prior's ends."
+        "Joint mode, MAP and mean in the stiffness's unit. Contraction: 1, all from the test; 0, all from the prior; "
+        "none where the posterior is as wide as the prior or wider."
     )
     return Table("Posterior in numbers", head, rows, note=note)
 
@@ -117,8 +116,8 @@ def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
     )
     head = ("Quantity", "Stated", "Prior 95 %", "Median", "Posterior 95 %", "Unit", "Contraction", "R̂")
     note = (
-        "Contraction 0: the data say nothing about it, and the posterior is the prior; near 1: the data determine it; "
-        "none: the posterior is as wide as the prior or wider."
+        "Contraction: 1, all from the test; 0, all from the prior; none where the posterior is as wide as the prior or "
+        "wider."
     )
     return ReportSection(
         "nuisances", "What else was uncertain", (Table("Other uncertain quantities", head, rows, note=note),)

@@ -42,7 +42,7 @@ def joint_in_modes_section(inputs: SetupInputs) -> ReportSection | None:
     head = ("Mode", "MAP (Hz)", "Rigid joint (Hz)", "The joint's effect (%)", "Strain energy in the joint (%)")
     note = (
         "Undamped, at the MAP. The last columns: change of the natural frequency in per cent if this stiffness alone "
-        "rose by 1 %; 200 times their sum is the share of strain energy, to which a coupling may count negative."
+        "rose by 1 %."
     )
     table = Table(
         "Effect of the joint on natural frequencies",
@@ -65,8 +65,8 @@ def _sentence(modes: NDArray[np.intp], names: tuple[str, ...], change: Array) ->
         to = f"to {number(reached, 2)} %" if reached < 100 else "not even by its order"
         accuracies.append(f"**{foreign(name)}** {to} (mode {modes[most]})")
     return (
-        f"A natural frequency known to {_KNOWN_PERCENT:g} %, with all else known exactly, would tell "
-        f"{', '.join(accuracies)}; in brackets the mode that shows it best."
+        f"A natural frequency measured to {_KNOWN_PERCENT:g} %, with inputs exact, gives {', '.join(accuracies)}: "
+        "of each stiffness the mode that is most telling."
     )
 
 

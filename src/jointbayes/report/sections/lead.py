@@ -180,7 +180,7 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     parts += [premises.asked] if premises.asked else []
     parts += inputs.posterior.unseen_inputs
     if summary.no_verdict:
-        parts.append("The model: intervals of a model that misses the data are too narrow.")
+        parts.append("The model misses the data: intervals from such a fit are too narrow.")
     if solutions := inputs.posterior.solutions.description:
         parts.append(foreign(solutions))
     parts += _reasons(answers[0].known, inputs.posterior)

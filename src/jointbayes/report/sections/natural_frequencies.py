@@ -88,7 +88,7 @@ def _whose(problem: Problem) -> str:
     """Whose intervals they are, where the model is not taken for exact: the model's; empty where it is."""
     if problem.test.noise is None or problem.test.noise.shares is None:
         return ""
-    return "The 95 % intervals are the model's; neither its own error nor that of a measurement is in them."
+    return "The 95 % intervals are the model's; they hold neither its own error nor a measurement's."
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,7 +37,7 @@ def overview_section(inputs: ReportInputs) -> ReportSection | None:
         head.insert(1, foreign(f"{levels[0].name.capitalize()}{unit}"))
     note = (
         "Misfit over noise: of the best fit to all set-ups, about 1 expected. Explained: whether the model explains "
-        "its data. A quantity whose name begins with that of a set-up is its own; all others are one for all."
+        "its data. A quantity whose name begins with a set-up's is its own; all others are one for all."
     )
     kinds = tuple("" if setup.summary.check.explains else "bad" for setup in inputs.setups)
     table = Table("Set-ups", tuple(head), tuple(rows), note=note, row_kinds=kinds)

@@ -326,7 +326,7 @@ def _population_table(joints: PopulationFindings) -> Table:
         rows.append((k.name, unit, f"{median} ({low} to {high})", " to ".join(between), scatter))
     note = (
         f"From {len(joints.draws.rows)} joints, with the scatter of measurement taken out. In brackets: 95 % intervals."
-        " Scatter is the standard deviation from joint to joint, in percent that of ln k."
+        " Scatter is the standard deviation from joint to joint, in percent of ln k."
     )
     if unresolved:
         note += " Where joints differ by less than the measurement error only an upper limit can be given (97.5 %)."
@@ -392,7 +392,7 @@ def _outlier_section(joints: PopulationFindings) -> ReportSection:
         scatter = f"{number(100 * q.spread.scatter, 2)} %" if q.logarithmic else number(q.spread.scatter, 2)
         rows.append((q.label, centre, scatter, str(int(q.outlier.sum()))))
     limit = joints.quantities[0].outlier_limit
-    note = "Scatter by medians, without what the joints' own errors add, in percent that of ln k. "
+    note = "Scatter by medians, without what the joints' own errors add, in percent of ln k. "
     if np.isfinite(limit):
         note += report_text("outliers", limit=limit, count=len(joints.draws.rows), share=100 * FALSE_ALARM)
     else:

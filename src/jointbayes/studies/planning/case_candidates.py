@@ -262,7 +262,7 @@ class _ModalMaker(_Maker):
         reference = next(iter((*getattr(modes, "references", ()), *self._spec.plan_inputs)), self._farthest(every))
         for dof in self._spec.plan_outputs:
             if dof != reference and dof not in shown:
-                words = f"{self._sensor(dof)}, one that was calibrated beside that at {reference}"
+                words = f"{self._sensor(dof)}, calibrated with the one at {reference}"
                 yield ModalCandidate(
                     name=dof, words=words, position=self._positions((dof,)), numbers=modes.numbers,
                     relative=RELATIVE_CALIBRATION, dof=dof, reference=reference,
