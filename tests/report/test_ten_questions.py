@@ -10,6 +10,7 @@ import pytest
 from jointbayes.report import ReportInputs, render_html, render_pdf
 from jointbayes.report.contents import build_report
 from tests.conftest import TABLE_3, cheap_text, of_case
+from tests.hostile import browser
 from tests.report.conftest import DATE, made_up, report_of
 
 pytestmark = pytest.mark.science
@@ -36,7 +37,7 @@ VERDICT = r"(weakly identified|not identified|identified|bounded below|bounded a
 
 @pytest.fixture(scope="module")
 def runs(reports, cheap_posterior):
-    """Reports of eight runs by name."""
+    """Reports of nine runs by name."""
     stopped = replace(cheap_posterior, record=replace(cheap_posterior.record, converged=False))
     off = replace(cheap_posterior.checks[0], chi2_per_line=9.0)
     wrong = of_case(cheap_posterior)
@@ -44,7 +45,9 @@ def runs(reports, cheap_posterior):
     own = report_of(of_case(stopped)), build_report(ReportInputs(wrong), DATE)
     small = report_of(made_up("small", cheap_text().replace("length_mm = 383.0", "length_mm = 200.0"), TABLE_3))
     names = ("main", "uncertain", "set-ups", "frequencies", "frame")
-    return {name: reports[name] for name in names} | {"stopped": own[0], "wrong": own[1], "short beam": small}
+    long = report_of(made_up("long", cheap_text().replace("length_mm = 383.0", "length_mm = 600.0"), TABLE_3))
+    made = {"stopped": own[0], "wrong": own[1], "short beam": small, "long beam": long}
+    return {name: reports[name] for name in names} | made
 
 
 def page_one(report):
@@ -65,7 +68,7 @@ def seen(page):
 
 @pytest.mark.parametrize("question", ANSWERS)
 def test_page_one_answers(runs, question):
-    assert len(runs) == 8
+    assert len(runs) == 9
     for name, report in runs.items():
         assert re.search(ANSWERS[question], page_one(report)), (name, page_one(report)[-900:])
 
@@ -73,11 +76,37 @@ def test_page_one_answers(runs, question):
 def test_page_one_says_of_each_stiffness_whether_it_is_known_and_how_well(runs):
     for name, report in runs.items():
         text = page_one(report)
-        stiffnesses = {name for name in ("k11", "k12", "k22", "A.krz", "D.krz") if name in text}
+        stiffnesses = set(re.findall(r"\bk11|k12|k22|[A-D]\.k(?:x|y|rz)\b(?=,)", text))
         assert len(stiffnesses) >= 2, name
         for stiffness in stiffnesses:
             answer = rf"{re.escape(stiffness)}\b ?(,? (sideways|pushing|coupling|turning))? ({HOW_WELL}) \S* ?{VERDICT}"
             assert re.search(answer, text), (name, stiffness, text)
+
+
+#: Text of what ends above the fold, in the order of the page.
+ABOVE = """fold => [...document.querySelectorAll('.lead p, .lead tr, .lead li, .lead figcaption')]
+    .filter(e => e.getBoundingClientRect().bottom <= fold).map(e => e.innerText).join(' ')"""
+
+
+def test_every_question_is_answered_above_the_fold(runs, tmp_path):
+    """Of a screen of 1280 by 900; nothing is said on the console or asked for; of one FRF at most 900 kB."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="NOT CHECKED: playwright is not installed")
+    with sync_api.sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=browser(), args=["--no-sandbox"])
+        for name, report in runs.items():
+            path, said, asked = tmp_path / "report.html", [], []
+            path.write_text(render_html(report), encoding="utf-8", newline="\n")
+            page = running.new_page(viewport={"width": 1280, "height": 900})
+            page.on("console", lambda message, said=said: said.append(message.text))
+            page.on("request", lambda request, asked=asked: asked.append(request.url))
+            page.goto(path.as_uri())
+            text = re.sub(r"\s+", " ", page.evaluate(ABOVE, 900).replace("\u00a0", " "))
+            unanswered = {question for question, answer in ANSWERS.items() if not re.search(answer, text)}
+            assert unanswered == set(), (name, text)
+            assert (said, asked) == ([], [path.as_uri()])
+            assert path.stat().st_size <= (900_000 if name == "main" else 1_200_000), name
+            page.close()
+        running.close()
 
 
 def test_page_one_is_one_page_long(runs, tmp_path):
