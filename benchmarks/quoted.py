@@ -99,6 +99,12 @@ def _run(record: Record, name: str) -> list[str]:
     return _fenced(record["cases"][name]["printed"])
 
 
+def _answer(record: Record, name: str) -> list[str]:
+    """The first line of each stiffness."""
+    known = tuple(f"{k}: " for k in stiffnesses(record["cases"][name]))
+    return _fenced([line for line in record["cases"][name]["printed"] if line.startswith(known)])
+
+
 def _check(record: Record, name: str) -> list[str]:
     return _fenced(record["cases"][name]["check"]["printed"])
 
@@ -192,14 +198,15 @@ def _freed(record: Record, name: str) -> list[str]:
 
 def _cases(record: Record) -> list[str]:
     """Every case that can be run: what it is, and what came out."""
-    lines = ["| File | What it is | Median and 95 % credible interval | Model explains the data |", "|---|---|---|---|"]
+    lines = ["| File | What it is | Median and 95 % credible interval |", "|---|---|---|"]
     for name, case in record["cases"].items():
         names = stiffnesses(case)
         each = (_found(k, case[k]) for k in names)
         counts = Counter(case[k]["verdict"] for k in names)
         many = ", ".join(f"{count} of {len(names)} stiffnesses {verdict}" for verdict, count in counts.items())
         found = many if len(names) > _MOST_LISTED else "; ".join(each)
-        lines.append(f"| `{name}.toml` | {case['title']} | {found} | {'yes' if case['explains'] else 'no'} |")
+        wrong = "" if case["explains"] else "; the model does not explain the data"
+        lines.append(f"| `{name}.toml` | {case['title']} | {found}{wrong} |")
     return lines
 
 
@@ -264,6 +271,7 @@ def _file(_: Record, path: str, part: str = "") -> list[str]:
 
 BLOCKS: dict[str, Callable[..., list[str]]] = {
     "run": _run,
+    "answer": _answer,
     "check": _check,
     "identify": _identify,
     "verdicts": _verdicts,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import reference_pages, report_gallery
+from benchmarks import reference_pages, report_gallery, words
 
 import jointbayes as jb
 from jointbayes.case.spec.whole import CaseSpec
@@ -247,6 +247,13 @@ def test_the_readme_is_one_screen_with_a_picture_and_leads_on():
     assert len(re.findall(r"\]\(docs/[\w/-]+\.md", text)) >= 12
 
 
+def test_readme_and_pages_have_at_most_so_many_words_and_no_page_has_all_of_them():
+    counted = words.words()
+    assert counted.keys() == {page.name for page in [README, *DOCS.glob("*.md")]}
+    assert sum(counted.values()) <= 60_000, "shorten a page: python -m benchmarks.words"
+    assert {name for name, count in counted.items() if count > 3500} == {"case-file.md"}
+
+
 def test_the_page_made_from_the_command_line_has_every_command_and_option():
     page = reference_pages.command_line()
     sections = dict(re.findall(r"^## jointbayes (\w+)\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL))
@@ -300,8 +307,8 @@ def test_the_reasons_that_the_how_to_explains_are_those_of_the_verdicts():
     reasons = [row.split("|")[1] for row in section.splitlines() if row.startswith("| ")][1:]
     assert len(reasons) >= 6
     for reason in reasons:
-        for words in filter(None, map(str.strip, re.split("…|, more than 3", reason))):
-            assert words.strip("% ") in written, words
+        for part in filter(None, map(str.strip, re.split("…|, more than 3", reason))):
+            assert part.strip("% ") in written, part
 
 
 def test_the_errors_shown_are_those_of_the_slips_described(tmp_path, monkeypatch):
