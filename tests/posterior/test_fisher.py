@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jointbayes.errors import ModelError
 from jointbayes.frf import Ports, synthesise_frf
 from jointbayes.identification.refine import laplace_covariance
 from jointbayes.inference import JointPrior, Normal, Problem, Uniform
@@ -95,16 +94,6 @@ def test_the_logarithm_of_a_signed_coupling_follows_from_the_derivative():
     fisher = random_fisher(np.zeros((3, 3)), data, SignedCoupling(), theta, names)
     # ln k12 = ln ρ + (ln k11 + ln k22)/2
     assert fisher.stiffness_sd()["k12"] == pytest.approx(0.01 * np.sqrt(20**2 + 0.5))
-
-
-def test_wrong_names_and_shapes_are_refused():
-    fisher = random_fisher()
-    with pytest.raises(ModelError, match="found free parameters k13"):
-        fisher.sd(["k13"])
-    with pytest.raises(ModelError, match="each once"):
-        fisher.covariance(["k11", "k11"])
-    with pytest.raises(ModelError, match="joint's coordinates"):
-        random_fisher(parametrisation=SignedCoupling())
 
 
 def test_what_is_free_makes_the_stiffnesses_less_known():

@@ -224,10 +224,6 @@ class TestTruncatedWeights:
             (np.full(3, np.nan), SCALE, 5.0), (MEAN, np.full((3, 3), np.inf), 5.0), (MEAN, SCALE, 0.0),
             (MEAN, SCALE, np.nan), (MEAN, np.diag([1.0, 1.0, -1.0]), 5.0),
         ]),
-        *(("Student-t mixture", StudentMixture, (bells, np.array(weights))) for bells, weights in [
-            ((), []), ((LEFT,), [0.5]), ((LEFT, RIGHT), [1.0]), ((LEFT, RIGHT), [1.5, -0.5]),
-            ((LEFT, RIGHT), [np.nan, 0.5]), ((LEFT, StudentT(np.zeros(1), np.eye(1), 5.0)), [0.5, 0.5]),
-        ]),
         *(("normal scores", NormalScores, ends) for ends in [([0.0], [0.0]), ([0.0, 1.0], [2.0]), ([np.nan], [1.0])]),
         *(("proposal", fitted, (wall, *start)) for start in [
             (np.zeros(2), np.eye(3)), (np.full(2, np.nan), np.eye(2)), (np.zeros((1, 2)), 1.0),

@@ -53,11 +53,6 @@ class FisherInformation:
         Standard deviation of the prior of each coordinate, shape (d,).
     parametrisation
         Meaning of the joint's coordinates, the first ones of θ.
-
-    Raises
-    ------
-    ModelError
-        If the shapes do not agree.
     """
 
     names: tuple[str, ...]
@@ -67,28 +62,13 @@ class FisherInformation:
     prior_sd: Array
     parametrisation: Parametrisation
 
-    def __post_init__(self) -> None:
-        d = len(self.names)
-        shapes = (self.theta.shape, self.data.shape, self.prior.shape, self.prior_sd.shape)
-        if shapes != ((d,), (d, d), (d, d), (d,)) or self.names[: len(self.joint_names)] != self.joint_names:
-            raise ModelError(
-                f"Fisher information: found names {self.names} and arrays of shapes {shapes}; expected the joint's "
-                f"coordinates {self.joint_names} first and arrays of one length; give all for the same parameters"
-            )
-
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joint's coordinates."""
         return self.parametrisation.names
 
     def total(self, free: Sequence[str] | None = None) -> Array:
-        """Information about the parameters in `free`, in that order (all if None), the others exactly known: (f, f).
-
-        Raises
-        ------
-        ModelError
-            If there is no such parameter, or one is named twice.
-        """
+        """Information about the parameters in `free`, in that order (all if None), the others exactly known: (f, f)."""
         rows = self._rows(free)
         return (self.data + self.prior)[np.ix_(rows, rows)]
 
@@ -140,15 +120,7 @@ class FisherInformation:
         return sd_by_name
 
     def _rows(self, free: Sequence[str] | None) -> list[int]:
-        if free is None:
-            return list(range(len(self.names)))
-        unknown = [name for name in free if name not in self.names]
-        if unknown or len(set(free)) != len(free):
-            raise ModelError(
-                f"Fisher information: found free parameters {', '.join(free)}; expected each once and among "
-                f"{', '.join(self.names)}; correct the names"
-            )
-        return [self.names.index(name) for name in free]
+        return [self.names.index(name) for name in (self.names if free is None else free)]
 
 
 def fisher_information(problem: Problem, theta: ArrayLike) -> FisherInformation:

@@ -108,11 +108,6 @@ class StudentMixture:
     weights : ndarray, shape (components,)
         Probability of each; above 0 and 1 in sum.
 
-    Raises
-    ------
-    jointbayes.errors.SamplingError
-        If there is no component, their dimensions differ, or the weights are no probabilities.
-
     Examples
     --------
     >>> one = StudentT(np.zeros(1), np.eye(1), 1.0)
@@ -129,24 +124,14 @@ class StudentMixture:
     _log_peaks: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        weights = np.array(self.weights, dtype=np.float64)
-        sizes = {component.mean.size for component in self.components}
-        if len(sizes) != 1 or weights.shape != (len(self.components),):
-            raise SamplingError(
-                f"Student-t mixture: found {len(self.components)} components of dimensions {sorted(sizes)} and weights "
-                f"of shape {weights.shape}; expected one dimension and a weight for each; correct them"
-            )
-        if not ((weights > 0).all() and abs(weights.sum() - 1.0) < 1e-9):
-            raise SamplingError(
-                f"Student-t mixture: found weights {weights.tolist()}; expected all above 0 and 1 in sum; correct them"
-            )
+        weights = self.weights / self.weights.sum()
         derived = {
-            "weights": weights / weights.sum(),
+            "weights": weights,
             "_means": np.array([c.mean for c in self.components]),
             "_factors": np.array([c._factor for c in self.components]),
             "_whiten": np.array([c._whiten for c in self.components]),
             "_dof": np.array([c.dof for c in self.components]),
-            "_log_peaks": np.array([c._log_peak for c in self.components]) + np.log(weights / weights.sum()),
+            "_log_peaks": np.array([c._log_peak for c in self.components]) + np.log(weights),
         }
         for name, array in derived.items():
             array.setflags(write=False)
