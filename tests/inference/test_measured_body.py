@@ -186,10 +186,7 @@ def test_a_problem_with_a_measured_body_has_no_modes_and_says_what_it_ignores():
     assert problem.with_test(structure=whole(propagate=False)).test.ignores_noise_of_bodies
 
 
-@pytest.mark.parametrize(
-    ("noise", "kind"),
-    [(None, "log_magnitude"), (ProportionalNoise.of(data(), 2), "complex")],
-)
+@pytest.mark.parametrize(("noise", "kind"), [(None, "log_magnitude"), (ProportionalNoise.of(data(), 2), "complex")])
 def test_noise_beside_which_the_body_cannot_be_propagated_is_refused(noise, kind):
     with pytest.raises(ModelError, match="expected complex ones with Gaussian or Student-t noise"):
         lone_likelihood(whole(), TAPER, data(), noise=noise, residual_kind=kind)

@@ -7,13 +7,7 @@ import pytest
 from scipy import signal, special, stats
 
 from jointbayes.errors import ModelError
-from jointbayes.inference import (
-    GaussianNoise,
-    IntegratedScale,
-    NoiseModel,
-    ScaledNoise,
-    StudentNoise,
-)
+from jointbayes.inference import GaussianNoise, IntegratedScale, NoiseModel, ScaledNoise, StudentNoise
 from jointbayes.posterior.checks import (
     CELLS,
     FALSE_ALARM,

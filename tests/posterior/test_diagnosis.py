@@ -12,10 +12,7 @@ from jointbayes.posterior.diagnosis import diagnose, diagnose_frequencies, diagn
 from jointbayes.workflow import find_map
 from tests.conftest import CONFIGS, TABLE_3, edited, pair_matrix
 
-TIP = edited(
-    (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8"),
-    ("f_step_hz = 1.0", "f_step_hz = 4.0"),
-)
+TIP = edited((CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8"), ("f_step_hz = 1.0", "f_step_hz = 4.0"))
 BOTH = edited(TIP, ('outputs = ["11:y"]', 'outputs = ["11:y", "6:y"]'))
 THREE = edited(TIP, ('outputs = ["11:y"]', 'outputs = ["11:y", "6:y", "8:y"]'))
 

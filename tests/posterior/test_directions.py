@@ -7,12 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes.posterior.directions import (
-    interval_ratio,
-    name_directions,
-    spread_in_words,
-    summary_sentence,
-)
+from jointbayes.posterior.directions import interval_ratio, name_directions, spread_in_words, summary_sentence
 from jointbayes.posterior.identifiability import assess
 from jointbayes.rounding import factor_in_words
 from tests.conftest import PAIR

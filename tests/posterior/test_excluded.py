@@ -13,13 +13,7 @@ from jointbayes.cli.common import print_summary
 from jointbayes.inference import JointPrior, Uniform
 from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import gather_knowledge
-from jointbayes.posterior.excluded import (
-    LEVEL,
-    SimplerJoint,
-    exclusion_sentences,
-    known_by_bounds,
-    simpler_joints,
-)
+from jointbayes.posterior.excluded import LEVEL, SimplerJoint, exclusion_sentences, known_by_bounds, simpler_joints
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import UncertainInputsRow
 from jointbayes.posterior.limits import LikelihoodRegion

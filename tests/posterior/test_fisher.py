@@ -98,13 +98,7 @@ def test_the_logarithm_of_a_signed_coupling_follows_from_the_derivative():
 
 def test_what_is_free_makes_the_stiffnesses_less_known():
     # k22 is as uncertain as the length makes it, k12 as both make it, k11 not at all
-    jacobian = np.array(
-        [
-            [1.0, 0, 0, 0, 0],
-            [0, 1.0, 0, 20.0, 100.0],
-            [0, 0, 1.0, 0, 6.0],
-        ]
-    )
+    jacobian = np.array([[1.0, 0, 0, 0, 0], [0, 1.0, 0, 20.0, 100.0], [0, 0, 1.0, 0, 6.0]])
     data = jacobian.T @ jacobian / 0.01**2
     fisher = random_fisher(data=data, prior=np.diag([0, 0, 0, *PRIOR_SD[3:] ** -2.0]))
     joint = NAMES[:3]

@@ -166,12 +166,7 @@ def test_data_at_lines_that_the_body_lacks_are_refused(posterior):
 def of_setups(first, second, *, ignored="") -> Problem:
     """Two set-ups, each of one problem, of which one may take its body for exact."""
     setups = [
-        Test(
-            name,
-            replace(one.test.structure, propagate=name != ignored),
-            one.test.joints,
-            one.test.data,
-        )
+        Test(name, replace(one.test.structure, propagate=name != ignored), one.test.joints, one.test.data)
         for name, one in (("a", first), ("b", second))
     ]
     return Problem(tests=setups, prior=first.prior)

@@ -374,7 +374,7 @@ def test_the_fingerprint_follows_the_data(cheap_posterior, frequency_posterior):
     changed = dataclasses.replace(
         cheap_posterior,
         problem=cheap_posterior.problem.with_test(
-            data=dataclasses.replace(measurement, variance=measurement.variance * (1 + 1e-12)),
+            data=dataclasses.replace(measurement, variance=measurement.variance * (1 + 1e-12))
         ),
     )
     assert len({fingerprint(p) for p in (cheap_posterior, changed, frequency_posterior)}) == 3

@@ -21,13 +21,7 @@ from jointbayes.posterior.identifiability import (
     ExactInputs,
     Identifiability,
 )
-from jointbayes.posterior.verdicts import (
-    BEYOND,
-    LEAST_EXCLUDED,
-    lines_of,
-    mode_sentence,
-    reasons_for_no_verdict,
-)
+from jointbayes.posterior.verdicts import BEYOND, LEAST_EXCLUDED, lines_of, mode_sentence, reasons_for_no_verdict
 from jointbayes.posterior.widened import (
     DECADE,
     REACH,

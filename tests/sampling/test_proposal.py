@@ -151,8 +151,7 @@ def far_off(x):
 
 class TestRobustness:
     @pytest.mark.parametrize(
-        ("density", "least"),
-        [(wall, 0.2), (ridge, 0.2), (valley, 0.2), (point, 0.0), (far_off, 0.0)],
+        ("density", "least"), [(wall, 0.2), (ridge, 0.2), (valley, 0.2), (point, 0.0), (far_off, 0.0)]
     )
     @pytest.mark.parametrize("width", [1e-4, 1.0, 1e4])
     @pytest.mark.parametrize("seed", first_in_ci([0, 1, 2], 1))

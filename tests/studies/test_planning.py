@@ -271,8 +271,7 @@ def test_an_accelerometer_with_mass_loads_the_structure_and_a_hammer_does_not():
 @pytest.mark.parametrize("own", [0.0, 15.0])
 def test_an_added_mass_is_exactly_known_beside_an_uncertain_beam_and_accelerometer(own):
     base = edited(
-        shipped_text("clamped_beam_uncertain"),
-        ("elements = 10", f"elements = 10\naccelerometer_mass_g = {own}"),
+        shipped_text("clamped_beam_uncertain"), ("elements = 10", f"elements = 10\naccelerometer_mass_g = {own}")
     )
     text = base.replace("[plan]", "[plan]\nadded_mass_g = 50.0")
     if own:

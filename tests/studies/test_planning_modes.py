@@ -133,14 +133,7 @@ def both(case, further):
     return jb.Problem(tests, case.problem.prior)
 
 
-@pytest.mark.parametrize(
-    ("text", "name"),
-    [
-        (BASE + MATERIAL, "free"),
-        (FREQUENCIES, "free"),
-        (FREQUENCIES, "6:y"),
-    ],
-)
+@pytest.mark.parametrize(("text", "name"), [(BASE + MATERIAL, "free"), (FREQUENCIES, "free"), (FREQUENCIES, "6:y")])
 def test_the_density_of_which_a_forecast_is_made_is_that_of_two_tests(text, name):
     case, candidate = case_of(text + PLAN), named(text + PLAN)[name]
     further = candidate.problem(case.problem, TRUTH, np.random.default_rng(5))

@@ -280,7 +280,7 @@ def test_the_variance_from_coherence_is_the_scatter_of_simulated_impact_tests(hi
                     f.quantity,
                     f.coherence[:, None, None],
                     hits,
-                ),
+                )
             ).ravel()
             for f in found
         ],

@@ -129,10 +129,7 @@ def test_many_frfs_are_streamed():
 
 def test_all_kinds_of_records_are_listed():
     f = np.arange(1.0, 21.0)
-    modes = [
-        ModeRecord(1, 12.5, 0.01, 0.004, 2e-4, {"1:z": 1 + 0j, "2:z": -0.5 + 0j}),
-        ModeRecord(2, 40.0),
-    ]
+    modes = [ModeRecord(1, 12.5, 0.01, 0.004, 2e-4, {"1:z": 1 + 0j, "2:z": -0.5 + 0j}), ModeRecord(2, 40.0)]
     listed = inspected(
         [
             CoherenceRecord("1:z", "2:z", f, np.full(20, 0.9), 8),

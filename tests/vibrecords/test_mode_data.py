@@ -3,15 +3,7 @@
 import numpy as np
 import pytest
 
-from vibrecords import (
-    Antiresonances,
-    FrequencyData,
-    ModalConstants,
-    ModeData,
-    ModeShapes,
-    Observed,
-    split_modes,
-)
+from vibrecords import Antiresonances, FrequencyData, ModalConstants, ModeData, ModeShapes, Observed, split_modes
 from vibrecords.errors import MeasurementError
 
 NAN = float("nan")

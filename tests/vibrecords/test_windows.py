@@ -6,12 +6,7 @@ from numpy.testing import assert_allclose
 
 from vibrecords import FrfSet
 from vibrecords.errors import MeasurementError
-from vibrecords.signals.windows import (
-    added_decay_rate,
-    exponential_window,
-    force_window,
-    remove_added_damping,
-)
+from vibrecords.signals.windows import added_decay_rate, exponential_window, force_window, remove_added_damping
 
 FREQUENCY, RATIO = np.array([120.0, 310.0, 700.0]), np.array([0.01, 0.004, 0.02])
 RATE = 12.0

@@ -70,12 +70,7 @@ class AssembledShapes(LowestModes):
     """
 
     def __init__(
-        self,
-        body: Body,
-        joint: AnyJoint,
-        count: int,
-        dofs: Sequence[str] = (),
-        zeros: Sequence[tuple[str, int]] = (),
+        self, body: Body, joint: AnyJoint, count: int, dofs: Sequence[str] = (), zeros: Sequence[tuple[str, int]] = ()
     ) -> None:
         labels = [label for label, _ in zeros]
         self._seen, self._zeros = len(dofs), {label: [n - 1 for dof, n in zeros if dof == label] for label in labels}

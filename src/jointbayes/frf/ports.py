@@ -76,11 +76,7 @@ class TakingPart:
 
     @classmethod
     def of(
-        cls,
-        body: LabelledDofs,
-        joint: AnyJoint,
-        labels: Sequence[str] = (),
-        forms: tuple[Indices, Array] | None = None,
+        cls, body: LabelledDofs, joint: AnyJoint, labels: Sequence[str] = (), forms: tuple[Indices, Array] | None = None
     ) -> "TakingPart":
         """Of a joint, motions of labelled DOFs, and further ones as forms (p, d) on DOFs (p,).
 

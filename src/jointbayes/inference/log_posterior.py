@@ -148,10 +148,7 @@ class LogPosterior:
         t = np.asarray(theta, dtype=float)
         data, slope = self.data_residuals(t)
         root = np.sqrt(self.prior.precision)
-        return (
-            np.concatenate([data, root * (t - self.prior.mean)]),
-            np.concatenate([slope, np.diag(root)]),
-        )
+        return (np.concatenate([data, root * (t - self.prior.mean)]), np.concatenate([slope, np.diag(root)]))
 
     def data_residuals(self, theta: ArrayLike) -> tuple[Array, Array]:
         """Those of `residuals` that belong to the data, shape (m,), and their Jacobian, shape (m, d)."""

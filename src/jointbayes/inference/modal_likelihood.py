@@ -238,12 +238,7 @@ class GaussianLikelihood(Likelihood):
     """
 
     def __init__(
-        self,
-        model: ValueModel,
-        values: Array,
-        sd: Array,
-        names: Sequence[str] = (),
-        noise: NoiseModel | None = None,
+        self, model: ValueModel, values: Array, sd: Array, names: Sequence[str] = (), noise: NoiseModel | None = None
     ) -> None:
         self._model, self._measured, self._sd = model, values, sd
         noise = noise or GaussianNoise(1)
@@ -328,11 +323,7 @@ class GaussianLikelihood(Likelihood):
         return rows[0], rows[1:].T
 
     def plain_residuals(
-        self,
-        matrix: AnyJointMatrix,
-        directions: AnyJointMatrix,
-        factors: ArrayLike | None = None,
-        scale: float = 1.0,
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None, scale: float = 1.0
     ) -> Array:
         """Residuals over `scale` times their stated deviations, and derivatives, (1 + p + q, m), for one joint."""
         joint, factor_rows = joint_matrix_of(matrix), factors_batch(factors, 1)

@@ -47,18 +47,9 @@ if TYPE_CHECKING:
     from jointbayes.joint.signed import SignedCoupling as SignedCoupling
 
 _COMPUTING = (
-    "matrix",
-    "joint",
-    "parametrisation",
-    "plain_springs",
-    "full",
-    "damped",
-    "blocks",
-    "kinds",
-    "log",
-    "signed",
+    "matrix", "joint", "parametrisation", "plain_springs", "full", "damped", "blocks", "kinds", "log", "signed",
     "elastic_centre",
-)
+)  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 (any name of the room)

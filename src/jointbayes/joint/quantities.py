@@ -251,11 +251,7 @@ def full_coordinates(directions: Sequence[str]) -> tuple[Coordinate, ...]:
 USUAL_HYPOTHESES = ("rigid", "translation", "rotation", "springs", "full")
 _UNDAMPED = "undamped "
 #: All it may be asked for: a translation and a rotation coupled as well, and all that yield without their damping.
-HYPOTHESES = (
-    *USUAL_HYPOTHESES,
-    "coupled",
-    *(f"{_UNDAMPED}{name}" for name in (*USUAL_HYPOTHESES[1:], "coupled")),
-)
+HYPOTHESES = (*USUAL_HYPOTHESES, "coupled", *(f"{_UNDAMPED}{name}" for name in (*USUAL_HYPOTHESES[1:], "coupled")))
 
 
 def split_hypothesis(hypothesis: str) -> tuple[bool, str]:

@@ -1,29 +1,16 @@
 """The posterior: draws, verdicts, predictions, summary, storage."""
 
-from jointbayes.posterior.checks import PredictiveCheck
-from jointbayes.posterior.diagnosis import diagnose
-from jointbayes.posterior.evidence import evidence, importance_evidence, nested_evidence
-from jointbayes.posterior.examination import gather_knowledge
-from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.knowledge import Knowledge
-from jointbayes.posterior.other_structure import OtherStructure
-from jointbayes.posterior.posterior import Posterior
-from jointbayes.posterior.run_record import RunRecord, data_sha256, package_versions
-from jointbayes.posterior.summary import summarise
-
-__all__ = [
-    "Knowledge",
-    "OtherStructure",
-    "Posterior",
-    "PredictiveCheck",
-    "RunRecord",
-    "assess",
-    "data_sha256",
-    "diagnose",
-    "gather_knowledge",
-    "evidence",
-    "importance_evidence",
-    "nested_evidence",
-    "package_versions",
-    "summarise",
-]
+from jointbayes.posterior.checks import PredictiveCheck as PredictiveCheck
+from jointbayes.posterior.diagnosis import diagnose as diagnose
+from jointbayes.posterior.evidence import evidence as evidence
+from jointbayes.posterior.evidence import importance_evidence as importance_evidence
+from jointbayes.posterior.evidence import nested_evidence as nested_evidence
+from jointbayes.posterior.examination import gather_knowledge as gather_knowledge
+from jointbayes.posterior.identifiability import assess as assess
+from jointbayes.posterior.knowledge import Knowledge as Knowledge
+from jointbayes.posterior.other_structure import OtherStructure as OtherStructure
+from jointbayes.posterior.posterior import Posterior as Posterior
+from jointbayes.posterior.run_record import RunRecord as RunRecord
+from jointbayes.posterior.run_record import data_sha256 as data_sha256
+from jointbayes.posterior.run_record import package_versions as package_versions
+from jointbayes.posterior.summary import summarise as summarise

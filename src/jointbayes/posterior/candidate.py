@@ -229,12 +229,7 @@ def repeated(problem: Problem, averages_factor: float) -> FrfCandidate:
 
 
 def _noise(
-    present: Problem,
-    there: Problem,
-    stated: NoiseModel | None,
-    theta: Array,
-    exact: FrfData,
-    rng: np.random.Generator,
+    present: Problem, there: Problem, stated: NoiseModel | None, theta: Array, exact: FrfData, rng: np.random.Generator
 ) -> ComplexArray:
     """Standardised complex residuals that a noise model expects at θ, shape (lines, outputs, inputs).
 

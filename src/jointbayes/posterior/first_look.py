@@ -139,12 +139,7 @@ def fisher_information(problem: Problem, theta: ArrayLike) -> FisherInformation:
     _, jacobian = problem.log_posterior.residuals(point)
     data = jacobian[: len(jacobian) - point.size]  # the last d rows are the prior's
     return FisherInformation(
-        problem.names,
-        point,
-        data.T @ data,
-        np.diag(problem.prior.precision),
-        problem.prior.sd,
-        problem.parametrisation,
+        problem.names, point, data.T @ data, np.diag(problem.prior.precision), problem.prior.sd, problem.parametrisation
     )
 
 

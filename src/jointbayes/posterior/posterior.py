@@ -326,12 +326,7 @@ class Posterior:
         return float((self.log_density > self.problem.log_posterior(point)[0]).mean())
 
     def predict_frf(
-        self,
-        ports: Ports | None = None,
-        *,
-        probability: float = 0.95,
-        max_draws: int = 400,
-        setup: str | None = None,
+        self, ports: Ports | None = None, *, probability: float = 0.95, max_draws: int = 400, setup: str | None = None
     ) -> FrfPrediction:
         """Median and interval of FRFs over posterior draws, as the measurement would show them without its noise.
 

@@ -207,11 +207,7 @@ def value_units(problem: Problem) -> dict[str, str]:
 
 
 def values_tree(
-    problem: Problem,
-    values: Array,
-    log_density: Array,
-    ensemble: NDArray[Any],
-    before: Array,
+    problem: Problem, values: Array, log_density: Array, ensemble: NDArray[Any], before: Array
 ) -> xr.DataTree:
     """Groups posterior, sample_stats, prior and observed_data, of several set-ups one observed_data_NAME for each.
 

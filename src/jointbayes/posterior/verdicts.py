@@ -176,12 +176,7 @@ def _holds(interval: tuple[float, float], value: float) -> bool:
 
 
 def found_with_wider_priors(
-    posterior: AnyPosterior,
-    wide: WidenedPosterior,
-    name: str,
-    drawn: Identifiability,
-    values: Array,
-    error: Error,
+    posterior: AnyPosterior, wide: WidenedPosterior, name: str, drawn: Identifiability, values: Array, error: Error
 ) -> Finding:
     """The verdict after a look at what wider priors make of it: never more certain, and every change has its reason.
 

@@ -291,11 +291,7 @@ class Stage:
         return self.checks[-1].tau_max > slow.tau
 
     def extend(
-        self,
-        advance: Advance,
-        states: list[EnsembleState],
-        streams: Streams,
-        settings: SamplerSettings,
+        self, advance: Advance, states: list[EnsembleState], streams: Streams, settings: SamplerSettings
     ) -> list[EnsembleState]:
         """Move every ensemble on by one block and return where they stand."""
         size = min(settings.check_every, settings.max_steps - self.step)

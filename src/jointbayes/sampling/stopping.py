@@ -111,11 +111,7 @@ class Verdict:
 
 
 def diagnose(
-    theta: Array,
-    previous: Check | None,
-    every: int = 1,
-    steps: int | None = None,
-    modes: SeveralModes | None = None,
+    theta: Array, previous: Check | None, every: int = 1, steps: int | None = None, modes: SeveralModes | None = None
 ) -> Check:
     """Compute τ and R̂ of the steps after burn-in.
 

@@ -118,11 +118,7 @@ def _se_of_sum(each: Array) -> float:
 
 
 #: Ends of 2 ln B, and evidence up to there in the words of Kass and Raftery.
-GRADES = (
-    (2.0, "not worth more than a bare mention"),
-    (6.0, "positive"),
-    (10.0, "strong"),
-)
+GRADES = ((2.0, "not worth more than a bare mention"), (6.0, "positive"), (10.0, "strong"))
 _STRONGEST = "very strong"
 
 

@@ -175,11 +175,7 @@ def iter_records(path: str | Path, layout: Mapping[str, str] | None = None) -> I
 
 
 def read_frf(
-    path: str | Path,
-    *,
-    f_min_hz: float | None = None,
-    f_max_hz: float | None = None,
-    quantity: Quantity | None = None,
+    path: str | Path, *, f_min_hz: float | None = None, f_max_hz: float | None = None, quantity: Quantity | None = None
 ) -> FrfSet:
     """FRFs of a file as one set; outputs and inputs are the file's channel labels.
 
@@ -214,12 +210,7 @@ def _sheet_records(path: Path, layout: Mapping[str, str]) -> Generator[Record, N
 #: Formats whose readers take a layout.
 _LAID_OUT = ("mat", "mat4", "mat73", "npz", "hdf5", "table", "xlsx", "tdms")
 #: Formats that the first words of a file tell.
-_TOLD_BY_BEGINNING = {
-    b"MATLAB 7.3": "mat73",
-    b"MATLAB 5.0": "mat",
-    b"LabVIEW Measurement": "lvm",
-    b"TDSm": "tdms",
-}
+_TOLD_BY_BEGINNING = {b"MATLAB 7.3": "mat73", b"MATLAB 5.0": "mat", b"LabVIEW Measurement": "lvm", b"TDSm": "tdms"}
 _READERS: dict[str, Callable[..., Generator[Record, None, None]]] = {
     "uff": read_uff,
     "lvm": lambda path: records_of_tables(read_lvm(path)),

@@ -94,9 +94,7 @@ def _line_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
     if (step <= 0).any():
         line = int(np.argmax(step <= 0))
         yield MeasurementWarning(
-            "lines_out_of_order",
-            f"{f[line + 1]:g} Hz comes after {f[line]:g} Hz",
-            "sort the lines, drop doubled ones",
+            "lines_out_of_order", f"{f[line + 1]:g} Hz comes after {f[line]:g} Hz", "sort the lines, drop doubled ones"
         )
         return
     middle = float(np.median(step))

@@ -308,10 +308,7 @@ def _ranks(values: Array, weight: Array, rng: np.random.Generator) -> Array:
 
 
 def _needing_a_look(
-    rows: Sequence[CaseRow],
-    draws: CampaignDraws | None,
-    joints: PopulationFindings | None,
-    left_out: Mapping[str, str],
+    rows: Sequence[CaseRow], draws: CampaignDraws | None, joints: PopulationFindings | None, left_out: Mapping[str, str]
 ) -> tuple[Look, ...]:
     """Cases with whatever is unusual about them; what holds for most cases is no reason to look at one."""
     reasons: dict[str, list[tuple[int, str]]] = {row.key: [] for row in rows}

@@ -139,10 +139,7 @@ class Population:
 
 
 def hierarchical_posterior(
-    draws: JointDraws,
-    prior: PopulationPrior,
-    parametrisation: Parametrisation | None = None,
-    seed: int = 1,
+    draws: JointDraws, prior: PopulationPrior, parametrisation: Parametrisation | None = None, seed: int = 1
 ) -> Population:
     """Infer mean and scatter of the population that joints come from, and each joint given the others.
 
