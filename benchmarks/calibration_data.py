@@ -14,13 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BASE = ROOT / "configs" / "clamped_beam.toml"
 
 #: Edits of the main case: 151 lines at tip and mid-span, a noise floor, and a prior on the joint that is proper.
-_KEYS = {
-    "outputs": '["11:y", "6:y"]',
-    "f_max_hz": "985.0",
-    "f_step_hz": "6.5",
-    "relative": "0.0",
-    "floor": "0.3",
-}
+_KEYS = {"outputs": '["11:y", "6:y"]', "f_max_hz": "985.0", "f_step_hz": "6.5", "relative": "0.0", "floor": "0.3"}
 _MEDIANS = {"k11": 5.05e9, "k12": 3.44e7, "k22": 1.52e6}
 #: Of ln k: a factor of 7 either way, 95 % sure.
 SD_LOG = 1.0
@@ -44,12 +38,7 @@ scale_high_factor = 3.0
 """
 
 #: What each variant adds to the case with an uncertain joint and nothing else.
-VARIANTS = {
-    "joint": "",
-    "nuisances": _BEAM,
-    "noise scale": _SCALE,
-    "all": _BEAM + _SCALE,
-}
+VARIANTS = {"joint": "", "nuisances": _BEAM, "noise scale": _SCALE, "all": _BEAM + _SCALE}
 
 
 @cache

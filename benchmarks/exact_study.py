@@ -180,12 +180,7 @@ PARTS: dict[str, tuple[Callable[[Task], Outcome | ModeOutcome], int, tuple[str, 
     "bounds": (bounds, 40, ("main",)),
     "seeds": (seeds, 100, ("main",)),
 }
-_SUMMARIES = {
-    "coverage": coverage_summary,
-    "mode": mode_summary,
-    "bounds": bounds_summary,
-    "seeds": seeds_summary,
-}
+_SUMMARIES = {"coverage": coverage_summary, "mode": mode_summary, "bounds": bounds_summary, "seeds": seeds_summary}
 
 
 def run(task: Task) -> Outcome | ModeOutcome:

@@ -12,14 +12,7 @@ import numpy as np
 
 import jointbayes as jb
 from benchmarks import cases, peers, record
-from benchmarks.timing import (
-    Contestant,
-    Timing,
-    interleaved,
-    log_log_slope,
-    peak_megabytes,
-    resident_peak_megabytes,
-)
+from benchmarks.timing import Contestant, Timing, interleaved, log_log_slope, peak_megabytes, resident_peak_megabytes
 from jointbayes.frf import receptance_model
 from jointbayes.inference import Likelihood, likelihood_of
 from jointbayes.joint import Joint, Joints
@@ -176,11 +169,7 @@ def measure(quick: bool) -> dict[str, Any]:
     entries = many_dof_contestants(step, batch)
     many = interleaved(entries, rounds)
     rows += [row for law in LAWS for row in rows_of(law, {n: t for n, t in many.items() if n.endswith(law)}, entries)]
-    return {
-        "lines": case.problem.test.data.frf.n_lines,
-        "batch": batch,
-        "rows": rows,
-    }
+    return {"lines": case.problem.test.data.frf.n_lines, "batch": batch, "rows": rows}
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -123,7 +123,7 @@ def section(found: Mapping[str, Any]) -> str:
             lines += [
                 f"- **A whole run, {what}**: {'converged' if row['converged'] else 'not converged'} with "
                 f"{row['ess']:.0f} effective draws of the quantity that has the fewest, in {row['seconds']:.0f} s "
-                f"({row['processor_seconds']:.0f} s of one processor core), mode search included.",
+                f"({row['processor_seconds']:.0f} s of one processor core), mode search included."
             ]
     if "modes" in found:
         row = found["modes"]
@@ -140,12 +140,7 @@ def section(found: Mapping[str, Any]) -> str:
 def _calibration(data: Mapping[str, Any]) -> list[str]:
     n, where = data["data_sets"], data["environment"]
     rows = [
-        (
-            name,
-            "inside" if row["inside_band"] else "**outside**",
-            f"{row['p_value']:.3f}",
-            f"{row['covered']} of {n}",
-        )
+        (name, "inside" if row["inside_band"] else "**outside**", f"{row['p_value']:.3f}", f"{row['covered']} of {n}")
         for name, row in data["quantities"].items()
     ]
     return [

@@ -41,11 +41,7 @@ PAGE = ROOT / "docs" / "modes.md"
 ENTROPY = 20261124
 
 #: Natural frequencies and antiresonances of the tip that are measured, by what the table calls them.
-KINDS = {
-    "three frequencies": (3, 0),
-    "four frequencies": (4, 0),
-    "four frequencies, three antiresonances": (4, 3),
-}
+KINDS = {"three frequencies": (3, 0), "four frequencies": (4, 0), "four frequencies, three antiresonances": (4, 3)}
 CASES = 200
 #: What is asked of each stiffness: the share of its 95 % intervals that hold the truth.
 WANTED = (0.92, 0.98)
@@ -137,12 +133,7 @@ def analysed(kind: str, index: int) -> dict[str, Any]:
         for name, true in truth.items()
     }
     effective = float(1 / (weight**2).sum())
-    return {
-        "index": index,
-        "effective": effective,
-        "seconds": time.process_time() - began,
-        "stiffness": stiffness,
-    }
+    return {"index": index, "effective": effective, "seconds": time.process_time() - began, "stiffness": stiffness}
 
 
 def importance_draws(problem: jb.Problem, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -233,10 +224,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         said = [row["stiffness"][name] for row in rows]
         held = sum(one["interval95"][0] <= one["truth"] <= one["interval95"][1] for one in said)
         widths = [one["interval95"][1] / one["interval95"][0] for one in said]
-        stiffness[name] = {
-            "held": held,
-            "width": float(np.median(widths)),
-        }
+        stiffness[name] = {"held": held, "width": float(np.median(widths))}
     return {
         "cases": len(rows),
         "least_effective": min(row["effective"] for row in rows),

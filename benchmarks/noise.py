@@ -6,13 +6,7 @@ import os
 import numpy as np
 
 from benchmarks.timing import Contestant, interleaved, log_log_slope
-from jointbayes.inference import (
-    GaussianNoise,
-    IntegratedScale,
-    NoiseModel,
-    ScaledNoise,
-    StudentNoise,
-)
+from jointbayes.inference import GaussianNoise, IntegratedScale, NoiseModel, ScaledNoise, StudentNoise
 
 BATCH = 64
 LINES = (1250, 5000, 20000)

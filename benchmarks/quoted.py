@@ -161,14 +161,7 @@ def _verdicts(record: Record, name: str) -> list[str]:
     ]
     for k in stiffnesses(record["cases"][name]):
         e = record["cases"][name][k]
-        cells = (
-            k,
-            f"{stiffness(e['reference'])} {e['unit']}",
-            _median(e),
-            _ends(e),
-            _ratio(e),
-            e["words"],
-        )
+        cells = (k, f"{stiffness(e['reference'])} {e['unit']}", _median(e), _ends(e), _ratio(e), e["words"])
         lines.append(f"| {' | '.join(cells)} |")
     return lines
 

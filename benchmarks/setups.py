@@ -262,10 +262,7 @@ def table_rows() -> list[dict[str, Any]]:
 
 def page(found: dict[str, Any]) -> str:
     """The table and the counts for the docs."""
-    lines = [
-        "| Tests | sd of ln k11 | sd of ln k12 | sd of ln k22 |",
-        "|---|---|---|---|",
-    ]
+    lines = ["| Tests | sd of ln k11 | sd of ln k12 | sd of ln k22 |", "|---|---|---|---|"]
     for row in found["table"]:
         drawn = [f" ({one:.2g})" for one in row["sampled"]] if row["sampled"] else [""] * 3
         cells = [f"{one:.2g}{other}" for one, other in zip(row["linearised"], drawn, strict=True)]

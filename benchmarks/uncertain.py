@@ -7,26 +7,9 @@ import numpy as np
 
 from benchmarks.timing import Contestant, interleaved
 from jointbayes.frf import Ports, synthesise_frf
-from jointbayes.inference import (
-    JointPrior,
-    NoiseModel,
-    Normal,
-    Nuisance,
-    Problem,
-    ScaledNoise,
-    StudentNoise,
-    Uniform,
-)
+from jointbayes.inference import JointPrior, NoiseModel, Normal, Nuisance, Problem, ScaledNoise, StudentNoise, Uniform
 from jointbayes.joint import Joint, LogStiffness
-from jointbayes.structure import (
-    BeamFamily,
-    BeamMaterial,
-    BeamRecipe,
-    DampingLaw,
-    LossFactor,
-    ModalDamping,
-    Section,
-)
+from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, DampingLaw, LossFactor, ModalDamping, Section
 from vibrecords import RelativeNoise
 
 BATCH = 64

@@ -33,10 +33,7 @@ KEPT = ROOT / "build" / "wrong_verdicts.jsonl"
 WRONGS = ("length 1 % off", "Young's modulus 5 % off", "a joint missed")
 NOISES = (0.03, 0.10)
 #: Highest frequency, Hz, with the true joint.
-BANDS = {
-    "to 500 Hz": {"ky": 3.0e7, "krz": 5.0e4},
-    "to 2500 Hz": {"k11": 5.05e9, "k12": 3.44e7, "k22": 1.52e6},
-}
+BANDS = {"to 500 Hz": {"ky": 3.0e7, "krz": 5.0e4}, "to 2500 Hz": {"k11": 5.05e9, "k12": 3.44e7, "k22": 1.52e6}}
 _SPRINGS = """[joint]
 kind = "springs"
 dofs = ["1:y", "1:rz"]

@@ -156,8 +156,7 @@ def calls_that_need_room(place, arguments):
 
 @pytest.mark.whole
 @pytest.mark.parametrize(
-    ("command", "sampled"),
-    first_in_ci([("sample", 6), ("run", 8), ("sample", None), ("run", None)], 1),
+    ("command", "sampled"), first_in_ci([("sample", 6), ("run", 8), ("sample", None), ("run", None)], 1)
 )
 def test_a_disk_that_is_full_from_any_write_on_costs_a_line_and_no_draws(tmp_path, monkeypatch, command, sampled):
     elsewhere = tmp_path / "temporary"

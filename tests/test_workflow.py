@@ -280,8 +280,7 @@ def test_a_replaced_problem_is_saved_as_it_was_sampled(tmp_path):
     case = jb.case_from_text("cheap", cheap_text())
     problem = case.problem
     softer = dataclasses.replace(
-        problem,
-        prior=dataclasses.replace(problem.prior, marginals=(Normal(22.0, 0.5), *problem.prior.marginals[1:])),
+        problem, prior=dataclasses.replace(problem.prior, marginals=(Normal(22.0, 0.5), *problem.prior.marginals[1:]))
     ).with_test(data=dataclasses.replace(problem.test.data, variance=2 * problem.test.data.variance))
     posterior = jb.sample(dataclasses.replace(case, problem=softer), seed=1, settings=QUICK)
     posterior.save(tmp_path / "kept.nc")
@@ -357,10 +356,7 @@ def static_test(theta):
     return -0.5 * ((theta[:, 0] - 9.6) / 0.1) ** 2
 
 
-OWN = {
-    "scipy": (stats.laplace(9.4, 0.15), None),
-    "object and extra term": (Triangle(9.4, 0.5), static_test),
-}
+OWN = {"scipy": (stats.laplace(9.4, 0.15), None), "object and extra term": (Triangle(9.4, 0.5), static_test)}
 
 
 def on_grid(prior, extra):

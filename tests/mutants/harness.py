@@ -121,10 +121,7 @@ def run_tests(tree: Path, tests: Sequence[str], *, unmutated: bool) -> tuple[int
 
     Bytecode is kept of files as they are alone: it is told from that of a mutant by the second and the size only.
     """
-    environment = os.environ | {
-        "PYTHONPATH": str(tree / "src"),
-        "PYTHONDONTWRITEBYTECODE": "" if unmutated else "1",
-    }
+    environment = os.environ | {"PYTHONPATH": str(tree / "src"), "PYTHONDONTWRITEBYTECODE": "" if unmutated else "1"}
     options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-m", _MARKS, f"--timeout={_TEST_SECONDS}"]
     command = [sys.executable, "-m", "pytest", *options, *tests]
     try:

@@ -29,11 +29,7 @@ RECORD = {
         },
         "check": {"sentence": "Misfit 1.0023 times the noise.", "steps": 150},
     },
-    "report": [
-        "The model explains the data.",
-        "k22  | 1.518 × 10⁶ (1.507)",
-        "Of 15 starts 15 succeed.",
-    ],
+    "report": ["The model explains the data.", "k22  | 1.518 × 10⁶ (1.507)", "Of 15 starts 15 succeed."],
 }
 
 
@@ -122,10 +118,7 @@ def test_draws_of_another_arithmetic_may_differ_but_not_words_verdicts_and_inter
         Difference(far, "1517900.0", "1530000.0")
     ]
     assert judged(RECORD, elsewhere(changed(*K22, "verdict", to="bounded below")))[0]
-    for path, value in (
-        ((*K22, "verdict"), "not identified"),
-        (("report", 0), "The model does NOT explain the data."),
-    ):
+    for path, value in (((*K22, "verdict"), "not identified"), (("report", 0), "The model does NOT explain the data.")):
         assert len(differences(RECORD, elsewhere(changed(*path, to=value)))) == 1
 
 

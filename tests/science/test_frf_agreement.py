@@ -4,24 +4,12 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import (
-    AssembledModes,
-    DirectSolve,
-    LowRankCoupling,
-    NaturalFrequencies,
-    Ports,
-    receptance_model,
-)
+from jointbayes.frf import AssembledModes, DirectSolve, LowRankCoupling, NaturalFrequencies, Ports, receptance_model
 from jointbayes.joint import Joint
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh
 from tests.conftest import CLAMP, PAIR, TABLE_3, pair_matrix, rod
 
-LAWS = [
-    ModalDamping((0.01,)),
-    ModalDamping((0.02, 0.005, 0.01)),
-    LossFactor(0.02),
-    Rayleigh(3.0, 1e-6),
-]
+LAWS = [ModalDamping((0.01,)), ModalDamping((0.02, 0.005, 0.01)), LossFactor(0.02), Rayleigh(3.0, 1e-6)]
 LINES = np.arange(20.0, 2501.0, 5.0)
 ALL = ("11:y", "6:y", "11:rz", "1:y", "1:rz")
 SOFT = np.array([1e7, 1e4, 1e3])

@@ -14,10 +14,7 @@ HELD = {"translation": "1:rz", "rotation": "1:y"}
 YIELDING = {"translation": Joint(("1:y",)), "rotation": Joint(("1:rz",))}
 SOFT_TO_STIFF = np.logspace(2, 11, 7)
 PORTS = Ports(np.linspace(20.0, 2500.0, 300), ("11:y", "6:rz"), ("11:y", "9:y"))
-LAWS = {
-    "modal": (ModalDamping((0.01,)), AssembledModes),
-    "loss factor": (LossFactor(0.02), LowRankCoupling),
-}
+LAWS = {"modal": (ModalDamping((0.01,)), AssembledModes), "loss factor": (LossFactor(0.02), LowRankCoupling)}
 
 
 def joints(hypothesis):

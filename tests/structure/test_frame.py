@@ -6,15 +6,7 @@ from numpy.testing import assert_allclose
 from scipy import linalg
 from scipy.spatial.transform import Rotation
 
-from jointbayes.structure import (
-    BeamMaterial,
-    FrameBody,
-    FrameRecipe,
-    LossFactor,
-    Member,
-    PointMass,
-    Section,
-)
+from jointbayes.structure import BeamMaterial, FrameBody, FrameRecipe, LossFactor, Member, PointMass, Section
 from tests.structure.other_frames import Rod, dynamic_stiffness, fe_matrices
 
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)

@@ -38,10 +38,7 @@ def test_a_chain_has_the_matrices_of_the_book():
 
 def test_masses_that_joints_alone_hold_have_the_frequencies_of_the_chain():
     free = MatrixFamily(chain([1.0, 2.0], [], LAW), {})
-    for dofs, against, expected in [
-        (("1:x",), (), [np.sqrt(1e5 / 1.0)]),
-        (("1:x",), ("2:x",), [np.sqrt(1e5 * 1.5)]),
-    ]:
+    for dofs, against, expected in [(("1:x",), (), [np.sqrt(1e5 / 1.0)]), (("1:x",), ("2:x",), [np.sqrt(1e5 * 1.5)])]:
         found = NaturalFrequencies(free, Joint(dofs, against), 1).frequency_hz(np.array([[1e5]]))[0]
         assert_allclose(found, np.array(expected) / (2 * np.pi), rtol=1e-12, atol=1e-9)
 

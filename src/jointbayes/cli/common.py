@@ -95,10 +95,7 @@ def load(config: Path) -> "Case":
 
 
 def draw(
-    case: "Case",
-    seed: int | None,
-    checkpoint: "UnfinishedRun | None" = None,
-    take_as: "TakenAs | None" = None,
+    case: "Case", seed: int | None, checkpoint: "UnfinishedRun | None" = None, take_as: "TakenAs | None" = None
 ) -> "Posterior":
     """Sample a case with progress on standard error."""
     from jointbayes.posterior.homogeneity import compare_setups

@@ -237,14 +237,7 @@ def _paper_matrices(stretch: Stretch, field: str) -> tuple[Array, Array]:
     phi = 12 * bending / (shear * length**2)
     slope = length if field == "xy" else -length  # θy = −∂w/∂x
     unit = np.diag([1.0, slope, 1.0, slope])  # so that the tables below are pure numbers
-    stiffness = np.array(
-        [
-            [12, 6, -12, 6],
-            [6, 4 + phi, -6, 2 - phi],
-            [-12, -6, 12, -6],
-            [6, 2 - phi, -6, 4 + phi],
-        ]
-    )
+    stiffness = np.array([[12, 6, -12, 6], [6, 4 + phi, -6, 2 - phi], [-12, -6, 12, -6], [6, 2 - phi, -6, 4 + phi]])
     m1, m2 = 13 / 35 + 7 * phi / 10 + phi**2 / 3, 11 / 210 + 11 * phi / 120 + phi**2 / 24
     m3, m4 = 9 / 70 + 3 * phi / 10 + phi**2 / 6, 13 / 420 + 3 * phi / 40 + phi**2 / 24
     m5, m6 = 1 / 105 + phi / 60 + phi**2 / 120, 1 / 140 + phi / 60 + phi**2 / 120

@@ -111,10 +111,7 @@ class ModeTable:
             scale = np.maximum(lam, elastic.min(initial=np.inf))
             size = np.abs(rows).max(axis=1, keepdims=True)
             size[size == 0] = 1.0  # a motion that is none: a port at the joint, with the joint's own motion taken out
-            errors = [
-                (np.abs(table_lam - lam) / scale)[lower],
-                (np.abs(table_rows - rows) / size)[:, lower],
-            ]
+            errors = [(np.abs(table_lam - lam) / scale)[lower], (np.abs(table_rows - rows) / size)[:, lower]]
             lowest = elastic.min(initial=np.inf)
             released = max(0.0, -2 * float(lam.min()))  # by compression
             for square in (lowest + released, max(lam[lower].max(), lowest) + released):
