@@ -9,12 +9,7 @@ import jointbayes as jb
 from jointbayes.case.spec.structure_table import RayleighDampingSpec
 from jointbayes.errors import CaseError
 from jointbayes.frf import Ports
-from jointbayes.inference import (
-    GaussianNoise,
-    IntegratedScale,
-    ScaledNoise,
-    StudentNoise,
-)
+from jointbayes.inference import GaussianNoise, IntegratedScale, ScaledNoise, StudentNoise
 from tests.conftest import cheap_text, edited, pair_matrix
 
 L, E, NU, RHO, KAPPA = 0.383, 2.1e11, 0.3, 7800.0, 0.8
@@ -138,10 +133,7 @@ def test_the_factors_of_rayleighs_damping_are_those_of_mass_and_stiffness():
 
 
 TRUTH = "[data.truth]                 # the joint that makes the data: Table 3 of the paper"
-MORE = (
-    "[identification]",
-    "[noise]\n{lines}\n\n[identification]",
-)
+MORE = ("[identification]", "[noise]\n{lines}\n\n[identification]")
 
 
 @pytest.mark.parametrize(

@@ -78,10 +78,7 @@ def test_solids_have_no_warning(modulus, density):
     assert warnings_of(*changes) == []
 
 
-@pytest.mark.parametrize(
-    ("end", "warned"),
-    [(math.nextafter(25.0, 0), True), (25.0, False), (26.0, False)],
-)
+@pytest.mark.parametrize(("end", "warned"), [(math.nextafter(25.0, 0), True), (25.0, False), (26.0, False)])
 def test_a_beam_is_longer_than_thick(end, warned):
     high = (("f_max_hz = 2500.0", "f_max_hz = 1.0e6"), ("f_step_hz = 10.0", "f_step_hz = 1.0e4"))
     found = warnings_of((LENGTH, f"length_mm = {end!r}"), *high)
