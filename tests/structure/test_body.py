@@ -127,22 +127,24 @@ def test_nobody_outside_the_room_asks_a_body_for_its_matrices():
     assert len(lines_outside_the_room(r"(?:isinstance|require)\([^()]*\bStructure\b")) == 2
 
 
+class OneMotion(Body):
+    def reach_hz(self, count):
+        return 1.0
+
+    def rigid_motions(self, dofs):
+        return np.ones((len(dofs), 1))
+
+    def free_modes(self, dofs, motions, forced=None):
+        raise NotImplementedError
+
+
 def test_a_body_may_be_a_dataclass_whose_fields_are_what_is_asked_of_it():
     @dataclass(frozen=True)
-    class Point(Body):
+    class Point(OneMotion):
         labels: tuple[str, ...]
         place: np.ndarray  # without a default after what a property of `Body` would be the default of
         names: tuple[str, ...]
         damping: LossFactor
-
-        def reach_hz(self, count):
-            return 1.0
-
-        def rigid_motions(self, dofs):
-            return np.ones((len(dofs), 1))
-
-        def free_modes(self, dofs, motions, forced=None):
-            raise NotImplementedError
 
     point = Point(("1:x",), np.zeros(3), ("density",), LossFactor(0.0))
     assert (point.labels, point.names, point.n_dofs) == (("1:x",), ("density",), 1)
@@ -151,17 +153,8 @@ def test_a_body_may_be_a_dataclass_whose_fields_are_what_is_asked_of_it():
 
 
 def test_a_body_without_labels_says_what_it_lacks():
-    class Nothing(Body):
+    class Nothing(OneMotion):
         damping = LossFactor(0.0)
-
-        def reach_hz(self, count):
-            return 1.0
-
-        def rigid_motions(self, dofs):
-            return np.ones((len(dofs), 1))
-
-        def free_modes(self, dofs, motions, forced=None):
-            raise NotImplementedError
 
     with pytest.raises(NotImplementedError, match="Nothing has no labels"):
         Nothing().n_dofs  # noqa: B018
