@@ -15,7 +15,7 @@ from jointbayes.case.spec.structure_kinds import BeamSpec
 from jointbayes.case.spec.structure_table import StructureBase
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.frf import Ports
-from vibrecords.frf_set import quantity_factor
+from vibrecords.arrays import quantity_factor
 
 if TYPE_CHECKING:
     from jointbayes.identification.numbering import Renumbered
