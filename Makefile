@@ -95,7 +95,7 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m benchmarks.every_kind
 	$(BIN)/python -m benchmarks.quadrature
 	$(BIN)/python -m benchmarks.planning
-	$(BIN)/python -m benchmarks.setups
+	$(BIN)/python -m benchmarks.several_tests
 	$(BIN)/python -m benchmarks.long steps --count 1000000
 	$(BIN)/python -m benchmarks.long tasks --count 10000
 	$(BIN)/python -m benchmarks.long posteriors --count 1000

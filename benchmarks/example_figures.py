@@ -67,7 +67,7 @@ def keep(name: str, posterior: Path) -> dict[str, float]:
 
 
 def kept_of(posterior: Posterior) -> Kept:
-    """FRFs measured and predicted, of each set-up, priors and some draws of the stiffnesses."""
+    """FRFs measured and predicted, of each test, priors and some draws of the stiffnesses."""
     names, problem = posterior.stiffness_names, posterior.problem
     stiffness = posterior.stiffness
     rows = np.linspace(0, len(stiffness) - 1, DRAWS).round().astype(int)
@@ -78,14 +78,14 @@ def kept_of(posterior: Posterior) -> Kept:
     }
 
 
-def _frfs(posterior: Posterior, setup: str) -> list[Kept]:
-    """Each FRF of a set-up at lines that show its peaks; none where the data are modes."""
-    problem = posterior.problem.part(setup or None)
+def _frfs(posterior: Posterior, test: str) -> list[Kept]:
+    """Each FRF of a test at lines that show its peaks; none where the data are modes."""
+    problem = posterior.problem.part(test or None)
     if not isinstance(problem.test.data, FrfData):
         return []
     frf, prior, theta = problem.test.data.frf, problem.prior, posterior.estimate.theta
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
-    band = posterior.predict_frf(setup=setup or None)
+    band = posterior.predict_frf(test=test or None)
     best = frfs_as_measured(problem, ports, frf.quantity, prior.values(theta)[None], prior.factors(theta)[None])[0]
     found = []
     for i, j in np.ndindex(len(frf.outputs), len(frf.inputs)):
@@ -93,7 +93,7 @@ def _frfs(posterior: Posterior, setup: str) -> list[Kept]:
         some = extremes(np.log(np.abs(best[at])), POINTS)
         curves = {"measured": np.abs(frf.values[at]), "map": np.abs(best[at])}
         curves |= {"low": band.magnitude_low[at], "high": band.magnitude_high[at]}
-        what = {"setup": setup, "output": frf.outputs[i], "input": frf.inputs[j], "quantity": frf.quantity}
+        what = {"test": test, "output": frf.outputs[i], "input": frf.inputs[j], "quantity": frf.quantity}
         found.append({**what, "hz": _short(frf.frequency_hz[some]), **{k: _short(v[some]) for k, v in curves.items()}})
     return found
 
@@ -141,8 +141,8 @@ def fit(name: str) -> str:
             logarithmic(axes)
             axes.set_xlabel("Frequency (Hz)")
             axes.set_ylabel(f"|H| ({frf_unit(frf['quantity'], frf['output'], frf['input'])})")
-            setup = f"{frf['setup']}: " if frf["setup"] else ""
-            axes.set_title(f"{setup}{frf['output']} / {frf['input']}", fontsize=9, loc="right")
+            test = f"{frf['test']}: " if frf["test"] else ""
+            axes.set_title(f"{test}{frf['output']} / {frf['input']}", fontsize=9, loc="right")
         canvas.legend(*grid[0].get_legend_handles_labels(), ncols=3, loc="upper left")
 
     return light(draw, 7.4, 0.55 + 2.5 * rows)
@@ -195,8 +195,8 @@ def draws(name: str) -> str:
 
 
 def brings(name: str) -> str:
-    """What each set of tests leaves open: sd of ln k of the draws, and linearised, from `benchmarks.setups`."""
-    rows = json.loads((ROOT / "benchmarks" / "setups.json").read_text(encoding="utf-8"))["table"]
+    """What each set of tests leaves open: sd of ln k of the draws, and linearised, from `benchmarks.several_tests`."""
+    rows = json.loads((ROOT / "benchmarks" / "several_tests.json").read_text(encoding="utf-8"))["table"]
 
     def draw(canvas: Any) -> None:
         grid = panels(canvas, 1, 3, left=2.75, bottom=0.6, top=0.45, apart=(0.1, 0.25))[0]

@@ -1,7 +1,7 @@
 """How often the check finds something in exact data: `python -m benchmarks.false_alarms --sets 34`.
 
 Six kinds of case, each analysed with the very model and noise that made its data: the main case; with material, length
-and damping uncertain; four FRFs of a coherence, with Student-t noise; natural frequencies; two set-ups; a frame. Every
+and damping uncertain; four FRFs of a coherence, with Student-t noise; natural frequencies; two tests; a frame. Every
 data set has noise of its own. A finding other than "explained" is a false alarm: of runs at the level `FALSE_ALARM` as
 many in a hundred are allowed.
 
@@ -31,7 +31,7 @@ KINDS = {
     "uncertain": "clamped_beam_uncertain",
     "several FRFs": "virtual_test",
     "natural frequencies": "clamped_beam_frequencies_360mm",
-    "two set-ups": "two_overhangs",
+    "two tests": "two_overhangs",
     "frame": "spindle_tool",
 }
 _TRUTH = np.array([5.05e9, 3.44e7, 1.52e6])  # of the paper's Table 3, whose natural frequencies are the data

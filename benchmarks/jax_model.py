@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers import Setup
+from benchmarks.peers import Test
 from jointbayes.inference import Problem
 from jointbayes.structure import LossFactor, ModalDamping
 
@@ -18,19 +18,19 @@ def log_likelihood(problem: Problem) -> Callable[[Any], Any]:
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    setup = Setup(problem)
-    receptance = _coupled(setup) if isinstance(setup.law, LossFactor) else _modal(setup, problem)
+    test = Test(problem)
+    receptance = _coupled(test) if isinstance(test.law, LossFactor) else _modal(test, problem)
 
     def value(stiffness: Any) -> Any:
-        difference = receptance(stiffness) - setup.measured
-        return setup.constant - ((difference.real**2 + difference.imag**2) / setup.variance).sum()
+        difference = receptance(stiffness) - test.measured
+        return test.constant - ((difference.real**2 + difference.imag**2) / test.variance).sum()
 
     return value
 
 
-def _coupled(setup: Setup) -> Callable[[Any], Any]:
+def _coupled(test: Test) -> Callable[[Any], Any]:
     """Low-rank coupling with the 2 × 2 inverse written out: structural loss factor."""
-    a_jj, a_jp, a_oi = setup.free()
+    a_jj, a_jp, a_oi = test.free()
     a11, a12, a22 = a_jj[:, 0, 0], a_jj[:, 0, 1], a_jj[:, 1, 1]
     (in_1, out_1), (in_2, out_2) = a_jp[:, 0].T, a_jp[:, 1].T
 
@@ -44,22 +44,22 @@ def _coupled(setup: Setup) -> Callable[[Any], Any]:
     return receptance
 
 
-def _modal(setup: Setup, problem: Problem) -> Callable[[Any], Any]:
+def _modal(test: Test, problem: Problem) -> Callable[[Any], Any]:
     """Modal sum over the modes of the assembled structure, found in its free modes.
 
     The eigenproblem is that of the inverse, so that rounding is relative to the lowest modes.
     """
     import jax.numpy as jnp
 
-    assert isinstance(setup.law, ModalDamping)
-    modes = setup.modes()
-    shift = setup.structure.shift
+    assert isinstance(test.law, ModalDamping)
+    modes = test.modes()
+    shift = test.structure.shift
     inverse = 1 / (modes.eigenvalues + shift)
-    at_joint = modes.shapes.T @ setup.joined
+    at_joint = modes.shapes.T @ test.joined
     driven = inverse[:, None] * at_joint
     flexibility = at_joint.T @ driven
-    out, into = (setup.out.T @ modes.shapes)[0], (setup.into.T @ modes.shapes)[0]
-    ratio, omega = setup.law.per_mode(len(inverse)), setup.omega
+    out, into = (test.out.T @ modes.shapes)[0], (test.into.T @ modes.shapes)[0]
+    ratio, omega = test.law.per_mode(len(inverse)), test.omega
 
     def receptance(stiffness: Any) -> Any:
         k11, k12, k22 = stiffness

@@ -33,12 +33,12 @@ CLAMP_STIFFNESS = np.array([[5.05e9, 3.44e7], [3.44e7, 1.52e6]])
 def contestants(law: str, case: jb.Case, batch: int = BATCH) -> dict[str, Contestant]:
     """Every way to compute the likelihood of a case with this damping law."""
     theta, matrices = cases.joints(case, batch)
-    setup = peers.Setup(case.problem)
+    test = peers.Test(case.problem)
     likelihood = case.problem.log_posterior.likelihood
     few = matrices[: min(FEW, batch)]
 
     def peer(make: Any, joints: np.ndarray) -> Contestant:
-        log_likelihood = make(setup)
+        log_likelihood = make(test)
         return Contestant(lambda: log_likelihood(joints), len(joints))
 
     entries = {

@@ -20,7 +20,7 @@ LogLikelihood = Callable[[Array], Array]
 _LINES_AT_ONCE = 512  # keeps a block of dense matrices within a few megabytes
 
 
-class Setup:
+class Test:
     """What does not depend on the joint: matrices, selections, data and weights of a problem with one FRF."""
 
     def __init__(self, problem: Problem) -> None:
@@ -79,74 +79,74 @@ class Setup:
         return a[:, :2, :2], a[:, :2, 2:], a[:, 3, 2]
 
 
-def dense_loop(setup: Setup) -> LogLikelihood:
+def dense_loop(test: Test) -> LogLikelihood:
     """Assemble, and solve the dense dynamic stiffness line by line: what one writes first."""
 
     def log_likelihood(matrices: Array) -> Array:
-        values = np.empty((len(matrices), setup.omega.size), dtype=complex)
+        values = np.empty((len(matrices), test.omega.size), dtype=complex)
         for row, matrix in zip(values, matrices, strict=True):
-            static, viscous = setup.static_and_viscous(matrix)
-            for i, w in enumerate(setup.omega):
-                z = static - w**2 * setup.mass + 1j * w * viscous
-                row[i] = (setup.out.T @ np.linalg.solve(z, setup.into))[0, 0]
-        return setup.log_likelihood(values)
+            static, viscous = test.static_and_viscous(matrix)
+            for i, w in enumerate(test.omega):
+                z = static - w**2 * test.mass + 1j * w * viscous
+                row[i] = (test.out.T @ np.linalg.solve(z, test.into))[0, 0]
+        return test.log_likelihood(values)
 
     return log_likelihood
 
 
-def dense_batched(setup: Setup) -> LogLikelihood:
+def dense_batched(test: Test) -> LogLikelihood:
     """Assemble, and solve the dense dynamic stiffness of many lines in one call of `numpy.linalg.solve`."""
-    into = setup.into.astype(complex)
+    into = test.into.astype(complex)
 
     def log_likelihood(matrices: Array) -> Array:
-        values = np.empty((len(matrices), setup.omega.size), dtype=complex)
+        values = np.empty((len(matrices), test.omega.size), dtype=complex)
         for row, matrix in zip(values, matrices, strict=True):
-            static, viscous = setup.static_and_viscous(matrix)
-            for start in range(0, setup.omega.size, _LINES_AT_ONCE):
-                w = setup.omega[start : start + _LINES_AT_ONCE, None, None]
-                z = static - w**2 * setup.mass + 1j * w * viscous
-                row[start : start + _LINES_AT_ONCE] = (setup.out.T @ np.linalg.solve(z, into))[:, 0, 0]
-        return setup.log_likelihood(values)
+            static, viscous = test.static_and_viscous(matrix)
+            for start in range(0, test.omega.size, _LINES_AT_ONCE):
+                w = test.omega[start : start + _LINES_AT_ONCE, None, None]
+                z = static - w**2 * test.mass + 1j * w * viscous
+                row[start : start + _LINES_AT_ONCE] = (test.out.T @ np.linalg.solve(z, into))[:, 0, 0]
+        return test.log_likelihood(values)
 
     return log_likelihood
 
 
-def modal_sum(setup: Setup, count: int | None = None) -> LogLikelihood:
+def modal_sum(test: Test, count: int | None = None) -> LogLikelihood:
     """Modal damping: eigensolution of the assembled matrices by SciPy, and the sum over all modes, or the lowest."""
-    assert isinstance(setup.law, ModalDamping)
-    ratio = setup.law.per_mode(len(setup.mass))[:count]
+    assert isinstance(test.law, ModalDamping)
+    ratio = test.law.per_mode(len(test.mass))[:count]
     lowest = None if count is None else [0, count - 1]
 
     def log_likelihood(matrices: Array) -> Array:
-        values = np.empty((len(matrices), setup.omega.size), dtype=complex)
+        values = np.empty((len(matrices), test.omega.size), dtype=complex)
         for row, matrix in zip(values, matrices, strict=True):
-            stiffness = setup.stiffness + setup.joined @ matrix @ setup.joined.T
-            squared, shapes = linalg.eigh(stiffness, setup.mass, subset_by_index=lowest)
-            constants = (setup.out.T @ shapes)[0] * (setup.into.T @ shapes)[0]
+            stiffness = test.stiffness + test.joined @ matrix @ test.joined.T
+            squared, shapes = linalg.eigh(stiffness, test.mass, subset_by_index=lowest)
+            constants = (test.out.T @ shapes)[0] * (test.into.T @ shapes)[0]
             natural = np.sqrt(np.maximum(squared, 0.0))
-            denominator = squared[:, None] - setup.omega**2 + 2j * (ratio * natural)[:, None] * setup.omega
+            denominator = squared[:, None] - test.omega**2 + 2j * (ratio * natural)[:, None] * test.omega
             row[:] = constants @ (1 / denominator)
-        return setup.log_likelihood(values)
+        return test.log_likelihood(values)
 
     return log_likelihood
 
 
-def batched_solve(setup: Setup) -> LogLikelihood:
+def batched_solve(test: Test) -> LogLikelihood:
     """Loss factor: low-rank coupling, its 2 × 2 systems of all lines and joints by `numpy.linalg.solve`."""
-    a_jj, a_jp, a_oi = setup.free()
+    a_jj, a_jp, a_oi = test.free()
     into, out = a_jp[:, :, :1], a_jp[:, :, 1]
 
     def log_likelihood(matrices: Array) -> Array:
         compliance = np.linalg.inv(matrices)
         at_joint = np.linalg.solve(compliance[:, None] + a_jj, np.broadcast_to(into, (len(matrices), *into.shape)))
-        return setup.log_likelihood(a_oi - (out * at_joint[..., 0]).sum(axis=-1))
+        return test.log_likelihood(a_oi - (out * at_joint[..., 0]).sum(axis=-1))
 
     return log_likelihood
 
 
-def closed_form(setup: Setup) -> LogLikelihood:
+def closed_form(test: Test) -> LogLikelihood:
     """Loss factor: the 2 × 2 inverse written out, H = A − N/D, joint by joint so that a joint stays in the cache."""
-    a_jj, a_jp, a_oi = setup.free()
+    a_jj, a_jp, a_oi = test.free()
     a11, a12, a22 = (np.ascontiguousarray(a) for a in (a_jj[:, 0, 0], a_jj[:, 0, 1], a_jj[:, 1, 1]))
     in_1, in_2, out_1, out_2 = (np.ascontiguousarray(a_jp[:, i, k]) for k in (0, 1) for i in (0, 1))
     # N is linear in the compliance: one product for each of c11, c12 and c22
@@ -158,7 +158,7 @@ def closed_form(setup: Setup) -> LogLikelihood:
         for i, ((c11, c12), (_, c22)) in enumerate(np.linalg.inv(matrices)):
             numerator = fixed + c11 * from_11 + c12 * from_12 + c22 * from_22
             mixed = c12 + a12
-            result[i] = setup.log_likelihood(a_oi - numerator / ((c11 + a11) * (c22 + a22) - mixed * mixed))
+            result[i] = test.log_likelihood(a_oi - numerator / ((c11 + a11) * (c22 + a22) - mixed * mixed))
         return result
 
     return log_likelihood

@@ -99,7 +99,7 @@ def pair(kind: str, index: int) -> dict[str, Any]:
     case = jb.case_from_text(f"{kind} {index}", HEAD + _data(tested, errors[0], wrong, rng))
     posterior = jb.sample(case, seed=index, settings=SETTINGS)
     truth, exact = frf(other, errors[1]), other.modes(20_000.0).omega[:MODES] * (1 + errors[1][:MODES]) / (2 * np.pi)
-    recipe = case.setups[0].spec.structure.model_copy(update={"length_mm": 1e3 * OTHER}).recipe(())
+    recipe = case.tests[0].spec.structure.model_copy(update={"length_mm": 1e3 * OTHER}).recipe(())
     found = posterior.predict(recipe, jb.Ports(LINES, ("11:y",), ("11:y",)))
     size, low, high = np.abs(truth), found.frf.magnitude_low[:, 0, 0], found.frf.magnitude_high[:, 0, 0]
     ends = [found.interval(mode) for mode in range(1, MODES + 1)]

@@ -43,7 +43,7 @@ class Row:
     unknowns, values
         How many.
     directions, at_nodes
-        Rank of the basis, and of the values those at the nodes; of several set-ups in sum.
+        Rank of the basis, and of the values those at the nodes; of several tests in sum.
     error, efficiency
         Largest error of ln p among the draws, and importance efficiency of these on all lines.
     on_all

@@ -124,7 +124,7 @@ def emcee_rows(case: jb.Case, law: str, reference: Run, start: tuple[np.ndarray,
     points, map_seconds = start
     stretch = stretch_run(case.problem.log_posterior, points, 1.0 if quick else EMCEE_SECONDS, SEED)
     _, matrices = cases.joints(case, WALKERS // 2)  # emcee asks for half an ensemble at a time
-    setup = peers.Setup(case.problem)
+    test = peers.Test(case.problem)
     if law == "loss_factor":
         better = ("2×2 numpy.linalg.solve", peers.batched_solve, "2×2 systems of all lines by numpy.linalg.solve")
     else:
@@ -139,7 +139,7 @@ def emcee_rows(case: jb.Case, law: str, reference: Run, start: tuple[np.ndarray,
         ways[2] = (*better[:2], better[2] + why, matrices)
     rows = []
     for name, make, text, some in ways:
-        us = microseconds(make(setup), some, 1 if quick else 3)
+        us = microseconds(make(test), some, 1 if quick else 3)
         rows.append(row(f"emcee, {name}", extrapolated(stretch, us, text), reference, us, map_seconds, True))
     us = 1e6 * stretch.likelihood_seconds / stretch.evaluations
     rows.append(row("emcee, jointbayes likelihood", stretch, reference, us, map_seconds))

@@ -33,11 +33,11 @@ JOINT
 kind = "natural_frequencies"
 sd_relative = 0.005
 sd_hz = 0.5
-[setups.long.data]
+[tests.long.data]
 frequencies_hz = [120.0]
-[setups.short.structure]
+[tests.short.structure]
 length_mm = 200.0
-[setups.short.data]
+[tests.short.data]
 frequencies_hz = [415.0]
 """
 _STRIP = """title = "A clamped strip as a plane frame, three natural frequencies"

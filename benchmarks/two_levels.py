@@ -8,7 +8,7 @@ springs are 5 % stiffer at the higher torque, in the other nothing changes. Each
 is how often `Posterior.curve` shows a change of krz, or of any spring, and how often its interval holds the truth.
 
 Part of `make science`. Outcomes are kept in build/two_levels as they come, one line of JSON each, so that a run that
-was cut off goes on where it was. Figures go to benchmarks/two_levels.json, the table to docs/setups.md.
+was cut off goes on where it was. Figures go to benchmarks/two_levels.json, the table to docs/several-tests.md.
 """
 
 import argparse
@@ -34,7 +34,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CONFIGS = ROOT / "configs"
 KEPT = ROOT / "build" / "two_levels"
 SUMMARY = ROOT / "benchmarks" / "two_levels.json"
-PAGE = ROOT / "docs" / "setups.md"
+PAGE = ROOT / "docs" / "several-tests.md"
 ENTROPY = 20261125
 
 #: Stiffness at the second level over that at the first, by what the table calls it.
@@ -52,8 +52,8 @@ prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e11 }
 prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e8 }
 uncertain.model_error = {}
 uncertain.exact = ["youngs_modulus", "density", "length"]
-setups.low.level = 10.0
-setups.high.level = 20.0
+tests.low.level = 10.0
+tests.high.level = 20.0
 """
 
 
@@ -69,10 +69,10 @@ def case_of(kind: str, index: int) -> jb.Case:
     ky, krz = np.exp(rng.uniform(np.log(1e7), np.log(2e8))), np.exp(rng.uniform(np.log(2e4), np.log(2e5)))
     missed = np.exp(MODEL_ERROR * rng.standard_normal(MODES))
     text = _TEXT
-    for setup, factor in (("low", 1.0), ("high", KINDS[kind])):
+    for test, factor in (("low", 1.0), ("high", KINDS[kind])):
         scattered = exact_frequencies(factor * ky, factor * krz) * np.exp(SCATTER * rng.standard_normal(MODES))
         frequencies = (missed * scattered).tolist()
-        where = "data" if setup == "low" else "setups.high.data"
+        where = "data" if test == "low" else "tests.high.data"
         text += f"{where}.frequencies_hz = {frequencies}\n"
     text += f'data.kind = "natural_frequencies"\ndata.sd_relative = {SCATTER}\n'
     return jb.case_from_text(f"{kind} {index}", text, directory=CONFIGS)

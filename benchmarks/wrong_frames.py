@@ -67,7 +67,7 @@ def analyse(wrong: str, index: int) -> dict[str, Any]:
     assert lines is not None
     data = measured(wrong, frame, lines.frf.frequency_hz, index)
     problem = case.problem.with_test(data=data)
-    posterior = jb.sample(replace(case, problem=problem, stated=problem, setups=()), seed=index)
+    posterior = jb.sample(replace(case, problem=problem, stated=problem, tests=()), seed=index)
     held, outside, identified = map(len, judged(posterior, frame.stiffness))
     grade = "none" if posterior.model_error is None else posterior.model_error.grade
     counts = {"springs": len(frame.stiffness), "held": held, "outside": outside, "identified": identified}

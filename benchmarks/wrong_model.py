@@ -62,7 +62,7 @@ BEAMS = {
     "stocky, two sensors": (300.0, '{ shape = "rectangle", width_mm = 30.0, height_mm = 16.0 }'),
     "stocky, two overhangs": (300.0, '{ shape = "rectangle", width_mm = 30.0, height_mm = 16.0 }'),
 }
-_SHORT_MM = 200.0  # the other overhang of one clamp, tested as a set-up of its own
+_SHORT_MM = 200.0  # the other overhang of one clamp, tested as a test of its own
 _CASE = """
 title = "A beam"
 structure = {{ length_mm = {length}, section = {section}, youngs_modulus_gpa = 210.0, density_kg_m3 = 7850.0, \
@@ -76,7 +76,7 @@ uncertain.length.sd_percent = 0.5
 uncertain.model_error = {{}}
 data = {{ kind = "natural_frequencies", frequencies_hz = [100.0, 500.0, 1500.0], sd_relative = 0.0001 }}
 """
-_SET_UPS = f"setups = {{{{ long = {{{{}}}}, short = {{{{ structure.length_mm = {_SHORT_MM} }}}} }}}}\n"
+_TESTS = f"tests = {{{{ long = {{{{}}}}, short = {{{{ structure.length_mm = {_SHORT_MM} }}}} }}}}\n"
 _MODES, _ZEROS, _SD, _TIP, _MIDDLE = 3, 2, 1e-4, "11:y", "6:y"
 _RATIO_SD = 0.01  # of a ratio, or of 0.3 where that is more
 
@@ -100,15 +100,15 @@ def analyse(wrong: str, beam: str, index: int) -> Outcome:
     """Make data set number so many of a wrong structure, and analyse it."""
     began = time.process_time()
     length, section = BEAMS[beam]
-    text = (_SET_UPS if "overhangs" in beam else "") + _CASE
+    text = (_TESTS if "overhangs" in beam else "") + _CASE
     case = jb.case_from_text("wrong model", text.format(length=length, section=section))
     seed = [list(WRONGS).index(wrong), list(BEAMS).index(beam), index]
     rng, tests = np.random.default_rng(seed), []
     truth = np.exp(rng.uniform(np.log([2e7, 2e4]), np.log([5e8, 2.5e5])))
-    for setup, test in zip(case.setups, case.problem.tests, strict=True):
-        # what is wrong of the bar or the clamp is so in each set-up
-        own = rng if len(case.setups) == 1 else np.random.default_rng(seed)
-        structure = _structure(setup.spec, wrong, own, lambda s, joint=test.joints: _first_hz(s, joint, truth))
+    for stated, test in zip(case.tests, case.problem.tests, strict=True):
+        # what is wrong of the bar or the clamp is so in each test
+        own = rng if len(case.tests) == 1 else np.random.default_rng(seed)
+        structure = _structure(stated.spec, wrong, own, lambda s, joint=test.joints: _first_hz(s, joint, truth))
         data = _measured(structure, test.joints, wrong, beam, truth, rng)
         tests.append(replace(test, data=data, noise=ModelErrorNoise.of(data, ErrorSizes())))
     problem = replace(case.problem, tests=tuple(tests))

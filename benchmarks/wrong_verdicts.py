@@ -101,9 +101,9 @@ def analyse(
     matrix = problem.parametrisation.matrix(np.array(list(truth.values())))
     data = synthesise_frf(true, problem.test.joints, matrix, ports, RelativeNoise(noise, noise / 3), rng=rng)
     # the case as if its text stated these data, so that it also states the workshop's uncertainties for them
-    (setup,) = case.setups
+    (test,) = case.tests
     made = problem.with_test(data=data)
-    case = replace(case, problem=made, stated=made, setups=(replace(setup, data=data),))
+    case = replace(case, problem=made, stated=made, tests=(replace(test, data=data),))
     posterior = jb.sample(case, seed=index, settings=settings or case.sampler)
     exact = gather_knowledge(posterior).exact
     known = {name: posterior.verdict(name) for name in truth}

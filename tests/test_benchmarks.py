@@ -54,13 +54,13 @@ def some_joints(case):
 @pytest.mark.parametrize(("law", "peer"), PEERS, ids=lambda value: getattr(value, "__name__", value))
 def test_a_peer_computes_the_same_likelihood(quick, law, peer):
     matrices, problem = some_joints(quick[law]), quick[law].problem
-    setup = peers.Setup(problem)
+    test = peers.Test(problem)
     # every mode of the same elements, as the peers have them; to a sampler the reduced model is the same
-    whole = problem.with_test(structure=setup.structure.reference())
+    whole = problem.with_test(structure=test.structure.reference())
     likelihood = whole.log_posterior.likelihood
     expected = likelihood.log_likelihood(matrices)
     # ln L is the difference of its constant and χ²/2: digits are lost from those, not from what is left
-    np.testing.assert_allclose(peer(setup)(matrices), expected, rtol=1e-8, atol=1e-8 * abs(likelihood.constant))
+    np.testing.assert_allclose(peer(test)(matrices), expected, rtol=1e-8, atol=1e-8 * abs(likelihood.constant))
     reduced = problem.log_posterior.likelihood.log_likelihood(matrices)
     np.testing.assert_allclose(reduced, expected, atol=1e-2, rtol=0)
 

@@ -18,7 +18,7 @@ from benchmarks import quoted
 from click.testing import CliRunner
 
 from jointbayes.case.case_text import read_case_text
-from jointbayes.case.parse import parse_planned, parse_setups
+from jointbayes.case.parse import parse_planned, parse_tests
 from jointbayes.cli.commands import main
 
 pytestmark = pytest.mark.docs
@@ -79,7 +79,7 @@ AROUND = {
     "not-explained-1": FRF,
     "not-explained-4": FRF,
     "not-identified-3": SPRINGS,
-    "setups-4": FRF,
+    "several-tests-4": FRF,
 }
 
 
@@ -98,7 +98,7 @@ def test_every_block_of_toml_is_a_case_or_a_part_of_one(text, tmp_path, request)
     written(tmp_path, "around.toml", "minimal.toml", AROUND.get(request.node.callspec.id, ""))
     written(tmp_path, "block.toml", "around.toml", text)
     source = read_case_text(tmp_path / "block.toml")
-    assert parse_setups(source)
+    assert parse_tests(source)
     parse_planned(source)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import jointbayes as jb
 from tests.conftest import STEEL, rod
-from tests.report.test_setups import OWN, TORQUES
+from tests.report.test_several_tests import OWN, TORQUES
 from tests.structure.imported import small_frame as small
 from tests.structure.imported.nastran_files import superelement, write_punch
 
@@ -115,8 +115,8 @@ FILLED_IN = {
     "jb.calibrate(case, 1000, near=True)": "jb.calibrate(case, 4, near=True)",
     'posterior.interval("k11")': 'posterior.interval("loose.k11")',
     'posterior.verdict("k22").words': 'posterior.verdict("loose.k22").words',
-    'posterior.predict_frf(setup="short")': 'posterior.predict_frf(setup="loose")',
-    'posterior.predict_natural_frequencies(setup="short")': 'posterior.predict_natural_frequencies(setup="loose")',
+    'posterior.predict_frf(test="short")': 'posterior.predict_frf(test="loose")',
+    'posterior.predict_natural_frequencies(test="short")': 'posterior.predict_natural_frequencies(test="loose")',
 }
 
 

@@ -20,7 +20,7 @@ from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
 from jointbayes.workflow import _on_one_hill, _with_best_draw
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
-from tests.inference import test_assemblies, test_free_test, test_setups
+from tests.inference import test_assemblies, test_free_test, test_several_tests
 from vibrecords import FrequencyData, FrfData
 
 LINES = np.arange(20.0, 1500.0, 10.0)
@@ -214,7 +214,7 @@ PROBLEMS = {
     "frequencies": lambda: from_arrays(data=FrequencyData(np.array([80.0, 500.0, 1400.0]), np.array([0.1, 0.2, 0.3]))),
     "springs": lambda: from_arrays(prior=JointPrior(PlainSprings(("k22",)), (Normal(10.0, 1.0),))),
     "magnitude": lambda: from_arrays(residual_kind="log_magnitude"),
-    "set-ups": lambda: Problem(tests=[test_setups.LONG, test_setups.HEARD], prior=test_setups.PRIOR),
+    "tests": lambda: Problem(tests=[test_several_tests.LONG, test_several_tests.HEARD], prior=test_several_tests.PRIOR),
     "a free structure": lambda: Problem([test_free_test.FREE, test_free_test.CLAMPED], test_free_test.PRIOR),
     "assemblies": lambda: test_assemblies.case_of(test_assemblies.ASSEMBLIES).problem,
 }

@@ -81,8 +81,8 @@ def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHisto
     Returns
     -------
     IterationHistory
-        ``.stiffness``, ``.stiffness_history``, ``.residual_norm``, ``.converged``, ``.reason``. Of several set-ups the
-        first with FRFs at the joint is iterated, ``.setup``, and of the quantities those that act in it,
+        ``.stiffness``, ``.stiffness_history``, ``.residual_norm``, ``.converged``, ``.reason``. Of several tests the
+        first with FRFs at the joint is iterated, ``.test``, and of the quantities those that act in it,
         ``.iterated``.
 
     Raises
@@ -112,7 +112,7 @@ def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHisto
         parametrisation=part.parametrisation,
         **(whole.spec.identification.model_dump() if whole is not None else {}),
     )
-    return replace(history, setup=part.test.name)
+    return replace(history, test=part.test.name)
 
 
 def _problem_and_case(given: Analysed) -> tuple[Problem, Case | None]:

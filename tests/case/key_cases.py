@@ -379,24 +379,24 @@ TESTS = {
     "exponential_end = 0.07\ndouble_hits = 1\noverloads = 2",
     "shaker": "block_s = 0.5\nsample_rate_hz = 3000.0\nforce_noise = 0.0006\nresponse_noise = 0.0011\noverlap = 0.3",
 }
-SETUPS = beam(0) + PAIR + read("8:y") + """
+SEVERAL = beam(0) + PAIR + read("8:y") + """
 [level]
 name = "torque"
-[setups.low]
+[tests.low]
 level = 2.0
-[setups.low.structure]
+[tests.low.structure]
 length_mm = 501.0
-[setups.high]
+[tests.high]
 level = 3.0
-[setups.high.uncertain.density]
+[tests.high.uncertain.density]
 sd_percent = 1.1
 """  # fmt: skip
 ASSEMBLIES = beam(0) + PAIR.replace("[joint]", "[joint]\nown = true") + read("8:y") + """
 [assembly]
 scatter = 0.12
 scatter_factor = 2.7
-[setups.first]
-[setups.second]
+[tests.first]
+[tests.second]
 """  # fmt: skip
 WHOLE = beam(0) + PAIR + synthetic()
 CASES = [
@@ -427,6 +427,6 @@ CASES = [
         KeyCase(f'{WHOLE}[virtual_test]\nmethod = "{name}"\nseed = 9\n{test}\n', "simulate", "virtual_test")
         for name, test in TESTS.items()
     ),
-    KeyCase(SETUPS, keys="setups"),
+    KeyCase(SEVERAL, keys="tests"),
     KeyCase(ASSEMBLIES, keys="assembly"),
 ]

@@ -327,13 +327,13 @@ def of_settings() -> list[tuple[str, str, Value]]:
         *((f"virtual_test.{key}", f"{hammer}[1].{key}", 1) for key in ("double_hits", "overloads")),
         ("virtual_test.exponential_end", f"{impact}exponential_end", 1),
         ("virtual_test.overlap", "frfs_of_shaker[1].overlap", 1),
-        ("setups.*.level", "setups.{0}.level.value", 1),
+        ("tests.*.level", "tests.{0}.level.value", 1),
         *(("assembly.scatter", f"scatters[{i}].median", 1) for i in range(3)),
         *(("assembly.scatter_factor", f"scatters[{i}].factor", 1) for i in range(3)),
-        ("setups.low.structure.length_mm", "setups.low.structure.recipe.length", MM),
-        ("setups.high.uncertain.density.sd_percent", "nuisance.high.density.prior.sd", PERCENT),
-        ("setups.high.uncertain.density.sd_percent", "setups.high.structure.ranges.density[0]", -6 * PERCENT),
-        ("setups.high.uncertain.density.sd_percent", "setups.high.structure.ranges.density[1]", 6 * PERCENT),
+        ("tests.low.structure.length_mm", "tests.low.structure.recipe.length", MM),
+        ("tests.high.uncertain.density.sd_percent", "nuisance.high.density.prior.sd", PERCENT),
+        ("tests.high.uncertain.density.sd_percent", "tests.high.structure.ranges.density[0]", -6 * PERCENT),
+        ("tests.high.uncertain.density.sd_percent", "tests.high.structure.ranges.density[1]", 6 * PERCENT),
     ]
 
 

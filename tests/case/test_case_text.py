@@ -130,7 +130,7 @@ def test_a_base_outside_is_read_if_that_is_allowed(tmp_path):
 
 
 def test_every_file_that_a_base_elsewhere_names_is_found_from_the_case(tmp_path):
-    """Matrices and bodies too, and those of set-ups; what only looks like a name of a file stays."""
+    """Matrices and bodies too, and those of tests; what only looks like a name of a file stays."""
     tables = """
 [structure]
 stiffness = "K.npy"
@@ -143,7 +143,7 @@ file = "1:y"
 [bodies.spindle]
 file = "nose.uff"
 """
-    tables += '[setups.hot.structure]\nmass = "M.npy"\n[setups.hot.bodies.file]\nfile = "c.uff"\n'
+    tables += '[tests.hot.structure]\nmass = "M.npy"\n[tests.hot.bodies.file]\nfile = "c.uff"\n'
     case = write(tmp_path, sub__base=tables, case='extends = "sub/base.toml"\n')
     data = read_case_text(case).data
     assert data["structure"]["stiffness"] == "sub/K.npy"
@@ -151,7 +151,7 @@ file = "nose.uff"
     assert data["structure"]["damping"] == {"law": "matrix", "damping_matrix": "sub/C.csv"}
     assert data["data"] == {"file": ["sub/a.uff", "b.uff"], "channels": {"file": "1:y"}}
     assert data["bodies"]["spindle"]["file"] == "sub/nose.uff"
-    assert data["setups"]["hot"] == {"structure": {"mass": "sub/M.npy"}, "bodies": {"file": {"file": "sub/c.uff"}}}
+    assert data["tests"]["hot"] == {"structure": {"mass": "sub/M.npy"}, "bodies": {"file": {"file": "sub/c.uff"}}}
 
 
 def test_a_text_alone_builds_on_no_file():

@@ -399,10 +399,10 @@ def saved_and_moved(posterior, folder, monkeypatch):
 
 @pytest.mark.whole
 @pytest.mark.parametrize("names", [("only",), ("one", "two")])
-def test_draws_of_named_set_ups_are_loaded_without_their_files(names, tmp_path, monkeypatch):
+def test_draws_of_named_tests_are_loaded_without_their_files(names, tmp_path, monkeypatch):
     (tmp_path / "files").mkdir()
     stored(virtual(), tmp_path / "files" / "tip.npz")
-    data = TIP + "".join(f"[setups.{name}]\n" for name in names)
+    data = TIP + "".join(f"[tests.{name}]\n" for name in names)
     posterior = jb.sample(loaded(tmp_path / "files", data), seed=1, settings=FEWEST, premises="exact")
     saved_and_moved(posterior, tmp_path, monkeypatch)
 

@@ -107,7 +107,7 @@ def lines_of(frequency_hz: Any) -> dict[str, float]:
 def _of_problem(problem: Problem) -> dict[str, Any]:
     several = len(problem.tests) > 1
     parts = (
-        {"setups": problem.tests} if several else {key: getattr(problem.test, name) for key, name in _OF_A_TEST.items()}
+        {"tests": problem.tests} if several else {key: getattr(problem.test, name) for key, name in _OF_A_TEST.items()}
     )
     first_guess = dict(zip(problem.parametrisation.stiffness_names, np.asarray(problem.initial), strict=True))
     prior = dict(zip(problem.prior.parametrisation.names, problem.prior.marginals, strict=True))

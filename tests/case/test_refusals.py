@@ -15,8 +15,8 @@ from tests.case.test_files import text as text_of_file
 from tests.case.test_joints import TWO
 from tests.case.test_modes import BASE as MODES
 from tests.case.test_modes import ZEROS
-from tests.case.test_setups import BASE
-from tests.case.test_setups_shared import HEARD_ALL
+from tests.case.test_several_tests import BASE
+from tests.case.test_shared_among_tests import HEARD_ALL
 from tests.case.test_structures import MATRICES, PORTAL, SPINDLE, text_of
 from tests.conftest import cheap_text, shipped_text
 
@@ -33,7 +33,7 @@ BASES = {
     "matrices": text_of(MATRICES, "1:y", "1:y"),
     "portal": text_of(PORTAL, "3:y", "1:x"),
     "spindle": text_of(SPINDLE, "tool.tip:y", "tool.tip:y"),
-    "set-ups": BASE,
+    "tests": BASE,
     "two joints": TWO,
     "modes": MODES + ZEROS,
     "measured body": case_text_named("measured_spindle"),

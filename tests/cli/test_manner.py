@@ -342,7 +342,7 @@ def test_the_schema_tells_each_fault_once_and_of_the_kind_that_is_meant(schema, 
     assert all(any(words in fault for fault in faults) for words in told)
 
 
-def test_the_schema_asks_for_a_joint_or_joints_and_of_a_set_up_for_nothing(schema):
+def test_the_schema_asks_for_a_joint_or_joints_and_of_a_test_for_nothing(schema):
     whole = tomllib.loads((CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8"))
     del whole["joint"]
     assert [fault.message for fault in schema.iter_errors(whole)] == ["'joint' is a required property"]

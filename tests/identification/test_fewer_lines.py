@@ -67,7 +67,7 @@ def test_the_mode_is_that_of_all_lines(long_frf, monkeypatch):
     assert estimate.effort.agreeing >= 3
 
 
-def test_natural_frequencies_and_other_set_ups_stay_as_they_are(long_frf, frequency_case, monkeypatch):
+def test_natural_frequencies_and_other_tests_stay_as_they_are(long_frf, frequency_case, monkeypatch):
     needing(monkeypatch, 500, 2)
     assert on_fewer_lines(frequency_case.problem) is frequency_case.problem
     both = [replace(long_frf.test, name="long"), replace(frequency_case.problem.test, name="typed")]

@@ -34,7 +34,7 @@ def test_all_orders_of_up_to_four_joints_and_pairs_of_more(joints, count):
     assert exchanges[0].tolist() == list(range(joints))
 
 
-def test_two_kinds_are_exchanged_together_and_every_set_up_alike():
+def test_two_kinds_are_exchanged_together_and_every_test_alike():
     one, two = parametrisation_named("springs", ("y",)), parametrisation_named("springs", ("x",))
     both = blocks_of({"a": one, "b": one, "c": two, "d": two})
     assert sorted(both.exchanges.tolist()) == [[0, 1, 2, 3], [0, 1, 3, 2], [1, 0, 2, 3], [1, 0, 3, 2]]

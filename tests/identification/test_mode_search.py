@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import jointbayes as jb
 from jointbayes.identification import ModeSearch, SearchEffort, effort, search_further
-from jointbayes.identification.starting_points import _SetupMatch, frequency_starts
+from jointbayes.identification.starting_points import _TestMatch, frequency_starts
 from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.file_record import estimate_record, parse_estimate
@@ -75,7 +75,7 @@ def test_lines_too_few_or_all_zero_show_no_resonance():
     ],
 )
 def test_modes_that_show_no_resonance_are_skipped(cheap_case, shown, partners, unseen):
-    match = _SetupMatch(cheap_case.problem)
+    match = _TestMatch(cheap_case.problem)
     theta = np.log(TABLE_3)[None]
     predicted = match.predicted_hz(theta)
     match.resonances_hz = predicted[0, shown] * 1.001
@@ -85,7 +85,7 @@ def test_modes_that_show_no_resonance_are_skipped(cheap_case, shown, partners, u
 
 
 def test_a_resonance_that_no_mode_explains_is_given_up(cheap_case):
-    match = _SetupMatch(cheap_case.problem)
+    match = _TestMatch(cheap_case.problem)
     predicted = match.predicted_hz(np.log(TABLE_3)[None])
     between = np.sqrt(predicted[0, 1] * predicted[0, 2])
     match.resonances_hz = np.array([predicted[0, 0], predicted[0, 1], between, predicted[0, 2]])

@@ -109,8 +109,8 @@ prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e11 }
 prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e8 }
 data = { kind = "natural_frequencies", frequencies_hz = [110.0, 690.0, 1900.0], sd_relative = 0.0005 }
 assembly = { scatter = 0.2, scatter_factor = 2.0 }
-setups.first = {}
-setups.second = {}
+tests.first = {}
+tests.second = {}
 """
 
 
@@ -122,9 +122,9 @@ def test_a_case_states_what_scatters_and_how_much():
     first, second = case_of(ASSEMBLIES).problem.prior.scatters
     assert first == AssemblyScatter("ky", (("first.ky", "second.ky"),), 0.2, 2.0)
     assert second.quantity == "krz"
-    levels = ASSEMBLIES[: ASSEMBLIES.index("setups")] + 'level.name = "torque"\n'
+    levels = ASSEMBLIES[: ASSEMBLIES.index("tests")] + 'level.name = "torque"\n'
     torques = {"first": 5, "second": 5, "third": 9, "fourth": 9, "fifth": 12}
-    levels += "".join(f"setups.{name}.level = {torque}\n" for name, torque in torques.items())
+    levels += "".join(f"tests.{name}.level = {torque}\n" for name, torque in torques.items())
     first, _ = case_of(levels).problem.prior.scatters
     assert first.groups == (("first.ky", "second.ky"), ("third.ky", "fourth.ky"))
     assert case_of(ASSEMBLIES.replace("assembly = ", "# ")).problem.prior.scatters == ()
@@ -133,8 +133,8 @@ def test_a_case_states_what_scatters_and_how_much():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ((", own = true", ""), "assembly: found no joint that is each set-up's own; expected two assemblies"),
-        (("setups.second = {}", ""), "assembly: found 1 set-ups; expected two assemblies"),
+        ((", own = true", ""), "assembly: found no joint that is each test's own; expected two assemblies"),
+        (("tests.second = {}", ""), "assembly: found 1 tests; expected two assemblies"),
         (("scatter = 0.2", "scatter = 0"), "assembly.scatter: found 0; expected the usual standard deviation"),
         (("_factor = 2.0", "_factor = 1"), "assembly.scatter_factor: found 1; expected the factor"),
     ],

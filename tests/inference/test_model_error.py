@@ -118,16 +118,16 @@ prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e8 }
 data = { kind = "natural_frequencies", frequencies_hz = [FIRST], sd_relative = 0.0002 }
 uncertain.model_error = { frequency_error = 0.004, error_factor = 2.0 }
 uncertain.exact = ["youngs_modulus", "density", "length"]
-setups.low.level = 10.0
-setups.high.level = 20.0
-setups.high.data.frequencies_hz = [SECOND]
+tests.low.level = 10.0
+tests.high.level = 20.0
+tests.high.data.frequencies_hz = [SECOND]
 """
 WRONG = 1 + np.array([0.004, -0.005, 0.003])  # predicted frequencies, at both levels
 LOOSE, TIGHT = {"low.ky": 5e7, "low.krz": 5e4}, {"high.ky": 5e7, "high.krz": 5.5e4}
 
 
 def levels(tmp_path, first, second):
-    """A case of two set-ups of one structure, whose data are these frequencies."""
+    """A case of two tests of one structure, whose data are these frequencies."""
     text = LEVELS.replace("FIRST", str(list(first))[1:-1]).replace("SECOND", str(list(second))[1:-1])
     (tmp_path / "levels.toml").write_text(text.replace('extends = "', f'extends = "{CONFIGS}/'), encoding="utf-8")
     return jb.load_case(tmp_path / "levels.toml", allow_outside=True)

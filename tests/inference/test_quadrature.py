@@ -112,7 +112,7 @@ def test_a_basis_that_misses_joints_kept_aside_or_leaves_nothing_over_at_the_nod
     assert on_nodes(problem, around(problem, 1.5), least_values=0) is problem.log_posterior
 
 
-def test_several_set_ups_are_reduced_each_by_itself(cheap_case):
+def test_several_tests_are_reduced_each_by_itself(cheap_case):
     first, other = (replace(cheap_case.problem.test, name=name) for name in ("loud", "quiet"))
     problem = replace(cheap_case.problem, tests=(first, other))
     density = on_nodes(problem, around(problem, 1.5), least_values=0)

@@ -12,7 +12,7 @@ from jointbayes.inference import IntegratedScale
 from jointbayes.posterior import storage
 from jointbayes.posterior.storage import fold_chains
 from jointbayes.sampling.diagnostics import effective_sizes, split_r_hat
-from tests.report.test_setups import BASE, CLAMP_EDGE, HEARD, TWO, posterior_of
+from tests.report.test_several_tests import BASE, CLAMP_EDGE, HEARD, TWO, posterior_of
 
 BY_DRAW = ("chain", "draw")
 POINTWISE = {"log_likelihood", "posterior_predictive"}

@@ -271,7 +271,7 @@ def test_each_cell_of_the_table_and_each_of_its_borders(
         if pattern == "correlated":
             return  # they have none
         whiteness = None
-        n_tests = 2  # as of another set-up beside this one
+        n_tests = 2  # as of another test beside this one
     else:
         whiteness, n_tests = replace(MORE_WHITE, statistic=statistic), 0
     check = finding_of(chi2_per_line=chi2, whiteness=whiteness, absorbs=absorbs, n_tests=n_tests)

@@ -52,7 +52,7 @@ def of_another_truth(cheap_case, line):
     text = edited(cheap_text(), ("k11 = 5.05e9", f"{line}\nk11 = 5.05e9"))
     data = case_from_text("another", text).problem.test.data
     problem = cheap_case.problem.with_test(data=replace(data, synthetic=False))
-    return replace(cheap_case, problem=problem, stated=problem, setups=())
+    return replace(cheap_case, problem=problem, stated=problem, tests=())
 
 
 def asked_of(posterior, sizes):
@@ -160,7 +160,7 @@ def test_a_joint_whose_only_test_shows_no_mode_leaves_the_answer_to_the_frfs(mea
     estimate = SimpleNamespace(theta=np.tile(measured.estimate.theta, 2), modes=())
     assert modes_problem(jb.Problem(tests, both), estimate, 1, ErrorSizes()) is None
     one_joint = modes_problem(jb.Problem(tests, prior), measured.estimate, 1, ErrorSizes())
-    assert {mode.setup for mode in one_joint.premises.modes} == {"seen"}
+    assert {mode.test for mode in one_joint.premises.modes} == {"seen"}
 
 
 def test_a_model_that_nobody_says_is_exact_is_given_an_error(measured):
@@ -223,7 +223,7 @@ def test_frfs_in_another_unit_are_named_and_their_modes_say_the_same(cheap_case)
         frf = replace(data.frf, values=factor * data.frf.values)
         measured = replace(data, frf=frf, variance=factor**2 * data.variance, joint_frf=None, synthetic=False)
         problem = cheap_case.problem.with_test(data=measured)
-        answers.append(jb.sample(replace(cheap_case, problem=problem, stated=problem, setups=()), seed=1))
+        answers.append(jb.sample(replace(cheap_case, problem=problem, stated=problem, tests=()), seed=1))
     right, wrong = answers
     assert right.levels[""] == pytest.approx(1.0, rel=0.2)
     assert not any("times as large" in sentence for sentence in right.premises_sentences)

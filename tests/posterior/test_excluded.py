@@ -32,8 +32,8 @@ def two_lengths(frequencies: tuple[float, float], more: str = "") -> jb.Case:
     text = re.sub(r"(?ms)^\[(compare|reference)\].*?(?=^\[|\Z)", "", text).replace("walkers = 48", "walkers = 16")
     text = re.sub(r"(?m)^frequencies_hz = .*$", "", text).replace("elements = 10", "elements = 4")
     for name, length, frequency in zip(("long", "short"), (383.0, 200.0), frequencies, strict=True):
-        text += f"\n[setups.{name}.structure]\nlength_mm = {length}\n"
-        text += f"[setups.{name}.data]\nfrequencies_hz = [{frequency}]\n"
+        text += f"\n[tests.{name}.structure]\nlength_mm = {length}\n"
+        text += f"[tests.{name}.data]\nfrequencies_hz = [{frequency}]\n"
     return jb.case_from_text("two lengths", text + more)
 
 

@@ -1,4 +1,4 @@
-"""Whether set-ups measured the same: calibrated for lines and modes, changes named with their size."""
+"""Whether tests measured the same: calibrated for lines and modes, changes named with their size."""
 
 import math
 from dataclasses import replace
@@ -9,7 +9,7 @@ from scipy import stats
 
 import jointbayes as jb
 from jointbayes.inference import Level, Test
-from jointbayes.posterior.homogeneity import FALSE_ALARM, _compare_lines, compare_setups, compare_tests
+from jointbayes.posterior.homogeneity import FALSE_ALARM, _compare_lines, compare_all_tests, compare_tests
 from tests.conftest import CLAMP, CONFIGS, rod
 from vibrecords import FrequencyData, FrfData, FrfSet, ModeData, Observed
 
@@ -68,7 +68,7 @@ def test_a_resonance_whose_damping_triples_is_named_with_its_figures():
     assert abs(moved.frequency_percent + 0.1) < 4 * moved.frequency_percent_sd < 0.1
     assert abs(100 * math.log(moved.damping_factor / 3)) < 4 * moved.damping_percent_sd < 20
     assert max(map(abs, still.scores)) < 4
-    assert compared.sentence.startswith("Set-ups low and high differ by more than their noise. 540 FRF values ")
+    assert compared.sentence.startswith("Tests low and high differ by more than their noise. 540 FRF values ")
     assert compared.as_json()["equal"] is False
 
 
@@ -94,11 +94,11 @@ def test_modes_that_are_typed_in_are_compared_by_number_in_frequency_and_damping
     assert shift.scores[1] == pytest.approx(math.log(2.5) / math.hypot(0.1, 0.1))
 
 
-def test_each_set_up_of_a_structure_is_compared_with_that_of_its_lowest_level():
+def test_each_test_of_a_structure_is_compared_with_that_of_its_lowest_level():
     data = FrequencyData([80.0], [0.1])
     torques = {"high": 20.0, "low": 5.0, "middle": 9.0}
     tests = [of(name, data, level=Level(torque)) for name, torque in torques.items()]
     other = [of("other", data, structure=rod(length=0.2)), of("free", data, joints=())]
     problem = jb.Problem([*tests, *other], jb.JointPrior(CLAMPED.prior.parametrisation, CLAMPED.prior.marginals))
-    assert [(c.first, c.second) for c in compare_setups(problem)] == [("low", "middle"), ("low", "high")]
+    assert [(c.first, c.second) for c in compare_all_tests(problem)] == [("low", "middle"), ("low", "high")]
     assert compare_tests(tests[0], of("frfs", frfs(np.random.default_rng(5), frequency=(120.0, 250.0)))) is None

@@ -151,22 +151,22 @@ def test_lines_left_out_are_predicted_as_magnitudes_and_a_wrong_model_misses_the
     assert shares[1] < 0.4
 
 
-SETUPS = f"""
-[setups.light]
-[setups.heavy.structure.masses_kg]
+TESTS = f"""
+[tests.light]
+[tests.heavy.structure.masses_kg]
 3 = 2.0
-[setups.heavy.data]
+[tests.heavy.data]
 frequencies_hz = {frequencies(last_mass=2.0).tolist()}
 """
 
 
-def test_a_set_up_left_out_is_predicted_from_the_others():
-    data = modes_of(frequencies()).replace("modes = [2, 3]", 'setups = ["heavy"]')
-    read = case(data + SETUPS)
+def test_a_test_left_out_is_predicted_from_the_others():
+    data = modes_of(frequencies()).replace("modes = [2, 3]", 'tests = ["heavy"]')
+    read = case(data + TESTS)
     assert [test.name for test in read.problem.tests] == ["light"]
     assert [test.name for test in read.problem.left_out] == ["heavy"]
     (left_out,) = predict_left_out(read.problem, at_truth(read.problem), 0.95, seed=1)
-    assert left_out.setup == "heavy"
+    assert left_out.test == "heavy"
     assert left_out.inside.all()
     posterior = jb.sample(read, seed=1)
     assert posterior.summary().to_json()["left_out"]["inside"] == 3
@@ -187,8 +187,8 @@ def test_a_summary_of_nothing_left_out_says_so(cheap_posterior):
         (modes_of(frequencies()).replace("modes = [2, 3]", "bands_hz = [[1.0, 2.0]]"), "for data that are modes"),
         (BAND.replace("bands_hz = [[50.0, 75.0]]", "modes = [2]"), "found it for data that are FRFs"),
         (BAND.replace("[50.0, 75.0]", "[500.0, 750.0]"), "left out: found 0 of 361 lines in the bands"),
-        (modes_of(frequencies()).replace("modes = [2, 3]", 'setups = ["other"]'), "some of several set-ups, not all"),
-        (modes_of(frequencies()).replace("modes = [2, 3]", 'setups = ["heavy", "light"]') + SETUPS, "not all"),
+        (modes_of(frequencies()).replace("modes = [2, 3]", 'tests = ["other"]'), "some of several tests, not all"),
+        (modes_of(frequencies()).replace("modes = [2, 3]", 'tests = ["heavy", "light"]') + TESTS, "not all"),
         (modes_of(frequencies(), '[noise]\nscale = "integrated"'), '"known" or "sampled"'),
     ],
 )  # fmt: skip

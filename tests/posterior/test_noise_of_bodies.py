@@ -163,52 +163,50 @@ def test_data_at_lines_that_the_body_lacks_are_refused(posterior):
     assert isinstance(problem.test.measured_bodies[0], MeasuredBody)
 
 
-def of_setups(first, second, *, ignored="") -> Problem:
-    """Two set-ups, each of one problem, of which one may take its body for exact."""
-    setups = [
+def of_tests(first, second, *, ignored="") -> Problem:
+    """Two tests, each of one problem, of which one may take its body for exact."""
+    tests = [
         Test(name, replace(one.test.structure, propagate=name != ignored), one.test.joints, one.test.data)
         for name, one in (("a", first), ("b", second))
     ]
-    return Problem(tests=setups, prior=first.prior)
+    return Problem(tests=tests, prior=first.prior)
 
 
-def test_one_measurement_of_a_body_in_two_set_ups_is_refused():
+def test_one_measurement_of_a_body_in_two_tests_is_refused():
     first, second = data_set("counted", 1), data_set("counted", 2)
-    of_setups(first, second)
+    of_tests(first, second)
     (body,) = first.test.measured_bodies
     for same in (body, replace(body, name="other")):
         whole = Substructures(first.test.structures, (same,))
-        with pytest.raises(
-            ModelError, match=r"one measurement of the body \w+ in set-ups a and b, .*; expected"
-        ) as told:
-            of_setups(first, second.with_test(structure=whole))
+        with pytest.raises(ModelError, match=r"one measurement of the body \w+ in tests a and b, .*; expected") as told:
+            of_tests(first, second.with_test(structure=whole))
         assert "\n" not in str(told.value)
-        of_setups(first, second.with_test(structure=whole), ignored="b")  # which is said in the report
+        of_tests(first, second.with_test(structure=whole), ignored="b")  # which is said in the report
 
 
-def test_of_several_set_ups_the_worst_is_told(posterior):
+def test_of_several_tests_the_worst_is_told(posterior):
     first, second = posterior.problem, data_set("counted", 2)
     (body,) = second.test.measured_bodies
     theta, lone = posterior.estimate.theta, posterior.noise_of_bodies
     noisy = second.with_test(
         structure=Substructures(second.test.structures, (replace(body, covariance=225 * body.covariance),))
     )
-    for problem in (of_setups(first, noisy), of_setups(noisy, first)):
+    for problem in (of_tests(first, noisy), of_tests(noisy, first)):
         found = noise_of_bodies(problem, theta)
-        assert found.setup == ("b" if problem.tests[1].data is noisy.test.data else "a")
+        assert found.test == ("b" if problem.tests[1].data is noisy.test.data else "a")
         assert found.doubtful_lines > lone.doubtful_lines
-        assert f"spindle in set-up {found.setup} is propagated" in found.sentence
+        assert f"spindle in test {found.test} is propagated" in found.sentence
         assert not any(test.ignores_noise_of_bodies for test in problem.tests)
-    ignoring = of_setups(first, second, ignored="b")
+    ignoring = of_tests(first, second, ignored="b")
     found = noise_of_bodies(ignoring, theta)
-    assert (found.ignored, found.setup) == (True, "b")
+    assert (found.ignored, found.test) == (True, "b")
 
 
-def test_the_report_has_the_bodies_of_every_set_up_and_a_run_is_of_all(posterior):
-    problem = of_setups(posterior.problem, data_set("counted", 2))
+def test_the_report_has_the_bodies_of_every_test_and_a_run_is_of_all(posterior):
+    problem = of_tests(posterior.problem, data_set("counted", 2))
     inputs = ReportInputs(replace(posterior, problem=problem))
     inputs.__dict__["summary"] = posterior.summary()
     (_, table) = measured_bodies_section(inputs).blocks
-    assert [row[0] for row in table.rows] == ["spindle in set-up a", "spindle in set-up b"]
+    assert [row[0] for row in table.rows] == ["spindle in test a", "spindle in test b"]
     parts = run_fingerprint(problem, None, 1, SETTINGS)
     assert {"measured body a.spindle", "measured body b.spindle"} <= set(parts)

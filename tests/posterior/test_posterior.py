@@ -326,7 +326,7 @@ def test_a_file_that_holds_no_posterior_is_refused_in_one_line(saved, tmp_path, 
 
 def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
     summary = json.loads(json.dumps(summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json(), allow_nan=False))
-    assert (summary["schema_version"], summary["case"], summary["seed"]) == (3, "cheap", 1)
+    assert (summary["schema_version"], summary["case"], summary["seed"]) == (4, "cheap", 1)
     assert (summary["converged"], summary["reason"]) == (True, cheap_posterior.reason)
     for i, name in enumerate(PAIR.stiffness_names):
         p, values = summary["parameters"][name], cheap_posterior.values(name)

@@ -26,7 +26,7 @@ from jointbayes.studies.planning.plan_report import (
     Simulation,
     build_plan_report,
 )
-from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
+from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, of_case, shipped_text
 from tests.studies.campaign_directory import campaign_directory
 
@@ -119,11 +119,11 @@ def nine_reports(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory
         ('"headA:x", ', ""),
         ("_step_hz = 2", "_step_hz = 8"),
     )
-    truth = jb.case_from_text("frame", frame).setups[0].spec.data.truth.stiffness_by_name
+    truth = jb.case_from_text("frame", frame).tests[0].spec.data.truth.stiffness_by_name
     return {
         "main": build_report(cheap_inputs, DATE),
         "uncertain": report_of(with_coherence(made_up("uncertain", cheap_text() + UNCERTAIN, TABLE_3))),
-        "set-ups": report_of(made_up("set-ups", BASE + CLAMP_EDGE + TWO, TABLE_3)),
+        "tests": report_of(made_up("tests", BASE + CLAMP_EDGE + TWO, TABLE_3)),
         "frequencies": report_of(frequency_posterior),
         "frame": report_of(made_up("frame", frame, tuple(truth.values()))),
         "comparison": comparison(),

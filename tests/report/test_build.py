@@ -190,7 +190,7 @@ def test_pages_stand_before_the_appendix_and_hold_every_block_once(whole, inputs
     pages = [one.identifier for one in whole.sections if not one.appendix]
     assert pages == ["fit", "modes", "posterior", "known"]  # nothing was measured to files
     assert [one.appendix for one in whole.sections] == sorted(one.appendix for one in whole.sections)
-    sections = [section(inputs.setups[0]) for page in PAGES for section in page[3]]
+    sections = [section(inputs.tests[0]) for page in PAGES for section in page[3]]
     sections += [section(inputs) for page in PAGES for section in page[2]] + [section(inputs) for section in APPENDIX]
     captions = [b.caption for one in sections if one is not None for b in one.blocks if isinstance(b, Table | Figure)]
     shown = [b.caption for one in whole.sections[:-1] for b in one.blocks if isinstance(b, Table | Figure)]
@@ -271,7 +271,7 @@ def test_frequencies_are_set_beside_the_measured_ones(whole, cheap_posterior):
     assert columns["MAP (Hz)"] == tuple(f"{f:.2f}" for f in summary["map"])
     peaks = [(f"{p.measured_hz:.2f}", f"{p.error_percent:+.2f}") for p in cheap_posterior.diagnosis.modes]
     assert list(zip(columns["Peak of the data (Hz)"], columns["Error (%)"], strict=True)) == peaks
-    alone = frequency_section(inputs_of(cheap_posterior, measured_frequencies_hz=None).setups[0])
+    alone = frequency_section(inputs_of(cheap_posterior, measured_frequencies_hz=None).tests[0])
     table = next(b for b in of_kind(alone.blocks, Table) if b.caption.startswith("Natural frequencies"))
     assert "Published (Hz)" not in table.head
     assert not [b for b in of_kind(alone.blocks, Figure) if b.identifier == "frequencies-plot"]

@@ -234,7 +234,7 @@ def test_the_ending_chooses_the_format_and_a_run_directory_will_do(saved, tmp_pa
         (("--to", "a.bdf", "--node", "1=x"), "--node: found '1=x'"),
         (("--to", "a.bdf", "--node", "1=0"), "DOF 1:y: found no node with a number"),
         (("--to", "a.inp", "--format", "calculix"), "found a rotation of node 1; expected the ROT NODE"),
-        (("--to", "a.uff", "--setup", "loud"), "found set-up 'loud'"),
+        (("--to", "a.uff", "--test", "loud"), "found test 'loud'"),
     ],
 )
 def test_what_cannot_be_written_is_one_line(saved, tmp_path, monkeypatch, options, said):

@@ -43,7 +43,7 @@ def drawn(posterior, initial=INITIAL):
     """Magnitudes of the interactive curves by name, and of both ends of the band."""
     inputs = ReportInputs(replace(posterior, problem=replace(posterior.problem, initial=initial)))
     inputs.__dict__["summary"] = inputs.posterior.summary()  # without profiles, which this section does not need
-    section = fit_section(inputs.setups[0])
+    section = fit_section(inputs.tests[0])
     (figure,) = (b for b in section.blocks if isinstance(b, Figure) and b.identifier == "frf-0-0")
     low, high = map(np.abs, figure.plot.band)
     return {curve.name: np.abs(curve.values) for curve in figure.plot.curves} | {"low": low, "high": high}

@@ -28,11 +28,11 @@ def test_a_guide_is_whole_and_short(name):
     ("identifier", "name"),
     [
         ("frf-0-1", "frf"),
-        ("setup-12-frf-0-0", "frf"),
+        ("test-12-frf-0-0", "frf"),
         ("traces-2", "traces"),
         ("mode-shapes", "mode-shapes"),
         ("mode-shape-3", "mode-shape-"),
-        ("setup-2-curve-1", "curve-"),
+        ("test-2-curve-1", "curve-"),
         ("nothing-like-it", None),
     ],
 )

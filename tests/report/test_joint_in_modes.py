@@ -16,7 +16,7 @@ def section_of(posterior, whose=None):
     """The section; `whose`: the posterior with whose summary, of which it needs the check alone."""
     inputs = ReportInputs(posterior)
     inputs.__dict__["summary"] = (whose or posterior).summary()  # without profiles
-    return joint_in_modes_section(inputs.setups[0])
+    return joint_in_modes_section(inputs.tests[0])
 
 
 def table_of(posterior, whose=None):

@@ -31,7 +31,7 @@ def found(patterns, text):
     return [text[max(0, m.start() - 60) : m.end() + 40] for p in patterns for m in re.finditer(p, text, re.IGNORECASE)]
 
 
-@pytest.mark.parametrize("name", ["main", "uncertain", "set-ups", "frequencies", "frame", "plan", "comparison"])
+@pytest.mark.parametrize("name", ["main", "uncertain", "tests", "frequencies", "frame", "plan", "comparison"])
 def test_a_report_is_in_plain_words(reports, name):
     assert found(NOT_SAID + NOT_REPORTED, page_text(reports[name])) == []
 

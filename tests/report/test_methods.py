@@ -25,9 +25,9 @@ KEYS = re.findall(r"^@\w+\{(\w+),", BIB, re.MULTILINE)
 def inputs(cheap_posterior):
     """What the paragraph is made of, without what takes long to find."""
     summary = cheap_posterior.summary()
-    setups = (SimpleNamespace(problem=cheap_posterior.problem, summary=summary.setups[""]),)
+    tests = (SimpleNamespace(problem=cheap_posterior.problem, summary=summary.tests[""]),)
     knowledge = SimpleNamespace(profiles=(), simpler=())
-    return SimpleNamespace(posterior=cheap_posterior, summary=summary, knowledge=knowledge, setups=setups)
+    return SimpleNamespace(posterior=cheap_posterior, summary=summary, knowledge=knowledge, tests=tests)
 
 
 def changed(inputs, **parts):
@@ -41,8 +41,8 @@ def with_posterior(inputs, **parts):
 
 
 def with_test(inputs, **parts):
-    setup = SimpleNamespace(problem=inputs.posterior.problem.with_test(**parts), summary=inputs.setups[0].summary)
-    return changed(inputs, setups=(setup,))
+    test = SimpleNamespace(problem=inputs.posterior.problem.with_test(**parts), summary=inputs.tests[0].summary)
+    return changed(inputs, tests=(test,))
 
 
 def with_record(inputs, **parts):

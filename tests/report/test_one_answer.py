@@ -16,7 +16,7 @@ from jointbayes.report import ReportInputs, build_report, figures, render_html, 
 from jointbayes.report.export import central_joint, export
 from jointbayes.report.line_plot import FrfPlot
 from jointbayes.workflow import AS_ASKED
-from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
+from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, shipped_text
 from tests.posterior.test_decision import of_another_truth
 from tests.posterior.test_knowledge import WRONG_LENGTH
@@ -58,7 +58,7 @@ RUNS = {
     "typed, a usual error of the model": lambda _: of_text("rotor", shipped_text("rotor_bearings")),
     "failed check": lambda _: of_text("wrong length", WRONG_LENGTH),
     "signed coupling": lambda _: of_text("signed", signed_text()),
-    "several tests": lambda _: made_up("set-ups", BASE + CLAMP_EDGE + TWO, TABLE_3),
+    "several tests": lambda _: made_up("tests", BASE + CLAMP_EDGE + TWO, TABLE_3),
     "measured body": lambda _: made_up("spindle", shipped_text("spindle_measured"), (6e8, 1.2e6, 2e8, 1e5)),
     "free structure": lambda _: made_up("bolts", shipped_text("lapped_beams"), (8e7, 3e8, 1.2e4)),
     "damped joint": lambda _: made_up("dampers", shipped_text("rotor_dampers"), (1e6, 3e3)),

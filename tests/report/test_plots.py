@@ -13,13 +13,13 @@ from scipy import linalg, stats
 
 import jointbayes as jb
 from jointbayes.posterior.limits import LikelihoodRegion
-from jointbayes.posterior.setup_summary import setup_summaries
+from jointbayes.posterior.summary_of_test import summaries_of_tests
 from jointbayes.report import drawing, plots
-from jointbayes.report.inputs import SetupInputs
+from jointbayes.report.inputs import TestInputs
 from jointbayes.report.model import Figure
 from jointbayes.report.sections.fit_to_data import fit_section
 from tests.conftest import CONFIGS, FEW_STEPS
-from tests.report.test_setups import OWN, TORQUES, posterior_of
+from tests.report.test_several_tests import OWN, TORQUES, posterior_of
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +92,8 @@ def test_without_axes_a_figure_is_pyplots_own(cheap_posterior):
 
 
 def test_the_curves_are_those_of_the_report(cheap_posterior, axes):
-    summary = setup_summaries(cheap_posterior, cheap_posterior.problem.first_guess, None)[""]
-    section = fit_section(SetupInputs(cheap_posterior, cheap_posterior.problem, summary))
+    summary = summaries_of_tests(cheap_posterior, cheap_posterior.problem.first_guess, None)[""]
+    section = fit_section(TestInputs(cheap_posterior, cheap_posterior.problem, summary))
     figure = next(block for block in section.blocks if isinstance(block, Figure) and block.identifier == "frf-0-0")
     curves = {curve.name: np.abs(curve.values) for curve in figure.plot.curves}
     jb.plot_frf(cheap_posterior, ax=axes)
@@ -247,7 +247,7 @@ def test_one_of_several_frfs_is_named(cheap_posterior, axes):
         (lambda p, *_: jb.plot_frf(p.estimate), "plot_frf: found MapEstimate; expected a posterior, a problem or an"),
         (lambda p, *_: jb.plot_iteration(None), r"plot_iteration: found None; expected .* make it by jb\.identify"),
         (lambda p, *_: jb.plot_frf(p, "1:y"), "found DOF '1:y'; expected one of 5:y; correct the label"),
-        (lambda p, *_: jb.plot_frf(p, setup="cold"), "found set-up 'cold'"),
+        (lambda p, *_: jb.plot_frf(p, test="cold"), "found test 'cold'"),
         (
             lambda _, f, two: jb.plot_frf(f),
             "found natural frequencies; expected FRFs; draw plot_frequencies or plot_intervals",
@@ -258,7 +258,7 @@ def test_one_of_several_frfs_is_named(cheap_posterior, axes):
             lambda p, *_: jb.plot_frequencies(replace(p, case=None)),
             "found no measured frequencies; expected some; draw plot_frf",
         ),
-        (lambda p, *_: jb.plot_levels(p, "k11"), "curve: found 0 levels of set-ups"),
+        (lambda p, *_: jb.plot_levels(p, "k11"), "curve: found 0 levels of tests"),
     ],
 )
 def test_what_cannot_be_drawn_is_told_in_one_line(draw, message, cheap_posterior, frequency_posterior):

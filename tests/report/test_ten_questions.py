@@ -44,7 +44,7 @@ def runs(reports, cheap_posterior):
     wrong.__dict__["checks"] = (off,)
     own = report_of(of_case(stopped)), build_report(ReportInputs(wrong), DATE)
     small = report_of(made_up("small", cheap_text().replace("length_mm = 383.0", "length_mm = 200.0"), TABLE_3))
-    names = ("main", "uncertain", "set-ups", "frequencies", "frame")
+    names = ("main", "uncertain", "tests", "frequencies", "frame")
     long = report_of(made_up("long", cheap_text().replace("length_mm = 383.0", "length_mm = 600.0"), TABLE_3))
     made = {"stopped": own[0], "wrong": own[1], "short beam": small, "long beam": long}
     return {name: reports[name] for name in names} | made

@@ -70,7 +70,7 @@ def test_ground_lies_beyond_the_end_that_it_holds():
     assert [foot.tolist() for foot in feet] == [[0, -1]] * 4
 
 
-def test_every_set_up_that_looks_different_is_drawn():
+def test_every_test_that_looks_different_is_drawn():
     problem = jb.load_case(CONFIGS / "two_overhangs.toml").problem
     _, figure = blocks_on_tests(ReportInputs(SimpleNamespace(problem=problem)))
     assert figure.caption == "What was tested: test long and short with joints, ground, forces and responses."

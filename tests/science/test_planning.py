@@ -69,7 +69,7 @@ def test_the_study_of_fifty_cases_is_published_and_holds():
     assert f"{found['first_among_best_two']} of {found['planned']}" in page
 
 
-def test_the_kept_plan_of_set_ups_has_them_in_the_order_of_the_table():
+def test_the_kept_plan_of_tests_has_them_in_the_order_of_the_table():
     """383 mm with mid-span and 150 mm, with mid-span, with four overhangs, with 200 mm, with 2 kg at the tip."""
     kept = json.loads((RESULTS.parent / "next_setup.json").read_text(encoding="utf-8"))
     found = {tuple(one["names"]): one["simulated"]["sd_median"] for one in kept["measurements"]}

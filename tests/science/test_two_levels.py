@@ -6,7 +6,7 @@ from benchmarks import two_levels
 
 import jointbayes as jb
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.sections.several_setups import curve_section
+from jointbayes.report.sections.several_tests import curve_section
 from tests.conftest import first_in_ci
 
 pytestmark = pytest.mark.docs
@@ -38,11 +38,11 @@ f_max_hz = 1000.0
 f_step_hz = 5.0
 truth = {stiffness = {ky = 1e8, krz = 1e5, etarz = 0.03}}
 noise = {relative = 0.02, floor = 0.01, seed = 1}
-[setups.quiet]
+[tests.quiet]
 level = 1.0
-[setups.loud]
+[tests.loud]
 level = 10.0
-[setups.loud.data.truth.stiffness]
+[tests.loud.data.truth.stiffness]
 krz = 0.995e5
 etarz = 0.09
 [sampling]

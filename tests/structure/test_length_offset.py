@@ -62,10 +62,10 @@ def test_an_offset_that_leaves_no_beam_is_refused_in_one_line():
     assert "\n" not in str(caught.value)
 
 
-def test_set_ups_share_the_offset_that_moves_all_their_lengths_by_as_many_millimetres():
+def test_tests_share_the_offset_that_moves_all_their_lengths_by_as_many_millimetres():
     """Two overhangs whose clamp begins 2 mm further in: the posterior finds the offset and its sign."""
     lines = np.arange(20.0, 2500.0, 4.0)
-    ports, setups = Ports(lines, ("11:y", "6:y"), ("11:y",)), []
+    ports, tests = Ports(lines, ("11:y", "6:y"), ("11:y",)), []
     for number, (name, length) in enumerate({"long": 0.383, "short": 0.2}.items()):
         exact = receptance_model(BeamFamily(recipe(length + 0.002), {}), CLAMP, ports)
         values = exact.receptance(pair_matrix(TABLE_3)[None])[0]
@@ -73,10 +73,10 @@ def test_set_ups_share_the_offset_that_moves_all_their_lengths_by_as_many_millim
         rng = np.random.default_rng(number)
         noisy = values + sd * (rng.normal(size=values.shape) + 1j * rng.normal(size=values.shape))
         measured = FrfData(FrfSet(lines, noisy, ports.outputs, ports.inputs), 2 * sd**2)
-        setups.append(jb.Test(name, BeamFamily(recipe(length), OFFSET), CLAMP, measured))
+        tests.append(jb.Test(name, BeamFamily(recipe(length), OFFSET), CLAMP, measured))
     marginals = tuple(Uniform(np.log(k) - 3, np.log(k) + 3) for k in TABLE_3)
     offset = Nuisance("length_offset", "mm", 1000.0, Normal(0.0, 0.002))
-    problem = jb.Problem(tests=setups, prior=JointPrior(LogStiffness(), marginals, (offset,)))
+    problem = jb.Problem(tests=tests, prior=JointPrior(LogStiffness(), marginals, (offset,)))
     estimate = jb.find_map(problem)
     found, sd = 1e3 * estimate.theta[3], 1e3 * math.sqrt(estimate.covariance[3, 3])
     assert abs(found - 2.0) < 4 * sd < 1.0

@@ -129,7 +129,7 @@ def test_measured_frfs_are_weighed_by_the_modes_that_all_cases_have_a_place_for(
     for name, length in (("true", "383.0"), ("short", "300.0")):
         case = case_from_text(name, edited(cheap_text(), ("length_mm = 383.0", f"length_mm = {length}")))
         problem = case.problem.with_test(data=data)
-        cases.append(replace(case, problem=problem, stated=problem, setups=()))
+        cases.append(replace(case, problem=problem, stated=problem, tests=()))
     assert _data_of(cases[0].problem) == _data_of(cases[1].problem)
     true, short = _answered(cases, 1, lambda _: None).values()
     used = [{mode.resonance for mode in problem.premises.modes} for problem in (true, short)]

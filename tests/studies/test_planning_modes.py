@@ -11,8 +11,8 @@ from jointbayes.joint import Joints
 from jointbayes.posterior.first_look import fisher_information, measurement_information
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.make_plan import WithFurther
-from tests.case.test_free_setup import MATERIAL, TWO
-from tests.case.test_setups import BASE
+from tests.case.test_free_structure_as_test import MATERIAL, TWO
+from tests.case.test_several_tests import BASE
 from tests.conftest import CONFIGS, cheap_text, edited
 
 FREQUENCIES = (
@@ -27,7 +27,7 @@ sd_hz = 0.0
     + MATERIAL
 )
 PLAN = '\n[plan]\nparameter = "k22"\noutputs = ["2:y", "6:y"]\n'
-SHORT = "\n[plan.setups.short.structure]\nlength_mm = 200.0\n"
+SHORT = "\n[plan.tests.short.structure]\nlength_mm = 200.0\n"
 TRUTH = np.array([np.log(2e9), np.log(1e7), np.log(3e5), 0.01, -0.004, 0.001])
 ERRORS = "[uncertain.model_error]\nfrequency_error = 0.002\nshape_error = 0.005\n"
 
@@ -49,7 +49,7 @@ def test_hitting_the_structure_free_is_a_candidate_where_its_material_is_uncerta
         BASE + MATERIAL + "length_offset = {sd_mm = 1.9}\n" + PLAN
     )  # the bar goes on in the clamp
     assert "free" not in named(BASE.replace("383.0", '383.0\nsupports = ["11:rz"]') + MATERIAL + PLAN)
-    proposed = named(BASE + MATERIAL + PLAN + "[plan.setups.hung]\njoined = false\n")
+    proposed = named(BASE + MATERIAL + PLAN + "[plan.tests.hung]\njoined = false\n")
     assert list(proposed) == ["2:y", "6:y", "4 × averages", "hung"]
     assert proposed["hung"].joint == Joints(())
     made = named(TWO + PLAN)
@@ -70,7 +70,7 @@ def test_its_information_is_that_of_two_tests_less_that_of_one(text):
 
 
 @pytest.mark.whole
-def test_beside_modes_candidates_are_ratios_at_further_dofs_the_free_structure_and_set_ups():
+def test_beside_modes_candidates_are_ratios_at_further_dofs_the_free_structure_and_tests():
     candidates = named(FREQUENCIES + PLAN + SHORT)
     assert list(candidates) == ["2:y", "6:y", "free", "short"]
     first = candidates["2:y"]
@@ -180,8 +180,8 @@ def test_measured_frfs_are_planned_by_the_modes_that_a_run_answers_by():
     text = cheap_text() + '\n[plan]\nparameter = "k22"\noutputs = ["2:y", "3:y"]\n' + SHORT
     case, longer = case_of(text), case_of(edited(text, ("k11 = 5.05e9", "length_mm = 383.5\nk11 = 5.05e9")))
     data = replace(longer.problem.test.data, synthetic=False)
-    problem, setup = case.problem.with_test(data=data), replace(case.setups[0], data=data)
-    measured = replace(case, problem=problem, stated=problem, setups=(setup,))
+    problem, test = case.problem.with_test(data=data), replace(case.tests[0], data=data)
+    measured = replace(case, problem=problem, stated=problem, tests=(test,))
     posterior = jb.sample(measured, seed=1)
     plan = jb.plan(measured, posterior, simulations=0)
     assert plan.now.verdict == posterior.verdict("k22").verdict

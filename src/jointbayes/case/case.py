@@ -12,7 +12,7 @@ import numpy as np
 
 from jointbayes.case.case_objects import (
     CaseHome,
-    CaseSetup,
+    CaseTest,
     complete_from_data,
     default_priors_of,
     measured_bodies,
@@ -29,8 +29,8 @@ from jointbayes.case.case_objects import (
     split_data,
     top_of,
 )
-from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
-from jointbayes.case.parse import first_joined, needs_files, parse_planned, parse_setups
+from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, texts_of_tests
+from jointbayes.case.parse import first_joined, needs_files, parse_planned, parse_tests
 from jointbayes.case.plausibility import (
     input_warnings,
     level_warnings,
@@ -67,13 +67,13 @@ class Case:
     source
         The TOML text, together with that of the files it builds on.
     spec
-        The same, checked and typed; of several set-ups that of the first in which a joint acts.
+        The same, checked and typed; of several tests that of the first in which a joint acts.
     problem
         Structure, joint, data and prior; `replace` may put another one in its place.
     stated
         The problem that the text states; None where it was not built.
-    setups
-        Each set-up of it; one without a name where there is one test.
+    tests
+        Each test of it; one without a name where there is one test.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Case:
     spec: CaseSpec
     problem: Problem
     stated: Problem | None = None
-    setups: tuple[CaseSetup, ...] = ()
+    tests: tuple[CaseTest, ...] = ()
 
     def __repr__(self) -> str:
         return f"Case({self.name!r}: {self.title}; {self.problem!r})"
@@ -124,7 +124,7 @@ class Case:
         """
         quantities = self.problem.parametrisation.quantities
         names = [quantity.name for quantity in quantities]
-        stated = next((setup.spec.plan.parameter for setup in self.setups if setup.spec.plan.parameter), "")
+        stated = next((test.spec.plan.parameter for test in self.tests if test.spec.plan.parameter), "")
         wanted = stated or self.spec.plan.parameter
         if not names or (wanted and wanted not in names):
             fault = f'found "{wanted}"' if names else "found no stiffness in the joint"
@@ -146,8 +146,8 @@ class Case:
     def warnings(self) -> tuple[InputWarning, ...]:
         """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
         warnings: list[InputWarning] = []
-        texts = setup_texts(self.source)
-        specs = [(name, spec) for name, spec in parse_setups(self.source).items() if not spec.leaves_out(name)]
+        texts = texts_of_tests(self.source)
+        specs = [(name, spec) for name, spec in parse_tests(self.source).items() if not spec.leaves_out(name)]
         if len(self.problem.tests) < len(specs):  # a test whose FRFs show no mode says nothing to an answer of modes
             analysed = {test.name for test in self.problem.tests}
             specs = [(name, spec) for name, spec in specs if name in analysed]
@@ -160,14 +160,14 @@ class Case:
             if problem.test.data.shown_frfs is None:  # modes that FRFs show were numbered as the answer was decided
                 doubt = find_numbering(problem, None if self.model_is_exact else self.model_error or ErrorSizes())
                 warnings += numbering_warnings(doubt, texts[name], measured.provenance is not None)
-        for setup in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
-            warnings += truth_warnings(setup.spec, setup.source, prior_of([setup])[0])
+        for test in self.tests:  # by the prior that the text states: another may be put in its place to a purpose
+            warnings += truth_warnings(test.spec, test.source, prior_of([test])[0])
         return tuple(dict.fromkeys(warnings))
 
     @cached_property
     def default_priors(self) -> frozenset[str]:
         """Coordinates of joints whose prior nobody stated; empty where the problem is not the text's."""
-        return default_priors_of(parse_setups(self.source)) if self.problem is self.stated else frozenset()
+        return default_priors_of(parse_tests(self.source)) if self.problem is self.stated else frozenset()
 
     @cached_property
     def workshop_problem(self) -> Problem | None:
@@ -177,20 +177,20 @@ class Case:
         uncertain stays as it says. None where the problem is not the text's, or was not built from it, and of an answer
         that was decided, which allows for all that already.
         """
-        if self.problem is not self.stated or not self.setups or self.problem.premises.reason:
+        if self.problem is not self.stated or not self.tests or self.problem.premises.reason:
             return None
-        return problem_of([setup.with_workshop_uncertainty(self.largest_damping) for setup in self.setups], self.name)
+        return problem_of([test.with_workshop_uncertainty(self.largest_damping) for test in self.tests], self.name)
 
     @property
     def largest_damping(self) -> float:
-        """Largest damping ratio of all set-ups, which a factor on all of them has to leave below 1."""
-        ratios = (setup.spec.structure.damping.values.get("damping_ratio", ()) for setup in self.setups)
+        """Largest damping ratio of all tests, which a factor on all of them has to leave below 1."""
+        ratios = (test.spec.structure.damping.values.get("damping_ratio", ()) for test in self.tests)
         return max(chain.from_iterable(ratios), default=0.0)
 
     def with_uncertain(self, table: Mapping[str, object]) -> "Case":
         """The same case with another table `[uncertain]`, which says what its answer takes for granted.
 
-        What set-ups state of their own stays. Its files are read again.
+        What tests state of their own stays. Its files are read again.
 
         Parameters
         ----------
@@ -208,8 +208,8 @@ class Case:
 
     @property
     def model_is_exact(self) -> bool:
-        """Whether every set-up of the case declares its model to be exact."""
-        return bool(self.setups) and all("model" in setup.spec.uncertain.exact for setup in self.setups)
+        """Whether every test of the case declares its model to be exact."""
+        return bool(self.tests) and all("model" in test.spec.uncertain.exact for test in self.tests)
 
     @property
     def model_error(self) -> ErrorSizes | None:
@@ -307,36 +307,36 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
         Whether the text states this problem, with files that are not read again.
     """
     source = case_text(text, problem.name)
-    specs = parse_setups(source)
-    setups: tuple[CaseSetup, ...] = ()
+    specs = parse_tests(source)
+    tests: tuple[CaseTest, ...] = ()
     if stated and not needs_files(specs):
-        texts, data = setup_texts(source), {test.name: test.data for test in (*problem.left_out, *problem.tests)}
-        for name, spec in specs.items():  # what is left out of the data of a set-up is out of them already
+        texts, data = texts_of_tests(source), {test.name: test.data for test in (*problem.left_out, *problem.tests)}
+        for name, spec in specs.items():  # what is left out of the data of a test is out of them already
             if name not in data:  # its FRFs show no mode, and the answer is that of modes
                 continue
-            whole = spec.model_copy(update={"left_out": LeftOutSpec(setups=spec.left_out.setups)})
-            setups = (*setups, _setup(name, CaseHome(Path(), texts[name]), whole, data[name]))
-    return Case(problem.name, source, first_joined(specs.values()), problem, problem if stated else None, setups)
+            whole = spec.model_copy(update={"left_out": LeftOutSpec(tests=spec.left_out.tests)})
+            tests = (*tests, _one_test(name, CaseHome(Path(), texts[name]), whole, data[name]))
+    return Case(problem.name, source, first_joined(specs.values()), problem, problem if stated else None, tests)
 
 
 @one_blas_thread()
 def _build(name: str, source: CaseText, directory: Path, data: Data | None, allow_outside: bool) -> Case:
-    texts = setup_texts(source)
-    setups = [
-        _setup(setup, CaseHome(directory, texts[setup], allow_outside), spec, data)
-        for setup, spec in parse_setups(source).items()
+    texts = texts_of_tests(source)
+    tests = [
+        _one_test(test, CaseHome(directory, texts[test], allow_outside), spec, data)
+        for test, spec in parse_tests(source).items()
     ]
-    parse_planned(source)  # what is wrong in a proposed set-up is told now
-    first = next(setup for setup in setups if setup.spec.joined)
-    with _told_of(first.source if len(setups) == 1 else source, first.spec) as tell:
+    parse_planned(source)  # what is wrong in a proposed test is told now
+    first = next(test for test in tests if test.spec.joined)
+    with _told_of(first.source if len(tests) == 1 else source, first.spec) as tell:
         tell("prior")
-        problem = problem_of(setups, name)
+        problem = problem_of(tests, name)
         tell("structure")
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
-    return Case(name, source, first.spec, problem, problem, tuple(setups))
+    return Case(name, source, first.spec, problem, problem, tuple(tests))
 
 
-def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> CaseSetup:
+def _one_test(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> CaseTest:
     source = home.source
     stated = spec = read_matrices(spec, home)
     with _told_of(source, spec) as tell:
@@ -373,7 +373,7 @@ def _setup(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> Case
         require_lowest(stated, recipe, joint, data)
         tell("data")
         used.require_enough()
-    return CaseSetup(name, source, spec, recipe, bodies, joint, used, noise, of_noise, apart)
+    return CaseTest(name, source, spec, recipe, bodies, joint, used, noise, of_noise, apart)
 
 
 def _require_one_place(spec: CaseSpec, joint: AnyJoint, recipe: StructureRecipe, source: CaseText) -> None:

@@ -1,7 +1,7 @@
-"""From the tables of each set-up of a case, and the files they name, to its objects, and from these to its problem.
+"""From the tables of each test of a case, and the files they name, to its objects, and from these to its problem.
 
-What set-ups share is there once, what each has for itself with its name before it. A case of one test is that of one
-set-up without a name. A finite-element model that a case imports is read, and reduced once for all its ports.
+What tests share is there once, what each has for itself with its name before it. A case of one
+test has one without a name. A finite-element model that a case imports is read, and reduced once for all its ports.
 """
 
 import itertools
@@ -172,10 +172,10 @@ def model_error_of(spec: UncertainSpec) -> ErrorSizes | None:
     return ErrorSizes(*single, e.edge_error, e.spring_error, e.spring_factor)
 
 
-def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Data:
+def measurement_of(case: CaseSpec, joint: AnyJoint, test: str = "") -> Data:
     """The data that a case states or makes; FRFs with those at the joint, which the paper's iteration needs.
 
-    Of several set-ups each has noise of its own, by its name.
+    Of several tests each has noise of its own, by its name.
     """
     stated = case.data.stated()
     if stated is not None:
@@ -193,7 +193,7 @@ def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Data:
         ports,
         spec.noise.law(),
         spec.quantity,
-        generator_of(spec.noise.seed, setup) if spec.noise.added else None,
+        generator_of(spec.noise.seed, test) if spec.noise.added else None,
         gain=spec.truth.gain,
     )
     return replace(measured.select(spec.outputs, spec.inputs), joint_frf=measured.frf)
@@ -214,9 +214,9 @@ def split_data(data: Data, left_out: LeftOutSpec) -> tuple[Data, Data | None]:
     return data, None
 
 
-def generator_of(seed: int, setup: str) -> np.random.Generator:
-    """Random numbers of a set-up: independent of those of others, and the same whatever others there are."""
-    spawn_key = (zlib.crc32(setup.encode()),) if setup else ()
+def generator_of(seed: int, test: str) -> np.random.Generator:
+    """Random numbers of a test: independent of those of others, and the same whatever others there are."""
+    spawn_key = (zlib.crc32(test.encode()),) if test else ()
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=spawn_key))
 
 
@@ -240,7 +240,7 @@ class CaseHome:
     directory
         Of the case file.
     source
-        Text of the case, or of one of its set-ups, for the places of keys.
+        Text of the case, or of one of its tests, for the places of keys.
     allow_outside
         Whether files may lie outside of the directory.
     """
@@ -427,15 +427,15 @@ _ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot
 
 
 @dataclass(frozen=True, eq=False)
-class CaseSetup:
-    """One set-up of a case, built as far as it stands alone.
+class CaseTest:
+    """One test of a case, built as far as it stands alone.
 
     Parameters
     ----------
     name
         Name; empty of a case of one test.
     source, spec
-        Its tables: the rest of the file with what the set-up changes.
+        Its tables: the rest of the file with what the test changes.
     recipe, bodies
         The structure, and bodies of it that are given by their measured FRFs.
     joint, data
@@ -469,18 +469,18 @@ class CaseSetup:
     @property
     def level(self) -> Level | None:
         """Level of the test, if it has one."""
-        stated, of = self.spec.setups.get(self.name), self.spec.level
+        stated, of = self.spec.tests.get(self.name), self.spec.level
         if of is None or stated is None or stated.level is None:
             return None
         return Level(stated.level, of.name, of.unit)
 
-    def with_workshop_uncertainty(self, largest: float) -> "CaseSetup":
+    def with_workshop_uncertainty(self, largest: float) -> "CaseTest":
         """The same with material, length and damping uncertain as well, where the case takes them as exactly known.
 
         Parameters
         ----------
         largest
-            Largest damping ratio of all set-ups.
+            Largest damping ratio of all tests.
         """
         spec = self.spec
         uncertain = spec.uncertain.model_copy(update=workshop_priors(spec, self.data, largest))
@@ -489,30 +489,30 @@ class CaseSetup:
     def named_nuisances(self) -> tuple[list[Nuisance], list[Nuisance]]:
         """Uncertain quantities, and those of the noise, by their names in the prior."""
         rest = [
-            replace(nuisance, name=prefixed(self.name, nuisance.name)) if of_setup else nuisance
-            for nuisance, of_setup in quantities_of(self.spec)
+            replace(nuisance, name=prefixed(self.name, nuisance.name)) if of_test else nuisance
+            for nuisance, of_test in quantities_of(self.spec)
         ]
         owner = self.name if self.spec.noise.own else ""
         return rest, [replace(nuisance, name=prefixed(owner, nuisance.name)) for nuisance in self.of_noise]
 
 
-def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
+def prior_of(tests: Sequence[CaseTest]) -> tuple[JointPrior, Array]:
     """Priors on the joints' coordinates and on all else that is uncertain; and the first guess of the joints, (q,)."""
     kinds: dict[str, Parametrisation | str] = {}
     marginals: list[Marginal] = []
     guesses: list[Array] = []
-    for setup in setups:
-        for name, joint in setup.spec.all_joints.items():
-            named, owner = setup.spec.joint_of_setup(setup.name, name)
+    for test in tests:
+        for name, joint in test.spec.all_joints.items():
+            named, owner = test.spec.joint_of_test(test.name, name)
             if named in kinds:
                 continue
             kinds[named] = owner if named != owner else joint.parametrisation_object
             if named == owner:
-                table, body = setup.spec.structure, family_of_recipe(setup.recipe)
+                table, body = test.spec.structure, family_of_recipe(test.recipe)
                 sides = [side for side in (joint.dofs, joint.against) if side and table.absent(side[0]) is None]
-                sizes = own_stiffnesses(sides, joint.quantities, body, setup.data)
-                extent = setup.recipe.extent
-                priors = setup.spec.priors_of(name)
+                sizes = own_stiffnesses(sides, joint.quantities, body, test.data)
+                extent = test.recipe.extent
+                priors = test.spec.priors_of(name)
                 of_joint = [
                     getattr(priors, axis.name).marginal() if priors else default_marginal(axis, sizes, extent)
                     for axis in joint.coordinates
@@ -521,23 +521,23 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
                 guesses.append(guess_of(joint, sizes, of_joint))
     nuisances: dict[str, Nuisance] = {}
     of_noise: dict[str, Nuisance] = {}
-    for setup in setups:
-        for named_here, among in zip(setup.named_nuisances(), (nuisances, of_noise), strict=True):
+    for test in tests:
+        for named_here, among in zip(test.named_nuisances(), (nuisances, of_noise), strict=True):
             for nuisance in named_here:
                 among[nuisance.name] = _shared(among.get(nuisance.name, nuisance), nuisance)
     every = sorted(nuisances.values(), key=lambda n: n.name.rpartition(".")[2] == "gain")
-    prior = JointPrior(blocks_of(kinds), tuple(marginals), (*every, *of_noise.values()), _scatters(setups))
+    prior = JointPrior(blocks_of(kinds), tuple(marginals), (*every, *of_noise.values()), _scatters(tests))
     return prior, np.concatenate([[], *guesses])
 
 
-def _scatters(setups: Sequence[CaseSetup]) -> tuple[AssemblyScatter, ...]:
-    """What scatters between assemblies: each stiffness of a joint that is each set-up's own, about a mean a level."""
+def _scatters(tests: Sequence[CaseTest]) -> tuple[AssemblyScatter, ...]:
+    """What scatters between assemblies: each stiffness of a joint that is each test's own, about a mean a level."""
     groups: dict[str, dict[float | None, list[str]]] = {}
-    stated = setups[0].spec.assembly
-    for setup in setups if stated is not None else ():
-        for name, joint in setup.spec.stating_joints.items():
-            named, _ = setup.spec.joint_of_setup(setup.name, name)
-            level = None if setup.level is None else setup.level.value
+    stated = tests[0].spec.assembly
+    for test in tests if stated is not None else ():
+        for name, joint in test.spec.stating_joints.items():
+            named, _ = test.spec.joint_of_test(test.name, name)
+            level = None if test.level is None else test.level.value
             for axis in joint.coordinates if joint.own else ():
                 if axis.logarithmic:
                     of_level = groups.setdefault(prefixed(name, axis.name), {}).setdefault(level, [])
@@ -551,10 +551,10 @@ def _scatters(setups: Sequence[CaseSetup]) -> tuple[AssemblyScatter, ...]:
 
 
 def default_priors_of(specs: Mapping[str, CaseSpec]) -> frozenset[str]:
-    """Coordinates of joints whose prior no one stated, by their names in the prior of all set-ups."""
+    """Coordinates of joints whose prior no one stated, by their names in the prior of all tests."""
     return frozenset(
-        prefixed(spec.joint_of_setup(setup, name)[0], axis.name)
-        for setup, spec in specs.items()
+        prefixed(spec.joint_of_test(test, name)[0], axis.name)
+        for test, spec in specs.items()
         for name, joint in spec.stating_joints.items()
         if spec.priors_of(name) is None
         for axis in joint.coordinates
@@ -562,32 +562,32 @@ def default_priors_of(specs: Mapping[str, CaseSpec]) -> frozenset[str]:
 
 
 def _shared(first: Nuisance, other: Nuisance) -> Nuisance:
-    """A quantity that set-ups share; where they state other values for it, one factor on each of these."""
+    """A quantity that tests share; where they state other values for it, one factor on each of these."""
     if (first.unit, first.nominal) == (other.unit, other.nominal):
         return first
     return Nuisance(first.name, "× stated", 1.0, first.prior)
 
 
-def problem_of(setups: Sequence[CaseSetup], name: str) -> Problem:
+def problem_of(case_tests: Sequence[CaseTest], name: str) -> Problem:
     """The problem of a case."""
-    prior, guess = prior_of(setups)
+    prior, guess = prior_of(case_tests)
     prior.log_density(prior.mean[None])  # that there is a joint at all, before all lines are computed with
     tests: list[Test] = []
     left_out: list[Test] = []
-    for setup in setups:
+    for built in case_tests:
         test = Test(
-            setup.name,
-            setup.structure,
-            setup.joint,
-            setup.data,
-            setup.noise,
-            setup.spec.noise.residuals,
-            setup.level,
+            built.name,
+            built.structure,
+            built.joint,
+            built.data,
+            built.noise,
+            built.spec.noise.residuals,
+            built.level,
         )
-        (left_out if setup.spec.leaves_out(setup.name) else tests).append(test)
-        if setup.apart is not None:
-            noise = setup.noise.fitted_to(setup.apart, setup.noise.parts)  # type: ignore[arg-type]  # of its kind
-            left_out.append(replace(test, data=setup.apart, noise=noise))
+        (left_out if built.spec.leaves_out(built.name) else tests).append(test)
+        if built.apart is not None:
+            noise = built.noise.fitted_to(built.apart, built.noise.parts)  # type: ignore[arg-type]  # of its kind
+            left_out.append(replace(test, data=built.apart, noise=noise))
     return Problem(tests, prior, guess, name=name, left_out=left_out)
 
 
@@ -617,7 +617,7 @@ def guess_of(joint: JointSpec, sizes: Mapping[str, OwnStiffness], marginals: Seq
 def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, FactorPriorSpec]:
     """Priors on material, length, damping and accelerometers as in a workshop, where the case takes them as exact.
 
-    One factor is on the damping ratios of all set-ups, and leaves the `largest` of them below 1.
+    One factor is on the damping ratios of all tests, and leaves the `largest` of them below 1.
     """
     offered, stated = spec.structure.stated, spec.uncertain.given
     usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items() if name in offered}
@@ -631,7 +631,7 @@ def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, Fac
 
 
 def quantities_of(spec: CaseSpec) -> list[tuple[Nuisance, bool]]:
-    """Uncertain quantities of structure and measurement, those of the structure first; and whether a set-up's own."""
+    """Uncertain quantities of structure and measurement, those of the structure first; and whether a test's own."""
     stated = spec.structure.stated | {"gain": ("1", 1.0)}
     quantities: list[tuple[Nuisance, bool]] = []
     for name, prior in spec.uncertain.given.items():
@@ -701,7 +701,7 @@ def reduce_imported(spec: CaseSpec, home: CaseHome, dofs: Iterable[str], top_hz:
     """A case of an imported model with that read and reduced.
 
     Everything that the case may ask of the model is reduced at once: ports, nodes that joints, data and plan name, up
-    to the highest line. Set-ups of one structure share one reduction.
+    to the highest line. Tests of one structure share one reduction.
 
     Parameters
     ----------

@@ -20,6 +20,7 @@ from jointbayes.case.toml_text import (
     fault_line,
     key_lines,
     key_parts,
+    name_of_today,
     parse_toml,
     printable,
     read_text,
@@ -29,8 +30,8 @@ from jointbayes.case.toml_text import (
 from jointbayes.errors import CaseError
 
 _MOST_FILES = 10  # that build on each other
-_EXTENDS, _REMOVE, _SETUPS = "extends", "remove", "setups"
-_LEVEL = ("level",)  # keys of a set-up that are none of its case
+_EXTENDS, _REMOVE, _TESTS = "extends", "remove", "tests"
+_LEVEL = ("level",)  # keys of a test that are none of its case
 
 Place = tuple[str, int]
 
@@ -72,15 +73,15 @@ class CaseText:
         What it is parsed to.
     places
         File and line of each key, table and list entry.
-    bases, setup, at, own
-        Files that it builds on; of a set-up its name, the key of its own table, and the keys that stand in that.
+    bases, test, at, own
+        Files that it builds on; of a test its name, the key of its own table, and the keys that stand in that.
     """
 
     name: str
     text: str
     data: Mapping[str, Any]
     places: Mapping[KeyPath, Place]
-    setup: str = ""
+    test: str = ""
     at: KeyPath = ()
     own: frozenset[KeyPath] = frozenset()
     bases: tuple[Path, ...] = ()
@@ -98,9 +99,9 @@ class CaseText:
         return found
 
     def written(self, path: KeyPath) -> KeyPath:
-        """A key as the file has it, or may have it: in the table of the set-up where that says anything of it."""
+        """A key as the file has it, or may have it: in the table of the test where that says anything of it."""
         written = next((path[:n] for n in range(len(path), 0, -1) if path[:n] in self.places), ())
-        return path if not self.setup or (written and written not in self.own) else (*self.at, *path)
+        return path if not self.test or (written and written not in self.own) else (*self.at, *path)
 
     def place(self, path: KeyPath) -> Place:
         """File and line of a key, or of the innermost table around it that is written."""
@@ -108,8 +109,8 @@ class CaseText:
         return next(places, (self.name, 1))
 
     def inherits(self, path: KeyPath) -> bool:
-        """Whether a key stands in the file that this one builds on, or of a set-up in the rest of the file."""
-        return path not in self.own if self.setup else self.place(path)[0] != self.name
+        """Whether a key stands in the file that this one builds on, or of a test in the rest of the file."""
+        return path not in self.own if self.test else self.place(path)[0] != self.name
 
     def order(self, path: KeyPath) -> tuple[bool, str, int]:
         """What sorts keys as they are read: those of the case's own file first."""
@@ -186,8 +187,12 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
 
 
 def _parsed(text: str, name: str) -> CaseText:
-    """A text by itself."""
-    return CaseText(name, text, parse_toml(text, name), {path: (name, line) for path, line in key_lines(text).items()})
+    """A text by itself, with the keys of today."""
+    data, places = parse_toml(text, name), {name_of_today(p): (name, line) for p, line in key_lines(text).items()}
+    for table in (data, data.get("plan"), data.get("left_out")):
+        if isinstance(table, dict) and "setups" in table and _TESTS not in table:
+            table[_TESTS] = table.pop("setups")
+    return CaseText(name, text, data, places)
 
 
 def _chain(source: CaseText, file: Path, allow_outside: bool) -> list[CaseText]:
@@ -298,7 +303,11 @@ def _order_keys(data: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, A
 def _removed(over: CaseText) -> list[tuple[str, ...]]:
     given = over.data.get(_REMOVE, [])
     paths: list[tuple[str, ...]]
-    paths = [key_parts(entry) if isinstance(entry, str) else () for entry in given] if isinstance(given, list) else [()]
+    paths = (
+        [name_of_today(key_parts(entry)) if isinstance(entry, str) else () for entry in given]
+        if isinstance(given, list)
+        else [()]
+    )
     if not all(paths):
         words = "found what is no key", "a list of keys of the base", 'write for example remove = ["prior.k12"]'
         raise CaseError(over.fault((_REMOVE, paths.index(())), *words))
@@ -330,38 +339,38 @@ def _lay_over(data: dict[str, Any], over: Mapping[str, Any], path: KeyPath, plac
         data[key] = value
 
 
-def setup_texts(source: CaseText) -> dict[str, CaseText]:
-    """The text of each set-up by its name; a case of one test is that of a set-up without a name.
+def texts_of_tests(source: CaseText) -> dict[str, CaseText]:
+    """The text of each test by its name; a case of one test has one without a name.
 
-    Of each set-up its own table, ``[setups.NAME]``, is merged over the rest of the file, as a case over the one that it
-    extends. What a set-up says of an uncertain quantity, or of the noise, is its own; what the file says holds for all,
+    Of each test its own table, ``[tests.NAME]``, is merged over the rest of the file, as a case over the one that it
+    extends. What a test says of an uncertain quantity, or of the noise, is its own; what the file says holds for all,
     unless it says `own`.
 
     Raises
     ------
     CaseError
-        If a set-up removes what the rest of the file does not have.
+        If a test removes what the rest of the file does not have.
     """
-    return _texts_below(source, source.data, (_SETUPS,)) or {"": source}
+    return _texts_below(source, source.data, (_TESTS,)) or {"": source}
 
 
 def planned_texts(source: CaseText) -> dict[str, CaseText]:
-    """The text of each set-up that a plan proposes, ``[plan.setups.NAME]``, by its name; errors as `setup_texts`."""
-    texts = _texts_below(source, source.data.get("plan"), ("plan", _SETUPS))
-    others = ("plan", "level", "assembly", "reference")  # of the case, beside which a proposed set-up is one
+    """The text of each test that a plan proposes, ``[plan.tests.NAME]``, by its name; errors as `texts_of_tests`."""
+    texts = _texts_below(source, source.data.get("plan"), ("plan", _TESTS))
+    others = ("plan", "level", "assembly", "reference")  # of the case, beside which a proposed test is one
     return {
-        name: replace(text, data={k: v for k, v in text.data.items() if k not in others} | {_SETUPS: {name: {}}})
+        name: replace(text, data={k: v for k, v in text.data.items() if k not in others} | {_TESTS: {name: {}}})
         for name, text in texts.items()
     }
 
 
 def _texts_below(source: CaseText, table: object, path: tuple[str, ...]) -> dict[str, CaseText]:
-    stated = table.get(_SETUPS) if isinstance(table, Mapping) else None
+    stated = table.get(_TESTS) if isinstance(table, Mapping) else None
     tables = stated.items() if isinstance(stated, Mapping) else ()
-    return {name: _setup_text(source, table, (*path, name)) for name, table in tables if isinstance(table, Mapping)}
+    return {name: _text_of_test(source, table, (*path, name)) for name, table in tables if isinstance(table, Mapping)}
 
 
-def _setup_text(source: CaseText, stated: Mapping[str, Any], at: KeyPath) -> CaseText:
+def _text_of_test(source: CaseText, stated: Mapping[str, Any], at: KeyPath) -> CaseText:
     table, depth = {key: value for key, value in stated.items() if key not in _LEVEL}, len(at)
     below = {path[depth:]: place for path, place in source.places.items() if path[:depth] == at}
     inside = {path: place for path, place in below.items() if path and path[0] not in _LEVEL}
@@ -371,8 +380,8 @@ def _setup_text(source: CaseText, stated: Mapping[str, Any], at: KeyPath) -> Cas
         bodies = uncertain.get("bodies")
         each = {name: _each_own(body) for name, body in bodies.items()} if isinstance(bodies, Mapping) else bodies
         table["uncertain"] = {**_each_own(uncertain), **({"bodies": each} if "bodies" in uncertain else {})}
-    setup = _merged(source, CaseText(source.name, "", table, inside, str(at[-1]), at, frozenset(inside)))
-    return replace(setup, places={**setup.places, (): source.place(at)})
+    test = _merged(source, CaseText(source.name, "", table, inside, str(at[-1]), at, frozenset(inside)))
+    return replace(test, places={**test.places, (): source.place(at)})
 
 
 def _own(table: object) -> object:
@@ -384,14 +393,14 @@ def _each_own(tables: object) -> Any:  # noqa: ANN401 (whatever TOML knows)
 
 
 def drop_inherited(text: CaseText, path: KeyPath) -> tuple[KeyPath, CaseText] | None:
-    """The text of a set-up without a table that stands for all, and its key; None where it is not such a table.
+    """The text of a test without a table that stands for all, and its key; None where it is not such a table.
 
-    An uncertain quantity that a set-up does not have, a plan, a virtual test: those of the others are none of it.
+    An uncertain quantity that a test does not have, a plan, a virtual test: those of the others are none of it.
     """
     depths = {"uncertain": 4 if path[1:2] == ("bodies",) else 2, "plan": 1, "virtual_test": 1}
     depth = depths.get(str(path[0])) if path else None
     key = tuple(map(str, path[:depth]))
-    if not text.setup or depth is None or len(key) < depth or any(place[:depth] == key for place in text.own):
+    if not text.test or depth is None or len(key) < depth or any(place[:depth] == key for place in text.own):
         return None
     data = dict(text.data)
     _take_out(data, key)

@@ -39,7 +39,7 @@ def case_schema() -> dict[str, Any]:
     """The schema as JSON.
 
     Keys that a case needs are asked of a whole file alone: in one that `extends` another, and in the tables of a
-    set-up, any may be left out.
+    test, any may be left out.
     """
     whole = CaseSpec.model_json_schema(schema_generator=_OfToml)
     given = {**whole.pop("$defs"), "Case": whole}
@@ -47,13 +47,13 @@ def case_schema() -> dict[str, Any]:
     relaxed = {f"{name}-changes": _prepared(table, given, "-changes") for name, table in given.items()}
     tables["Case"]["if"], tables["Case"]["then"] = {"not": {"required": ["joints"]}}, {"required": ["joint"]}
     changes = relaxed["Case-changes"]
-    for setup in ("SetupSpec-changes", "PlannedSetupSpec-changes"):
-        for name in relaxed[setup]["properties"].keys() & changes["properties"].keys() - {"remove", "joined"}:
-            relaxed[setup]["properties"][name] = changes["properties"][name]
+    for test in ("TestSpec-changes", "PlannedTestSpec-changes"):
+        for name in relaxed[test]["properties"].keys() & changes["properties"].keys() - {"remove", "joined"}:
+            relaxed[test]["properties"][name] = changes["properties"][name]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Case file of jointbayes",
-        "if": {"not": {_ANY_OF: [{"required": ["extends"]}, {"required": ["setups"]}]}},
+        "if": {"not": {_ANY_OF: [{"required": ["extends"]}, {"required": ["tests"]}]}},
         "then": {_REF: "#/$defs/Case"},
         "else": {_REF: "#/$defs/Case-changes"},
         _ANY_OF: [{_REF: "#/$defs/Case-changes"}, {}],  # of which editors complete keys

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from jointbayes.case.case_text import CaseText, case_text, drop_inherited, planned_texts, setup_texts
+from jointbayes.case.case_text import CaseText, case_text, drop_inherited, planned_texts, texts_of_tests
 from jointbayes.case.spec.fields import (
     DATA_FILE,
     UNITS,
@@ -364,7 +364,7 @@ def fault_lines(error: ValidationError, model: type[BaseModel], source: CaseText
             words = _unknown_wording(fault, model)
             if source.inherits(path) and not all(source.inherits((*path[:-1], key)) for key in fault.place.siblings):
                 # a table of another kind over one whose keys it does not have
-                where = f"[{show_key(source.at)}]" if source.setup else "the case file, above the first table"
+                where = f"[{show_key(source.at)}]" if source.test else "the case file, above the first table"
                 words = (*words[:2], f'take it out with remove = ["{show_key(path)}"] in {where}')
         else:
             words = _missing_wording(fault.place) if fault.kind == "missing" else _value_wording(fault)
@@ -378,13 +378,13 @@ def needs_files(specs: Mapping[str, CaseSpec]) -> bool:
     Parameters
     ----------
     specs
-        Its set-ups, as `parse_setups` gives them.
+        Its tests, as `parse_tests` gives them.
     """
-    return any(setup or key != DATA_FILE for setup, spec in specs.items() for key in named_files(spec.model_dump()))
+    return any(test or key != DATA_FILE for test, spec in specs.items() for key in named_files(spec.model_dump()))
 
 
 def parse_case(text: str | CaseText, name: str = "case") -> CaseSpec:
-    """Read a case from TOML text; of several set-ups the first that is joined, see `parse_setups`.
+    """Read a case from TOML text; of several tests the first that is joined, see `parse_tests`.
 
     Parameters
     ----------
@@ -403,43 +403,43 @@ def parse_case(text: str | CaseText, name: str = "case") -> CaseSpec:
     CaseError
         If anything is wrong; one line for each fault, ``FILE:LINE: key: found; expected; what to do``.
     """
-    return first_joined(parse_setups(text, name).values())
+    return first_joined(parse_tests(text, name).values())
 
 
 def first_joined(specs: Iterable[CaseSpec]) -> CaseSpec:
-    """The first set-up in which a joint acts: what the case says of joints and of the run."""
+    """The first test in which a joint acts: what the case says of joints and of the run."""
     return next(spec for spec in specs if spec.joined)
 
 
-def parse_setups(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec]:
-    """Read each set-up of a case by its name; a case of one test is that of one without a name.
+def parse_tests(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec]:
+    """Read each test of a case by its name; a case of one test has one without a name.
 
-    Parameters and errors are those of `parse_case`. What the file says for all set-ups of an uncertain quantity, a plan
+    Parameters and errors are those of `parse_case`. What the file says for all tests of an uncertain quantity, a plan
     or a virtual test is left out of those that cannot have it, as long as another one can.
     """
     source = case_text(text, name) if isinstance(text, str) else text
-    texts = setup_texts(source)
+    texts = texts_of_tests(source)
     specs, faults, dropped = _checked_each(texts)
-    faults += [lines[0] for lines in dropped.values() if len(lines) == len(texts)]  # what no set-up can have
+    faults += [lines[0] for lines in dropped.values() if len(lines) == len(texts)]  # what no test can have
     if not faults:
         between = [*shared_findings(specs, texts), *integral_findings(specs), *parameter_findings(specs)]
         if not any(spec.joined for spec in specs.values()):
             expected, remedy = "one test at least with the joint to be identified", "remove it from one"
             between = [(next(iter(specs)), Finding(("joined",), "found false", expected, remedy))]
-        faults = [_told(texts[setup], finding) for setup, finding in (*between, *hypotheses_findings(specs))]
+        faults = [_told(texts[test], finding) for test, finding in (*between, *hypotheses_findings(specs))]
     _raise_faults(faults)
     return specs
 
 
 def parse_planned(source: CaseText) -> dict[str, CaseSpec]:
-    """Read each set-up that the plan of a case proposes by its name; errors are those of `parse_case`."""
+    """Read each test that the plan of a case proposes by its name; errors are those of `parse_case`."""
     texts = planned_texts(source)
     if not texts:
         return {}
     specs, faults, _ = _checked_each(texts)
     faults += [_told(texts[name], finding) for name, spec in specs.items() for finding in _own_unknowns(spec)]
     if not faults:
-        between = shared_findings(parse_setups(source) | specs, setup_texts(source) | texts)
+        between = shared_findings(parse_tests(source) | specs, texts_of_tests(source) | texts)
         faults = [_told(texts[name], finding) for name, finding in between if name in texts]
     _raise_faults(faults)
     return specs
@@ -451,39 +451,39 @@ def _raise_faults(faults: Sequence[str]) -> None:
 
 
 def _told(text: CaseText, finding: Finding) -> str:
-    """A fault between set-ups in one line."""
+    """A fault between tests in one line."""
     return text.fault(finding.loc, finding.found, finding.expected, finding.remedy)
 
 
 def _own_unknowns(spec: CaseSpec) -> Iterator[Finding]:
-    """Yield where a proposed set-up says that a joint, or its noise, is its own."""
-    ending, remedy = "of its own, of which the present data say nothing", "remove own, or the set-up from the plan"
+    """Yield where a proposed test says that a joint, or its noise, is its own."""
+    ending, remedy = "of its own, of which the present data say nothing", "remove own, or the test from the plan"
     for name, joint in spec.all_joints.items():
         if joint.own:
-            yield Finding((*joint_table(name), "own"), f"found a joint {ending}", "one that set-ups share", remedy)
+            yield Finding((*joint_table(name), "own"), f"found a joint {ending}", "one that tests share", remedy)
     if spec.noise.own and spec.noise.inferred:
-        yield Finding(("noise", "own"), f"found parameters of the noise {ending}", "those that set-ups share", remedy)
+        yield Finding(("noise", "own"), f"found parameters of the noise {ending}", "those that tests share", remedy)
 
 
 def _checked_each(
     texts: Mapping[str, CaseText],
 ) -> tuple[dict[str, CaseSpec], list[str], dict[KeyPath, list[str]]]:
-    """Set-ups without fault, faults of the others; and what they do not take of the whole file, with its faults."""
+    """Tests without fault, faults of the others; and what they do not take of the whole file, with its faults."""
     specs: dict[str, CaseSpec] = {}
     faults: list[str] = []
     dropped: dict[KeyPath, list[str]] = {}
-    for setup, text in texts.items():
+    for test, text in texts.items():
         spec, lines, without = _checked(text)
         faults += lines
         for key, line in without.items():
             dropped.setdefault(key, []).append(line)
         if spec is not None:
-            specs[setup] = spec
+            specs[test] = spec
     return specs, faults, dropped
 
 
 def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, str]]:
-    """One set-up, or its faults; and what it does not take of the rest of the file, each with its fault."""
+    """One test, or its faults; and what it does not take of the rest of the file, each with its fault."""
     without: dict[KeyPath, str] = {}
     while True:
         try:
@@ -498,14 +498,14 @@ def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, 
 
 
 def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
-    """Yield set-up and finding where the plan wants to know a stiffness that no set-up has."""
+    """Yield test and finding where the plan wants to know a stiffness that no test has."""
     stiffnesses = [
-        prefixed(spec.joint_of_setup(setup, name)[0], quantity.name)
-        for setup, spec in specs.items()
+        prefixed(spec.joint_of_test(test, name)[0], quantity.name)
+        for test, spec in specs.items()
         for name, joint in spec.stating_joints.items()
         for quantity in joint.quantities
     ]
-    for setup, spec in specs.items():
+    for test, spec in specs.items():
         wanted = spec.plan.parameter
         if not wanted or wanted in stiffnesses:
             continue
@@ -514,82 +514,82 @@ def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Fin
         if stiffnesses:
             expected = "the stiffness to be known best, " + either(f'"{name}"' for name in dict.fromkeys(stiffnesses))
             remedy = f'did you mean "{nearest}"?' if nearest else f'write for example parameter = "{stiffnesses[0]}"'
-        yield setup, Finding(("plan", "parameter"), f'found "{wanted}"', expected, remedy)
+        yield test, Finding(("plan", "parameter"), f'found "{wanted}"', expected, remedy)
 
 
 def hypotheses_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
-    """Yield set-up and finding where a hypothesis leaves out a damping that no joint has."""
+    """Yield test and finding where a hypothesis leaves out a damping that no joint has."""
     if any(joint.damping for spec in specs.values() for joint in spec.all_joints.values()):
         return
-    for setup, spec in specs.items():
+    for test, spec in specs.items():
         for i, name in enumerate(spec.compare.hypotheses):
             undamped, springs = split_hypothesis(name)
             if undamped:
                 fault = f'found "{name}" of joints without damping, which is "{springs}"'
                 expected = "hypotheses on the springs, or viscous or loss_factors in the joint"
-                yield setup, Finding(("compare", "hypotheses", i), fault, expected, "remove it")
+                yield test, Finding(("compare", "hypotheses", i), fault, expected, "remove it")
 
 
 def shared_findings(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]) -> Iterator[tuple[str, Finding]]:
-    """Yield set-up and finding where set-ups share what cannot be one: quantities of unlike joints, priors, spreads."""
+    """Yield test and finding where tests share what cannot be one: quantities of unlike joints, priors, spreads."""
     if list(specs) == [""]:
         return
     first_by_quantity: dict[str, tuple[str, JointSpec]] = {}
-    for setup, spec in specs.items():
+    for test, spec in specs.items():
         for name, joint in spec.all_joints.items():
             if not joint.own:
-                yield from ((setup, finding) for finding in _stated_alone(texts[setup], name))
+                yield from ((test, finding) for finding in _stated_alone(texts[test], name))
             if name in spec.sharing:
                 continue
-            first, other = first_by_quantity.setdefault(spec.joint_of_setup(setup, name)[1], (setup, joint))
+            first, other = first_by_quantity.setdefault(spec.joint_of_test(test, name)[1], (test, joint))
             unlike = joint.unlike(other)
             if unlike:
                 key = "dofs" if unlike[0] == "directions" else unlike[0]
                 other_kind, remedy = " and ".join(unlike), "make them alike or add own = true"
-                fault = f"found another {other_kind} than in set-up {first}, with which it shares its quantities"
-                yield setup, Finding((*joint_table(name), key), fault, "joints alike, or own = true", remedy)
+                fault = f"found another {other_kind} than in test {first}, with which it shares its quantities"
+                yield test, Finding((*joint_table(name), key), fault, "joints alike, or own = true", remedy)
     yield from _unlike_spreads(specs)
     yield from _unlike_priors(specs)
     yield from _shared_bodies(specs)
 
 
 def _shared_bodies(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
-    """Yield a body whose one measurement several set-ups have, so that its errors would be counted as independent."""
+    """Yield a body whose one measurement several tests have, so that its errors would be counted as independent."""
     first: dict[tuple[str, str], str] = {}
-    for setup, spec in specs.items():
+    for test, spec in specs.items():
         for name, body in spec.bodies.items():
             if not body.propagate:
                 continue
             read = [(file, channel) for file in body.file for channel in body.channels]
-            other, (file, _) = next(((first[column], column) for column in read if column in first), (setup, ("", "")))
-            if other != setup:
-                fault = f"found {file} in set-ups {other} and {setup}, with one error that would count as one of each"
-                expected = "a measurement of the body for each set-up, or one set-up"
-                yield setup, Finding(("bodies", name), fault, expected, "state another file, or remove a set-up")
-            first |= {column: first.get(column, setup) for column in read}
+            other, (file, _) = next(((first[column], column) for column in read if column in first), (test, ("", "")))
+            if other != test:
+                fault = f"found {file} in tests {other} and {test}, with one error that would count as one of each"
+                expected = "a measurement of the body for each test, or one test"
+                yield test, Finding(("bodies", name), fault, expected, "state another file, or remove a test")
+            first |= {column: first.get(column, test) for column in read}
 
 
 def integral_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
-    """Yield one factor on the noise of several set-ups to be integrated out: each likelihood integrates its own."""
+    """Yield one factor on the noise of several tests to be integrated out: each likelihood integrates its own."""
     sharing = [name for name, spec in specs.items() if spec.noise.scale == "integrated" and not spec.noise.own]
-    for setup in sharing[1:]:
-        fault = 'found "integrated" for one factor of several set-ups, of which each has its own'
+    for test in sharing[1:]:
+        fault = 'found "integrated" for one factor of several tests, of which each has its own'
         expected = 'own = true for a factor of each, or scale = "sampled" for one of all'
-        yield setup, Finding(("noise", "scale"), fault, expected, "add own = true to [noise]")
+        yield test, Finding(("noise", "scale"), fault, expected, "add own = true to [noise]")
 
 
 def _stated_alone(text: CaseText, name: str) -> Iterator[Finding]:
-    """Yield a prior or a first guess that a set-up states of a joint which is that of all."""
+    """Yield a prior or a first guess that a test states of a joint which is that of all."""
     for key in (prior_table(name), (*joint_table(name), "initial")):
         if key in text.own:
-            fault = "found it for one set-up, of a joint that all set-ups share"
-            yield Finding(key, fault, "own = true in the table of the joint", "add it, or state this for all set-ups")
+            fault = "found it for one test, of a joint that all tests share"
+            yield Finding(key, fault, "own = true in the table of the joint", "add it, or state this for all tests")
 
 
 def _unlike_priors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
-    """Yield a prior of an uncertain quantity, or of the noise, that set-ups share and of which they state others."""
+    """Yield a prior of an uncertain quantity, or of the noise, that tests share and of which they state others."""
     first: dict[tuple[str, ...], tuple[str, object]] = {}
-    for setup, spec in specs.items():
+    for test, spec in specs.items():
         shared: dict[tuple[str, ...], object] = {
             quantity_table(name): prior for name, prior in spec.uncertain.given.items() if not prior.own
         }
@@ -599,22 +599,22 @@ def _unlike_priors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding
         if error is not None and not error.own:
             shared[quantity_table("model_error")] = error
         for place, prior in shared.items():
-            other, there = first.setdefault(place, (setup, prior))
+            other, there = first.setdefault(place, (test, prior))
             if prior != there:
-                fault = f"found another prior than in set-up {other}, with which it shares the quantity"
-                yield setup, Finding(place, fault, "one for all, or own = true", "state one, or add own = true")
+                fault = f"found another prior than in test {other}, with which it shares the quantity"
+                yield test, Finding(place, fault, "one for all, or own = true", "state one, or add own = true")
 
 
 def _unlike_spreads(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
-    """Yield a factor that several set-ups share with a standard deviation in mm of lengths that differ."""
+    """Yield a factor that several tests share with a standard deviation in mm of lengths that differ."""
     first: dict[str, tuple[str, float]] = {}
-    for setup, spec in specs.items():
+    for test, spec in specs.items():
         for name, prior in spec.uncertain.given.items():
             if prior.own or name.rpartition(".")[2] != "length" or getattr(prior, "sd_mm", None) is None:
                 continue
             length = spec.structure.stated[name][1]
-            other, there = first.setdefault(name, (setup, length))
+            other, there = first.setdefault(name, (test, length))
             if length != there:
-                fault = f"found one factor for lengths of {there:g} mm in {other} and {length:g} mm in {setup}"
+                fault = f"found one factor for lengths of {there:g} mm in {other} and {length:g} mm in {test}"
                 expected = "sd_percent, own = true for an error of each, or [uncertain.length_offset] for one of all"
-                yield setup, Finding((*quantity_table(name), "sd_mm"), fault, expected, "choose one of these")
+                yield test, Finding((*quantity_table(name), "sd_mm"), fault, expected, "choose one of these")

@@ -223,9 +223,9 @@ def _remedy(key: str, slips: Sequence[tuple[str, float]]) -> str:
 def truth_warnings(spec: CaseSpec, text: CaseText, prior: JointPrior) -> tuple[InputWarning, ...]:
     """Look whether the prior excludes the joint that makes the data, so that no analysis can find it.
 
-    Of a set-up the prior is that of its own joints alone.
+    Of a test the prior is that of its own joints alone.
     """
-    return text.warnings(_excluded(spec, prior, text.setup))
+    return text.warnings(_excluded(spec, prior, text.test))
 
 
 def sign_warnings(provenance: Provenance | None, text: CaseText) -> tuple[InputWarning, ...]:
@@ -272,12 +272,12 @@ def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: boo
     return text.warnings([Finding(loc, oddity, expected, remedy)])
 
 
-def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding]:
+def _excluded(spec: CaseSpec, prior: JointPrior, test: str) -> Iterator[Finding]:
     """Yield stiffnesses of the truth that have no coordinates, or coordinates of it that the prior excludes."""
     if spec.synthetic is None:
         return
     joint, loc, stated = prior.parametrisation, ("data", "truth"), spec.synthetic.truth
-    truth = [stated.stiffness_by_name[_name_in_tables(setup, name)] for name in joint.stiffness_names]
+    truth = [stated.stiffness_by_name[_name_in_tables(test, name)] for name in joint.stiffness_names]
     if not joint.describes(truth):
         each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))
         kinds = " and ".join(dict.fromkeys(joint_spec.parametrisation for joint_spec in spec.all_joints.values()))
@@ -290,13 +290,13 @@ def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding
             shown, least, most = (math.exp(x) if axis.logarithmic else x for x in (value, low, high))
             oddity = f"found a truth with {axis.name} = {shown:.4g}, which the prior excludes"
             expected = f"{axis.name} from {least:.4g} to {most:.4g}, so that the analysis can find it"
-            of_truth = _name_in_tables(setup, axis.quantity)
+            of_truth = _name_in_tables(test, axis.quantity)
             place = (of_truth,) if stated.stiffness is None else ("stiffness", *of_truth.split("."))
-            owner, _, name = _name_in_tables(setup, axis.name).rpartition(".")
+            owner, _, name = _name_in_tables(test, axis.name).rpartition(".")
             table = f"joints.{owner}.prior.{name}" if owner else f"prior.{name}"
             yield Finding((*loc, *place), oddity, expected, f"widen [{table}] or correct the truth")
 
 
-def _name_in_tables(setup: str, name: str) -> str:
-    """Name of a quantity of a set-up as its own tables have it."""
-    return name.removeprefix(f"{setup}.") if setup else name
+def _name_in_tables(test: str, name: str) -> str:
+    """Name of a quantity of a test as its own tables have it."""
+    return name.removeprefix(f"{test}.") if test else name

@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from jointbayes.errors import CaseError
 from vibrecords.errors import path_fault
@@ -178,6 +178,16 @@ def fault_start(name: str, line: int) -> str:
 def printable(name: str) -> str:
     """A name as it is, or, with line breaks or the like in it, as JSON has it."""
     return name if name.isprintable() else json.dumps(name)
+
+
+_Part = TypeVar("_Part", str, str | int)
+#: Tables in which older case files say `setups` for `tests`.
+_TABLES_OF_TESTS: tuple[KeyPath, ...] = ((), ("plan",), ("left_out",))
+
+
+def name_of_today(path: tuple[_Part, ...]) -> tuple[_Part, ...]:
+    """The key of today for one of an older case file, which calls the tests of a joint set-ups."""
+    return tuple("tests" if part == "setups" and path[:n] in _TABLES_OF_TESTS else part for n, part in enumerate(path))
 
 
 def parse_toml(text: str, name: str) -> dict[str, object]:

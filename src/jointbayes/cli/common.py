@@ -62,8 +62,8 @@ layout_option = click.option(
 
 def load(config: Path) -> "Case":
     """Read a case file; what in it is probably a slip is said on standard error, before any work where possible."""
-    from jointbayes.case.case_text import read_case_text, setup_texts
-    from jointbayes.case.parse import parse_setups
+    from jointbayes.case.case_text import read_case_text, texts_of_tests
+    from jointbayes.case.parse import parse_tests
     from jointbayes.case.plausibility import input_warnings
     from jointbayes.case.spec.whole import BEFORE_OBJECTS
     from jointbayes.case.toml_text import fault_line
@@ -75,7 +75,7 @@ def load(config: Path) -> "Case":
     loading = Progress("loading the data of the case and building its model")
     named = BEFORE_OBJECTS.set(cache(partial(show_stage, loading)))
     try:
-        specs, texts = parse_setups(text), setup_texts(text)
+        specs, texts = parse_tests(text), texts_of_tests(text)
     finally:
         BEFORE_OBJECTS.reset(named)
     each = (input_warnings(spec, texts[name], spec.data.band_hz) for name, spec in specs.items())
@@ -98,10 +98,10 @@ def draw(
     case: "Case", seed: int | None, checkpoint: "UnfinishedRun | None" = None, take_as: "TakenAs | None" = None
 ) -> "Posterior":
     """Sample a case with progress on standard error."""
-    from jointbayes.posterior.homogeneity import compare_setups
+    from jointbayes.posterior.homogeneity import compare_all_tests
     from jointbayes.workflow import sample as draw
 
-    for comparison in compare_setups(case.problem):
+    for comparison in compare_all_tests(case.problem):
         say(comparison.sentence)
     with show_progress() as progress:
         return draw(case, seed=seed, progress=progress, checkpoint=checkpoint, premises=take_as)

@@ -98,7 +98,7 @@ def format_of_ending(path: Path, formats: dict[str, tuple[str, ...]]) -> str:
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the test; by default that of [virtual_test].")
 @force_option
 def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> None:
-    """Measure the truth of a case in a virtual test and write a measurement file, or one for each set-up.
+    """Measure the truth of a case in a virtual test and write a measurement file, or one for each test.
 
     \b
     Examples:
@@ -114,11 +114,11 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
     manner().read += read_case_text(config, manner().allow_outside).files
     require_free(out, "--out")
     case = load_case(config, allow_outside=manner().allow_outside)
-    targets = {setup.name: out.with_stem(f"{out.stem}-{setup.name}") if setup.name else out for setup in case.setups}
+    targets = {test.name: out.with_stem(f"{out.stem}-{test.name}") if test.name else out for test in case.tests}
     measured = {}
-    for setup in case.setups:  # all of them before any is written
-        require_free(targets[setup.name], "--out")
-        measured[setup.name] = measure(case, setup=setup.name, seed=seed)
+    for test in case.tests:  # all of them before any is written
+        require_free(targets[test.name], "--out")
+        measured[test.name] = measure(case, test=test.name, seed=seed)
     for name, records in measured.items():
         write_records(records, targets[name], chosen)
         for line in describe(records):

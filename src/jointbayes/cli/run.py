@@ -119,7 +119,7 @@ def identify(config: Path, *, paper: bool) -> None:
     for step, (norm, k) in enumerate(zip(history.residual_norm, rows, strict=True)):
         values = " ".join(f"{value:>{len(head)}.4e}" for value, head in zip(k, heads, strict=True))
         say(f"{step:>4} {norm:>10.3e} {values}")
-    say(f"The paper's iteration{history.on_setup} {history.reason}.")
+    say(f"The paper's iteration{history.on_test} {history.reason}.")
 
 
 @click.command()
@@ -217,7 +217,7 @@ _EXPORTED = {
 @click.option("--to", "target", required=True, type=click.Path(path_type=Path), help="File to write.")
 @click.option("--format", "form", type=click.Choice(list(_EXPORTED)), help="By default that of the file's ending.")
 @click.option("--units", type=click.Choice(["SI", "mm-N-t"]), default="SI", help="Of the cards; by default SI.")
-@click.option("--setup", help="Set-up, where there are several; by default the first.")
+@click.option("--test", help="Test, where there are several; by default the first.")
 @click.option("--node", "nodes", multiple=True, metavar="NAME=NUMBER", help="Number of a node with a name; repeatable.")
 @click.option("--first-id", type=click.IntRange(1, 90_000_000), default=900001, help="First number that cards may use.")
 @force_option
@@ -226,7 +226,7 @@ def export(
     target: Path,
     form: str | None,
     units: Literal["SI", "mm-N-t"],
-    setup: str | None,
+    test: str | None,
     nodes: tuple[str, ...],
     first_id: int,
 ) -> None:
@@ -251,7 +251,7 @@ def export(
     require_free(target, "--to")
     loaded = load_posterior(source)
     numbers = {name: int(number) for name, _, number in pairs}
-    for line in write(loaded, target, chosen, setup=setup, units=units, nodes=numbers, first_id=first_id):
+    for line in write(loaded, target, chosen, test=test, units=units, nodes=numbers, first_id=first_id):
         say(line)
     manner().result |= {"written": str(target), "format": chosen}
     say(f"Written: {target} ({chosen})")

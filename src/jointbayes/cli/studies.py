@@ -74,8 +74,8 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
 @click.argument("other", type=click.Path(path_type=Path))
 @common.outside_option
 @click.option("--out", type=click.Path(path_type=Path), help="Directory to write; by default reports/NAME-prediction.")
-@click.option("--setup", help="Test whose joint it is, where there are several; by default the first.")
-def predict(posterior: Path, other: Path, out: Path | None, setup: str | None) -> None:
+@click.option("--test", help="Test whose joint it is, where there are several; by default the first.")
+def predict(posterior: Path, other: Path, out: Path | None, test: str | None) -> None:
     """Predict FRFs and natural frequencies of a structure that was never tested, held by the joint of a run.
 
     POSTERIOR is a posterior file or a run directory. OTHER is a case file with [structure], [joint] and [predict].
@@ -103,7 +103,7 @@ def predict(posterior: Path, other: Path, out: Path | None, setup: str | None) -
         uncertain=asked.uncertain,
         own=asked.own,
         quantity=asked.quantity,
-        setup=setup,
+        test=test,
     )
     for line in prediction_lines(found):
         say(line)

@@ -70,7 +70,7 @@ def lowest_lines_first(problem: Problem) -> Array:
 
 
 def _on_lowest_lines(problem: Problem, share: float) -> Problem:
-    """The problem with the lowest lines of each set-up."""
+    """The problem with the lowest lines of each test."""
     tests = []
     for test in problem.tests:
         assert test.data.frfs is not None
@@ -183,7 +183,7 @@ def _climb_round(search: ModeSearch, problem: Problem, rng: np.random.Generator,
 def _weights(problem: Problem) -> list[Array]:
     """Factors on white residuals, shape (m,), by which noise becomes 1, 0.3 and 0.1 of |H| where it is smaller.
 
-    Of a set-up whose residuals are not those of complex FRFs they are 1; none where no set-up has such.
+    Of a test whose residuals are not those of complex FRFs they are 1; none where no test has such.
     """
     ratios: list[Array] = []
     for part in problem.parts:

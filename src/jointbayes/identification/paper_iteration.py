@@ -51,9 +51,9 @@ class IterationHistory:
     reason
         One sentence on how it ended.
     iterated
-        Which of the quantities act in the data, by their places: of several set-ups those of `setup`.
-    setup
-        The set-up whose data they are; empty where there is one test.
+        Which of the quantities act in the data, by their places: of several tests those of `test`.
+    test
+        The test whose data they are; empty where there is one test.
     units
         Name and unit of each quantity.
     """
@@ -64,16 +64,16 @@ class IterationHistory:
     left_cone: tuple[int, ...]
     reason: str
     iterated: tuple[int, ...]
-    setup: str = ""
+    test: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        return f"IterationHistory({listed_values(self.units, self.stiffness)}{self.on_setup}; {self.reason})"
+        return f"IterationHistory({listed_values(self.units, self.stiffness)}{self.on_test}; {self.reason})"
 
     @property
-    def on_setup(self) -> str:
-        """Words that name the set-up, to stand behind "the paper's iteration"; empty where there is one test."""
-        return f" on set-up {self.setup}" if self.setup else ""
+    def on_test(self) -> str:
+        """Words that name the test, to stand behind "the paper's iteration"; empty where there is one test."""
+        return f" on test {self.test}" if self.test else ""
 
     @property
     def stiffness(self) -> Array:
@@ -236,7 +236,7 @@ def _history(stiffness: Array, norms: Array, threshold: float, kind: Parametrisa
 
 
 def part_to_iterate(problem: Problem) -> Problem | None:
-    """The set-up on which the paper's iteration runs: the first with FRFs at its joint; None where it cannot run.
+    """The test on which the paper's iteration runs: the first with FRFs at its joint; None where it cannot run.
 
     It knows no damping of a joint, and neither measured bodies nor modes have such FRFs.
     """

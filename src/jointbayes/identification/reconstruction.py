@@ -194,7 +194,7 @@ def _moved_elsewhere(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _TestData:
-    """Data of one set-up at some lines, and its structure without the joints."""
+    """Data of one test at some lines, and its structure without the joints."""
 
     prior: JointPrior
     omega: Array
@@ -331,7 +331,7 @@ def _from_the_right(left: NDArray[Any], matrix: NDArray[Any]) -> ComplexArray:
 
 
 class _Misfit:
-    """The squares of all set-ups as a function of coordinates x that run from 0 to 1.
+    """The squares of all tests as a function of coordinates x that run from 0 to 1.
 
     Of the logarithm of a stiffness x is its rigidity k/(k + k_0), with k_0 the structure's own stiffness there: as x
     it moves the FRFs at both ends, where its logarithm hardly does. Any other coordinate is x of its prior's width.

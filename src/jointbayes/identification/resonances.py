@@ -20,7 +20,7 @@ from vibrecords.peaks import LEAST_SD, PROMINENCE, peak_places, shoulders
 _FEWEST = 5  # lines of the fit of a mode, at least
 #: Measured and predicted resonances belong together within this fraction of their frequency.
 _TOGETHER = 0.2
-#: Values of a set-up that a search needs, and lines that it keeps: of all, and on each peak above half of its height.
+#: Values of a test that a search needs, and lines that it keeps: of all, and on each peak above half of its height.
 _ENOUGH_VALUES, _FEWEST_LINES, _ON_A_PEAK = 10_000, 500, 8
 _ALMOST_ALL = 1.5  # lines for each that is kept, below which leaving them out saves nothing
 _ROUNDING = 1e-6  # of sums of one over whole numbers

@@ -46,9 +46,9 @@ def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
 
 
 class FrequencyMatch:
-    """How well predicted natural frequencies agree with the resonances of the data, in every set-up.
+    """How well predicted natural frequencies agree with the resonances of the data, in every test.
 
-    But for set-ups with a body that is given by its FRFs, whose modes nobody knows, and for static tests.
+    But for tests with a body that is given by its FRFs, whose modes nobody knows, and for static tests.
 
     Parameters
     ----------
@@ -65,16 +65,16 @@ class FrequencyMatch:
         self.prior: JointPrior = problem.prior
         #: A few frequencies cost no more at one point further.
         self.linearised = None
-        self._tests = [_SetupMatch(part) for part in problem.parts if _has_modes(part.test)]
+        self._tests = [_TestMatch(part) for part in problem.parts if _has_modes(part.test)]
         self.columns: Indices = np.unique(np.concatenate([test.columns for test in self._tests]))
 
     @property
     def resonances_hz(self) -> Array:
-        """Resonances of the data of all set-ups, Hz."""
+        """Resonances of the data of all tests, Hz."""
         return np.concatenate([test.resonances_hz for test in self._tests])
 
     def residuals(self, theta: Array) -> Array:
-        """Residuals, shape (n, …), see `_SetupMatch`."""
+        """Residuals, shape (n, …), see `_TestMatch`."""
         return np.concatenate([test.residuals(theta) for test in self._tests], axis=1)
 
     def value(self, theta: Array) -> Array:
@@ -91,8 +91,8 @@ def _has_modes(test: Test) -> bool:
     return not test.measured_bodies and test.data.top_hz > 0
 
 
-class _SetupMatch:
-    """The same of one set-up.
+class _TestMatch:
+    """The same of one test.
 
     Each resonance counts by ln(f_model/f_data) over a tolerance, under the soft-L1 loss 2(√(1 + r²) − 1), for the best
     assignment that keeps their order; resonances without a counterpart, and predicted frequencies in the band without
@@ -101,8 +101,10 @@ class _SetupMatch:
     Parameters
     ----------
     problem
-        Of the set-up.
+        Of the test.
     """
+
+    __test__ = False
 
     def __init__(self, problem: Problem) -> None:
         self.prior: JointPrior = problem.prior

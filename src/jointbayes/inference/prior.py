@@ -39,7 +39,7 @@ class AssemblyScatter:
     Parameters
     ----------
     quantity
-        As each set-up calls it: ``"k22"``.
+        As each test calls it: ``"k22"``.
     groups
         Names of the coordinates ln k of assemblies that have a mean in common, at least two each: one group for each
         level.

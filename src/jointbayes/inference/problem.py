@@ -30,7 +30,7 @@ class UsedMode:
     come `ratios` of motions of sensors.
     """
 
-    setup: str
+    test: str
     number: int
     frequency_hz: float
     sd_hz: float
@@ -40,7 +40,7 @@ class UsedMode:
     @property
     def resonance(self) -> tuple[str, str, float]:
         """What was measured, whatever mode of a model it is compared with."""
-        return self.setup, self.held, self.frequency_hz
+        return self.test, self.held, self.frequency_hz
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class Problem:
         be no point of the prior (k12 = 0): `initial_theta` is in the coordinates of `log_posterior`.
     extra_log_likelihood
         A further term of the log likelihood: a function of θ, shape (n, d) with the coordinates `names`, that gives
-        shape (n,), −inf where impossible. For what else is known of the joint: a static test, another set-up.
+        shape (n,), −inf where impossible. For what else is known of the joint: a static test, another test.
     name
         Short name, by which its results are known.
     left_out
@@ -256,7 +256,7 @@ class Problem:
             if name in (None, part.test.name):
                 return part
         names = ", ".join(test.name for test in self.tests) or "one without a name"
-        raise ModelError(f"{self.name}: found set-up {name!r}; expected one of {names}; correct the name")
+        raise ModelError(f"{self.name}: found test {name!r}; expected one of {names}; correct the name")
 
     @cached_property
     def log_posterior(self) -> LogPosterior:
@@ -277,8 +277,8 @@ class Problem:
         idle += [quantity.name for quantity in self.quantities if not quantity.places]
         if idle and not (len(self.tests) == 1 and self.tests[0].name):  # one of several, see `parts`, leaves some out
             raise ModelError(
-                f"{self.name}: found priors of {', '.join(idle)}, on which no set-up depends; expected quantities of "
-                "the set-ups; correct the names or leave them out"
+                f"{self.name}: found priors of {', '.join(idle)}, on which no test depends; expected quantities of "
+                "the tests; correct the names or leave them out"
             )
         likelihood = TestsLikelihood(self._nuisances, terms, self._sharing(terms))
         return LogPosterior(self.prior, likelihood, self.extra_log_likelihood)
@@ -443,5 +443,5 @@ def _require_names(tests: Sequence[Test]) -> None:
     names = [test.name for test in tests]
     if len(names) > 1 and (len(set(names)) != len(names) or "" in names):
         raise ModelError(
-            f"problem: found set-ups named {', '.join(map(repr, names))}; expected a name for each; rename them"
+            f"problem: found tests named {', '.join(map(repr, names))}; expected a name for each; rename them"
         )

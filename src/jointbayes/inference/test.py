@@ -119,7 +119,7 @@ class Test:
 
     def __str__(self) -> str:
         lines = (
-            *([f"set-up: {self.name}"] if self.name else []),
+            *([f"test: {self.name}"] if self.name else []),
             f"structure: {self.structure!r}",
             f"joint: {self.joints}",
             f"data: {self.data!r}",
@@ -222,8 +222,8 @@ def require_own_bodies(tests: Sequence[Test]) -> None:
             other = next((name for name, earlier in owners if _is_one_measurement(earlier, body)), None)
             if other is not None:
                 raise ModelError(
-                    f"problem: found one measurement of the body {body.name} in set-ups {other} and {test.name}, with "
-                    "one error that would count as one of each; expected a measurement for each set-up, or one set-up; "
+                    f"problem: found one measurement of the body {body.name} in tests {other} and {test.name}, with "
+                    "one error that would count as one of each; expected a measurement for each test, or one test; "
                     "measure the body again"
                 )
         owners += ((test.name, body) for body in bodies)
@@ -253,7 +253,7 @@ def columns_of_names(test: str, wanted: Sequence[str], names: Sequence[str]) -> 
     own_names = [own_name(test, name, names) for name in wanted]
     missing = [name for name, among_names in zip(wanted, own_names, strict=True) if among_names is None]
     if missing:
-        of = f" of set-up {test}" if test else ""
+        of = f" of test {test}" if test else ""
         raise ModelError(
             f"posterior: found no prior for {', '.join(missing)}{of}; expected one for each of {', '.join(wanted)}; "
             "add it"

@@ -107,13 +107,13 @@ class Blocks(Parametrisation):
     def exchanges(self) -> Indices:
         """Columns of θ after exchanges of like joints: all orders of up to four of a kind, and pairs of more.
 
-        Of several set-ups with quantities of their own, ``low.foot`` and ``high.foot``, joints change places in all.
+        Of several tests with quantities of their own, ``low.foot`` and ``high.foot``, joints change places in all.
         """
         kinds: dict[str, list[tuple[str, Parametrisation]]] = {}
         columns: dict[str, list[Indices]] = {}
         for block, (parametrisation, t, _) in zip(self.blocks, self._parts, strict=True):
-            setup, _, joint = block.name.rpartition(".")
-            kinds.setdefault(joint, []).append((setup, parametrisation))
+            test, _, joint = block.name.rpartition(".")
+            kinds.setdefault(joint, []).append((test, parametrisation))
             columns.setdefault(joint, []).append(np.arange(t.start, t.stop))
         orders: list[dict[str, str]] = [{}]
         for kind in [kind for i, kind in enumerate(kinds.values()) if kind not in list(kinds.values())[:i]]:

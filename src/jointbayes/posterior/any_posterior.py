@@ -39,7 +39,7 @@ class AnyPosterior(CheckedDraws, Protocol):
 
     @property
     def checks(self) -> tuple[PredictiveCheck, ...]:
-        """The check of each set-up, at a level that allows for the tests of all."""
+        """The check of each test, at a level that allows for the tests of all."""
 
     @property
     def diagnosis(self) -> Diagnosis:
@@ -47,7 +47,7 @@ class AnyPosterior(CheckedDraws, Protocol):
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """The diagnosis of each set-up."""
+        """The diagnosis of each test."""
 
     @property
     def model_error(self) -> InferredError | None:
@@ -85,7 +85,7 @@ class AnyPosterior(CheckedDraws, Protocol):
     def thinned(self, most: int) -> Array:
         """At most so many draws of θ, evenly spaced over all chains, shape (n, d)."""
 
-    def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000, *, setup: str | None = None) -> Array:
+    def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000, *, test: str | None = None) -> Array:
         """Natural frequencies of posterior draws, shape (draws, count), Hz."""
 
     def predict_left_out(self) -> tuple[LeftOut, ...]:

@@ -110,21 +110,21 @@ class Candidate(ABC):
         For a sentence: ``"an accelerometer at mid-span (6:y)"``.
     position
         Where on the structure: ``"191.5 mm"``; empty where nothing is placed.
-    setup
-        Of a proposed set-up its name, with which the names of its own quantities begin; of a further measurement on
-        one of several present set-ups the name of that one.
+    test
+        Of a proposed test its name, with which the names of its own quantities begin; of a further measurement on
+        one of several present tests the name of that one.
     own_nuisances
-        Quantities that a proposed set-up has for itself, such as ``short.length``, with their priors.
+        Quantities that a proposed test has for itself, such as ``short.length``, with their priors.
     structure
         What is measured, without the joint; as of `Problem`; None of the present one. They differ by added masses.
     joint
-        Of a proposed set-up where the joints act; None where that is as in the present one.
+        Of a proposed test where the joints act; None where that is as in the present one.
     """
 
     name: str
     words: str
     position: str = ""
-    setup: str = ""
+    test: str = ""
     own_nuisances: tuple[Nuisance, ...] = ()
     structure: AnyStructure | None = None
     joint: AnyJoint | None = None
@@ -145,15 +145,15 @@ class Candidate(ABC):
         """
 
     def present(self, problem: Problem) -> Problem:
-        """The part of the present problem with the set-up on which it is, or beside which it is proposed."""
-        return next((part for part in problem.parts if part.test.name == self.setup), problem.parts[0])
+        """The part of the present problem with the test on which it is, or beside which it is proposed."""
+        return next((part for part in problem.parts if part.test.name == self.test), problem.parts[0])
 
     def without_data(self, problem: Problem) -> Problem:
         """The same with its own structure and joints, whose data are still the present ones."""
         present = self.present(problem)
         test = replace(
             present.test,
-            name=self.setup or present.test.name,
+            name=self.test or present.test.name,
             structure=self.structure or present.test.structure,
             joints=present.test.joints if self.joint is None else self.joint,
         )
@@ -176,7 +176,7 @@ class FrfCandidate(Candidate):
         Only lines above this frequency are new; the noise law sees all lines, since its floor is relative to their
         median.
     noise, residual_kind
-        Of a proposed set-up how its residuals are judged; None where that is as in the present one.
+        Of a proposed test how its residuals are judged; None where that is as in the present one.
     """
 
     ports: Ports
@@ -298,7 +298,7 @@ class ModalCandidate(Candidate):
         return ModeData(Observed(frequency, _UNKNOWN * frequency), shapes=shapes, numbers=self.numbers)
 
 
-def modes_hit_free(test: Test, modes: ModalData, setup: str) -> Iterator[ModalCandidate]:
+def modes_hit_free(test: Test, modes: ModalData, test_name: str) -> Iterator[ModalCandidate]:
     """As many natural frequencies of the structure without its joints, as well known as the present ones.
 
     Fewer where it has not as many up to where it is known, as an imported model may; none where it has none.
@@ -310,7 +310,7 @@ def modes_hit_free(test: Test, modes: ModalData, setup: str) -> Iterator[ModalCa
     there = int(((eigenvalues > 0) & (eigenvalues <= (2 * np.pi * top_hz) ** 2)).sum())
     if numbers := tuple(range(1, min(most, there) + 1)):
         yield ModalCandidate(
-            name=FREE, words=FREE_WORDS, setup=setup, joint=Joints(()), numbers=numbers, relative=scatter(modes)
+            name=FREE, words=FREE_WORDS, test=test_name, joint=Joints(()), numbers=numbers, relative=scatter(modes)
         )
 
 

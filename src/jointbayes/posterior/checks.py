@@ -183,7 +183,7 @@ CELLS: dict[tuple[ResidualLevel, ResidualPattern, Absorbed], FitCell] = {
 }
 
 
-#: Probability that any of the tests of a run, on level and pattern of all its set-ups, fails with a right model and the
+#: Probability that any of the tests of a run, on level and pattern of all its tests, fails with a right model and the
 #: right noise, at most: each has this over their number (Bonferroni).
 FALSE_ALARM = 0.01
 #: One value stands out where the largest of so many would be as large this rarely.
@@ -217,10 +217,10 @@ class PredictiveCheck:
         What the noise model takes up of a misfit.
     inferred
         Sentences on what of the noise had to be inferred to explain the data.
-    setup
-        Name of the set-up whose data they are, where there are several.
+    test
+        Name of the test whose data they are, where there are several.
     n_tests
-        Tests of all set-ups together; 0: of these data alone.
+        Tests of all tests together; 0: of these data alone.
     """
 
     chi2_per_line: float
@@ -232,7 +232,7 @@ class PredictiveCheck:
     chi2_by_line: Array
     absorbs: Absorbed = "nothing"
     inferred: tuple[str, ...] = ()
-    setup: str = ""
+    test: str = ""
     n_tests: int = 0
 
     @property
@@ -305,8 +305,8 @@ class PredictiveCheck:
     @property
     def sentence(self) -> str:
         """The finding in plain words, with the size or the rarity of the misfit."""
-        set_up, (head, consequence) = f"Set-up {self.setup}: " if self.setup else "", _WORDS[self.finding]
-        return f"{set_up}{head}: {self._misfit}. {consequence}".rstrip()
+        test, (head, consequence) = f"Test {self.test}: " if self.test else "", _WORDS[self.finding]
+        return f"{test}{head}: {self._misfit}. {consequence}".rstrip()
 
     @property
     def _misfit(self) -> str:
@@ -372,9 +372,9 @@ def check_part(part: Problem, theta: Array, rng: np.random.Generator) -> Predict
     likelihood, test = part.log_posterior.likelihood, part.test
     hyper, z = likelihood.hyper(part.prior.factors(theta)), part.log_posterior.standardised(theta)
     if test.data.frfs is not None:
-        return replace(check_frfs(likelihood.noise, z, hyper, rng), setup=test.name)
+        return replace(check_frfs(likelihood.noise, z, hyper, rng), test=test.name)
     absorbs: Absorbed = "nothing" if test.data.modes is None else "frequencies"
-    return replace(check_frequencies(np.asarray(z.real), likelihood.noise, hyper, rng, absorbs), setup=test.name)
+    return replace(check_frequencies(np.asarray(z.real), likelihood.noise, hyper, rng, absorbs), test=test.name)
 
 
 def check_frfs(

@@ -1,4 +1,4 @@
-"""A quantity over the levels of the set-ups, whether it changes; and how a joint scatters between its assemblies."""
+"""A quantity over the levels of the tests, whether it changes; and how a joint scatters between its assemblies."""
 
 import math
 from collections.abc import Sequence
@@ -26,13 +26,13 @@ class Curve:
     Parameters
     ----------
     name, unit
-        The quantity as a set-up calls it, ``"k11"`` or ``"clamp.k11"``, and its unit.
+        The quantity as a test calls it, ``"k11"`` or ``"clamp.k11"``, and its unit.
     of
-        What the level is, with its unit; its value is that of the first set-up.
-    setups, quantities
-        Name of each set-up, and of its quantity: ``"loud.k11"``, or ``"k11"`` where it shares that.
+        What the level is, with its unit; its value is that of the first test.
+    tests, quantities
+        Name of each test, and of its quantity: ``"loud.k11"``, or ``"k11"`` where it shares that.
     level
-        Level of each set-up, shape (n,).
+        Level of each test, shape (n,).
     median, low, high
         Median and ends of the interval, in the unit, each shape (n,).
     probability
@@ -49,7 +49,7 @@ class Curve:
     unjudged
         Why nothing is said of a change: that the run has no verdict; empty where it has.
     of_usual
-        Whether it is the usual assembly at each of the two levels that is compared, about which set-ups scatter.
+        Whether it is the usual assembly at each of the two levels that is compared, about which tests scatter.
     equal_data
         Whether the data of the two are equal within their noise, so that they show no change.
     """
@@ -57,7 +57,7 @@ class Curve:
     name: str
     unit: str
     of: Level
-    setups: tuple[str, ...]
+    tests: tuple[str, ...]
     quantities: tuple[str, ...]
     level: Array
     median: Array
@@ -110,7 +110,7 @@ def curve_of(posterior: AnyPosterior, name: str, probability: float = 0.95) -> C
     Raises
     ------
     ModelError
-        If set-ups have no levels, or none has this quantity for itself.
+        If tests have no levels, or none has this quantity for itself.
     """
     require_probability(probability, "curve")
     problem = posterior.problem
@@ -119,12 +119,10 @@ def curve_of(posterior: AnyPosterior, name: str, probability: float = 0.95) -> C
     named = [(test, quantity) for test, quantity in own_names if quantity is not None]
     levels = {_value(test) for test, _ in named}
     if len(levels) < 2 or not any(quantity != name for _, quantity in named):
-        what = (
-            f"{len(levels)} levels of set-ups with {name!r}" if len(levels) < 2 else f"{name!r} in no set-up of its own"
-        )
+        what = f"{len(levels)} levels of tests with {name!r}" if len(levels) < 2 else f"{name!r} in no test of its own"
         raise ModelError(
-            f"curve: found {what}; expected a quantity that is each set-up's own, and two levels at least; give the "
-            "set-ups levels that differ, and the joint own quantities"
+            f"curve: found {what}; expected a quantity that is each test's own, and two levels at least; give the "
+            "tests levels that differ, and the joint own quantities"
         )
     values = np.stack([posterior.values(quantity).ravel() for _, quantity in named], axis=-1)
     tail = (1 - probability) / 2
@@ -185,7 +183,7 @@ def _is_positive(posterior: AnyPosterior, name: str) -> bool:
 
 
 def curves_of(posterior: AnyPosterior) -> tuple[Curve, ...]:
-    """The curve of every quantity of the joints that set-ups with levels have for themselves."""
+    """The curve of every quantity of the joints that tests with levels have for themselves."""
     levels: dict[str, set[float]] = {}
     for name in posterior.stiffness_names:
         for test in _sorted_by_level(posterior.problem.tests):
@@ -194,8 +192,8 @@ def curves_of(posterior: AnyPosterior) -> tuple[Curve, ...]:
     return tuple(curve_of(posterior, name) for name, values in levels.items() if len(values) > 1)
 
 
-def _sorted_by_level(setups: Sequence[Test]) -> list[Test]:
-    return sorted((test for test in setups if test.level is not None), key=_value)
+def _sorted_by_level(tests: Sequence[Test]) -> list[Test]:
+    return sorted((test for test in tests if test.level is not None), key=_value)
 
 
 def _value(test: Test) -> float:
@@ -247,9 +245,9 @@ def usual_assemblies(posterior: AnyPosterior, name: str, values: Array, level: A
     posterior
         Of the draws.
     name
-        The quantity as a set-up calls it.
+        The quantity as a test calls it.
     values, level
-        At each draw of each set-up, shape (draws, n), and the level of each, shape (n,).
+        At each draw of each test, shape (draws, n), and the level of each, shape (n,).
     """
     scatter = next((each for each in posterior.problem.prior.scatters if each.quantity == name), None)
     if scatter is None:

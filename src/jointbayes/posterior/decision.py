@@ -62,7 +62,7 @@ def with_ratios(
         return list(used), ""
     dofs = tuple(dict.fromkeys(dof for _, ratio in each for dof in (ratio.dof, ratio.reference)))
     if (nearest := _nearest(part, tried, each, dofs)) > FARTHEST_RATIO:
-        where = f" of set-up {part.test.name}" if part.test.name else ""
+        where = f" of test {part.test.name}" if part.test.name else ""
         return list(used), (
             f"How much {', '.join(dofs)}{where} move relative to each other is not used: the nearest model misses it "
             f"by {number(100 * nearest, 2)} %, and {100 * FARTHEST_RATIO:g} % is allowed; look at signs, gains and "
@@ -323,13 +323,13 @@ def _numbered_by_evidence(problem: Problem) -> Problem:
     return replace(problem, tests=tuple(tests), premises=premises)
 
 
-def _moved(mode: UsedMode, setup: str, shift: int) -> UsedMode:
-    """The mode with a number higher by `shift` where it is of that set-up."""
-    return replace(mode, number=mode.number + shift) if mode.setup == setup else mode
+def _moved(mode: UsedMode, test: str, shift: int) -> UsedMode:
+    """The mode with a number higher by `shift` where it is of that test."""
+    return replace(mode, number=mode.number + shift) if mode.test == test else mode
 
 
 def _doubt_in_words(test: Test, doubt: Renumbered) -> str:
-    where = f" of set-up {test.name}" if test.name else ""
+    where = f" of test {test.name}" if test.name else ""
     return f"The natural frequencies{where} {doubt.words}."
 
 
@@ -344,11 +344,11 @@ def only_modes(problem: Problem, resonances: Collection[tuple[str, str, float]])
     used = [mode for mode in problem.premises.modes if mode.resonance in resonances]
     tests = []
     for test in problem.tests:
-        of_test = [mode for mode in used if mode.setup == test.name]
-        if any(mode.setup == test.name for mode in problem.premises.modes):
+        of_test = [mode for mode in used if mode.test == test.name]
+        if any(mode.test == test.name for mode in problem.premises.modes):
             if all(mode.held for mode in of_test):
                 raise ModelError(
-                    f"modes: found no resonance {f'of set-up {test.name} ' if test.name else ''}near a mode of every "
+                    f"modes: found no resonance {f'of test {test.name} ' if test.name else ''}near a mode of every "
                     f"model; expected one within {100 * FARTHEST:g} %; leave a case out"
                 )
             assert isinstance(test.noise, ModelErrorNoise)
@@ -438,7 +438,7 @@ def _used(test: Test, modes: Sequence[MeasuredMode], numbers: NDArray[np.intp]) 
 
 
 def _far_in_words(test: Test, mode: MeasuredMode) -> str:
-    where = f" of set-up {test.name}" if test.name else ""
+    where = f" of test {test.name}" if test.name else ""
     return (
         f"The resonance at {number(mode.frequency_hz, 4)} Hz{where} is not used: the model has no mode within "
         f"{100 * FARTHEST:g} % of it."

@@ -1,4 +1,4 @@
-"""The present problem over more quantities: those that proposed set-ups have for themselves, as errors of overhangs.
+"""The present problem over more quantities: those that proposed tests have for themselves, as errors of overhangs.
 
 The present data know nothing of them, so that the present posterior of all is that of the present quantities times the
 prior of the new ones, and draws of it are present draws beside draws of that prior.
@@ -154,7 +154,7 @@ def inverse_information(information: Array) -> Array:
     return covariance
 
 
-#: The present set-up beside others, if it has no name: one that no set-up of a case can have.
+#: The present test beside others, if it has no name: one that no test of a case can have.
 _PRESENT = "(present)"
 
 
@@ -180,7 +180,7 @@ class WithOwn:
 
     @cached_property
     def problem(self) -> Problem:
-        """Problem over all quantities, those of the noise last, for the priors and set-ups; it is not to be sampled."""
+        """Problem over all quantities, those of the noise last, for the priors and tests; it is not to be sampled."""
         if not self.own_nuisances:
             return self.present
         nuisances = self.present.prior.nuisances

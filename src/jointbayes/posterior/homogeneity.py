@@ -1,4 +1,4 @@
-"""Whether set-ups of one structure measured the same within their noise: FRFs line by line, modes one by one.
+"""Whether tests of one structure measured the same within their noise: FRFs line by line, modes one by one.
 
 Nothing of a joint is inferred for it, so that it can be asked before anything is: a joint that changes with the torque
 or the force, a repetition that is none.
@@ -19,7 +19,7 @@ from jointbayes.rounding import number
 from vibrecords import Data, FrfData
 from vibrecords.provenance import MeasuredMode
 
-#: Probability with which two equal set-ups are called different: by their lines, and by their modes.
+#: Probability with which two equal tests are called different: by their lines, and by their modes.
 FALSE_ALARM = 0.01
 _MOST_LINES = 3  # that are named
 _APART = 0.02  # of a frequency: lines closer than this are of one place
@@ -27,7 +27,7 @@ _APART = 0.02  # of a frequency: lines closer than this are of one place
 
 @dataclass(frozen=True, slots=True)
 class ModeShift:
-    """How far a mode moves from the first of two set-ups to the second; damping is None where one has none.
+    """How far a mode moves from the first of two tests to the second; damping is None where one has none.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class ModeShift:
 
 @dataclass(frozen=True, slots=True)
 class Homogeneity:
-    """Whether two set-ups of one structure measured the same within their noise.
+    """Whether two tests of one structure measured the same within their noise.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class Homogeneity:
     def sentence(self) -> str:
         """Whether they are equal within their noise, and the lines that differ most."""
         what = "are equal within" if self.equal else "differ by more than"
-        text = f"Set-ups {self.first} and {self.second} {what} their noise."
+        text = f"Tests {self.first} and {self.second} {what} their noise."
         if self.chi2_per_value is not None:
             where = ", ".join(number(hz, 4) for hz in self.largest_hz)
             text += (
@@ -111,8 +111,8 @@ class Homogeneity:
         return {**asdict(self), "equal": self.equal}
 
 
-def compare_setups(problem: Problem) -> tuple[Homogeneity, ...]:
-    """Compare the set-ups of each structure with the first of them, that of the lowest level where they have levels."""
+def compare_all_tests(problem: Problem) -> tuple[Homogeneity, ...]:
+    """Compare the tests of each structure with the first of them, that of the lowest level where they have levels."""
     ordered = sorted(problem.tests, key=lambda test: -math.inf if test.level is None else test.level.value)
     firsts: list[Test] = []
     comparisons = []
@@ -126,7 +126,7 @@ def compare_setups(problem: Problem) -> tuple[Homogeneity, ...]:
 
 
 def compare_tests(first: Test, second: Test) -> Homogeneity | None:
-    """Compare what two set-ups measured; None where they are of different structures, or have nothing in common."""
+    """Compare what two tests measured; None where they are of different structures, or have nothing in common."""
     if not is_one_structure(first, second):
         return None
     lines = None

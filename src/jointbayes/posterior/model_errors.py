@@ -314,8 +314,8 @@ class NoiseOfBodies:
     discrepancy
         Of each body the mean square of A_ab − A_ba over what their errors allow; None where nothing was measured both
         ways.
-    setup
-        The set-up that has them; empty where there is one test.
+    test
+        The test that has them; empty where there is one test.
     """
 
     bodies: tuple[str, ...]
@@ -326,7 +326,7 @@ class NoiseOfBodies:
     doubtful_lines: int
     lines: int
     discrepancy: tuple[float | None, ...]
-    setup: str = ""
+    test: str = ""
 
     @property
     def within(self) -> bool:
@@ -346,7 +346,7 @@ class NoiseOfBodies:
 
     @property
     def _noise(self) -> str:
-        of = f" in set-up {self.setup}" if self.setup else ""
+        of = f" in test {self.test}" if self.test else ""
         return f"the noise of the measured {'body' if len(self.bodies) == 1 else 'bodies'} {', '.join(self.bodies)}{of}"
 
     @property
@@ -385,17 +385,17 @@ class NoiseOfBodies:
 def noise_of_bodies(problem: Problem, theta: Array) -> NoiseOfBodies | None:
     """The part of measured bodies in the noise at θ, shape (d,); None where nothing of the structure is measured.
 
-    Of several set-ups the one that is worst: that ignores it, of which most lines are doubtful, of which it is most.
+    Of several tests the one that is worst: that ignores it, of which most lines are doubtful, of which it is most.
     """
-    noise_by_setup = [noise for part in problem.parts if (noise := _noise_in_setup(part, theta)) is not None]
-    return max(noise_by_setup, key=_badness, default=None)
+    noise_by_test = [noise for part in problem.parts if (noise := _noise_in_test(part, theta)) is not None]
+    return max(noise_by_test, key=_badness, default=None)
 
 
 def _badness(noise: NoiseOfBodies) -> tuple[bool, bool, float, float]:
     return noise.ignored, bool(noise.not_reciprocal), noise.doubtful_lines / noise.lines, noise.share
 
 
-def _noise_in_setup(problem: Problem, theta: Array) -> NoiseOfBodies | None:
+def _noise_in_test(problem: Problem, theta: Array) -> NoiseOfBodies | None:
     bodies, data = problem.test.measured_bodies, problem.test.data.frfs
     if not bodies or data is None:
         return None

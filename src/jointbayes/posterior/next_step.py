@@ -141,38 +141,38 @@ def _hit_free(problem: Problem) -> Iterator[Candidate]:
     if not all(part.test.joints.size for part in problem.parts):
         return
     for part in filter(is_worth_hitting_free, problem.parts):
-        test, setup = part.test, part.test.name or FREE
+        test, test_name = part.test, part.test.name or FREE
         measured, modes = test.data.frfs, test.data.modes
-        name, words = f"{setup} {FREE}", f"a test of {FREE_WORDS}{_of_test(part.test.name)}"
+        name, words = f"{test_name} {FREE}", f"a test of {FREE_WORDS}{_of_test(part.test.name)}"
         if measured is not None:
-            yield as_measured(part, name, words, setup=setup, joint=Joints(()))
+            yield as_measured(part, name, words, test=test_name, joint=Joints(()))
         elif modes is not None:
-            yield from (replace(each, name=name, words=words) for each in modes_hit_free(test, modes, setup))
+            yield from (replace(each, name=name, words=words) for each in modes_hit_free(test, modes, test_name))
 
 
-def _of_test(setup: str) -> str:
-    return f" in test {setup}" if setup else ""
+def _of_test(test: str) -> str:
+    return f" in test {test}" if test else ""
 
 
 def _candidates(part: Problem) -> Iterator[Candidate]:
     """Of one test: one sensor more, more averages, two modes more or two antiresonances."""
-    test, setup = part.test, part.test.name
+    test, test_name = part.test, part.test.name
     measured, modes = test.data.frfs, test.data.modes
-    of_test = _of_test(setup)
+    of_test = _of_test(test_name)
     if measured is not None:
         frf, law = measured.frf, estimated_law(measured)
         directions = dict.fromkeys(dof.rpartition(":")[2] for dof in frf.outputs if ":r" not in dof)
         for label, place in _free_places(part, (*frf.outputs, *frf.inputs), directions):
             words, ports = f"an accelerometer at {place}{of_test}", Ports(frf.frequency_hz, (label,), frf.inputs)
-            yield as_measured(part, f"{setup} {label}", words, setup=setup, law=law, ports=ports)
+            yield as_measured(part, f"{test_name} {label}", words, test=test_name, law=law, ports=ports)
         more = repeated(part, _AVERAGES)
         yield replace(
-            more, name=f"{setup} {more.name}", words=f"{_AVERAGES:g} times the averages{of_test}", setup=setup
+            more, name=f"{test_name} {more.name}", words=f"{_AVERAGES:g} times the averages{of_test}", test=test_name
         )
     elif modes is not None and test.most_modes >= max(modes.numbers) + 2:
         last = max(modes.numbers)
         yield ModalCandidate(
-            name=f"{setup} modes", words=f"modes {last + 1} and {last + 2}{of_test}", setup=setup,
+            name=f"{test_name} modes", words=f"modes {last + 1} and {last + 2}{of_test}", test=test_name,
             structure=test.structure, numbers=(last + 1, last + 2), relative=scatter(modes),
         )  # fmt: skip
         yield from _beside_modes(part, modes, of_test)
@@ -180,7 +180,7 @@ def _candidates(part: Problem) -> Iterator[Candidate]:
 
 def _beside_modes(part: Problem, modes: ModalData, of_test: str) -> Iterator[Candidate]:
     """Of one test whose data are modes: one sensor more, or two antiresonances of the place that moves most."""
-    test, setup = part.test, part.test.name
+    test, test_name = part.test, part.test.name
     directions = dict.fromkeys(label.rpartition(":")[2] for label in test.joints.labels if ":r" not in label)
     places, zeros = _free_places(part, modes.dofs, directions), getattr(modes, "zeros", None)
     known = (*getattr(modes, "references", ()), *(zeros.dofs if zeros else ()))
@@ -189,8 +189,8 @@ def _beside_modes(part: Problem, modes: ModalData, of_test: str) -> Iterator[Can
     reference, at = (known[0], known[0]) if known else places.pop()
     for label, place in places[2::3]:
         yield ModalCandidate(
-            name=f"{setup} {label}", words=f"an accelerometer at {place}, calibrated with the one at {at}{of_test}",
-            setup=setup, structure=test.structure, numbers=modes.numbers, relative=RELATIVE_CALIBRATION, dof=label,
+            name=f"{test_name} {label}", words=f"an accelerometer at {place}, calibrated with the one at {at}{of_test}",
+            test=test_name, structure=test.structure, numbers=modes.numbers, relative=RELATIVE_CALIBRATION, dof=label,
             reference=reference,
         )  # fmt: skip
     seen = zip(zeros.dofs, zeros.numbers, strict=True) if zeros else ()
@@ -201,7 +201,7 @@ def _beside_modes(part: Problem, modes: ModalData, of_test: str) -> Iterator[Can
     how = "in a wider band" if first > 1 else "by force and sensor there"
     words = f"antiresonances {first} and {first + 1} at {at}, {how}{of_test}"
     yield ModalCandidate(
-        name=f"{setup} zeros", words=words, setup=setup, structure=test.structure, numbers=numbers,
+        name=f"{test_name} zeros", words=words, test=test_name, structure=test.structure, numbers=numbers,
         relative=scatter(modes), held=reference,
     )  # fmt: skip
 

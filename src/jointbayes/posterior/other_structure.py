@@ -112,7 +112,7 @@ def predict_other(
     uncertain: Sequence[Nuisance] = (),
     own: frozenset[str] = frozenset(),
     quantity: Quantity = "receptance",
-    setup: str | None = None,
+    test: str | None = None,
     probability: float = 0.95,
     max_draws: int = 400,
 ) -> OtherStructure:
@@ -135,7 +135,7 @@ def predict_other(
         Names of quantities that are the other structure's own.
     quantity
         Receptance, mobility or accelerance.
-    setup
+    test
         The test whose joint it is, where there are several, as at several levels; by default the first.
     probability, max_draws
         Probability inside each interval, and how many draws are evaluated.
@@ -147,7 +147,7 @@ def predict_other(
     """
     require(ports, Ports, "prediction: found as ports", "jb.Ports(frequency_hz, outputs, inputs); make it")
     require_probability(probability, "prediction")
-    part, rng = posterior.problem.part(setup), np.random.default_rng([posterior.record.seed, _SEED])
+    part, rng = posterior.problem.part(test), np.random.default_rng([posterior.record.seed, _SEED])
     theta = posterior.thinned(max_draws)
     there, theta_there = _other_problem(part, recipe, joint, tuple(uncertain), own, theta, rng)
     top_hz = float(ports.frequency_hz.max())

@@ -77,7 +77,7 @@ class Posterior:
     problem
         Structure, joint, data and prior.
     tree
-        Groups ``posterior``, ``sample_stats`` (log density), ``prior`` and ``observed_data``, of several set-ups one of
+        Groups ``posterior``, ``sample_stats`` (log density), ``prior`` and ``observed_data``, of several tests one of
         the last for each, ``observed_data_long``; draws have dimensions chain × draw, one chain per walker, with the
         walker's ensemble as a coordinate.
     estimate
@@ -237,13 +237,13 @@ class Posterior:
     def check(self) -> PredictiveCheck:
         """Posterior predictive check of the data that were analysed, over draws evenly spaced among all.
 
-        Of several set-ups that of the one which the model explains worst. The seed of the run also replicates the data.
+        Of several tests that of the one which the model explains worst. The seed of the run also replicates the data.
         """
         return min(self.checks, key=lambda check: (check.explains, check.smallest_p_value))
 
     @cached_property
     def checks(self) -> tuple[PredictiveCheck, ...]:
-        """The check of each set-up, at a level that allows for the tests of all."""
+        """The check of each test, at a level that allows for the checks of all."""
         each = [self._check(number, part) for number, part in enumerate(self.problem.parts)]
         n_tests = sum(check.n_own_tests for check in each)
         return tuple(replace(check, n_tests=n_tests) for check in each)
@@ -293,13 +293,13 @@ class Posterior:
     def diagnosis(self) -> Diagnosis:
         """How far the MAP is from the data in an engineer's measure, and what its residuals point to.
 
-        Of several set-ups that of the one which the model explains worst.
+        Of several tests that of the one which the model explains worst.
         """
-        return self.diagnoses[[test.name for test in self.problem.tests].index(self.check.setup)]
+        return self.diagnoses[[test.name for test in self.problem.tests].index(self.check.test)]
 
     @cached_property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """The diagnosis of each set-up."""
+        """The diagnosis of each test."""
         theta = self.mode_theta if self.mode_log_density > self.estimate.log_posterior else self.estimate.theta
         each = ((part, np.random.default_rng([self.record.seed, 4])) for part in self.problem.parts)
         return tuple(
@@ -326,7 +326,7 @@ class Posterior:
         return float((self.log_density > self.problem.log_posterior(point)[0]).mean())
 
     def predict_frf(
-        self, ports: Ports | None = None, *, probability: float = 0.95, max_draws: int = 400, setup: str | None = None
+        self, ports: Ports | None = None, *, probability: float = 0.95, max_draws: int = 400, test: str | None = None
     ) -> FrfPrediction:
         """Median and interval of FRFs over posterior draws, as the measurement would show them without its noise.
 
@@ -340,15 +340,15 @@ class Posterior:
             Probability inside the band at each line.
         max_draws
             At most so many draws, evenly spaced, are evaluated.
-        setup
-            Name of the set-up, where there are several; by default the first.
+        test
+            Name of the test, where there are several; by default the first.
 
         Raises
         ------
         ModelError
             If the data are natural frequencies and no lines are given, or a DOF does not exist.
         """
-        part = self.problem.part(setup)
+        part = self.problem.part(test)
         frf = None if part.test.data.shown_frfs is None else part.test.data.shown_frfs.frf
         if ports is None:
             if frf is None:
@@ -376,7 +376,7 @@ class Posterior:
         joint
             Where the joint acts there; by default at the DOFs of the test.
         **settings
-            `uncertain`, `own`, `quantity`, `setup`, `probability`, `max_draws`, see
+            `uncertain`, `own`, `quantity`, `test`, `probability`, `max_draws`, see
             `jointbayes.posterior.other_structure.predict_other`.
 
         Raises
@@ -386,14 +386,14 @@ class Posterior:
         """
         return predict_other(self, structure, ports, joint, **settings)
 
-    def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000, *, setup: str | None = None) -> Array:
+    def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000, *, test: str | None = None) -> Array:
         """Natural frequencies of posterior draws, shape (draws, count), Hz.
 
-        Those of the model: its own error, see ``[uncertain.model_error]``, is not in them. Of the set-up of that name,
+        Those of the model: its own error, see ``[uncertain.model_error]``, is not in them. Of the test of that name,
         by default the first.
         """
         theta, prior = self.thinned(max_draws), self.problem.prior
-        return self.problem.part(setup).natural_frequencies_hz(prior.values(theta), count, prior.factors(theta))
+        return self.problem.part(test).natural_frequencies_hz(prior.values(theta), count, prior.factors(theta))
 
     def predict_left_out(self, probability: float = 0.95, max_draws: int = 2000) -> tuple[LeftOut, ...]:
         """What was left out of the data, and what the draws predict a measurement of it to show; empty without any.
@@ -434,7 +434,7 @@ class Posterior:
         ``log_likelihood`` value by value, and ``log_prior``: of it ``coordinates`` is the density over θ, as priors are
         stated, and with ``to_quantities`` it is that over the quantities in ``posterior``. Where values depend on each
         other there is no ``log_likelihood``, and an attribute of ``posterior`` says why. Data are ``data``, of several
-        set-ups ``data_NAME``, by ``quantity``, or of FRFs by ``frequency`` (Hz), ``output`` and ``input``: the
+        tests ``data_NAME``, by ``quantity``, or of FRFs by ``frequency`` (Hz), ``output`` and ``input``: the
         magnitude, beside ``data_real`` and ``data_imag``.
 
         Parameters
@@ -570,9 +570,9 @@ class Posterior:
     def premises_sentences(self) -> tuple[str, ...]:
         """What the answer rests on where it is not that of data as stated, and FRFs whose level it does not have."""
         words = [
-            f"The FRFs{f' of set-up {setup}' if setup else ''} are {number(ratio, 2)} times as large as the answer "
+            f"The FRFs{f' of test {test}' if test else ''} are {number(ratio, 2)} times as large as the answer "
             "predicts: check unit and sensitivity of the channels, which natural frequencies do not show."
-            for setup, ratio in self.levels.items()
+            for test, ratio in self.levels.items()
             if not 1 / _FAR_LEVEL <= ratio <= _FAR_LEVEL
         ]
         return (*premises_sentences(self.problem.premises, self.model_error), *self.unseen_inputs, *words)
@@ -590,7 +590,7 @@ class Posterior:
 
     @cached_property
     def levels(self) -> dict[str, float]:
-        """Median of measured over predicted magnitude of the FRFs that modes were read off, by set-up."""
+        """Median of measured over predicted magnitude of the FRFs that modes were read off, by test."""
         levels = {}
         for part in self.problem.parts:
             shown, data = part.test.data.shown_frfs, part.test.data
@@ -645,19 +645,19 @@ class Posterior:
         )
 
     def curve(self, name: str, probability: float = 0.95) -> Curve:
-        """A quantity over the levels of the set-ups: its median and interval at each.
+        """A quantity over the levels of the tests: its median and interval at each.
 
         Parameters
         ----------
         name
-            The quantity as each set-up calls it: ``"k11"`` of ``"low.k11"`` and ``"high.k11"``.
+            The quantity as each test calls it: ``"k11"`` of ``"low.k11"`` and ``"high.k11"``.
         probability
             Inside the interval at each level.
 
         Raises
         ------
         ModelError
-            If set-ups have no levels, or none has this quantity for itself.
+            If tests have no levels, or none has this quantity for itself.
         """
         return curve_of(self, name, probability)
 

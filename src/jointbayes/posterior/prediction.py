@@ -68,7 +68,7 @@ class LeftOut:
 
     Parameters
     ----------
-    setup
+    test
         Name of the test; empty of a lone one.
     names
         What each value is: ``"frequency 3"``, or DOFs and line of an FRF, of which the magnitude is compared.
@@ -78,7 +78,7 @@ class LeftOut:
         Probability inside low to high, value by value.
     """
 
-    setup: str
+    test: str
     names: tuple[str, ...]
     measured: Array
     median: Array
@@ -113,7 +113,7 @@ def sentences_of_left_out(predicted: Sequence[LeftOut]) -> list[str]:
     inside = np.concatenate([each.inside for each in predicted])
     share = f"{inside.sum()} of {inside.size} inside {100 * predicted[0].probability:g} % intervals"
     outside = [
-        f"Outside: {prefixed(each.setup, each.names[i])}, measured {number(each.measured[i], 4)}, "
+        f"Outside: {prefixed(each.test, each.names[i])}, measured {number(each.measured[i], 4)}, "
         f"predicted {number(each.low[i], 4)} to {number(each.high[i], 4)}."
         for each in predicted
         for i in np.flatnonzero(~each.inside)
@@ -128,7 +128,7 @@ def left_out_json(predicted: Sequence[LeftOut]) -> dict[str, Any] | None:
         return None
     values = [
         {
-            "setup": each.setup,
+            "test": each.test,
             "name": each.names[i],
             "measured": float(each.measured[i]),
             "median": float(each.median[i]),
@@ -295,19 +295,19 @@ def _errors_of_bodies(problem: Problem, ports: Ports, quantity: Quantity, theta:
 def simulated_values(
     problem: Problem, theta: Array, rng: np.random.Generator, noise: NDArray[Any] | None = None
 ) -> NDArray[Any]:
-    """What one set-up would measure at a truth: the model's prediction and noise of the problem's own noise model.
+    """What one test would measure at a truth: the model's prediction and noise of the problem's own noise model.
 
     Parameters
     ----------
     problem
-        Of one set-up. Gives model, noise model and stated variance; its measured values are not used but for log
+        Of one test. Gives model, noise model and stated variance; its measured values are not used but for log
         magnitudes, whose stated spread depends on them.
     theta
         The truth, shape (d,).
     rng
         Draws the noise.
     noise
-        What was drawn of it already, standardised, of as many values: errors that other set-ups share.
+        What was drawn of it already, standardised, of as many values: errors that other tests share.
 
     Returns
     -------
@@ -329,7 +329,7 @@ def simulated_values(
 
 
 def replace_values(problem: Problem, values: NDArray[Any]) -> Problem:
-    """The problem of one set-up with other measured values, and what it states of the noise as it is.
+    """The problem of one test with other measured values, and what it states of the noise as it is.
 
     Raises
     ------

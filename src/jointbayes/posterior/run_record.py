@@ -141,8 +141,8 @@ class SampledCase(Protocol):
         """The problem that its text states."""
 
     @property
-    def setups(self) -> Sequence[Any]:
-        """Its set-ups as they were built, each with `name` and `spec`, a pydantic model; empty if built of no text."""
+    def tests(self) -> Sequence[Any]:
+        """Its tests as they were built, each with `name` and `spec`, a pydantic model; empty if built of no text."""
 
     @property
     def reference(self) -> Array | None:
@@ -174,12 +174,12 @@ class SampledCase(Protocol):
 
 
 def bodies_of(problem: Problem) -> dict[str, MeasuredBody]:
-    """Measured bodies of all set-ups by their names; of several set-ups with the name of each before it."""
+    """Measured bodies of all tests by their names; of several tests with the name of each before it."""
     return {prefixed(part.test.name, body.name): body for part in problem.parts for body in part.test.measured_bodies}
 
 
 def data_sha256(problem: Problem) -> str:
-    """Fingerprint of the numbers that were analysed: data and measured bodies of all set-ups."""
+    """Fingerprint of the numbers that were analysed: data and measured bodies of all tests."""
     measured = [part.test.data.shown_frfs or part.test.data for part in problem.parts]
     arrays: list[NDArray[Any]] = [array for data in measured for array in data.arrays.values()]
     for body in bodies_of(problem).values():

@@ -209,7 +209,7 @@ def value_units(problem: Problem) -> dict[str, str]:
 def values_tree(
     problem: Problem, values: Array, log_density: Array, ensemble: NDArray[Any], before: Array
 ) -> xr.DataTree:
-    """Groups posterior, sample_stats, prior and observed_data, of several set-ups one observed_data_NAME for each.
+    """Groups posterior, sample_stats, prior and observed_data, of several tests one observed_data_NAME for each.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def log_prior_of_joint(prior: JointPrior, theta: Array) -> xr.Dataset:
     """ln of the prior's density over the joint's coordinates alone, up to a constant, at θ of shape (chains, draws, d).
 
     With it draws can be reweighted to another prior by whoever knows the coordinates, which are named beside it with
-    the prior's mean, standard deviation and ends in each; those of one joint that all set-ups share are its own.
+    the prior's mean, standard deviation and ends in each; those of one joint that all tests share are its own.
     """
     of_joint = prior.parametrisation
     if isinstance(of_joint, Blocks) and len(of_joint.blocks) == 1 and not of_joint.blocks[0].name:
@@ -297,7 +297,7 @@ PROBLEM_GROUP = "problem"
 _ROOMS = ("jointbayes.structure", "jointbayes.joint", "jointbayes.frf", "vibrecords", "jointbayes.inference")
 #: A setting that changes no draw, and tables of a case that are only shown or compared with the result.
 _NO_MATTER = frozenset({"budget_s"})
-_ONLY_SHOWN = frozenset({"title", "about", "reference", "sampling", "compare", "plan", "virtual_test", "setups"})
+_ONLY_SHOWN = frozenset({"title", "about", "reference", "sampling", "compare", "plan", "virtual_test", "tests"})
 _LONGEST = 60  # characters of a part as it is shown; of longer ones a digest
 _VERSIONS = ("python", "numpy", "scipy", "numba", "emcee", "jointbayes")
 
@@ -481,6 +481,7 @@ class _Restoring:
                 f"{self.where}: found a part of kind {plain['kind']!r}; expected one that this version of jointbayes "
                 "has; read it with the version that wrote it"
             )
+        plain = {"test" if name == "setup" else name: entry for name, entry in plain.items()}  # the word of older files
         given = {name: self.part(entry, f"{place}.{name}") for name, entry in plain.items() if name != "kind"}
         hints = get_type_hints(kind)
         for name, value in given.items():
@@ -583,10 +584,10 @@ def run_fingerprint(problem: Problem, case: SampledCase | None, seed: int, setti
         for setting in fields(settings)
         if setting.name not in _NO_MATTER
     }
-    if case is not None and case.stated is problem and case.setups:
-        for setup in case.setups:
-            tables = json.loads(setup.spec.model_dump_json(exclude=set(_ONLY_SHOWN)))
-            parts |= _flat(tables, f"setups.{setup.name}." if setup.name else "")
+    if case is not None and case.stated is problem and case.tests:
+        for test in case.tests:
+            tables = json.loads(test.spec.model_dump_json(exclude=set(_ONLY_SHOWN)))
+            parts |= _flat(tables, f"tests.{test.name}." if test.name else "")
     else:
         parts |= {name: _shortened(plain) for name, plain in described(problem).items() if name != "name"}
     versions = package_versions()

@@ -14,22 +14,22 @@ from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.curves import ScatterSummary, assembly_scatters
 from jointbayes.posterior.diagnosis import Diagnosis
-from jointbayes.posterior.homogeneity import Homogeneity, compare_setups
+from jointbayes.posterior.homogeneity import Homogeneity, compare_all_tests
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
 from jointbayes.posterior.prediction import LeftOut, left_out_json, sentence_of_left_out
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
-from jointbayes.posterior.setup_summary import (
+from jointbayes.posterior.solutions import ModeSummary
+from jointbayes.posterior.summary_of_test import (
     FitSummary,
     FrequencySummary,
-    SetupSummary,
+    TestSummary,
     check_json,
     fit_json,
     fit_of,
-    setup_summaries,
+    summaries_of_tests,
 )
-from jointbayes.posterior.solutions import ModeSummary
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
 from jointbayes.rounding import align_columns, in_lines, json_ready, number, signed, with_interval
 from jointbayes.sampling import INTERVAL, quantile_error
@@ -39,7 +39,7 @@ from vibrecords.arrays import Array
 from vibrecords.notebook_view import table_html
 
 #: Raised when a reader of the older form would misread the newer one.
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 Interval = tuple[float, float]
 _LEAST_CORRELATION, _MOST_CORRELATIONS = 0.1, 10  # that are printed
@@ -130,11 +130,11 @@ class Summary:
         stiffnesses, empty where not.
     left_out
         What was left out of the data, with what is predicted of it.
-    setups
-        What is said of the data of each set-up, by its name; of a lone test under an empty name. Fit, check, diagnosis
-        and natural frequencies above are then those of all data, of the set-up that fits worst, and of the first.
+    tests
+        What is said of the data of each test, by its name; of a lone test under an empty name. Fit, check, diagnosis
+        and natural frequencies above are then those of all data, of the test that fits worst, and of the first.
     homogeneity, assemblies
-        Whether set-ups of one structure measured the same, and how much a joint scatters between its assemblies.
+        Whether tests of one structure measured the same, and how much a joint scatters between its assemblies.
     premises, model_error
         What the answer takes for granted; and the model's error in natural frequencies as it was inferred, None where
         there is no place for one.
@@ -164,7 +164,7 @@ class Summary:
     modes: tuple[ModeSummary, ...]
     solutions: str
     left_out: tuple[LeftOut, ...]
-    setups: Mapping[str, SetupSummary]
+    tests: Mapping[str, TestSummary]
     homogeneity: tuple[Homogeneity, ...]
     assemblies: tuple[ScatterSummary, ...]
     premises: Premises
@@ -181,7 +181,7 @@ class Summary:
         others = [(f"{name}:", with_interval((n.median, *n.interval95), n.unit)) for name, n in self.nuisances.items()]
         synthetic = ", synthetic" if fit.synthetic_data else ""
         said = [
-            *(setup.check.sentence for setup in self.setups.values()),
+            *(test.check.sentence for test in self.tests.values()),
             *([sentence_of_left_out(self.left_out)] if self.left_out else []),
             *([] if self.measured_bodies is None else [self.measured_bodies.sentence]),
             *(line for line in (self.solutions, *(each.sentence for each in self.assemblies)) if line),
@@ -246,8 +246,8 @@ class Summary:
             "sampler": record.sampler,
             "versions": record.versions,
             "data_sha256": self.data_sha256,
-            "measurement": next(iter(self.setups.values())).measurement,
-            "setups": {name: setup.as_json() for name, setup in self.setups.items() if name},
+            "measurement": next(iter(self.tests.values())).measurement,
+            "tests": {name: test.as_json() for name, test in self.tests.items() if name},
             "homogeneity": [comparison.as_json() for comparison in self.homogeneity],
             "assemblies": [asdict(scatter) for scatter in self.assemblies],
         }
@@ -283,7 +283,7 @@ def summarise(
         What was tested, see `Case.about`.
     """
     estimate, problem = posterior.estimate, posterior.problem
-    setups = setup_summaries(posterior, initial, measured_frequencies_hz)
+    tests = summaries_of_tests(posterior, initial, measured_frequencies_hz)
     first = next((test for test in problem.tests if test.joints.size), problem.tests[0])
     return Summary(
         record=posterior.record,
@@ -302,7 +302,7 @@ def summarise(
             mode_distance_sd=posterior.mode_distance,
             starts=tuple((s.name, s.reached_mode) for s in estimate.starts),
         ),
-        natural_frequencies_hz=setups[first.name].natural_frequencies_hz,
+        natural_frequencies_hz=tests[first.name].natural_frequencies_hz,
         fit=fit_of(problem, estimate.theta),
         check=posterior.check,
         diagnosis=posterior.diagnosis,
@@ -314,8 +314,8 @@ def summarise(
         modes=posterior.solutions.summaries(),
         solutions=posterior.solutions.sentence,
         left_out=posterior.predict_left_out(),
-        setups=setups,
-        homogeneity=compare_setups(problem),
+        tests=tests,
+        homogeneity=compare_all_tests(problem),
         assemblies=assembly_scatters(posterior),
         premises=problem.premises,
         model_error=posterior.model_error,

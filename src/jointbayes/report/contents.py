@@ -7,7 +7,7 @@ from itertools import chain
 from typing import TypeAlias, TypeVar
 
 from jointbayes.report.guides import with_guides
-from jointbayes.report.inputs import ReportInputs, SetupInputs
+from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.model import Block, Paragraph, Report, ReportSection, Table
 from jointbayes.report.page_budget import share_pages
 from jointbayes.report.sections.fit_to_data import fit_section
@@ -25,12 +25,12 @@ from jointbayes.report.sections.measured_data import (
 from jointbayes.report.sections.methods import methods_section, terms_section
 from jointbayes.report.sections.natural_frequencies import frequency_section, own_section
 from jointbayes.report.sections.run_details import sampling_section, settings_section, starts_section
-from jointbayes.report.sections.several_setups import assembly_section, curve_section, overview_section, setup_section
-from jointbayes.report.sections.trust import worst_setup
+from jointbayes.report.sections.several_tests import assembly_section, curve_section, overview_section, section_of_test
+from jointbayes.report.sections.trust import worst_test
 
 Inputs = TypeVar("Inputs")
 Section: TypeAlias = Callable[[ReportInputs], ReportSection | None]
-SectionOfData: TypeAlias = Callable[[SetupInputs], ReportSection | None]
+SectionOfData: TypeAlias = Callable[[TestInputs], ReportSection | None]
 
 _OF_MODES = (frequency_section, own_section, joint_in_modes_section)
 _OF_DATA = (measurement_section, measured_modes_section)
@@ -57,14 +57,14 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     """Build the report: the answer first, then what bears it out, then the appendix."""
     synthetic = " — synthetic data" if inputs.summary.fit.synthetic_data else ""
     pages, more = [], []
-    shown = _shown_setup(inputs)
+    shown = _shown_test(inputs)
     shared = share_pages([_blocks(sections, inputs, of_data, shown) for _, _, sections, of_data in PAGES])
     for (identifier, title, *_), (page, rest) in zip(PAGES, shared, strict=True):
         pages += [ReportSection(identifier, title, page)] if page else []
         more += [ReportSection(f"{identifier}-more", f"{title}, the rest", rest, appendix=True)] if rest else []
-    others = [setup for setup in enumerate(inputs.setups, 1) if setup[1].problem.test.name != shown.problem.test.name]
+    others = [test for test in enumerate(inputs.tests, 1) if test[1].problem.test.name != shown.problem.test.name]
     of_data = tuple(chain.from_iterable(page[3] for page in PAGES))
-    more += [replace(setup_section(n, setup, _written(of_data, setup)), appendix=True) for n, setup in others]
+    more += [replace(section_of_test(n, test, _written(of_data, test)), appendix=True) for n, test in others]
     appendix = [replace(section, appendix=True) for section in _written(APPENDIX, inputs)]
     first = lead(inputs)
     said = [str(block) for block in chain(first, *(section.blocks for section in (*pages, *more, *appendix)))]
@@ -79,19 +79,19 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     return with_guides(report)
 
 
-def _shown_setup(inputs: ReportInputs) -> SetupInputs:
+def _shown_test(inputs: ReportInputs) -> TestInputs:
     """The test whose data the pages show: of several the one that the model explains worst."""
-    worst = worst_setup(inputs.summary)
-    return next(setup for setup in inputs.setups if setup.summary is worst)
+    worst = worst_test(inputs.summary)
+    return next(test for test in inputs.tests if test.summary is worst)
 
 
 def _blocks(
-    sections: Sequence[Section], inputs: ReportInputs, of_data: Sequence[SectionOfData], shown: SetupInputs
+    sections: Sequence[Section], inputs: ReportInputs, of_data: Sequence[SectionOfData], shown: TestInputs
 ) -> list[Block]:
     """What the sections of a page say, one after the other."""
     blocks = list(chain.from_iterable(section.blocks for section in _written(sections, inputs)))
     of_test = list(chain.from_iterable(section.blocks for section in _written(of_data, shown)))
-    if of_test and len(inputs.setups) > 1:
+    if of_test and len(inputs.tests) > 1:
         name = shown.problem.test.name
         blocks.append(
             Paragraph(f"**Test {name}**, the one that the model explains worst; the others are in the appendix.")

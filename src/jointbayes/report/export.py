@@ -38,7 +38,7 @@ def export(
     path: str | os.PathLike[str],
     form: str,
     *,
-    setup: str | None = None,
+    test: str | None = None,
     units: Units = "SI",
     nodes: Mapping[str, int] | None = None,
     first_id: int = 900001,
@@ -58,8 +58,8 @@ def export(
     form
         ``"uff58"``, ``"uff58b"``, ``"mat"`` or ``"csv"`` for FRFs and modes (csv: FRFs alone), ``"nastran"``,
         ``"abaqus"``, ``"calculix"`` or ``"ansys"`` for cards of the joint.
-    setup
-        Name of the set-up, where there are several; by default the first.
+    test
+        Name of the test, where there are several; by default the first.
     units
         Of the cards: ``"SI"`` or ``"mm-N-t"``. Measurement files are in SI units.
     nodes
@@ -74,7 +74,7 @@ def export(
     WriteError
         If the file cannot be written.
     """
-    part, numbers, target = posterior.problem.part(setup), dict(nodes or {}), Path(path)
+    part, numbers, target = posterior.problem.part(test), dict(nodes or {}), Path(path)
     if form not in (*FILES, *PROGRAMS):
         raise ModelError(f"export: found format {form!r}; expected one of {', '.join((*FILES, *PROGRAMS))}; correct it")
     theta, of = central_joint(posterior)
@@ -87,8 +87,8 @@ def export(
     dofs = tuple(dict.fromkeys((*part.test.data.dofs, *part.test.joints.labels)))
     universal = form.startswith("uff")
     labels = _numbered_labels(dofs, numbers) if universal else dict(zip(dofs, dofs, strict=True))
-    frfs, ends = ((), ()) if part.test.data.shown_frfs is None else _frfs(posterior, setup, labels)
-    modes = _modes(posterior, setup, theta, labels)
+    frfs, ends = ((), ()) if part.test.data.shown_frfs is None else _frfs(posterior, test, labels)
+    modes = _modes(posterior, test, theta, labels)
     if not frfs and (form == "csv" or not modes):
         raise ModelError(
             f"export: found {part.test.data.words} as data, and no FRFs for {form}; expected FRFs; choose uff58 or mat"
@@ -117,10 +117,10 @@ def central_joint(posterior: Posterior) -> tuple[Array, str]:
 
 
 def _frfs(
-    posterior: Posterior, setup: str | None, labels: Mapping[str, str]
+    posterior: Posterior, test: str | None, labels: Mapping[str, str]
 ) -> tuple[tuple[FrfRecord, ...], tuple[SpectrumRecord, ...]]:
     """The median of each FRF, and both ends of the band of its magnitude."""
-    band = posterior.predict_frf(setup=setup)
+    band = posterior.predict_frf(test=test)
     turn: NDArray[np.complex128] = np.exp(1j * np.deg2rad(band.phase_deg))
     line, unit = band.frequency_hz, si_frf_unit(band.quantity)
     sizes = {"lower end of 95 %": band.magnitude_low, "upper end of 95 %": band.magnitude_high}
@@ -143,21 +143,21 @@ def _band(frfs: tuple[FrfRecord, ...], ends: tuple[SpectrumRecord, ...]) -> dict
     return {"band95": {"low": low, "high": high}}
 
 
-def _modes(posterior: Posterior, setup: str | None, theta: Array, labels: Mapping[str, str]) -> tuple[ModeRecord, ...]:
+def _modes(posterior: Posterior, test: str | None, theta: Array, labels: Mapping[str, str]) -> tuple[ModeRecord, ...]:
     """Lowest modes with unit modal mass at these DOFs of the model; none of a structure with a measured body."""
-    part = posterior.problem.part(setup)
-    test, most, dofs = part.test, min(_MOST_MODES, part.test.most_modes), tuple(labels)
+    part = posterior.problem.part(test)
+    one, most, dofs = part.test, min(_MOST_MODES, part.test.most_modes), tuple(labels)
     if most < 1:
         return ()
 
     def modal_at(rows: Array, count: int) -> Modal:
-        return AssembledShapes(test.structures, test.joints, count, dofs).modes(
+        return AssembledShapes(one.structures, one.joints, count, dofs).modes(
             part.parametrisation.matrix(part.prior.values(rows)), part.structural(part.prior.factors(rows))
         )
 
     modal = modal_at(theta[None], most)
-    count = min(most, max(_FEWEST_MODES, int((modal.frequency_hz[0] <= test.data.top_hz).sum())))
-    frequency_hz = posterior.predict_natural_frequencies(count, setup=setup)  # those of page one
+    count = min(most, max(_FEWEST_MODES, int((modal.frequency_hz[0] <= one.data.top_hz).sum())))
+    frequency_hz = posterior.predict_natural_frequencies(count, test=test)  # those of page one
     damping_ratio = modal_at(posterior.thinned(_DRAWS), count).damping_ratio
     modes = []
     for n in range(count):

@@ -44,7 +44,7 @@ def frf_curves(
     Parameters
     ----------
     posterior
-        Of all set-ups.
+        Of all tests.
     problem
         The part of its problem whose data they are, or whose modes were read off them.
     frf
@@ -57,9 +57,9 @@ def frf_curves(
     lines = shown_lines(frf)
     frf = frf.at_lines(lines)
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
-    band = posterior.predict_frf(ports, setup=problem.test.name or None)
+    band = posterior.predict_frf(ports, test=problem.test.name or None)
     theta, prior, iteration = posterior.estimate.theta, problem.prior, posterior.estimate.iteration
-    iterated = iteration if iteration is not None and iteration.setup == problem.test.name else None
+    iterated = iteration if iteration is not None and iteration.test == problem.test.name else None
     stiffness = [problem.first_guess, prior.values(theta), *([] if iterated is None else [iterated.stiffness])]
     # the first guess is one of the joint: all else is as at the MAP, so that the curves differ by the joint alone
     factors = np.stack([prior.factors(theta)] * len(stiffness))

@@ -20,7 +20,7 @@ def packaged(name: str) -> dict[str, Any]:
 
 def guide_of(identifier: str) -> Guide | None:
     """How to read the figure with this identifier, by the longest beginning that has a guide; None without any."""
-    own = re.sub(r"^setup-\d+-", "", identifier)
+    own = re.sub(r"^test-\d+-", "", identifier)
     named = max((name for name in packaged("guides.toml") if own.startswith(name)), key=len, default=None)
     return None if named is None else Guide(**packaged("guides.toml")[named])
 

@@ -5,29 +5,31 @@ from functools import cached_property
 
 from jointbayes.inference import Problem
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
-from jointbayes.posterior.setup_summary import SetupSummary
 from jointbayes.posterior.summary import Summary, specimen_line
+from jointbayes.posterior.summary_of_test import TestSummary
 from jointbayes.report.markup import foreign
 from vibrecords.arrays import Array
 
 
 @dataclass(frozen=True)
-class SetupInputs:
-    """What the sections on the data of one set-up are written from.
+class TestInputs:
+    """What the sections on the data of one test are written from.
 
     Parameters
     ----------
     posterior
-        Of all set-ups.
+        Of all tests.
     problem
         The problem of this one.
     summary
         The numbers of its data.
     """
 
+    __test__ = False
+
     posterior: Posterior
     problem: Problem
-    summary: SetupSummary
+    summary: TestSummary
 
 
 @dataclass(frozen=True)
@@ -43,10 +45,10 @@ class ReportInputs:
     posterior: Posterior
 
     @property
-    def setups(self) -> tuple[SetupInputs, ...]:
-        """Each set-up; a lone test is one."""
-        parts, summaries = self.posterior.problem.parts, self.summary.setups
-        return tuple(SetupInputs(self.posterior, part, summaries[part.test.name]) for part in parts)
+    def tests(self) -> tuple[TestInputs, ...]:
+        """Each test; a lone test is one."""
+        parts, summaries = self.posterior.problem.parts, self.summary.tests
+        return tuple(TestInputs(self.posterior, part, summaries[part.test.name]) for part in parts)
 
     @cached_property
     def knowledge(self) -> Knowledge:

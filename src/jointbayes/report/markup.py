@@ -57,7 +57,7 @@ def coordinate_labels(problem: Problem) -> list[str]:
 
 
 def nuisance_label(name: str) -> str:
-    """Short label of an uncertain quantity for an axis; of one body or set-up with its name."""
+    """Short label of an uncertain quantity for an axis; of one body or test with its name."""
     owner, _, quantity = name.rpartition(".")
     if owner:
         return f"{nuisance_label(quantity)} {owner}"
@@ -67,7 +67,7 @@ def nuisance_label(name: str) -> str:
 
 
 def readable(name: str) -> str:
-    """Name of an uncertain quantity in a sentence; of one body or set-up with its name."""
+    """Name of an uncertain quantity in a sentence; of one body or test with its name."""
     owner, _, quantity = name.rpartition(".")
     if owner:
         return f"{readable(quantity)} of {owner}"

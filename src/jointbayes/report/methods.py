@@ -10,7 +10,7 @@ from importlib.resources import files
 from jointbayes.posterior.identifiability import RULE
 from jointbayes.posterior.model_errors import MeshCheck
 from jointbayes.report.guides import packaged
-from jointbayes.report.inputs import ReportInputs, SetupInputs
+from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.markup import foreign, readable
 from jointbayes.reproducibility import code_version
 from jointbayes.rounding import interval, join_unit
@@ -34,7 +34,7 @@ def methods_text(inputs: ReportInputs) -> str:
     """One paragraph on what ran, from model and data to the seed, with what to cite in square brackets."""
     posterior, summary, knowledge = inputs.posterior, inputs.summary, inputs.knowledge
     say, record, estimate = packaged("methods.toml")["run"], posterior.record, posterior.estimate
-    told = [text for setup in inputs.setups for text in _model_and_data(setup, summary.mesh)]
+    told = [text for test in inputs.tests for text in _model_and_data(test, summary.mesh)]
     axes = zip(posterior.problem.parametrisation.axes, posterior.problem.prior.marginals, strict=True)
     priors = ", ".join(f"{_words(law)} in {axis.label}" for axis, law in axes)
     of_joint = [(name, p.prior_interval95, p.unit) for name, p in summary.parameters.items()]
@@ -60,9 +60,9 @@ def methods_text(inputs: ReportInputs) -> str:
     return foreign(" ".join(told))
 
 
-def _model_and_data(setup: SetupInputs, mesh: MeshCheck | None) -> Iterable[str]:
+def _model_and_data(inputs: TestInputs, mesh: MeshCheck | None) -> Iterable[str]:
     """What was modelled, measured and assumed of the noise in one test."""
-    test, say = setup.problem.test, packaged("methods.toml")["run"]
+    test, say = inputs.problem.test, packaged("methods.toml")["run"]
     body, name = test.structures, f"{test.name}: " if test.name else ""
     cut = say["matrices"]
     if mesh:
@@ -75,7 +75,7 @@ def _model_and_data(setup: SetupInputs, mesh: MeshCheck | None) -> Iterable[str]
     synthetic = say["synthetic"] if test.data.synthetic else ""
     compared = say["magnitudes"] if test.residual_kind == "log_magnitude" else ""
     yield say["data"].format(
-        name, test.data.in_short(), synthetic, setup.summary.fit.n_data, _words(test.noise), compared
+        name, test.data.in_short(), synthetic, inputs.summary.fit.n_data, _words(test.noise), compared
     )
 
 

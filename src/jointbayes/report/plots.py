@@ -1,7 +1,7 @@
 """Figures of a report in a notebook, each drawn onto the axes that are given, or onto new ones of pyplot.
 
 What they show is drawn by :mod:`jointbayes.report.drawing`, as in a report; fonts and grid are the user's. Where
-there are several set-ups, `setup` is the name of one, by default of the first.
+there are several tests, `test` is the name of one, by default of the first.
 """
 
 from typing import Any, cast
@@ -16,14 +16,14 @@ from jointbayes.frf import AssembledShapes
 from jointbayes.identification import IterationHistory
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.setup_summary import frequency_summary
+from jointbayes.posterior.summary_of_test import frequency_summary
 from jointbayes.report import drawing
 from jointbayes.report.drawing import AxesArray
 from jointbayes.report.frf_curves import frf_curves, frf_unit
 from jointbayes.report.sections.intervals import corner_values
 from jointbayes.report.sections.natural_frequencies import compared_modes, frequency_values, shape_values
 from jointbayes.report.sections.run_details import chain_values
-from jointbayes.report.sections.several_setups import curve_values
+from jointbayes.report.sections.several_tests import curve_values
 from jointbayes.rounding import engineering, join_unit
 from vibrecords import FrfSet, ModeData
 
@@ -72,7 +72,7 @@ def plot_frf(
     input_: str | None = None,
     *,
     phase: bool = False,
-    setup: str | None = None,
+    test: str | None = None,
     ax: Axes | None = None,
 ) -> Axes:
     """Draw one FRF: of a posterior measured, first guess, and MAP with its 95 % band; else as measured.
@@ -85,21 +85,21 @@ def plot_frf(
         DOF labels; by default the first of each.
     phase
         The phase in degrees instead of the magnitude.
-    setup
-        Name of the set-up, where there are several; by default the first.
+    test
+        Name of the test, where there are several; by default the first.
     ax
         Axes to draw on; by default new ones.
 
     Raises
     ------
     ModelError
-        If the data are no FRFs, or there is no such set-up.
+        If the data are no FRFs, or there is no such test.
     MeasurementError
         If there is no such DOF.
     """
     require(source, Posterior | Problem | FrfSet, "plot_frf: found", "a posterior, a problem or an FrfSet; pass one")
     problem = source.problem if isinstance(source, Posterior) else source
-    whole = problem if isinstance(problem, FrfSet) else _measured_frfs(problem.part(setup))
+    whole = problem if isinstance(problem, FrfSet) else _measured_frfs(problem.part(test))
     frf = whole.select([output or whole.outputs[0]], [input_ or whole.inputs[0]])
     (ax,) = _axes(ax, 3.4)
     if not isinstance(source, Posterior):
@@ -107,21 +107,21 @@ def plot_frf(
         values = np.angle(frf.values, deg=True) if phase else np.abs(frf.values)
         drawing.draw_curve(ax, frf.frequency_hz, values[:, 0, 0], label, log=not phase)
     else:
-        drawing.draw_frf(ax, *frf_curves(source, source.problem.part(setup), frf), phase=phase)
+        drawing.draw_frf(ax, *frf_curves(source, source.problem.part(test), frf), phase=phase)
     if len(whole.outputs) * len(whole.inputs) > 1:
         (ax.get_legend() or ax).set_title(f"{frf.outputs[0]} / {frf.inputs[0]}")
     return ax
 
 
-def plot_residuals(posterior: Posterior, *, setup: str | None = None, ax: Axes | None = None) -> Axes:
+def plot_residuals(posterior: Posterior, *, test: str | None = None, ax: Axes | None = None) -> Axes:
     """Draw the squared residual of each line over what the noise makes of it.
 
     Raises
     ------
     ModelError
-        If the data are no FRFs, or there is no such set-up.
+        If the data are no FRFs, or there is no such test.
     """
-    part = _of(posterior).problem.part(setup)
+    part = _of(posterior).problem.part(test)
     if part.test.data.frfs is None and part.test.data.shown_frfs is not None:
         raise ModelError(
             "figure: found the modes of FRFs as data, not these; expected FRFs analysed line by line; draw plot_frf, "
@@ -202,15 +202,15 @@ def plot_profiles(posterior: Posterior, *names: str, axes: AxesArray | None = No
     return axes
 
 
-def plot_frequencies(posterior: Posterior, *, setup: str | None = None, ax: Axes | None = None) -> Axes:
+def plot_frequencies(posterior: Posterior, *, test: str | None = None, ax: Axes | None = None) -> Axes:
     """Draw how far predicted natural frequencies are from the measured ones.
 
     Raises
     ------
     ModelError
-        If no natural frequencies were measured, or there is no such set-up.
+        If no natural frequencies were measured, or there is no such test.
     """
-    part = _of(posterior).problem.part(setup)
+    part = _of(posterior).problem.part(test)
     measured = posterior.measured_frequencies_hz if len(posterior.problem.tests) == 1 else part.test.data.lowest_hz
     if not measured:
         raise ModelError("plot_frequencies: found no measured frequencies; expected some; draw plot_frf instead")
@@ -220,7 +220,7 @@ def plot_frequencies(posterior: Posterior, *, setup: str | None = None, ax: Axes
     return ax
 
 
-def plot_mode_shape(posterior: Posterior, mode: int = 1, *, setup: str | None = None, ax: Axes | None = None) -> Axes:
+def plot_mode_shape(posterior: Posterior, mode: int = 1, *, test: str | None = None, ax: Axes | None = None) -> Axes:
     """Draw the components of one mode: as measured and predicted where its shape is among the data, else as predicted.
 
     Measured ones have the number of the data. Predicted ones are counted from the lowest natural frequency, and drawn
@@ -229,9 +229,9 @@ def plot_mode_shape(posterior: Posterior, mode: int = 1, *, setup: str | None = 
     Raises
     ------
     ModelError
-        If there is no such mode or set-up, or a body is given by its measured FRFs and has no modes.
+        If there is no such mode or test, or a body is given by its measured FRFs and has no modes.
     """
-    problem = _of(posterior).problem.part(setup)
+    problem = _of(posterior).problem.part(test)
     data = problem.test.data.modes
     shapes = getattr(data, "shapes", None)
     if data is None or shapes is None or mode not in data.numbers:
@@ -262,7 +262,7 @@ def _plot_predicted_shape(posterior: Posterior, problem: Problem, mode: int, ax:
 
 
 def plot_levels(posterior: Posterior, name: str, *, ax: Axes | None = None) -> Axes:
-    """Draw a quantity over the levels of the set-ups that have it for themselves, see `Posterior.curve`."""
+    """Draw a quantity over the levels of the tests that have it for themselves, see `Posterior.curve`."""
     values, (ax,) = curve_values(_of(posterior).curve(name)), _axes(ax, 3.0)
     drawing.draw_level_curve(ax, *values)
     return ax

@@ -485,7 +485,7 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
     ModelError
         If the likelihood has a term that is a function of one's own, or a body is given by its FRFs.
     MeasurementError
-        If the two measure other things: set-ups, lines, outputs, inputs, quantity or number of natural frequencies.
+        If the two measure other things: tests, lines, outputs, inputs, quantity or number of natural frequencies.
     """
     for problem in (analysis, source):
         if problem.extra_log_likelihood is not None:
@@ -502,7 +502,7 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
     if source is analysis:
         return
     names = [[test.name for test in problem.tests] for problem in (analysis, source)]
-    other = ["set-ups"] if names[0] != names[1] else []
+    other = ["tests"] if names[0] != names[1] else []
     for analysed, simulated in zip(analysis.tests, source.tests, strict=False):
         here, there = analysed.data.layout, simulated.data.layout
         other += [name for name, value in here.items() if value != there.get(name)]
@@ -515,7 +515,7 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
 
 
 def simulated_problem(analysis: Problem, source: Problem, theta: Array, rng: np.random.Generator) -> Problem:
-    """A problem with the data that another one, or itself, gives at a truth, shape (d,): those of every set-up.
+    """A problem with the data that another one, or itself, gives at a truth, shape (d,): those of every test.
 
     Raises
     ------

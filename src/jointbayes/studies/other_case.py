@@ -23,7 +23,7 @@ from vibrecords import Quantity
 #: Tables of a case on data that there are none of.
 _OF_DATA = frozenset(
     {"data", "noise", "left_out", "plan", "compare", "reference", "virtual_test", "identification", "sampling"}
-    | {"setups", "level", "assembly", "bodies"}
+    | {"tests", "level", "assembly", "bodies"}
 )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import scipy  # its parts load at first use
 
 from jointbayes.case.case import AnyCase, Case, require_case
-from jointbayes.case.case_objects import CaseSetup, generator_of, true_family, true_stiffness
+from jointbayes.case.case_objects import CaseTest, generator_of, true_family, true_stiffness
 from jointbayes.case.spec.data_table import SyntheticFrfSpec
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
 from jointbayes.errors import CaseError, MeasurementError
@@ -36,26 +36,26 @@ _GONE = 20.0  # the same, for what must have died away altogether
 
 @dataclass(frozen=True)
 class Truth:
-    """The structure and joint that make the data of a case, or of one of its set-ups by name.
+    """The structure and joint that make the data of a case, or of one of its tests by name.
 
     Raises
     ------
     CaseError
-        If the data are not of kind ``"synthetic_frf"``: nothing else has a known truth; or if there is no such set-up,
+        If the data are not of kind ``"synthetic_frf"``: nothing else has a known truth; or if there is no such test,
         or several and none is named.
     """
 
     case: Case
-    setup: str = ""
+    test: str = ""
 
     @cached_property
-    def case_setup(self) -> CaseSetup:
-        """The set-up; a lone test is one."""
-        wanted = next((setup for setup in self.case.setups if setup.name == self.setup), None)
+    def case_test(self) -> CaseTest:
+        """The test; a lone test is one."""
+        wanted = next((test for test in self.case.tests if test.name == self.test), None)
         if wanted is None:
-            names = ", ".join(setup.name for setup in self.case.setups)
+            names = ", ".join(test.name for test in self.case.tests)
             raise CaseError(
-                f"{self.case.name}: found set-up {self.setup!r} to be simulated; expected one of {names or 'none'}; "
+                f"{self.case.name}: found test {self.test!r} to be simulated; expected one of {names or 'none'}; "
                 "name it"
             )
         return wanted
@@ -63,26 +63,26 @@ class Truth:
     @cached_property
     def data(self) -> SyntheticFrfSpec:
         """The case's `[data]`."""
-        data = self.case_setup.spec.synthetic
+        data = self.case_test.spec.synthetic
         if data is None:
             expected = '"synthetic_frf", whose [data.truth] a virtual test can measure'
-            words = f'found "{self.case_setup.spec.data.kind}"', expected, "state a truth"
-            raise CaseError(self.case_setup.source.fault(("data", "kind"), *words))
+            words = f'found "{self.case_test.spec.data.kind}"', expected, "state a truth"
+            raise CaseError(self.case_test.source.fault(("data", "kind"), *words))
         return data
 
     @cached_property
     def _structures(self) -> Body:
-        return true_family(self.case_setup.spec)
+        return true_family(self.case_test.spec)
 
     @cached_property
     def matrix(self) -> JointMatrix:
         """True K^J, shape (2, 2)."""
-        return self.case_setup.spec.parametrisation.matrix(true_stiffness(self.case_setup.spec))
+        return self.case_test.spec.parametrisation.matrix(true_stiffness(self.case_test.spec))
 
     @cached_property
     def decay_rate(self) -> float:
         """Decay rate ζω of the slowest mode with the joint in place, 1/s; rigid motion does not count."""
-        body, joint = self._structures.certain(), self.case_setup.joint
+        body, joint = self._structures.certain(), self.case_test.joint
         count, law = body.n_dofs - rigid_body_modes(body, joint), body.damping
         omega = 2 * np.pi * NaturalFrequencies(body, joint, count).frequency_hz(self.matrix)[0]
         alpha, beta = law.viscous
@@ -92,7 +92,7 @@ class Truth:
     def frf(self, frequency_hz: Array, outputs: tuple[str, ...]) -> FrfSet:
         """Exact FRFs of the case's quantity and gain at given lines (lines,) in Hz, at given outputs."""
         ports = Ports(frequency_hz, outputs, self.data.inputs)
-        model = receptance_model(self._structures.reference(), self.case_setup.joint, ports)
+        model = receptance_model(self._structures.reference(), self.case_test.joint, ports)
         receptance = model.receptance(self.matrix)[0]
         values = self.data.truth.gain * receptance * quantity_factor(frequency_hz, self.data.quantity)[:, None, None]
         return FrfSet(frequency_hz, values, outputs, self.data.inputs, self.data.quantity)
@@ -100,7 +100,7 @@ class Truth:
 
 @one_blas_thread()
 def simulate(
-    case: AnyCase, settings: VirtualTestSpec | None = None, *, setup: str = "", seed: int | None = None
+    case: AnyCase, settings: VirtualTestSpec | None = None, *, test: str = "", seed: int | None = None
 ) -> list[Record]:
     """Measure the truth of a case in a virtual test.
 
@@ -112,8 +112,8 @@ def simulate(
         their channels.
     settings
         The `[virtual_test]` table; by default the case's own.
-    setup
-        Which of several set-ups is measured.
+    test
+        Which of several tests is measured.
     seed
         Seed of all noise, hits and forces; by default that of the `[virtual_test]` table.
 
@@ -125,17 +125,17 @@ def simulate(
     Raises
     ------
     CaseError
-        If the case, or the set-up, has no truth; or if there is no such set-up.
+        If the case, or the test, has no truth; or if there is no such test.
     MeasurementError
         If the test cannot be made so, for example with blocks too short for the lines.
     """
-    truth = Truth(require_case(case), setup)
-    test = truth.case_setup.spec.virtual_test if settings is None else settings
+    truth = Truth(require_case(case), test)
+    asked = truth.case_test.spec.virtual_test if settings is None else settings
     try:
-        return _measured(truth, test, generator_of(test.seed if seed is None else seed, truth.case_setup.name))
+        return _measured(truth, asked, generator_of(asked.seed if seed is None else seed, truth.case_test.name))
     except MeasurementError as error:
         words = str(error).removeprefix("virtual test: ")
-        raise MeasurementError(truth.case_setup.source.fault(("virtual_test",), words)) from error
+        raise MeasurementError(truth.case_test.source.fault(("virtual_test",), words)) from error
 
 
 def _measured(truth: Truth, test: VirtualTestSpec, rng: np.random.Generator) -> list[Record]:

@@ -232,7 +232,7 @@ def shift_warning(first: Peaks, other: Peaks, *, same_frf: bool) -> MeasurementW
         return MeasurementWarning(
             "level_dependence",
             f"the same FRF is there twice, and {where}: the structure depends on the level of the force, or changed",
-            "measure at one level, the lower the better, or give each level a set-up of its own",
+            "measure at one level, the lower the better, or give each level a test of its own",
         )
     return MeasurementWarning(
         "mass_loading",

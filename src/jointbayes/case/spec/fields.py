@@ -107,11 +107,11 @@ _KEYS: tuple[_Path, ...] = (
     *(("structure", "parts", _ANY, key) for key in ("file", "mass_file", "bending_file")),
 )
 #: Tables that state the same keys again, as tables of the file.
-_WITHIN: tuple[_Path, ...] = ((), ("setups", _ANY), ("plan", "setups", _ANY))
+_WITHIN: tuple[_Path, ...] = ((), ("tests", _ANY), ("plan", "tests", _ANY))
 
 
 def named_files(data: Mapping[str, Any]) -> dict[_Path, _Path]:
-    """Names of files that the tables of a case state, by key; not those of its set-ups."""
+    """Names of files that the tables of a case state, by key; not those of its tests."""
     names: dict[_Path, _Path] = {}
 
     def note(path: _Path, name: str) -> str:
@@ -284,7 +284,7 @@ def ascii_unit(unit: str) -> str:
     return "no unit" if unit == "1" else unit.replace("·", " ")
 
 
-OWN = key_field("true (each set-up has its own) or false (one for all set-ups)", True)
+OWN = key_field("true (each test has its own) or false (one for all tests)", True)
 JOINED = key_field("false (nothing is joined: the free structure) or true (every joint acts)", False)
 DATA_KIND = key_field(
     'the kind of data, "synthetic_frf", "natural_frequencies", "modes", "measured_frf" or "measured_frequencies"',
@@ -395,7 +395,7 @@ def _named(text: str) -> str:
     return text
 
 
-#: The name of a joint or of a set-up.
+#: The name of a joint or of a test.
 Name = Annotated[str, AfterValidator(_named)]
 # A TOML array is a list; the frozen models keep tuples, which strict mode would refuse to build from lists.
 Label = Annotated[str, AfterValidator(_label)]

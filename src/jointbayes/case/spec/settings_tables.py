@@ -1,6 +1,6 @@
 """The tables of a case file that set what is done with the data, and `[reference]`, what it is compared with.
 
-Noise models, the sampler, hypotheses, plans, virtual tests; and `[setups.NAME]`, what differs between several tests.
+Noise models, the sampler, hypotheses, plans, virtual tests; and `[tests.NAME]`, what differs between several tests.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ _LEVEL_NAME = Field(
 _LEVEL_UNIT = Field(
     max_length=20, pattern=r"^[^\r\n]*$", description="the unit of the level, a short text", examples=["N m"]
 )
-_REMOVE = key_field("a list of keys or tables of the rest of the file that this set-up does not take", ["prior.k12"])
+_REMOVE = key_field("a list of keys or tables of the rest of the file that this test does not take", ["prior.k12"])
 
 
 def _changes(of: str) -> object:
@@ -146,7 +146,7 @@ def _changes(of: str) -> object:
 _Table = dict[str, Any] | None
 
 
-class PlannedSetupSpec(Spec):
+class PlannedTestSpec(Spec):
     """A test that could be made: what is different from the rest of the file, whose tables these are."""
 
     remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
@@ -158,7 +158,7 @@ class PlannedSetupSpec(Spec):
     data: Annotated[_Table, _changes("the data")] = None
 
 
-class SetupSpec(PlannedSetupSpec):
+class TestSpec(PlannedTestSpec):
     """One test of several: what is different from the rest of the file, whose tables these are."""
 
     level: Annotated[float | None, _LEVEL] = None
@@ -170,7 +170,7 @@ class SetupSpec(PlannedSetupSpec):
 
 _LEFT_MODES = Field(description="a list of the numbers of modes that are left out and predicted", examples=[[3, 4]])
 _LEFT_BANDS = key_field("a list of bands [lowest, highest] in Hz whose lines are left out and predicted", [[300, 400]])
-_LEFT_SETUPS = key_field("a list of the names of set-ups that are left out and predicted", ["long"])
+_LEFT_TESTS = key_field("a list of the names of tests that are left out and predicted", ["long"])
 _Band = Annotated[tuple[float, Positive], Strict(False)]
 
 
@@ -181,11 +181,11 @@ class LeftOutSpec(Spec):
         tuple[Annotated[int, Field(ge=1, le=1000)], ...], Strict(False), max_length(1000), _LEFT_MODES
     ] = ()
     bands_hz: Annotated[tuple[_Band, ...], Strict(False), max_length(1000), _LEFT_BANDS] = ()
-    setups: Annotated[tuple[Name, ...], Strict(False), _LEFT_SETUPS] = ()
+    tests: Annotated[tuple[Name, ...], Strict(False), _LEFT_TESTS] = ()
 
 
 class LevelSpec(Spec):
-    """What the levels of the set-ups are: a torque, a drive level, a temperature."""
+    """What the levels of the tests are: a torque, a drive level, a temperature."""
 
     name: Annotated[str, _LEVEL_NAME]
     unit: Annotated[str, _LEVEL_UNIT] = ""
@@ -196,7 +196,7 @@ _SCATTER_FACTOR = Field(gt=1, description="the factor by which that may be wrong
 
 
 class AssemblySpec(Spec):
-    """Each set-up is an assembly of its own: stiffnesses scatter between them about those of the usual assembly."""
+    """Each test is an assembly of its own: stiffnesses scatter between them about those of the usual assembly."""
 
     scatter: Annotated[Positive, _SCATTER] = 0.1
     scatter_factor: Annotated[float, _SCATTER_FACTOR] = 3.0
@@ -224,9 +224,9 @@ class PlanSpec(Spec):
     outputs: Annotated[Labels, key_field("a list of DOFs that could be measured", ["6:y"])] = ()
     inputs: Annotated[Labels, key_field("a list of DOFs that could be excited", ["11:y"])] = ()
     max_measurements: Annotated[int, count_field("the largest number of further measurements", 1, 1, 4)] = 1
-    setups: Annotated[
-        dict[Name, PlannedSetupSpec],
-        Field(description="tests that could be made, a table for each by its name, as [plan.setups.short.structure]"),
+    tests: Annotated[
+        dict[Name, PlannedTestSpec],
+        Field(description="tests that could be made, a table for each by its name, as [plan.tests.short.structure]"),
     ] = {}  # noqa: RUF012 (pydantic copies it)
     together: Annotated[tuple[_Set, ...], Strict(False), _TOGETHER] = ()
     averages_factor: Annotated[float, _AVERAGES_FACTOR] = 4.0

@@ -46,7 +46,7 @@ from jointbayes.case.spec.settings_tables import (
     PredictSpec,
     ReferenceSpec,
     SamplingSpec,
-    SetupSpec,
+    TestSpec,
     VirtualTestSpec,
 )
 from jointbayes.case.spec.structure_kinds import BeamSpec, ChainSpec, MatricesSpec
@@ -129,11 +129,11 @@ def _channel_findings(structure: StructureBase, data: MeasuredSpec, elsewhere: f
 
 
 def assembly_findings(levels: Mapping[str, float | None], joints: Mapping[str, JointSpec]) -> Iterator[Finding]:
-    """Yield that there is nothing that scatters: no joint of the set-ups' own, or no two set-ups of one level."""
+    """Yield that there is nothing that scatters: no joint of the tests' own, or no two tests of one level."""
     if not any(joint.own for joint in joints.values()):
-        fault, remedy = "found no joint that is each set-up's own", "add own = true to [joint]"
+        fault, remedy = "found no joint that is each test's own", "add own = true to [joint]"
     elif len(set(levels.values())) == len(levels):
-        fault = f"found {len(levels)} set-ups{' at as many levels' if len(levels) > 1 else ''}"
+        fault = f"found {len(levels)} tests{' at as many levels' if len(levels) > 1 else ''}"
         remedy = "add an assembly, or remove [assembly]"
     else:
         return
@@ -141,15 +141,15 @@ def assembly_findings(levels: Mapping[str, float | None], joints: Mapping[str, J
 
 
 def level_findings(level: LevelSpec | None, levels: Mapping[str, float | None]) -> Iterator[Finding]:
-    """Yield levels of nothing that is named, of some set-ups only, or all alike."""
+    """Yield levels of nothing that is named, of some tests only, or all alike."""
     given = [name for name, value in levels.items() if value is not None]
     if given and level is None:
         fault, expected = f"found a level of {given[0]}, of nothing that is named", '[level] with a name, as "torque"'
-        yield Finding(("setups", given[0], "level"), fault, expected, "add a table [level]")
+        yield Finding(("tests", given[0], "level"), fault, expected, "add a table [level]")
     elif level is not None and (len(given) < len(levels) or not levels):
         without = next((name for name, value in levels.items() if value is None), "")
-        fault = f"found no level of set-up {without}" if without else "found no set-ups"
-        yield Finding(("level",), fault, "a level in the table of each set-up", "add level = 2.0 or remove [level]")
+        fault = f"found no level of test {without}" if without else "found no tests"
+        yield Finding(("level",), fault, "a level in the table of each test", "add level = 2.0 or remove [level]")
     elif given and len({levels[name] for name in given}) < 2:
         fault = f"found the level {levels[given[0]]:g} alone, so that there is nothing to compare"
         yield Finding(("level",), fault, "two levels at least that differ", "correct the levels or remove [level]")
@@ -356,21 +356,21 @@ def noise_findings(noise: NoiseModelSpec, model_error: ModelErrorSpec | None, da
 
 
 def left_out_findings(
-    left_out: LeftOutSpec, data: DataSpec, noise: NoiseModelSpec, setups: Sequence[str], joints: Iterable[JointSpec]
+    left_out: LeftOutSpec, data: DataSpec, noise: NoiseModelSpec, tests: Sequence[str], joints: Iterable[JointSpec]
 ) -> Iterator[Finding]:
-    """Yield what cannot be left out: modes of FRFs, lines of modes, set-ups that are none, all, or have own joints."""
+    """Yield what cannot be left out: modes of FRFs, lines of modes, tests that are none, all, or have own joints."""
     key, other, what = ("modes", "bands_hz", "FRFs") if data.frfs else ("bands_hz", "modes", "modes")
     if getattr(left_out, key):
         yield Finding(("left_out", key), f"found it for data that are {what}", other, "write that, or remove it")
-    if noise.scale == "integrated" and (left_out.modes or left_out.bands_hz or left_out.setups):
+    if noise.scale == "integrated" and (left_out.modes or left_out.bands_hz or left_out.tests):
         fault = 'found data to be predicted with noise of scale = "integrated"'
         yield Finding(("left_out",), fault, '"known" or "sampled"', 'write scale = "sampled"')
-    if left_out.setups and (set(setups) <= set(left_out.setups) or not set(left_out.setups) <= set(setups)):
-        fault, expected = f"found {listed(left_out.setups)}", f"some of {listed(setups) or 'several set-ups'}, not all"
-        yield Finding(("left_out", "setups"), fault, expected, "correct the names")
-    elif left_out.setups and any(joint.own for joint in joints):
-        fault = "found set-ups with joints of their own, of which the others say nothing"
-        yield Finding(("left_out", "setups"), fault, "joints that set-ups share", "remove it")
+    if left_out.tests and (set(tests) <= set(left_out.tests) or not set(left_out.tests) <= set(tests)):
+        fault, expected = f"found {listed(left_out.tests)}", f"some of {listed(tests) or 'several tests'}, not all"
+        yield Finding(("left_out", "tests"), fault, expected, "correct the names")
+    elif left_out.tests and any(joint.own for joint in joints):
+        fault = "found tests with joints of their own, of which the others say nothing"
+        yield Finding(("left_out", "tests"), fault, "joints that tests share", "remove it")
 
 
 def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
@@ -436,7 +436,7 @@ BEFORE_OBJECTS: ContextVar[Callable[[], None]] = ContextVar("BEFORE_OBJECTS", de
 class CaseSpec(Spec):
     """A whole case file; of one that builds on another what both are together, without `extends` and `remove`.
 
-    Of several set-ups it is that of one: the rest of the file with what the set-up changes.
+    Of several tests it is that of one: the rest of the file with what the test changes.
     """
 
     extends: Annotated[str, _EXTENDS] = ""
@@ -445,12 +445,12 @@ class CaseSpec(Spec):
     about: Annotated[AboutSpec, Field(description="what was tested: specimen, date, operator, instruments")] = (
         AboutSpec()
     )
-    setups: Annotated[
-        dict[Name, SetupSpec], Field(description="several tests of the same joints, a table for each, as [setups.long]")
+    tests: Annotated[
+        dict[Name, TestSpec], Field(description="several tests of the same joints, a table for each, as [tests.long]")
     ] = {}  # noqa: RUF012 (pydantic copies it)
-    level: Annotated[LevelSpec | None, Field(description="what the levels of the set-ups are: name, unit")] = None
+    level: Annotated[LevelSpec | None, Field(description="what the levels of the tests are: name, unit")] = None
     assembly: Annotated[
-        AssemblySpec | None, Field(description="that each set-up is an assembly of its own: scatter, scatter_factor")
+        AssemblySpec | None, Field(description="that each test is an assembly of its own: scatter, scatter_factor")
     ] = None
     structure: StructureSpec
     joined: Annotated[bool, JOINED] = True
@@ -471,7 +471,7 @@ class CaseSpec(Spec):
     ] = UncertainSpec()
     data: DataSpec
     noise: Annotated[NoiseModelSpec, Field(description="how residuals are judged")] = NoiseModelSpec()
-    left_out: Annotated[LeftOutSpec, Field(description="data that are left out: modes, bands_hz, setups")] = (
+    left_out: Annotated[LeftOutSpec, Field(description="data that are left out: modes, bands_hz, tests")] = (
         LeftOutSpec()
     )
     identification: Annotated[IdentificationSpec, Field(description="settings of the iteration")] = IdentificationSpec()
@@ -532,7 +532,7 @@ class CaseSpec(Spec):
     def plan_outputs(self) -> tuple[str, ...]:
         """DOFs that a further measurement may add: those of the plan, or each translation along that of the joint."""
         joint = self.joint or next(iter(self.joints.values()), None)
-        if joint is None:  # of a set-up in which nothing is joined
+        if joint is None:  # of a test in which nothing is joined
             return self.plan.outputs
         direction = joint.directions[0]
         every = (f"{point}:{direction}" for point in self.structure.points_in_order)
@@ -558,16 +558,16 @@ class CaseSpec(Spec):
         by_name = {name: joint.parametrisation_object for name, joint in self.all_joints.items()}
         return blocks_of({**by_name, **self.sharing})
 
-    def leaves_out(self, setup: str) -> bool:
-        """Whether a set-up does not enter the estimate."""
-        return setup in self.left_out.setups
+    def leaves_out(self, test: str) -> bool:
+        """Whether a test does not enter the estimate."""
+        return test in self.left_out.tests
 
-    def joint_of_setup(self, setup: str, name: str) -> tuple[str, str]:
-        """Names of a joint of a set-up, and of the one whose quantities it has, among the joints of all set-ups."""
+    def joint_of_test(self, test: str, name: str) -> tuple[str, str]:
+        """Names of a joint of a test, and of the one whose quantities it has, among the joints of all tests."""
         owner = self.sharing.get(name, name)
         if not self.all_joints[owner].own:
             return name, owner
-        return prefixed(setup, name) if name else setup, prefixed(setup, owner) if owner else setup
+        return prefixed(test, name) if name else test, prefixed(test, owner) if owner else test
 
     def _findings(self) -> Iterator[Finding]:
         """Yield DOFs that do not exist, else what no object can be, else where tables do not agree with each other."""
@@ -581,7 +581,7 @@ class CaseSpec(Spec):
         return dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels)
 
     def _table_findings(self) -> Iterator[Finding]:
-        yield from self._setup_findings()
+        yield from self._test_findings()
         if self.joined and not self.all_joints:
             yield Finding(("joint",), missing=True)
             return
@@ -598,35 +598,35 @@ class CaseSpec(Spec):
         yield from uncertain_findings(self.uncertain, self.structure, self.data)
         yield from truth_findings(self.structure, self.data)
         yield from noise_findings(self.noise, self.uncertain.model_error, self.data)
-        yield from left_out_findings(self.left_out, self.data, self.noise, list(self.setups), self.all_joints.values())
+        yield from left_out_findings(self.left_out, self.data, self.noise, list(self.tests), self.all_joints.values())
         yield from plan_findings(self.plan, self.data)
         if self.reference is not None and any(joint.own for joint in self.all_joints.values()):
-            fault, expected = "found stiffnesses to compare with", "joints that are the same in all set-ups"
+            fault, expected = "found stiffnesses to compare with", "joints that are the same in all tests"
             yield Finding(("reference",), fault, expected, "remove [reference]")
         yield from virtual_test_findings(self.virtual_test, self.structure, self.data)
 
-    def _setup_findings(self) -> Iterator[Finding]:
-        """Yield names of set-ups that are another thing's, levels of some only, and `own` in a case of one test."""
+    def _test_findings(self) -> Iterator[Finding]:
+        """Yield names of tests that are another thing's, levels of some only, and `own` in a case of one test."""
         others = {"joint": set(self.joints), "body": {*self.bodies, *getattr(self.structure, "bodies", {})}}
-        for name in self.setups:
+        for name in self.tests:
             for what, names in others.items():
                 if name in names:
                     fault = f"found the name of a {what}, so that {name}.k11 would be two things"
-                    yield Finding(("setups", name), fault, "a name of its own", "rename one of the two")
-        joined = {name: setup for name, setup in self.setups.items() if setup.joined}
-        levels = {name: setup.level for name, setup in joined.items()}
+                    yield Finding(("tests", name), fault, "a name of its own", "rename one of the two")
+        joined = {name: test for name, test in self.tests.items() if test.joined}
+        levels = {name: test.level for name, test in joined.items()}
         yield from level_findings(self.level, levels)
         if self.assembly is not None and self.joined:
             yield from assembly_findings(levels, self.all_joints)
-        for name, proposed in self.plan.setups.items():
-            loc = ("plan", "setups", name)
-            if name in self.setups:
-                yield Finding(loc, "found the name of a present set-up", "a name of its own", "rename it")
+        for name, proposed in self.plan.tests.items():
+            loc = ("plan", "tests", name)
+            if name in self.tests:
+                yield Finding(loc, "found the name of a present test", "a name of its own", "rename it")
             if proposed.data is not None and self.data.kind != "synthetic_frf":
                 fault = f'found a table beside data of kind = "{self.data.kind}"'
-                expected = "a set-up that is measured as the present one"
+                expected = "a test that is measured as the present one"
                 yield Finding((*loc, "data"), fault, expected, "remove it; other DOFs are candidates by themselves")
-        if not self.setups and not self.plan.setups:
+        if not self.tests and not self.plan.tests:
             owned = [
                 *(joint_table(name) for name, joint in self.all_joints.items() if joint.own),
                 *(quantity_table(name) for name, prior in self.uncertain.given.items() if prior.own),
@@ -634,7 +634,7 @@ class CaseSpec(Spec):
                 *([quantity_table("model_error")] if (error := self.uncertain.model_error) and error.own else []),
             ]
             for table in owned:
-                fault, expected = "found true in a case of one test", "several, as [setups.long]"
+                fault, expected = "found true in a case of one test", "several, as [tests.long]"
                 yield Finding((*table, "own"), fault, expected, "remove it")
 
     def _body_findings(self) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ from jointbayes.posterior import Posterior, PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.report import drawing, figures
 from jointbayes.report.frf_curves import frf_curves
-from jointbayes.report.inputs import SetupInputs
+from jointbayes.report.inputs import TestInputs
 from jointbayes.report.line_plot import FrfPlot, LinePlot, Series
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
@@ -21,7 +21,7 @@ _NOT_FITTED = "Its modes were fitted, not its lines: between them and in height 
 _FIRST = 2  # blocks on FRFs before the residuals and the tables
 
 
-def fit_section(inputs: SetupInputs) -> ReportSection:
+def fit_section(inputs: TestInputs) -> ReportSection:
     """Measured against predicted."""
     summary = inputs.summary
     blocks: list[Block] = [Paragraph(foreign(f"{summary.check.sentence} {summary.check.advice}"))]

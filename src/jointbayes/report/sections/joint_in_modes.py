@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import Problem
 from jointbayes.posterior.identifiability import IF_MODEL_RIGHT
-from jointbayes.report.inputs import SetupInputs
+from jointbayes.report.inputs import TestInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Paragraph, ReportSection, Table
 from jointbayes.rounding import number, signed
@@ -19,7 +19,7 @@ _KNOWN_PERCENT = 0.1  # to which a test usually knows a natural frequency
 _MOST_MODES = 12
 
 
-def joint_in_modes_section(inputs: SetupInputs) -> ReportSection | None:
+def joint_in_modes_section(inputs: TestInputs) -> ReportSection | None:
     """Effect of the joint on each natural frequency in the band of the data; None where there is none."""
     problem = inputs.problem
     names = tuple(problem.quantities[i].name for i in _stiffnesses(problem))
@@ -71,7 +71,7 @@ def _sentence(modes: NDArray[np.intp], names: tuple[str, ...], change: Array) ->
 
 
 def _stiffnesses(problem: Problem) -> list[int]:
-    """Which quantities are stiffnesses of a joint of this set-up."""
+    """Which quantities are stiffnesses of a joint of this test."""
     return [i for i, quantity in enumerate(problem.quantities) if quantity.role == "stiffness" and quantity.places]
 
 

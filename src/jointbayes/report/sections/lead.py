@@ -23,7 +23,7 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
 from jointbayes.report.sections.tested import blocks_on_tests
-from jointbayes.report.sections.trust import lights_of, worst_setup
+from jointbayes.report.sections.trust import lights_of, worst_test
 from jointbayes.rounding import engineering, join_unit, number
 
 #: Stiffnesses that all have a row on page one, of more so many that are known least; and reasons it has room for.
@@ -219,7 +219,7 @@ def _reason(known: Identifiability, unit: str) -> str:
 
 def _next(inputs: ReportInputs) -> str:
     """The one step that helps most."""
-    worst = worst_setup(inputs.summary)
+    worst = worst_test(inputs.summary)
     if not inputs.posterior.converged:
         return f"Raise `{inputs.posterior.record.limit_to_raise}` in `[sampling]` and run again."
     if not worst.check.explains:

@@ -14,7 +14,7 @@ def left_out_section(inputs: ReportInputs) -> ReportSection | None:
         return None
     rows = [
         (
-            foreign(f"{each.setup} {each.names[i]}".strip()),
+            foreign(f"{each.test} {each.names[i]}".strip()),
             number(each.measured[i], 4),
             number(each.median[i], 4),
             interval((each.low[i], each.high[i]), 4),

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jointbayes.frf import MeasuredBody
-from jointbayes.report.inputs import ReportInputs, SetupInputs
+from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
 from jointbayes.rounding import number
@@ -13,7 +13,7 @@ from vibrecords.provenance import ChannelUse, MeasurementWarning
 _MOST_CHANNELS = 40  # in the table
 
 
-def measured_modes_section(inputs: SetupInputs) -> ReportSection | None:
+def measured_modes_section(inputs: TestInputs) -> ReportSection | None:
     """Natural frequencies and damping ratios that the FRFs show; None where none were found."""
     provenance = inputs.problem.test.data.provenance
     if provenance is None or not provenance.modes:
@@ -44,7 +44,7 @@ def case_warnings_section(inputs: ReportInputs) -> ReportSection | None:
     return ReportSection("warnings", "Warnings", callouts) if callouts else None
 
 
-def measurement_section(inputs: SetupInputs) -> ReportSection | None:
+def measurement_section(inputs: TestInputs) -> ReportSection | None:
     """Files, channels, variance, what was changed, and what is doubtful."""
     p = inputs.problem.test.data.provenance
     if p is None:
@@ -97,7 +97,7 @@ def measured_bodies_section(inputs: ReportInputs) -> ReportSection | None:
     if noise is None:
         return None
     bodies = [
-        (f"{body.name} in set-up {part.test.name}" if part.test.name else body.name, body)
+        (f"{body.name} in test {part.test.name}" if part.test.name else body.name, body)
         for part in inputs.posterior.problem.parts
         for body in part.test.measured_bodies
     ]

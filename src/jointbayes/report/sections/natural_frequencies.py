@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import ModePrediction, Problem, mac
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.setup_summary import FrequencySummary
+from jointbayes.posterior.summary_of_test import FrequencySummary
 from jointbayes.report import drawing, figures
-from jointbayes.report.inputs import SetupInputs
+from jointbayes.report.inputs import TestInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, ReportSection, Table
 from jointbayes.report.wireframe import wireframe
@@ -28,7 +28,7 @@ _PEAKS = (
 )
 
 
-def frequency_section(inputs: SetupInputs) -> ReportSection | None:
+def frequency_section(inputs: TestInputs) -> ReportSection | None:
     """Natural frequencies of the model beside those of the data; None where there are neither."""
     frequencies, peaks = inputs.summary.natural_frequencies_hz, inputs.summary.diagnosis.modes
     measured, modes = frequencies.measured, inputs.problem.test.data.modes
@@ -110,13 +110,13 @@ class Compared:
         return (number(self.measured[at], 4), number(self.sd[at], 2), number(self.best[at], 4), signed(away), ends)
 
 
-def own_section(inputs: SetupInputs) -> ReportSection | None:
+def own_section(inputs: TestInputs) -> ReportSection | None:
     """The section that the kind of data registers, see `compared_section`; None where it has none."""
     return compared_section(inputs.problem.test.data, inputs)
 
 
 @singledispatch
-def compared_section(data: Data, inputs: SetupInputs) -> ReportSection | None:
+def compared_section(data: Data, inputs: TestInputs) -> ReportSection | None:
     """Measured against predicted values, if that kind of data registers a section with ``@compared_section.register``.
 
     FRFs and natural frequencies have theirs among the sections of all data.
@@ -125,7 +125,7 @@ def compared_section(data: Data, inputs: SetupInputs) -> ReportSection | None:
 
 
 @compared_section.register
-def _modes_section(measured: ModeData, inputs: SetupInputs) -> ReportSection:
+def _modes_section(measured: ModeData, inputs: TestInputs) -> ReportSection:
     posterior, problem = inputs.posterior, inputs.problem
     parts, likeness, places = compared_modes(posterior, problem, measured)
     head = ("Measured", "sd", "MAP", "MAP − measured (sd)", "95 % interval")

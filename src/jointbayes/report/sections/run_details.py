@@ -43,11 +43,11 @@ def _iteration_blocks(
         for i, q in zip(history.iterated, iterated, strict=True)
         if history.stiffness[i] != 0
     )
-    text = f"**The paper's iteration (Eqs. 3–9)** {foreign(history.on_setup)} {history.reason}. ".replace("  ", " ")
+    text = f"**The paper's iteration (Eqs. 3–9)** {foreign(history.on_test)} {history.reason}. ".replace("  ", " ")
     text += f"Step 5 differs from the last step by: {foreign(settled)}."
     named = listed_names([q.name for q in iterated])
     if len(iterated) < len(quantities):
-        text += " Quantities that do not act in that set-up stay at the first guess."
+        text += " Quantities that do not act in that test stay at the first guess."
     return [
         Paragraph(text),
         Figure(

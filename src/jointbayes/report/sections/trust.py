@@ -3,8 +3,8 @@
 import math
 
 from jointbayes.posterior.model_errors import InferredError
-from jointbayes.posterior.setup_summary import SetupSummary
 from jointbayes.posterior.summary import Summary
+from jointbayes.posterior.summary_of_test import TestSummary
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Light, Lights
@@ -35,8 +35,8 @@ def _calculation(inputs: ReportInputs) -> Light:
 
 def _model(inputs: ReportInputs) -> Light:
     summary = inputs.summary
-    name, worst = "Model", worst_setup(summary)
-    of_test = f" of test {foreign(worst.check.setup)}" if worst.check.setup else ""
+    name, worst = "Model", worst_test(summary)
+    of_test = f" of test {foreign(worst.check.test)}" if worst.check.test else ""
     bodies = summary.measured_bodies
     if bodies is not None and not bodies.within:
         return Light(name, "bad" if bodies.ignored else "caution", foreign(bodies.sentence))
@@ -45,7 +45,7 @@ def _model(inputs: ReportInputs) -> Light:
         return Light(name, "bad", f"Does not explain the data{of_test}. {misfit}")
     if worst.check.finding == "noise overstated":
         return Light(name, "caution", f"Explains the data{of_test}, with noise stated too large. {_misfit(worst)}")
-    of_all = f" of all {len(summary.setups)} tests" if len(summary.setups) > 1 else ""
+    of_all = f" of all {len(summary.tests)} tests" if len(summary.tests) > 1 else ""
     if summary.model_error is not None:
         return _by_its_error(summary.model_error, of_all)
     return Light(name, "good", f"Explains the data{of_all}. {_misfit(worst)}")
@@ -64,14 +64,14 @@ def _by_its_error(error: InferredError, of_all: str) -> Light:
     return Light("Model", "bad", f"It is no model of this structure: {found}. {error.causes}")
 
 
-def worst_setup(summary: Summary) -> SetupSummary:
+def worst_test(summary: Summary) -> TestSummary:
     """The test that the model explains worst."""
-    return min(summary.setups.values(), key=lambda setup: setup.check.smallest_p_value)
+    return min(summary.tests.values(), key=lambda test: test.check.smallest_p_value)
 
 
-def _misfit(setup: SetupSummary) -> str:
+def _misfit(test: TestSummary) -> str:
     """The misfit in units of the noise, beside what noise alone gives."""
-    check = setup.check
+    check = test.check
     misfit, low, high = (f"{math.sqrt(square):#.3g}" for square in (check.chi2_per_line, *check.chi2_band))
     return f"Misfit {misfit} times the noise; noise alone gives {low} to {high}."
 
@@ -79,8 +79,8 @@ def _misfit(setup: SetupSummary) -> str:
 def _data(inputs: ReportInputs) -> Light:
     summary = inputs.summary
     doubts = [
-        foreign(f"{warning.where}: {warning.sentence}") for setup in inputs.setups
-        for warning in getattr(setup.problem.test.data.provenance, "warnings", ())
+        foreign(f"{warning.where}: {warning.sentence}") for test in inputs.tests
+        for warning in getattr(test.problem.test.data.provenance, "warnings", ())
     ]  # fmt: skip
     doubts += [foreign(str(warning)) for warning in summary.warnings]
     if doubts:

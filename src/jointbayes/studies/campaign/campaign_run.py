@@ -23,7 +23,7 @@ from jointbayes.case.case_text import CaseText, find_outside, read_case_text
 from jointbayes.case.parse import parse_case
 from jointbayes.case.spec.fields import named_files
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import key_parts, printable, similar, toml_text
+from jointbayes.case.toml_text import key_parts, name_of_today, printable, similar, toml_text
 from jointbayes.errors import CaseError, MeasurementError, ModelError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.posterior import Cell
@@ -129,7 +129,7 @@ def _parsed(cell: str) -> Any:  # noqa: ANN401 (whatever TOML knows)
 
 
 def _set(data: dict[str, Any], key: str, value: object, where: str) -> None:
-    parts = key_parts(key)
+    parts = name_of_today(key_parts(key))
     if not parts:
         raise CaseError(
             f"{where}: column {key!r}: found no key of a case file; expected one such as structure.length_mm, or key, "
@@ -240,11 +240,11 @@ class CampaignCase:
 
 
 def _named_files(spec: CaseSpec) -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Names of files that a case and its set-ups state, by key."""
+    """Names of files that a case and its tests state, by key."""
     tables = spec.model_dump()
     names = named_files(tables)
-    for setup, changed in tables["setups"].items():
-        names |= {("setups", setup, *key): files for key, files in named_files(changed).items()}
+    for test, changed in tables["tests"].items():
+        names |= {("tests", test, *key): files for key, files in named_files(changed).items()}
     return names
 
 

@@ -16,7 +16,7 @@ from jointbayes.studies.campaign.reweighting import JointDraws
 from vibrecords.arrays import Array
 
 #: Why a joint of another kind is in no population.
-OTHER_KIND = "its joint is not one coupled pair (k11, k12, k22), the same in all its set-ups"
+OTHER_KIND = "its joint is not one coupled pair (k11, k12, k22), the same in all its tests"
 _NUMBERS = 1_200_000  # draws of all joints together that are looked at
 _MOST, _FEWEST = 2000, 50  # of each joint
 _EDGE, _PILED = 0.05, 2.0  # a strip of a prior's range, and how much more than the prior has there is a pile

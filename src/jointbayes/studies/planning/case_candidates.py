@@ -1,6 +1,6 @@
 """The further measurements that a case could be given, from its `[plan]` table.
 
-Whole set-ups that it proposes are built as far as they can be without data of their own.
+Whole tests that it proposes are built as far as they can be without data of their own.
 """
 
 import itertools
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from jointbayes.case.case import Case
-from jointbayes.case.case_objects import CaseSetup, complete_from_data, noise_of, quantities_of, recipe_of
+from jointbayes.case.case_objects import CaseTest, complete_from_data, noise_of, quantities_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
 from jointbayes.case.parse import parse_planned
 from jointbayes.case.spec.frame_and_imported import ImportedSpec
@@ -47,14 +47,14 @@ from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 from vibrecords import ModalData, Quantity
 from vibrecords.arrays import Array
 
-#: So many of a set-up's changes are named in a sentence.
+#: So many of a test's changes are named in a sentence.
 _NAMED = 3
 
 
-def proposed_setups(case: Case) -> tuple[Candidate, ...]:
-    """Candidates that are set-ups, in the order of the case file.
+def proposed_tests(case: Case) -> tuple[Candidate, ...]:
+    """Candidates that are tests, in the order of the case file.
 
-    A set-up is measured as its own tables say; beside measured data at their DOFs and lines, with their noise.
+    A test is measured as its own tables say; beside measured data at their DOFs and lines, with their noise.
 
     Raises
     ------
@@ -66,20 +66,20 @@ def proposed_setups(case: Case) -> tuple[Candidate, ...]:
         try:
             candidates.append(_candidate(_built(name, texts[name], spec, case), case.problem))
         except JointBayesError as error:
-            raise CaseError(f"{fault_start(*texts[name].place(()))} plan.setups.{name}: {error}") from error
+            raise CaseError(f"{fault_start(*texts[name].place(()))} plan.tests.{name}: {error}") from error
     return tuple(candidates)
 
 
-def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
-    """A proposed set-up as far as it can be without data, of which those of the first present one say what they are."""
-    if not case.setups:
-        raise ModelError("found a case without its set-ups; expected the case file, of which they are; load it again")
-    first = case.setups[0]
+def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseTest:
+    """A proposed test as far as it can be without data, of which those of the first present one say what they are."""
+    if not case.tests:
+        raise ModelError("found a case without its tests; expected the case file, of which they are; load it again")
+    first = case.tests[0]
     if spec.files is not None:
         spec = complete_from_data(spec, first.data)
     if isinstance(spec.structure, MatricesSpec | ImportedSpec):
         raise ModelError(
-            "found a structure given by matrices or imported; expected a beam, a frame or a chain, of which a set-up "
+            "found a structure given by matrices or imported; expected a beam, a frame or a chain, of which a test "
             "can change something; remove it"
         )
     recipe = recipe_of(spec.structure, spec.data, first.data)
@@ -87,55 +87,55 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
     joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
     premises = case.problem.premises
     if not premises.reason:
-        return CaseSetup(name, text, spec, recipe, (), joint, first.data, *noise_of(spec, first.data))
+        return CaseTest(name, text, spec, recipe, (), joint, first.data, *noise_of(spec, first.data))
     # measured as what the present data are taken as, and as uncertain as they are
     data = next((test.data for test in case.problem.tests if test.name == first.name), case.problem.tests[0].data)
     if premises.of_modes:  # which do not see the damping
         certain = spec.uncertain.model_copy(update={"damping_ratio": None, "loss_factor": None})
         spec = spec.model_copy(update={"uncertain": certain})
-    setup = CaseSetup(name, text, spec, recipe, (), joint, data, noise_of(spec, data)[0], ())
-    return setup.with_workshop_uncertainty(case.largest_damping) if premises.assumed else setup
+    built = CaseTest(name, text, spec, recipe, (), joint, data, noise_of(spec, data)[0], ())
+    return built.with_workshop_uncertainty(case.largest_damping) if premises.assumed else built
 
 
-def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
-    name = setup.name
-    named, of_noise = setup.named_nuisances()
-    each = zip(named, quantities_of(setup.spec), strict=True)
-    own_nuisances = tuple(nuisance for nuisance, (_, of_setup) in each if of_setup)
+def _candidate(test: CaseTest, problem: Problem) -> Candidate:
+    name = test.name
+    named, of_noise = test.named_nuisances()
+    each = zip(named, quantities_of(test.spec), strict=True)
+    own_nuisances = tuple(nuisance for nuisance, (_, of_test) in each if of_test)
     present_names = {nuisance.name for nuisance in problem.prior.nuisances}
     own_names = {nuisance.name for nuisance in own_nuisances}
     foreign = [nuisance.name for nuisance in named if nuisance.name not in present_names | own_names]
     if foreign:
         raise ModelError(
-            f"found that {foreign[0]} is uncertain, which it shares with present set-ups that do not have it; expected "
-            f"one of its own; state it in [plan.setups.{name}.uncertain]"
+            f"found that {foreign[0]} is uncertain, which it shares with present tests that do not have it; expected "
+            f"one of its own; state it in [plan.tests.{name}.uncertain]"
         )
     unknown = [nuisance.name for nuisance in of_noise if nuisance.name not in present_names]
     if unknown:
         raise ModelError(
-            f"found that {unknown[0]} of its noise is inferred, which no present set-up shares with it; expected noise "
-            'that is known, or as in a present one; state [noise] for all set-ups, or scale = "known"'
+            f"found that {unknown[0]} of its noise is inferred, which no present test shares with it; expected noise "
+            'that is known, or as in a present one; state [noise] for all tests, or scale = "known"'
         )
-    words = f"the set-up {name}{_changes(setup.source)}"
-    if setup.data.frfs is None:
-        modes = setup.data.modes
+    words = f"the test {name}{_changes(test.source)}"
+    if test.data.frfs is None:
+        modes = test.data.modes
         assert modes is not None
         return ModalCandidate(
-            name=name, words=words, setup=name, own_nuisances=own_nuisances, joint=setup.joint,
-            structure=setup.structure, numbers=modes.numbers, relative=scatter(modes),
+            name=name, words=words, test=name, own_nuisances=own_nuisances, joint=test.joint,
+            structure=test.structure, numbers=modes.numbers, relative=scatter(modes),
         )  # fmt: skip
-    ports, law, quantity = _frfs_of(setup)
-    places = map(setup.spec.structure.place, ports.outputs)
+    ports, law, quantity = _frfs_of(test)
+    places = map(test.spec.structure.place, ports.outputs)
     return FrfCandidate(
-        name=name, words=words, structure=setup.structure, ports=ports, quantity=quantity, law=law,
-        position=" / ".join(dict.fromkeys(places)), setup=name, own_nuisances=own_nuisances, joint=setup.joint,
-        noise=setup.noise, residual_kind=setup.spec.noise.residuals,
+        name=name, words=words, structure=test.structure, ports=ports, quantity=quantity, law=law,
+        position=" / ".join(dict.fromkeys(places)), test=name, own_nuisances=own_nuisances, joint=test.joint,
+        noise=test.noise, residual_kind=test.spec.noise.residuals,
     )  # fmt: skip
 
 
-def _frfs_of(setup: CaseSetup) -> tuple[Ports, VarianceLaw, Quantity]:
-    """FRFs that a proposed set-up would give, with their noise: as it states, or those of the present data."""
-    measured, data = setup.data.frfs, setup.spec.synthetic
+def _frfs_of(test: CaseTest) -> tuple[Ports, VarianceLaw, Quantity]:
+    """FRFs that a proposed test would give, with their noise: as it states, or those of the present data."""
+    measured, data = test.data.frfs, test.spec.synthetic
     assert measured is not None
     frf = measured.frf
     ports, quantity = Ports(frf.frequency_hz, frf.outputs, frf.inputs), frf.quantity
@@ -144,13 +144,13 @@ def _frfs_of(setup: CaseSetup) -> tuple[Ports, VarianceLaw, Quantity]:
         ports, quantity = Ports(np.array(data.lines_hz()), data.outputs, data.inputs), data.quantity
         law = data.noise.law()
     for label in ports.outputs + ports.inputs:
-        if setup.spec.structure.absent(label) is not None:
+        if test.spec.structure.absent(label) is not None:
             raise ModelError(f"found no {label} in its structure; expected the DOFs of the present data; number alike")
     return ports, law, quantity
 
 
 def _changes(text: CaseText) -> str:
-    """What a set-up has different from the rest of the file, for a sentence; not how well it is known."""
+    """What a test has different from the rest of the file, for a sentence; not how well it is known."""
     keys = [key for key in text.own if key[0] != "uncertain" and all(isinstance(step, str) for step in key)]
     ends = sorted((key for key in keys if not any(o[: len(key)] == key and o != key for o in keys)), key=text.order)
     data: Any = text.data
@@ -167,23 +167,23 @@ _DOFS = ("outputs", "inputs")
 def candidates_of(case: Case) -> tuple[Candidate, ...]:
     """All single candidates of a case, in the order in which its plan names them.
 
-    On each set-up with FRFs: each DOF that could be measured and is not, with the present inputs; each that could be
+    On each test with FRFs: each DOF that could be measured and is not, with the present inputs; each that could be
     excited and is not, with the present outputs; both new at once where the plan names inputs; more averages; a wider
     band; an added mass. A pair of DOFs that by reciprocity says what an earlier candidate says is left out where no
     accelerometer has mass. On each with modes: their ratios at each DOF that could be measured. On both, where E,
-    density or length is uncertain: the structure hit free. Then the set-ups that the plan proposes. Of several set-ups
+    density or length is uncertain: the structure hit free. Then the tests that the plan proposes. Of several tests
     the names of candidates begin with theirs; on one in which nothing is joined there are none.
 
     Raises
     ------
     CaseError
-        If the data are neither FRFs nor modes, or a proposed set-up cannot be.
+        If the data are neither FRFs nor modes, or a proposed test cannot be.
     """
-    specs = {test.name: test.spec for test in case.setups} or {"": case.spec}
-    sources = {test.name: test.source for test in case.setups}
+    specs = {test.name: test.spec for test in case.tests} or {"": case.spec}
+    sources = {test.name: test.source for test in case.tests}
     stated = next((spec.plan for spec in specs.values() if spec.plan != PlanSpec()), case.spec.plan)
     candidates: list[Candidate] = []
-    already = [test.joints.size for test in case.problem.tests] + [setup.joined for setup in stated.setups.values()]
+    already = [test.joints.size for test in case.problem.tests] + [test.joined for test in stated.tests.values()]
     for part in case.problem.parts:
         data = part.test.data
         if data.frfs is None and data.modes is None:
@@ -192,15 +192,15 @@ def candidates_of(case: Case) -> tuple[Candidate, ...]:
         if not part.test.joints.size:
             continue
         spec = specs.get(part.test.name, case.spec)
-        # a set-up that lacks one of the plan's DOFs reads none of the plan
+        # a test that lacks one of the plan's DOFs reads none of the plan
         dofs = {key: tuple(x for x in getattr(stated, key) if spec.structure.absent(x) is None) for key in _DOFS}
         planned = spec.model_copy(update={"plan": stated.model_copy(update=dofs)})
         candidates += (_FrfMaker if data.frfs else _ModalMaker)(planned, part, hit_free=not all(already)).all()
-    return (*candidates, *proposed_setups(case))
+    return (*candidates, *proposed_tests(case))
 
 
 class _Maker(ABC):
-    """Makes candidates on one set-up; `hit_free` is whether a test of the free structure is there or proposed."""
+    """Makes candidates on one test; `hit_free` is whether a test of the free structure is there or proposed."""
 
     def __init__(self, spec: CaseSpec, problem: Problem, *, hit_free: bool) -> None:
         self._problem, self._spec = problem, spec
@@ -214,15 +214,15 @@ class _Maker(ABC):
     def all(self) -> Iterator[Candidate]:
         """Candidates of all kinds."""
         for candidates in self._kinds():
-            yield from map(self._name_after_setup, candidates)
+            yield from map(self._name_after_test, candidates)
 
-    def _name_after_setup(self, candidate: Candidate) -> Candidate:
-        """A candidate with the name of its set-up, if it is one of several."""
+    def _name_after_test(self, candidate: Candidate) -> Candidate:
+        """A candidate with the name of its test, if it is one of several."""
         name = self._problem.test.name
         if not name:
             return candidate
-        words = f"{candidate.words} in set-up {name}"
-        return replace(candidate, name=f"{name} {candidate.name}", words=words, setup=name)
+        words = f"{candidate.words} in test {name}"
+        return replace(candidate, name=f"{name} {candidate.name}", words=words, test=name)
 
     def _positions(self, dofs: tuple[str, ...]) -> str:
         """Where points are, each place once."""
@@ -309,7 +309,7 @@ class _FrfMaker(_Maker):
 
     def _free(self) -> Iterator[Candidate]:
         if self._hits_free:
-            yield self._candidate(FREE, FREE_WORDS, setup=FREE, joint=Joints(()))
+            yield self._candidate(FREE, FREE_WORDS, test=FREE, joint=Joints(()))
 
     def _at_dofs(self) -> Iterator[Candidate]:
         """New sensors, new hammers and both, without those whose pairs of DOFs say what is said already."""

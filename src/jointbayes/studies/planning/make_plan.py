@@ -436,8 +436,8 @@ def plan(
 def _require_modelled(case: Case) -> None:
     bodies = [(part.test.name, body.name) for part in case.problem.parts for body in part.test.measured_bodies]
     if bodies:
-        setup, name = bodies[0]
-        source = {test.name: test.source for test in case.setups}.get(setup, case.source)
+        where, name = bodies[0]
+        source = {test.name: test.source for test in case.tests}.get(where, case.source)
         expected = "a modelled structure, for FRFs of a body say nothing of other lines and DOFs"
         words = "found a measured body", expected, "plan with a model of it"
         raise CaseError(source.fault(("bodies", name), *words))
@@ -537,9 +537,9 @@ class KeptSimulations:
 def plan_fingerprint(case: Case, seed: int, assume: Mapping[str, float] | None, truths: int) -> dict[str, str]:
     """What simulations of a plan depend on, part by part, in words of a message."""
     parts = run_fingerprint(case.problem, case, seed, case.sampler)
-    for name, spec in {"": case.spec, **{test.name: test.spec for test in case.setups}}.items():
+    for name, spec in {"": case.spec, **{test.name: test.spec for test in case.tests}}.items():
         for key, value in spec.plan.model_dump(mode="json").items():
-            parts[f"setups.{name}.plan.{key}" if name else f"plan.{key}"] = json.dumps(value, sort_keys=True)
+            parts[f"tests.{name}.plan.{key}" if name else f"plan.{key}"] = json.dumps(value, sort_keys=True)
     return parts | {"assumed joint": str(sorted((assume or {}).items())), "number of truths": str(truths)}
 
 

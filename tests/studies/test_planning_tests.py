@@ -1,4 +1,4 @@
-"""Set-ups that a plan proposes: with quantities of their own, such as an error of an overhang."""
+"""Tests that a plan proposes: with quantities of their own, such as an error of an overhang."""
 
 import re
 from dataclasses import replace
@@ -65,7 +65,7 @@ def proposed(name, length):
         ports=ports,
         quantity="receptance",
         law=LAW,
-        setup=name,
+        test=name,
         own_nuisances=own,
     )
 
@@ -74,15 +74,15 @@ SHORT, TINY = proposed("short", 0.2), proposed("tiny", 0.1)
 
 
 def together(problem, *lengths):
-    """The same tests as set-ups of one problem, those proposed without errors."""
-    setups = [jb.Test("long", problem.test.structure, CLAMP, problem.test.data, problem.test.noise)]
-    setups += [jb.Test(name, beams(length), CLAMP, measured(length)) for name, length in lengths]
+    """The same tests as tests of one problem, those proposed without errors."""
+    tests = [jb.Test("long", problem.test.structure, CLAMP, problem.test.data, problem.test.noise)]
+    tests += [jb.Test(name, beams(length), CLAMP, measured(length)) for name, length in lengths]
     own = tuple(length_of(f"{name}.length", 1000 * length) for name, length in lengths)
     known = problem.prior.nuisances
-    return jb.Problem(tests=setups, prior=replace(problem.prior, nuisances=(*known[:2], *own, *known[2:])))
+    return jb.Problem(tests=tests, prior=replace(problem.prior, nuisances=(*known[:2], *own, *known[2:])))
 
 
-def test_a_linearised_figure_of_proposed_set_ups_is_that_of_a_problem_of_several():
+def test_a_linearised_figure_of_proposed_tests_is_that_of_a_problem_of_several():
     problem = present()
     theta = np.concatenate([np.log(TABLE_3), [0.0, 0.0]])
     look = FirstLook(problem, {"short": SHORT, "tiny": TINY}, "k12", theta[None])
@@ -100,11 +100,11 @@ def test_the_density_of_present_and_proposed_data_is_that_of_a_problem_of_severa
     truth = np.concatenate([np.log(TABLE_3), [0.0, 0.0, 0.0, 0.0, 0.0]])
     further = [one.problem(whole.problem, truth) for one in (SHORT, TINY)]
     density = WithFurther(whole.log_density, further)
-    setups = [
+    tests = [
         jb.Test("long", problem.test.structure, CLAMP, problem.test.data, problem.test.noise),
         *(one.test for one in further),
     ]
-    several = jb.Problem(tests=setups, prior=whole.problem.prior)
+    several = jb.Problem(tests=tests, prior=whole.problem.prior)
     rng = np.random.default_rng(4)
     theta = truth + 0.001 * rng.standard_normal((5, truth.size))
     np.testing.assert_allclose(density(theta), several.log_posterior(theta), rtol=1e-11)
@@ -113,7 +113,7 @@ def test_the_density_of_present_and_proposed_data_is_that_of_a_problem_of_severa
     np.testing.assert_array_equal(alone, further[0].log_posterior.log_likelihood(theta))
 
 
-def test_draws_of_what_only_a_proposed_set_up_has_are_those_of_its_prior():
+def test_draws_of_what_only_a_proposed_test_has_are_those_of_its_prior():
     problem = present()
     whole = WithOwn(problem, own_of((SHORT,)))
     known = np.tile(np.concatenate([np.log(TABLE_3), [0.01, -0.001]]), (4000, 1))
@@ -137,10 +137,10 @@ parameter = "k12"
 outputs = ["3:y"]
 together = [["short", "3:y"]]
 
-[plan.setups.short.structure]
+[plan.tests.short.structure]
 length_mm = 200.0
 
-[plan.setups.heavy]
+[plan.tests.heavy]
 structure.accelerometer_mass_g = 2000.0
 uncertain.density.sd_percent = 1.0
 data.outputs = ["5:y", "2:y"]
@@ -151,18 +151,18 @@ NOISES = """
 [noise]
 scale = "sampled"
 
-[setups.tested]
-[setups.tested.noise]
+[tests.tested]
+[tests.tested.noise]
 distribution = "student_t"
 scale = "known"
 
-[setups.also.structure]
+[tests.also.structure]
 length_mm = 250.0
 
 [plan]
 outputs = ["3:y"]
 
-[plan.setups.short.structure]
+[plan.tests.short.structure]
 length_mm = 200.0
 """
 
@@ -171,18 +171,18 @@ def planned_case(text=PLANNED):
     return jb.case_from_text("planned", cheap_text() + text)
 
 
-def test_a_case_proposes_set_ups_with_what_is_different_and_what_is_their_own():
+def test_a_case_proposes_tests_with_what_is_different_and_what_is_their_own():
     case = planned_case()
     by_name = {one.name: one for one in candidates_of(case)}
     assert list(by_name) == ["3:y", "4 × averages", "short", "heavy"]
     short, heavy = by_name["short"], by_name["heavy"]
-    assert short.words == "the set-up short (length_mm = 200.0)"
-    assert (short.position, short.setup) == ("200 mm", "short")
+    assert short.words == "the test short (length_mm = 200.0)"
+    assert (short.position, short.test) == ("200 mm", "short")
     assert [(one.name, one.nominal, one.prior.sd) for one in short.own_nuisances] == [
         ("short.length", 200.0, 0.1 / 200)
     ]
     assert [one.name for one in heavy.own_nuisances] == ["heavy.density", "heavy.length"]
-    assert heavy.words == 'the set-up heavy (accelerometer_mass_g = 2000.0, outputs = ["5:y", "2:y"])'
+    assert heavy.words == 'the test heavy (accelerometer_mass_g = 2000.0, outputs = ["5:y", "2:y"])'
     assert heavy.ports.outputs == ("5:y", "2:y")
     # the structure is that of a case with this table, 2 kg at each measured translation
     recipe = heavy.structure.recipe
@@ -191,9 +191,9 @@ def test_a_case_proposes_set_ups_with_what_is_different_and_what_is_their_own():
     assert whole.problem.names == ("k11", "k12", "k22", "length", "length_offset", "short.length")
 
 
-def test_a_proposed_set_up_is_what_the_same_table_would_be_as_a_set_up():
+def test_a_proposed_test_is_what_the_same_table_would_be_as_a_test():
     case = planned_case()
-    text = cheap_text() + PLANNED.split("[plan]")[0] + "[setups.now]\n[setups.short.structure]\nlength_mm = 200.0\n"
+    text = cheap_text() + PLANNED.split("[plan]")[0] + "[tests.now]\n[tests.short.structure]\nlength_mm = 200.0\n"
     several = jb.case_from_text("several", text)
     short = next(one for one in candidates_of(case) if one.name == "short")
     whole = WithOwn(case.problem, own_of((short,)))
@@ -209,19 +209,19 @@ def test_a_proposed_set_up_is_what_the_same_table_would_be_as_a_set_up():
     np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-12 * np.abs(exact).max())
 
 
-def test_candidates_on_several_present_set_ups_are_named_after_them():
+def test_candidates_on_several_present_tests_are_named_after_them():
     text = PLANNED.replace(
-        "[plan.setups.heavy]", "[setups.long]\n[setups.brief.structure]\nlength_mm = 150.0\n[plan.setups.heavy]"
+        "[plan.tests.heavy]", "[tests.long]\n[tests.brief.structure]\nlength_mm = 150.0\n[plan.tests.heavy]"
     )
     text = text.replace('together = [["short", "3:y"]]', 'together = [["short", "long 3:y"]]')
     case = planned_case(text)
     found = {one.name: one for one in candidates_of(case)}
     assert list(found) == ["long 3:y", "long 4 × averages", "brief 3:y", "brief 4 × averages", "short", "heavy"]
-    assert found["brief 3:y"].words.endswith("(3:y, 75 mm) in set-up brief")
+    assert found["brief 3:y"].words.endswith("(3:y, 75 mm) in test brief")
     theta = case.problem.prior.mean.copy()
     theta[:3] = np.log(TABLE_3)
     look = FirstLook(case.problem, found, "k12", theta[None])
-    short = "[plan.setups.short.structure]\nlength_mm = 200.0\n"
+    short = "[plan.tests.short.structure]\nlength_mm = 200.0\n"
     several = planned_case(text.replace(short, "") + short.replace("plan.", ""))
     assert several.problem.names == (*case.problem.names, "short.length")
     expected = fisher_information(replace_data(several, theta), np.append(theta, 0.0))
@@ -229,7 +229,7 @@ def test_candidates_on_several_present_set_ups_are_named_after_them():
 
 
 def replace_data(case, theta):
-    """Exact data for the last set-up, the others as they are."""
+    """Exact data for the last test, the others as they are."""
     *known, last = case.problem.tests
     part = case.problem.part(last.name)
     point = np.append(theta, 0.0)
@@ -247,21 +247,21 @@ def replace_data(case, theta):
     ("text", "message"),
     [
         *((PLANNED + table, message) for table, message in [
-            ("[plan.setups.a.structure]\nlenght_mm = 3.0", "plan.setups.a.structure.lenght_mm: unknown key"),
-            ("[plan.setups.a.structure]\nlength_mm = -3.0", "plan.setups.a.structure.length_mm: found -3.0;"),
-            ("[plan.setups.a.joint]\nown = true", "plan.setups.a.joint.own: found a joint of its own, of which"),
-            ('[plan.setups.a.data]\noutputs = ["9:y"]', 'plan.setups.a.data.outputs: "9:y": there is no node 9'),
-            ('[plan.setups.a]\nremove = ["uncertain.lenght"]', 'plan.setups.a.remove: found "uncertain.lenght", which'),
-            ("[plan.setups.a.noise]\nscale = 1", "plan.setups.a.noise: unknown table; expected one of remove, joined"),
-            ('[plan.setups."a b".structure]\nlength_mm = 3.0', 'plan.setups."a b": found a name that tables and'),
-            ("[plan.setups.a.structure]\nlength_mm = 1.0", "plan.setups.a: uncertain structure: found a length_offset"),
+            ("[plan.tests.a.structure]\nlenght_mm = 3.0", "plan.tests.a.structure.lenght_mm: unknown key"),
+            ("[plan.tests.a.structure]\nlength_mm = -3.0", "plan.tests.a.structure.length_mm: found -3.0;"),
+            ("[plan.tests.a.joint]\nown = true", "plan.tests.a.joint.own: found a joint of its own, of which"),
+            ('[plan.tests.a.data]\noutputs = ["9:y"]', 'plan.tests.a.data.outputs: "9:y": there is no node 9'),
+            ('[plan.tests.a]\nremove = ["uncertain.lenght"]', 'plan.tests.a.remove: found "uncertain.lenght", which'),
+            ("[plan.tests.a.noise]\nscale = 1", "plan.tests.a.noise: unknown table; expected one of remove, joined"),
+            ('[plan.tests."a b".structure]\nlength_mm = 3.0', 'plan.tests."a b": found a name that tables and'),
+            ("[plan.tests.a.structure]\nlength_mm = 1.0", "plan.tests.a: uncertain structure: found a length_offset"),
         ]),
         (NOISES.replace('[noise]\n', '[noise]\nown = true\n'), ": noise.own: found parameters of the noise of its own"),
-        (NOISES.replace("[setups.also.structure]", '[setups.also.noise]\nscale = "sampled"\n[setups.also.structure]'),
-         "plan.setups.short: found that noise_scale of its noise is inferred, which no present set-up shares"),
+        (NOISES.replace("[tests.also.structure]", '[tests.also.noise]\nscale = "sampled"\n[tests.also.structure]'),
+         "plan.tests.short: found that noise_scale of its noise is inferred, which no present test shares"),
     ],
 )  # fmt: skip
-def test_a_set_up_that_cannot_be_is_refused_in_one_line(text, message):
+def test_a_test_that_cannot_be_is_refused_in_one_line(text, message):
     with pytest.raises(jb.CaseError) as refused:
         candidates_of(planned_case(text))
     said = str(refused.value)
@@ -271,12 +271,10 @@ def test_a_set_up_that_cannot_be_is_refused_in_one_line(text, message):
 
 
 @pytest.mark.whole
-def test_a_plan_simulates_proposed_set_ups_and_sets_of_them(cheap_posterior):
-    """The cheap posterior knows its beam exactly; a set-up has an own density and overhang beside it."""
-    text = PLANNED.split("[plan]")[1].replace(
-        "[plan.setups.heavy]", "[plan.setups.heavy]\nuncertain.length.sd_mm = 0.1"
-    )
-    case = planned_case(f"[plan]{text}[plan.setups.short.uncertain.length]\nsd_mm = 0.1\n")
+def test_a_plan_simulates_proposed_tests_and_sets_of_them(cheap_posterior):
+    """The cheap posterior knows its beam exactly; a test has an own density and overhang beside it."""
+    text = PLANNED.split("[plan]")[1].replace("[plan.tests.heavy]", "[plan.tests.heavy]\nuncertain.length.sd_mm = 0.1")
+    case = planned_case(f"[plan]{text}[plan.tests.short.uncertain.length]\nsd_mm = 0.1\n")
     plan = jb.plan(case, cheap_posterior, seed=3, simulations=2)
     names = {one.names for one in plan.measurements}
     assert names == {("3:y",), ("4 × averages",), ("short",), ("heavy",), ("3:y", "short")}
@@ -285,11 +283,11 @@ def test_a_plan_simulates_proposed_set_ups_and_sets_of_them(cheap_posterior):
     assert by_names["3:y", "short"] < by_names["short",]
     lines = "\n".join(plan_lines(plan))
     assert "3:y + short" in lines
-    assert "the set-up heavy (accelerometer_mass_g" in " ".join(one.words for one in plan.measurements)
+    assert "the test heavy (accelerometer_mass_g" in " ".join(one.words for one in plan.measurements)
 
 
 @pytest.mark.whole
-def test_the_first_look_ranks_the_set_ups_of_the_shipped_case_as_the_table_does():
+def test_the_first_look_ranks_the_tests_of_the_shipped_case_as_the_table_does():
     """physics: with mid-span and 150 mm, with mid-span, with four overhangs, with 200 mm, with 2 kg at the tip."""
     case = jb.load_case(CONFIGS / "next_setup.toml")
     found = {one.name: one for one in candidates_of(case)}
@@ -321,8 +319,8 @@ def test_a_stiffness_that_the_problem_lacks_is_told_before_anything_is_sampled(m
     assert "\n" not in str(told.value)
 
 
-def test_the_noise_of_a_proposed_set_up_is_that_of_its_own_tables():
-    """The first present set-up has a noise of its own; what is proposed has that of the file, shared with the other."""
+def test_the_noise_of_a_proposed_test_is_that_of_its_own_tables():
+    """The first present test has a noise of its own; what is proposed has that of the file, shared with the other."""
     case = planned_case(NOISES)
     short = next(one for one in candidates_of(case) if one.name == "short")
     theta = np.concatenate([np.log(TABLE_3), [np.log(3.0)]])
@@ -338,10 +336,10 @@ def test_the_noise_of_a_proposed_set_up_is_that_of_its_own_tables():
 
 
 @pytest.mark.parametrize("name", ["measured_stations", "measured_rotation"])
-def test_a_set_up_proposed_beside_measured_data_has_the_tails_of_their_estimated_variance(name):
+def test_a_test_proposed_beside_measured_data_has_the_tails_of_their_estimated_variance(name):
     path = CONFIGS / f"{name}.toml"
-    text = path.read_text(encoding="utf-8") + "\n[plan.setups.short.structure]\nlength_mm = 300.0\n"
+    text = path.read_text(encoding="utf-8") + "\n[plan.tests.short.structure]\nlength_mm = 300.0\n"
     case = jb.case_from_text(name, text, directory=CONFIGS)
-    (short,) = (one for one in candidates_of(case) if one.setup == "short")
+    (short,) = (one for one in candidates_of(case) if one.test == "short")
     assert isinstance(case.problem.test.noise, StudentNoise)
     assert short.noise == case.problem.test.noise

@@ -1,4 +1,4 @@
-"""Studies of a case with several set-ups: each works, or says in one line that it does not."""
+"""Studies of a case with several tests: each works, or says in one line that it does not."""
 
 import re
 
@@ -18,9 +18,9 @@ from jointbayes.studies.campaign.joint_draws import OTHER_KIND, read_draws
 from jointbayes.studies.compare import hypothesis_problem, require_same_data
 from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from jointbayes.studies.simulated_test import Truth, simulate
-from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
+from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3, without_stages
-from tests.report.test_setups import HEARD, OWN, TORQUES, posterior_of
+from tests.report.test_several_tests import HEARD, OWN, TORQUES, posterior_of
 
 
 def case_of(more, base=BASE):
@@ -28,8 +28,8 @@ def case_of(more, base=BASE):
 
 
 @pytest.mark.science
-def test_the_score_at_the_truth_of_simulated_set_ups_is_zero_in_the_mean():
-    """E ∇ ln L = 0 where the data of every set-up come from its own likelihood."""
+def test_the_score_at_the_truth_of_simulated_tests_is_zero_in_the_mean():
+    """E ∇ ln L = 0 where the data of every test come from its own likelihood."""
     narrow = BASE.replace("low = 1e8, high = 1e12", "low = 4e9, high = 6e9")
     narrow = narrow.replace("low = 1e5, high = 1e9", "low = 3e7, high = 4e7")
     narrow = narrow.replace("low = 1e4, high = 1e8", "low = 1.4e6, high = 1.6e6")
@@ -45,7 +45,7 @@ def test_the_score_at_the_truth_of_simulated_set_ups_is_zero_in_the_mean():
     assert np.abs(z).max() < 4.0, dict(zip(problem.names, z, strict=True))
 
 
-def test_simulated_data_are_those_of_each_set_up_and_of_a_lone_test_as_ever():
+def test_simulated_data_are_those_of_each_test_and_of_a_lone_test_as_ever():
     problem = case_of(TWO).problem
     theta = np.log(TABLE_3)
     simulated = simulated_problem(problem, problem, theta, np.random.default_rng(1))
@@ -59,16 +59,16 @@ def test_simulated_data_are_those_of_each_set_up_and_of_a_lone_test_as_ever():
     assert_array_equal(one.test.data.frf.values, values)
 
 
-def test_a_calibration_of_set_ups_needs_data_of_the_same_set_ups():
+def test_a_calibration_of_tests_needs_data_of_the_same_tests():
     two, other = case_of(TWO).problem, case_of(TWO.replace("long", "tall")).problem
     require_simulable(two, case_of(CLAMP_EDGE + TWO).problem)
-    with pytest.raises(MeasurementError, match="has other set-ups than case"):
+    with pytest.raises(MeasurementError, match="has other tests than case"):
         require_simulable(two, other)
 
 
 @pytest.mark.science
 @pytest.mark.long
-def test_a_case_with_set_ups_is_calibrated():
+def test_a_case_with_tests_is_calibrated():
     """Two data sets: the machinery, not the coverage."""
     narrow = BASE.replace("low = 1e8, high = 1e12", "low = 1e9, high = 2e10")
     narrow = narrow.replace("low = 1e5, high = 1e9", "low = 1e7, high = 1e8")
@@ -78,9 +78,9 @@ def test_a_case_with_set_ups_is_calibrated():
     assert {"k11", "k12", "k22", "length_offset"} <= set(found.names)
 
 
-def test_each_set_up_is_measured_in_a_virtual_test(tmp_path):
+def test_each_test_is_measured_in_a_virtual_test(tmp_path):
     case = case_of(TWO + HEARD.replace("natural_frequencies", "natural_frequencies"))
-    records = simulate(case, setup="short", seed=1)
+    records = simulate(case, test="short", seed=1)
     assert {record.response for record in records} == {"11:y", "6:y"} or len(records) == 2
     lines = np.array([100.0, 400.0])
     part = case.problem.part("short")
@@ -89,11 +89,11 @@ def test_each_set_up_is_measured_in_a_virtual_test(tmp_path):
     assert_allclose(Truth(case, "short").frf(lines, ("6:y",)).values, exact, rtol=1e-6)
     with pytest.raises(CaseError, match="expected one of long, short, heard"):
         simulate(case, seed=1)
-    with pytest.raises(CaseError, match=r"^case:\d+: setups.heard.data.kind: found \"natural_frequencies\"; expected"):
-        simulate(case, setup="heard", seed=1)
+    with pytest.raises(CaseError, match=r"^case:\d+: tests.heard.data.kind: found \"natural_frequencies\"; expected"):
+        simulate(case, test="heard", seed=1)
 
 
-def test_simulate_writes_a_file_for_each_set_up(tmp_path):
+def test_simulate_writes_a_file_for_each_test(tmp_path):
     (tmp_path / "case.toml").write_text(BASE + TWO, encoding="utf-8")
     out = tmp_path / "test.uff"
     result = CliRunner().invoke(main, ["simulate", str(tmp_path / "case.toml"), "--out", str(out)])
@@ -103,11 +103,11 @@ def test_simulate_writes_a_file_for_each_set_up(tmp_path):
 
 @pytest.mark.parametrize(
     ("last", "key"),
-    [(HEARD, r"setups\.heard\.data\.kind: found \"natural_frequencies\""),
-     ('[setups.slow.virtual_test]\nmethod = "impact"\nsample_rate_hz = 1000.0\n',
-      r"setups\.slow\.virtual_test: found 1000 samples per second")],
+    [(HEARD, r"tests\.heard\.data\.kind: found \"natural_frequencies\""),
+     ('[tests.slow.virtual_test]\nmethod = "impact"\nsample_rate_hz = 1000.0\n',
+      r"tests\.slow\.virtual_test: found 1000 samples per second")],
 )  # fmt: skip
-def test_where_a_set_up_cannot_be_simulated_no_file_is_written(tmp_path, last, key):
+def test_where_a_test_cannot_be_simulated_no_file_is_written(tmp_path, last, key):
     (tmp_path / "case.toml").write_text(BASE + TWO + last, encoding="utf-8")
     result = CliRunner().invoke(main, ["simulate", str(tmp_path / "case.toml"), "--out", str(tmp_path / "test.uff")])
     assert result.exit_code == 2
@@ -116,7 +116,7 @@ def test_where_a_set_up_cannot_be_simulated_no_file_is_written(tmp_path, last, k
     assert not list(tmp_path.glob("*.uff"))
 
 
-def test_hypotheses_are_those_of_every_set_up():
+def test_hypotheses_are_those_of_every_test():
     problem = case_of(TWO).problem
     springs = hypothesis_problem(problem, "springs")
     assert [part.test.name for part in springs.parts] == ["long", "short"]
@@ -127,7 +127,7 @@ def test_hypotheses_are_those_of_every_set_up():
         assert np.isfinite(one.log_posterior(one.prior.mean)).all()
 
 
-def test_cases_are_compared_on_the_data_of_all_their_set_ups():
+def test_cases_are_compared_on_the_data_of_all_their_tests():
     first, same = case_of(TWO), jb.case_from_text("same", CLAMP_EDGE + BASE + TWO)
     require_same_data([first, same])
     other = jb.case_from_text("other", BASE + TWO.replace("200.0", "201.0"))
@@ -137,7 +137,7 @@ def test_cases_are_compared_on_the_data_of_all_their_set_ups():
 
 #: Quick to sample: little noise, and few walkers.
 SEVERAL = BASE.replace("relative = 0.03", "relative = 0.003") + TWO + "[sampling]\nensembles = 4\nwalkers = 16\n"
-MEASURED_SETUPS = (
+MEASURED_TESTS = (
     BASE[: BASE.index("[data]")]
     + """
 [data]
@@ -145,8 +145,8 @@ kind = "measured_frf"
 file = "first.uff"
 channels = { "11:y" = "11:y" }
 variance = { source = "relative", relative = 0.02, floor = 0 }
-[setups.first]
-[setups.second.data]
+[tests.first]
+[tests.second.data]
 file = "second.uff"
 """
 )
@@ -161,8 +161,8 @@ def campaign(tmp_path, table, base=SEVERAL):
 
 @pytest.mark.long
 @pytest.mark.science
-def test_a_campaign_of_cases_with_set_ups_samples_each_as_by_itself_and_has_a_population(tmp_path):
-    columns = "key,data.truth.k22,data.noise.seed,setups.short.structure.length_mm"
+def test_a_campaign_of_cases_with_tests_samples_each_as_by_itself_and_has_a_population(tmp_path):
+    columns = "key,data.truth.k22,data.noise.seed,tests.short.structure.length_mm"
     ended = campaign(tmp_path, f"{columns}\na,1.40e6,1,200\nb,1.45e6,2,201\nc,1.5e6,3,\n")
     assert ended.exit_code in (0, 3), ended.output  # three joints may leave their population unconverged
     assert "3 cases: 3 done, 0 failed, 0 not converged" in ended.stdout
@@ -182,26 +182,26 @@ def test_a_campaign_of_cases_with_set_ups_samples_each_as_by_itself_and_has_a_po
     assert findings.counts["in the population"] == 3
 
 
-def test_a_fault_in_a_set_up_of_a_campaign_names_row_and_column(tmp_path):
-    ended = campaign(tmp_path, "key,setups.short.structure.length_mm\na,200\nb,-3\n")
+def test_a_fault_in_a_test_of_a_campaign_names_row_and_column(tmp_path):
+    ended = campaign(tmp_path, "key,tests.short.structure.length_mm\na,200\nb,-3\n")
     assert ended.exit_code == 2
     (line,) = without_stages(ended.stderr)
-    assert line.startswith(f"jointbayes: {tmp_path}/joints.csv:3: setups.short.structure.length_mm: found -3; expected")
+    assert line.startswith(f"jointbayes: {tmp_path}/joints.csv:3: tests.short.structure.length_mm: found -3; expected")
 
 
-def test_files_of_set_ups_make_a_campaigns_case_and_stay_inside(tmp_path):
+def test_files_of_tests_make_a_campaigns_case_and_stay_inside(tmp_path):
     case_file = tmp_path / "case.toml"
-    case_file.write_text(MEASURED_SETUPS, encoding="utf-8")
+    case_file.write_text(MEASURED_TESTS, encoding="utf-8")
     (case,) = read_cases([case_file])
     _, spec = case.read()
     assert [file.name for file in case.files(spec)].count("second.uff") == 1
-    case_file.write_text(MEASURED_SETUPS.replace("second.uff", "../second.uff"), encoding="utf-8")
-    with pytest.raises(CaseError, match=r'setups.second.data.file: found "../second.uff", which leads out'):
+    case_file.write_text(MEASURED_TESTS.replace("second.uff", "../second.uff"), encoding="utf-8")
+    with pytest.raises(CaseError, match=r'tests.second.data.file: found "../second.uff", which leads out'):
         read_cases([case_file])
 
 
 @pytest.mark.whole
-def test_cases_whose_set_ups_have_joints_of_their_own_say_why_they_are_in_no_population(tmp_path):
+def test_cases_whose_tests_have_joints_of_their_own_say_why_they_are_in_no_population(tmp_path):
     for key, case in (("own", case_of(TORQUES, OWN)), ("shared", case_of(TORQUES))):
         posterior_of(case).save(tmp_path / f"{key}.nc")
     done = {"status": DONE, "converged": True, "order": 0}
@@ -212,7 +212,7 @@ def test_cases_whose_set_ups_have_joints_of_their_own_say_why_they_are_in_no_pop
     assert left_out == {"own": OTHER_KIND}
 
 
-def test_published_values_are_those_of_joints_that_set_ups_share():
+def test_published_values_are_those_of_joints_that_tests_share():
     reference = '[reference]\nk11 = 5e9\nk12 = 3e7\nk22 = 1.5e6\nsource = "a paper"\n'
     assert case_of(reference + TWO).reference is not None
     with pytest.raises(CaseError, match="reference: found stiffnesses to compare with"):

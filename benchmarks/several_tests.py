@@ -1,9 +1,9 @@
-"""What several set-ups of one joint bring, and whether the intervals of two of them hold the truth.
+"""What several tests of one joint bring, and whether the intervals of two of them hold the truth.
 
 The clamped bar of 25 mm with the paper's joint. Every overhang is measured to ±0.1 mm, the edge of the clamp is known
 to ±1.9 mm in all of them alike, E to 2 %, density to 1 %, the damping ratio not; the joint's prior is that of
 configs/clamped_beam.toml. The noise of each part of an FRF is 3 % of |H| and 1 % of the median of |H| over all lines
-and responses of a set-up: 10 to 2500 Hz in steps of 2 Hz.
+and responses of a test: 10 to 2500 Hz in steps of 2 Hz.
 
 - Table: linearised standard deviations at the truth, beside those of sampled posteriors of exact data where mid-span is
   measured; without it the posterior is far from Gaussian, and its draws say what the prior allows.
@@ -12,10 +12,10 @@ and responses of a set-up: 10 to 2500 Hz in steps of 2 Hz.
   built for them, not from the family of beams that analyses them. With the joint always the paper's, under its wide
   prior, intervals need not hold it in 95 of 100.
 
-Data sets are kept in build/setups as they come, one line of JSON each, so that a run that was cut off goes on.
+Data sets are kept in build/tests as they come, one line of JSON each, so that a run that was cut off goes on.
 
-    python -m benchmarks.setups                # the table, 100 data sets, benchmarks/setups.json and the docs' page
-    python -m benchmarks.setups --sets 5 --pilot
+    python -m benchmarks.several_tests  # the table of 100 data sets, its JSON and page
+    python -m benchmarks.several_tests --sets 5 --pilot
 """
 
 import argparse
@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 ROOT = Path(__file__).resolve().parents[1]
-RESULTS, KEPT = ROOT / "benchmarks" / "setups.json", ROOT / "build" / "setups" / "sets.jsonl"
+RESULTS, KEPT = ROOT / "benchmarks" / "several_tests.json", ROOT / "build" / "tests" / "sets.jsonl"
 FIXED = KEPT.with_name("fixed.jsonl")
 PAGE = ROOT / "docs" / "examples" / "two-overhangs.md"
 
@@ -76,7 +76,7 @@ class Overhang:
 
     @property
     def name(self) -> str:
-        """Name of its set-up."""
+        """Name of its test."""
         return f"l{self.length_mm:g}" + ("heavy" if self.tip_kg else "")
 
 
@@ -94,7 +94,7 @@ TABLE: dict[str, tuple[tuple[Overhang, ...], tuple[float, float, float]]] = {
     "383 mm with mid-span": ((BOTH,), (0.286, 0.157, 0.017)),
     "383 mm with mid-span, + 150 mm": ((BOTH, Overhang(150)), (0.260, 0.111, 0.017)),
 }
-#: The two set-ups of the study of coverage.
+#: The two tests of the study of coverage.
 STUDIED = (BOTH, SHORT)
 
 
@@ -151,7 +151,7 @@ def problem_of(
 ) -> Problem:
     """The joint from these tests, of exact data unless given; E, density, damping and the edge are common to all."""
     data = data or tuple(map(_exact, tests))
-    setups = [Test(t.name, _family(t), CLAMP, one) for t, one in zip(tests, data, strict=True)]
+    built = [Test(t.name, _family(t), CLAMP, one) for t, one in zip(tests, data, strict=True)]
     nuisances = (
         Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.02)),
         Nuisance("density", "kg/m³", 7800.0, Normal(0.0, 0.01)),
@@ -160,7 +160,7 @@ def problem_of(
         *(Nuisance(f"{t.name}.length", "mm", t.length_mm, Normal(0.0, OWN_MM / t.length_mm)) for t in tests),
     )
     priors = tuple(Uniform.of_logarithm(low, high) for low, high in bounds)
-    return Problem(tests=tuple(setups), prior=JointPrior(LogStiffness(), priors, nuisances), name="set-ups")
+    return Problem(tests=tuple(built), prior=JointPrior(LogStiffness(), priors, nuisances), name="tests")
 
 
 def linearised(tests: tuple[Overhang, ...]) -> Array:

@@ -1,11 +1,11 @@
-"""Several set-ups of one joint: the checked table of what each brings, and sampled spreads beside linearised ones."""
+"""Several tests of one joint: the checked table of what each brings, and sampled spreads beside linearised ones."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.setups import (
+from benchmarks.several_tests import (
     BOTH,
     CLAMP,
     LINES,
@@ -32,7 +32,7 @@ from tests.conftest import pair_matrix
 
 
 @pytest.mark.parametrize("row", TABLE)
-def test_the_linearised_table_of_what_set_ups_bring_is_reproduced(row):
+def test_the_linearised_table_of_what_tests_bring_is_reproduced(row):
     """The numbers are those of an independent prototype."""
     tests, printed = TABLE[row]
     np.testing.assert_allclose(linearised(tests), printed, rtol=0.05)
@@ -47,7 +47,7 @@ def dense(test, length_mm, stiffness, youngs_modulus, density, damping_ratio):
 
 
 @pytest.mark.science
-def test_the_information_of_set_ups_is_that_of_central_differences_of_dense_solves():
+def test_the_information_of_tests_is_that_of_central_differences_of_dense_solves():
     tests = (BOTH, SHORT)
     problem = problem_of(tests)
 
@@ -56,9 +56,9 @@ def test_the_information_of_set_ups_is_that_of_central_differences_of_dense_solv
         stiffness = [np.exp(at[name]) for name in ("k11", "k12", "k22")]
         shared = {name: np.exp(at[name]) for name in ("youngs_modulus", "density", "damping_ratio")}
         parts = []
-        for test, setup in zip(tests, problem.tests, strict=True):
+        for test, built in zip(tests, problem.tests, strict=True):
             length_mm = test.length_mm * np.exp(at[f"{test.name}.length"]) + 1000 * at["length_offset"]
-            sd = part_sd(setup.data.frf.values)
+            sd = part_sd(built.data.frf.values)
             parts.append((dense(test, length_mm, stiffness, **shared) / sd).ravel())
         joined = np.concatenate(parts)
         return np.concatenate([joined.real, joined.imag])
@@ -84,13 +84,13 @@ def test_sampled_spreads_are_the_linearised_ones_where_the_posterior_is_near_gau
 @pytest.mark.science
 @pytest.mark.long
 def test_intervals_of_a_few_data_sets_hold_the_truth():
-    """The study is `benchmarks.setups`: 92 to 98 of 100; of six, four or fewer would be a case in five hundred."""
+    """`benchmarks.several_tests` has 92 to 98 of 100; of six, four or fewer would be a case in five hundred."""
     held = np.sum([analysed(seed)["held"] for seed in range(101, 107)], axis=0)
     assert (held >= 4).all()
 
 
 @pytest.mark.docs
-def test_the_study_of_two_set_ups_is_published_and_holds():
+def test_the_study_of_two_tests_is_published_and_holds():
     found = json.loads(RESULTS.read_text(encoding="utf-8"))
     page = PAGE.read_text(encoding="utf-8")
     for key, least, most in (("coverage", 92, 98), ("coverage_of_one_joint", 90, 98)):

@@ -1,4 +1,4 @@
-"""What a run says of the data of each set-up: fit, check, misfit in an engineer's measure, natural frequencies."""
+"""What a run says of the data of each test: fit, check, misfit in an engineer's measure, natural frequencies."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -39,8 +39,8 @@ class FitSummary:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SetupSummary:
-    """What a run says of the data of one set-up; `level` and what it was are those of the test, if it had any."""
+class TestSummary:
+    """What a run says of the data of one test; `level` and what it was are those of the test, if it had any."""
 
     level: Level | None
     fit: FitSummary
@@ -51,7 +51,7 @@ class SetupSummary:
     measurement: Mapping[str, Any] | None
 
     def as_json(self) -> dict[str, Any]:
-        """What ``setups.NAME`` of ``summary.json`` holds."""
+        """What ``tests.NAME`` of ``summary.json`` holds."""
         return {
             "level": None if self.level is None else asdict(self.level),
             "natural_frequencies_hz": asdict(self.natural_frequencies_hz),
@@ -62,21 +62,21 @@ class SetupSummary:
         }
 
 
-def setup_summaries(
+def summaries_of_tests(
     posterior: AnyPosterior, initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None
-) -> dict[str, SetupSummary]:
-    """What is said of each set-up by its name; of a lone test by an empty one, with frequencies measured beside it."""
+) -> dict[str, TestSummary]:
+    """What is said of each test by its name; of a lone test by an empty one, with frequencies measured beside it."""
     tests = posterior.problem.tests
     measured_hz = [measured_frequencies_hz] if len(tests) == 1 else [test.data.lowest_hz for test in tests]
-    return {test.name: _setup(posterior, n, initial, measured_hz[n]) for n, test in enumerate(tests)}
+    return {test.name: _one_test(posterior, n, initial, measured_hz[n]) for n, test in enumerate(tests)}
 
 
-def _setup(
+def _one_test(
     posterior: AnyPosterior, number: int, initial: Sequence[float], measured_hz: Sequence[float] | None
-) -> SetupSummary:
+) -> TestSummary:
     part = posterior.problem.parts[number]
     measured = part.test.data
-    return SetupSummary(
+    return TestSummary(
         part.test.level,
         fit_of(part, posterior.estimate.theta),
         posterior.checks[number],
@@ -101,7 +101,7 @@ def frequency_summary(
     def frequencies_of(stiffness: Sequence[float] | Array) -> tuple[float, ...]:
         return tuple(problem.natural_frequencies_hz(np.asarray(stiffness), count, fitted)[0].tolist())
 
-    predicted = posterior.predict_natural_frequencies(count, setup=test.name or None)
+    predicted = posterior.predict_natural_frequencies(count, test=test.name or None)
     ends = np.quantile(predicted, [0.025, 0.975], axis=0).T
     return FrequencySummary(
         measured=tuple(measured) if measured else None,
@@ -112,7 +112,7 @@ def frequency_summary(
 
 
 def fit_of(problem: Problem, theta: Array) -> FitSummary:
-    """How well θ, shape (d,), fits the data of all set-ups of a problem."""
+    """How well θ, shape (d,), fits the data of all tests of a problem."""
     n_data, total = problem.log_posterior.likelihood.n_data, 0.0
     for part in problem.parts:
         # squared residuals over σ² as stated: expected 1 for each complex value, frequency or magnitude

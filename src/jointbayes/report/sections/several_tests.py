@@ -1,4 +1,4 @@
-"""Several set-ups: a table of all, what is said of the data of each, and quantities over their levels."""
+"""Several tests: a table of all, what is said of the data of each, and quantities over their levels."""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from jointbayes.posterior.curves import Curve, curves_of
 from jointbayes.report import drawing, figures
-from jointbayes.report.inputs import ReportInputs, SetupInputs
+from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
 from jointbayes.rounding import interval, number
@@ -16,36 +16,36 @@ _OF_NOISE = "Standard deviations are those of the noise, of the fit of the modes
 
 
 def overview_section(inputs: ReportInputs) -> ReportSection | None:
-    """A row for each set-up: its data, and whether the model explains them; None of a lone test."""
-    if len(inputs.setups) == 1:
+    """A row for each test: its data, and whether the model explains them; None of a lone test."""
+    if len(inputs.tests) == 1:
         return None
-    levels = [setup.summary.level for setup in inputs.setups if setup.summary.level is not None]
+    levels = [test.summary.level for test in inputs.tests if test.summary.level is not None]
     rows = []
-    for setup in inputs.setups:
-        fit, check = setup.summary.fit, setup.summary.check
-        data = setup.problem.test.data.in_short(foreign)
-        data += "" if setup.problem.test.joints.size else "; nothing joined"
-        row = [foreign(setup.problem.test.name), data, str(fit.n_data), number(math.sqrt(fit.chi2_per_line))]
+    for test in inputs.tests:
+        fit, check = test.summary.fit, test.summary.check
+        data = test.problem.test.data.in_short(foreign)
+        data += "" if test.problem.test.joints.size else "; nothing joined"
+        row = [foreign(test.problem.test.name), data, str(fit.n_data), number(math.sqrt(fit.chi2_per_line))]
         row.append("yes" if check.explains else "no")
         if levels:
-            level = setup.summary.level
+            level = test.summary.level
             row.insert(1, "–" if level is None else number(level.value))
         rows.append(tuple(row))
-    head = ["Set-up", "Data", "Values", "Misfit over noise", "Explained"]
+    head = ["Test", "Data", "Values", "Misfit over noise", "Explained"]
     if levels:
         unit = f" ({levels[0].unit})" if levels[0].unit else ""
         head.insert(1, foreign(f"{levels[0].name.capitalize()}{unit}"))
     note = (
-        "Misfit over noise: of the best fit to all set-ups, about 1 expected. Explained: whether the model explains "
-        "its data. A quantity whose name begins with a set-up's is its own; all others are one for all."
+        "Misfit over noise: of the best fit to all tests, about 1 expected. Explained: whether the model explains "
+        "its data. A quantity whose name begins with a test's is its own; all others are one for all."
     )
-    kinds = tuple("" if setup.summary.check.explains else "bad" for setup in inputs.setups)
-    table = Table("Set-ups", tuple(head), tuple(rows), note=note, row_kinds=kinds)
-    return ReportSection("setups", "Set-ups", (table, *_equality(inputs)))
+    kinds = tuple("" if test.summary.check.explains else "bad" for test in inputs.tests)
+    table = Table("Tests", tuple(head), tuple(rows), note=note, row_kinds=kinds)
+    return ReportSection("tests", "Tests", (table, *_equality(inputs)))
 
 
 def _equality(inputs: ReportInputs) -> list[Block]:
-    """Whether set-ups of one structure measured the same, and how far each mode moves."""
+    """Whether tests of one structure measured the same, and how far each mode moves."""
     blocks: list[Block] = []
     for each in inputs.summary.homogeneity:
         blocks.append(Paragraph(foreign(each.sentence)))
@@ -67,22 +67,22 @@ def _equality(inputs: ReportInputs) -> list[Block]:
     return blocks
 
 
-def setup_section(place: int, inputs: SetupInputs, sections: Sequence[ReportSection]) -> ReportSection:
-    """What the sections on the data say of one set-up, one after the other."""
+def section_of_test(place: int, inputs: TestInputs, sections: Sequence[ReportSection]) -> ReportSection:
+    """What the sections on the data say of one test, one after the other."""
     blocks: list[Block] = []
     for section in sections:
         blocks.append(Paragraph(f"**{section.title}.**"))
-        blocks += (_name_setup(place, block) for block in section.blocks)
-    return ReportSection(f"setup-{place}", f"Set-up {foreign(inputs.problem.test.name)}", tuple(blocks))
+        blocks += (_name_test(place, block) for block in section.blocks)
+    return ReportSection(f"test-{place}", f"Test {foreign(inputs.problem.test.name)}", tuple(blocks))
 
 
-def _name_setup(place: int, block: Block) -> Block:
+def _name_test(place: int, block: Block) -> Block:
     """A block whose figure has a name of its own."""
-    return replace(block, identifier=f"setup-{place}-{block.identifier}") if isinstance(block, Figure) else block
+    return replace(block, identifier=f"test-{place}-{block.identifier}") if isinstance(block, Figure) else block
 
 
 def curve_section(inputs: ReportInputs) -> ReportSection | None:
-    """A table and a figure for each quantity that is each set-up's own; None where set-ups have no levels."""
+    """A table and a figure for each quantity that is each test's own; None where tests have no levels."""
     curves = curves_of(inputs.posterior)
     if not curves:
         return None
@@ -97,7 +97,7 @@ def curve_section(inputs: ReportInputs) -> ReportSection | None:
 
 
 def assembly_section(inputs: ReportInputs) -> ReportSection | None:
-    """How much a joint scatters between its assemblies; None where set-ups are none, or the run has no verdict."""
+    """How much a joint scatters between its assemblies; None where tests are none, or the run has no verdict."""
     scatters = inputs.summary.assemblies
     if not scatters or inputs.summary.no_verdict:
         return None
@@ -126,13 +126,13 @@ def _axis(curve: Curve) -> str:
 
 def _table(inputs: ReportInputs, curve: Curve) -> Table:
     rows, kinds = [], []
-    for i, (setup, name) in enumerate(zip(curve.setups, curve.quantities, strict=True)):
+    for i, (test, name) in enumerate(zip(curve.tests, curve.quantities, strict=True)):
         assessment = inputs.summary.parameters[name].known
         verdict = assessment.words
         ends = interval((curve.low[i], curve.high[i]))
-        rows.append((number(curve.level[i]), foreign(setup), number(curve.median[i]), ends, curve.unit, verdict))
+        rows.append((number(curve.level[i]), foreign(test), number(curve.median[i]), ends, curve.unit, verdict))
         kinds.append(kind_of(verdict))
-    head = (_axis(curve), "Set-up", "Median", "95 % credible interval", "Unit", "Verdict")
+    head = (_axis(curve), "Test", "Median", "95 % credible interval", "Unit", "Verdict")
     return Table(foreign(f"{curve.name} at each level"), head, tuple(rows), row_kinds=tuple(kinds))
 
 

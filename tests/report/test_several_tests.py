@@ -1,4 +1,4 @@
-"""Several set-ups in posterior, summary, file and report: each has its data, its check, its fit, and its place."""
+"""Several tests in posterior, summary, file and report: each has its data, its check, its fit, and its place."""
 
 import dataclasses
 import json
@@ -25,19 +25,19 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Lights, Paragraph, Table
 from jointbayes.report.sections.lead import lead
 from jointbayes.report.sections.run_details import starts_section
-from jointbayes.report.sections.several_setups import assembly_section, curve_section, overview_section, setup_section
-from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
-from tests.case.test_setups import HEARD as OF_PEAKS
+from jointbayes.report.sections.several_tests import assembly_section, curve_section, overview_section, section_of_test
+from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
+from tests.case.test_several_tests import HEARD as OF_PEAKS
 from tests.conftest import TABLE_3
 from tests.report.conftest import posterior_about
 from vibrecords.provenance import Provenance
 
 HEARD = """
-[setups.heard]
+[tests.heard]
 remove = ["data"]
-[setups.heard.structure]
+[tests.heard.structure]
 length_mm = 200.0
-[setups.heard.data]
+[tests.heard.data]
 kind = "natural_frequencies"
 frequencies_hz = [437.5, 2623.0]
 sd_relative = 0.0
@@ -47,15 +47,15 @@ TORQUES = """
 [level]
 name = "torque"
 unit = "N m"
-[setups.tight]
+[tests.tight]
 level = 20.0
-[setups.tight.data.truth]
+[tests.tight.data.truth]
 k22 = 2.2e6
-[setups.loose]
+[tests.loose]
 level = 5.0
-[setups.loose.data.truth]
+[tests.loose.data.truth]
 k22 = 0.6e6
-[setups.usual]
+[tests.usual]
 level = 10.0
 """
 OWN = BASE.replace("[joint]", "[joint]\nown = true")
@@ -64,7 +64,7 @@ OWN = BASE.replace("[joint]", "[joint]\nown = true")
 def posterior_of(case, sd=0.01):
     """Made-up draws about the truth."""
     prior = case.problem.prior
-    truth = [one.spec.data.truth.stiffness_by_name for one in case.setups if hasattr(one.spec.data, "truth")]
+    truth = [one.spec.data.truth.stiffness_by_name for one in case.tests if hasattr(one.spec.data, "truth")]
     own = len(case.problem.parametrisation.stiffness_names) > 3
     joints = [list(k.values()) for k in truth] if own else [TABLE_3]
     middle = np.concatenate([*np.log(joints), np.zeros(len(prior.nuisances))])
@@ -89,41 +89,41 @@ def summary_of(posterior):
 
 def inputs_of(posterior):
     inputs = ReportInputs(posterior)
-    inputs.__dict__["summary"] = summary_of(posterior)  # without what no set-up has for itself
+    inputs.__dict__["summary"] = summary_of(posterior)  # without what no test has for itself
     return inputs
 
 
 @pytest.mark.whole
-def test_the_summary_says_of_each_set_up_what_it_says_of_a_lone_test(overhangs):
+def test_the_summary_says_of_each_test_what_it_says_of_a_lone_test(overhangs):
     summary = json.loads(json.dumps(summary_of(overhangs).to_json(), allow_nan=False))
-    assert list(summary["setups"]) == ["long", "short", "heard"]
+    assert list(summary["tests"]) == ["long", "short", "heard"]
     parts = overhangs.problem.parts
-    for part, said in zip(parts, summary["setups"].values(), strict=True):
+    for part, said in zip(parts, summary["tests"].values(), strict=True):
         z = part.log_posterior.standardised(overhangs.estimate.theta)
         assert said["fit"]["n_data"] == z[0].size
         assert_allclose(said["fit"]["chi2_per_line"], (np.abs(z) ** 2).mean(), rtol=1e-12)
         assert said["data_sha256"] == data_sha256(part)
-        assert said["check"]["sentence"].startswith(f"Set-up {part.test.name}: ")
+        assert said["check"]["sentence"].startswith(f"Test {part.test.name}: ")
         best = part.natural_frequencies_hz(TABLE_3, len(said["natural_frequencies_hz"]["map"]))[0]
         assert_allclose(said["natural_frequencies_hz"]["map"], best, rtol=1e-12)
-    assert summary["setups"]["heard"]["natural_frequencies_hz"]["measured"] == [437.5, 2623.0]
-    assert summary["setups"]["long"]["natural_frequencies_hz"]["measured"] is None
-    n_data = [said["fit"]["n_data"] for said in summary["setups"].values()]
+    assert summary["tests"]["heard"]["natural_frequencies_hz"]["measured"] == [437.5, 2623.0]
+    assert summary["tests"]["long"]["natural_frequencies_hz"]["measured"] is None
+    n_data = [said["fit"]["n_data"] for said in summary["tests"].values()]
     assert summary["fit"]["n_data"] == sum(n_data)
-    chi2 = [said["fit"]["chi2_per_line"] for said in summary["setups"].values()]
+    chi2 = [said["fit"]["chi2_per_line"] for said in summary["tests"].values()]
     assert_allclose(summary["fit"]["chi2_per_line"], np.average(chi2, weights=n_data), rtol=1e-12)
     assert summary["data_sha256"] == data_sha256(overhangs.problem)
-    assert len({summary["data_sha256"], *(said["data_sha256"] for said in summary["setups"].values())}) == 4
+    assert len({summary["data_sha256"], *(said["data_sha256"] for said in summary["tests"].values())}) == 4
 
 
-def test_a_lone_test_has_no_set_ups_in_its_summary():
+def test_a_lone_test_has_no_tests_in_its_summary():
     posterior = posterior_of(jb.case_from_text("alone", BASE))
-    assert posterior.summary().to_json()["setups"] == {}
+    assert posterior.summary().to_json()["tests"] == {}
     assert set(posterior.tree.children) == {"posterior", "sample_stats", "prior", "observed_data"}
 
 
 @pytest.mark.whole
-def test_a_posterior_of_set_ups_comes_back_from_its_file(overhangs, tmp_path):
+def test_a_posterior_of_tests_comes_back_from_its_file(overhangs, tmp_path):
     overhangs.save(tmp_path / "posterior.nc")
     loaded = jb.load_posterior(tmp_path / "posterior.nc")
     names = ["observed_data_long", "observed_data_short", "observed_data_heard"]
@@ -135,11 +135,11 @@ def test_a_posterior_of_set_ups_comes_back_from_its_file(overhangs, tmp_path):
         else:
             assert_array_equal(stored["values_real"] + 1j * stored["values_imag"], part.test.data.frf.values)
     assert_array_equal(loaded.theta, overhangs.theta)
-    assert [one.name for one in loaded.case.setups] == ["long", "short", "heard"]
-    assert loaded.summary().to_json()["setups"] == summary_of(overhangs).to_json()["setups"]
+    assert [one.name for one in loaded.case.tests] == ["long", "short", "heard"]
+    assert loaded.summary().to_json()["tests"] == summary_of(overhangs).to_json()["tests"]
 
 
-def test_set_ups_with_measurement_files_are_kept_with_their_data(tmp_path):
+def test_tests_with_measurement_files_are_kept_with_their_data(tmp_path):
     """The files may be gone when the posterior is read."""
     case = jb.case_from_text("source", BASE)
     measured = case.problem.test.data
@@ -148,7 +148,7 @@ def test_set_ups_with_measurement_files_are_kept_with_their_data(tmp_path):
     text = BASE.split("[data]")[0]
     for name in ("one", "two"):
         text += f"""
-[setups.{name}.data]
+[tests.{name}.data]
 kind = "measured_frf"
 file = ["{name}.npz"]
 channels = {{"11:y" = "11:y"}}
@@ -165,24 +165,24 @@ variance = {{source = "relative", relative = 0.03, floor = 0.01}}
         assert part.test.data.provenance.files == other.test.data.provenance.files
 
 
-def test_what_a_run_is_of_changes_with_the_data_and_the_tables_of_any_set_up():
+def test_what_a_run_is_of_changes_with_the_data_and_the_tables_of_any_test():
     def parts(text):
         case = jb.case_from_text("case", text)
         return run_fingerprint(case.problem, case, 1, case.sampler)
 
     first = parts(BASE + TWO)
     assert parts(BASE + TWO) == first
-    for other in (TWO.replace("200.0", "201.0"), TWO + "[setups.third]\n", TWO.replace("long", "tall")):
+    for other in (TWO.replace("200.0", "201.0"), TWO + "[tests.third]\n", TWO.replace("long", "tall")):
         assert parts(BASE + other) != first
     changed = {name for name, value in parts(BASE + TWO.replace("200.0", "201.0")).items() if first.get(name) != value}
-    assert changed == {"data", "data at the joint in short", "setups.short.structure.length_mm"}
+    assert changed == {"data", "data at the joint in short", "tests.short.structure.length_mm"}
 
 
-def test_what_a_run_is_of_changes_with_what_later_set_ups_have_from_the_rest_of_the_file():
-    """The first set-up replaces the length, and the data of both are stated: nothing else tells the two cases apart."""
+def test_what_a_run_is_of_changes_with_what_later_tests_have_from_the_rest_of_the_file():
+    """The first test replaces the length, and the data of both are stated: nothing else tells the two cases apart."""
     heard = "".join(
-        f"[setups.{name}.data]\nfrequencies_hz = [121.5, 752.5]\n{more}"
-        for name, more in (("short", "[setups.short.structure]\nlength_mm = 200.0\n"), ("long", ""))
+        f"[tests.{name}.data]\nfrequencies_hz = [121.5, 752.5]\n{more}"
+        for name, more in (("short", "[tests.short.structure]\nlength_mm = 200.0\n"), ("long", ""))
     )
     base = BASE.split("[data]")[0] + '[data]\nkind = "natural_frequencies"\nsd_relative = 0.0\nsd_hz = 0.5\n'
 
@@ -191,35 +191,35 @@ def test_what_a_run_is_of_changes_with_what_later_set_ups_have_from_the_rest_of_
         return run_fingerprint(case.problem, case, 1, case.sampler)
 
     first, other = parts(base + heard), parts(base.replace("383.0", "400.0") + heard)
-    assert {name for name in first if first[name] != other[name]} == {"setups.long.structure.length_mm"}
+    assert {name for name in first if first[name] != other[name]} == {"tests.long.structure.length_mm"}
 
 
 @pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
-def test_the_report_has_a_section_for_each_set_up(overhangs):
+def test_the_report_has_a_section_for_each_test(overhangs):
     inputs = inputs_of(overhangs)
     (table,) = overview_section(inputs).blocks
     assert [row[0] for row in table.rows] == ["long", "short", "heard"]
     assert "2 natural frequencies" in table.rows[2][1]
     sections = [
-        setup_section(n, one, [made for page in PAGES for section in page[3] if (made := section(one)) is not None])
-        for n, one in enumerate(inputs.setups, 1)
+        section_of_test(n, one, [made for page in PAGES for section in page[3] if (made := section(one)) is not None])
+        for n, one in enumerate(inputs.tests, 1)
     ]
-    assert [one.title for one in sections] == [f"Set-up {row[0]}" for row in table.rows]
+    assert [one.title for one in sections] == [f"Test {row[0]}" for row in table.rows]
     figures = [block.identifier for one in sections for block in one.blocks if isinstance(block, Figure)]
     assert len(set(figures)) == len(figures)
-    assert {"setup-1-frf-0-0", "setup-2-frf-1-0", "setup-3-frequencies-plot"} <= set(figures)
-    assert "setup-1-frf-1-0" not in figures  # its second output is measured in the other set-up only
+    assert {"test-1-frf-0-0", "test-2-frf-1-0", "test-3-frequencies-plot"} <= set(figures)
+    assert "test-1-frf-1-0" not in figures  # its second output is measured in the other test only
     for section, part in zip(sections, overhangs.problem.parts, strict=True):
         said = [block.text for block in section.blocks if isinstance(block, Paragraph)]
-        assert sum(text.startswith("Set-up ") for text in said) == 1
+        assert sum(text.startswith("Test ") for text in said) == 1
         frequencies = next(b for b in section.blocks if isinstance(b, Table) and b.caption.startswith("Natural"))
         assert f"{part.natural_frequencies_hz(TABLE_3, 1)[0, 0]:.2f}" in frequencies.rows[0]
 
 
 @pytest.mark.usefixtures("plain_reports")
 @pytest.mark.whole
-def test_page_one_says_whether_all_set_ups_are_explained(overhangs):
+def test_page_one_says_whether_all_tests_are_explained(overhangs):
     blocks = lead(inputs_of(overhangs))
     (lights,) = (block for block in blocks if isinstance(block, Lights))
     assert lights.lights[1].text.startswith("Explains the data of all 3 tests. Misfit ")
@@ -227,10 +227,10 @@ def test_page_one_says_whether_all_set_ups_are_explained(overhangs):
     assert all(f" {name} (Beam, " in tested for name in ("long", "short", "heard"))
 
 
-def test_a_curve_has_the_quantity_of_each_set_up_in_the_order_of_the_levels(torques):
+def test_a_curve_has_the_quantity_of_each_test_in_the_order_of_the_levels(torques):
     curve = torques.curve("k22")
     assert curve.level.tolist() == [5.0, 10.0, 20.0]
-    assert curve.setups == ("loose", "usual", "tight")
+    assert curve.tests == ("loose", "usual", "tight")
     assert curve.quantities == ("loose.k22", "usual.k22", "tight.k22")
     for i, name in enumerate(curve.quantities):
         assert (curve.low[i], curve.high[i]) == torques.interval(name)
@@ -248,15 +248,15 @@ def test_a_curve_has_the_quantity_of_each_set_up_in_the_order_of_the_levels(torq
 
 
 def test_levels_that_are_all_the_same_make_no_curve(torques):
-    setups = [dataclasses.replace(one, level=jb.Level(5.0, "torque", "N m")) for one in torques.problem.tests]
-    alike = dataclasses.replace(torques, problem=jb.Problem(tests=setups, prior=torques.problem.prior))
+    tests = [dataclasses.replace(one, level=jb.Level(5.0, "torque", "N m")) for one in torques.problem.tests]
+    alike = dataclasses.replace(torques, problem=jb.Problem(tests=tests, prior=torques.problem.prior))
     assert curves_of(alike) == ()
-    with pytest.raises(jb.ModelError, match="curve: found 1 levels of set-ups with 'k22'"):
+    with pytest.raises(jb.ModelError, match="curve: found 1 levels of tests with 'k22'"):
         alike.curve("k22")
 
 
 def torques_with(torques, **values):
-    """The same posterior with other draws of k22: of each set-up a mean and a standard deviation."""
+    """The same posterior with other draws of k22: of each test a mean and a standard deviation."""
     rng = np.random.default_rng(1)
     shape = torques.values("loose.k22").shape
     draws = {f"{name}.k22": (("chain", "draw"), rng.normal(*at, shape)) for name, at in values.items()}
@@ -330,7 +330,7 @@ def test_levels_whose_data_are_equal_show_no_change(torques):
     assert curve.sentence.endswith("is shown, for the data of the two are equal within their noise.")
 
 
-def test_the_report_says_which_set_ups_measured_the_same_and_how_far_modes_move(torques):
+def test_the_report_says_which_tests_measured_the_same_and_how_far_modes_move(torques):
     inputs = inputs_of(torques)
     summary = json.loads(json.dumps(inputs.summary.to_json(), allow_nan=False))
     assert [(each["first"], each["second"]) for each in summary["homogeneity"]] == [
@@ -339,7 +339,7 @@ def test_the_report_says_which_set_ups_measured_the_same_and_how_far_modes_move(
     ]
     assert not any(each["equal"] for each in summary["homogeneity"])
     _, first, *_ = overview_section(inputs).blocks
-    assert first.text.startswith("Set-ups loose and usual differ by more than their noise. 50 FRF values differ by ")
+    assert first.text.startswith("Tests loose and usual differ by more than their noise. 50 FRF values differ by ")
     modes = ModeShift(80.0, -0.1, 0.02, (0.004, 0.012), 5.0), ModeShift(210.0, 0.01, 0.02)
     compared = dataclasses.replace(inputs.summary.homogeneity[0], modes=modes)
     inputs.__dict__["summary"] = dataclasses.replace(inputs.summary, homogeneity=(compared,))
@@ -356,53 +356,53 @@ def test_what_is_no_curve_is_refused_in_one_line(name, which, request):
 
 
 HEARD_FIRST = f"""{OF_PEAKS}
-[setups.calm]
-[setups.loud]
+[tests.calm]
+[tests.loud]
 """
 
 
-def test_the_papers_iteration_is_told_of_the_set_up_and_the_quantities_that_it_iterated(tmp_path, monkeypatch):
-    """Nothing of what the others have for themselves may look settled; the first set-up has no FRFs at the joint."""
+def test_the_papers_iteration_is_told_of_the_test_and_the_quantities_that_it_iterated(tmp_path, monkeypatch):
+    """Nothing of what the others have for themselves may look settled; the first test has no FRFs at the joint."""
     exact = OWN.replace("seed = 1", "seed = 1, added = false")
     case = jb.case_from_text("case", exact + HEARD_FIRST)
     names = case.problem.parametrisation.stiffness_names
     history = jb.identify(case)
-    assert (history.setup, [names[i] for i in history.iterated]) == ("calm", ["calm.k11", "calm.k12", "calm.k22"])
+    assert (history.test, [names[i] for i in history.iterated]) == ("calm", ["calm.k11", "calm.k12", "calm.k22"])
     assert history.converged
     assert_allclose(history.stiffness[3:6], TABLE_3, rtol=1e-4)
     assert (history.stiffness_history[:, [0, 1, 2, 6, 7, 8]] == case.problem.first_guess[[0, 1, 2, 6, 7, 8]]).all()
 
-    middle = posterior_of(built_own := jb.case_from_text("case", OWN + "[setups.calm]\n[setups.loud]\n"))
+    middle = posterior_of(built_own := jb.case_from_text("case", OWN + "[tests.calm]\n[tests.loud]\n"))
     history = jb.identify(built_own)
     told = replace(middle, estimate=replace(middle.estimate, iteration=history))
     blocks = starts_section(ReportInputs(told)).blocks
     (text,) = (block.text for block in blocks if isinstance(block, Paragraph) and "s iteration" in block.text)
-    assert "on set-up calm" in text
+    assert "on test calm" in text
     assert "calm.k22 " in text
     assert "loud" not in text
-    assert "Quantities that do not act in that set-up stay at the first guess." in text
+    assert "Quantities that do not act in that test stay at the first guess." in text
     figure = next(block for block in blocks if getattr(block, "identifier", "") == "iteration-stiffness")
     assert "loud" not in figure.alt
     assert figure.svg.count('id="axes_') == 3
 
-    (tmp_path / "case.toml").write_text(OWN + "[setups.calm]\n[setups.loud]\n")
+    (tmp_path / "case.toml").write_text(OWN + "[tests.calm]\n[tests.loud]\n")
     monkeypatch.setattr("jointbayes.workflow.find_map", lambda *_, **__: told.estimate)
     printed = CliRunner().invoke(main, ["identify", str(tmp_path / "case.toml"), "--paper"]).stdout
     head = next(line for line in printed.splitlines() if "iteration" not in line and line.count(" (") == 3)
     assert re.findall(r"\S+ \(", head) == ["calm.k11 (", "calm.k12 (", "calm.k22 ("]
-    assert "The paper's iteration on set-up calm " in printed
+    assert "The paper's iteration on test calm " in printed
 
 
-def test_what_files_lack_for_the_papers_iteration_is_told_whichever_set_up_has_them():
+def test_what_files_lack_for_the_papers_iteration_is_told_whichever_test_has_them():
     case = jb.case_from_text("case", BASE + HEARD_FIRST)
     known = Provenance((), "receptance", 3, (1.0, 2.0), None, (), (), "stated", iteration="found no FRF at 1:rz")
-    setups = [
+    tests = [
         replace(one, data=replace(one.data, joint_frf=None, provenance=known if n else None))
         if one.name != "heard"
         else one
         for n, one in enumerate(case.problem.tests)
     ]
-    problem = replace(case.problem, tests=tuple(setups))
+    problem = replace(case.problem, tests=tuple(tests))
     assert part_to_iterate(case.problem).test.name == "calm"
     assert part_to_iterate(problem) is None
     assert missing_for_iteration(problem) == "found no FRF at 1:rz"
@@ -412,8 +412,8 @@ def test_what_files_lack_for_the_papers_iteration_is_told_whichever_set_up_has_t
 
 @pytest.fixture(scope="module")
 def assemblies():
-    setups = TORQUES.replace("level = 20.0", "level = 5.0") + "[assembly]\nscatter = 0.2\n"
-    return posterior_of(jb.case_from_text("assemblies", OWN + setups), sd=0.001)
+    tests = TORQUES.replace("level = 20.0", "level = 5.0") + "[assembly]\nscatter = 0.2\n"
+    return posterior_of(jb.case_from_text("assemblies", OWN + tests), sd=0.001)
 
 
 def test_the_scatter_between_assemblies_is_told_with_its_interval(assemblies):

@@ -1,4 +1,4 @@
-"""Several set-ups of the same joints in one problem."""
+"""Several tests of the same joints in one problem."""
 
 import numpy as np
 import pytest
@@ -44,18 +44,18 @@ def points(problem, count=6, seed=3):
     return middle + 0.1 * rng.normal(size=(count, len(problem.names)))
 
 
-def alone(setup, prior=PRIOR):
+def alone(test, prior=PRIOR):
     return jb.Problem(
-        structure=setup.structure,
-        joint=setup.joints,
-        data=setup.data,
+        structure=test.structure,
+        joint=test.joints,
+        data=test.data,
         prior=prior,
-        noise=setup.noise,
-        residual_kind=setup.residual_kind,
+        noise=test.noise,
+        residual_kind=test.residual_kind,
     )
 
 
-def test_one_set_up_has_the_density_of_a_problem_without_set_ups_to_the_last_bit():
+def test_one_test_has_the_density_of_a_problem_without_tests_to_the_last_bit():
     plain, of_one = alone(LONG), jb.Problem(tests=[LONG], prior=PRIOR)
     theta = points(plain)
     np.testing.assert_array_equal(of_one.log_posterior(theta), plain.log_posterior(theta))
@@ -67,11 +67,11 @@ def test_one_set_up_has_the_density_of_a_problem_without_set_ups_to_the_last_bit
     assert of_one.names == plain.names
 
 
-def test_the_log_likelihood_of_set_ups_is_the_sum_of_theirs():
-    setups = [LONG, BRIEF, HEARD]
-    problem = jb.Problem(tests=setups, prior=PRIOR)
+def test_the_log_likelihood_of_tests_is_the_sum_of_theirs():
+    tests = [LONG, BRIEF, HEARD]
+    problem = jb.Problem(tests=tests, prior=PRIOR)
     theta = points(problem)
-    each = [alone(one).log_posterior for one in setups]
+    each = [alone(one).log_posterior for one in tests]
     expected = sum(posterior.log_likelihood(theta) for posterior in each)
     np.testing.assert_allclose(problem.log_posterior.log_likelihood(theta), expected, rtol=1e-13)
     np.testing.assert_allclose(
@@ -84,7 +84,7 @@ def test_the_log_likelihood_of_set_ups_is_the_sum_of_theirs():
     np.testing.assert_allclose(
         problem.log_posterior.gradient(theta) , sum(p.gradient(theta) for p in each), rtol=1e-9
     )  # fmt: skip
-    for part, one, posterior in zip(problem.parts, setups, each, strict=True):
+    for part, one, posterior in zip(problem.parts, tests, each, strict=True):
         assert part.test.name == one.name
         np.testing.assert_array_equal(part.log_posterior.log_likelihood(theta), posterior.log_likelihood(theta))
 
@@ -94,9 +94,9 @@ def uncertain(length, names):
     return BeamFamily(recipe, dict.fromkeys(names, (-0.1, 0.1)))
 
 
-def test_quantities_are_shared_by_all_set_ups_or_belong_to_the_one_they_are_named_after():
+def test_quantities_are_shared_by_all_tests_or_belong_to_the_one_they_are_named_after():
     names = ("youngs_modulus", "length")
-    setups = [
+    tests = [
         jb.Test("long", uncertain(0.383, names), CLAMP, frfs(FULL, 1), ScaledNoise()),
         jb.Test("short", uncertain(0.2, names), CLAMP, frfs(SHORT, 2)),
     ]
@@ -108,10 +108,10 @@ def test_quantities_are_shared_by_all_set_ups_or_belong_to_the_one_they_are_name
         Nuisance("short.gain", "1", 1.0, known),
         Nuisance("noise_scale", "1", 1.0, known),
     )
-    problem = jb.Problem(tests=setups, prior=JointPrior(PAIR, MARGINALS, nuisances))
+    problem = jb.Problem(tests=tests, prior=JointPrior(PAIR, MARGINALS, nuisances))
     length, gain = Nuisance("length", "mm", 300.0, known), Nuisance("gain", "1", 1.0, known)
-    first = alone(setups[0], JointPrior(PAIR, MARGINALS, (nuisances[0], length, nuisances[4])))
-    second = alone(setups[1], JointPrior(PAIR, MARGINALS, (nuisances[0], length, gain)))
+    first = alone(tests[0], JointPrior(PAIR, MARGINALS, (nuisances[0], length, nuisances[4])))
+    second = alone(tests[1], JointPrior(PAIR, MARGINALS, (nuisances[0], length, gain)))
     theta = np.concatenate([np.log(TABLE_3), [0.01, -0.02, 0.015, 0.03, 0.05]])
     expected = first.log_posterior.log_likelihood(theta[[0, 1, 2, 3, 4, 7]])
     expected = expected + second.log_posterior.log_likelihood(theta[[0, 1, 2, 3, 5, 6]])
@@ -130,29 +130,29 @@ def test_quantities_are_shared_by_all_set_ups_or_belong_to_the_one_they_are_name
     )
 
 
-def test_noise_may_be_that_of_each_set_up():
+def test_noise_may_be_that_of_each_test():
     known = Normal(0.0, 0.5)
-    setups = [
+    tests = [
         jb.Test("long", uncertain(0.383, ["length"]), CLAMP, LONG.data, ScaledNoise()),
         jb.Test("short", uncertain(0.2, ["length"]), CLAMP, BRIEF.data, ScaledNoise()),
     ]
     length, *noise = (Nuisance(name, "1", 1.0, known) for name in ("length", "long.noise_scale", "short.noise_scale"))
-    problem = jb.Problem(tests=setups, prior=JointPrior(PAIR, MARGINALS, (length, *noise)))
+    problem = jb.Problem(tests=tests, prior=JointPrior(PAIR, MARGINALS, (length, *noise)))
     assert problem.log_posterior.likelihood.hyper_count == 2
     theta = np.concatenate([np.log(TABLE_3), [0.01, 0.3, -0.2]])
     lone = [
-        alone(one, JointPrior(PAIR, MARGINALS, (length, Nuisance("noise_scale", "1", 1.0, known)))) for one in setups
+        alone(one, JointPrior(PAIR, MARGINALS, (length, Nuisance("noise_scale", "1", 1.0, known)))) for one in tests
     ]
     expected = [own.log_posterior.log_likelihood(theta[[0, 1, 2, 3, 4 + i]])[0] for i, own in enumerate(lone)]
     np.testing.assert_allclose(problem.log_posterior.log_likelihood(theta), [sum(expected)], rtol=1e-12)
     found = [part.log_posterior.log_likelihood(theta)[0] for part in problem.parts]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
-    wrong = jb.Problem(tests=setups, prior=JointPrior(PAIR, MARGINALS, (*noise, length)))
+    wrong = jb.Problem(tests=tests, prior=JointPrior(PAIR, MARGINALS, (*noise, length)))
     with pytest.raises(ModelError, match="expected those of the noise last"):
         wrong.log_posterior(theta)
 
 
-def test_a_joint_may_have_quantities_of_its_own_in_one_set_up():
+def test_a_joint_may_have_quantities_of_its_own_in_one_test():
     """The clamp is tightened for the third test: its stiffness is another one there."""
     tight = 2.0 * TABLE_3
     third = jb.Test("tight", FULL, CLAMP, frfs(FULL, 5, tight))
@@ -165,7 +165,7 @@ def test_a_joint_may_have_quantities_of_its_own_in_one_set_up():
     np.testing.assert_allclose(problem.log_posterior.log_likelihood(theta), expected, rtol=1e-12)
 
 
-def test_joints_of_set_ups_are_found_by_their_names():
+def test_joints_of_tests_are_found_by_their_names():
     left, right = Joint(("1:y", "1:rz"), name="left"), Joint(("11:y", "11:rz"), name="right")
     kinds = blocks_of({"left": LogStiffness(), "right": LogStiffness()})
     both = frfs(FULL, 1, tip="5:y")
@@ -200,18 +200,18 @@ def test_joints_of_set_ups_are_found_by_their_names():
             lambda: jb.Problem(
                 tests=[LONG, BRIEF], prior=JointPrior(PAIR, MARGINALS, (OTHER,))
             ).log_posterior,
-            "other.gain, on which no set-up depends",
+            "other.gain, on which no test depends",
         ),
         (
             lambda: jb.Problem(
                 tests=[LONG, jb.Test("b", uncertain(0.2, ["length"]), CLAMP, BRIEF.data)], prior=PRIOR
             ).log_posterior,
-            "no prior for length of set-up b",
+            "no prior for length of test b",
         ),
         (lambda: jb.Problem(tests=[LONG, BRIEF], prior=PRIOR).part("middle"), "expected one of long, short"),
     ],
 )  # fmt: skip
-def test_impossible_set_ups_are_refused_in_one_line(made, words):
+def test_impossible_tests_are_refused_in_one_line(made, words):
     with pytest.raises(ModelError, match="expected") as caught:
         made()
     assert words in str(caught.value)
@@ -219,16 +219,16 @@ def test_impossible_set_ups_are_refused_in_one_line(made, words):
 
 
 @pytest.mark.whole
-def test_a_posterior_of_set_ups_is_checked_and_predicts_each_of_them():
+def test_a_posterior_of_tests_is_checked_and_predicts_each_of_them():
     posterior = jb.sample(jb.Problem(tests=[LONG, HEARD], prior=PRIOR), seed=1, settings=TO_CONVERGE)
     assert posterior.converged
     for name, k in zip(PAIR.stiffness_names, TABLE_3, strict=True):
         low, high = posterior.interval(name, 0.9999)
         assert low < k < high, name
-    assert [check.setup for check in posterior.checks] == ["long", "heard"]
+    assert [check.test for check in posterior.checks] == ["long", "heard"]
     assert posterior.check.explains
-    assert posterior.check.sentence.startswith("Set-up ")
-    predicted = posterior.predict_natural_frequencies(4, 50, setup="heard").mean(axis=0)
+    assert posterior.check.sentence.startswith("Test ")
+    predicted = posterior.predict_natural_frequencies(4, 50, test="heard").mean(axis=0)
     np.testing.assert_allclose(predicted, HEARD.data.frequency_hz, rtol=1e-2)
-    assert posterior.predict_frf(setup="long", max_draws=20).outputs == ("11:y",)
+    assert posterior.predict_frf(test="long", max_draws=20).outputs == ("11:y",)
     assert "k22" in str(posterior.summary())

@@ -1,4 +1,4 @@
-"""Several set-ups in one case file: their tables, what they share, and what is wrong between them."""
+"""Several tests in one case file: their tables, what they share, and what is wrong between them."""
 
 import re
 
@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
-from jointbayes.case.parse import parse_case, parse_setups
+from jointbayes.case.parse import parse_case, parse_tests
 from jointbayes.errors import CaseError
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import LogStiffness
@@ -16,19 +16,19 @@ from jointbayes.studies.planning.case_candidates import candidates_of
 from tests.case.refusal_rows import case_text_named
 from tests.conftest import CLAMP, PAIR, TABLE_3, edited, pair_matrix
 
-BASE = case_text_named("set_ups")
+BASE = case_text_named("tests")
 TWO = """
-[setups.long]
+[tests.long]
 
-[setups.short.structure]
+[tests.short.structure]
 length_mm = 200.0
-[setups.short.data]
+[tests.short.data]
 outputs = ["11:y", "6:y"]
 """
 HEARD = """
-[setups.heard]
+[tests.heard]
 remove = ["data"]
-[setups.heard.data]
+[tests.heard.data]
 kind = "natural_frequencies"
 frequencies_hz = [121.5, 752.5]
 sd_relative = 0.0
@@ -54,7 +54,7 @@ def beam(length, names):
     return BeamFamily(recipe, names)
 
 
-def test_a_case_of_two_set_ups_is_the_problem_that_one_would_write_by_hand():
+def test_a_case_of_two_tests_is_the_problem_that_one_would_write_by_hand():
     case = built(CLAMP_EDGE + TWO)
     assert [part.test.name for part in case.problem.parts] == ["long", "short"]
     known = (
@@ -65,11 +65,11 @@ def test_a_case_of_two_set_ups_is_the_problem_that_one_would_write_by_hand():
     )
     ends = [(1e8, 1e12), (1e5, 1e9), (1e4, 1e8)]
     prior = JointPrior(LogStiffness(), tuple(Uniform(*np.log(pair)) for pair in ends), known)
-    setups = []
+    tests = []
     for part, (name, length) in zip(case.problem.parts, {"long": 0.383, "short": 0.2}.items(), strict=True):
         own = {n.name.removeprefix(f"{name}."): n.range for n in known if "." not in n.name or n.name.startswith(name)}
-        setups.append(jb.Test(name, beam(length, own), CLAMP, part.test.data))
-    by_hand = jb.Problem(tests=setups, prior=prior)
+        tests.append(jb.Test(name, beam(length, own), CLAMP, part.test.data))
+    by_hand = jb.Problem(tests=tests, prior=prior)
     assert case.problem.names == by_hand.names
     rng = np.random.default_rng(1)
     theta = np.concatenate([np.log(TABLE_3), np.zeros(4)]) + 0.5 * by_hand.prior.sd * rng.normal(size=(5, 7)) * (
@@ -80,23 +80,23 @@ def test_a_case_of_two_set_ups_is_the_problem_that_one_would_write_by_hand():
     assert outputs == [("11:y",), ("11:y", "6:y")]
 
 
-def test_the_order_of_tables_and_what_a_set_up_replaces_are_those_of_extends():
-    first, second = parse_setups(BASE + TWO).values()
+def test_the_order_of_tables_and_what_a_test_replaces_are_those_of_extends():
+    first, second = parse_tests(BASE + TWO).values()
     assert (first.structure.length_mm, second.structure.length_mm) == (383.0, 200.0)
     assert second.structure.section == first.structure.section
     assert second.data.noise == first.data.noise
     assert parse_case(BASE + TWO) == first
 
 
-def test_what_a_set_up_removes_is_taken_out_of_the_rest_of_the_file():
+def test_what_a_test_removes_is_taken_out_of_the_rest_of_the_file():
     heard = edited(HEARD, ('["data"]', '["data", "uncertain.damping_ratio"]'))
-    specs = parse_setups(BASE + "[uncertain.damping_ratio]\nsd_percent = 10.0\n" + TWO + heard)
+    specs = parse_tests(BASE + "[uncertain.damping_ratio]\nsd_percent = 10.0\n" + TWO + heard)
     assert specs["heard"].data.kind == "natural_frequencies"
     assert list(specs["heard"].uncertain.given) == []
     assert list(specs["long"].uncertain.given) == ["damping_ratio"]
 
 
-def test_what_a_set_up_cannot_have_of_the_rest_of_the_file_is_that_of_the_others():
+def test_what_a_test_cannot_have_of_the_rest_of_the_file_is_that_of_the_others():
     """Natural frequencies depend on no gain; a gain that is uncertain in the file is that of the FRFs."""
     heard = """
 [uncertain.gain]
@@ -109,14 +109,14 @@ extra_outputs = ["3:y"]
     case = built(TWO + heard + HEARD)
     assert case.problem.names == (*PAIR.names, "gain")
     with pytest.raises(CaseError) as caught:
-        parse_setups(BASE.replace("[joint]", "[uncertain.loss_factor]\nsd_percent = 1.0\n[joint]") + TWO)
+        parse_tests(BASE.replace("[joint]", "[uncertain.loss_factor]\nsd_percent = 1.0\n[joint]") + TWO)
     (line,) = str(caught.value).splitlines()
     assert "uncertain.loss_factor: " in line
-    assert "setups" not in line.split(": ")[1]
+    assert "tests" not in line.split(": ")[1]
 
 
-def test_each_set_up_has_noise_of_its_own_whatever_others_there_are():
-    same = built("[setups.one]\n[setups.two]\n[setups.three]\n").problem.parts
+def test_each_test_has_noise_of_its_own_whatever_others_there_are():
+    same = built("[tests.one]\n[tests.two]\n[tests.three]\n").problem.parts
     values = [part.test.data.frf.values for part in same]
     exact = same[0].test.receptance_model(jb.Ports(same[0].test.data.frf.frequency_hz, ("11:y",), ("11:y",)))
     true = exact.receptance(pair_matrix(TABLE_3)[None])[0]
@@ -124,30 +124,30 @@ def test_each_set_up_has_noise_of_its_own_whatever_others_there_are():
     for a, b in ((0, 1), (0, 2), (1, 2)):
         correlation = abs(np.vdot(noise[a], noise[b])) / np.linalg.norm(noise[a]) / np.linalg.norm(noise[b])
         assert correlation < 0.4  # of 50 lines: 0.14 typically
-    (again,) = built("[setups.two]\n").problem.parts
+    (again,) = built("[tests.two]\n").problem.parts
     assert_array_equal(again.test.data.frf.values, values[1])
 
 
-def test_a_joint_of_its_own_has_quantities_with_the_name_of_the_set_up():
-    case = built("[setups.calm]\n[setups.loud.joint]\nown = true\n[setups.loud.data.truth]\nk22 = 1e6\n")
+def test_a_joint_of_its_own_has_quantities_with_the_name_of_the_test():
+    case = built("[tests.calm]\n[tests.loud.joint]\nown = true\n[tests.loud.data.truth]\nk22 = 1e6\n")
     assert case.problem.parametrisation.stiffness_names == (
         "k11", "k12", "k22", "loud.k11", "loud.k12", "loud.k22",
     )  # fmt: skip
-    every = built("[setups.calm]\n[setups.loud]\n", BASE.replace("[joint]", "[joint]\nown = true"))
+    every = built("[tests.calm]\n[tests.loud]\n", BASE.replace("[joint]", "[joint]\nown = true"))
     assert every.problem.parametrisation.stiffness_names[::3] == ("calm.k11", "loud.k11")
     assert not every.warnings
-    far = built("[setups.calm]\n[setups.loud.data.truth]\nk22 = 1e9\n", BASE.replace("[joint]", "[joint]\nown = true"))
+    far = built("[tests.calm]\n[tests.loud.data.truth]\nk22 = 1e9\n", BASE.replace("[joint]", "[joint]\nown = true"))
     (warning,) = far.warnings
-    assert str(warning).startswith("setups.loud.data.truth.k22: found a truth with loud.k22 = 1e+09")
+    assert str(warning).startswith("tests.loud.data.truth.k22: found a truth with loud.k22 = 1e+09")
     assert "widen [prior.k22]" in str(warning)
 
 
-def test_named_joints_of_their_own_share_within_their_set_up():
+def test_named_joints_of_their_own_share_within_their_test():
     joints = BASE.replace("[joint]", "[joints.left]").split("[prior]")[0]
     joints += '[joints.right]\ndofs = ["11:y", "11:rz"]\nshared = "left"\n'
     data = "[data]" + BASE.split("[data]")[1].replace('"11:y"', '"6:y"')
     data = data.replace("truth = {", "truth = {stiffness = {left = {").replace("1.52e6}", "1.52e6}}}")
-    case = jb.case_from_text("case", joints + data + "[setups.calm]\n[setups.loud.joints.left]\nown = true\n")
+    case = jb.case_from_text("case", joints + data + "[tests.calm]\n[tests.loud.joints.left]\nown = true\n")
     names = case.problem.parametrisation.stiffness_names
     assert names[::3] == ("left.k11", "loud.left.k11")
     k = case.problem.prior.matrix(np.log(np.concatenate([TABLE_3, 0.5 * TABLE_3]))).stiffness
@@ -156,7 +156,7 @@ def test_named_joints_of_their_own_share_within_their_set_up():
         assert_allclose(k[block, block], factor * pair_matrix(TABLE_3))
 
 
-def test_a_factor_that_set_ups_share_on_other_values_is_told_as_a_factor():
+def test_a_factor_that_tests_share_on_other_values_is_told_as_a_factor():
     case = built("[uncertain.length]\nsd_percent = 0.5\n" + TWO)
     (length,) = case.problem.prior.nuisances
     assert (length.name, length.unit, length.nominal) == ("length", "× stated", 1.0)
@@ -164,21 +164,21 @@ def test_a_factor_that_set_ups_share_on_other_values_is_told_as_a_factor():
     assert (modulus.unit, modulus.nominal) == ("GPa", 210.0)
 
 
-def test_noise_is_that_of_all_set_ups_or_of_each():
+def test_noise_is_that_of_all_tests_or_of_each():
     scaled = '[noise]\nscale = "sampled"\n'
     assert built(scaled + TWO).problem.names[3:] == ("noise_scale",)
     own = built(scaled + "own = true\n" + TWO).problem.names[3:]
     assert own == ("long.noise_scale", "short.noise_scale")
-    one = built(TWO + '[setups.short.noise]\nscale = "sampled"\n').problem.names[3:]
+    one = built(TWO + '[tests.short.noise]\nscale = "sampled"\n').problem.names[3:]
     assert one == ("short.noise_scale",)
 
 
-def test_a_case_with_set_ups_may_be_built_on_another(tmp_path):
+def test_a_case_with_tests_may_be_built_on_another(tmp_path):
     (tmp_path / "base.toml").write_text(BASE + TWO)
-    text = 'extends = "base.toml"\nremove = ["setups.short.data"]\n[setups.mid.structure]\nlength_mm = 300.0\n'
+    text = 'extends = "base.toml"\nremove = ["tests.short.data"]\n[tests.mid.structure]\nlength_mm = 300.0\n'
     (tmp_path / "case.toml").write_text(text)
     case = jb.load_case(tmp_path / "case.toml")
-    lengths = {one.name: one.spec.structure.length_mm for one in case.setups}
+    lengths = {one.name: one.spec.structure.length_mm for one in case.tests}
     assert lengths == {"long": 383.0, "short": 200.0, "mid": 300.0}
     assert [part.test.data.frf.outputs for part in case.problem.parts] == [("11:y",)] * 3
     whole = jb.case_from_text("case", case.text)
@@ -186,13 +186,13 @@ def test_a_case_with_set_ups_may_be_built_on_another(tmp_path):
     assert_array_equal(whole.problem.log_posterior(theta), case.problem.log_posterior(theta))
 
 
-def test_levels_are_those_of_the_set_ups():
-    level = '[level]\nname = "torque"\nunit = "N m"\n[setups.low]\nlevel = 5.0\n[setups.high]\nlevel = 20.0\n'
-    setups = built(level).problem.tests
-    assert [one.level for one in setups] == [jb.Level(5.0, "torque", "N m"), jb.Level(20.0, "torque", "N m")]
+def test_levels_are_those_of_the_tests():
+    level = '[level]\nname = "torque"\nunit = "N m"\n[tests.low]\nlevel = 5.0\n[tests.high]\nlevel = 20.0\n'
+    tests = built(level).problem.tests
+    assert [one.level for one in tests] == [jb.Level(5.0, "torque", "N m"), jb.Level(20.0, "torque", "N m")]
 
 
-def test_material_and_length_of_a_workshop_are_those_of_every_set_up():
+def test_material_and_length_of_a_workshop_are_those_of_every_test():
     problem = built(CLAMP_EDGE + TWO).workshop_problem
     assert problem.names[3:] == (
         "youngs_modulus", "density", "long.length", "length_offset", "damping_ratio", "short.length",
@@ -200,39 +200,39 @@ def test_material_and_length_of_a_workshop_are_those_of_every_set_up():
     assert np.isfinite(problem.log_posterior(np.concatenate([np.log(TABLE_3), np.zeros(6)]))).all()
 
 
-def test_damping_of_a_workshop_is_one_factor_that_every_set_up_can_have():
+def test_damping_of_a_workshop_is_one_factor_that_every_test_can_have():
     """Of ratios of 0.01 and 0.3 the largest bounds it: three times 0.3 is below the critical damping."""
-    stiff = "[setups.long]\n[setups.damped.structure.damping]\nratio = 0.3\n"
+    stiff = "[tests.long]\n[tests.damped.structure.damping]\nratio = 0.3\n"
     problem = built(stiff).workshop_problem
     (factor,) = (one for one in problem.prior.nuisances if one.name.endswith("damping_ratio"))
     assert_allclose(np.exp(factor.range), [0.1, 3.0], rtol=1e-6)
     assert np.isfinite(problem.log_posterior(problem.prior.mean[None])).all()
 
 
-def test_a_factor_that_is_integrated_out_is_each_set_ups_own():
+def test_a_factor_that_is_integrated_out_is_each_tests_own():
     case = built("[noise]\nscale = 'integrated'\nown = true\n" + TWO)
     assert "noise_scale" not in "".join(case.problem.names)
-    built("[noise]\nscale = 'integrated'\n[setups.alone]\n")
-    built("[setups.long]\n[setups.short.noise]\nscale = 'integrated'\n")
+    built("[noise]\nscale = 'integrated'\n[tests.alone]\n")
+    built("[tests.long]\n[tests.short.noise]\nscale = 'integrated'\n")
 
 
-def test_a_plan_may_propose_set_ups_to_a_lone_test_whose_noise_is_integrated_out():
-    case = built("[noise]\nscale = 'integrated'\n[plan.setups.short.structure]\nlength_mm = 200.0\n")
-    assert [one.name for one in candidates_of(case) if one.setup] == ["short"]
+def test_a_plan_may_propose_tests_to_a_lone_test_whose_noise_is_integrated_out():
+    case = built("[noise]\nscale = 'integrated'\n[plan.tests.short.structure]\nlength_mm = 200.0\n")
+    assert [one.name for one in candidates_of(case) if one.test] == ["short"]
 
 
-def test_a_set_up_named_like_a_joint_is_refused():
+def test_a_test_named_like_a_joint_is_refused():
     text = BASE.replace("[joint]", "[joints.clamp]").split("[prior]")[0] + "[data]" + BASE.split("[data]")[1]
     text = text.replace("truth = {", "truth = {stiffness = {clamp = {").replace("1.52e6}", "1.52e6}}}")
-    with pytest.raises(CaseError, match=r"setups\.clamp: found the name of a joint"):
-        jb.case_from_text("case", text + "[setups.clamp]\n")
+    with pytest.raises(CaseError, match=r"tests\.clamp: found the name of a joint"):
+        jb.case_from_text("case", text + "[tests.clamp]\n")
 
 
-OWN_EACH = "[setups.loose]\n[setups.tight.structure]\nlength_mm = 200.0\n"
+OWN_EACH = "[tests.loose]\n[tests.tight.structure]\nlength_mm = 200.0\n"
 OWN_BASE = BASE.replace('dofs = ["1:y", "1:rz"]', 'dofs = ["1:y", "1:rz"]\nown = true')
 
 
-def test_a_plan_may_be_for_a_stiffness_of_any_set_up():
+def test_a_plan_may_be_for_a_stiffness_of_any_test():
     assert built(OWN_EACH, OWN_BASE).plan_parameter == "loose.k12"
     for name in ("loose.k22", "tight.k11"):
         assert built(f'[plan]\nparameter = "{name}"\n' + OWN_EACH, OWN_BASE).plan_parameter == name
@@ -240,3 +240,21 @@ def test_a_plan_may_be_for_a_stiffness_of_any_set_up():
         built('[plan]\nparameter = "k22"\n' + OWN_EACH, OWN_BASE)
     (line,) = str(caught.value).splitlines()
     assert re.match(r'case:\d+: plan.parameter: found "k22"; expected .*"loose.k11", "loose.k12", .*"tight.k22"', line)
+
+
+def test_older_files_that_call_tests_set_ups_are_read(tmp_path):
+    """So are the lists and tables that name them, and what a case takes of the one that it builds on."""
+    plan = '\n[plan.tests.mid.structure]\nlength_mm = 250.0\n[left_out]\ntests = ["short"]\n'
+    today = BASE + TWO + plan
+    older = re.sub(r"(?<=[\[.])tests(?=[.\]])|(?<=\n)tests(?= =)", "setups", today)
+    assert older.count("setups") == 5
+    assert parse_tests(older) == parse_tests(today)
+    (tmp_path / "older.toml").write_text(older, encoding="utf-8")
+    (tmp_path / "over.toml").write_text(
+        'extends = "older.toml"\nremove = ["setups.short", "left_out"]\n', encoding="utf-8"
+    )
+    assert [test.name for test in jb.load_case(tmp_path / "over.toml").problem.tests] == ["long"]
+    with pytest.raises(CaseError, match=rf"^case:{older.count(chr(10)) + 1}: tests.short.nonsense: "):
+        parse_tests(older + "[setups.short.nonsense]\n")
+    with pytest.raises(CaseError, match="setups"):
+        parse_tests(older + "[tests.other]\n")

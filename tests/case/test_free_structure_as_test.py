@@ -1,4 +1,4 @@
-"""A set-up in which nothing is joined: `joined = false` in its table."""
+"""A test in which nothing is joined: `joined = false` in its table."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joints
 from jointbayes.posterior.first_look import fisher_information
 from jointbayes.studies.data_sets import simulated_problem
-from tests.case.test_setups import BASE
+from tests.case.test_several_tests import BASE
 from tests.conftest import FEW_STEPS, TABLE_3, plain_reports, shipped_text
 
 MATERIAL = """
@@ -17,17 +17,17 @@ youngs_modulus = {sd_percent = 2.0}
 density = {sd_percent = 1.0}
 length = {sd_percent = 0.3}
 """
-FREE = "\n[setups.free]\njoined = false\n"
-TWO = BASE + MATERIAL + FREE + "[setups.clamped]\n"
+FREE = "\n[tests.free]\njoined = false\n"
+TWO = BASE + MATERIAL + FREE + "[tests.clamped]\n"
 HEARD_FREE = """
-[setups.free]
+[tests.free]
 joined = false
 remove = ["data"]
-[setups.free.data]
+[tests.free.data]
 kind = "natural_frequencies"
 frequencies_hz = [778.4, 2103.5]
 sd_relative = 0.001
-[setups.clamped]
+[tests.clamped]
 """
 
 
@@ -40,13 +40,13 @@ def two():
     return built(TWO)
 
 
-def test_a_set_up_that_is_not_joined_shares_the_material_and_no_stiffness(two):
+def test_a_test_that_is_not_joined_shares_the_material_and_no_stiffness(two):
     free, clamped = two.problem.tests
     assert (free.name, clamped.name) == ("free", "clamped")
     assert free.joints == Joints(())
     assert clamped.joints.labels == ("1:y", "1:rz")
     assert two.problem.names == ("k11", "k12", "k22", "youngs_modulus", "density", "length")
-    assert two.spec.joined  # what is said of the run is that of a set-up with its joint
+    assert two.spec.joined  # what is said of the run is that of a test with its joint
     assert two.warnings == ()
     alone = built(BASE + MATERIAL)
     assert two.problem.prior.all_marginals == alone.problem.prior.all_marginals
@@ -54,7 +54,7 @@ def test_a_set_up_that_is_not_joined_shares_the_material_and_no_stiffness(two):
     assert free.data.joint_frf.outputs == ("11:y",)
 
 
-def test_the_data_of_a_free_set_up_are_made_by_the_free_structure(two):
+def test_the_data_of_a_free_test_are_made_by_the_free_structure(two):
     part = two.problem.part("free")
     exact = NaturalFrequencies(part.test.structures, Joints(()), 2).frequency_hz(np.zeros((1, 0, 0)), np.ones((1, 3)))
     np.testing.assert_allclose(part.natural_frequencies_hz(TABLE_3, 2), exact, rtol=1e-12)
@@ -75,32 +75,32 @@ def test_natural_frequencies_of_the_free_structure_are_data_whose_numbers_begin_
 
 
 def test_the_material_of_a_workshop_is_that_of_the_free_structure_as_well():
-    names = built(BASE + FREE + "[setups.clamped]\n").workshop_problem.names
+    names = built(BASE + FREE + "[tests.clamped]\n").workshop_problem.names
     assert names == ("k11", "k12", "k22", "youngs_modulus", "density", "length", "damping_ratio")
 
 
 @pytest.mark.parametrize("own", [True, False])
-def test_joints_of_each_set_up_and_levels_are_those_of_joined_ones(own):
+def test_joints_of_each_test_and_levels_are_those_of_joined_ones(own):
     text = BASE.replace("[joint]", "[joint]\nown = true") if own else BASE
     levels = ("level = 2.0", "level = 5.0") if own else ("", "")
-    text += "[level]\nname = 'torque'\n" * own + FREE + "[setups.a]\n{}\n[setups.b]\n{}\n".format(*levels)
+    text += "[level]\nname = 'torque'\n" * own + FREE + "[tests.a]\n{}\n[tests.b]\n{}\n".format(*levels)
     names = ("a.k11", "a.k12", "a.k22", "b.k11", "b.k12", "b.k22") if own else ("k11", "k12", "k22")
     problem = built(text).problem
     assert problem.names == names
     assert np.isfinite(problem.log_posterior(problem.prior.mean[None])).all()
 
 
-def test_a_free_set_up_needs_no_table_of_a_joint():
+def test_a_free_test_needs_no_table_of_a_joint():
     head, _, tail = BASE.partition("[joint]\n")
     dofs, _, rest = tail.partition("\n\n")
-    text = f"{head}{rest}{FREE}[setups.clamped.joint]\n{dofs}\n"
+    text = f"{head}{rest}{FREE}[tests.clamped.joint]\n{dofs}\n"
     assert built(text).problem.names == ("k11", "k12", "k22")
 
 
 def test_what_the_bar_tells_free_is_what_its_uncertain_material_took_from_the_stiffness_of_the_clamp():
     """Linearised at the truth: all exactly known, as in a workshop, hit free as well."""
     theta, sds = np.array([*np.log(TABLE_3), 0.0, 0.0, 0.0]), []
-    for more in ("", MATERIAL, MATERIAL + FREE + "[setups.clamped]\n"):
+    for more in ("", MATERIAL, MATERIAL + FREE + "[tests.clamped]\n"):
         problem = built(shipped_text("clamped_beam") + more).problem
         sds.append(fisher_information(problem, theta[: len(problem.names)]).stiffness_sd()["k22"])
     assert sds[1] > 100 * sds[0]
@@ -109,9 +109,9 @@ def test_what_the_bar_tells_free_is_what_its_uncertain_material_took_from_the_st
 
 @pytest.mark.long
 @pytest.mark.science
-def test_a_run_with_a_free_set_up_is_told_and_written(tmp_path, two):
+def test_a_run_with_a_free_test_is_told_and_written(tmp_path, two):
     posterior = jb.sample(two, seed=1, settings=FEW_STEPS)
-    assert posterior.estimate.iteration.setup == "clamped"
+    assert posterior.estimate.iteration.test == "clamped"
     with plain_reports():
         jb.write_report(posterior, tmp_path / "run")
     page = (tmp_path / "run" / "report.html").read_text()
