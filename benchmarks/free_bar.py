@@ -37,9 +37,9 @@ ENTROPY = 20261125
 
 #: Number of the first mode of the list, and whether modulus, density and length are uncertain.
 KINDS = {
-    "from mode 3, all else exact": (3, False),
+    "from mode 3, all else certain": (3, False),
     "from mode 3, E, density and length uncertain": (3, True),
-    "from mode 1, all else exact": (1, False),
+    "from mode 1, all else certain": (1, False),
 }
 CASES = 100
 VERDICTS = ("identified", "weakly identified", "bounded above", "bounded below", "not identified", "no verdict")

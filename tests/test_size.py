@@ -11,7 +11,7 @@ SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;
 #: whoever adds to one moves its second figure, and says in the commit what the lines are for.
 ROOMS = {
-    "vibrecords": (6700, 8530),
+    "vibrecords": (6700, 8570),
     "structure": (1900, 3850),
     "joint": (1250, 1500),
     "frf": (1900, 2110),
@@ -19,10 +19,10 @@ ROOMS = {
     "identification": (1050, 1500),
     "sampling": (1450, 2400),
     "posterior": (3500, 5950),
-    "studies": (3300, 4670),
-    "case": (4000, 5220),
-    "report": (2700, 3780),
-    "cli and what stands alone": (1600, 1820),
+    "studies": (3300, 4710),
+    "case": (4000, 5290),
+    "report": (2700, 3790),
+    "cli and what stands alone": (1600, 1840),
 }
 
 

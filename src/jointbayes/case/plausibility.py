@@ -6,16 +6,12 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from jointbayes.case.case_text import CaseText, InputWarning
 from jointbayes.case.spec.fields import Finding, numbers_in, other_units
 from jointbayes.case.spec.frame_and_imported import FrameSpec
 from jointbayes.case.spec.structure_kinds import BeamSpec
 from jointbayes.case.spec.structure_table import StructureBase
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.frf import Ports
-from vibrecords.arrays import quantity_factor
 
 if TYPE_CHECKING:
     from jointbayes.identification.numbering import Renumbered
@@ -237,6 +233,11 @@ def sign_warnings(provenance: Provenance | None, text: CaseText) -> tuple[InputW
 
 def level_warnings(problem: Problem, text: CaseText) -> tuple[InputWarning, ...]:
     """FRFs of files that are far larger or smaller than the structure has them with any joint of the prior."""
+    import numpy as np
+
+    from jointbayes.frf import Ports  # with all that a model needs, which a fault of the file does without
+    from vibrecords.arrays import quantity_factor
+
     data, prior = problem.test.data.frfs, problem.prior
     if data is None or data.provenance is None or data.provenance.sign_doubts:  # a quantity in doubt is told as that
         return ()

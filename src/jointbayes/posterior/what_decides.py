@@ -1,6 +1,6 @@
 """Which uncertain input matters most: each alone, the others exactly known.
 
-Where the best fit goes with an input off by its uncertainty is found anew. How wide an interval becomes is of first
+Where the best fit goes with an input off by its uncertainty is found again. How wide an interval becomes is of first
 order: to the draws' interval with all exact is added, in quadrature of logarithms, what the joint Gaussian at the best
 fit says the input adds. `tests/posterior/test_what_decides.py` compares both with draws.
 """
@@ -101,7 +101,7 @@ class WhatDecides:
             for i in self.inputs
             if i.name not in unchanged
         ]
-        none = f" {listed(unchanged).capitalize()} does next to nothing." if unchanged else ""
+        none = f" {listed(unchanged).capitalize()} hardly matters." if unchanged else ""
         return (
             f"**{listed((first.name,)).capitalize()} matters most.** The upper end of {name} over the lower one is "
             f"{factor(ratio_of(self.exact[name].ends[0]))} with all exact, and with one alone uncertain: "

@@ -155,7 +155,7 @@ def range_sentences(knowledge: Knowledge) -> tuple[str, ...]:
     for row in knowledge.freed[:1] + knowledge.freed[-1:]:
         for name, known in row.known.items():
             if known.verdict != "no verdict" and any(words in known.verdict_reason for words in _OF_RANGE):
-                where = f"With {listed(row.uncertain)} uncertain" if row.uncertain else "With all else exact"
+                where = f"With {listed(row.uncertain)} uncertain" if row.uncertain else "With all else certain"
                 found[where, name] = f"{where} the prior decides on {name}: {known.verdict_reason}."
     return (" ".join(found.values()),) if found else ()
 
