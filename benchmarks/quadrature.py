@@ -122,8 +122,6 @@ def problems(count: int, folder: Path) -> Iterator[tuple[str, Problem]]:
 def _line(name: str, rows: Sequence[Row]) -> tuple[str, ...]:
     """A row of the table: of one problem, or of several that were reduced, from the least to the largest."""
     unknowns, values = (_range([getattr(row, key) for row in rows], "d") for key in ("unknowns", "values"))
-    if not rows[0].at_nodes:
-        return (name, unknowns, values, "all lines", "–", "–", "–")
     nodes = _range([row.at_nodes for row in rows], "d")
     times = (_range([getattr(row, key) for row in rows], ".1f") for key in ("exact_us", "reduced_us"))
     return (name, unknowns, values, nodes, f"{max(row.error for row in rows):.1e}", *times)
@@ -147,7 +145,7 @@ def section(rows: Sequence[Row]) -> str:
     )
     reduced = [row for row in rows if row.at_nodes]
     beams = [row for row in reduced if not (ROOT / "configs" / f"{row.name}.toml").exists()]
-    lines = [_line(row.name, [row]) for row in rows if row not in beams]
+    lines = [_line(row.name, [row]) for row in reduced if row not in beams]
     lines += [_line(f"{len(beams)} random beams", beams)] if beams else []
     good = sum(row.error <= 0.01 and row.efficiency >= 0.999 for row in reduced)
     where = environment()

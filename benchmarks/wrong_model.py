@@ -220,10 +220,8 @@ def table(outcomes: Sequence[Outcome]) -> str:
         held = ", ".join(str(sum(k in one.held for one in rows)) for k in ("ky", "krz"))
         warned, identified = sum(_warned(one) for one in outside), sum(bool(one.identified) for one in rows)
         widths = ", ".join(f"{width:.2f}" for width in np.exp(np.median([one.widths for one in rows], axis=0)))
-        all_warned = sum(_warned(one) for one in rows)
-        lines.append(
-            f"| {wrong} | {held} of {len(rows)} | {len(outside)} ({warned}, {identified}) | {all_warned} | {widths} |"
-        )
+        all_warned, of_these = sum(_warned(one) for one in rows), f" ({warned}, {identified})" if outside else ""
+        lines.append(f"| {wrong} | {held} of {len(rows)} | {len(outside)}{of_these} | {all_warned} | {widths} |")
     where = environment()
     lines += ["", f"{where['date']}, {where['cpu']}, Python {where['python']}, one core."]
     return "\n".join(lines)

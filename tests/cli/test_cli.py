@@ -267,8 +267,10 @@ def test_identify_prints_the_best_fit_and_the_iteration_where_it_is_asked_for(tm
     ends = estimate.laplace_ends(case.problem.prior).T
     for row, value, between, quantity in zip(rows[:3], estimate.values, ends, PAIR.quantities, strict=True):
         name, *shown, unit = re.fullmatch(r"  (\S+) = (\S+) \((\S+) to (\S+)\) (\S+)", row).groups()
-        assert (name, unit) == (quantity.name, quantity.unit)
-        np.testing.assert_allclose([float(number) for number in shown], [value, *between], rtol=6e-3)
+        prefix = unit.removesuffix(quantity.unit)
+        assert (name, prefix + quantity.unit) == (quantity.name, unit)
+        scale = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}[prefix]
+        np.testing.assert_allclose([scale * float(number) for number in shown], [value, *between], rtol=6e-3)
         assert len(set(shown)) == 3  # digits enough for the interval
     sd_log = np.sqrt(np.diag(estimate.covariance))
     assert case.problem.prior.labels[0] == "ln k11"

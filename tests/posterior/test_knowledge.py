@@ -345,10 +345,10 @@ def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs,
     assert any(line.startswith("k22: ") and f": {only_if}" in line for line in lines)
     assert any(beside in line for line in lines)
     assert max(map(len, lines)) <= 200
-    assert only_if in str(inputs.summary)
+    assert only_if in " ".join(str(inputs.summary).split())
     print_summary(replace(posterior))  # without a report nobody looked
     said = capsys.readouterr().out
-    assert f": {only_if.replace(' only', '')}\n" in said
+    assert f": {only_if.replace(' only', '')} (the upper end is" in said
     assert "What is known with Young's modulus, density, length and damping ratio uncertain: posterior.under" in said
 
 
@@ -374,14 +374,14 @@ def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_po
         effect_sentence(rows)
         == "Whether other uncertain quantities matter is open: the calculation that would show it did not settle."
     )
-    _, table = freed_blocks(replace(of_uncertain.knowledge, freed=rows))
+    _, table = freed_blocks(replace(of_uncertain.knowledge, freed=(rows[0], *rows)))
     assert isinstance(table, Table)
     assert table.rows[-1] == ("length, gain", "–", "–", "–", "–", "–")
 
 
 @pytest.mark.whole
 def test_of_many_stiffnesses_each_has_a_row_of_what_uncertain_inputs_do_to_it(of_uncertain):
-    freed = of_uncertain.knowledge.freed
+    freed = (*of_uncertain.knowledge.freed, of_uncertain.knowledge.freed[-1])  # a third row, so that there is a table
     many = tuple(replace(row, known={f"{n}.kx": next(iter(row.known.values())) for n in "ABCDEF"}) for row in freed)
     few, turned = (freed_blocks(replace(of_uncertain.knowledge, freed=rows))[1] for rows in (freed, many))
     assert [row[0] for row in turned.rows][:6] == [f"{n}.kx, 95 % interval" for n in "ABCDEF"]
