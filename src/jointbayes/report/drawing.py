@@ -17,9 +17,9 @@ from vibrecords.arrays import Array
 AxesArray: TypeAlias = Any
 
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
-#: Of a figure over frequency: pairs of points to a curve, two or three for each point of the page's width.
-_STRETCHES = 700
-_TRACE_POINTS, _BINS = 90, 40
+#: Of a figure over frequency: pairs of points to a curve, one or two for each point of the page's width.
+_STRETCHES = 450
+_TRACE_POINTS, _BINS = 40, 40
 _TICK_INCHES, _DIGIT_INCHES = 0.2, 0.08  # a tick, and a character of the labels
 _MOST_TICKS = 16  # of DOFs along an axis
 #: Lines that a figure shows as one point each.
