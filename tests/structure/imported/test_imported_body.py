@@ -1,6 +1,8 @@
 """An imported model as a body: against dense solves of the whole model, in every frequency, joint and part."""
 
+import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -289,3 +291,49 @@ def test_the_paper_iteration_converges_to_what_its_reduction_allows(monkeypatch)
     assert found.converged, found.reason
     assert found.stiffness == pytest.approx(truth, rel=1e-2)
     assert "threshold 1e-09" not in found.reason  # which no joint of the reduced model reaches
+
+
+class Factor:
+    """What pypardiso offers, by a dense Cholesky factor; like it, it takes the upper triangle."""
+
+    asked: list[int] = []  # noqa: RUF012
+
+    def __init__(self, mtype):
+        assert mtype == 2  # symmetric and positive definite
+
+    def factorize(self, upper):
+        assert (upper - sparse.triu(upper)).nnz == 0
+        self.asked.append(upper.shape[0])
+        whole = (upper + sparse.triu(upper, 1).T).toarray()
+        try:
+            self.factor = linalg.cho_factor(whole)
+        except linalg.LinAlgError as error:
+            raise ArithmeticError(str(error)) from None
+
+    def solve(self, _, right):
+        return linalg.cho_solve(self.factor, right)
+
+
+@pytest.mark.parametrize("stand_in", [True, False])
+def test_the_factor_of_the_extra_is_used_where_it_is_installed_and_gives_the_same(stand_in, monkeypatch):
+    monkeypatch.setattr(reduction, "_DENSE", 0)
+    monkeypatch.setitem(sys.modules, "pypardiso", None)  # not installed
+    model = brick_model((6, 2, 1))
+    tip = {"tip": Port(face(model, 0.2))}
+    by_scipy = reduce_to_ports(model, tip, TOP_HZ, LossFactor(0.01))
+    if stand_in:
+        package = SimpleNamespace(PyPardisoSolver=Factor, PyPardisoError=ArithmeticError)
+        monkeypatch.setitem(sys.modules, "pypardiso", package)
+        monkeypatch.setitem(sys.modules, "pypardiso.pardiso_wrapper", package)
+        Factor.asked.clear()
+    else:
+        monkeypatch.delitem(sys.modules, "pypardiso")
+        pytest.importorskip("pypardiso", reason="pypardiso, the extra fast-fe, is not installed")
+    by_extra = reduce_to_ports(model, tip, TOP_HZ, LossFactor(0.01))
+    if stand_in:
+        assert Factor.asked == [model.n_dofs]
+    found, expected = (one.structure().modes().frequency_hz[6:] for one in (by_extra, by_scipy))
+    np.testing.assert_allclose(found[found < 2 * TOP_HZ], expected[expected < 2 * TOP_HZ], rtol=1e-9)
+    loose = replace(model, stiffness=model.stiffness - 1e9 * sparse.eye_array(model.n_dofs, format="csc"))
+    with pytest.raises(ModelError, match="a motion without stiffness"):
+        reduce_to_ports(loose, tip, TOP_HZ, LossFactor(0.01))

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from jointbayes.errors import ModelError
@@ -155,15 +155,37 @@ def _solver(matrix: Sparse, source: str) -> Callable[[Array], Array]:
             raise _mechanism(source) from None
         return lambda b: np.asarray(linalg.cho_solve(factor, b))
     try:
-        whole = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        solve = _sparse_factor(matrix)
     except RuntimeError:  # exactly singular
         raise _mechanism(source) from None
     trial = np.random.default_rng(0).standard_normal((matrix.shape[0], 3))
-    answer = whole.solve(trial)  # its factors are not looked at: SuperLU copies them, which doubles the memory
+    answer = solve(trial)  # the factors are not looked at: SuperLU copies them, which doubles the memory
     left = np.linalg.norm(matrix @ answer - trial, axis=0)
     if not (np.isfinite(answer).all() and ((answer * trial).sum(axis=0) > 0).all() and left.max() < _SOLVED):
         raise _mechanism(source)
-    return lambda b: np.asarray(whole.solve(np.ascontiguousarray(b)))
+    return lambda b: np.asarray(solve(np.ascontiguousarray(b)))
+
+
+def _sparse_factor(matrix: Sparse) -> Callable[[Array], Array]:
+    """S⁻¹ of S symmetric and positive definite: by PARDISO where the extra `fast-fe` is installed, else by SuperLU.
+
+    Raises
+    ------
+    RuntimeError
+        If S is exactly singular, or has pivots below 0.
+    """
+    try:
+        from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
+    except ImportError:
+        options = {"SymmetricMode": True}
+        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve
+    upper = sparse.csr_matrix(sparse.triu(matrix))
+    solver = PyPardisoSolver(mtype=2)  # real, symmetric, positive definite
+    try:
+        solver.factorize(upper)
+    except (ValueError, PyPardisoError) as error:  # of an empty row, of a pivot
+        raise RuntimeError(str(error)) from None
+    return lambda b: solver.solve(upper, b)
 
 
 def _mechanism(source: str) -> ModelError:
