@@ -8,6 +8,7 @@ import pytest
 from benchmarks import example_data, example_figures, many_joints, many_joints_data, numbers, quoted
 
 import jointbayes as jb
+from jointbayes.frf import Ports
 from jointbayes.studies.data_sets import simulated_problem
 from vibrecords.formats import iter_records, write_frf
 
@@ -126,6 +127,21 @@ def test_the_files_of_the_imported_bar_are_those_of_the_script(tmp_path):
         for (i, output), (j, input_) in itertools.product(enumerate(made_frfs.outputs), enumerate(made_frfs.inputs)):
             (record,) = (r for r in records if (r.response, r.reference) == (output, input_))
             np.testing.assert_allclose(made_frfs.values[:, i, j], record.values[::40], rtol=1e-6)
+
+
+def test_a_tool_of_beams_in_a_meshed_holder_has_the_frfs_of_matrices_and_an_exact_beam(monkeypatch):
+    """From the text of the case, at the springs that made its data: one line in forty, without noise."""
+    pytest.importorskip("skfem", reason="scikit-fem, which makes the matrices of configs/solid_holder.toml")
+    from benchmarks import solid_data
+
+    monkeypatch.setattr(solid_data, "NOISE", 0.0)
+    exact, problem = solid_data.with_tool(every=40), jb.load_case(numbers.CONFIGS / "solid_holder.toml").problem
+    ports = Ports(exact.frequency_hz, ("tool.tip:y", "back:y"), ("tool.tip:y",))
+    theta = np.atleast_2d(problem.parametrisation.coordinates(solid_data.TAPER))
+    factors = problem.structural(problem.prior.factors(theta))
+    (found,) = problem.test.receptance_model(ports).receptance(problem.prior.matrix(theta), factors)
+    assert abs(found - exact.values).max() < 1e-4 * abs(exact.values).max()
+    np.testing.assert_allclose(found, exact.values, rtol=2e-3)
 
 
 @pytest.mark.parametrize("name", ["spindle_tool", "spindle_measured"])

@@ -214,3 +214,15 @@ def test_a_slip_is_told_at_its_key(home, edit, place, words):
     assert place in str(refused.value)
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("link", [True, False])
+def test_a_model_outside_the_directory_of_the_case_is_read_only_where_that_is_allowed(home, tmp_path_factory, link):
+    elsewhere = tmp_path_factory.mktemp("elsewhere") / "beam.npz"
+    (home / "beam.npz").rename(elsewhere)
+    if link:
+        (home / "beam.npz").symlink_to(elsewhere)
+    path = home / "case.toml" if link else write(home, ("beam.npz", str(elsewhere)))
+    with pytest.raises(CaseError, match=r"^[^\n]*case\.toml:4: structure\.file: found [^\n]*directory[^\n]*$"):
+        load_case(path)
+    assert load_case(path, allow_outside=True).problem.test.structure.labels
