@@ -231,7 +231,7 @@ def test_a_limit_set_by_a_default_range_is_not_called_the_users():
     assert known.verdict_reason.startswith("the default range, up to 8e9 N/m, limits it")
     text = case.text + '[prior.kx]\ndistribution = "log_uniform"\nlow = 800.0\nhigh = 8e9\n'
     again = replace(posterior, case=case_from_text("stated", text))
-    assert again.verdict("kx").verdict_reason.startswith("the prior's upper bound 8e9 N/m, limits it")
+    assert again.verdict("kx").verdict_reason.startswith("the prior's upper bound 8e9 N/m limits it")
 
 
 @pytest.mark.parametrize("name", ["clamped_beam", "two_storeys", "portal_frame"])

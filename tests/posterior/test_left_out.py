@@ -113,7 +113,7 @@ def test_a_wrong_model_is_seen_to_fail_in_report_summary_and_terminal(tmp_path, 
     assert said["sentence"] in " ".join(result.output.splitlines())
     html = (out / "report.html").read_text(encoding="utf-8")
     assert "Left out and predicted: 0 of 2 inside 95\u00a0% intervals" in html
-    assert "neither its own error nor a measurement's" in html
+    assert "they hold neither its own error nor a measurement" in html
     posterior = jb.load_posterior(out / "posterior.nc")
     assert sentence_of_left_out(posterior.predict_left_out()) == said["sentence"]
 

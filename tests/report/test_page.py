@@ -303,7 +303,7 @@ def test_dark_is_dark_and_on_a_phone_the_verdict_comes_first(pages, opened):
     with opened(pages["main"], 360, color_scheme="dark") as page:
         assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 25, 31)"
         row = page.locator(".cards tbody tr").first
-        name, verdict = row.locator("th").bounding_box(), row.locator("td.verdict").bounding_box()
-        others = [cell.bounding_box()["y"] for cell in row.locator("td:not(.verdict)").all()]
+        name, verdict = row.locator("th").bounding_box(), row.locator(".badge").first.bounding_box()
+        others = [cell.bounding_box()["y"] for cell in row.locator("td").all()[1:]]
         assert name["y"] < verdict["y"] < min(others)
         assert verdict["x"] + verdict["width"] <= 360

@@ -131,7 +131,7 @@ def main() -> None:
     """Joint stiffness from vibration measurements, with uncertainty.
 
     Exit status: 0 done, 1 the check does not match or the analysis is not calibrated, 2 bad input, 3 the sampler has
-    not converged, 130 interrupted, 141 nobody read the output, 143 terminated; of a campaign 1: cases failed; of
+    not converged, 130 interrupted, 141 no one read the output, 143 terminated; of a campaign 1: cases failed; of
     same 1: the joint has changed.
     """
     # Small linear algebra takes up to ten times as long on several threads, and has another last bit: not the user's

@@ -42,6 +42,8 @@ class FitSummary:
 class TestSummary:
     """What a run says of the data of one test; `level` and what it was are those of the test, if it had any."""
 
+    __test__ = False
+
     level: Level | None
     fit: FitSummary
     check: PredictiveCheck

@@ -210,7 +210,12 @@ def _sheet_records(path: Path, layout: Mapping[str, str]) -> Generator[Record, N
 #: Formats whose readers take a layout.
 _LAID_OUT = ("mat", "mat4", "mat73", "npz", "hdf5", "table", "xlsx", "tdms")
 #: Formats that the first words of a file tell.
-_TOLD_BY_BEGINNING = {b"MATLAB 7.3": "mat73", b"MATLAB 5.0": "mat", b"LabVIEW Measurement": "lvm", b"TDSm": "tdms"}
+_TOLD_BY_BEGINNING = {
+    b"MATLAB 7.3": "mat73",
+    b"MATLAB 5.0": "mat",
+    b"LabVIEW Measurement": "lvm",
+    b"TDSm": "tdms",
+}
 _READERS: dict[str, Callable[..., Generator[Record, None, None]]] = {
     "uff": read_uff,
     "lvm": lambda path: records_of_tables(read_lvm(path)),
