@@ -67,7 +67,7 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     more += [replace(section_of_test(n, test, _written(of_data, test)), appendix=True) for n, test in others]
     appendix = [replace(section, appendix=True) for section in _written(APPENDIX, inputs)]
     first = lead(inputs)
-    said = [str(block) for block in chain(first, *(section.blocks for section in (*pages, *more, *appendix)))]
+    said = [str(block) for block in chain(first, *(section.blocks for section in pages))]
     report = Report(
         title=inputs.title,
         subtitle=f"Joint stiffness with uncertainty{synthetic}",

@@ -84,7 +84,8 @@ def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
 
 def tornado(names: Sequence[str], labels: Sequence[str], ends: Array) -> str:
     """Widths of intervals with one input uncertain at a time, a panel for each stiffness."""
-    layout: Any = {"columns": len(names), "left": 1.45, "apart": (0.2, 0.1), "sharey": True}
+    left = 0.2 + 0.075 * max(map(len, labels))  # inches of the longest label
+    layout: Any = {"columns": len(names), "left": left, "apart": (0.2, 0.1), "sharey": True}
     size = (7.2, 0.75 + 0.24 * len(labels))
     return _page(lambda axes: drawing.draw_tornado(axes[0], names, labels, ends), size, **layout)
 

@@ -113,7 +113,10 @@ def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ..
 
 
 def _decides_blocks(decides: WhatDecides) -> list[Block]:
-    """Each uncertain input alone: which matters most, and where the best fit goes with each off by its uncertainty."""
+    """Each uncertain input alone: which matters most, and where the best fit goes with each off by its uncertainty.
+
+    A figure; a table where an end is at 0 or has no number.
+    """
     names = tuple(decides.exact)[:_MOST_BARS]
     labels = ["all exact", *(readable(each.name) for each in decides.inputs), "all uncertain"]
     ends = [
@@ -121,27 +124,21 @@ def _decides_blocks(decides: WhatDecides) -> list[Block]:
         + ([decides.together[name].interval95] if decides.together else [])
         for name in names
     ]
-    labels = labels[: len(ends[0])]
-    shown = [[_in_words(pair, decides.exact[name].unit) for pair in of] for name, of in zip(names, ends, strict=True)]
     off = ["", *(f"±{each.off[1].removesuffix(' higher')}" for each in decides.inputs), ""]
-    first = (" ".join(both).strip() for both in zip(labels, off, strict=False))
-    rows = tuple(zip(first, *shown, strict=True))
+    labels = [" ".join(both).strip() for both in zip(labels, off, strict=True)][: len(ends[0])]
     caption = "95 % intervals with one input uncertain at a time"
-    note = (
-        "All exact and all uncertain: draws. One input: to first order, the draws with all exact widened by what the "
-        "Gaussian at the best fit adds."
-    )
-    blocks: list[Block] = [
-        Paragraph(decides.sentence),
-        Paragraph(decides.if_off),
-        Table(caption, ("Uncertain", *names), rows, note=note, align="l" * (1 + len(names))),
-    ]
-    drawable = np.isfinite(ends).all() and (np.array(ends) > 0).all()
-    if drawable:
+    note = "One input: to first order, what the Gaussian at the best fit adds to the draws with all exact."
+    shown: Figure | Table
+    if np.isfinite(ends).all() and (np.array(ends) > 0).all():
         alt = f"Bars of the intervals of {' and '.join(names)} with each input alone uncertain, between none and all."
         svg = figures.tornado(names, labels, np.array(ends))
-        blocks.insert(2, Figure("tornado", f"{caption}, widest first; the band is that with all exact.", alt, svg))
-    return blocks
+        shown = Figure("tornado", f"{caption}, widest first; the band is that with all exact. {note}", alt, svg)
+    else:
+        units = {name: decides.exact[name].unit for name in names}
+        said = [[_in_words(pair, units[name]) for pair in of] for name, of in zip(names, ends, strict=True)]
+        rows = tuple(zip(labels, *said, strict=True))
+        shown = Table(caption, ("Uncertain", *names), rows, note=note, align="l" * (1 + len(names)))
+    return [Paragraph(decides.sentence), Paragraph(decides.if_off), shown]
 
 
 def _in_words(ends: tuple[float, float], unit: str) -> str:
