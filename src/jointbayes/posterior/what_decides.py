@@ -20,7 +20,7 @@ from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.first_look import fisher_information
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, listed, ratio_of
-from jointbayes.rounding import engineering, factor, join_unit, number
+from jointbayes.rounding import factor, number, quantity_text
 from vibrecords.arrays import Array
 
 Flags = NDArray[np.bool_]
@@ -114,10 +114,10 @@ class WhatDecides:
         name, best = self.quantity, self.best[self.quantity]
         told = [each for each in self.inputs if any(each.fits)]
         moved = (f"{listed((each.name,))} {self._moved(each, 0)}, {self._moved(each, 1)}" for each in told[:_MOST_TOLD])
-        sentences = (
-            [f"If an input is off, the best fit of {name} goes from {self.value(name, best)} to:"] if told else []
-        )
-        sentences += [f"{'; '.join(moved)}."] if told else []
+        sentences = []
+        if told:
+            start = self.value(name, best)
+            sentences.append(f"If an input is off, the best fit of {name} goes from {start} to: {'; '.join(moved)}.")
         if wrong := [f"{listed((i.name,))} off by {i.off[1].rpartition(' ')[0]}" for i in self.inputs if i not in told]:
             sentences.append(f"With {' or '.join(wrong)} no joint fits the data.")
         return " ".join(sentences)
@@ -135,8 +135,7 @@ class WhatDecides:
 
     def value(self, name: str, value: float) -> str:
         """A stiffness with its unit."""
-        (text,), unit = engineering((value,), self.exact[name].unit)
-        return join_unit(text, unit)
+        return quantity_text(value, self.exact[name].unit)
 
     def as_json(self) -> dict[str, Any]:
         """What ``identifiability.what_decides`` of ``summary.json`` holds."""
@@ -227,8 +226,8 @@ def _widened(known: Identifiability, variance: float) -> tuple[float, float]:
     (low, high), middle = known.ends[0], known.median
     if not math.isfinite(variance):
         return (0.0, math.inf) if middle > 0 else (-math.inf, 0.0)
-    more = _HALF_WIDTH**2 * max(variance, 0.0)
-    down, up = (math.exp(math.hypot(math.log(end / middle), math.sqrt(more))) for end in (low, high))
+    more = _HALF_WIDTH * math.sqrt(max(variance, 0.0))
+    down, up = (math.exp(math.hypot(math.log(end / middle), more)) for end in (low, high))
     return middle / down, middle * up
 
 

@@ -24,7 +24,7 @@ from jointbayes.report.sections.intervals import corner_values
 from jointbayes.report.sections.natural_frequencies import compared_modes, frequency_values, shape_values
 from jointbayes.report.sections.run_details import chain_values
 from jointbayes.report.sections.several_tests import curve_values
-from jointbayes.rounding import engineering, join_unit
+from jointbayes.rounding import quantity_text
 from vibrecords import FrfSet, ModeData
 
 _SHAPE_DRAWS, _MOST_SHAPE_DOFS = 400, 40  # of a mode that is predicted alone
@@ -137,8 +137,7 @@ def plot_intervals(posterior: Posterior, *, ax: Axes | None = None) -> Axes:
     labels, ends = [], []
     for name in _of(posterior).stiffness_names:
         low, middle, high = np.quantile(posterior.values(name), [0.025, 0.5, 0.975])
-        (text,), unit = engineering((middle,), posterior.unit(name))
-        labels.append(f"{name} = {join_unit(text, unit)}")
+        labels.append(f"{name} = {quantity_text(middle, posterior.unit(name))}")
         ends.append([*np.quantile(posterior.prior_values(name), [0.025, 0.975]), low, middle, high])
     (ax,) = _axes(ax, 0.9 + 0.4 * len(labels))
     drawing.draw_intervals(ax, labels, np.array(ends))

@@ -24,7 +24,7 @@ from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
 from jointbayes.report.sections.tested import blocks_on_tests
 from jointbayes.report.sections.trust import lights_of, worst_test
-from jointbayes.rounding import engineering, join_unit, number
+from jointbayes.rounding import number, quantity_text
 
 #: Stiffnesses that all have a row on page one, of more so many that are known least; and reasons it has room for.
 _MOST_NAMED, _FEW, _MOST_REASONS = 6, 4, 3
@@ -211,8 +211,7 @@ def _reason(known: Identifiability, unit: str) -> str:
         reason = reason.replace(f"at most {WEAK_RATIO:g}", f"more than {IDENTIFIED_RATIO:g}")
 
     def in_engineering_units(found: re.Match[str]) -> str:
-        (text,), prefixed = engineering((float(found[1]),), unit)
-        return join_unit(text, prefixed)
+        return quantity_text(float(found[1]), unit)
 
     return re.sub(rf"([\d.]+(?:e\d+)?) {re.escape(unit)}(?![\w·])", in_engineering_units, reason)
 
