@@ -314,6 +314,17 @@ def align_columns(rows: Sequence[Sequence[str]], alignment: str = "") -> list[st
     ]
 
 
+def sentence_start(text: str) -> str:
+    """Text with a capital in front, whose other letters stay.
+
+    Examples
+    --------
+    >>> sentence_start("length 360 mm"), sentence_start("")
+    ('Length 360 mm', '')
+    """
+    return f"{text[:1].upper()}{text[1:]}"
+
+
 def in_lines(text: str, indent: int) -> list[str]:
     """A sentence in lines of at most `LINE` characters, the first indented by so many blanks, the others by four more.
 

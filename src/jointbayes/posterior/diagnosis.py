@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.frf import Ports
 from jointbayes.identification.resonances import SharedResonances, median_seen
 from jointbayes.inference import Problem, modal_model
+from jointbayes.rounding import sentence_start
 from vibrecords import Data, FrfData, ModalData, quantity_factor
 from vibrecords.arrays import Array
 
@@ -146,7 +147,7 @@ class Diagnosis:
             which = f" ({low.output}/{low.input})" if len(self.pairs) > 1 else ""
             parts.append(f"the {'lowest ' if which else ''}FRF correlation{which} is {low.correlation:.3g}")
         text = " and ".join(parts)
-        return f"{text[0].upper()}{text[1:]}." if text else ""
+        return f"{sentence_start(text)}." if text else ""
 
     @property
     def sentences(self) -> tuple[str, ...]:

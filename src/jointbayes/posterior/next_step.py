@@ -32,7 +32,7 @@ from jointbayes.posterior.candidate import (
 from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.first_look import FirstLook
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
-from jointbayes.rounding import factor, number
+from jointbayes.rounding import factor, number, sentence_start
 from vibrecords import ModalData
 
 #: Places of one further sensor that are looked at in each test.
@@ -74,7 +74,7 @@ class NextStep:
         rest = " with inputs as in a workshop" if self.names else ""
         price = next(price for word, price in _PRICES.items() if word in self.words)
         return (
-            f"{self.words[0].upper()}{self.words[1:]} should give {self.quantity} to {spread_in_words(self.sd_after)}"
+            f"{sentence_start(self.words)} should give {self.quantity} to {spread_in_words(self.sd_after)}"
             f"{rest} (95 %, an estimate). It costs {price}; `jointbayes plan` simulates it."
         )
 

@@ -33,7 +33,7 @@ from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Rep
 from jointbayes.report.run_directory import json_text
 from jointbayes.report.structure_sketch import sketch
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.rounding import json_ready, number
+from jointbayes.rounding import json_ready, number, sentence_start
 from jointbayes.sampling import Start
 from jointbayes.studies.study_directory import sketch_figure, write_study
 from jointbayes.workflow import answered_case, find_map
@@ -422,7 +422,7 @@ def _won(first: str, second: str, two_log_b: float) -> str:
     if _is_close(two_log_b):
         return f"Cannot decide between {first} and {second}: odds {_odds(two_log_b)}."
     words = bayes_factor_words(two_log_b)
-    return f"{first[0].upper()}{first[1:]}, not {second}: odds {_odds(two_log_b)}, {words} evidence."
+    return f"{sentence_start(first)}, not {second}: odds {_odds(two_log_b)}, {words} evidence."
 
 
 def _short_meaning(hypothesis: str) -> str:

@@ -9,7 +9,7 @@ from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
-from jointbayes.rounding import contraction, fixed, interval, number
+from jointbayes.rounding import contraction, fixed, interval, number, sentence_start
 from vibrecords.arrays import Array
 
 _MOST_IN_CORNER = 6  # coordinates of a figure in which each can be read
@@ -132,8 +132,6 @@ def verdict_sentences(summary: Summary) -> str:
         reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
         reason += f"; {assessment.beside}" if assessment.beside else ""
         ends = f" {assessment.source}" if assessment.source else ""
-        volume = (
-            f" {assessment.prior_volume[0].upper()}{assessment.prior_volume[1:]}." if assessment.prior_volume else ""
-        )
+        volume = f" {sentence_start(assessment.prior_volume)}." if assessment.prior_volume else ""
         sentences.append(f"**{name}**{ends}: {p.verdict} ({reason}).{volume}")
     return " ".join(sentences)

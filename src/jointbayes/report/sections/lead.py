@@ -24,7 +24,7 @@ from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
 from jointbayes.report.sections.tested import blocks_on_tests
 from jointbayes.report.sections.trust import lights_of, worst_test
-from jointbayes.rounding import number, quantity_text
+from jointbayes.rounding import number, quantity_text, sentence_start
 
 #: Stiffnesses that all have a row on page one, of more so many that are known least; and reasons it has room for.
 _MOST_NAMED, _FEW, _MOST_REASONS = 6, 4, 3
@@ -153,7 +153,7 @@ def _premises(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
         if all(known.verdict == "not identified" for known in workshop.known.values()):
             left = "this test determines none of the stiffnesses"
         usual = f"as in a workshop ({', '.join(knowledge.assumed)})"
-        exact = f"{_capital(listed(taken))} {'are' if len(taken) > 1 else 'is'} taken as exact."
+        exact = f"{sentence_start(listed(taken))} {'are' if len(taken) > 1 else 'is'} taken as exact."
         return f"{exact} With inputs known {usual}, {left}."
     uncertain = [readable(name) for name in uncertain_quantities(problem)]
     stated = [name for name in uncertain if not any(word.startswith(f"{name} to ") for word in assumed)]
@@ -165,10 +165,6 @@ def _premises(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     return " ".join(words)
 
 
-def _capital(text: str) -> str:
-    return f"{text[0].upper()}{text[1:]}"
-
-
 def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     """What keeps the answer from being better, the most important first."""
     summary, premises = inputs.summary, inputs.posterior.problem.premises
@@ -176,7 +172,7 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
         return "The calculation: nothing can be said before it has settled."
     parts = []
     if premises.reason:
-        parts.append(f"{_capital(premises.decision)}.")
+        parts.append(f"{sentence_start(premises.decision)}.")
     parts += [premises.asked] if premises.asked else []
     parts += inputs.posterior.unseen_inputs
     if summary.no_verdict:

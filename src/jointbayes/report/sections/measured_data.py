@@ -6,7 +6,7 @@ from jointbayes.frf import MeasuredBody
 from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
-from jointbayes.rounding import number
+from jointbayes.rounding import number, sentence_start
 from vibrecords import MeasuredFile
 from vibrecords.provenance import ChannelUse, MeasurementWarning
 
@@ -78,7 +78,7 @@ def measurement_section(inputs: TestInputs) -> ReportSection | None:
 
 
 def _sentence(warning: MeasurementWarning) -> str:
-    return foreign(f"{warning.sentence[:1].upper()}{warning.sentence[1:]}; {warning.remedy}.")
+    return foreign(f"{sentence_start(warning.sentence)}; {warning.remedy}.")
 
 
 def _file_row(file: MeasuredFile) -> tuple[str, ...]:
