@@ -26,6 +26,7 @@ from jointbayes.case.toml_text import (
     read_text,
     similar,
     toml_text,
+    use_names_of_today,
 )
 from jointbayes.errors import CaseError
 
@@ -189,9 +190,7 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
 def _parsed(text: str, name: str) -> CaseText:
     """A text by itself, with the keys of today."""
     data, places = parse_toml(text, name), {name_of_today(p): (name, line) for p, line in key_lines(text).items()}
-    for table in (data, data.get("plan"), data.get("left_out")):
-        if isinstance(table, dict) and "setups" in table and _TESTS not in table:
-            table[_TESTS] = table.pop("setups")
+    use_names_of_today(data)
     return CaseText(name, text, data, places)
 
 
