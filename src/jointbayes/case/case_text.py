@@ -20,13 +20,11 @@ from jointbayes.case.toml_text import (
     fault_line,
     key_lines,
     key_parts,
-    name_of_today,
     parse_toml,
     printable,
     read_text,
     similar,
     toml_text,
-    use_names_of_today,
 )
 from jointbayes.errors import CaseError
 
@@ -188,10 +186,8 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
 
 
 def _parsed(text: str, name: str) -> CaseText:
-    """A text by itself, with the keys of today."""
-    data, places = parse_toml(text, name), {name_of_today(p): (name, line) for p, line in key_lines(text).items()}
-    use_names_of_today(data)
-    return CaseText(name, text, data, places)
+    """A text by itself."""
+    return CaseText(name, text, parse_toml(text, name), {path: (name, line) for path, line in key_lines(text).items()})
 
 
 def _chain(source: CaseText, file: Path, allow_outside: bool) -> list[CaseText]:
@@ -302,11 +298,7 @@ def _order_keys(data: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, A
 def _removed(over: CaseText) -> list[tuple[str, ...]]:
     given = over.data.get(_REMOVE, [])
     paths: list[tuple[str, ...]]
-    paths = (
-        [name_of_today(key_parts(entry)) if isinstance(entry, str) else () for entry in given]
-        if isinstance(given, list)
-        else [()]
-    )
+    paths = [key_parts(entry) if isinstance(entry, str) else () for entry in given] if isinstance(given, list) else [()]
     if not all(paths):
         words = "found what is no key", "a list of keys of the base", 'write for example remove = ["prior.k12"]'
         raise CaseError(over.fault((_REMOVE, paths.index(())), *words))

@@ -139,13 +139,13 @@ class _Scanner:
 
 
 def key_lines(text: str) -> dict[KeyPath, int]:
-    """Give the line of each key, table and array entry (index as last part) of a valid TOML text."""
-    return _Scanner(text).scan()
+    """Give the line of each key, table and array entry (index as last part) of a valid TOML text, as named today."""
+    return {_name_of_today(path): line for path, line in _Scanner(text).scan().items()}
 
 
 @lru_cache(maxsize=1000)
 def key_parts(key: str) -> tuple[str, ...]:
-    """Parts of a dotted key, in which parts may stand in quotes; none of what is no key."""
+    """Parts of a dotted key of today, in which parts may stand in quotes; none of what is no key."""
     try:
         inside: Any = tomllib.loads(f"{key} = 0")
     except (ValueError, RecursionError):
@@ -155,7 +155,7 @@ def key_parts(key: str) -> tuple[str, ...]:
         name = next(iter(inside))
         parts.append(name)
         inside = inside[name]
-    return tuple(parts) if inside == 0 else ()
+    return _name_of_today(tuple(parts)) if inside == 0 else ()
 
 
 def similar(word: str, choices: Iterable[str]) -> str | None:
@@ -185,12 +185,12 @@ _Part = TypeVar("_Part", str, str | int)
 _TABLES_OF_TESTS: tuple[KeyPath, ...] = ((), ("plan",), ("left_out",))
 
 
-def name_of_today(path: tuple[_Part, ...]) -> tuple[_Part, ...]:
+def _name_of_today(path: tuple[_Part, ...]) -> tuple[_Part, ...]:
     """The key of today for one of an older case file, which calls the tests of a joint set-ups."""
     return tuple("tests" if part == "setups" and path[:n] in _TABLES_OF_TESTS else part for n, part in enumerate(path))
 
 
-def use_names_of_today(data: dict[Any, Any]) -> None:
+def _use_names_of_today(data: dict[Any, Any]) -> None:
     """Give the keys of an older case file their names of today, in its tables; where both are there neither changes."""
     for place in _TABLES_OF_TESTS:
         table: Any = reduce(lambda of, key: of.get(key, {}), place, data)
@@ -199,7 +199,7 @@ def use_names_of_today(data: dict[Any, Any]) -> None:
 
 
 def parse_toml(text: str, name: str) -> dict[str, object]:
-    """Parse TOML text; a syntax error or a text without any key is a `CaseError` of one line."""
+    """Parse TOML text to keys of today; a syntax error or a text without any key is a `CaseError` of one line."""
     deep = next((m for m in _DOTTED.finditer(text) if m["keys"] and m["keys"].count(".") >= _MOST_DEPTH), None)
     if deep is not None:  # tomllib's time grows with the square of the parts, too
         raise CaseError(_too_deep(name, text.count("\n", 0, deep.start()) + 1))
@@ -213,6 +213,7 @@ def parse_toml(text: str, name: str) -> dict[str, object]:
         raise CaseError(fault_line(name, 1, "file", "holds no key", "expected a case file in TOML", _START))
     if _depth(data) > _MOST_DEPTH:
         raise CaseError(_too_deep(name, 1))
+    _use_names_of_today(data)
     return data
 
 

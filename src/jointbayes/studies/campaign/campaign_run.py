@@ -23,7 +23,7 @@ from jointbayes.case.case_text import CaseText, find_outside, read_case_text
 from jointbayes.case.parse import parse_case
 from jointbayes.case.spec.fields import named_files
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import key_parts, name_of_today, printable, similar, toml_text
+from jointbayes.case.toml_text import key_parts, printable, similar, toml_text
 from jointbayes.errors import CaseError, MeasurementError, ModelError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.posterior import Cell
@@ -129,7 +129,7 @@ def _parsed(cell: str) -> Any:  # noqa: ANN401 (whatever TOML knows)
 
 
 def _set(data: dict[str, Any], key: str, value: object, where: str) -> None:
-    parts = name_of_today(key_parts(key))
+    parts = key_parts(key)
     if not parts:
         raise CaseError(
             f"{where}: column {key!r}: found no key of a case file; expected one such as structure.length_mm, or key, "
