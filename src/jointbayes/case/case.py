@@ -45,15 +45,17 @@ from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_line, toml_text
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, require
-from jointbayes.frf import MeasuredBody
+from jointbayes.frf import MeasuredBody, Ports
 from jointbayes.identification.numbering import find_numbering
 from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint import AnyJoint, Joint, Joints, joints_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import MemberRecipe, StructureRecipe, require_unbuckled
-from vibrecords import Data
+from vibrecords import Data, quantity_factor
 from vibrecords.arrays import Array
+
+_LEVEL_LINES, _LEVEL_DRAWS = 100, 64  # of FRFs, and joints of the prior, by which their level is compared
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,7 @@ class Case:
             warnings += input_warnings(spec, texts[name], measured.band_hz)
             warnings += sign_warnings(measured.provenance, texts[name])
             if not spec.bodies:  # of bodies that were measured alike the level may be off alike
-                warnings += level_warnings(problem, texts[name])
+                warnings += level_warnings(_log_level(problem), "gain" in problem.names, texts[name])
             if problem.test.data.shown_frfs is None:  # modes that FRFs show were numbered as the answer was decided
                 doubt = find_numbering(problem, None if self.model_is_exact else self.model_error or ErrorSizes())
                 warnings += numbering_warnings(doubt, texts[name], measured.provenance is not None)
@@ -229,6 +231,24 @@ class Case:
         if "walkers" in spec.model_fields_set:
             return settings
         return settings.for_dimension(len(self.problem.prior.names))
+
+
+def _log_level(problem: Problem) -> float:
+    """Logarithm of measured FRFs over those of the nearest joint of the prior; 0 where some joint has such, or of none.
+
+    A quantity in doubt is told as that.
+    """
+    data, prior = problem.test.data.frfs, problem.prior
+    if data is None or data.provenance is None or data.provenance.sign_doubts:
+        return 0.0
+    frf = data.frf.at_lines(slice(None, None, max(data.frf.n_lines // _LEVEL_LINES, 1)))
+    theta = prior.sample(np.random.default_rng(0), _LEVEL_DRAWS)
+    model = problem.test.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
+    predicted = model.receptance(prior.matrix(theta), problem.structural(prior.factors(theta)))
+    measured = frf.values / quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
+    with np.errstate(divide="ignore"):
+        ratio = np.median(np.log(np.abs(measured / predicted)).reshape(len(theta), -1), axis=1)
+    return max(float(ratio.min()), 0.0) + min(float(ratio.max()), 0.0)
 
 
 def load_case(path: str | os.PathLike[str], allow_outside: bool = False) -> Case:

@@ -15,7 +15,7 @@ from jointbayes.case.spec.whole import CaseSpec
 
 if TYPE_CHECKING:
     from jointbayes.identification.numbering import Renumbered
-    from jointbayes.inference import JointPrior, Problem
+    from jointbayes.inference import JointPrior
     from vibrecords.provenance import Provenance
 
 #: Velocity of sound √(E/ρ) in metals, wood, concrete, plastics and ceramics, m/s.
@@ -47,8 +47,7 @@ _LENGTH_SLIPS = other_units("mm")
 _USUAL_MODULUS, _USUAL_DENSITY = (0.5, 1300.0), (200.0, 23_000.0)  # that a slip is corrected to
 _USUAL_LENGTH, _USUAL_THICKNESS, _USUAL_SLENDERNESS = (5.0, 1e5), (0.5, 3000.0), (2.0, 200.0)  # mm
 _SHORT_MM, _LOW_HZ = 20.0, 100.0  # a length and a band below these may be in m and in kHz
-#: Factor between FRFs and those of any joint beyond which a unit is wrong; lines and joints that are looked at.
-_FAR_LEVEL, _LEVEL_LINES, _LEVEL_DRAWS = 30.0, 100, 64
+_FAR_LEVEL = 30.0  # factor between FRFs and those of any joint beyond which a unit is wrong
 _CANTILEVER = 1.8751040687  # first root of cos λ cosh λ = −1
 
 
@@ -231,29 +230,12 @@ def sign_warnings(provenance: Provenance | None, text: CaseText) -> tuple[InputW
     return text.warnings(findings)
 
 
-def level_warnings(problem: Problem, text: CaseText) -> tuple[InputWarning, ...]:
-    """FRFs of files that are far larger or smaller than the structure has them with any joint of the prior."""
-    import numpy as np
-
-    from jointbayes.frf import Ports  # with all that a model needs, which a fault of the file does without
-    from vibrecords.arrays import quantity_factor
-
-    data, prior = problem.test.data.frfs, problem.prior
-    if data is None or data.provenance is None or data.provenance.sign_doubts:  # a quantity in doubt is told as that
+def level_warnings(log_ratio: float, gain: bool, text: CaseText) -> tuple[InputWarning, ...]:
+    """FRFs that are far larger or smaller, by a logarithm, than the structure has them with any joint of the prior."""
+    if not abs(log_ratio) > math.log(_FAR_LEVEL):
         return ()
-    frf = data.frf.at_lines(slice(None, None, max(data.frf.n_lines // _LEVEL_LINES, 1)))
-    theta = prior.sample(np.random.default_rng(0), _LEVEL_DRAWS)
-    model = problem.test.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
-    predicted = model.receptance(prior.matrix(theta), problem.structural(prior.factors(theta)))
-    measured = frf.values / quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
-    with np.errstate(divide="ignore"):
-        ratio = np.median(np.log(np.abs(measured / predicted)).reshape(len(theta), -1), axis=1)
-    nearest = max(float(ratio.min()), 0.0) + min(float(ratio.max()), 0.0)  # 0 where some joint has such FRFs
-    if not abs(nearest) > math.log(_FAR_LEVEL):
-        return ()
-    fault = f"found FRFs {math.exp(nearest):.3g} times as large as the model has them with any joint"
-    if any(nuisance.name == "gain" for nuisance in prior.nuisances):
-        fault += ", which the uncertain gain would take up without a word"
+    fault = f"found FRFs {math.exp(log_ratio):.3g} times as large as the model has them with any joint"
+    fault += ", which the uncertain gain would take up without a word" * gain
     remedy = "state the unit of the channels: mm for m, or N for kN, are a factor of 1000; or correct the quantity"
     return text.warnings([Finding(("data", "file"), fault, "the level of this structure", remedy)])
 
