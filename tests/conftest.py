@@ -215,6 +215,11 @@ def best_of(
     return search.estimate()
 
 
+def on_one_line(shown):
+    """What `print` shows of an object, on one line."""
+    return " ".join(str(shown).split())
+
+
 def edited(text: str, *changes: tuple[str, str]) -> str:
     """The text with the first occurrence of each old string, which must be there, replaced by the new one."""
     for old, new in changes:

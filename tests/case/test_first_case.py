@@ -48,6 +48,13 @@ def typed(*arguments: object) -> str:
     return result.output
 
 
+def case_of(measured: Path) -> str:
+    """Text of the case that `init` writes for a file, into its directory."""
+    path = measured.parent / "my_case.toml"
+    typed("init", path, "--from", measured)
+    return path.read_text(encoding="utf-8")
+
+
 def toml_key(label: str) -> str:
     return label if label.isidentifier() else f'"{label}"'
 
@@ -124,8 +131,7 @@ def test_what_the_file_does_not_say_is_asked(tmp_path):
     rows = [f"{f},{h.real},{h.imag},0.99" for f, h in zip(LINES, accelerance(LINES), strict=True)]
     head = "Frequency (Hz),Real acc / force (EU/V),Imag acc / force (EU/V),Coherence acc / force"
     (tmp_path / "tip.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
-    typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "tip.csv")
-    text = (tmp_path / "my_case.toml").read_text(encoding="utf-8")
+    text = case_of(tmp_path / "tip.csv")
     assert '"acc" = { dof = "?", unit = "?" }'.replace('"acc"', "acc") in text
     assert 'force = { dof = "?", sensitivity = "?", unit = "?" }' in text
     assert 'averages = "?"' in text
@@ -201,8 +207,7 @@ def write_hit(path: Path, head: str) -> None:
 
 def test_one_hit_has_the_noise_that_a_modal_fit_leaves_and_its_case_is_valid(tmp_path):
     write_hit(tmp_path / "hit.csv", "Time (s),hammer (N),acc (m/s^2)")
-    typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "hit.csv")
-    text = (tmp_path / "my_case.toml").read_text(encoding="utf-8")
+    text = case_of(tmp_path / "hit.csv")
     assert 'records = { method = "impact" }   # H1 from 1 of 1 hits' in text
     assert 'source = "relative"   # what a modal fit leaves: the one hit has no coherence' in text
     (tmp_path / "my_case.toml").write_text(with_answers(text), encoding="utf-8")
@@ -217,8 +222,7 @@ def with_answers(text: str) -> str:
 
 def test_a_band_that_begins_above_mode_1_has_its_damping_in_numbers(tmp_path):
     write_frfs(tmp_path / "high.uff", np.arange(300.0, 2400.0, 4.0), "uff58b", (("Point:3:Z+", "11:y"),))
-    typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "high.uff")
-    text = (tmp_path / "my_case.toml").read_text(encoding="utf-8")
+    text = case_of(tmp_path / "high.uff")
     ratio = float(re.search(r'law = "modal", ratio = ([\d.]+)', text)[1])
     assert ratio == pytest.approx(0.01, rel=0.1)  # a loss factor of 0.02
     assert "The file begins at 300 Hz, and its first resonance at 752" in text
@@ -235,15 +239,13 @@ def test_a_turned_drive_point_and_averages_are_told_as_the_file_has_them(tmp_pat
     write_frfs(tmp_path / "tip.uff", np.arange(20.0, 1000.0, 2.0), "uff58b", (("Point:3:Z+", "11:y"),))
     turned = [replace(record, values=-record.values) for record in iter_records(tmp_path / "tip.uff")]
     write_records(turned, tmp_path / "turned.uff", "uff58b")
-    typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "turned.uff")
-    text = (tmp_path / "my_case.toml").read_text(encoding="utf-8")
+    text = case_of(tmp_path / "turned.uff")
     assert 'turn the channel in the case file ("-11:y")' in text
     assert f'source = "coherence"   # {AVERAGES} averages, as the file says' in text
 
 
 def test_a_hammer_without_units_is_told_by_its_name(tmp_path):
     write_hit(tmp_path / "hit.csv", "Time (s),hammer,acc")
-    typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "hit.csv")
-    text = (tmp_path / "my_case.toml").read_text(encoding="utf-8")
+    text = case_of(tmp_path / "hit.csv")
     assert 'records = { method = "impact" }' in text
     assert 'hammer = { dof = "?", unit = "?" }' in text

@@ -35,7 +35,7 @@ from jointbayes.report.sections import lead
 from jointbayes.report.sections.identifiable import freed_blocks
 from jointbayes.rounding import one_sided
 from jointbayes.stored_values import stored_value
-from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, judged_as, of_case, plain_reports
+from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, judged_as, of_case, on_one_line, plain_reports
 
 DATE = datetime.date(2026, 1, 5)
 #: Data of a beam 23 mm shorter than the one analysed.
@@ -345,7 +345,7 @@ def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs,
     assert any(line.startswith("k22: ") and f": {only_if}" in line for line in lines)
     assert any(beside in line for line in lines)
     assert max(map(len, lines)) <= 200
-    assert only_if in " ".join(str(inputs.summary).split())
+    assert only_if in on_one_line(inputs.summary)
     print_summary(replace(posterior))  # without a report nobody looked
     said = capsys.readouterr().out
     assert f": {only_if.replace(' only', '')} (the upper end is" in said

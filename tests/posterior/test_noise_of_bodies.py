@@ -19,7 +19,7 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Lights, Table
 from jointbayes.report.sections.measured_data import measured_bodies_section
 from jointbayes.workflow import identify, load_posterior, sample
-from tests.conftest import judged_as
+from tests.conftest import judged_as, on_one_line
 from vibrecords import MeasuredFile
 
 
@@ -41,7 +41,7 @@ def test_where_the_noise_counts_the_verdicts_are_as_ever(posterior):
     assert "is propagated to first order" in found.sentence
     assert "ignored" not in " ".join(lines_of("k11", posterior.verdict("k11")))
     assert posterior.check.explains
-    assert found.sentence in " ".join(str(posterior.summary()).split())
+    assert found.sentence in on_one_line(posterior.summary())
 
 
 @pytest.mark.usefixtures("plain_reports")

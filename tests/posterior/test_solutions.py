@@ -15,7 +15,7 @@ from jointbayes.posterior.solutions import LEAST_SHARE, Solutions, _are_apart, f
 from jointbayes.posterior.widened import _drawn_anew, widened_prior
 from jointbayes.report import ReportInputs
 from jointbayes.report.sections.lead import lead
-from tests.conftest import CONFIGS, TO_CONVERGE
+from tests.conftest import CONFIGS, TO_CONVERGE, on_one_line
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_the_terminal_page_one_and_the_summary_say_it(portal, capsys):
     print_summary(portal)
     assert set(portal.solutions.sentences) <= set(capsys.readouterr().out.splitlines())
     summary = portal.summary()
-    assert sentence in " ".join(str(summary).split())  # which is broken into lines
+    assert sentence in on_one_line(summary)
     inputs = ReportInputs(portal)
     inputs.__dict__["summary"] = summary
     limits, step = (block.text for block in lead(inputs)[-2:])

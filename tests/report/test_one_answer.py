@@ -17,7 +17,7 @@ from jointbayes.report.export import central_joint, export
 from jointbayes.report.line_plot import FrfPlot
 from jointbayes.workflow import AS_ASKED
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
-from tests.conftest import CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, shipped_text
+from tests.conftest import CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, on_one_line, shipped_text
 from tests.posterior.test_decision import of_another_truth
 from tests.posterior.test_knowledge import WRONG_LENGTH
 from tests.report.conftest import DATE, made_up
@@ -95,11 +95,6 @@ def test_a_new_surface_of_a_posterior_is_read_or_says_nothing_of_a_stiffness():
     assert {name for name in public if not name.startswith("_")} == (READ - {"load", "repr", "repr_html"}) | SILENT
 
 
-def unwrapped(shown):
-    """What `print` shows of an object, on one line."""
-    return " ".join(str(shown).split())
-
-
 def require_figures_that_agree(posterior, report, path):
     """What the figure of an FRF holds, which the page saves as CSV, is what `export` writes and Python predicts."""
     plots = [plot for block in report.blocks() if isinstance(plot := getattr(block, "plot", None), FrfPlot)]
@@ -162,13 +157,13 @@ def test_every_surface_gives_the_same_numbers(kind, request, tmp_path, capsys):
         assert exported[name] == pytest.approx(known.median, rel=1e-6)
         # thinned to whole chains: by a few Monte Carlo errors
         assert abs(float(np.median(drawn[name].values)) - known.median) < 8 * max(known.median_error, 1e-9)
-        assert line in unwrapped(posterior)
+        assert line in on_one_line(posterior)
         assert line in printed
         at = table.index(name)
         assert table[at : at + 3] == list(stiffness_row(name, known))
         assert table[at + 2] == known.words
-        assert known.words in unwrapped(summary)
-        assert known.value in unwrapped(summary)
+        assert known.words in on_one_line(summary)
+        assert known.value in on_one_line(summary)
         assert squeezed(known.words) in pages[0]
         for page in pages:  # of the PDF the foot of a page may stand in a sentence
             assert squeezed(known.value.replace("-", "−")) in page.replace("-", "−")
@@ -183,7 +178,7 @@ def test_every_surface_gives_the_same_numbers(kind, request, tmp_path, capsys):
         assert (posterior.prior_values("k12") < 0).any()
         assert "weakly identified" in page
     if posterior.problem.premises.of_modes or posterior.problem.premises.asked:
-        for said in (printed, unwrapped(posterior), posterior._repr_html_(), unwrapped(posterior.summary()), page):
+        for said in (printed, on_one_line(posterior), posterior._repr_html_(), on_one_line(posterior.summary()), page):
             assert all(sentence in said for sentence in posterior.premises_sentences[:2])
     assert (posterior.problem.premises.asked == AS_ASKED) == (kind == "measured, as they are")
     if posterior.problem.premises.of_modes:
