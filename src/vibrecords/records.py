@@ -205,6 +205,29 @@ def measurable(values: Array | ComplexArray) -> Flags:
         return np.asarray((size == 0) | ((size >= 1 / LARGEST) & (size <= LARGEST)))
 
 
+@np.errstate(all="ignore")  # a file may hold any number
+def is_two_sided(axis: NDArray[np.number]) -> bool:
+    """Whether an axis has even steps and a negative half, before 0 or, as an FFT has it, behind."""
+    given, rising = axis.astype(float), np.sort(axis).astype(float)
+    if rising.size < 3 or not rising[0] < 0 <= rising[-1]:
+        return False
+    steps, drops = np.diff(rising), np.count_nonzero(np.diff(given) <= 0)
+    ordered = drops == 0 or (drops == 1 and given[0] == 0)
+    return bool(ordered and np.abs(steps - np.median(steps)).max() < 1e-3 * np.median(steps))
+
+
+def non_negative_half(record: Record) -> Record:
+    """A record over frequency without the negative half of a two-sided axis; any other as it is."""
+    if isinstance(record, (TimeRecord, ModeRecord)) or not is_two_sided(record.frequency_hz):
+        return record
+    lines = record.frequency_hz
+    kept = np.argsort(lines)[np.count_nonzero(lines < 0) :]
+    note = f"two-sided axis: {kept.size} of {lines.size} lines, from 0 Hz on"
+    arrays = {key: getattr(record, key, None) for key in ("frequency_hz", "values", "coherence")}
+    cut = {key: value[kept] for key, value in arrays.items() if value is not None}
+    return replace(record, **cut, notes=(*record.notes, note))
+
+
 def require_short(where: str, *labels: str) -> None:
     """Refuse labels and units that are none.
 

@@ -72,7 +72,7 @@ def test_a_two_sided_axis_is_no_signal_and_its_frf_the_half_from_zero(tmp_path, 
         records(path)
     record = one(path, frf="Z", frequency_hz="f")
     require_frf(record, axis[:half], values[:half])
-    assert f"two-sided axis 'f': {half} of {count} lines, from 0 Hz on" in record.notes
+    assert f"two-sided axis: {half} of {count} lines, from 0 Hz on" in record.notes
     named = saved(tmp_path / "b", fs=1024.0, f=axis[order], FRF=values[order], coh=np.abs(values[order]))
     require_frf(one(named), axis[:half], values[:half])
     np.testing.assert_allclose(one(named).coherence, np.abs(values[:half]))

@@ -111,9 +111,13 @@ def _frfs(block: Block) -> list[_Values]:
 
 
 def columns_of_parts(value: Any, path: str) -> str:  # noqa: ANN401
-    """Keys of a layout for a real matrix of two or three columns or rows, the first of three an axis; else empty."""
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf" or value.ndim != 2 or max(value.shape) < 4:
+    """Keys of a layout for a matrix of two or three columns or rows: an axis, real and imaginary part; else empty."""
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iufc" or value.ndim != 2 or max(value.shape) < 4:
         return ""
+    if is_complex(value):  # an axis and what stands over it
+        first, form = (value[:, 0], "(:,{})") if value.shape[1] == 2 else (value[0], "({},:)")
+        pair = 2 in value.shape and rises(first.real) and not first.imag.any()
+        return f'frequency_hz = "{path}{form.format(1)}", frf = "{path}{form.format(2)}"' if pair else ""
     columns, form = (value.shape[1], "(:,{})") if value.shape[1] in (2, 3) else (value.shape[0], "({},:)")
     if columns not in (2, 3) or (columns == 3 and not rises(value[:, 0] if form[1] == ":" else value[0])):
         return ""
@@ -207,7 +211,10 @@ def _counted_lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Arr
             f'omega_rad_s = "{axes[0]}" or frequency_hz in [data.layout]'
         )
     rising = [n for n, v in block.arrays.items() if size_of(v) in shape and rises(v)]
-    guess = f"'{rising[0]}' rises: write frequency_hz = \"{block.path(rising[0])}\" in [data.layout]" if rising else ""
+    parts = columns_of_parts(block.get(name), block.path(name))
+    guess = f"write {parts} in [data.layout]" if parts.startswith("frequency_hz") else ""
+    if rising:
+        guess = f"'{rising[0]}' rises: write frequency_hz = \"{block.path(rising[0])}\" in [data.layout]"
     raise MeasurementError(
         f"{block.where(name)}: found no frequency lines with it; expected a variable 'frequency_hz' (or "
         f"'omega_rad_s'); {guess or 'add it, or name it in [data.layout]'}"
@@ -329,17 +336,26 @@ def _averages(block: Block) -> int | None:
     return int(values[0])
 
 
+#: Names that other programs give to frequencies, damping ratios and shapes of modes.
+_MODES = {
+    "fn": re.compile(r"(?i)^(f_?n|(natural|modal|modes?|resonan[ct]e?|eigen)_?freq(uenc(y|ies)|s)?(_?hz)?)$"),
+    "xi": re.compile(r"(?i)damp.*(ratio|perc|pct)|zeta"),
+    "phi": re.compile(r"(?i)shapes?$|^phi$|^psi$"),
+}
+
+
 def _mode_names(block: Block) -> dict[str, str]:
     """Names of what modes are made of: as pyOMA or the user names them, or frequencies with as many damping ratios."""
     ours = {"fn": "mode_frequencies_hz", "xi": "damping_ratios", "phi": "mode_shapes"}
     named = {key: (ours.get(key, key), key) for key in ("fn", "fn_std", "xi", "xi_std", "phi")}
     found = {key: next((n for n in names if size_of(block.get(n))), "") for key, names in named.items()}
-    if not found["fn"]:
-        ratios = [n for n in block.arrays if re.search(r"(?i)damping.?ratio", n)]
-        axes = block.named("frequency", 1)
-        sizes = {size_of(block.get(n)) for n in (*ratios, *axes)}
-        if len(ratios) == len(axes) == len(sizes) == 1 and 0 not in sizes and not block.named("frf"):
-            found |= {"fn": axes[0], "xi": ratios[0]}
+    alike = {key: [found[key]] if found[key] else [*filter(its.search, block.arrays)] for key, its in _MODES.items()}
+    alike["fn"] = alike["fn"] or block.named("frequency", 1)
+    if len(alike["fn"]) == 1 and not block.named("frf"):
+        count = size_of(block.get(*alike["fn"]))
+        alike["xi"] = [name for name in alike["xi"] if size_of(block.get(name)) == count > 0]
+        if found["fn"] or len(alike["xi"]) == 1:
+            found |= {key: names[0] for key, names in alike.items() if len(names) == 1}
     return {key: name for key, name in found.items() if name}
 
 
@@ -356,6 +372,8 @@ def mode_records(block: Block) -> Iterator[ModeRecord]:
         return
     of_modes = {key: block.numbers(name).ravel() for key, name in names.items() if key != "phi"}
     frequency, notes, where = of_modes["fn"], [], block.where(names["fn"])
+    if re.search(r"(?i)perc|pct|prozent", names.get("xi", "")):
+        of_modes["xi"], notes = of_modes["xi"] / 100, [f"'{names['xi']}' taken as percent"]
     count = frequency.size
     shapes = block.numbers(names["phi"], np.complex128) if "phi" in names else np.empty((0, count))
     shapes = shapes.reshape(-1, 1) if shapes.ndim == 1 and count == 1 else shapes
@@ -373,6 +391,8 @@ def mode_records(block: Block) -> Iterator[ModeRecord]:
         raise MeasurementError(f"{where}: found no frequencies; expected 0 to {HIGHEST_HZ:g} Hz; leave the others out")
     doubtful = [key for key in ("Fn_cov", "Xi_cov") if block.has(key.lower())]
     notes += [f"{key} not taken: a variance or a relative one" for key in doubtful]
+    dampings = [n for n in block.arrays if "xi" not in names and "damp" in n.lower()]
+    notes += [f"'{n}' not taken: a ratio, or another measure; damping_ratios can name it" for n in dampings]
     if "xi" in of_modes and not (np.abs(of_modes["xi"]) < 1).all():
         notes.append("Xi not taken: above critical, or in percent")
         of_modes = {key: values for key, values in of_modes.items() if "xi" not in key}
@@ -401,10 +421,11 @@ _DATA = (
 )
 _VALUES = {"", "frf", "coherence", "spectrum", "real", "imaginary", "magnitude", "phase", "signal", "samples"}
 _VALUES |= {"outputs", "inputs"}
-_OVER_FREQUENCY = {"frequency", "omega", *_VALUES} - {"signal", "samples"}
 #: Keys of a layout for arrays.
 LAYOUT_KEYS = (*_AXES, *_DATA)
 _MOST_LISTED = 8
+#: Modes of a test; a longer array of frequencies is an axis.
+_MOST_MODES = 200
 #: What structs that describe themselves hold, by words of their type.
 _KINDS = (("coherence", "coh"), ("spectrum", "spectr|psd|fft|power|cross"), ("frf", "frf|transfer|frequency ?response"))
 
@@ -428,7 +449,6 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
     """
     blocks = list(_blocks(tree, "", None, sign))
     used = _name_arrays(blocks, layout) if layout else list(_expand_structs(blocks))
-    used = [_non_negative_half(block) for block in used]
     apart: dict[tuple[str, str], list[CoherenceRecord]] = {}
     for record in _records(block for block in used if block.named("coherence")):
         if isinstance(record, CoherenceRecord):
@@ -450,10 +470,11 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
 
 def _records(blocks: Iterable[Block]) -> Iterator[Record]:
     """Records of blocks one by one, without warnings of NumPy: a file may hold any number."""
+    parts = (frequency_records, time_records, mode_records)
     records = (
         replace(record, notes=(*record.notes, *block.notes)) if block.notes else record
         for block in blocks
-        for part in (frequency_records, time_records, mode_records)
+        for part in parts
         for record in part(block)
     )
     while True:
@@ -474,21 +495,6 @@ def _blocks(tree: Mapping[str, Any], place: str, outer: Block | None, sign: str,
         elif isinstance(value, list):
             for position, element in _elements(value, f"{place}{name}", "()"):
                 yield from _blocks(element, f"{position}{sign}", block, sign, label=position)
-
-
-def _non_negative_half(block: Block) -> Block:
-    """A block without the negative half of a frequency axis and of what stands over it; others as they are."""
-    axis = next((n for role in ("frequency", "omega") for n in block.named(role) if block.is_two_sided(n)), None)
-    if axis is None:
-        return block
-    lines, arrays = block.numbers(axis).ravel(), dict(block.arrays)
-    kept = np.argsort(lines)[np.count_nonzero(lines < 0) :]
-    for name, value in block.arrays.items():
-        if size_of(value) and block.meanings[name].role in _OVER_FREQUENCY:
-            for i in [i for i, size in enumerate(np.shape(value)) if size == lines.size]:
-                arrays[name] = np.take(arrays[name], kept, axis=i)
-    note = f"two-sided axis '{block.path(axis)}': {kept.size} of {lines.size} lines, from 0 Hz on"
-    return block.with_arrays(arrays, note)
 
 
 def _expand_structs(blocks: list[Block]) -> Iterator[Block]:
@@ -743,8 +749,23 @@ def _not_understood(blocks: list[Block]) -> str:
     return (
         f"content: found neither FRFs nor time histories in {listed or 'texts alone'}{more}; expected variables such "
         "as 'frequency_hz' and 'frf'; say in [data.layout] (or inspect --layout KEY=NAME) which is which, as "
-        'frequency_hz = "name"'
+        f'frequency_hz = "name"{_modes_hint(blocks)}'
     )
+
+
+def _modes_hint(blocks: list[Block]) -> str:
+    """Keys for modes, where as many other numbers stand with a short array of frequencies."""
+    for block in blocks:
+        short = [
+            n for n in block.arrays if 1 < size_of(block.get(n)) < _MOST_MODES and not re.search("(?i)omega|loss", n)
+        ]
+        for name in (name for name in short if rises(block.get(name))):
+            same = [n for n in short if n != name and size_of(block.get(n)) == size_of(block.get(name))]
+            if len(same) == 1:
+                keys = zip(("mode_frequencies_hz", "damping_ratios"), (name, *same), strict=True)
+                said = ", ".join(f'{key} = "{block.path(n)}"' for key, n in keys)
+                return f", or of modes {said}, and mode_shapes"
+    return ""
 
 
 def _guess(block: Block, name: str, value: Any) -> str:  # noqa: ANN401

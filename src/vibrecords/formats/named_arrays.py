@@ -13,7 +13,7 @@ from vibrecords.arrays import Array, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.matlab_5 import Unread
 from vibrecords.formats.units import TIME_S, read_sensor_unit, scaled
-from vibrecords.records import HIGHEST_HZ, MOST_RECORDS, TimeRecord, even_rate
+from vibrecords.records import HIGHEST_HZ, MOST_RECORDS, TimeRecord, even_rate, is_two_sided
 
 #: Names by which each array is known, the one we write first; compared without regard to case.
 ALIASES: dict[str, tuple[str, ...]] = {
@@ -280,21 +280,15 @@ class Block:
         """First of the texts, or an empty one where there is no text."""
         return next(iter(self.strings(key)), "") if is_text(self.get(key)) else ""
 
-    @np.errstate(all="ignore")  # a file may hold any number
     def is_two_sided(self, name: str) -> bool:
-        """Whether an axis has even steps and a negative half, before 0 or, as an FFT has it, behind."""
+        """Whether an axis has a negative half."""
         value = self.get(name)
-        if size_of(value) < 3 or is_complex(value) or isinstance(value, list):
-            return False
-        given, axis = value.ravel().astype(float), np.sort(value, axis=None).astype(float)
-        step, drops = np.median(np.diff(axis)), np.count_nonzero(np.diff(given) <= 0)
-        ordered = drops == 0 or (drops == 1 and given[0] == 0)
-        return bool(ordered and axis[0] < 0 <= axis[-1] and np.abs(np.diff(axis) - step).max() < 1e-3 * step)
+        return not (is_complex(value) or isinstance(value, list)) and size_of(value) > 2 and is_two_sided(value.ravel())
 
-    def unread(self) -> list[str]:
-        """Notes on complex arrays whose names say nothing."""
-        unnamed = [name for role in ("", "signal") for name in self.named(role) if is_complex(self.arrays[name])]
-        return [f"'{name}' not read: [data.layout] can name it" for name in unnamed[:8]]
+    def unread(self, *read: str) -> list[str]:
+        """Notes on arrays whose names say nothing: complex ones, and all of them where some were read as histories."""
+        unnamed = [n for role in ("", "signal") for n in self.named(role) if is_complex(self.arrays[n]) or read]
+        return [f"'{n}' not read: [data.layout] can name it" for n in unnamed if n not in read][:8]
 
     def told_unit(self, name: str) -> str:
         """Unit of an array of values: its own, or that of the block; of several the list, which is no unit."""
@@ -335,6 +329,8 @@ def numbers(values: Any, where: str, kind: type = np.float64) -> NDArray[Any]:  
     if isinstance(values, list) and len({size_of(value) for value in values}) == 1 and size_of(values):
         return np.stack([numbers(value, where, kind).ravel() for value in values], axis=-1)
     array = np.asarray(None if isinstance(values, (list, dict)) else values)
+    if array.dtype.kind == "c" and kind is np.float64 and not array.imag.any():
+        array = array.real
     allowed, expected = ("iufc", "complex") if kind is np.complex128 else ("iuf", "real")
     if array.dtype.kind not in allowed:
         what = (
@@ -367,8 +363,10 @@ _History = tuple[str, str, str, int | None]
 
 def time_records(block: Block) -> Iterator[TimeRecord]:
     """Columns of `samples` with their channels, one array for each sensor with hits in columns, or arrays over time."""
-    whole, left = size_of(block.get("samples")) > 1, block.unread()
-    for name, samples in [("samples", _columns_of(block, "samples"))] if whole else _arrays_over_time(block):
+    whole = size_of(block.get("samples")) > 1
+    arrays = [("samples", _columns_of(block, "samples"))] if whole else [*_arrays_over_time(block)]
+    left = block.unread(*(block.name_of(name) or name for name, _ in arrays))
+    for name, samples in arrays:
         rate, notes = _rate(block, name, len(samples))
         histories = _of_samples(block, samples.shape[1]) if whole else _of_array(block, name, samples.shape[1])
         for (channel, unit, word, hit), values in zip(histories, samples.T, strict=True):
@@ -386,12 +384,14 @@ def time_records(block: Block) -> Iterator[TimeRecord]:
 def _arrays_over_time(block: Block) -> Iterator[tuple[str, Array]]:
     """Arrays that are time histories, sensors first, with their samples in columns."""
     sensors = [name for name, value in block.arrays.items() if name.lower() in SENSORS and size_of(value) > 1]
-    others = ["signal", "outputs", "inputs", *([""] if block.named("time") else [])]
     timed = block.named("time") or (block.outer and block.outer.named("time"))
     clocked = timed or {block.scalar("rate"), block.scalar("interval")} != {None}
+    others = [n for role in ("signal", "outputs", "inputs") for n in block.named(role) if n not in sensors]
+    counts = {size_of(block.get(name)) for name in (*sensors, *others)}
+    others += [n for n in block.named("") if block.named("time") or size_of(block.get(n)) in counts]
     for name in sorted(sensors, key=lambda name: SENSORS.index(name.lower())):
         yield name, _columns_of(block, name)
-    for name in [n for role in others for n in block.named(role) if n not in sensors] if clocked else []:
+    for name in others if clocked else []:
         samples = None if is_complex(block.get(name)) else _along_time(block, name)
         if samples is not None:
             yield name, samples

@@ -21,7 +21,7 @@ from vibrecords.formats.tdms import read_tdms
 from vibrecords.formats.uff_data_sets import BEGINNING, read_uff
 from vibrecords.formats.xlsx import read_xlsx
 from vibrecords.frf_set import FrfSet
-from vibrecords.records import MOST_BYTES, MOST_RECORDS, FrfRecord, Record, labels_of, require_short
+from vibrecords.records import MOST_BYTES, MOST_RECORDS, FrfRecord, Record, labels_of, non_negative_half, require_short
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Files that are not measurements, with their beginnings.
@@ -160,7 +160,7 @@ def iter_records(path: str | Path, layout: Mapping[str, str] | None = None) -> I
                         f"content: found more than {MOST_RECORDS} FRFs and time histories; expected fewer; split it"
                     )
                 require_short(record.where[:60], *labels_of(record), getattr(record, "unit", ""))
-                yield record
+                yield non_negative_half(record)
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
     except OSError as error:

@@ -137,6 +137,7 @@ class _Group:
             self.notes += ("frequency without unit taken as Hz",)
         if rest and not any(columns[i].header or columns[i].unit for i in rest):
             _name_parts(columns, self.values, rest)
+        self.name_magnitudes()
         frfs, spectra = _pair_up(columns, rest), self.with_role("spectrum")
         others = sorted({*rest} - {*spectra, *self.with_role(*headers.FRF_ROLES)})
         if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, whatever its name
@@ -159,6 +160,16 @@ class _Group:
                 yield CoherenceRecord(response, reference, lines, g2, None, where, (*self.notes, *unnamed))
             else:
                 yield self.frf(parts, lines, name, next(averages), with_units=with_units)
+
+    def name_magnitudes(self) -> None:
+        """Give columns of an FRF's unit or in decibels to as many phases that have no magnitude: FRF (dB), phase."""
+        phases, columns = self.with_role("phase"), self.columns
+        levels = [i for i in self.with_role("other", "spectrum") if _may_be_magnitude(columns[i])]
+        if len(levels) == len(phases) and not self.with_role("magnitude", "real"):
+            for level, phase in zip(levels, phases, strict=True):
+                name = columns[level].name if columns[level].role == "other" else columns[phase].name
+                columns[level] = replace(columns[level], role="magnitude", name=name)
+                columns[phase] = replace(columns[phase], name=name)
 
     def pass_over(self, numbers: list[int]) -> None:
         """Note columns that are not read."""
@@ -305,6 +316,11 @@ def _pair_up(columns: Sequence[Column], numbers: list[int]) -> list[tuple[str, d
                 "imaginary, or magnitude and phase; complete the columns"
             )
     return frfs
+
+
+def _may_be_magnitude(column: Column) -> bool:
+    in_bars = re.fullmatch(r"\|[^|]+\|", column.header)
+    return bool(in_bars) or column.unit.lower().startswith("db") or read_frf_unit(column.unit)[1] is not None
 
 
 def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:

@@ -1,0 +1,588 @@
+"""Sixty files like those that were once read wrong: `python -m benchmarks.file_variants`.
+
+Each is a variant of one of the kinds that analysers write and no test of a reader was made for. A file counts as
+right where each number of it is the truth, as asked where its unit stays open or one line names the key whose value
+makes it right, and as wrong where it is read as something else without a word.
+"""
+
+import struct
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import scipy.io
+from nptdms import ChannelObject, RootObject, TdmsWriter
+
+from benchmarks.page import table
+from vibrecords.errors import MeasurementError
+from vibrecords.formats import iter_records
+from vibrecords.records import FrfRecord, ModeRecord, Record, TimeRecord
+
+RNG = np.random.default_rng(3636)
+G = 9.80665
+#: Lines in Hz, a modal FRF and a coherence on them; samples of a force and of a motion at 1024 Hz.
+F = np.arange(1, 257) * 2.0
+H = sum(F**2 / (f**2 - F**2 + 2j * z * f * F) for f, z in ((41.0, 0.01), (117.0, 0.008), (260.0, 0.012))) / 0.7
+COHERENCE = 0.99 - 0.4 * RNG.random(F.size) ** 2
+RATE = 1024.0
+TIME = np.arange(200) / RATE
+FORCE, TIP = RNG.normal(size=(2, 200))
+MODES = np.array([41.0, 117.0, 260.0]), np.array([0.01, 0.004, 0.02]), RNG.normal(size=(4, 3))
+_SIZE, _DEGREES = np.abs(H), np.degrees(np.angle(H))
+_DB = 20 * np.log10(_SIZE)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A file and what is in it: FRFs by values, histories by channel, modes; with the answer, if one is asked for."""
+
+    kind: str
+    write: Callable[[Path], None]
+    frfs: Sequence[np.ndarray] = ()
+    lines: np.ndarray = field(default_factory=lambda: F)
+    quantity: str | None = None
+    histories: Mapping[str, np.ndarray] = field(default_factory=dict)
+    rates: Mapping[str, float] = field(default_factory=dict)
+    coherence: np.ndarray | None = None
+    averages: int | None = None
+    modes: bool = False
+    #: The layout that a person would write after reading the refusal; its keys must stand in it.
+    layout: Mapping[str, str] = field(default_factory=dict)
+    #: What the refusal asks for where no key helps, as ``export it again``, and the file that this gives.
+    remedy: tuple[str, Callable[[Path], None]] | None = None
+    #: The file may leave its unit open: values as written, and the case asks.
+    open_unit: bool = False
+
+
+def _close(found: Any, expected: Any, rtol: float = 1e-9) -> bool:
+    found, expected = np.asarray(found), np.asarray(expected)
+    return found.shape == expected.shape and np.allclose(found, expected, rtol=rtol, atol=1e-12)
+
+
+def is_right(variant: Variant, records: Sequence[Record], rtol: float = 1e-4) -> str:
+    """Nothing where the records are what the file holds; else what is not."""
+    frfs = [record for record in records if isinstance(record, FrfRecord)]
+    histories = {record.channel: record for record in records if isinstance(record, TimeRecord)}
+    modes = [record for record in records if isinstance(record, ModeRecord)]
+    if len(frfs) != len(variant.frfs):
+        return f"{len(frfs)} FRFs for {len(variant.frfs)}"
+    for record, values in zip(frfs, variant.frfs, strict=True):
+        if not _close(record.frequency_hz, variant.lines, rtol):
+            return "other lines"
+        if not _close(record.values, values, rtol):
+            return "other values"
+        if variant.quantity and record.quantity != variant.quantity:
+            return f"{record.quantity} for {variant.quantity}"
+        if variant.coherence is not None and (
+            record.coherence is None or not _close(record.coherence, variant.coherence, rtol)
+        ):
+            return "another coherence"
+        if variant.averages != record.averages and variant.averages:
+            return f"{record.averages} averages for {variant.averages}"
+        if variant.open_unit != (record.factor is None):
+            return f"unit {record.unit!r} with factor {record.factor}"
+    if set(histories) != set(variant.histories):
+        return f"histories {sorted(histories)} for {sorted(variant.histories)}"
+    for name, values in variant.histories.items():
+        record = histories[name]
+        if (
+            not _close(record.values, values, rtol)
+            or abs(record.sample_rate_hz / variant.rates.get(name, RATE) - 1) > 1e-6
+        ):
+            return f"other samples of {name}"
+    if variant.modes:
+        frequency, damping, shape = MODES
+        if [mode.frequency_hz for mode in modes] != frequency.tolist():
+            return "other frequencies"
+        if not _close([mode.damping_ratio for mode in modes], damping, rtol):
+            return f"other damping ratios {[mode.damping_ratio for mode in modes]}"
+        if not all(_close([*m.shape.values()], s, rtol) for m, s in zip(modes, shape.T, strict=True)):
+            return "other shapes"
+    return "" if variant.modes or not modes else "modes, where none are"
+
+
+def outcome(variant: Variant, folder: Path) -> tuple[str, str]:
+    """How a variant ends: `right`, `asked`, `refused` (without a remedy that works) or `wrong`; and the line."""
+    path = folder / "file"
+    variant.write(path)
+    try:
+        records = list(iter_records(path))
+    except MeasurementError as error:
+        line = str(error)
+        if not variant.layout and not variant.remedy:
+            return "refused", line
+        if variant.remedy:
+            variant.remedy[1](path)
+        missing = [key for key in (variant.remedy[:1] if variant.remedy else variant.layout) if key not in line]
+        if missing:
+            return "refused", f"(no word of {missing}) {line}"
+        try:
+            fault = is_right(variant, list(iter_records(path, variant.layout)))
+        except MeasurementError as again:
+            return "refused", f"(remedy fails: {again}) {line}"
+        return ("wrong", f"(after the remedy: {fault}) {line}") if fault else ("asked", line)
+    fault = is_right(variant, records)
+    notes = "; ".join(note for record in records for note in record.notes)[:300]
+    if fault:
+        return "wrong", f"{fault} ({notes})"
+    return "asked" if variant.open_unit else "right", notes
+
+
+# ---- writers
+
+
+def _mat(**arrays: Any) -> Callable[[Path], None]:
+    return lambda path: scipy.io.savemat(path, arrays, appendmat=False)
+
+
+def _npz(**arrays: Any) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        with path.open("wb") as file:
+            np.savez(file, **arrays)
+
+    return write
+
+
+def _hdf5(**arrays: Any) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            for name, values in arrays.items():
+                file[name] = values
+
+    return write
+
+
+def _text(text: str | bytes) -> Callable[[Path], None]:
+    return lambda path: path.write_bytes(text.encode() if isinstance(text, str) else text) and None
+
+
+def _columns(head: str, *columns: Any, sep: str = ",", form: str = "{!r}", end: str = "\n") -> str:
+    rows = zip(*(np.asarray(c).tolist() for c in columns), strict=True)
+    return head + "".join(sep.join(x if isinstance(x, str) else form.format(x) for x in row) + end for row in rows)
+
+
+def _test_lab(label: str, values: np.ndarray, *, factor: float | None, info: str | None, **more: Any) -> dict[str, Any]:
+    """The struct that Test.Lab saves a function as."""
+    is_frf = np.iscomplexobj(values)
+    step = 2.0 if is_frf else 1 / RATE
+    quantity: dict[str, Any] = {"label": label}
+    if factor is not None:
+        quantity["unit_transformation"] = {"log_reference": 1.0, "factor": factor, "offset": 0.0}
+    if info is not None:
+        quantity["info"] = info
+    start = step if is_frf else 0.0
+    axis = {"start_value": start, "increment": step, "number_of_values": float(values.size)}
+    axis["quantity"] = {"label": "Hz" if is_frf else "s", "unit_transformation": {"factor": 1.0, "offset": 0.0}}
+    return {"x_values": axis, "y_values": {"values": values, "quantity": quantity}, **more}
+
+
+def _lvm(head: Mapping[str, Sequence[Any]], names: Sequence[str], columns: Sequence[Sequence[Any]], **how: Any) -> str:
+    sep, decimal = how.get("sep", "\t"), how.get("decimal", ".")
+    first = ["LabVIEW Measurement", "Writer_Version\t2", "Reader_Version\t2"]
+    first += [f"Separator\t{'Tab' if sep == chr(9) else 'Comma'}", f"Decimal_Separator\t{decimal}"]
+    first += [
+        "Multi_Headings\tNo",
+        f"X_Columns\t{how.get('x', 'One')}",
+        "Time_Pref\tRelative",
+        "***End_of_Header***",
+        "",
+    ]
+    lines = [line.replace("\t", sep) for line in first]
+    lines += [f"Channels{sep}{len(names)}"]
+    lines += [sep.join([key, *map(str, cells)]).replace(".", decimal) for key, cells in head.items()]
+    lines += ["***End_of_Header***", sep.join(["X_Value", *names, "Comment"])]
+    for i in range(max(len(c) for c in columns)):
+        cells = [repr(float(c[i])) if i < len(c) and c[i] is not None else "" for c in columns]
+        lines.append(sep.join(cells).replace(".", decimal))
+    return "\n".join(lines) + "\n"
+
+
+def _uff(
+    values: np.ndarray, *, units: Sequence[str] = ("m/s^2", "N"), kinds: Sequence[int] = (12, 13), **how: Any
+) -> str:
+    """A data set 58 of an FRF, even lines, double precision, written from the format's description."""
+    end = how.get("end", "\n")
+    lines = ["    -1", "    58", how.get("name", "FRF of the tip"), "NONE", "26-NOV-26 10:00:00", "NONE", "NONE"]
+    lines.append(f"{4:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10}{3:10d}{3:4d} {'NONE':<10}{1:10d}{3:4d}")
+    lines.append(f"{6:10d}{values.size:10d}{1:10d}{2.0:13.5E}{2.0:13.5E}{0.0:13.5E}")
+    for kind, unit in zip((18, *kinds, 0), ("Hz", *units, "NONE"), strict=True):
+        lines.append(f"{kind:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {unit:<20}")
+    numbers = [f"{x:20.11E}" for x in values.view(float).tolist()]
+    lines += ["".join(numbers[i : i + 4]) for i in range(0, len(numbers), 4)]
+    lines += ["    -1"]
+    return end.join(lines) + end
+
+
+def _uff_binary(values: np.ndarray, order: str, tail: bytes = b"") -> bytes:
+    text = _uff(values).split("\n")
+    head = [
+        text[0],
+        f"{58:6d}b{1 if order == '<' else 2:6d}{2:6d}{11:12d}{16 * values.size:12d}" + f"{0:6d}{0:6d}{0:12d}{0:12d}",
+    ]
+    body = values.astype(complex).view(float).astype(f"{order}f8").tobytes()
+    return "\n".join([*head, *text[2:13]]).encode() + b"\n" + body + b"\n    -1\n" + tail
+
+
+def _complex(form: Callable[[complex], str], sep: str, head: str = "") -> Callable[[Path], None]:
+    return _text(head + "".join(f"{f!r}{sep}{form(z)}\n" for f, z in zip(F.tolist(), H.tolist(), strict=True)))
+
+
+def _sign(x: float) -> str:
+    return "-" if x < 0 else "+"
+
+
+def _matlab_4(order: str, **arrays: Any) -> bytes:
+    content = b""
+    for name, value in arrays.items():
+        array = np.atleast_2d(np.asarray(value))
+        is_complex = np.iscomplexobj(array)
+        content += struct.pack(f"{order}5i", 1000 * (order == ">"), *array.shape, is_complex, len(name) + 1)
+        content += name.encode() + b"\0"
+        for part in (array.real, array.imag)[: 1 + is_complex]:
+            content += part.astype(f"{order}f8").tobytes("F")
+    return content
+
+
+def _groups(*groups: tuple[str, Mapping[str, tuple[np.ndarray, float, str]]]) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        objects = [RootObject({"name": "test"})]
+        for group, channels in groups:
+            for name, (values, step, unit) in channels.items():
+                properties = {"wf_increment": step, "wf_start_offset": 0.0, "unit_string": unit}
+                objects.append(ChannelObject(group, name, values, properties=properties))
+        with TdmsWriter(str(path)) as writer:
+            writer.write_segment(objects)
+
+    return write
+
+
+MKS = "Data saved by Test.Lab in MKS"
+SEEN = {"hammer": FORCE, "tip": TIP}
+_TWO = np.r_[0.0, F, -F[-2::-1]]  # 0, 2, ..., 512, -510, ..., -2
+_TWO_H = np.r_[0.1, H, H[-2::-1].conj()]
+_HALF = {"frfs": [np.r_[0.1, H]], "lines": np.r_[0.0, F]}
+_PAIR = np.column_stack([H.real, H.imag])
+_SPECTRUM = {
+    "Samples": [256] * 2,
+    "Y_Unit_Label": ["m/s^2/N", "deg"],
+    "X_Dimension": ["Frequency"] * 2,
+    "X0": [2.0] * 2,
+    "Delta_X": [2.0] * 2,
+}
+_CLOCK = {
+    "Samples": [200] * 2,
+    "Y_Unit_Label": ["N", "m/s^2"],
+    "X_Dimension": ["Time"] * 2,
+    "X0": [0.0] * 2,
+    "Delta_X": [1 / RATE] * 2,
+}
+_NAMES = ["Frequency Response (Magnitude)", "Frequency Response (Phase)"]
+
+
+def _clocks(samples: Sequence[int], steps: Sequence[float], units: Sequence[str]) -> dict[str, Sequence[Any]]:
+    n = len(samples)
+    return {"Samples": samples, "Y_Unit_Label": units, "X_Dimension": ["Time"] * n, "X0": [0.0] * n, "Delta_X": steps}
+
+
+def _si() -> dict[str, Variant]:
+    kind = "SI under another label"
+    acc: dict[str, Any] = {"kind": kind, "frfs": [H], "quantity": "accelerance"}
+    return {
+        "g/N, factor and MKS": Variant(**acc, write=_mat(FRF=_test_lab("g/N", H, factor=1 / G, info=MKS))),
+        "g/N, factor alone": Variant(**acc, write=_mat(FRF=_test_lab("g/N", H, factor=1 / G, info=None))),
+        "g/N, MKS alone": Variant(**acc, write=_mat(FRF=_test_lab("g/N", H, factor=None, info=MKS))),
+        "g/N, nothing said": Variant(kind, _mat(FRF=_test_lab("g/N", H, factor=None, info=None)), [H], open_unit=True),
+        "mm/s^2/N with its factor": Variant(**acc, write=_mat(h=_test_lab("mm/s^2/N", H, factor=1e3, info=MKS))),
+        "averages of 12": Variant(
+            **acc,
+            averages=12,
+            write=_mat(
+                FRF=_test_lab("g/N", H, factor=1 / G, info=MKS, function_record={"average": {"nr_of_averages": 12.0}})
+            ),
+        ),
+        "histories": Variant(
+            kind,
+            _mat(
+                hammer=_test_lab("lbf", FORCE, factor=1 / 4.4482216, info=MKS),
+                tip=_test_lab("g", TIP, factor=1 / G, info=MKS),
+            ),
+            histories=SEEN,
+        ),
+        "label and factor of m/s^2": Variant(**acc, write=_mat(FRF=_test_lab("m/s^2/N", H, factor=1.0, info=MKS))),
+    }
+
+
+def _two_sided() -> dict[str, Variant]:
+    kind = "two-sided and whole axes"
+    order = np.argsort(_TWO)
+    bins = np.arange(257)
+    return {
+        "zero in the middle": Variant(kind, _mat(freq=_TWO[order], FRF=_TWO_H[order]), **_HALF),
+        "HDF5, frf named": Variant(kind, _hdf5(frequency=_TWO, frf=_TWO_H), **_HALF),
+        "npz, one letter": Variant(kind, _npz(f=_TWO, H=_TWO_H), **_HALF),
+        "fs beside, unnamed FRF": Variant(kind, _mat(fs=1024.0, f=_TWO, Zab=_TWO_H), layout={"frf": "Zab"}, **_HALF),
+        "whole Hz as int16": Variant(kind, _mat(fs=1024.0, freq=F.astype(np.int16), H=H), [H]),
+        "text, negative lines last": Variant(
+            kind, _text(_columns("f [Hz],re [m/N],im [m/N]\n", _TWO, _TWO_H.real, _TWO_H.imag)), **_HALF
+        ),
+        "numbers of lines with df": Variant(
+            kind, _npz(df=2.0, bin=bins, FRF=np.r_[0.1, H]), layout={"f_start_hz": "0"}, **_HALF
+        ),
+    }
+
+
+def _containers() -> dict[str, Variant]:
+    kind = "what else a MAT file holds"
+    cell = np.empty((1, 3), object)
+    cell[0, :] = ["a", np.eye(2), {"x": 1.0}]
+    none = np.zeros((0,), dtype=[("a", object), ("b", object)])
+    rest = {"comment": "bench 4", "cells": cell, "flag": True, "none": np.empty((0, 0)), "count": np.int64(7)}
+    return {
+        "cells, text, flags": Variant(kind, _mat(freq=F, FRF=H, **rest), [H]),
+        "an empty struct array": Variant(kind, _mat(freq=F, FRF=H, info=none), [H]),
+        "sparse beside": Variant(kind, _mat(freq=F, FRF=H, K=scipy.sparse.eye(5).tocsc()), [H]),
+        "within a struct of structs": Variant(
+            kind, _mat(test={"run": {"f": F, "FRF": H}, "by": "AM", "set": {"n": 3.0}}), [H]
+        ),
+        "a column of nan beside": Variant(kind, _mat(freq=F, FRF=H, spare=np.full(256, np.nan)), [H]),
+    }
+
+
+def _side_channels() -> dict[str, Variant]:
+    kind = "another clock or length"
+    slow = RNG.normal(size=5)
+    named = {"hammer": FORCE, "tip": TIP}
+    of_two = ["hammer", "tip", "temperature"]
+    return {
+        "LVM, a slow third": Variant(
+            kind,
+            _text(
+                _lvm(
+                    _clocks([200, 200, 5], [1 / RATE, 1 / RATE, 0.5], ["N", "m/s^2", "C"]),
+                    of_two,
+                    [TIME, FORCE, TIP, slow],
+                )
+            ),
+            histories=named,
+        ),
+        "LVM, commas": Variant(
+            kind,
+            _text(
+                _lvm(
+                    _clocks([200, 200, 5], [1 / RATE, 1 / RATE, 0.5], ["N", "m/s^2", "C"]),
+                    of_two,
+                    [TIME, FORCE, TIP, slow],
+                    sep=",",
+                )
+            ),
+            histories=named,
+        ),
+        "LVM, decimal comma": Variant(
+            kind,
+            _text(
+                _lvm(
+                    _clocks([200, 200, 5], [1 / RATE, 1 / RATE, 0.5], ["N", "m/s^2", "C"]),
+                    of_two,
+                    [TIME, FORCE, TIP, slow],
+                    decimal=",",
+                )
+            ),
+            histories=named,
+        ),
+        "TDMS, a slow group": Variant(
+            kind,
+            _groups(
+                ("fast", {"hammer": (FORCE, 1 / RATE, "N"), "tip": (TIP, 1 / RATE, "m/s^2")}),
+                ("slow", {"temperature": (slow, 0.5, "degC")}),
+            ),
+            histories={**named, "temperature": slow},
+            rates={"temperature": 2.0},
+        ),
+        "MAT, five temperatures": Variant(
+            kind, _mat(fs=RATE, hammer=FORCE, tip=TIP, temperature=slow), histories=named
+        ),
+        "FRF beside five readings": Variant(kind, _mat(freq=F, FRF=H, temperature=slow), [H]),
+    }
+
+
+def _matrices() -> dict[str, Variant]:
+    kind = "MATLAB 4, N x 2, N x 3"
+    return {
+        "MATLAB 4, rows": Variant(kind, _text(_matlab_4("<", freq=F, FRF=H)), [H]),
+        "MATLAB 4, big end first, columns": Variant(kind, _text(_matlab_4(">", f=F[:, None], H=H[:, None])), [H]),
+        "MATLAB 4, three columns": Variant(
+            kind,
+            _text(_matlab_4("<", data=np.column_stack([F, _PAIR]))),
+            [H],
+            layout={"frequency_hz": "data(:,1)", "real": "data(:,2)", "imaginary": "data(:,3)"},
+        ),
+        "npz, N x 2 beside f": Variant(kind, _npz(f=F, H=_PAIR), [H], layout={"real": "H(:,1)", "imaginary": "H(:,2)"}),
+        "HDF5, 2 x N beside f": Variant(
+            kind, _hdf5(f=F, frf=_PAIR.T), [H], layout={"real": "frf(1,:)", "imaginary": "frf(2,:)"}
+        ),
+        "MAT, 3 x N": Variant(
+            kind,
+            _mat(measured=np.column_stack([F, _PAIR]).T),
+            [H],
+            layout={"frequency_hz": "measured(1,:)", "real": "measured(2,:)", "imaginary": "measured(3,:)"},
+        ),
+        "MAT, lines and a complex FRF": Variant(
+            kind, _mat(FRF=np.column_stack([F, H])), [H], layout={"frequency_hz": "FRF(:,1)", "frf": "FRF(:,2)"}
+        ),
+        "MAT, N x 2 with df": Variant(
+            kind,
+            _mat(H00=_PAIR, df=2.0, f_start=2.0, f_end=512.0),
+            [H],
+            layout={"real": "H00(:,1)", "imaginary": "H00(:,2)"},
+        ),
+    }
+
+
+def _complex_text() -> dict[str, Variant]:
+    kind = "complex numbers as text"
+    return {
+        "Python, blanks": Variant(kind, _complex(lambda z: f"({z.real!r}{z.imag:+.17g}j)", "  "), [H]),
+        "MATLAB, three digits": Variant(
+            kind, _complex(lambda z: f"{z.real:.9e} {_sign(z.imag)} {abs(z.imag):.9e}i", ","), [H]
+        ),
+        "e of three digits": Variant(
+            kind,
+            _complex(lambda z: f"{z.real:.12e}{z.imag:+.12e}i".replace("e-0", "e-00").replace("e+0", "e+00"), "\t"),
+            [H],
+        ),
+        "j in front": Variant(kind, _complex(lambda z: f"{z.real!r}{_sign(z.imag)}j{abs(z.imag)!r}", ";"), [H]),
+        "I of SymPy": Variant(kind, _complex(lambda z: f"{z.real!r} {_sign(z.imag)} {abs(z.imag)!r}*I", ","), [H]),
+        "Fortran, names above": Variant(kind, _complex(lambda z: f"({z.real!r},{z.imag!r})", " ", "freq FRF\n"), [H]),
+        "one file of pandas": Variant(
+            kind,
+            _text(
+                _columns(
+                    ",Frequency (Hz),H\n",
+                    np.arange(256),
+                    F,
+                    np.array([f"({z.real!r}{z.imag:+.17g}j)" for z in H.tolist()]),
+                )
+            ),
+            [H],
+        ),
+    }
+
+
+def _polar() -> dict[str, Variant]:
+    kind = "magnitude and phase, coherence"
+    radians = np.angle(H)
+    with_c = {"frfs": [H], "coherence": COHERENCE}
+    return {
+        "LVM in m/s^2/N": Variant(
+            kind, _text(_lvm(_SPECTRUM, _NAMES, [F, _SIZE, _DEGREES])), [H], quantity="accelerance"
+        ),
+        "LVM in decibels": Variant(
+            kind,
+            _text(_lvm(_SPECTRUM | {"Y_Unit_Label": ["dB", "deg"]}, _NAMES, [F, _DB, _DEGREES])),
+            [H],
+            open_unit=True,
+        ),
+        "text, decibels": Variant(
+            kind, _text(_columns("Frequency (Hz),FRF (dB),Phase (deg)\n", F, _DB, _DEGREES)), [H], open_unit=True
+        ),
+        "text, amplitude and radians": Variant(
+            kind,
+            _text(_columns("Hz;Amplitude (m/s2/N);Phase (rad)\n", F, _SIZE, radians, sep=";")),
+            [H],
+            quantity="accelerance",
+        ),
+        "phase unwrapped": Variant(
+            kind,
+            _text(_columns("f [Hz],Mag [m/s^2/N],Phase [deg]\n", F, _SIZE, np.degrees(np.unwrap(radians)) - 360)),
+            [H],
+            quantity="accelerance",
+        ),
+        "Coh1 of FRF1": Variant(kind, _mat(f=F, FRF1=H, Coh1=COHERENCE), **with_c),
+        "gamma squared": Variant(
+            kind,
+            _text(_columns("Frequency [Hz],Real [m/s²/N],Imag [m/s²/N],γ²\n", F, H.real, H.imag, COHERENCE)),
+            **with_c,
+        ),
+        "MAT, mag and phase": Variant(kind, _mat(freq=F, mag=_SIZE, phase_deg=_DEGREES), [H]),
+    }
+
+
+def _universal() -> dict[str, Variant]:
+    kind = "universal files"
+    odd = H[:255]
+    text, lines = _uff(H), {"lines": F[:255]}
+    zeros = _uff(odd).rstrip("\n").split("\n")
+    zeros[-2] += f"{0.0:20.11E}" * (4 - len(zeros[-2]) // 20)
+    return {
+        "last line of zeros": Variant(kind, _text("\n".join(zeros) + "\n"), [odd], quantity="accelerance", **lines),
+        "last line of blanks": Variant(
+            kind, _text("\n".join(f"{line:<80}" for line in _uff(odd).split("\n"))), [odd], **lines
+        ),
+        "a letter before it": Variant(kind, _text("Analyser 7, run 12\nfor A. Miller\n" + text), [H]),
+        "DOS, Ctrl-Z": Variant(kind, _text(_uff(H, end="\r\n") + "\x1a"), [H]),
+        "g under an acceleration": Variant(kind, _text(_uff(H / G, units=("g", "N"))), [H], quantity="accelerance"),
+        "binary, big end first": Variant(kind, _text(_uff_binary(H, ">")), [H], quantity="accelerance"),
+        "binary, Ctrl-Z": Variant(kind, _text(_uff_binary(H, "<", b"\x1a")), [H], quantity="accelerance"),
+        "no delimiter at the end": Variant(
+            kind, _text(text.rstrip("\n").removesuffix("    -1")), [H], remedy=("export it again", _text(text))
+        ),
+    }
+
+
+def _modes() -> dict[str, Variant]:
+    kind = "modes, SEP 5, others"
+    frequency, damping, shape = MODES
+    hammer = {"data": FORCE, "name": "hammer", "unit_str": "N", "fs": RATE}
+    return {
+        "Frequency_Hz and Phi": Variant(
+            kind, _mat(Frequency_Hz=frequency, DampingRatio=damping, Phi=shape), modes=True
+        ),
+        "damping in percent": Variant(
+            kind, _mat(Frequency_Hz=frequency, Damping_percent=100 * damping, Phi=shape), modes=True
+        ),
+        "in a struct": Variant(
+            kind, _mat(Modes={"Frequency_Hz": frequency, "DampingRatio": damping, "Phi": shape}), modes=True
+        ),
+        "names of another program": Variant(
+            kind, _mat(NaturalFrequencies=frequency, DampingRatios=damping, ModeShapes=shape), modes=True
+        ),
+        "names that say little": Variant(
+            kind,
+            _mat(Freq=frequency, Damp=damping, Phi=shape),
+            modes=True,
+            layout={"mode_frequencies_hz": "Freq", "damping_ratios": "Damp", "mode_shapes": "Phi"},
+        ),
+        "npz": Variant(kind, _npz(fn=frequency, zeta=damping, phi=shape), modes=True),
+        "SEP 5": Variant(
+            kind, _mat(signals=[hammer, {**hammer, "data": TIP, "name": "tip", "unit_str": "m/s^2"}]), histories=SEEN
+        ),
+    }
+
+
+_MAKERS = (_si, _two_sided, _containers, _side_channels, _matrices, _complex_text, _polar, _universal, _modes)
+VARIANTS = {f"{v.kind}: {name}": v for make in _MAKERS for name, v in make().items()}
+
+
+def main() -> None:
+    """Print each variant and how it ends, and the count by kind."""
+    ends: dict[str, Counter[str]] = {}
+    for name, variant in VARIANTS.items():
+        with tempfile.TemporaryDirectory() as folder:
+            end, line = outcome(variant, Path(folder))
+        ends.setdefault(variant.kind, Counter())[end] += 1
+        print(f"{end:8s} {name}: {line}")
+    words = ("right", "asked", "refused", "wrong")
+    rows = [*ends.items(), ("all", sum(ends.values(), Counter()))]
+    print(
+        *table(["kind", "n", *words], [[kind, str(n.total()), *(str(n[w]) for w in words)] for kind, n in rows]),
+        sep="\n",
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,10 @@
+"""Files of the kinds that were once read wrong: each is right, or asked in one line whose remedy makes it right."""
+
+import pytest
+from benchmarks.file_variants import VARIANTS, outcome
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_a_variant_is_read_right_or_asked(tmp_path, name):
+    end, line = outcome(VARIANTS[name], tmp_path)
+    assert end in ("right", "asked"), line
