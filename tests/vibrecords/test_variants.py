@@ -2,9 +2,10 @@
 
 import pytest
 from benchmarks.file_variants import VARIANTS, outcome
+from benchmarks.public_layouts import LAYOUTS
 
 
-@pytest.mark.parametrize("name", VARIANTS)
+@pytest.mark.parametrize("name", VARIANTS | LAYOUTS)
 def test_a_variant_is_read_right_or_asked(tmp_path, name):
-    end, line = outcome(VARIANTS[name], tmp_path)
+    end, line = outcome((VARIANTS | LAYOUTS)[name], tmp_path)
     assert end in ("right", "asked"), line

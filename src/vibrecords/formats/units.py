@@ -211,6 +211,8 @@ def read_frf_unit(label: str, reference_label: str = "") -> tuple[float | None, 
     volts = {-u.powers[2] for u in _readings(label, reference_label) if u.powers[:2] == (1, 0) and u.powers[3] == -1}
     if parsed is None and len(volts) == 1 and (power := volts.pop()) in (0, 1, 2):
         return None, get_args(Quantity)[power], [f"unit {label!r} is over volts, values left as written"]
+    if parsed is None and not reference_label and parse_unit(label) is not None:
+        return None, None, [f"unit {label!r} is that of no FRF over a force, values left as written"]
     return _read(label, parsed, si_frf_unit)
 
 
