@@ -5,6 +5,7 @@ import shlex
 
 import numpy as np
 import pytest
+from benchmarks.walk_through import exact_accelerance
 
 from jointbayes.cli.output import LONGEST, source_lines
 from tests.cli.test_manner import typed
@@ -109,16 +110,27 @@ def test_an_frf_that_no_structure_has_is_told_in_one_warning(tmp_path, measured,
         assert "found no mode in an FRF of " in message
 
 
-def test_a_free_gain_that_would_mend_a_factor_of_1000_is_named(tmp_path, measured):
+@pytest.mark.parametrize("factor", [1000.0, 1e-3])
+def test_a_free_gain_that_would_mend_a_wrong_unit_is_named(tmp_path, measured, factor):
     write_tip(tmp_path / "tip.csv", ("a tip", "a mid"), "[m/s^2/kN]")
     text = (tmp_path / "tip.csv").read_text(encoding="utf-8").replace("m/s^2/kN", "m/s^2/N")
     (tmp_path / "tip.csv").write_text(text, encoding="utf-8")
     (tmp_path / "case.toml").write_text(f"{measured}\n[uncertain]\ngain = {{ sd_percent = 5.0 }}\n", encoding="utf-8")
     assert "uncertain gain" not in typed("validate", "case.toml").stderr
     rows = [row.split(",") for row in text.splitlines()]
-    scaled = [",".join([row[0], *(f"{1000 * float(cell):.6g}" for cell in row[1:])]) for row in rows[1:]]
+    scaled = [",".join([row[0], *(f"{factor * float(cell):.6g}" for cell in row[1:])]) for row in rows[1:]]
     (tmp_path / "tip.csv").write_text("\n".join([",".join(rows[0]), *scaled]), encoding="utf-8")
     assert "which the uncertain gain would take up without a word" in typed("validate", "case.toml").stderr
+
+
+@pytest.mark.parametrize(("factor", "warned"), [(9.80665, 1), (1 / 9.80665, 1), (1.0, 0), (1.3, 0), (1 / 1.3, 0)])
+def test_g_for_metres_per_second_squared_is_named_and_a_calibration_is_not(tmp_path, measured, factor, warned):
+    rows = (
+        f"{f:g},{h.real!r},{h.imag!r}" for f, h in zip(LINES, (factor * exact_accelerance(LINES)).tolist(), strict=True)
+    )
+    head = "frequency [Hz],real a tip / input 1 [m/s^2/N],imaginary a tip / input 1 [m/s^2/N]"
+    (tmp_path / "tip.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
+    assert typed("validate", "case.toml").stderr.count("as large as the model has them with any joint") == warned
 
 
 def test_a_wrong_modulus_is_the_first_that_a_mode_above_those_of_a_rigid_joint_is_blamed_on(tmp_path, measured):

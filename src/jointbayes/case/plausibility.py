@@ -47,7 +47,7 @@ _LENGTH_SLIPS = other_units("mm")
 _USUAL_MODULUS, _USUAL_DENSITY = (0.5, 1300.0), (200.0, 23_000.0)  # that a slip is corrected to
 _USUAL_LENGTH, _USUAL_THICKNESS, _USUAL_SLENDERNESS = (5.0, 1e5), (0.5, 3000.0), (2.0, 200.0)  # mm
 _SHORT_MM, _LOW_HZ = 20.0, 100.0  # a length and a band below these may be in m and in kHz
-_FAR_LEVEL = 30.0  # factor between FRFs and those of any joint beyond which a unit is wrong
+_FAR_LEVEL = 3.0  # factor between FRFs and those of any joint beyond which a unit is wrong
 _CANTILEVER = 1.8751040687  # first root of cos λ cosh λ = −1
 
 
@@ -236,7 +236,8 @@ def level_warnings(log_ratio: float, gain: bool, text: CaseText) -> tuple[InputW
         return ()
     fault = f"found FRFs {math.exp(log_ratio):.3g} times as large as the model has them with any joint"
     fault += ", which the uncertain gain would take up without a word" * gain
-    remedy = "state the unit of the channels: mm for m, or N for kN, are a factor of 1000; or correct the quantity"
+    remedy = "state the unit of the channels: mm for m and N for kN are a factor of 1000, g for m/s² is 9.81; "
+    remedy += "or correct the quantity"
     return text.warnings([Finding(("data", "file"), fault, "the level of this structure", remedy)])
 
 
