@@ -1,4 +1,4 @@
-"""Sixty files like those that were once read wrong: `python -m benchmarks.file_variants`.
+"""Sixty and more files like those that were once read wrong: `python -m benchmarks.file_variants`.
 
 Each is a variant of one of the kinds that analysers write and no test of a reader was made for. A file counts as
 right where each number of it is the truth, as asked where its unit stays open or one line names the key whose value
@@ -565,6 +565,22 @@ def _modes() -> dict[str, Variant]:
             layout={"mode_frequencies_hz": "Freq", "damping_ratios": "Damp", "mode_shapes": "Phi"},
         ),
         "npz": Variant(kind, _npz(fn=frequency, zeta=damping, phi=shape), modes=True),
+        "an array of structs": Variant(
+            kind,
+            _mat(
+                Mode=[
+                    {"Frequency_Hz": f, "DampingRatio": d, "Phi": p}
+                    for f, d, p in zip(*MODES[:2], shape.T, strict=True)
+                ]
+            ),
+            modes=True,
+        ),
+        "two clocks, t1 and t2": Variant(
+            kind,
+            _mat(t1=TIME, hammer=FORCE, tip=TIP, t2=TIME[:5] * 64, slow=MODES[2][:, 0].repeat(2)[:5]),
+            histories={**SEEN, "slow": MODES[2][:, 0].repeat(2)[:5]},
+            rates={"slow": RATE / 64},
+        ),
         "SEP 5": Variant(
             kind, _mat(signals=[hammer, {**hammer, "data": TIP, "name": "tip", "unit_str": "m/s^2"}]), histories=SEEN
         ),

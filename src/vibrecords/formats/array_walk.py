@@ -376,7 +376,7 @@ def mode_records(block: Block) -> Iterator[ModeRecord]:
         of_modes["xi"], notes = of_modes["xi"] / 100, [f"'{names['xi']}' taken as percent"]
     count = frequency.size
     shapes = block.numbers(names["phi"], np.complex128) if "phi" in names else np.empty((0, count))
-    shapes = shapes.reshape(-1, 1) if shapes.ndim == 1 and count == 1 else shapes
+    shapes = shapes.reshape(-1, 1) if count == 1 and shapes.size == max(shapes.shape) else shapes
     if shapes.ndim == 2 and shapes.shape[0] == count > 1:
         square = shapes.shape[1] == count
         notes.append("square shapes read as channels x modes" if square else "shapes read as modes x channels")

@@ -151,7 +151,8 @@ def _axis(words: frozenset[str]) -> str:
         return "f_step"
     if frequency:
         return "f_start" if words & _START else "frequency"
-    return "time" if words & _words("time zeit temps") or words in ({"t"}, {"t", "s"}) else ""
+    numbered = {word for word in words if not word.isdecimal()}  # t1, t2
+    return "time" if words & _words("time zeit temps") or numbered in ({"t"}, {"t", "s"}) else ""
 
 
 # ---- arrays of one struct or group

@@ -143,6 +143,11 @@ class _Group:
         if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, whatever its name
             spectra = [i for i in others if read_sensor_unit(columns[i].unit)[1]]
             if not spectra:
+                if any("damp" in columns[i].header.lower() for i in others):
+                    raise MeasurementError(
+                        f"header: found {describe(columns, self.numbers)}, a list of modes; expected FRFs or records; "
+                        'write the modes into the case: kind = "modes", frequencies_hz = [...] in [data]'
+                    )
                 raise MeasurementError(
                     f"header: found {describe(columns, self.numbers)}; expected frequency, real and imaginary part "
                     "(or magnitude and phase), such as 'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer "
