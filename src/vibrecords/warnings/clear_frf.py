@@ -10,8 +10,9 @@ from vibrecords.arrays import Array, ComplexArray, Quantity, quantity_factor, st
 from vibrecords.driven import driven_lines
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
+from vibrecords.warnings.remedies import warn
 
-#: A resonance rises above both sides by this factor, and above the noise by that.
+#: A resonance rises above both sides by this factor, up to where it is higher, and above the noise by that.
 _RISE, _ABOVE_NOISE = 3.0, 10.0
 #: A phase turns by so much at least across a resonance, rad, and is clear where the noise is below by this factor.
 _QUARTER, _CLEAR = np.pi / 4, 4.0
@@ -111,7 +112,7 @@ class ClearFrf:
         """Peaks of |mobility| that stand out from their surroundings and from the noise."""
         magnitude = np.abs(self.mobility)
         resonances = []
-        for top in _prominent_peaks(magnitude):
+        for top in scipy.signal.find_peaks(np.log(magnitude), prominence=np.log(_RISE))[0].tolist():
             if magnitude[top] < _ABOVE_NOISE * self.noise[top]:
                 continue
             first, last = stretch_about(magnitude < magnitude[top] / np.sqrt(2), top)
@@ -143,30 +144,6 @@ class ClearFrf:
         """The same for the other time factor."""
         sign = 1.0 if self.quantity == "mobility" else -1.0  # conj(H) (iω)ⁿ against conj(H (iω)ⁿ)
         return replace(self, mobility=sign * self.mobility.conj())
-
-
-def _prominent_peaks(magnitude: Array) -> list[int]:
-    """Peaks that rise by `_RISE` above the lowest point towards a higher one, or the end, on either side."""
-    slope = np.sign(np.diff(magnitude))
-    turns = np.concatenate([[0], np.flatnonzero(slope[1:] != slope[:-1]) + 1, [magnitude.size - 1]])
-    peaks, top, low, rising = [], 0, 0, False
-    levels = magnitude.tolist()
-    for line in turns.tolist():
-        top = line if levels[line] > levels[top] else top
-        low = line if levels[line] < levels[low] else low
-        if rising and levels[line] * _RISE <= levels[top]:
-            peaks.append(top)
-            low, rising = line, False
-        elif not rising and levels[line] >= _RISE * levels[low]:
-            top, rising = line, True
-    return peaks
-
-
-def rad_per_s_warning(sentence: str) -> MeasurementWarning:
-    """That the frequency axis is in rad/s, and why."""
-    return MeasurementWarning(
-        "rad_per_s", sentence, "divide the frequencies by 2π, or say rad/s in the header of the column"
-    )
 
 
 def are_conjugates(turns: Array, least: float) -> bool | None:
@@ -223,20 +200,15 @@ def shift_warning(first: Peaks, other: Peaks, *, same_frf: bool) -> MeasurementW
         return None
     relative = 100 * shift[moved] / first.centre_hz[near][moved]
     largest = int(np.argmax(np.abs(relative)))
-    at, change = first.centre_hz[near][moved][largest], abs(relative[largest])
-    which = "lower" if relative[largest] < 0 else "higher"
-    where = (
-        f"{int(moved.sum())} of {int(near.sum())} resonances are elsewhere, that at {at:.5g} Hz {change:.2g} % {which}"
-    )
+    change = f"{abs(relative[largest]):.2g} % {'lower' if relative[largest] < 0 else 'higher'}"
+    at = f"{first.centre_hz[near][moved][largest]:.5g} Hz"
+    where = f"{int(moved.sum())} of {int(near.sum())} resonances are elsewhere, that at {at} {change}"
     if same_frf:
-        return MeasurementWarning(
-            "level_dependence",
-            f"the same FRF is there twice, and {where}: the structure depends on the level of the force, or changed",
-            "measure at one level, the lower the better, or give each level a test of its own",
+        sentence = (
+            f"the same FRF is there twice, and {where}: the structure depends on the level of the force, or changed"
         )
-    return MeasurementWarning(
-        "mass_loading",
-        f"over the same force {where}, all of these the same way: the structure changed between the runs, as by the "
-        "mass of a roving accelerometer, the temperature or the level",
-        "state accelerometer_mass_g in [data.channels], which takes it out, or measure all responses at once",
+        return warn("level_dependence", sentence)
+    changed = (
+        "the structure changed between the runs, as by the mass of a roving accelerometer, the temperature, the level"
     )
+    return warn("mass_loading", f"over the same force {where}, all of these the same way: {changed}")

@@ -11,8 +11,9 @@ from vibrecords.arrays import Array, ComplexArray
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import FrfRecord, Record, TimeRecord, measurable
 from vibrecords.signals.hits import hits_of, is_cut_off
-from vibrecords.warnings.clear_frf import ClearFrf, Peaks, are_conjugates, rad_per_s_warning, shift_warning
+from vibrecords.warnings.clear_frf import ClearFrf, Peaks, are_conjugates, shift_warning
 from vibrecords.warnings.frf_warnings import conjugated_warning, warnings_of_frf, warnings_of_notes
+from vibrecords.warnings.remedies import warn
 
 #: Lines kept of each FRF, so that a file of many thousands can be compared within little memory.
 _KEPT = 128
@@ -51,19 +52,13 @@ def disagreement(first: Sketch, other: Sketch) -> MeasurementWarning | None:
         return None
     a, b = first.mobility.astype(complex), other.mobility.astype(complex)
     clear = (np.abs(a) > 5 * first.noise) & (np.abs(b) > 5 * other.noise)
-    if clear.sum() >= 16:
-        warning = _named_ratio(first.frequency_hz[clear], b[clear] / a[clear])
-        if warning is not None:
-            return warning
+    if clear.sum() >= 16 and (warning := _named_ratio(first.frequency_hz[clear], b[clear] / a[clear])):
+        return warning
     larger = np.maximum(np.abs(a), np.abs(b))
     noise = np.hypot(first.noise.astype(float), other.noise.astype(float))
     apart = np.abs(a - b) > 4 * noise + 0.15 * larger
     if apart.mean() > 0.1:
-        return MeasurementWarning(
-            "shape",
-            f"they differ by more than noise and 15 % on {100 * apart.mean():.0f} % of the lines",
-            "look at labels and directions, the mass of the accelerometer, and whether the structure is linear",
-        )
+        return warn("shape", f"they differ by more than noise and 15 % on {100 * apart.mean():.0f} % of the lines")
     return None
 
 
@@ -79,11 +74,7 @@ def _named_ratio(f: Array, ratio: ComplexArray) -> MeasurementWarning | None:
         if np.median(np.abs(scatter)) > _CONSTANT or np.median(np.abs(phase)) > _CONSTANT:
             continue
         if power:
-            return MeasurementWarning(
-                "quantity",
-                f"their ratio grows like frequency to the power {power}: one quantity is not what is said",
-                "find out the quantity of each sensor and state it",
-            )
+            return warn("quantity", f"their ratio grows like frequency to the power {power}: one quantity is wrong")
         return _named_constant(level, bool(turn.real < 0))
     return None
 
@@ -92,29 +83,17 @@ def _named_constant(level: float, turned: bool) -> MeasurementWarning | None:
     def near(value: float) -> bool:
         return abs(math.log(level / value)) < _NEAR
 
-    opposite = " and the opposite sign" if turned else ""
-    if near(_G) or near(1 / _G):
-        return MeasurementWarning(
-            "g",
-            f"one is {max(level, 1 / level):.4g} times the other{opposite}: one is in g, the other in m/s²",
-            "find out which channel is in g and give it the gain 9.80665",
-        )
-    for power in (1, 2):
-        if near((2 * np.pi) ** power) or near((2 * np.pi) ** -power):
-            factor = "2π" if power == 1 else "(2π)²"
-            return rad_per_s_warning(
-                f"one is {factor} times the other once both are the same quantity{opposite}: the axis is in rad/s"
-            )
-    if abs(math.log(level)) > 0.15:
-        return MeasurementWarning(
-            "factor",
-            f"one is {max(level, 1 / level):.4g} times the other on all lines{opposite}",
-            "compare sensitivities and units of the channels; 1000 is mm against m, 4.45 is lbf against N",
-        )
+    level, opposite = max(level, 1 / level), " and the opposite sign" if turned else ""
+    if near(_G):
+        return warn("g", f"one is {level:.4g} times the other{opposite}: one is in g, the other in m/s²")
+    for factor, value in (("2π", 2 * np.pi), ("(2π)²", 4 * np.pi**2)):
+        if near(value):
+            same = f"once both are the same quantity{opposite}"
+            return warn("rad_per_s", f"one is {factor} times the other {same}: the axis is in rad/s")
+    if math.log(level) > 0.15:
+        return warn("factor", f"one is {level:.4g} times the other on all lines{opposite}")
     if turned:
-        return MeasurementWarning(
-            "sign", "they have opposite signs on all lines", 'turn one of the channels in the case file ("-11:y")'
-        )
+        return warn("sign", "they have opposite signs on all lines")
     return None
 
 
@@ -219,13 +198,9 @@ class WarningCollector:
             self._tell(where, record, clear, turned=bool(self.conjugated))
         self._waiting.clear()
         if self._highest_hz > 1.01 * self._nyquist_hz:
-            self._keep(
-                self._highest_where,
-                rad_per_s_warning(
-                    f"the lines reach {self._highest_hz:.6g} Hz, but the time histories of the file can show "
-                    f"{self._nyquist_hz:.6g} Hz at most: the axis is probably in rad/s"
-                ),
-            )
+            most = f"the time histories of the file can show {self._nyquist_hz:.6g} Hz at most"
+            sentence = f"the lines reach {self._highest_hz:.6g} Hz, but {most}: the axis is probably in rad/s"
+            self._keep(self._highest_where, warn("rad_per_s", sentence))
         merged = []
         for group, alike in self._raw.items():
             count = self._counts[group]
@@ -249,24 +224,23 @@ class WarningCollector:
         for key, same_frf in ((pair, True), (("", pair[1]), False)):
             first = self._peaks.setdefault(key, peaks)
             if first is not peaks:
-                warning = shift_warning(first, peaks, same_frf=same_frf)
-                if warning is not None:
+                if warning := shift_warning(first, peaks, same_frf=same_frf):
                     self._keep(f"{first.where} and {peaks.where}", warning)
                 return
 
     def _compare(self, pair: tuple[str, str], sketch: Sketch) -> None:
         # the ratio of two quantities of one sensor, g and rad/s have warnings of their own
         keys = {"g": "g_against_ms2", "rad_per_s": "rad_per_s", "quantity": "quantity_phase"}
-        swapped = (pair[1], pair[0])
-        before = self._sketches.get(pair, [])
+        swapped, before = (pair[1], pair[0]), self._sketches.get(pair, [])
         across = self._sketches.get(swapped, []) if swapped != pair else []
-        pairs = [(other, "repeats_differ", "the same FRF is there twice") for other in before]
         exchanged = "with response and force exchanged the FRFs should be equal"
-        pairs += [(other, "reciprocity", exchanged) for other in across]
-        for other, key, what in pairs:
-            if warning := disagreement(other, sketch):
-                warning = replace(warning, key=keys.get(warning.key, key), sentence=f"{what}, but {warning.sentence}")
-                self._keep(f"{_place(other.record, other.where)} and {sketch.where}", warning)
+        twice = (before, "repeats_differ", "the same FRF is there twice")
+        for others, key, what in (twice, (across, "reciprocity", exchanged)):
+            for other in others:
+                if warning := disagreement(other, sketch):
+                    sentence = f"{what}, but {warning.sentence}"
+                    warning = replace(warning, key=keys.get(warning.key, key), sentence=sentence)
+                    self._keep(f"{_place(other.record, other.where)} and {sketch.where}", warning)
         # two of a kind are enough to compare with
         if len(before) < 2:
             self._sketches.setdefault(pair, []).append(sketch)
@@ -281,34 +255,24 @@ def _history_warnings(record: TimeRecord) -> Iterator[MeasurementWarning]:
     x = record.values
     broken = ~measurable(x)
     if broken.any():
-        yield MeasurementWarning(
-            "not_finite",
-            f"{int(broken.sum())} of {x.size} samples are NaN, infinite or no measurement's numbers",
-            "drop the record",
-        )
+        found = f"{int(broken.sum())} of {x.size} samples are NaN, infinite or no measurement's numbers"
+        yield warn("not_finite", found, "drop the record")
         return
     if x.size < 16:
         return
     if record.quantity == "unknown":
-        yield MeasurementWarning(
-            "quantity_missing",
-            "neither unit nor type says whether it is a force or a motion",
-            "name the unit of the channel",
-        )
+        found = "neither unit nor type says whether it is a force or a motion"
+        yield warn("quantity_missing", found, "name the unit of the channel")
     if np.ptp(x) == 0:
-        yield MeasurementWarning("dead_channel", f"all samples are {x[0]:g}", "look at cable and channel")
+        yield warn("dead_channel", f"all samples are {x[0]:g}")
         return
     yield from warnings_of_notes(record.notes)
     if is_cut_off(x):
-        yield MeasurementWarning(
-            "overload",
-            f"the signal stays at its largest value, {np.abs(x).max():.4g}, again and again: it was cut off",
-            "leave this hit out, and measure with a larger range",
-        )
+        yield warn("overload", f"the signal stays at its largest value, {np.abs(x).max():.4g}: it was cut off")
     for hit in hits_of(record):
         if hit.reason.startswith("double hit"):
             number = hit.number if record.hit is None else record.hit
-            yield MeasurementWarning("double_hit", f"hit {number} is a {hit.reason}", "leave this hit out")
+            yield warn("double_hit", f"hit {number} is a {hit.reason}")
     yield from _offset(x)
     if record.quantity != "force":
         yield from _truncation(x)
@@ -326,21 +290,15 @@ def _truncation(x: Array) -> Iterator[MeasurementWarning]:
     rings = (np.diff(level) < 0).all() and level[-1] < 0.9 * level[-2]
     left = float(np.abs(after[-1]).max() / np.abs(x[top]))
     if rings and left > _CUT_OFF:
-        yield MeasurementWarning(
-            "truncated_ring_down",
-            f"the response still rings with {100 * left:.2g} % of its largest value at the end of the record",
-            "measure longer blocks, or use an exponential window (exponential_end in [data.signals])",
-        )
+        found = f"the response still rings with {100 * left:.2g} % of its largest value at the end of the record"
+        yield warn("truncated_ring_down", found)
 
 
 def _offset(x: Array) -> Iterator[MeasurementWarning]:
-    largest = float(np.abs(x - np.median(x)).max())
-    spread = float(np.median(np.abs(x - np.median(x))))
+    swing = np.abs(x - np.median(x))
+    largest, spread = float(swing.max()), float(np.median(swing))
     # a decaying or random signal has its median within its own spread; an offset shows in mean and median alike
     level = min(np.median(x), np.mean(x), key=abs)
     if largest > 0 and np.median(x) * np.mean(x) > 0 and abs(level) > _OFFSET * largest + spread:
-        yield MeasurementWarning(
-            "offset",
-            f"the signal rests at {level:.4g}, {100 * abs(level) / largest:.2g} % of its largest swing, and not at 0",
-            "take the offset away, or couple the channel AC",
-        )
+        share = f"{100 * abs(level) / largest:.2g} % of its largest swing"
+        yield warn("offset", f"the signal rests at {level:.4g}, {share}, and not at 0")

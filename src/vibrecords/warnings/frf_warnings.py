@@ -11,7 +11,8 @@ from vibrecords.driven import BAD, GOOD, RISE
 from vibrecords.formats.units import frf_unit
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable
-from vibrecords.warnings.clear_frf import ClearFrf, Resonance, rad_per_s_warning, usable
+from vibrecords.warnings.clear_frf import ClearFrf, Resonance, usable
+from vibrecords.warnings.remedies import REMEDIES, warn
 
 #: Cosine of the phase of mobility at a resonance: beyond this it has a sign, within this it has none.
 _SIGNED, _UNSIGNED = 0.5, 0.35
@@ -28,12 +29,9 @@ _FEW_VALUES, _MANY_VALUES, _WINDOW, _UNLIKE = 16, 100, 30, 0.75
 def conjugated_warning(clear: ClearFrf) -> MeasurementWarning:
     """That an FRF is the complex conjugate of what it should be."""
     rising = tuple(peak for peak in clear.resonances if peak.turn > 0)
-    return MeasurementWarning(
-        "conjugated",
-        f"the phase rises at {_peak_words(rising) if rising else 'the resonances of the other FRFs'}, where it falls "
-        "with the time factor exp(+iωt): the FRF is the complex conjugate, as with exp(−iωt)",
-        "write conjugate = true in [data], or take it away where it stands; to turn the sign of a channel is no remedy",
-    )
+    where = _peak_words(rising) if rising else "the resonances of the other FRFs"
+    reason = "where it falls with exp(+iωt): the FRF is the complex conjugate, as with exp(−iωt)"
+    return warn("conjugated", f"the phase rises at {where}, {reason}")
 
 
 def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | None) -> Iterator[MeasurementWarning]:
@@ -69,41 +67,26 @@ def _line_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
     f = record.frequency_hz
     broken = ~(np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ) & measurable(record.values))
     if broken.any():
-        yield MeasurementWarning(
-            "not_finite",
-            f"{int(broken.sum())} of {f.size} lines are NaN, infinite or no measurement's numbers",
-            "a case leaves such lines out, up to half of all; repair them if they matter",
-        )
+        yield warn("not_finite", f"{int(broken.sum())} of {f.size} lines are NaN, infinite or no measurement's numbers")
     zero = record.values == 0
     if zero.any():
-        at = float(f[np.argmax(zero)])
-        yield MeasurementWarning(
-            "zero_lines",
-            f"the FRF is exactly 0 on {int(zero.sum())} of {f.size} lines, first at {at:g} Hz: nothing was measured",
-            "a case leaves such lines out, up to half of all; f_min_hz, f_max_hz and exclude_hz cut more",
-        )
+        count, at = f"{int(zero.sum())} of {f.size} lines", float(f[np.argmax(zero)])
+        yield warn("zero_lines", f"the FRF is exactly 0 on {count}, first at {at:g} Hz: nothing was measured")
     f = f[np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ)]
     if f.size and f[0] == 0:
-        yield MeasurementWarning(
-            "zero_hz", "the first line is at 0 Hz, where an accelerometer measures nothing", "cut it with f_min_hz"
-        )
+        yield warn("zero_hz", "the first line is at 0 Hz, where an accelerometer measures nothing")
         f = f[1:]
     if f.size < 3:
         return
     step = np.diff(f)
     if (step <= 0).any():
         line = int(np.argmax(step <= 0))
-        yield MeasurementWarning(
-            "lines_out_of_order", f"{f[line + 1]:g} Hz comes after {f[line]:g} Hz", "sort the lines, drop doubled ones"
-        )
+        yield warn("lines_out_of_order", f"{f[line + 1]:g} Hz comes after {f[line]:g} Hz")
         return
     middle = float(np.median(step))
     if np.abs(step - middle).max() > 1e-3 * middle + 2e-6 * f[-1]:
-        yield MeasurementWarning(
-            "uneven_lines",
-            f"lines are {step.min():.4g} to {step.max():.4g} Hz apart; those of a Fourier transform are even",
-            "look for lines that were left out, or for a sweep; noise of a sweep's lines has its own law",
-        )
+        apart = f"lines are {step.min():.4g} to {step.max():.4g} Hz apart"
+        yield warn("uneven_lines", f"{apart}; those of a Fourier transform are even")
         return
     yield from _step_warnings(f)
 
@@ -115,23 +98,12 @@ def _value_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
     if values.size < _FEW_VALUES:
         return
     if size.max() - size.min() <= 1e-9 * size.max() and np.abs(values - values[0]).max() <= 1e-9 * size.max():
-        yield MeasurementWarning(
-            "constant",
-            f"the FRF is {values[0]:.4g} on all {values.size} lines, which no structure is",
-            "look whether the right column or channel was exported, and export it again",
-        )
+        yield warn("constant", f"the FRF is {values[0]:.4g} on all {values.size} lines, which no structure is")
     elif not values.imag.any():
-        yield MeasurementWarning(
-            "real_only",
-            f"the FRF has no imaginary part on any of {values.size} lines: its phase is lost",
-            "export real and imaginary part, or magnitude and phase",
-        )
+        yield warn("real_only", f"the FRF has no imaginary part on any of {values.size} lines: its phase is lost")
     elif values.size >= _MANY_VALUES and (likeness := _likeness(values)) < _UNLIKE:
-        yield MeasurementWarning(
-            "noise_only",
-            f"no {_WINDOW} lines of the FRF are like their neighbours (coherence {likeness:.2f} at most): it is noise",
-            "look whether the sensor was connected and the structure was driven, and measure again",
-        )
+        unlike = f"no {_WINDOW} lines of the FRF are like their neighbours (coherence {likeness:.2f} at most)"
+        yield warn("noise_only", f"{unlike}: it is noise")
 
 
 def _likeness(values: ComplexArray) -> float:
@@ -149,10 +121,8 @@ def _step_warnings(f: Array) -> Iterator[MeasurementWarning]:
     if tolerance > 1e-6 or _is_round(step, tolerance):
         return
     if _is_round(step / (2 * np.pi), tolerance):
-        yield rad_per_s_warning(
-            f"lines are {step:.6g} Hz apart, which is 2π times the round number {step / (2 * np.pi):.6g}: the axis is "
-            "probably in rad/s"
-        )
+        apart = f"lines are {step:.6g} Hz apart, 2π times the round number {step / (2 * np.pi):.6g}"
+        yield warn("rad_per_s", f"{apart}: the axis is probably in rad/s")
 
 
 def _is_round(value: float, tolerance: float) -> bool:
@@ -166,69 +136,43 @@ def _is_round(value: float, tolerance: float) -> bool:
 def _coherence_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
     coherence = record.coherence
     if coherence is None:
-        yield MeasurementWarning(
-            "coherence_missing",
-            "there is no coherence, so that the file does not say how noisy the FRF is",
-            "export the coherence as well, or state the noise in [data.variance], or give repeated measurements",
-        )
+        yield warn("coherence_missing", "there is no coherence, so that the file does not say how noisy the FRF is")
         return
     finite = coherence[np.isfinite(coherence)]
     if finite.size and (finite >= 1 - 1e-9).all():
         once = ", as it always is with one average" if record.averages == 1 else ""
-        yield MeasurementWarning(
-            "coherence_one",
-            f"coherence is 1 on all lines{once}: it says nothing about the noise",
-            "export it again, or state the noise in [data.variance], or give repeated measurements",
-        )
+        yield warn("coherence_one", f"coherence is 1 on all lines{once}: it says nothing about the noise")
     wrong = ""
     if finite.size < coherence.size:
         wrong = f"is NaN or infinite on {coherence.size - finite.size} of {coherence.size} lines"
     elif ((finite < -1e-6) | (finite > 1 + 1e-6)).any():
         wrong = f"runs from {finite.min():.4g} to {finite.max():.4g}"
     if wrong:
-        yield MeasurementWarning("coherence_range", f"coherence {wrong}, not 0 to 1", "export again")
+        yield warn("coherence_range", f"coherence {wrong}, not 0 to 1")
     if record.averages is None:
-        yield MeasurementWarning(
-            "averages_missing",
-            "there is a coherence, but no number of averages: the variance needs both",
-            "add the number of averages",
-        )
+        yield warn("averages_missing", "there is a coherence, but no number of averages: the variance needs both")
 
 
 def _unit_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
     if record.quantity is None:
-        yield MeasurementWarning(
-            "quantity_missing",
-            "neither unit nor type says whether it is receptance, mobility or accelerance",
-            'write in [data] of the case quantity = "accelerance", or what it is',
-        )
+        yield warn("quantity_missing", "neither unit nor type says whether it is receptance, mobility or accelerance")
     yield from warnings_of_notes(record.notes)
     if not record.unit.strip():
-        yield MeasurementWarning(
-            "unit_missing",
-            "the numbers have no unit and were taken as SI: a single FRF cannot tell m/s² from g or m from mm",
-            "find out the unit of the sensor, and scale the channel by its gain if it is another",
-        )
+        untold = "a single FRF cannot tell m/s² from g or m from mm"
+        yield warn("unit_missing", f"the numbers have no unit and were taken as SI: {untold}")
         return
     parsed = frf_unit(record.unit)
     if parsed is not None and record.quantity is not None and parsed[1] != record.quantity:
-        yield MeasurementWarning(
-            "quantity_units",
-            f"the file says {record.quantity}, but its unit {record.unit} is that of {parsed[1]}",
-            "find out which is right and state the quantity",
-        )
+        yield warn("quantity_units", f"the file says {record.quantity}, its unit {record.unit} {parsed[1]}")
 
 
 def warnings_of_notes(notes: tuple[str, ...]) -> Iterator[MeasurementWarning]:
     """What a reader noted already: units that it could not read, or of which the file says two things."""
     for note in notes:
         if "left as written" in note or "not understood" in note:
-            remedy = "state the units of response and force in [data.channels]; natural frequencies need none"
-            yield MeasurementWarning("unit_unknown", note, remedy)
+            yield warn("unit_unknown", note)
         if "says otherwise" in note:
-            yield MeasurementWarning(
-                "unit_system", note, "find out which is right, and scale the channel by its gain if it is the other"
-            )
+            yield warn("unit_system", note)
 
 
 def _drive_point_warnings(clear: ClearFrf, peaks: tuple[Resonance, ...]) -> Iterator[MeasurementWarning]:
@@ -245,22 +189,14 @@ def _drive_point_warnings(clear: ClearFrf, peaks: tuple[Resonance, ...]) -> Iter
     wrong_peaks = [p.frequency_hz for p in peaks if p.cosine < -_SIGNED]
     if wrong_peaks or (run.any() and wrong.mean() > 0.03):
         at = wrong_peaks[0] if wrong_peaks else float(clear.frequency_hz[np.argmax(run)])
-        yield MeasurementWarning(
-            "not_passive",
-            f"the real part of the drive point's mobility is negative near {at:.4g} Hz: the structure would release "
-            "more energy than it receives",
-            "look whether force and response are really at one point and in one direction, and at phase and delay of "
-            "the channels",
-        )
+        negative = f"the real part of the drive point's mobility is negative near {at:.4g} Hz"
+        yield warn("not_passive", f"{negative}: the structure would release more energy than it receives")
     for left, right in pairwise(peaks):
         # the phase turns by π at a resonance and back at an antiresonance: without one the next peak has the other sign
         if min(abs(left.cosine), abs(right.cosine)) > _SIGNED and left.cosine * right.cosine < 0:
-            yield MeasurementWarning(
-                "antiresonance_missing",
-                f"there is no antiresonance between {left.frequency_hz:.4g} and {right.frequency_hz:.4g} Hz; a drive "
-                "point has one between each two resonances",
-                "look whether force and response are at one point and in one direction, and whether a label is wrong",
-            )
+            between = f"between {left.frequency_hz:.4g} and {right.frequency_hz:.4g} Hz"
+            rule = "a drive point has one between each two resonances"
+            yield warn("antiresonance_missing", f"there is no antiresonance {between}; {rule}")
             return
 
 
@@ -278,39 +214,29 @@ def _mass_line_warnings(clear: ClearFrf, mass_kg: float) -> Iterator[Measurement
         return
     heavy = 1 / (level * mass_kg)
     if heavy > _TOO_HEAVY:
-        in_g = abs(np.log(heavy / 9.80665)) < 1.5
-        yield MeasurementWarning(
-            "g_against_ms2" if in_g else "mass_line",
-            f"below its first resonance the drive point moves like {1 / level:.4g} kg, {heavy:.3g} times the "
-            f"structure's {mass_kg:g} kg; a free structure cannot appear heavier than it is"
-            + (": the response is probably in g" if in_g else ""),
-            "find out the unit of the accelerometer" + (" and give the channel the gain 9.80665" if in_g else ""),
-        )
+        moves = f"below its first resonance the drive point moves like {1 / level:.4g} kg"
+        heavier = f"{heavy:.3g} times the structure's {mass_kg:g} kg; a free structure cannot appear heavier than it is"
+        in_g = ": the response is probably in g" if abs(np.log(heavy / 9.80665)) < 1.5 else ""
+        yield warn("g_against_ms2" if in_g else "mass_line", f"{moves}, {heavier}{in_g}")
 
 
 def _sign_warning(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
-    component, sign = {
-        "accelerance": ("imaginary part of the accelerance", "negative"),
-        "mobility": ("real part of the mobility", "negative"),
-        "receptance": ("imaginary part of the receptance", "positive"),
-    }[quantity]
+    part, sign = (
+        "real" if quantity == "mobility" else "imaginary",
+        "positive" if quantity == "receptance" else "negative",
+    )
     other = {"accelerance": "receptance", "receptance": "accelerance"}.get(quantity)
     instead = f", or the FRF is {other} and not {quantity}" if other else ""
-    return MeasurementWarning(
-        "sign_flip",
-        f"the {component} of the drive point is {sign} at {_peak_words(peaks)}, which no structure can do: force or "
-        f"response has the wrong sign{instead}",
-        'turn the channel in the case file ("-11:y")' + (", or state the quantity" if other else ""),
-    )
+    found = f"the {part} part of the {quantity} of the drive point is {sign} at {_peak_words(peaks)}"
+    wrong = f"which no structure can do: force or response has the wrong sign{instead}"
+    return warn("sign_flip", f"{found}, {wrong}", REMEDIES["sign_flip"] + ", or state the quantity" * bool(other))
 
 
 def _phase_warning(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
     likely = "receptance or accelerance" if quantity == "mobility" else "mobility"
     component = "imaginary" if quantity == "mobility" else "real"
-    return MeasurementWarning(
-        "quantity_phase",
-        f"the FRF is called {quantity}, but is {component} at {_peak_words(peaks)}, as {likely} is",
-        "find out the quantity of the sensor and state it",
+    return warn(
+        "quantity_phase", f"the FRF is called {quantity}, but {component} at {_peak_words(peaks)}, as {likely} is"
     )
 
 
@@ -383,12 +309,8 @@ def _leakage(clear: ClearFrf, incoherence: Array, averages: int, judged: Flags) 
         peak, low, high = dips[0]
         few = f", of which {peak.lines} lines are within half power" if peak.lines < 5 else ""
         more = f" and at {len(dips) - 1} more" if len(dips) > 1 else ""
-        yield MeasurementWarning(
-            "leakage",
-            f"coherence is {low:.2f} at the resonance at {peak.frequency_hz:.4g} Hz{few}, and {high:.3f} beside it"
-            f"{more}: leakage of blocks that are too short, or the frequency depends on the level",
-            "measure with longer blocks, and once more at half the level; do not trust height and damping of the peak",
-        )
+        dip = f"coherence is {low:.2f} at the resonance at {peak.frequency_hz:.4g} Hz{few}, {high:.3f} beside it{more}"
+        yield warn("leakage", f"{dip}: leakage of blocks that are too short, or the frequency depends on the level")
 
 
 def _end_of_excitation(clear: ClearFrf, record: FrfRecord) -> Iterator[MeasurementWarning]:
@@ -406,12 +328,8 @@ def _end_of_excitation(clear: ClearFrf, record: FrfRecord) -> Iterator[Measureme
     before = slice(0, max(first - 2, 1))
     if np.median(good[before]) > GOOD and np.median(level[first:]) > RISE * np.median(level[before]):
         start, rise = f[f.size - (_STRETCHES - first) * each], np.median(level[first:]) / np.median(level[before])
-        yield MeasurementWarning(
-            "excitation_ends",
-            f"from {start:.4g} Hz to the last line at {f[-1]:.4g} Hz coherence is mostly below {BAD:g}, and the noise "
-            f"is {rise:.2g} times that before: the force does not reach so far",
-            "end the band there (f_max_hz), or hit with a harder tip, or drive with a wider band",
-        )
+        low = f"from {start:.4g} Hz to the last line at {f[-1]:.4g} Hz coherence is mostly below {BAD:g}"
+        yield warn("excitation_ends", f"{low}, and noise {rise:.2g} times that before: the force does not reach so far")
 
 
 def _mains(clear: ClearFrf, incoherence: Array | None, averages: int) -> tuple[list[MeasurementWarning], Flags]:
@@ -439,13 +357,7 @@ def _mains(clear: ClearFrf, incoherence: Array | None, averages: int) -> tuple[l
         humming, elsewhere = outlying(multiples), outlying(multiples + 0.37 * mains)
         if humming.sum() >= max(_HUMMING, share * multiples.size, 3 * elsewhere.sum()):
             hum |= np.abs((f + mains / 2) % mains - mains / 2) <= 2.5 * step
-            places = ", ".join(f"{at:g}" for at in multiples[humming][:4]) + (" and more" if humming.sum() > 4 else "")
+            places = ", ".join(f"{at:g}" for at in multiples[humming][:4]) + " and more" * bool(humming.sum() > 4)
             count = f"{int(humming.sum())} of {multiples.size} multiples"
-            warnings.append(
-                MeasurementWarning(
-                    "mains",
-                    f"lines stand out at {places} Hz, {count} of {mains:g} Hz: hum of the mains",
-                    "leave these lines out (exclude_hz); look at grounding and at the cables of the sensors",
-                )
-            )
+            warnings.append(warn("mains", f"lines stand out at {places} Hz, {count} of {mains:g} Hz: hum of the mains"))
     return warnings, hum
