@@ -1,6 +1,6 @@
 """What a measurement file holds and what is doubtful about it, the resonances of its FRFs, and both in words."""
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice, starmap
@@ -173,30 +173,21 @@ def contents_of(
 @np.errstate(all="ignore")  # a file may hold any number
 def contents_of_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
     """As `contents_of`, for records that come one by one."""
-    contents = _Contents(WarningCollector(mass_kg))
+    contents, found = _Contents(WarningCollector(mass_kg)), Inspection()
     for record in records:
-        contents.add(record)
+        contents.add(record, found)
     made, note = ([], "") if contents.frfs else _frfs_of_hits(contents)
     for record in made:
         contents.collector.add(record)
         contents.keep_frf(record)
     warnings, conjugated = contents.collector.warnings(), bool(contents.collector.conjugated)
     if conjugated:
-        contents.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
+        found.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
     lows, medians = zip(*contents.coherence, strict=True) if contents.coherence else ((), ())
-    return Inspection(
-        channels=dict(contents.channels),
-        kinds=contents.kinds,
-        averages=tuple(sorted(contents.averages)),
-        coherence=(min(lows), float(np.median(medians))) if lows else None,
-        notes=contents.notes,
-        frfs=contents.frfs,
-        conjugated=conjugated,
-        hits=tuple(contents.hits),
-        listed_modes=tuple(contents.modes),
-        warnings=warnings,
-        modes_note=note,
-    )
+    coherence = (min(lows), float(np.median(medians))) if lows else None
+    found = replace(found, averages=tuple(sorted(contents.averages)), coherence=coherence, hits=tuple(contents.hits))
+    found = replace(found, frfs=contents.frfs, conjugated=conjugated, warnings=warnings, modes_note=note)
+    return replace(found, listed_modes=tuple(contents.modes))
 
 
 @np.errstate(all="ignore")
@@ -216,19 +207,17 @@ def with_resonances(inspection: Inspection, band_hz: _Band = (None, None)) -> In
     clean = [usable(r) for r in kept if r.quantity is not None]
     if not clean:
         return replace(inspection, modes_note="no FRF of a known quantity")
-    first = clean[0]
     group: dict[str, FrfRecord] = {}  # on the same lines over the same force
     for record in clean:
-        same = record.reference == first.reference and record.quantity == first.quantity
-        if same and np.array_equal(record.frequency_hz, first.frequency_hz):
+        same = (record.reference, record.quantity) == (clean[0].reference, clean[0].quantity)
+        if same and np.array_equal(record.frequency_hz, clean[0].frequency_hz):
             group.setdefault(record.response, record)
     members = list(group.values())[:_KEPT]
     driven_hz = _driven_hz(members)
     low = max((end for end in (band_hz[0], driven_hz[0]) if end is not None), default=None)
     high = min((end for end in (band_hz[1], driven_hz[1]) if end is not None), default=None)
-    inspection = replace(
-        inspection, modes_of=tuple(f"{r.response}/{r.reference}" for r in members), driven_hz=driven_hz
-    )
+    modes_of = tuple(f"{r.response}/{r.reference}" for r in members)
+    inspection = replace(inspection, modes_of=modes_of, driven_hz=driven_hz)
     coherences = [r.coherence for r in members if r.averages and r.coherence is not None]
     told = len(coherences) == len(members) and all(((c >= 0) & (c <= 1)).all() for c in coherences)
     try:
@@ -253,12 +242,9 @@ def _driven_hz(members: list[FrfRecord]) -> _Band:
 
 @dataclass(slots=True)
 class _Contents:
-    """What the records so far hold, and what is kept of them until the last has come."""
+    """What is kept of the records until the last has come."""
 
     collector: WarningCollector
-    channels: defaultdict[str, ChannelCount] = field(default_factory=lambda: defaultdict(ChannelCount))
-    kinds: Counter[str] = field(default_factory=Counter)
-    notes: Counter[str] = field(default_factory=Counter)
     averages: set[int] = field(default_factory=set)
     coherence: list[tuple[float, float]] = field(default_factory=list)
     drive_points: list[FrfRecord] = field(default_factory=list)
@@ -268,31 +254,31 @@ class _Contents:
     modes: list[ModeRecord] = field(default_factory=list)
     samples: int = 0
 
-    def add(self, record: Record) -> None:
-        """Count a record, and keep what is asked for later."""
+    def add(self, record: Record, found: Inspection) -> None:
+        """Count a record in what was found, and keep what is asked for later."""
         self.collector.add(record)
-        self.notes.update(record.notes)
-        uses = [self.channels[label] for label in labels_of(record)]
+        found.notes.update(record.notes)
+        uses, kind = [found.channels.setdefault(label, ChannelCount()) for label in labels_of(record)], "mode"
         match record:
             case TimeRecord():
-                self._add_history(record, uses[0])
+                kind = self._add_history(record, uses[0])
             case ModeRecord():
-                self.kinds["mode"] += 1
                 self.modes += [record] * (len(self.modes) < _MODES_KEPT)
             case SpectrumRecord():
-                self.kinds[f"spectrum, no FRF: {record.kind}{_unit(record.unit)}; {_span(record.frequency_hz)}"] += 1
+                kind = f"spectrum, no FRF: {record.kind}{_unit(record.unit)}; {_span(record.frequency_hz)}"
                 uses[0].spectra += 1
             case CoherenceRecord():
-                self.kinds[f"coherence, without its FRF; {_span(record.frequency_hz)}"] += 1
+                kind = f"coherence, without its FRF; {_span(record.frequency_hz)}"
                 self._add_coherence(record.averages, record.values)
             case FrfRecord():
                 words = f"FRF: {record.quantity or 'unknown quantity'}{_unit(record.unit)}"
-                self.kinds[f"{words}; {_span(record.frequency_hz)}"] += 1
+                kind = f"{words}; {_span(record.frequency_hz)}"
                 self._add_coherence(record.averages, record.coherence)
                 uses[0].as_response += 1
                 uses[1].as_force += 1
                 uses[0].quantities[record.quantity or "unknown"] += 1
                 self.keep_frf(record)
+        found.kinds[kind] += 1
 
     def _add_coherence(self, averages: int | None, coherence: Array | None) -> None:
         if averages is not None:
@@ -300,17 +286,18 @@ class _Contents:
         if coherence is not None and (finite := coherence[np.isfinite(coherence)]).size:
             self.coherence.append((float(finite.min()), float(np.median(finite))))
 
-    def _add_history(self, record: TimeRecord, use: ChannelCount) -> None:
+    def _add_history(self, record: TimeRecord, use: ChannelCount) -> str:
+        """What the record is, in words."""
         use.histories += 1
         use.quantities[record.quantity] += 1
         size, rate = record.values.size, record.sample_rate_hz
-        span = f"{size} samples, {size / rate:.6g} s at {rate:.6g} Hz"
-        self.kinds[f"time history: {record.quantity}{_unit(record.unit)}; {span}"] += 1
         for hit in hits_of(record):
             self.hits.append(_trace(record, hit, drawn=len(self.hits) < _HITS_DRAWN))
         self.samples += size
         if self.samples <= _SAMPLES_KEPT:
             self.histories.append(record)
+        span = f"{size} samples, {size / rate:.6g} s at {rate:.6g} Hz"
+        return f"time history: {record.quantity}{_unit(record.unit)}; {span}"
 
     def keep_frf(self, record: FrfRecord) -> None:
         """Keep the first FRFs of drive points and the first others."""
@@ -385,21 +372,15 @@ def contents_text(inspection: Inspection) -> Iterator[str]:
         yield f"  averages: {', '.join(str(n) for n in inspection.averages[:10])}"
     if inspection.coherence is not None:
         yield f"  coherence: smallest {inspection.coherence[0]:.4f}, median {inspection.coherence[1]:.4f}"
-    yield ""
-    yield f"Channels ({len(inspection.channels)})"
+    yield from ("", f"Channels ({len(inspection.channels)})")
     width = max((len(label) for label in inspection.channels), default=0)
     yield from _first_lines(inspection.channels, lambda label, use: f"  {label:<{width}}  {_dof(label)}{_use(use)}")
     yield from _stated_modes(inspection)
     yield from _hit_lines(inspection)
     if inspection.notes:
-        yield ""
-        yield "Done on reading"
+        yield from ("", "Done on reading")
         yield from _first_lines(inspection.notes, lambda note, count: f"  {note}" + f" ({count} times)" * (count > 1))
-    yield ""
-    if not inspection.warnings:
-        yield "No warnings."
-        return
-    yield f"Warnings ({len(inspection.warnings)})"
+    yield from ("", f"Warnings ({len(inspection.warnings)})" if inspection.warnings else "No warnings.")
     for number, warning in enumerate(inspection.warnings, 1):
         yield f"  {number}. [{warning.key}] {warning.where}: {warning.sentence}."
         yield f"     What to do: {warning.remedy}."
@@ -415,11 +396,8 @@ def _answer(inspection: Inspection) -> str:
 
 def resonances_text(inspection: Inspection) -> Iterator[str]:
     """Resonances that the FRFs show, and what is left out of them."""
-    yield ""
-    if not inspection.modes:
-        yield f"Resonances: {inspection.modes_note}"
-    else:
-        yield f"Resonances of {', '.join(inspection.modes_of)} (± one standard deviation)"
+    shown = f"Resonances of {', '.join(inspection.modes_of)} (± one standard deviation)"
+    yield from ("", shown if inspection.modes else f"Resonances: {inspection.modes_note}")
     low, high = inspection.driven_hz
     if low or high:
         ends = (f"from {low:.6g} " if low else "") + (f"to {high:.6g} " if high else "")
@@ -427,10 +405,8 @@ def resonances_text(inspection: Inspection) -> Iterator[str]:
     for number, mode in enumerate(inspection.modes, 1):
         digits = _digits(mode.frequency_sd_hz)
         percent, sd = 100 * mode.damping_ratio, 100 * mode.damping_sd
-        yield (
-            f"  {number:>3}  {mode.frequency_hz:>10.{digits}f} ± {mode.frequency_sd_hz:.{digits}f} Hz   "
-            f"damping {percent:.{_digits(sd)}f} ± {sd:.{_digits(sd)}f} %"
-        )
+        line = f"  {number:>3}  {mode.frequency_hz:>10.{digits}f} ± {mode.frequency_sd_hz:.{digits}f} Hz   "
+        yield line + f"damping {percent:.{_digits(sd)}f} ± {sd:.{_digits(sd)}f} %"
     if inspection.doubtful:
         yield "Left out of the resonances"
     for doubt in inspection.doubtful:
@@ -440,8 +416,7 @@ def resonances_text(inspection: Inspection) -> Iterator[str]:
 def _stated_modes(inspection: Inspection) -> Iterator[str]:
     """Modes that the file itself states."""
     if inspection.listed_modes:
-        yield ""
-        yield f"Modes in the file ({inspection.kinds['mode']})"
+        yield from ("", f"Modes in the file ({inspection.kinds['mode']})")
     for mode in inspection.listed_modes:
         sd = "" if mode.frequency_sd_hz is None else f" ± {mode.frequency_sd_hz:.2g}"
         damping = "" if mode.damping_ratio is None else f"   damping {100 * mode.damping_ratio:.4g} %"
@@ -454,8 +429,7 @@ def _stated_modes(inspection: Inspection) -> Iterator[str]:
 def _hit_lines(inspection: Inspection) -> Iterator[str]:
     if not inspection.hits:
         return
-    yield ""
-    yield f"Hits ({len(inspection.hits)})"
+    yield from ("", f"Hits ({len(inspection.hits)})")
     for trace in inspection.hits[:_LISTED]:
         hit = trace.hit
         verdict = "kept" if hit.kept else f"LEFT OUT: {hit.reason}"
@@ -484,24 +458,15 @@ def _dof(label: str) -> str:
 
 
 def _use(use: ChannelCount) -> str:
-    parts = [
-        f"response of {use.as_response} FRF{'s' * (use.as_response > 1)}" if use.as_response else "",
-        f"force of {use.as_force} FRF{'s' * (use.as_force > 1)}" if use.as_force else "",
-        f"{use.histories} time histories" if use.histories else "",
-        f"{use.spectra} spectra" if use.spectra else "",
-    ]
-    kinds = ", ".join(use.quantities)
-    return ", ".join(filter(None, parts)) + (f" ({kinds})" if kinds else "")
+    roles = (("response", use.as_response), ("force", use.as_force))
+    parts = [f"{role} of {count} FRF{'s' * (count > 1)}" for role, count in roles if count]
+    parts += [f"{n} {what}" for what, n in (("time histories", use.histories), ("spectra", use.spectra)) if n]
+    return ", ".join(parts) + (f" ({', '.join(use.quantities)})" if use.quantities else "")
 
 
 def _digits(sd: float) -> int:
     """Decimals that show a standard deviation with two digits."""
-    if not sd > 0:
-        return 2
-    decimals = 0
-    while sd < 9.5 and decimals < 8:
-        sd, decimals = 10 * sd, decimals + 1
-    return decimals
+    return int(np.clip(np.ceil(np.log10(9.5 / sd)), 0, 8)) if sd > 0 else 2
 
 
 def _first_lines(entries: dict[str, T], line: Callable[[str, T], str]) -> Iterator[str]:
