@@ -41,17 +41,17 @@ class Observed:
         MeasurementError
             If shapes do not agree, nothing was observed, or a standard deviation is not positive.
         """
-        values = array_of(self.values, float, what, MeasurementError)
-        given, values = values.shape, values[None] if values.ndim == len(shape) else values
-        if values.shape[1:] != shape or len(values) == 0:
-            found, expected = f"found values of shape {given}", f"(repetitions, {', '.join(map(str, shape))})"
-            raise MeasurementError.of(what, (*key, "values"), found, expected, "correct them")
+        given = array_of(self.values, float, what, MeasurementError)
         stated = array_of(self.sd, float, f"{what}: sd", MeasurementError)
+        values = given[None] if given.ndim == len(shape) else given
+        if values.shape[1:] != shape or len(values) == 0:
+            found, expected = f"found values of shape {given.shape}", f"(repetitions, {', '.join(map(str, shape))})"
+            raise MeasurementError.of(what, (*key, "values"), found, expected, "correct them")
         try:
             sd = np.broadcast_to(stated, values.shape)
         except ValueError:
             found = f"found standard deviations of shape {stated.shape}"
-            expected = f"one for each value, shape {values.shape}, or one for all"
+            expected = f"one for each value, shape {values.shape}"
             raise MeasurementError.of(what, (*key, "sd"), found, expected, "correct them") from None
         seen = ~np.isnan(values)
         if not (np.abs(values[seen]) < _WIDEST).all() or not seen.any():
@@ -61,6 +61,15 @@ class Observed:
             found = "found a standard deviation that is not above 0"
             raise MeasurementError.of(what, (*key, "sd"), found, "one above 0", "state what a value is uncertain by")
         return Observed(read_only(values), read_only(np.where(seen, sd, np.nan)))
+
+    def above_0(self, what: str, key: str, each: str) -> "Observed":
+        """As `rows` for one value of each mode (or what it is called), all of which must have one, above 0."""
+        given = array_of(self.values, float, what, MeasurementError)
+        checked = self.rows(given.shape[-1:] or (0,), what, key)
+        if np.isnan(checked.values).all(axis=0).any() or (checked.values <= 0).any():
+            found, remedy = f"found {each} without any, or one that is not above 0", "correct it or leave it out"
+            raise MeasurementError.of(what, (key, "values"), found, "one above 0 for each", remedy)
+        return checked
 
     def mean(self) -> tuple[Array, Array]:
         """Weighted mean over repetitions and its standard deviation; NaN where nothing was observed."""
@@ -138,12 +147,8 @@ class Antiresonances:
     numbers: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        given = array_of(self.frequency.values, float, "antiresonances", MeasurementError)
-        n = given.shape[-1] if given.ndim else 0
-        where, frequency = "antiresonances", self.frequency.rows((n,), "antiresonances", "frequency")
-        if np.isnan(frequency.values).all(axis=0).any() or (frequency.values <= 0).any():
-            found, remedy = "found one without any, or one that is not above 0 Hz", "correct it or leave it out"
-            raise MeasurementError.of(where, ("frequency", "values"), found, "one above 0 for each", remedy)
+        where, frequency = "antiresonances", self.frequency.above_0("antiresonances", "frequency", "one")
+        n = frequency.values.shape[1]
         dofs = (self.dofs,) * n if isinstance(self.dofs, str) else tuple(self.dofs)
         numbers = tuple(map(int, self.numbers)) or tuple(dofs[: i + 1].count(dof) for i, dof in enumerate(dofs))
         apart = len(set(zip(dofs, numbers, strict=False)))
@@ -274,15 +279,10 @@ class ModeData(ModalData):
     read_off: FrfData | None = None
 
     def __post_init__(self) -> None:
-        what = "eigenvalues" if self.eigenvalues else "natural frequencies"
-        given = array_of(self.frequency.values, float, what, MeasurementError)
-        n = given.shape[-1] if given.ndim else 0
-        of_frequency = "eigenvalues" if self.eigenvalues else "frequency"
-        object.__setattr__(self, "frequency", self.frequency.rows((n,), what, of_frequency))
-        seen = self.frequency.values
-        if np.isnan(seen).all(axis=0).any() or (seen <= 0).any():
-            found, remedy = "found a mode without any, or one that is not above 0", "leave out modes without one"
-            raise MeasurementError.of(what, (of_frequency, "values"), found, "one above 0 for each mode", remedy)
+        of_both = ("eigenvalues", "eigenvalues"), ("natural frequencies", "frequency")
+        what, of_frequency = of_both[not self.eigenvalues]
+        object.__setattr__(self, "frequency", self.frequency.above_0(what, of_frequency, "a mode"))
+        n = self.frequency.values.shape[1]
         object.__setattr__(self, "numbers", tuple(map(int, self.numbers)) or tuple(range(1, n + 1)))
         if len(self.numbers) != n or len(set(self.numbers)) != n or min(self.numbers) < 1:
             found, expected = f"found {self.numbers} for {n} modes", "a different one, from 1, for each"
@@ -322,10 +322,8 @@ class ModeData(ModalData):
     def _mean(self) -> tuple[Array, Array]:
         """Mean natural frequencies and their standard deviations, Hz."""
         mean, sd = self.frequency.mean()
-        if not self.eigenvalues:
-            return mean, sd
-        frequency = np.sqrt(mean) / (2 * np.pi)
-        return frequency, sd / (8 * np.pi**2 * frequency)
+        hz = np.sqrt(mean) / (2 * np.pi)
+        return (hz, sd / (8 * np.pi**2 * hz)) if self.eigenvalues else (mean, sd)
 
     @property
     def frequency_hz(self) -> Array:  # type: ignore[override]
@@ -472,13 +470,11 @@ class ModeData(ModalData):
 
 @singledispatch
 def _as_table(data: ModalData) -> ModeData:
-    """Natural frequencies as a table of modes."""
+    """Natural frequencies as a table of modes, or the table itself."""
     return ModeData(Observed(data.frequency_hz, data.sd_hz), numbers=data.numbers, provenance=data.provenance)
 
 
-@_as_table.register
-def _table_itself(data: ModeData) -> ModeData:
-    return data
+_as_table.register(ModeData, lambda table: table)
 
 
 def renumbered(data: ModalData, shift: int, unit_hz: float = 1.0) -> ModeData:
