@@ -5,7 +5,7 @@ import pytest
 
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, read_frf
-from vibrecords.formats.table import column_of
+from vibrecords.formats.table_text import column_of
 
 LINES = np.array([1.5, 2.0, 2.5, 3.25])
 H = np.array([1 + 2j, -0.5 + 0.25j, 3e-3 - 4e-3j, -7.5j])

@@ -78,7 +78,7 @@ def test_which_modes_are_the_lowest_is_known():
     (lambda: ModeData(FREQUENCY, match="shape"), 'match = "shape" without shapes'),
     (lambda: ModeData(FREQUENCY, shapes=ModeShapes(("2:x", "1:x"), "2:x", SHAPES.components)), "reference DOF"),
     (lambda: ModeData(FREQUENCY, shapes=ModeShapes(("1:x",), ("2:x",), SHAPES.components)), "1 reference DOFs"),
-    (lambda: Antiresonances("1:x", Observed(np.array([5.0, -6.0]), 0.1)), "one without any, or one that is not above 0"),
+    (lambda: Antiresonances("1:x", Observed(np.array([5.0, -6.0]), 0.1)), "without any, or one that is not above 0"),
     (lambda: Antiresonances("1:x", Observed(np.array([5.0, 6.0]), 0.1), (2, 2)), "a different number"),
     (lambda: Antiresonances(("1:x",), Observed(np.array([5.0, 6.0]), 0.1)), "expected one of each"),
     (lambda: ModalConstants(("1:x", "1:x"), ("2:x", "2:x"), SHAPES.components), "pairs, each once"),

@@ -203,7 +203,7 @@ def _table(
     for note in segment.each("notes", 1)[0].split(";"):
         key, _, value = note.partition(":")
         comments[key.strip().lower()] = value.strip()
-    return ColumnTable(columns, values, comments, notes, None, place, hit)
+    return ColumnTable(columns, values, comments, notes, place, hit)
 
 
 @np.errstate(all="ignore")

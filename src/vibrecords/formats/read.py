@@ -16,7 +16,8 @@ from vibrecords.formats.array_walk import records_of_tree
 from vibrecords.formats.grid import cut_to_band, join_frfs
 from vibrecords.formats.lvm import read_lvm
 from vibrecords.formats.matlab_5 import is_matlab_4
-from vibrecords.formats.table import read_table, records_of_tables, table_records
+from vibrecords.formats.table import records_of_tables
+from vibrecords.formats.table_text import read_text_table, text_lines
 from vibrecords.formats.tdms import read_tdms
 from vibrecords.formats.uff_data_sets import BEGINNING, read_uff
 from vibrecords.formats.xlsx import read_xlsx
@@ -202,11 +203,6 @@ def _array_records(path: Path, layout: Mapping[str, str], kind: str) -> Generato
     yield from records_of_tree(read_arrays(path, kind), layout, "." if kind.startswith("mat") else "/")
 
 
-def _sheet_records(path: Path, layout: Mapping[str, str]) -> Generator[Record, None, None]:
-    table, note = read_xlsx(path)
-    yield from table_records(table, layout, (note,))
-
-
 #: Formats whose readers take a layout.
 _LAID_OUT = ("mat", "mat4", "mat73", "npz", "hdf5", "table", "xlsx", "tdms")
 #: Formats that the first words of a file tell.
@@ -219,8 +215,8 @@ _TOLD_BY_BEGINNING = {
 _READERS: dict[str, Callable[..., Generator[Record, None, None]]] = {
     "uff": read_uff,
     "lvm": lambda path: records_of_tables(read_lvm(path)),
-    "tdms": lambda path, layout: records_of_tables(read_tdms(path, layout)),
-    "table": read_table,
-    "xlsx": _sheet_records,
+    "tdms": lambda path, layout: records_of_tables(read_tdms(path, layout), layout),
+    "table": lambda path, layout: records_of_tables([read_text_table(text_lines(path))], layout),
+    "xlsx": lambda path, layout: records_of_tables([read_xlsx(path)], layout),
     **{kind: partial(_array_records, kind=kind) for kind in ("mat", "mat4", "mat73", "npz", "hdf5")},
 }

@@ -3,24 +3,13 @@
 import re
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from vibrecords.arrays import Array, complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import table_text as headers
-from vibrecords.formats.table_text import (
-    Column,
-    ColumnTable,
-    Role,
-    TextTable,
-    column_of,
-    describe,
-    float_of,
-    read_text_table,
-    text_lines,
-)
+from vibrecords.formats.table_text import Column, ColumnTable, Role, describe, float_of
 from vibrecords.formats.units import TIME_S, in_hz, read_frf_unit, read_sensor_unit, scaled
 from vibrecords.records import MOST_AVERAGES, CoherenceRecord, FrfRecord, Record, SpectrumRecord, TimeRecord, even_rate
 
@@ -28,61 +17,33 @@ _UNITLESS = "no unit, where other columns have one: values left as written, and 
 _DEGREES = "degrees as [deg] or radians as [rad]; correct the header"
 
 
-def read_table(path: Path, layout: Mapping[str, str] | None = None) -> Generator[Record, None, None]:
-    """Records of a CSV or TSV file, or another table in text.
-
-    Raises
-    ------
-    MeasurementError
-        If a row or the header cannot be understood.
-    """
-    yield from table_records(read_text_table(text_lines(path)), layout)
-
-
-def table_records(
-    table: TextTable, layout: Mapping[str, str] | None = None, notes: tuple[str, ...] = ()
+def records_of_tables(
+    tables: Iterable[ColumnTable], layout: Mapping[str, str] | None = None
 ) -> Generator[Record, None, None]:
-    """Records of a table; `layout` may say of its first column that it is ``axis``: time or frequency_hz."""
-    columns = [column_of(name) for name in table.header]
-    if columns[0].header.lower() in ("x", "sequence") and "increment" in table.comments:  # of an oscilloscope
-        start, step = (float_of(table.comments[key]) for key in ("start", "increment"))
-        if start is not None and step is not None:
-            table.values[:, 0] = start + step * table.values[:, 0]
-            columns[0] = Column("time", "", "s")
-    unit = table.comments.get("vertical units", "")
-    if unit and not any(column.unit for column in columns[1:]):
-        columns[1:] = [replace(column, unit=unit) for column in columns[1:]]
-    yield from column_records(columns, table.values, table.comments, notes, headers.layout_axis(layout))
-
-
-def column_records(
-    columns: Sequence[Column],
-    values: Array,
-    comments: Mapping[str, str],
-    notes: tuple[str, ...] = (),
-    axis: str | None = None,
-) -> Iterator[Record]:
-    """FRFs, time histories and spectra of a table with a column of frequency or time, or one of each channel.
+    """FRFs, time histories and spectra of tables with a column of frequency or time, or one of each channel.
 
     Parameters
     ----------
-    columns
-        Of the table, one for each column of `values`.
-    values
-        Numbers, shape (rows, columns); NaN at the end of a column that is shorter.
-    comments
-        ``averages``, ``quantity`` and ``sample_rate_hz`` where the file tells them.
-    notes
-        What was done so far.
-    axis
-        What the first column is where its name does not say it: ``"time"`` or ``"frequency_hz"``.
+    tables
+        Of a file, each with the part of it that stands before the places of its records, and with their hit.
+    layout
+        May say that the first column is ``axis``, where its name does not: time or frequency_hz.
 
     Raises
     ------
     MeasurementError
         If columns do not pair up, a unit of the axis is not known, or a column can be read in two ways.
     """
-    columns = list(columns)
+    axis = headers.layout_axis(layout)
+    for table in tables:
+        for record in _records(table, axis):
+            if table.hit is not None and isinstance(record, TimeRecord) and record.hit is None:
+                record = replace(record, hit=table.hit)
+            yield replace(record, where=f"{table.place}, {record.where}") if table.place else record
+
+
+def _records(table: ColumnTable, axis: str | None) -> Iterator[Record]:
+    columns, values, notes = list(table.columns), table.values, table.notes
     empty = np.asarray(np.isnan(values).all(axis=0))
     passed = [i for i, c in enumerate(columns) if c.role == "index" or empty[i]]
     groups = headers.groups_of(columns, values, sorted(set(range(len(columns))) - set(passed)), axis)
@@ -92,7 +53,7 @@ def column_records(
     for numbers, note in groups:
         rows = values[: headers.filled_length(values[:, numbers])]
         over_frequency, instants = columns[numbers[0]].role == "frequency", rows[:2, numbers[0]]
-        group = _Group(columns, rows, numbers, comments, (*notes, *note))
+        group = _Group(columns, rows, numbers, table.comments, (*notes, *note))
         yield from group.over_frequency() if over_frequency else group.over_time()
         if over_frequency or len(rows) < 2 or not np.isfinite(instants).all():
             continue
@@ -102,15 +63,6 @@ def column_records(
                 f"column {numbers[0] + 1}: found a channel that begins at {starts[-1][0]:g}, the first at "
                 f"{starts[0][0]:g}; expected channels that begin together; cut them to one start"
             )
-
-
-def records_of_tables(tables: Iterable[ColumnTable]) -> Generator[Record, None, None]:
-    """Records of all, each with the part of the file before its place, and as the hit that this holds, if it does."""
-    for table in tables:
-        for record in column_records(table.columns, table.values, table.comments, table.notes, table.axis):
-            if table.hit is not None and isinstance(record, TimeRecord) and record.hit is None:
-                record = replace(record, hit=table.hit)
-            yield replace(record, where=f"{table.place}, {record.where}")
 
 
 @dataclass(slots=True)

@@ -303,8 +303,14 @@ class ColumnTable:
 
     Parameters
     ----------
-    columns, values, comments, notes, axis
-        As `vibrecords.formats.table.column_records` takes them.
+    columns
+        One for each column of `values`.
+    values
+        Numbers, shape (rows, columns); NaN where a field is empty at the end of a column, or a whole column is.
+    comments
+        ``key: value`` lines above the numbers, keys in lower case: ``averages``, ``quantity``, ``sample_rate_hz``.
+    notes
+        What was done so far.
     place
         Part of the file: ``"segment 2"``.
     hit
@@ -314,29 +320,9 @@ class ColumnTable:
     columns: Sequence[Column]
     values: Array
     comments: Mapping[str, str]
-    notes: tuple[str, ...]
-    axis: str | None
-    place: str
-    hit: int | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TextTable:
-    """Numbers of a table, shape (rows, columns), with its header.
-
-    Parameters
-    ----------
-    header
-        Name and unit of each column, empty strings where there are none.
-    comments
-        ``key: value`` lines above the numbers, keys in lower case.
-    values
-        The numbers; NaN where a field is empty at the end of a column, or a whole column is.
-    """
-
-    header: tuple[str, ...]
-    comments: dict[str, str]
-    values: Array
+    notes: tuple[str, ...] = ()
+    place: str = ""
+    hit: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -406,7 +392,7 @@ def float_of(text: str) -> float | None:
     return float(text) if _NUMBER.fullmatch(text) and "," not in text else None
 
 
-def read_text_table(lines: Lines) -> TextTable:
+def read_text_table(lines: Lines) -> ColumnTable:
     """Read a table; delimiter (tab, semicolon, comma, blanks) and decimal sign from its first row of numbers.
 
     Raises
@@ -451,7 +437,16 @@ def read_text_table(lines: Lines) -> TextTable:
         parts = (("real ", "imaginary ") if i in pairs and i else ("",) for i in range(len(names)))
         header = tuple(part + name for name, of_name in zip(names, parts, strict=True) for part in of_name)
         values = np.delete(values, 1, axis=1) if 0 in pairs else values
-    return TextTable(header, comments, values)
+    columns = [column_of(name) for name in header]
+    if columns[0].header.lower() in ("x", "sequence") and "increment" in comments:  # of an oscilloscope
+        start, step = (float_of(comments[key]) for key in ("start", "increment"))
+        if start is not None and step is not None:
+            values[:, 0] = start + step * values[:, 0]
+            columns[0] = Column("time", "", "s")
+    unit = comments.get("vertical units", "")
+    if unit and not any(column.unit for column in columns[1:]):
+        columns[1:] = [replace(column, unit=unit) for column in columns[1:]]
+    return ColumnTable(columns, values, comments)
 
 
 def _split_complex(lines: Lines, found: dict[tuple[int, ...], int]) -> Lines:

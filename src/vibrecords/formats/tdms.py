@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.table_text import Column, ColumnTable, Role, column_of, describe, layout_axis
+from vibrecords.formats.table_text import Column, ColumnTable, Role, column_of, describe
 from vibrecords.records import MOST_COLUMNS, refuse_damage, require_short
 
 #: Scales of a channel: npTDMS looks at each, however many a damaged file promises.
@@ -122,4 +122,4 @@ def _group_table(
         table[: array.size, i] = array
     left = [c.name for c in channels if clocks and not c.has_clock]
     notes += (f"without a wf_increment, passed over: {', '.join(left)[:200]}",) if left else ()
-    return ColumnTable(columns, table, {}, notes, layout_axis(layout), place, hit)
+    return ColumnTable(columns, table, {}, notes, place, hit)

@@ -2,20 +2,21 @@
 
 import warnings
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.array_files import zip_entries
-from vibrecords.formats.table_text import Lines, TextTable, read_text_table
+from vibrecords.formats.table_text import ColumnTable, Lines, read_text_table
 from vibrecords.records import refuse_damage
 
 #: Bytes of a workbook unpacked, and cells of its sheets; the largest sheet that Excel writes has 10^6 rows.
 _MOST_BYTES, _MOST_CELLS, _MOST_SHEETS = 2**29, 20_000_000, 50
 
 
-def read_xlsx(path: Path) -> tuple[TextTable, str]:
-    """Table of the first sheet with rows of numbers, and a note on which that is.
+def read_xlsx(path: Path) -> ColumnTable:
+    """Table of the first sheet with rows of numbers, with a note on which that is.
 
     Raises
     ------
@@ -41,7 +42,7 @@ def read_xlsx(path: Path) -> tuple[TextTable, str]:
         with closing(openpyxl.load_workbook(file, read_only=True, data_only=True)) as workbook:
             for sheet in workbook.worksheets[:_MOST_SHEETS]:
                 try:
-                    return read_text_table(_lines(sheet)), f"sheet {sheet.title[:40]!r}"
+                    return replace(read_text_table(_lines(sheet)), notes=(f"sheet {sheet.title[:40]!r}",))
                 except MeasurementError as error:
                     refused = refused or MeasurementError(f"sheet {sheet.title[:40]!r}, {error}")
             raise refused or MeasurementError("workbook: found no sheet; expected a table; save it as CSV")
