@@ -112,10 +112,9 @@ def _propagate(correction: Callable[[ComplexArray], ComplexArray], values: Compl
     here = correction(values)
     step = _STEP * np.abs(values).max(axis=(1, 2))
     total = np.zeros(here.shape)
-    for o in range(values.shape[1]):
-        for i in range(values.shape[2]):
-            moved = values.copy()
-            moved[:, o, i] += step
-            slope = (correction(moved) - here) / step[:, None, None]
-            total += np.abs(slope) ** 2 * variance[:, o, i, None, None]
+    for o, i in np.ndindex(values.shape[1:]):
+        moved = values.copy()
+        moved[:, o, i] += step
+        slope = (correction(moved) - here) / step[:, None, None]
+        total += np.abs(slope) ** 2 * variance[:, o, i, None, None]
     return total

@@ -21,7 +21,14 @@ from vibrecords.formats.channel_units import restate_history
 from vibrecords.formats.grid import cut_to_band, excluded_lines, join_frfs, measured_lines
 from vibrecords.formats.read import iter_records
 from vibrecords.frf_set import FrfSet
-from vibrecords.measurement_plan import ChannelMap, FrequencyPlan, MeasurementPlan, VarianceSource, map_records
+from vibrecords.measurement_plan import (
+    FrequencyPlan,
+    MeasurementPlan,
+    VarianceSource,
+    find_channel,
+    map_records,
+    require_channels,
+)
 from vibrecords.modal_fit import fit_modes, modes_and_doubtful
 from vibrecords.provenance import MeasuredFile, MeasuredMode, MeasurementWarning, Provenance
 from vibrecords.records import FrfRecord, Record, TimeRecord
@@ -293,9 +300,8 @@ def _histories_and_frfs(records: Iterable[Record], plan: MeasurementPlan) -> tup
 
 def _frfs_of_histories(histories: list[TimeRecord], plan: MeasurementPlan, where: str) -> MadeFrfs:
     """FRFs made of the time histories of the mapped channels."""
-    channels = ChannelMap(plan.channels)
-    channels.require_all([record.channel for record in histories], where)
-    mapped = ((record, channels.find(record.channel)) for record in histories)
+    require_channels(plan.channels, [record.channel for record in histories], where)
+    mapped = ((record, find_channel(plan.channels, record.channel)) for record in histories)
     try:
         histories = [restate_history(record, found[0].unit) for record, found in mapped if found]
         if isinstance(plan.signals, ShakerSettings):

@@ -17,8 +17,6 @@ from vibrecords.rotations import Rotation
 from vibrecords.signals.spectra import ImpactSettings, ShakerSettings
 from vibrecords.variance import RelativeNoise
 
-_OPPOSITE = {"+": "-", "-": "+"}
-
 
 @dataclass(frozen=True, slots=True)
 class Channel:
@@ -64,58 +62,40 @@ class MappedRecords:
     left_out: tuple[str, ...]
 
 
-class ChannelMap:
-    """Finds the channel that a label of a file stands for.
+def find_channel(channels: Mapping[str, Channel], label: str) -> tuple[Channel, bool] | None:
+    """The channel that a label of a file stands for, and whether the file has it the other way round.
 
-    Parameters
-    ----------
-    channels
-        By label. A label of the file that differs from one of these in its last sign only (``Point:12:Z-`` for
-        ``Point:12:Z+``) is the same channel the other way round.
+    None if it is not mapped. A label that differs from one of the channels in its last sign only (``Point:12:Z-`` for
+    ``Point:12:Z+``) is the same channel the other way round.
     """
+    if label in channels:
+        return channels[label], False
+    channel = channels.get(_opposite(label))
+    return None if channel is None else (replace(channel, sign=-channel.sign), True)
 
-    def __init__(self, channels: Mapping[str, Channel]) -> None:
-        self._channels = dict(channels)
 
-    def find(self, label: str) -> tuple[Channel, bool] | None:
-        """The channel, and whether the file has it the other way round; None if it is not mapped."""
-        if label in self._channels:
-            return self._channels[label], False
-        opposite = label[:-1] + _OPPOSITE.get(label[-1:], "")
-        if opposite != label and opposite in self._channels:
-            channel = self._channels[opposite]
-            return replace(channel, sign=-channel.sign), True
-        return None
+def _opposite(label: str) -> str:
+    return label[:-1] + {"+": "-", "-": "+"}.get(label[-1:], "")
 
-    def use(self, label: str, role: Role) -> ChannelUse | None:
-        """How a label of the file is used in a role; None if it is not mapped."""
-        mapped = self.find(label)
-        if mapped is None:
-            return None
-        channel, turned = mapped
-        mass = channel.accelerometer_mass if role == "response" else 0.0
-        return ChannelUse(label, channel.dof, role, channel.sign * channel.gain, turned, mass)
 
-    def require_all(self, labels: Iterable[str], where: str) -> None:
-        """Refuse a mapped channel that the file does not have.
+def require_channels(channels: Mapping[str, Channel], labels: Iterable[str], where: str) -> None:
+    """Refuse a mapped channel that the file, which has these labels, does not have.
 
-        Raises
-        ------
-        MeasurementError
-            Naming the channels that the file has and that are not mapped, and the nearest of these.
-        """
-        present = tuple(dict.fromkeys(labels))
-        accepted = {label[:-1] + _OPPOSITE.get(label[-1:], "") for label in present} | set(present)
-        for label in self._channels:
-            if label in accepted:
-                continue
-            free = [p for p in present if self.find(p) is None]
-            near = free if len(free) == 1 else difflib.get_close_matches(label, free, 1, 0.6)
-            listed = ", ".join(f'"{p}"' for p in free[:8]) + (f" and {len(free) - 8} more" * (len(free) > 8))
-            expected = f"one of {listed}" if free else "one that the file has: all of these are mapped"
-            remedy = f'did you mean "{near[0]}"?' if near else "correct the label" if free else "remove it"
-            message = f'{where}: found no channel "{label}" of [data.channels]; expected {expected}; {remedy}'
-            raise MeasurementError(message, "channels", label)
+    Raises
+    ------
+    MeasurementError
+        Naming the channels that the file has and that are not mapped, and the nearest of these.
+    """
+    present = tuple(dict.fromkeys(labels))
+    accepted = {*present, *map(_opposite, present)}
+    for label in (label for label in channels if label not in accepted):
+        free = [p for p in present if find_channel(channels, p) is None]
+        near = free if len(free) == 1 else difflib.get_close_matches(label, free, 1, 0.6)
+        listed = ", ".join(f'"{p}"' for p in free[:8]) + (f" and {len(free) - 8} more" * (len(free) > 8))
+        expected = f"one of {listed}" if free else "one that the file has: all of these are mapped"
+        remedy = f'did you mean "{near[0]}"?' if near else "correct the label" if free else "remove it"
+        message = f'{where}: found no channel "{label}" of [data.channels]; expected {expected}; {remedy}'
+        raise MeasurementError(message, "channels", label)
 
 
 def map_records(records: Iterable[Record], channels: Mapping[str, Channel], where: str) -> MappedRecords:
@@ -138,7 +118,6 @@ def map_records(records: Iterable[Record], channels: Mapping[str, Channel], wher
         If a mapped channel is in no FRF, no FRF has both of its channels mapped, or two response (force) channels are
         mapped to one DOF.
     """
-    channel_map = ChannelMap(channels)
     kept: list[FrfRecord] = []
     pairs: list[tuple[str, str]] = []
     apart: list[CoherenceRecord] = []
@@ -150,24 +129,28 @@ def map_records(records: Iterable[Record], channels: Mapping[str, Channel], wher
         if not isinstance(record, FrfRecord):
             continue
         labels |= dict.fromkeys((record.response, record.reference))
-        response, force = channel_map.use(record.response, "response"), channel_map.use(record.reference, "force")
-        if response is None or force is None:
+        above, below = find_channel(channels, record.response), find_channel(channels, record.reference)
+        if above is None or below is None:
             continue
-        uses[record.response, "response"], uses[record.reference, "force"] = response, force
-        stated = (found[0].unit for label in (record.response, record.reference) if (found := channel_map.find(label)))
+        pairs.append((record.response, record.reference))
+        (response, turned), (force, force_turned) = above, below
+        of_response, of_force = response.sign * response.gain, force.sign * force.gain
+        mass = response.accelerometer_mass
+        as_response = ChannelUse(record.response, response.dof, "response", of_response, turned, mass)
+        uses[record.response, "response"] = as_response
+        uses[record.reference, "force"] = ChannelUse(record.reference, force.dof, "force", of_force, force_turned)
         try:
-            record = restate_frf(record, *stated)
+            record = restate_frf(record, response.unit, force.unit)
         except MeasurementError as error:
             raise MeasurementError(f"{where}: {error}") from None
-        factor = response.factor / force.factor
+        factor = of_response / of_force
         values = record.values if factor == 1 else factor * record.values
-        pairs.append((record.response, record.reference))
         kept.append(replace(record, response=response.dof, reference=force.dof, values=values))
     if not labels:
         raise MeasurementError(
             f"{where}: found no FRF; expected at least one; for time histories add a table [data.records]"
         )
-    channel_map.require_all(labels, where)
+    require_channels(channels, labels, where)
     if not kept:
         raise MeasurementError(
             f"{where}: found no FRF whose response and force are both in [data.channels]; expected both; map the other "

@@ -109,15 +109,11 @@ def fit_modes(
     """As `identify_modes`, with the fitted FRFs (in the band), misfit, covariance and doubtful modes as well."""
     with _finite_numbers():
         fits = _fit_bands(frf, variance, (f_min_hz, f_max_hz), max_order)
-        chi2, freedom, values = 0.0, 0, []
-        for fitted in fits:
-            more_chi2, more_freedom, model = fitted.all_values(frf.quantity)
-            chi2, freedom = chi2 + more_chi2, freedom + more_freedom
-            values.append(model[fitted.core])
+        chi2, freedom, values = zip(*(fitted.all_values(frf.quantity) for fitted in fits), strict=True)
         modes, covariance = _modes_of(fits)
         doubtful = tuple(doubt for fitted in fits for doubt in fitted.doubtful)
         shape = (-1, len(frf.outputs), len(frf.inputs))
-        return ModalFit(modes, np.vstack(values).reshape(shape), chi2 / freedom, covariance, doubtful)
+        return ModalFit(modes, np.vstack(values).reshape(shape), sum(chi2) / sum(freedom), covariance, doubtful)
 
 
 def identify_zeros(frf: FrfSet, variance: Array | None = None) -> dict[str, ModalFit]:
@@ -245,13 +241,12 @@ def _fit_poles(frf: FrfSet, variance: Array | None, inside: Indices, core: slice
 
 
 def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: _Band) -> Flags:
-    low, high = band_hz[0] or 0.0, band_hz[1] or np.inf
-    inside = np.asarray((frf.frequency_hz >= low) & (frf.frequency_hz <= high))
-    n_lines = int(inside.sum())
-    if n_lines < _FEWEST_LINES:
+    low, high = band_hz
+    inside = np.asarray((frf.frequency_hz >= (low or 0.0)) & (frf.frequency_hz <= (high or np.inf)))
+    if (n_lines := int(inside.sum())) < _FEWEST_LINES:
+        band = "" if low is high is None else f" between {low or 0:g} and {high or frf.frequency_hz[-1]:g} Hz"
         raise MeasurementError(
-            f"modal fit: found {n_lines} lines{_band_words(*band_hz)}; expected {_FEWEST_LINES} or more; "
-            "widen the band or measure finer lines"
+            f"modal fit: found {n_lines} lines{band}; expected {_FEWEST_LINES} or more; widen the band or refine lines"
         )
     if variance is not None and (variance.shape != frf.values.shape or not (variance > 0).all()):
         raise MeasurementError(
@@ -259,12 +254,6 @@ def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: _Band) -> Flags:
             f"{frf.values.shape}; correct it"
         )
     return inside
-
-
-def _band_words(low: float | None, high: float | None) -> str:
-    if low is None or high is None:
-        return "" if low is high else f" above {low:g} Hz" if high is None else f" below {high:g} Hz"
-    return f" between {low:g} and {high:g} Hz"
 
 
 #: Values that poles are sought in, and FRFs at least: more tell hardly more of a pole, and each costs the same again.
@@ -284,8 +273,7 @@ _ROUNDING = 1e-12
 def _few_of(shape: tuple[int, ...]) -> Indices:
     """Numbers of the FRFs among (lines, frfs) in which poles are sought."""
     lines, frfs = shape
-    few = min(frfs, max(_FEWEST_FRFS, _MOST_VALUES // lines))
-    return np.linspace(0, frfs - 1, few).round().astype(np.intp)
+    return np.linspace(0, frfs - 1, min(frfs, max(_FEWEST_FRFS, _MOST_VALUES // lines))).round().astype(np.intp)
 
 
 def _noise_squares(frf: FrfSet, inside: Indices, few: Indices) -> tuple[Array, int] | None:
@@ -311,8 +299,7 @@ def _weight_of_squares(square: Array, model: ComplexArray, width: int) -> Array:
     weight = np.empty(square.shape)
     count, half = len(square), width // 2
     line = np.linspace(-1, 1, count)
-    first = np.maximum(np.arange(count) - half, 0)
-    last = np.minimum(np.arange(count) + half + 1, count)
+    first, last = (np.clip(np.arange(count) + shift, 0, count) for shift in (-half, half + 1))
     square = np.maximum(square, (_ROUNDING * np.abs(model)) ** 2)
     for k in range(square.shape[1]):
         magnitude = np.abs(model[:, k])
@@ -344,13 +331,11 @@ def _log_linear_fit(columns: Array, square: Array) -> Array:
 def _modes_of(fits: list["_PoleFit"]) -> tuple[tuple[MeasuredMode, ...], Array]:
     """Modes of all sub-bands, and the covariance of their frequencies in Hz and then their damping ratios."""
     each = [fitted.modes() for fitted in fits]
-    counts = [len(modes) for modes, _ in each]
-    first = np.concatenate([[0], np.cumsum(counts)])
-    covariance = np.zeros((2 * first[-1], 2 * first[-1]))
-    for at, count, (_, block) in zip(first[:-1], counts, each, strict=True):
-        numbers = np.concatenate([np.arange(at, at + count), first[-1] + np.arange(at, at + count)])
-        covariance[np.ix_(numbers, numbers)] = block
-    return tuple(mode for modes, _ in each for mode in modes), covariance
+    modes = tuple(mode for modes, _ in each for mode in modes)
+    # of each sub-band frequencies and then damping ratios: of all the former stand before all the latter
+    is_damping = np.concatenate([np.repeat([False, True], len(few)) for few, _ in each])
+    order = np.argsort(is_damping, kind="stable")
+    return modes, scipy.linalg.block_diag(*(block for _, block in each))[np.ix_(order, order)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -374,7 +359,7 @@ class _PoleFit:
         return lines, problem.values[core], problem.weight[core], problem.model(self.poles)[core]
 
     def all_values(self, quantity: Quantity) -> tuple[float, int, ComplexArray]:
-        """χ², its degrees of freedom and the model of all FRFs, shape (lines, frfs)."""
+        """χ², its degrees of freedom and the model of all FRFs in the core, shape (lines, frfs)."""
         chi2, freedom, values = 0.0, 0, []
         every, count = self.all_frfs or (self.problem.values, self.problem.weight), self.problem.values.shape[1]
         for first in range(0, every[0].shape[1], count):  # as many at once as poles were sought in
@@ -382,7 +367,7 @@ class _PoleFit:
             few = ModalProblem(self.problem.omega / (2 * np.pi), every[0][:, some], every[1][:, some], quantity)
             chi2, freedom = chi2 + few.chi2(self.poles), freedom + few.freedom(self.poles.size)
             values.append(few.model(self.poles))
-        return chi2, freedom, np.hstack(values)
+        return chi2, freedom, np.hstack(values)[self.core]
 
     def modes(self) -> tuple[tuple[MeasuredMode, ...], Array]:
         """Modes, and the covariance of their frequencies in Hz and then their damping ratios."""

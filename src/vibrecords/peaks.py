@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import scipy  # its parts load at first use
 
-from vibrecords.arrays import Array, ComplexArray
+from vibrecords.arrays import Array, ComplexArray, stretch_about
 from vibrecords.data import Data, FrfData
 
 #: Least prominence of a peak, in ln |H|, and least height, in standard deviations of the noise there. Without the
@@ -35,12 +35,8 @@ def resonances_hz(data: Data) -> Array:
     if frfs is None or frfs.frf.n_lines < 3:
         return np.empty(0)
     frequency, receptances = frfs.frf.frequency_hz, frfs.frf.converted("receptance").values
-    roots = [
-        peak
-        for output in range(len(frfs.frf.outputs))
-        for input_ in range(len(frfs.frf.inputs))
-        for peak in _peaks(frfs, receptances[:, output, input_], output, input_)
-    ]
+    pairs = np.ndindex(receptances.shape[1:])
+    roots = [peak for o, i in pairs for peak in _peaks(frfs, receptances[:, o, i], o, i)]
     return _merged(np.array(roots).reshape(-1, 2), float(np.median(np.diff(frequency))))
 
 
@@ -93,6 +89,5 @@ def _merged(peaks: Array, spacing: float) -> Array:
 
 def shoulders(magnitude: Array, peak: int) -> tuple[int, int]:
     """First and last line about a peak between which the magnitude stays above half of the peak's."""
-    low = np.flatnonzero(magnitude[: peak + 1] <= _SHOULDER * magnitude[peak])
-    high = np.flatnonzero(magnitude[peak:] <= _SHOULDER * magnitude[peak])
-    return int(low[-1]) + 1 if low.size else 0, peak + int(high[0]) - 1 if high.size else len(magnitude) - 1
+    first, end = stretch_about(magnitude <= _SHOULDER * magnitude[peak], peak)
+    return first, end - 1

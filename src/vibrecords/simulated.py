@@ -43,10 +43,9 @@ def noisy_frf(true: FrfSet, law: NoiseLaw, averages: int, rng: np.random.Generat
     variance = law.variance(true.values)
     real, imag = rng.standard_normal((2, *true.values.shape))
     values = true.values + np.sqrt(variance / 2) * (real + 1j * imag)
-    coherence = None
+    square, coherence = np.abs(values) ** 2, None
     if averages > 1:
-        rest = variance * rng.standard_gamma(averages - 1, true.values.shape)
-        coherence = np.abs(values) ** 2 / (np.abs(values) ** 2 + rest)
+        coherence = square / (square + variance * rng.standard_gamma(averages - 1, true.values.shape))
     return FrfSet(true.frequency_hz, values, true.outputs, true.inputs, true.quantity, coherence, averages)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vibrecords.errors import MeasurementError
-from vibrecords.measurement_plan import Channel, ChannelMap, map_records
+from vibrecords.measurement_plan import Channel, map_records
 from vibrecords.records import FrfRecord
 
 LINES = np.array([10.0, 20.0, 30.0])
@@ -87,7 +87,7 @@ def test_a_file_without_frfs_is_refused():
 
 
 def test_a_sensor_has_its_mass_where_it_responds_and_not_where_the_channel_is_the_force():
-    known = ChannelMap({"12": Channel("5:y", gain=2.0, accelerometer_mass=0.003)})
-    assert known.use("12", "response").accelerometer_mass == 0.003
-    assert known.use("12", "force").accelerometer_mass == 0.0
-    assert known.use("12", "force").factor == 2.0
+    known = {"12": Channel("5:y", gain=2.0, accelerometer_mass=0.003)}
+    response, force = map_records([record("12", "12")], known, "tip.uff").uses
+    assert (response.role, response.accelerometer_mass) == ("response", 0.003)
+    assert (force.role, force.accelerometer_mass, force.factor) == ("force", 0.0, 2.0)

@@ -49,6 +49,10 @@ class HitSettings:
     double_hit_level: float = 0.05
     force_range_n: float | None = None
 
+    def samples(self, record: TimeRecord) -> int:
+        """Samples of a block of a record."""
+        return record.values.size if self.block_s is None else round(self.block_s * record.sample_rate_hz)
+
     def __post_init__(self) -> None:
         if not (0 < self.trigger_level < 1 and 0 < self.double_hit_level < 1):
             raise MeasurementError(
@@ -137,13 +141,11 @@ def _hits_of_record(index: int, record: TimeRecord, x: Array, threshold: float, 
             return [Hit(0, index, 0, 0, 0.0, 0.0, "no force above the trigger")]
         return [_judge(index, record, x, 0, int(above[0]), x.size, settings)]
     samples, before = max(round(settings.block_s * rate), 1), round(settings.pretrigger_s * rate)
-    hits = []
-    position = 0
+    hits, position = [], 0
     while (later := above[above >= position]).size:
         trigger = int(later[0])
-        start = trigger - before
-        hits.append(_judge(index, record, x, start, trigger, samples, settings))
-        position = max(start + samples, trigger + 1)
+        hits.append(_judge(index, record, x, trigger - before, trigger, samples, settings))
+        position = max(trigger - before + samples, trigger + 1)
     return hits
 
 
@@ -206,14 +208,13 @@ def reject_overloads(hits: Sequence[Hit], responses: Sequence[TimeRecord], setti
     settings
         As for `find_hits`.
     """
-    judged = []
-    for hit in hits:
+
+    def judge(hit: Hit) -> Hit:
         record = responses[hit.record]
-        samples = record.values.size if settings.block_s is None else round(settings.block_s * record.sample_rate_hz)
-        if hit.kept and is_clipped(record.values[max(hit.start, 0) : hit.start + samples]):
-            hit = replace(hit, reason=f"response {record.channel} overloaded")
-        judged.append(hit)
-    return tuple(judged)
+        block = record.values[max(hit.start, 0) : hit.start + settings.samples(record)]
+        return replace(hit, reason=f"response {record.channel} overloaded") if hit.kept and is_clipped(block) else hit
+
+    return tuple(map(judge, hits))
 
 
 def is_cut_off(values: Array) -> bool:

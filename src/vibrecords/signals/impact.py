@@ -84,7 +84,7 @@ def _estimate(
     settings: ImpactSettings,
 ) -> ImpactResult:
     rate = pairs[0][0].sample_rate_hz
-    lengths = {_samples(pairs[hit.record][0], settings) for hit in kept}
+    lengths = {settings.hits.samples(pairs[hit.record][0]) for hit in kept}
     if len(lengths) > 1:
         raise MeasurementError(
             f"impact on {pairs[0][0].channel!r}: found blocks of {min(lengths)} to {max(lengths)} samples; expected "
@@ -178,10 +178,9 @@ def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
     MeasurementError
         If no mode is found.
     """
-    rate = results[0].added_decay_rate
+    rate, records = results[0].added_decay_rate, [result.frf for result in results]
     if rate == 0:
-        return [result.frf for result in results]
-    records = [result.frf for result in results]
+        return records
     together = join_frfs(records, "exponential window")
     modes = identify_modes(_lower_coherence(together, rate))
     if not modes:
@@ -192,10 +191,8 @@ def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
     frequency, ratio = np.array([(mode.frequency_hz, mode.damping_ratio) for mode in modes]).T
     corrected = windows.remove_added_damping(together, frequency, ratio, rate)
     note = f"damping of the exponential window ({rate:.6g} 1/s) taken out by the {len(modes)} modes that were found"
-    return [
-        replace(record, values=corrected.values[:, i, 0], notes=(record.notes[0], note))
-        for i, record in enumerate(records)
-    ]
+    each = zip(records, corrected.values[:, :, 0].T, strict=True)
+    return [replace(record, values=values, notes=(record.notes[0], note)) for record, values in each]
 
 
 def _lower_coherence(frf: FrfSet, rate: float) -> FrfSet:
@@ -208,11 +205,6 @@ def _lower_coherence(frf: FrfSet, rate: float) -> FrfSet:
     block_s = 1 / float(np.median(np.diff(frf.frequency_hz)))
     worth = _line_step(float(np.exp(-rate * block_s)))
     return replace(frf, coherence=1 / (1 + worth * (1 / frf.coherence - 1)))
-
-
-def _samples(record: TimeRecord, settings: ImpactSettings) -> int:
-    block_s = settings.hits.block_s
-    return record.values.size if block_s is None else round(block_s * record.sample_rate_hz)
 
 
 def _spectra_of_hit(

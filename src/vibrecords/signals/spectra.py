@@ -85,12 +85,7 @@ def estimate_frf(
             "line; look at the channel, or choose a band that the force reaches"
         )
     coherence: Array = np.minimum(np.abs(cross) ** 2 / (of_force * of_response), 1.0)
-    values: ComplexArray = cross / of_force  # H1
-    if estimator == "H2":
-        values = values / coherence
-    elif estimator == "Hv":
-        values = values / np.sqrt(coherence)
-    return values, coherence
+    return cross / of_force / coherence ** {"H1": 0.0, "H2": 1.0, "Hv": 0.5}[estimator], coherence
 
 
 def record_of_estimate(
@@ -351,16 +346,13 @@ def sort_by_force(records: Sequence[TimeRecord]) -> list[tuple[list[TimeRecord],
     for channel, by_hit in forces.items():
         responses = [channel_records for channel_records in moved.values() if channel_records.keys() & by_hit.keys()]
         for channel_records in responses:
-            missing = by_hit.keys() - channel_records.keys()
-            if missing:
+            if missing := by_hit.keys() - channel_records.keys():
                 name = next(iter(channel_records.values())).channel
                 raise MeasurementError(
                     f"time records: found no response of {name!r} to hit {min(str(m) for m in missing)} on "
                     f"{channel!r}; expected one for each hit; leave that hit out"
                 )
-        tests.append(
-            (list(by_hit.values()), [[channel_records[hit] for hit in by_hit] for channel_records in responses])
-        )
+        tests.append((list(by_hit.values()), [[of_channel[hit] for hit in by_hit] for of_channel in responses]))
     return tests
 
 
