@@ -236,21 +236,10 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
         notes.append(f"The mass of the accelerometers was taken out of the FRFs: {each}.")
     modes, without_modes = _modes(measured, plan)
     frf = measured.frf
-    provenance = Provenance(
-        tuple(files),
-        frf.quantity,
-        frf.n_lines,
-        (float(frf.frequency_hz[0]), float(frf.frequency_hz[-1])),
-        frf.averages,
-        mapped.uses,
-        mapped.left_out,
-        words,
-        (*notes, *without_modes),
-        (*contradicted, *_warnings(cut, plan)),
-        modes,
-        variance_dof=measured.variance_dof,
-        loaded=tuple(output for output in frf.outputs if ":r" not in output),
-    )
+    about = (frf.quantity, frf.n_lines, measured.band_hz, frf.averages, mapped.uses, mapped.left_out, words)
+    doubts, loaded = (*contradicted, *_warnings(cut, plan)), tuple(o for o in frf.outputs if ":r" not in o)
+    noted, freedom = (*notes, *without_modes), measured.variance_dof
+    provenance = Provenance(tuple(files), *about, noted, doubts, modes, loaded, variance_dof=freedom)
     if plan.frequencies is not None:
         return replace(_frequencies(plan.frequencies, modes, where), provenance=provenance)
     return _select(replace(measured, provenance=provenance), plan, where)
@@ -329,13 +318,11 @@ def _apply_quantity(
                 'receptance, mobility or accelerance; write for example quantity = "accelerance" in [data]'
             )
         if plan.quantity is not None and record.quantity not in (None, plan.quantity):
-            unit = f" in {record.unit}" if record.unit else ""
-            contradicted[record.quantity, record.unit] = MeasurementWarning(
-                "quantity",
-                f"the file says {record.quantity}{unit} and the case {plan.quantity}, which was followed",
-                "take quantity away from [data], or make sure that the file is wrong",
-                where=record.where,
-            )
+            says = f"the file says {record.quantity}" + (f" in {record.unit}" if record.unit else "")
+            found = f"{says} and the case {plan.quantity}, which was followed"
+            remedy = "take quantity away from [data], or make sure that the file is wrong"
+            warning = MeasurementWarning("quantity", found, remedy, record.where)
+            contradicted[record.quantity, record.unit] = warning
         stated.append(record if plan.quantity is None else replace(record, quantity=plan.quantity))
         if record.factor is None and plan.frequencies is None and not plan.free_gain:
             raise MeasurementError(

@@ -1,7 +1,8 @@
 """Universal files written: data sets 151, 164, for each function 58 in text or 58b, for each mode 55."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -37,22 +38,11 @@ def write_uff(records: Iterable[Record], path: Path, *, binary: bool, remarks: S
         if remarks:
             _data_set(file, _REMARKS, remarks)
         for record in records:
-            if isinstance(record, FrfRecord):
-                _frf(file, record, binary)
-            elif isinstance(record, TimeRecord):
-                _time(file, record, binary)
-            elif isinstance(record, SpectrumRecord):  # a function of general type: it is no FRF to any program
-                axes = ((18, "Hz"), (0, record.unit), (0, ""))
-                _function(
-                    file, 0, (record.channel, ""), [record.kind], axes, record.frequency_hz, record.values, binary
-                )
-            elif isinstance(record, ModeRecord):
+            if isinstance(record, ModeRecord):
                 _data_set(file, 55, _mode_lines(record))
             else:
-                raise MeasurementError(
-                    f"records: found a {type(record).__name__}; expected FRFs, time histories, spectra or modes; leave "
-                    "it out"
-                )
+                for function in _functions(record):
+                    _write_function(file, function, binary)
 
 
 def _lines(file: BinaryIO, lines: Iterable[str]) -> None:
@@ -63,64 +53,74 @@ def _data_set(file: BinaryIO, kind: int, lines: Iterable[str]) -> None:
     _lines(file, ["    -1", f"{kind:6d}", *lines, "    -1"])
 
 
-def _frf(file: BinaryIO, record: FrfRecord, binary: bool) -> None:
-    above: SensorQuantity = MOTION_OF[record.quantity] if record.quantity else "unknown"
-    axes = ((18, "Hz"), _axis(above), _axis("force" if record.quantity else "unknown"))
-    ids = ["" if record.averages is None else f"averages {record.averages}"]
-    pair = (record.response, record.reference)
-    _function(file, 4, pair, ids, axes, record.frequency_hz, record.values, binary)
-    if record.coherence is not None:
-        _function(file, 6, pair, ids, ((18, "Hz"), (0, ""), (0, "")), record.frequency_hz, record.coherence, binary)
+@dataclass(frozen=True, slots=True)
+class _Function:
+    """A data set 58: its type, labels of response and reference, ID lines, types and units of axes, and numbers.
+
+    Of an abscissa that is always even the step alone is kept: the sampling rate stands in an ID line.
+    """
+
+    kind: int
+    pair: tuple[str, str]
+    ids: Sequence[str]
+    axes: Sequence[tuple[int, str]]
+    abscissa: Array
+    ordinate: NDArray[Any]
+    always_even: bool = False
+
+
+def _functions(record: Record) -> Iterator[_Function]:
+    """What a record is in the terms of the format."""
+    none, hertz = (0, ""), (18, "Hz")
+    if isinstance(record, FrfRecord):
+        above: SensorQuantity = MOTION_OF[record.quantity] if record.quantity else "unknown"
+        axes = (hertz, _axis(above), _axis("force" if record.quantity else "unknown"))
+        ids = ["" if record.averages is None else f"averages {record.averages}"]
+        pair = (record.response, record.reference)
+        yield _Function(4, pair, ids, axes, record.frequency_hz, record.values)
+        if record.coherence is not None:
+            yield _Function(6, pair, ids, (hertz, none, none), record.frequency_hz, record.coherence)
+    elif isinstance(record, TimeRecord):
+        rate, hit = (
+            f"sample_rate_hz={float(record.sample_rate_hz)!r}",
+            "" if record.hit is None else f"hit {record.hit}",
+        )
+        time, axes = np.arange(record.values.size) / record.sample_rate_hz, ((17, "s"), _axis(record.quantity), none)
+        yield _Function(1, (record.channel, ""), [rate, hit], axes, time, record.values, always_even=True)
+    elif isinstance(record, SpectrumRecord):  # a function of general type: it is no FRF to any program
+        axes = (hertz, (0, record.unit), none)
+        yield _Function(0, (record.channel, ""), [record.kind], axes, record.frequency_hz, record.values)
+    else:
+        raise MeasurementError(
+            f"records: found a {type(record).__name__}; expected FRFs, time histories, spectra or modes; leave it out"
+        )
 
 
 def _axis(quantity: SensorQuantity) -> tuple[int, str]:
     return AXIS_TYPES[quantity], si_sensor_unit(quantity)
 
 
-def _time(file: BinaryIO, record: TimeRecord, binary: bool) -> None:
-    axes = ((17, "s"), _axis(record.quantity), (0, ""))
-    ids = [f"sample_rate_hz={float(record.sample_rate_hz)!r}", "" if record.hit is None else f"hit {record.hit}"]
-    time = np.arange(record.values.size) / record.sample_rate_hz
-    _function(file, 1, (record.channel, ""), ids, axes, time, record.values, binary, always_even=True)
-
-
-def _function(
-    file: BinaryIO,
-    function: int,
-    pair: tuple[str, str],
-    ids: Sequence[str],
-    axes: Sequence[tuple[int, str]],
-    abscissa: Array,
-    ordinate: NDArray[Any],
-    binary: bool,
-    *,
-    always_even: bool = False,
-) -> None:
-    dofs, named = _dofs(pair)
+def _write_function(file: BinaryIO, function: _Function, binary: bool) -> None:
+    dofs, named = _dofs(function.pair)
+    abscissa, ordinate = function.abscissa, function.ordinate
     even, minimum, increment = _spacing(abscissa)
-    if always_even:  # the sampling rate stands in an ID line: the abscissa itself is not kept
+    if function.always_even:
         even, minimum, increment = True, _short(0.0), _short(float(abscissa[-1]) / max(1, abscissa.size - 1))
-    complex_ = np.iscomplexobj(ordinate)
     numbers = np.ascontiguousarray(ordinate).view(float).reshape(ordinate.size, -1)
     columns = numbers if even else np.column_stack([abscissa, numbers])
-    lines = [line for line in (*named, *ids) if line]
+    lines = [line for line in (*named, *function.ids) if line]
     lines = ["NONE"] * (5 - len(lines)) + lines
     head = f"{58:6d}"
     if binary:
         head += f"b{1:6d}{2:6d}{11:12d}{columns.size * 8:12d}{0:6d}{0:6d}{0:12d}{0:12d}"
     cells = [f" {dof.entity or 'NONE':<10}{dof.node:10d}{dof.direction:4d}" for dof in dofs]
-    lines.append(f"{function:5d}{0:10d}{0:5d}{0:10d}{''.join(cells)}")
-    lines.append(
-        f"{6 if complex_ else 4:10d}{ordinate.size:10d}{int(even):10d}{minimum:>13}{increment:>13}{'0.00000E+00':>13}"
-    )
-    for kind, unit in (*axes, (0, "")):
+    lines.append(f"{function.kind:5d}{0:10d}{0:5d}{0:10d}{''.join(cells)}")
+    form = f"{6 if np.iscomplexobj(ordinate) else 4:10d}{ordinate.size:10d}{int(even):10d}"
+    lines.append(f"{form}{minimum:>13}{increment:>13}{'0.00000E+00':>13}")
+    for kind, unit in (*function.axes, (0, "")):
         lines.append(f"{kind:10d}{0:5d}{0:5d}{0:5d} {_AXIS_NAMES.get(kind, 'NONE'):<20} {unit or 'NONE':<20}")
     _lines(file, ["    -1", head, *lines])
-    if binary:
-        file.write(np.asarray(columns, "<f8").tobytes())
-        file.write(b"    -1\n")
-        return
-    file.write(_text(columns, even))
+    file.write(np.asarray(columns, "<f8").tobytes() if binary else _text(columns, even))
     _lines(file, ["    -1"])
 
 
@@ -134,10 +134,8 @@ def _dofs(pair: tuple[str, str]) -> tuple[list[Dof], list[str]]:
         if label and dof_label(dof) != label:
             line = f"{key}={label}"
             if len(line.encode()) > 80 or line != " ".join(line.split(" ")).strip() or not label.isprintable():
-                raise MeasurementError(
-                    f"label {label[:30]!r}: found {len(label)} characters; expected printable ones that fit an ID line "
-                    "of 80; shorten the label"
-                )
+                found, expected = f"{len(label)} characters", "printable ones that fit an ID line of 80"
+                raise MeasurementError(f"label {label[:30]!r}: found {found}; expected {expected}; shorten the label")
             named.append(line)
     return dofs, named
 
@@ -162,16 +160,11 @@ def _spacing(abscissa: Array) -> tuple[bool, str, str]:
 
 def _text(columns: Array, even: bool) -> bytes:
     """Lines of 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12."""
-    wide = [_cell(value) for value in columns.ravel()]
-    per_value = columns.shape[1]
+    wide = [f"{value:20.12E}" if math.isfinite(value) else f"{value:20}" for value in columns.ravel()]
     if not even:
-        wide[::per_value] = [f"{_short(value):>13}" for value in columns[:, 0]]
-    per_line = 3 if per_value == 3 else 4
+        wide[:: columns.shape[1]] = [f"{_short(value):>13}" for value in columns[:, 0]]
+    per_line = 3 if columns.shape[1] == 3 else 4
     return "".join("".join(wide[i : i + per_line]) + "\n" for i in range(0, len(wide), per_line)).encode()
-
-
-def _cell(value: float) -> str:
-    return f"{value:20.12E}" if math.isfinite(value) else f"{value:20}"
 
 
 def _mode_lines(mode: ModeRecord) -> list[str]:
@@ -183,15 +176,13 @@ def _mode_lines(mode: ModeRecord) -> list[str]:
         If a label of the shape is no node with a direction.
     """
     dofs = {label: parse_dof(label) for label in mode.shape}
+    rows: dict[int, list[complex]] = {}
+    per_node = 6 if any(abs(dof.direction) > 3 for dof in dofs.values() if dof) else 3
     for label, dof in dofs.items():
         if dof is None or dof.entity or not dof.direction:
             raise MeasurementError(
                 f"mode {mode.number}: found label {label[:30]!r}; expected that of a node, such as '12:Z+'; rename it"
             )
-    rows: dict[int, list[complex]] = {}
-    per_node = 6 if any(abs(dof.direction) > 3 for dof in dofs.values() if dof) else 3
-    for label, dof in dofs.items():
-        assert dof is not None
         value = mode.shape[label] if dof.direction > 0 else -mode.shape[label]
         rows.setdefault(dof.node, [0j] * per_node)[abs(dof.direction) - 1] = value
     complex_ = any(value.imag for value in map(complex, mode.shape.values()))
