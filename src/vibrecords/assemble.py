@@ -116,7 +116,7 @@ def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) 
     where = "noise from repeats"
     if len(frfs) < 2:
         raise MeasurementError(
-            f"{where}: found {len(frfs)} measurement; expected two or more; measure again, or state the noise"
+            f"{where}: found {len(frfs)} measurement; expected two or more; repeat it, or state the noise"
         )
     first = frfs[0]
     for number, other in enumerate(frfs[1:], 2):

@@ -221,8 +221,7 @@ class FrfData(Data):
         """
         if self.frf.n_lines < 2:
             raise MeasurementError(
-                f"FRFs: found {self.frf.n_lines} line, at {self.top_hz:g} Hz; expected two or more, so that residuals "
-                "can be compared with each other; widen the band"
+                f"FRFs: found {self.frf.n_lines} line, at {self.top_hz:g} Hz; expected two or more; widen the band"
             )
 
     def converted(self, quantity: Quantity) -> "FrfData":
@@ -347,8 +346,7 @@ class FrequencyData(ModalData):
             )
         if not (np.isfinite(self.frequency_hz).all() and (np.diff(self.frequency_hz, prepend=0.0) > 0).all()):
             raise MeasurementError(
-                f"natural frequencies: found {self.frequency_hz.tolist()} Hz; "
-                "expected positive, strictly increasing values; sort them"
+                f"natural frequencies: found {self.frequency_hz.tolist()} Hz; expected rising ones above 0; sort them"
             )
         if not (np.isfinite(self.sd_hz).all() and (self.sd_hz > 0).all()):
             found, expected = f"found standard deviations {self.sd_hz.tolist()} Hz", "all above 0"

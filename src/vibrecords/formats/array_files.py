@@ -211,8 +211,7 @@ class _Hdf5:
         for name in group:
             if len(name) > LONGEST_LABEL:
                 raise MeasurementError(
-                    f"group '{place[:60]}': found a name of {len(name)} characters; expected at most {LONGEST_LABEL}; "
-                    "rename it"
+                    f"group '{place[:60]}': found {len(name)} characters; expected at most {LONGEST_LABEL}; rename it"
                 )
             # MATLAB's own, and links
             if (place or not name.startswith("#")) and isinstance(group.get(name, getlink=True), h5py.HardLink):

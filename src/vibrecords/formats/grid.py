@@ -191,8 +191,7 @@ def _coherence(coherence: Array, lines: Array, place: str) -> Array:
     if bad.any():
         line = int(np.argmax(bad))
         raise MeasurementError(
-            f"{place}: found coherence {coherence[line]:g} at {lines[line]:g} Hz; expected 0 to 1; "
-            "correct it or leave the coherence out"
+            f"{place}: found coherence {coherence[line]:g} at {lines[line]:g} Hz; expected 0 to 1; leave it out"
         )
     return np.minimum(coherence, 1.0)
 
@@ -222,8 +221,7 @@ def _grid(frfs: dict[tuple[str, str], FrfRecord], first: FrfRecord, where: str) 
     for output, input_ in product(outputs, inputs):
         if (output, input_) not in frfs:
             raise MeasurementError(
-                f"{where}: found no FRF of {output!r} over {input_!r}; expected every output with every input; add it "
-                "or split the file"
+                f"{where}: found no FRF of {output!r} over {input_!r}; expected every output with every input; add it"
             )
     shape = (first.frequency_hz.size, len(outputs), len(inputs))
     complete = all(record.coherence is not None for record in frfs.values())

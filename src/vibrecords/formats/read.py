@@ -61,8 +61,7 @@ def detect_format(path: str | Path) -> str:
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     if text.startswith(b"version https://git-lfs"):
         raise MeasurementError(
-            f"{path}: found a pointer of Git LFS in place of the file; expected the measurement itself; run "
-            "`git lfs pull` in its repository"
+            f"{path}: found a pointer of Git LFS; expected the measurement itself; run `git lfs pull`"
         )
     if wide and text.split(b"\n", 1)[0].strip() == b"-1":
         raise MeasurementError(f"{path}: found text in UTF-16; expected a universal file in ASCII; save it so")

@@ -43,13 +43,12 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Iterator[C
         size = path.stat().st_size
         if len(channels) > MOST_COLUMNS or sum(map(len, channels)) > size:
             raise MeasurementError(
-                f"content: found {len(channels)} channels of {sum(map(len, channels))} values in {size} bytes; "
-                "expected no more values than bytes; copy the file again"
+                f"content: found {sum(map(len, channels))} values in {size} bytes; expected fewer; copy the file again"
             )
         scales = (o.properties.get("NI_Number_Of_Scales", 0) for o in (file, *file.groups(), *channels))
         if max(map(int, scales)) > _MOST_SCALES:
             raise MeasurementError(
-                f"content: found a channel of over {_MOST_SCALES} scales; expected fewer; copy the file again"
+                f"content: found over {_MOST_SCALES} scales of a channel; expected fewer; copy it again"
             )
         status = file.file_status
         notes = ("cut off: channels hold what was written before",) if status.incomplete_final_segment else ()

@@ -182,9 +182,7 @@ def _columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[st
     frfs = [record for record in records if isinstance(record, FrfRecord)]
     times = [record for record in records if isinstance(record, TimeRecord)]
     if bool(frfs) == bool(times):
-        raise MeasurementError(
-            "table: found FRFs and time histories, or neither; expected one kind; write one file for each"
-        )
+        raise MeasurementError("table: found FRFs and time histories, or neither; expected one kind; write a file each")
     if frfs:
         names, columns, comments = _frf_columns(frfs)
         spectra = [r for r in records if isinstance(r, SpectrumRecord)]
@@ -209,9 +207,7 @@ def _frf_columns(frfs: Sequence[FrfRecord]) -> tuple[list[str], list[Array], dic
     names, columns = ["frequency [Hz]"], [lines]
     for r in frfs:
         if not np.array_equal(r.frequency_hz, lines):
-            raise MeasurementError(
-                "table: found FRFs on different lines; expected one frequency axis; write uff58 or hdf5"
-            )
+            raise MeasurementError("table: found FRFs on different lines; expected one axis; write uff58 or hdf5")
         pair = f"{r.response} / {r.reference}"
         unit = f" [{si_frf_unit(r.quantity)}]" if r.quantity else ""
         names += [f"real {pair}{unit}", f"imaginary {pair}{unit}"]

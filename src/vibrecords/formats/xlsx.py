@@ -54,9 +54,7 @@ def _lines(sheet: Any) -> Lines:  # noqa: ANN401 - openpyxl has no types
     for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
         cells += len(row) + 1
         if cells > _MOST_CELLS:
-            raise MeasurementError(
-                f"line {number}: found more than {_MOST_CELLS} cells; expected fewer; save it as CSV"
-            )
+            raise MeasurementError(f"line {number}: found over {_MOST_CELLS} cells; expected fewer; save it as CSV")
         yield number, "\t".join(map(_cell, row))
 
 

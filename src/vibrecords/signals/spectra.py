@@ -337,7 +337,7 @@ def sort_by_force(records: Sequence[TimeRecord]) -> list[tuple[list[TimeRecord],
         if record.hit in channel_records:
             again = "" if record.hit is None else f" for hit {record.hit}"
             raise MeasurementError(
-                f"time records: found channel {record.channel!r} twice{again}; expected each once; number the hits"
+                f"time records: found {record.channel!r} twice{again}; expected it once; number the hits"
             )
         channel_records[record.hit] = record
     if not forces:
