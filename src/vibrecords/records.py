@@ -262,8 +262,8 @@ def refuse_damage(where: str, expected: str, part: str = "a part", most: int = 8
         raise MeasurementError(f"{where}: found {part} that cannot be read ({reason}); expected {expected}") from None
 
 
-def even_rate(time: Array, where: str) -> float:
-    """Sampling rate in Hz of evenly spaced instants in s.
+def even_rate(time: Array, where: str, told: float | None = None) -> float:
+    """Sampling rate in Hz of evenly spaced instants in s; that which is told where these are it but for rounding.
 
     Raises
     ------
@@ -275,7 +275,7 @@ def even_rate(time: Array, where: str) -> float:
             step = (time[-1] - time[0]) / (time.size - 1)
             uneven = np.abs(np.diff(time) / step - 1).max()
         if 1 / HIGHEST_HZ <= step <= HIGHEST_HZ and uneven < 0.01:
-            return float(1 / step)
+            return told if told is not None and abs(told * step - 1) < 1e-3 else float(1 / step)
     raise MeasurementError(
         f"{where}: found instants that are not evenly spaced, or fewer than two; expected one sampling rate; resample"
     )

@@ -188,16 +188,15 @@ class _Group:
         scale = TIME_S.get(unit.lower() or "s")
         if scale is None:
             raise MeasurementError(f"{where}: found the unit {unit!r}; expected s or ms; correct the header")
-        rate = even_rate(instants * scale, where)
         told = float_of(self.comments.get("sample_rate_hz", ""))
-        if told is not None and abs(told / rate - 1) < 1e-3:
-            rate = told  # exact, where the instants are rounded
-        elif not unit and rate < 1.001 / headers.FREQUENCY_STEP:
+        rate = even_rate(instants * scale, where, told)
+        doubtful = not unit and rate != told
+        if doubtful and rate < 1.001 / headers.FREQUENCY_STEP:
             raise MeasurementError(
                 f"{where}: found time without a unit in steps of {1 / rate:g}; expected s ({rate:g} samples a second) "
                 f"or ms ({1e3 * rate:g} a second); write [s] or [ms] behind its name"
             )
-        elif not unit and rate < 1.001 / headers.TIME_STEP:
+        if doubtful and rate < 1.001 / headers.TIME_STEP:
             self.notes += (f"time without unit taken as s, {rate:g} samples a second",)
         self.pass_over(spectra)
         with_units = any(self.columns[i].unit for i in channels)

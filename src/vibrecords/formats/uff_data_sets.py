@@ -460,8 +460,7 @@ def _text(header: FunctionHeader, body: Iterable[bytes], size: int) -> Array:
         raise LineError(0, _count_message(header, f"at most {size} numbers"))
     numbers, read, line = np.empty(expected), 0, 0
     for part in body:
-        some = None if part.translate(None, _OF_NUMBERS) else _columns(header, part, expected - read, line)
-        some = _numbers(header, part, expected - read, line) if some is None else some
+        some = _columns(header, part, expected - read, line)
         numbers[read : read + some.size] = some
         read, line = read + some.size, line + part.count(b"\n")
     if read != expected:
@@ -478,29 +477,22 @@ def _widths(header: FunctionHeader) -> tuple[int, ...]:
     return (13, 20, 20) if header.is_complex else (13, 20) * 2
 
 
-def _columns(header: FunctionHeader, body: bytes, most: int, line: int) -> Array | None:
-    """All numbers at once where every full line is as long as the first; None where one differs."""
+def _columns(header: FunctionHeader, body: bytes, most: int, line: int) -> Array:
+    """Numbers of whole lines: all at once where every full line is as long as the first, else line by line."""
     widths = _widths(header)
-    per_line, width, length = len(widths), sum(widths), body.find(b"\n") + 1
-    full = min(most // per_line, len(body) // max(length, 1))
-    if length <= width:
-        return None
+    width, length = sum(widths), body.find(b"\n") + 1
+    full = min(most // len(widths), len(body) // max(length, 1))
     cells = np.frombuffer(body, "S1", count=full * length).reshape(full, length)
     ends = cells[:, width:]
-    if not ((ends == b"\n") | (ends == b"\r") | (ends == b" ")).all() or not (ends[:, -1] == b"\n").all():
-        return None
-    rest = _numbers(header, body[full * length :], most - full * per_line, line + full)
-    numbers = np.empty(full * per_line + rest.size)
-    first = 0
-    for i, wide in enumerate(widths):
-        field = np.ascontiguousarray(cells[:, first : first + wide]).view(f"S{wide}")[:, 0]
-        try:
-            numbers[i : full * per_line : per_line] = field.astype(float)
-        except ValueError:
-            return None
-        first += wide
-    numbers[full * per_line :] = rest
-    return numbers
+    is_even = ((ends == b"\n") | (ends == b"\r") | (ends == b" ")).all() and (ends[:, -1:] == b"\n").all()
+    if body.translate(None, _OF_NUMBERS) or length <= width or not is_even:
+        return _numbers(header, body, most, line)
+    rows = np.ascontiguousarray(cells[:, :width]).view([(f"{i}", f"S{wide}") for i, wide in enumerate(widths)])
+    try:
+        numbers = np.column_stack([rows[f"{i}"].astype(float) for i in range(len(widths))])
+    except ValueError:
+        return _numbers(header, body, most, line)
+    return np.append(numbers, _numbers(header, body[full * length :], most - numbers.size, line + full))
 
 
 def _numbers(header: FunctionHeader, body: bytes, most: int, skipped: int) -> Array:
@@ -566,8 +558,9 @@ def units_of(body: bytes) -> FileUnits:
         If a factor is missing or not positive.
     """
     lines = body.decode("utf-8", errors="replace").splitlines()
-    # the format itself writes these factors as D25.17
-    factors = [re.sub("[dD]", "e", field) for line in lines[1:] for field in _fields_of_line(line)]
+    # the format itself writes these factors as D25.17, which may touch
+    rows = (line.split() if " " in line.strip() else re.findall("(?s).{1,25}", line) for line in lines[1:])
+    factors = [re.sub("[dD]", "e", field.strip()) for row in rows for field in row]
     try:
         length, force = float(factors[0]), float(factors[1])
         if not (0 < length < math.inf and 0 < force < math.inf):
@@ -579,11 +572,6 @@ def units_of(body: bytes) -> FileUnits:
             "data set 164 or take it out",
         ) from None
     return FileUnits(1 / length, 1 / force, lines[0][10:30].strip(), stated=True)
-
-
-def _fields_of_line(line: str) -> list[str]:
-    """Numbers of a line, separated by blanks or in columns 25 wide that touch."""
-    return line.split() if " " in line.strip() else [line[i : i + 25].strip() for i in range(0, len(line), 25)]
 
 
 def frf_meaning(header: FunctionHeader, units: FileUnits) -> tuple[Quantity | None, float | None, str, list[str]]:
@@ -935,8 +923,8 @@ def _record(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int
         return _frf(source, data_set, place, nth)
     if (_FRF, response, reference, 0) in source.places:
         return None
-    header, abscissa, squared = source.function(data_set)
     notes: list[str] = []
+    header, abscissa, squared = source.function(data_set)
     lines = _frequency_hz(abscissa, header, notes)
     return CoherenceRecord(response, reference, lines, squared.real, _averages(header), where, tuple(notes))
 
@@ -979,11 +967,9 @@ def _frequency_hz(abscissa: Array, header: FunctionHeader, notes: list[str]) -> 
 
 def _averages(header: FunctionHeader) -> int | None:
     """Number of averages, for which the format has no field, where an ID line tells it."""
-    for line in header.ids:
-        match = re.search(r"\baverages?\s*[:=]?\s*(\d{1,9})\b|\b(\d{1,9})\s+averages?\b", line, re.IGNORECASE)
-        if match and int(match[1] or match[2]) > 0:
-            return int(match[1] or match[2])
-    return None
+    words = re.compile(r"\baverages?\s*[:=]?\s*(\d{1,9})\b|\b(\d{1,9})\s+averages?\b", re.IGNORECASE)
+    found = (int(match[1] or match[2]) for line in header.ids if (match := words.search(line)))
+    return next(filter(None, found), None)
 
 
 def _time(source: _UniversalFile, data_set: UffDataSet, channel: str, nth: int | None) -> TimeRecord:
@@ -995,12 +981,9 @@ def _time(source: _UniversalFile, data_set: UffDataSet, channel: str, nth: int |
     scale = TIME_S.get(header.abscissa.unit.lower(), 1.0)
     told = next((line for line in header.ids if line.startswith("sample_rate_hz=")), "")
     instants = header.increment * np.arange(min(header.count, 2)) if header.even else abscissa
-    rate = even_rate(np.asarray(instants * scale, dtype=float), f"data set {data_set.number}")
-    exact = float_of(told.removeprefix("sample_rate_hz="))
-    if exact is not None and abs(exact / rate - 1) < 1e-3:
-        rate = exact  # its inverse, the step, is rounded
+    exact, place = float_of(told.removeprefix("sample_rate_hz=")), f"data set {data_set.number}"
+    rate = even_rate(np.asarray(instants * scale, dtype=float), place, exact)
     quantity, factor, unit, notes = sensor_meaning(header, source.units_of(data_set))
     hit = next((re.fullmatch(r"hit (\d{1,9})", line) for line in header.ids if line.startswith("hit ")), None)
     values = scaled(ordinate.real, factor)
-    place = f"data set {data_set.number}"
     return TimeRecord(channel, rate, values, quantity, unit, int(hit[1]) if hit else nth, place, tuple(notes), factor)
