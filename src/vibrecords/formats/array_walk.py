@@ -7,6 +7,7 @@ import difflib
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Literal, cast, get_args
 
 import numpy as np
@@ -326,7 +327,7 @@ def _quantity(block: Block) -> Quantity | None:
 
 
 def _averages(block: Block) -> int | None:
-    if not block.has("averages"):
+    if block.get("averages") is None:
         return None
     values, where = block.numbers("averages").ravel(), block.where("averages")
     if values.size != 1 or not (1 <= values[0] <= MOST_AVERAGES) or values[0] != int(values[0]):
@@ -347,8 +348,8 @@ _MODES = {
 def _mode_names(block: Block) -> dict[str, str]:
     """Names of what modes are made of: as pyOMA or the user names them, or frequencies with as many damping ratios."""
     ours = {"fn": "mode_frequencies_hz", "xi": "damping_ratios", "phi": "mode_shapes"}
-    named = {key: (ours.get(key, key), key) for key in ("fn", "fn_std", "xi", "xi_std", "phi")}
-    found = {key: next((n for n in names if size_of(block.get(n))), "") for key, names in named.items()}
+    keys = ("fn", "fn_std", "xi", "xi_std", "phi")
+    found = {key: next((n for n in (ours.get(key, key), key) if size_of(block.get(n))), "") for key in keys}
     alike = {key: [found[key]] if found[key] else [*filter(its.search, block.arrays)] for key, its in _MODES.items()}
     alike["fn"] = alike["fn"] or block.named("frequency", 1)
     if len(alike["fn"]) == 1 and not block.named("frf"):
@@ -471,18 +472,10 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
 def _records(blocks: Iterable[Block]) -> Iterator[Record]:
     """Records of blocks one by one, without warnings of NumPy: a file may hold any number."""
     parts = (frequency_records, time_records, mode_records)
-    records = (
-        replace(record, notes=(*record.notes, *block.notes)) if block.notes else record
-        for block in blocks
-        for part in parts
-        for record in part(block)
-    )
-    while True:
-        with np.errstate(all="ignore"):
-            record = next(records, None)
-        if record is None:
-            return
-        yield record
+    records = ((block, record) for block in blocks for part in parts for record in part(block))
+    quietly = np.errstate(all="ignore")(partial(next, records, None))
+    for block, record in iter(quietly, None):
+        yield replace(record, notes=(*record.notes, *block.notes)) if block.notes else record
 
 
 def _blocks(tree: Mapping[str, Any], place: str, outer: Block | None, sign: str, label: str = "") -> Iterator[Block]:
@@ -522,6 +515,8 @@ def _elements(values: list[Any], place: str, brackets: str) -> Iterator[tuple[st
 # its `label`. Polytec's file access: `x`, `y` (one row for each point) and `usd`, their description. SEP 5 of SDyPy:
 # `data` of a channel with `name`, `unit_str`, and `fs` or `time`.
 
+_SEP_5 = {"samples": "data", "channels": "name", "units": "unit_str", "sample_rate_hz": "fs", "time": "time"}
+
 
 def _expand(block: Block) -> Iterator[Block] | None:
     """Columns of a struct that describes itself, each as a block of our own names; None of another struct.
@@ -534,7 +529,8 @@ def _expand(block: Block) -> Iterator[Block] | None:
     if isinstance(block.get("x_values"), dict) and isinstance(block.get("y_values"), dict):
         return _test_lab(block)
     if {"data", "name", "unit_str"} <= block.arrays.keys() and not {"fs", "time"}.isdisjoint(block.arrays):
-        return iter([_sep_5(block)])
+        arrays = {ours: block.arrays[theirs] for ours, theirs in _SEP_5.items() if theirs in block.arrays}
+        return iter([Block(arrays, written={"samples": f"{block.place}data"})])
     if isinstance(block.get("usd"), dict) and size_of(block.get("x")) > 1 and size_of(block.get("y")) > 1:
         return _polytec(block)
     return None
@@ -574,14 +570,14 @@ def _test_lab(block: Block) -> Iterator[Block]:
 def _stored_unit(quantity: Block) -> tuple[str, tuple[str, ...]]:
     """Unit of stored values, which are in SI: `factor` leads from there to the label, which is for display."""
     label, stated = quantity.string("label"), _struct(quantity, "unit_transformation").scalar("factor")
-    unit, kind, sensor = parse_unit(label), frf_unit(label), known.sensor_unit(label)
-    about = quantity.string("info")
+    unit, about = parse_unit(label), quantity.string("info")
     if unit is None or unit.factor == 1:
         return label, ()
     if stated is None and "MKS" not in about.split():
         return _in_doubt(label, "or SI: no factor"), ()
     if stated is not None and not abs(stated * unit.factor - 1) < 1e-3:
         return _in_doubt(label, f"factor {stated:g}"), ()  # one of the two is wrong
+    kind, sensor = frf_unit(label), known.sensor_unit(label)
     si_label = known.si_frf_unit(kind[1]) if kind else known.si_sensor_unit(sensor[1]) if sensor else label
     why = "by its factor" if stated is not None else f"by {about!r}"
     return si_label, (f"stored in SI units {why}, the label {label} is for display: not converted",)
@@ -610,13 +606,6 @@ def _labels(about: Block, key: str) -> list[str]:
         named = (inner.get(name) for name in ("label", "name", "point_id", "id"))
         labels += next((strings(text, about.where(key)) for text in named if is_text(text) and np.size(text)), [])
     return labels
-
-
-def _sep_5(block: Block) -> Block:
-    """A channel as SDyPy's proposal SEP 5 has it."""
-    names = {"samples": "data", "channels": "name", "units": "unit_str", "sample_rate_hz": "fs", "time": "time"}
-    arrays = {ours: block.arrays[theirs] for ours, theirs in names.items() if theirs in block.arrays}
-    return Block(arrays, written={"samples": f"{block.place}data"})
 
 
 def _polytec(block: Block) -> Iterator[Block]:
