@@ -16,6 +16,12 @@ from vibrecords.provenance import Provenance
 _WIDEST = 1e100  # of a value: squares stay finite
 #: What a value of a mode is, in the order in which they come.
 ModeQuantity = Literal["frequency", "eigenvalue", "damping", "shape", "zero", "constant"]
+#: In which field of a table of modes, and of what stands there, values are that have DOFs of their own.
+_PLACES: dict[ModeQuantity, tuple[str, str]] = {
+    "shape": ("shapes", "components"),
+    "zero": ("zeros", "frequency"),
+    "constant": ("constants", "constants"),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -369,13 +375,9 @@ class ModeData(ModalData):
     @property
     def _parts(self) -> dict[ModeQuantity, Observed]:
         """What was observed of each quantity."""
-        parts: dict[ModeQuantity, Observed | None] = {
-            "eigenvalue" if self.eigenvalues else "frequency": self.frequency,
-            "damping": self.damping,
-            "shape": self.shapes.components if self.shapes else None,
-            "zero": self.zeros.frequency if self.zeros else None,
-            "constant": self.constants.constants if self.constants else None,
-        }
+        frequency: ModeQuantity = "eigenvalue" if self.eigenvalues else "frequency"
+        parts = {frequency: self.frequency, "damping": self.damping}
+        parts |= {quantity: getattr(getattr(self, name), of, None) for quantity, (name, of) in _PLACES.items()}
         return {quantity: observed for quantity, observed in parts.items() if observed}
 
     @cached_property
@@ -446,26 +448,15 @@ class ModeData(ModalData):
             changed[seen] = values[start : start + seen.sum()]
             start += int(seen.sum())
             parts[quantity] = Observed(changed, part.sd)
-        return self._made_of(parts, shapes=self.shapes)
+        return self._made_of(parts)
 
-    def _made_of(
-        self,
-        parts: Mapping[ModeQuantity, Observed],
-        *,
-        shapes: ModeShapes | None,
-        **changes: Any,  # noqa: ANN401
-    ) -> "ModeData":
+    def _made_of(self, parts: Mapping[ModeQuantity, Observed], **changes: Any) -> "ModeData":  # noqa: ANN401
         """The same with other values of each of `_parts`, and other fields."""
-        shape, zero, constant = (parts.get(quantity) for quantity in ("shape", "zero", "constant"))
-        return replace(
-            self,
-            frequency=parts["eigenvalue" if self.eigenvalues else "frequency"],
-            damping=parts.get("damping"),
-            shapes=replace(shapes, components=shape) if shapes and shape else None,
-            zeros=replace(self.zeros, frequency=zero) if self.zeros and zero else None,
-            constants=replace(self.constants, constants=constant) if self.constants and constant else None,
-            **changes,
-        )
+        for quantity, (name, of) in _PLACES.items():
+            holder = changes.get(name, getattr(self, name))
+            changes[name] = replace(holder, **{of: parts[quantity]}) if quantity in parts else None
+        frequency = parts["eigenvalue" if self.eigenvalues else "frequency"]
+        return replace(self, frequency=frequency, damping=parts.get("damping"), **changes)
 
 
 @singledispatch

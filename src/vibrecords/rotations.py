@@ -136,11 +136,10 @@ def replace_stations(measured: FrfData, rotations: Sequence[Rotation]) -> FrfDat
         _require(frf, rotation)
         for station in (s for s, w in zip(rotation.stations, rotation.weights, strict=True) if w != 0):
             if station in used:
-                raise MeasurementError(
-                    f"rotation {rotation.dof}: found station {station} in {used[station]} as well; expected each "
-                    "station once in the likelihood, since rotations from one station are not independent; leave the "
-                    "stations themselves in the likelihood instead (in_likelihood = false)"
-                )
+                found = f"found station {station} in {used[station]} as well"
+                expected = "each station once in the likelihood, since rotations from one station are not independent"
+                remedy = "leave the stations themselves in the likelihood instead (in_likelihood = false)"
+                raise MeasurementError(f"rotation {rotation.dof}: {found}; expected {expected}; {remedy}")
             used[station] = rotation.dof
         rows = [frf.outputs.index(s) for s in rotation.stations]
         values.append(rotation.compute_frf(frf).values)

@@ -34,11 +34,8 @@ class RelativeNoise:
 
     def __post_init__(self) -> None:
         if not (self.relative >= 0 and self.floor >= 0 and self.relative + self.floor > 0):
-            found, expected = (
-                f"found relative {self.relative:g} and floor {self.floor:g}",
-                "both 0 or more and not both 0",
-            )
-            raise MeasurementError.of("noise", ("relative",), found, expected, "correct them")
+            found = f"found relative {self.relative:g} and floor {self.floor:g}"
+            raise MeasurementError.of("noise", ("relative",), found, "both 0 or more, not both 0", "correct them")
 
     def sd_of_part(self, magnitude: Array) -> Array:
         """Standard deviation of real and of imaginary part, shape as |H| (lines first)."""
@@ -130,11 +127,9 @@ def coherence_variance(frf: FrfSet) -> Array:
     """
     where = "noise from coherence"
     if frf.coherence is None or frf.averages is None:
-        missing = "no coherence" if frf.coherence is None else "no number of averages"
-        raise MeasurementError(
-            f"{where}: found {missing}; expected both coherence and averages; add them, or write in [data.variance] "
-            'source = "relative", relative = 0.02, floor = 0.01'
-        )
+        found = "no coherence" if frf.coherence is None else "no number of averages"
+        remedy = 'add them, or write in [data.variance] source = "relative", relative = 0.02, floor = 0.01'
+        raise MeasurementError(f"{where}: found {found}; expected both coherence and averages; {remedy}")
     if frf.averages < 2:
         raise MeasurementError(
             f"{where}: found {frf.averages} average; expected 2 or more, since coherence of one average is 1 "

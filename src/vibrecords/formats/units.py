@@ -25,7 +25,7 @@ TIME_S: dict[str, float] = {
     **dict.fromkeys(("us", "µs", "μs"), 1e-6),
 }
 
-Powers = tuple[int, int, int, int]
+Powers = tuple[int, ...]
 _FORCE, _ACCELERATION, _LENGTH, _SECONDS = (1, 1, -2, 0), (1, 0, -2, 0), (1, 0, 0, 0), (0, 0, 1, 0)
 _NOTHING, _VOLT = (0, 0, 0, 0), (0, 0, 0, 1)
 #: Factor to SI of names of one unit, by what they measure. ``g`` is gravity: no analyser weighs in grams.
@@ -86,12 +86,11 @@ class Unit:
 
     def times(self, other: "Unit", power: int = 1) -> "Unit":
         """Product with a power of another unit."""
-        a, b = self.powers, other.powers
-        powers = (a[0] + power * b[0], a[1] + power * b[1], a[2] + power * b[2], a[3] + power * b[3])
+        powers = tuple(a + power * b for a, b in zip(self.powers, other.powers, strict=True))
         return Unit(self.factor * other.factor**power, powers)
 
 
-_ONE = Unit(1.0, (0, 0, 0, 0))
+_ONE = Unit(1.0, _NOTHING)
 
 
 def parse_unit(label: str, *, lasting: bool = True) -> Unit | None:
@@ -115,19 +114,14 @@ def parse_unit(label: str, *, lasting: bool = True) -> Unit | None:
     if not text or len(text) > 60:  # no unit is longer; a bound keeps brackets from nesting deeply
         return None
     text = _RUN_TOGETHER.sub("m*s", _PLURAL.sub("", text))
-    tokens: list[re.Match[str]] = []
-    at = 0
-    while at < len(text):
-        token = _TOKEN.match(text, at)
-        if token is None:
-            return None
-        tokens.append(token)
-        at = token.end()
+    tokens = list(_TOKEN.finditer(text))
+    if sum(len(token[0]) for token in tokens) < len(text):  # something between them is none
+        return None
     try:
         unit, rest = _product(tokens, lasting)
     except (KeyError, ValueError, OverflowError):
         return None
-    return unit if not rest else None
+    return None if rest else unit
 
 
 def _product(tokens: list[re.Match[str]], lasting: bool) -> tuple[Unit, list[re.Match[str]]]:
