@@ -25,13 +25,8 @@ from vibrecords.records import MOST_COLUMNS, require_short
 _END = "***End_of_Header***"
 
 
-@dataclass(slots=True)
-class _Layout:
-    """What the header of the file says of all segments."""
-
-    separator: str = "\t"
-    decimal: str = ""
-    x_columns: str = "one"
+#: What the header of the file says of all segments: separator, decimal_separator, x_columns.
+_Layout = dict[str, str]
 
 
 @dataclass(slots=True)
@@ -86,22 +81,14 @@ def _without_special_blocks(lines: Lines) -> Lines:
 
 
 def _file_header(lines: Lines) -> _Layout:
-    layout, number = _Layout(), 0
+    layout, number, separators = {"separator": "tab", "x_columns": "one"}, 0, {"tab": "\t", "comma": ","}
     for number, line in lines:
         if line.startswith(_END):
-            return layout
-        key, *values = re.split(r"[\t,]", line, maxsplit=1)
-        value = values[0].strip("\t ") if values else ""
-        match key.strip().lower():
-            case "separator":
-                separators = {"tab": "\t", "comma": ","}
-                if value.lower() not in separators:
-                    raise MeasurementError(f"line {number}: found separator {value[:20]!r}; expected Tab or Comma")
-                layout.separator = separators[value.lower()]
-            case "decimal_separator":
-                layout.decimal = value
-            case "x_columns":
-                layout.x_columns = value.lower()
+            return {**layout, "separator": separators[layout["separator"]]}
+        key, value = [*re.split(r"[\t,]", line, maxsplit=1), ""][:2]
+        layout[key.strip().lower()] = value.strip("\t ").lower()
+        if layout["separator"] not in separators:
+            raise MeasurementError(f"line {number}: found separator {value[:20]!r}; expected Tab or Comma")
     raise MeasurementError(
         f"line {number}: found the end of the file; expected {_END}; the file is cut off, export again"
     )
@@ -128,7 +115,7 @@ def _blocks(lines: Lines, layout: _Layout) -> Iterator[tuple[_Segment, list[str]
         samples = _samples(segment)
         with np.errstate(invalid="ignore"):
             bounds = np.flatnonzero(np.diff(values[:, 0]) < 0) + 1  # where the axis begins again
-        if layout.x_columns == "no" and samples and len(values) % samples == 0:
+        if layout["x_columns"] == "no" and samples and len(values) % samples == 0:
             bounds = np.arange(samples, len(values), samples)
         for block in np.split(values, bounds):
             yield segment, names, block
@@ -143,10 +130,10 @@ def _segment_header(first: tuple[int, str], lines: Lines, layout: _Layout) -> _S
     segment = _Segment(first[0])
     for _, line in itertools.chain([first], lines):
         if line.startswith(_END):
-            if layout.x_columns == "multi" and any(segment.each("x_dimension", 2)[1:]):  # no cell for an X column
+            if layout["x_columns"] == "multi" and any(segment.each("x_dimension", 2)[1:]):  # no cell for an X column
                 segment.fields = {k: [c for cell in cells for c in (cell, "")] for k, cells in segment.fields.items()}
             return segment
-        key, *values = line.split(layout.separator)
+        key, *values = line.split(layout["separator"])
         segment.fields[key.strip().lower()] = [value.strip() for value in values]
         if len(segment.fields) > 1000:
             break
@@ -157,7 +144,7 @@ def _segment_header(first: tuple[int, str], lines: Lines, layout: _Layout) -> _S
 
 def _names(segment: _Segment, lines: Lines, layout: _Layout) -> list[str]:
     number, line = next(lines, (segment.line, ""))
-    names = [name.strip() for name in line.split(layout.separator)]
+    names = [name.strip() for name in line.split(layout["separator"])]
     if not names or names[0].lower() != "x_value":
         raise MeasurementError(f"line {number}: found {line[:30]!r}; expected the names of columns, X_Value first")
     while names and (not names[-1] or names[-1].lower() == "comment"):
@@ -170,12 +157,13 @@ def _names(segment: _Segment, lines: Lines, layout: _Layout) -> list[str]:
 
 def _split_rows(lines: Lines, layout: _Layout, count: int) -> Iterator[tuple[int, list[str]]]:
     """Rows up to a blank line or the end, without comments."""
-    comma = layout.decimal == "," or (not layout.decimal and layout.separator != ",")
+    decimal = layout.get("decimal_separator")
+    comma = decimal == "," or (not decimal and layout["separator"] != ",")
     for number, line in lines:
         if not line.strip():
             return
-        fields = (line.replace(",", ".") if comma else line).split(layout.separator)[:count]
-        if layout.x_columns == "no":
+        fields = (line.replace(",", ".") if comma else line).split(layout["separator"])[:count]
+        if layout["x_columns"] == "no":
             fields[0] = "nan"
         yield number, fields
 
@@ -211,7 +199,7 @@ def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) 
     """Notes on counts and steps; an axis that the file does not write out is made from its header."""
     notes = []
     samples, counts = _samples(segment), segment.each("samples", len(names) - 1)
-    if layout.x_columns != "multi" and counts[:1] == [str(samples)]:  # X_Value is that of the first channel
+    if layout["x_columns"] != "multi" and counts[:1] == [str(samples)]:  # X_Value is that of the first channel
         side = [i for i, count in enumerate(counts, start=1) if count.isdecimal() and int(count) != samples]
         values[:, side] = np.nan
         notes += [f"'{names[i]}' not read: {counts[i - 1]} samples, where {names[1]!r} has {samples}" for i in side]
@@ -224,7 +212,7 @@ def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) 
         if filled[i + 1] and step and names[i + 1].lower() != "x_value"
     ]
     steps = [float_of(step.replace(",", ".")) for _, _, step in clocks]
-    if layout.x_columns != "multi":
+    if layout["x_columns"] != "multi":
         for (i, x0, step), (first, first_x0, first_step) in zip(clocks[1:], clocks, strict=False):
             if (x0, step) != (first_x0, first_step):
                 raise MeasurementError(
@@ -232,7 +220,7 @@ def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) 
                     f"{first_x0[:20]!r} and {first_step[:20]!r} of {names[first + 1]!r}; expected one clock for one X "
                     "column; export with an X column for each channel"
                 )
-    if layout.x_columns == "no":
+    if layout["x_columns"] == "no":
         x0 = float_of(clocks[0][1].replace(",", ".") or "0") if clocks else None
         if x0 is None or not steps[0]:
             shown = clocks[0][1:] if clocks else ("", "")

@@ -134,7 +134,7 @@ def _grids(frfs: Sequence[FrfRecord]) -> list[list[FrfRecord]]:
         for r in frfs
     )
     if complete and alike:
-        return [[pairs[output, input_] for output in outputs for input_ in inputs]]
+        return [[pairs[pair] for pair in product(outputs, inputs)]]
     return [[record] for record in frfs]
 
 
@@ -185,19 +185,17 @@ def _columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[st
         raise MeasurementError("table: found FRFs and time histories, or neither; expected one kind; write a file each")
     if frfs:
         names, columns, comments = _frf_columns(frfs)
-        spectra = [r for r in records if isinstance(r, SpectrumRecord)]
-        return (
-            [*names, *(f"{r.kind} of {r.channel}" for r in spectra)],
-            [*columns, *(r.values.real for r in spectra)],
-            comments,
-        )
+        for r in (r for r in records if isinstance(r, SpectrumRecord)):
+            names.append(f"{r.kind} of {r.channel}")
+            columns.append(r.values.real)
+        return names, columns, comments
     rate, size = times[0].sample_rate_hz, times[0].values.size
     if any((r.sample_rate_hz, r.values.size) != (rate, size) for r in times):
         raise MeasurementError(
             "table: found time histories of different rates or lengths; expected one time axis; write uff58 or hdf5"
         )
-    hits = [f" hit {r.hit}" if r.hit is not None else "" for r in times]
-    names = [f"{r.channel}{hit} [{si_sensor_unit(r.quantity)}]" for r, hit in zip(times, hits, strict=True)]
+    labels = (r.channel if r.hit is None else f"{r.channel} hit {r.hit}" for r in times)
+    names = [f"{label} [{si_sensor_unit(r.quantity)}]" for label, r in zip(labels, times, strict=True)]
     columns = [np.arange(size) / rate, *(r.values for r in times)]
     return ["time [s]", *names], columns, {"sample_rate_hz": repr(float(rate))}
 
@@ -215,10 +213,9 @@ def _frf_columns(frfs: Sequence[FrfRecord]) -> tuple[list[str], list[Array], dic
         if r.coherence is not None:
             names.append(f"coherence {pair}")
             columns.append(r.coherence)
-    told = [str(r.averages) for r in frfs if r.averages is not None]
-    if len(told) < len(frfs):
-        return names, columns, {}
-    return names, columns, {"averages": ", ".join(told if len(set(told)) > 1 else told[:1])}
+    told = [str(r.averages) for r in frfs]
+    averages = ", ".join(told if len(set(told)) > 1 else told[:1])
+    return names, columns, {"averages": averages} if "None" not in told else {}
 
 
 def write_table(records: Sequence[Record], path: Path, delimiter: str, remarks: Sequence[str] = ()) -> None:

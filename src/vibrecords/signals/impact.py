@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrecords.arrays import Array, ComplexArray, Quantity
+from vibrecords.arrays import Array, ComplexArray
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.grid import join_frfs
 from vibrecords.frf_set import FrfSet
@@ -62,28 +62,23 @@ def impact_frfs(
     if not responses:
         raise MeasurementError("impact: found no response; expected one or more; add the records of a response")
     together = [spectra.pair_records(force, response) for response in responses]
-    forces = [x for x, _ in together[0][0]]
+    forces = [x for x, _ in together[0]]
     hits = find_hits(forces, chosen.hits)
-    for pairs, _ in together:
+    for pairs in together:
         hits = reject_overloads(hits, [y for _, y in pairs], chosen.hits)
-    kept = [hit for hit in hits if hit.kept]
-    if not kept:
+    if not any(hit.kept for hit in hits):
         reasons = "; ".join(f"hit {hit.number}: {hit.reason}" for hit in hits[:3])
         raise MeasurementError(
             f"impact on {forces[0].channel!r}: found no hit to keep among {len(hits)} ({reasons}); expected at least "
             "one; hit again, or change block, pretrigger or levels"
         )
-    return tuple(_estimate(pairs, quantity, kept, hits, chosen) for pairs, quantity in together)
+    return tuple(_estimate(pairs, hits, chosen) for pairs in together)
 
 
 def _estimate(
-    pairs: list[tuple[TimeRecord, TimeRecord]],
-    quantity: Quantity,
-    kept: list[Hit],
-    hits: tuple[Hit, ...],
-    settings: ImpactSettings,
+    pairs: list[tuple[TimeRecord, TimeRecord]], hits: tuple[Hit, ...], settings: ImpactSettings
 ) -> ImpactResult:
-    rate = pairs[0][0].sample_rate_hz
+    rate, kept = pairs[0][0].sample_rate_hz, [hit for hit in hits if hit.kept]
     lengths = {settings.hits.samples(pairs[hit.record][0]) for hit in kept}
     if len(lengths) > 1:
         raise MeasurementError(
@@ -100,7 +95,7 @@ def _estimate(
     notes = [f"{settings.estimator} from {len(kept)} of {len(hits)} hits"]
     if added > 0:
         notes.append(f"exponential window adds {added:.6g} 1/s to the decay rate of each mode")
-    record = spectra.record_of_estimate(pairs[0], frequency, estimate, quantity, len(kept), notes)
+    record = spectra.record_of_estimate(pairs[0], frequency, estimate, len(kept), *notes)
     return ImpactResult(record, hits, added)
 
 

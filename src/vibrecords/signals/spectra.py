@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 import scipy  # its parts load at first use
 
-from vibrecords.arrays import Array, ComplexArray, Indices, Quantity
+from vibrecords.arrays import Array, ComplexArray, Indices
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.units import MOTION_OF, si_frf_unit
 from vibrecords.records import LARGEST, FrfRecord, TimeRecord, measurable
@@ -92,13 +92,13 @@ def record_of_estimate(
     pair: tuple[TimeRecord, TimeRecord],
     frequency_hz: Array,
     estimate: tuple[ComplexArray, Array],
-    quantity: Quantity,
     averages: int,
-    notes: Sequence[str],
+    *notes: str,
 ) -> FrfRecord:
     """The FRF of records of force and response; of a single average coherence says nothing, and is left out."""
     (force, response), (values, coherence) = pair, estimate
-    told = (si_frf_unit(quantity), coherence if averages > 1 else None, averages, response.where, tuple(notes))
+    quantity = _QUANTITY[response.quantity]
+    told = (si_frf_unit(quantity), coherence if averages > 1 else None, averages, response.where, notes)
     return FrfRecord(response.channel, force.channel, frequency_hz, values, quantity, *told)
 
 
@@ -213,7 +213,7 @@ def shaker_frf(
     Welch, P. D. (1967). The use of fast Fourier transform for the estimation of power spectra. IEEE Transactions on
     Audio and Electroacoustics 15(2), 70-73. DOI 10.1109/TAU.1967.1161901
     """
-    pairs, quantity = pair_records(force, response)
+    pairs = pair_records(force, response)
     rate = pairs[0][0].sample_rate_hz
     samples = round(settings.block_s * rate)
     hop = max(round(samples * (1 - settings.overlap)), 1)
@@ -231,7 +231,7 @@ def shaker_frf(
     each = [len(x) for x, _ in spectra]
     effective = sum(effective_averages(count, window, hop) for count in each if count)
     note = f"{settings.estimator} from {sum(each)} blocks that count for {effective:.3g} averages"
-    frf = record_of_estimate(pairs[0], frequency, estimate, quantity, max(round(effective), 1), [note])
+    frf = record_of_estimate(pairs[0], frequency, estimate, max(round(effective), 1), note)
     return ShakerResult(frf, sum(each), effective)
 
 
@@ -271,8 +271,8 @@ def kept_lines(
 
 def pair_records(
     force: TimeRecord | Sequence[TimeRecord], response: TimeRecord | Sequence[TimeRecord]
-) -> tuple[list[tuple[TimeRecord, TimeRecord]], Quantity]:
-    """Records of force and response in pairs, and the quantity of their FRF.
+) -> list[tuple[TimeRecord, TimeRecord]]:
+    """Records of force and response in pairs, of which an FRF can be made.
 
     Raises
     ------
@@ -306,7 +306,7 @@ def pair_records(
                 f"{where}: found NaN, infinity or a number beyond {LARGEST:g} or its inverse; expected measured "
                 "samples; drop or repair the record"
             )
-    return pairs, _QUANTITY[responses[0].quantity]
+    return pairs
 
 
 def sort_by_force(records: Sequence[TimeRecord]) -> list[tuple[list[TimeRecord], list[list[TimeRecord]]]]:
