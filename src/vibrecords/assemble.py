@@ -120,16 +120,15 @@ def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) 
         )
     first = frfs[0]
     for number, other in enumerate(frfs[1:], 2):
-        for what, same in (
-            ("lines", np.array_equal(first.frequency_hz, other.frequency_hz)),
-            ("DOFs", (first.outputs, first.inputs) == (other.outputs, other.inputs)),
-            ("quantity", first.quantity == other.quantity),
-        ):
-            if not same:
-                raise MeasurementError(
-                    f"{where}: found other {what} in measurement {number} than in the first; expected the same; "
-                    "leave it out or bring it to the same"
-                )
+        others = {
+            "lines": not np.array_equal(first.frequency_hz, other.frequency_hz),
+            "DOFs": (first.outputs, first.inputs) != (other.outputs, other.inputs),
+            "quantity": first.quantity != other.quantity,
+        }
+        if any(others.values()):
+            what = " and ".join(what for what, differs in others.items() if differs)
+            found = f"found other {what} in measurement {number} than in the first"
+            raise MeasurementError(f"{where}: {found}; expected the same; leave it out or bring it to the same")
     values = np.stack([frf.values for frf in frfs])
     m, mean = len(frfs), values.mean(axis=0)
     scatter = np.sum(np.abs(values - mean) ** 2, axis=0) / (m * (m - 1))
@@ -356,7 +355,7 @@ def _repetitions(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> 
                 f"{where}: found {count} FRFs of {pair[0]} over {pair[1]} and {most} of others; expected as many "
                 "repetitions of each; leave the surplus out"
             )
-    return [[group[k] for group in by_pair.values()] for k in range(most)]
+    return [list(group) for group in zip(*by_pair.values(), strict=True)]
 
 
 def _modes(measured: FrfData, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:
@@ -366,7 +365,7 @@ def _modes(measured: FrfData, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode
     """
     accelerance = measured.converted("accelerance")
     try:
-        modes, doubtful = modes_and_doubtful(accelerance.frf, None if plan.variance is None else accelerance.variance)
+        modes, doubtful = modes_and_doubtful(accelerance.frf, accelerance.variance if plan.variance else None)
     except MeasurementError as error:
         if plan.frequencies is not None:
             raise
@@ -380,8 +379,7 @@ def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: st
         raise MeasurementError(
             f"{where}: found {len(modes)} modes; expected at least {wanted}; lower data.modes or widen the band"
         )
-    frequency = np.array([mode.frequency_hz for mode in modes[:wanted]])
-    fitted = np.array([mode.frequency_sd_hz for mode in modes[:wanted]])
+    frequency, fitted = np.array([(mode.frequency_hz, mode.frequency_sd_hz) for mode in modes[:wanted]]).T
     return FrequencyData(frequency, np.sqrt(fitted**2 + (plan.sd_relative * frequency) ** 2 + plan.sd_hz**2))
 
 

@@ -72,11 +72,9 @@ def cut_to_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz:
     inside = (lines >= low) & (lines <= high)
     if not inside.any():
         span = f"above {low:g}" if f_max_hz is None else f"{f'from {low:g} to' if f_min_hz else 'below'} {high:g}"
-        raise MeasurementError(
-            f"{where}: {record.where}: found no line {span} Hz; expected some, the file has "
-            f"{_span(lines)}; widen the band",
-            "f_max_hz" if high < lines.min() else "f_min_hz",
-        )
+        found, key = f"found no line {span} Hz", "f_max_hz" if high < lines.min() else "f_min_hz"
+        words = f"{found}; expected some, the file has {_span(lines)}; widen the band"
+        raise MeasurementError(f"{where}: {record.where}: {words}", key)
     return record.at_lines(inside)
 
 
@@ -208,10 +206,10 @@ def _same_kind(record: FrfRecord, first: FrfRecord, where: str) -> None:
             "quantity throughout; split the file or state the quantity"
         )
     if not np.array_equal(record.frequency_hz, first.frequency_hz):
+        own, others = (f"{r.frequency_hz.size} lines, {_span(r.frequency_hz)}," for r in (record, first))
+        found = f"found {own} other than the {others} of {first.where}"
         raise MeasurementError(
-            f"{where}: {record.where}: found {record.frequency_hz.size} lines, {_span(record.frequency_hz)}, other "
-            f"than the {first.frequency_hz.size} lines, {_span(first.frequency_hz)}, of {first.where}; expected the "
-            "same lines for all FRFs; split the file"
+            f"{where}: {record.where}: {found}; expected the same lines for all FRFs; split the file"
         )
 
 

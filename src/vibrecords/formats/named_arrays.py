@@ -201,9 +201,7 @@ class Block:
         of_struct = meaning_of(re.split(r"[./]", place)[-2] if re.search(r"[./]", place) else "")
         if of_struct.role in ("frf", "coherence"):  # frf.data
             self.meanings |= {name: of_struct for name in arrays if name.lower() in ("data", "values", "value")}
-        self._lower: dict[str, str] = {}
-        for name in arrays:
-            self._lower.setdefault(name.lower(), name)
+        self._lower = {name.lower(): name for name in reversed([*arrays])}  # the first of several
         if {"time", "interval", "rate"} & {meaning.role for meaning in self.meanings.values()}:
             for name in [n for n in arrays if n.lower() == "f" and size_of(arrays[n]) > 1 and not rises(arrays[n])]:
                 self.meanings[name] = meaning_of("f" if self.is_two_sided(name) else "force signal")

@@ -64,7 +64,7 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Iterator[C
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Channel:
-    """Values of a channel, whether the file tells its clock, and that: axis, start and step in s or Hz, and beginning.
+    """Values of a channel, and its clock if the file tells it: axis, start and step in s or Hz, and beginning.
 
     The recording began at so many ns of some epoch.
     """
@@ -72,8 +72,7 @@ class _Channel:
     name: str
     unit: str
     values: NDArray[Any]
-    has_clock: bool
-    clock: tuple[Role, float, float, int]
+    clock: tuple[Role, float, float, int] | None
 
 
 def _channel(channel: Any) -> _Channel:  # noqa: ANN401 - npTDMS has no types
@@ -86,8 +85,8 @@ def _channel(channel: Any) -> _Channel:  # noqa: ANN401 - npTDMS has no types
     begun_ns = int(begun.astype("datetime64[ns]").astype(np.int64)) if isinstance(begun, np.datetime64) else 0
     # of channels without a clock LabVIEW writes a step of 1 s
     known = np.isfinite([step, start]).all() and step > 0 and (is_frequency or step < 1)
-    clock: tuple[Role, float, float, int] = ("frequency" if is_frequency else "time", start, step * known, begun_ns)
-    return _Channel(channel.name, unit, channel[:], bool(known), clock)
+    axis: Role = "frequency" if is_frequency else "time"
+    return _Channel(channel.name, unit, channel[:], (axis, start, step, begun_ns) if known else None)
 
 
 def _group_table(
@@ -97,12 +96,12 @@ def _group_table(
     place = f"group {name[:60]!r}"
     columns: list[Column] = []
     arrays: list[NDArray[Any]] = []
-    clocks = dict.fromkeys(c.clock for c in channels if c.has_clock)
+    clocks = dict.fromkeys(c.clock for c in channels if c.clock)
     first_ns = min((clock[3] for clock in clocks), default=0)
-    for clock in clocks or [channels[0].clock]:
-        axis, start, step, begun_ns = clock
-        members = [c for c in channels if c.clock == clock or not clocks]
-        if clocks:
+    for clock in clocks or [None]:
+        members = [c for c in channels if c.clock == clock]
+        if clock:
+            axis, start, step, begun_ns = clock
             columns.append(Column(axis, "", "Hz" if axis == "frequency" else "s"))
             start += 1e-9 * (begun_ns - first_ns) if axis == "time" else 0.0
             arrays.append(start + step * np.arange(max(c.values.size for c in members)))
@@ -119,6 +118,6 @@ def _group_table(
     table = np.full((max(a.size for a in arrays), len(arrays)), np.nan)
     for i, array in enumerate(arrays):
         table[: array.size, i] = array
-    left = [c.name for c in channels if clocks and not c.has_clock]
+    left = [c.name for c in channels if clocks and not c.clock]
     notes += (f"without a wf_increment, passed over: {', '.join(left)[:200]}",) if left else ()
     return ColumnTable(columns, table, {}, notes, place, hit)
