@@ -231,12 +231,10 @@ def with_resonances(inspection: Inspection, band_hz: _Band = (None, None)) -> In
 
 def _driven_hz(members: list[FrfRecord]) -> _Band:
     """Ends of the band that was driven, by the FRF that shows most of it; None where that is the end of the lines."""
-    driven, lines = (
-        [whole.driven(record) for record in members if (whole := ClearFrf.of(record))],
-        members[0].frequency_hz,
-    )
+    lines = members[0].frequency_hz
     if not lines.size:
         return None, None
+    driven = [whole.driven(record) for record in members if (whole := ClearFrf.of(record))]
     low = min((part.frequency_hz[0] for part in driven), default=0.0)
     high = max((part.frequency_hz[-1] for part in driven), default=np.inf)
     return None if low <= lines[0] else float(low), None if high >= lines[-1] else float(high)

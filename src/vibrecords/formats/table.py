@@ -95,20 +95,17 @@ class _Group:
         if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, whatever its name
             spectra = [i for i in others if read_sensor_unit(columns[i].unit)[1]]
             if not spectra:
+                found, expected = describe(columns, self.numbers), "frequency, real and imaginary part (or magnitude, phase)"
+                example = "'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer [g/N]'"
+                remedy = f"name the columns as {example}"
                 if any("damp" in columns[i].header.lower() for i in others):
-                    raise MeasurementError(
-                        f"header: found {describe(columns, self.numbers)}, a list of modes; expected FRFs or records; "
-                        'write the modes into the case: kind = "modes", frequencies_hz = [...] in [data]'
-                    )
-                raise MeasurementError(
-                    f"header: found {describe(columns, self.numbers)}; expected frequency, real and imaginary part "
-                    "(or magnitude and phase), such as 'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer "
-                    "[g/N]'; name the columns so"
-                )
+                    found += ", a list of modes"
+                    remedy = 'write the modes into the case: kind = "modes", frequencies_hz = [...] in [data]'
+                raise MeasurementError(f"header: found {found}; expected {expected}; {remedy}")
             others = [i for i in others if i not in spectra]
         self.pass_over(others)
         yield from self.spectra(spectra, lines)
-        averages = iter(_averages(self.comments, sum(set(parts) != {"coherence"} for _, parts in frfs)))
+        averages = iter(_averages(self.comments, sum([*parts] != ["coherence"] for _, parts in frfs)))
         with_units = any(columns[i].unit for i in self.with_role("real", "imaginary", "magnitude"))
         for name, parts in frfs:
             if set(parts) == {"coherence"}:
@@ -165,9 +162,7 @@ class _Group:
         if not meant and with_units:
             factor, converted = None, [_UNITLESS]
         word = self.comments.get("quantity", "").lower()
-        named = next(
-            (candidate for candidate, words in headers.QUANTITY_WORDS if word and re.fullmatch(words, word)), None
-        )
+        named = next((quantity for quantity, words in headers.QUANTITY_WORDS if re.fullmatch(words, word)), None)
         response, reference, unnamed = _channels(name)
         used = sorted(parts[role] for role in (*roles, "coherence") if role in parts)
         where = f"columns {', '.join(str(i + 1) for i in used[:-1])} and {used[-1] + 1}"
@@ -230,11 +225,14 @@ def _name_parts(columns: list[Column], values: Array, numbers: list[int]) -> Non
         one_sign = (first >= 0).all() or (first <= 0).all()
         degrees, radians = 3.2 < largest <= 360, 3 < largest <= 3.1416 and jump > 5
         if one_sign and len(values) > 3 and (degrees or radians):
+            found, word = (
+                f"found numbers of one sign, and numbers up to {largest:g}",
+                "degrees" if degrees else "radians",
+            )
+            expected = f"to know whether they are real and imaginary part, or magnitude and phase in {word}"
+            names = f"'frequency [Hz],real,imaginary' or 'frequency [Hz],magnitude,phase [{word[:3]}]'"
             raise MeasurementError(
-                f"columns {a + 1} and {b + 1}: found numbers of one sign, and numbers up to {largest:g}; expected to "
-                "know whether they are real and imaginary part, or magnitude and phase in "
-                f"{'degrees' if degrees else 'radians'}; name the columns: 'frequency [Hz],real,imaginary' or "
-                f"'frequency [Hz],magnitude,phase [{'deg' if degrees else 'rad'}]'"
+                f"columns {a + 1} and {b + 1}: {found}; expected {expected}; name the columns: {names}"
             )
         columns[a] = Column("real", f"output {k} / input 1", "")
         columns[b] = Column("imaginary", f"output {k} / input 1", "")

@@ -849,12 +849,10 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
                 yield record
                 del record  # before the next is read
         if empty:
-            kinds = sorted({data_set.kind for data_set, _, _ in source.sets})
-            raise MeasurementError(
-                f"data sets: found {len(source.sets)} of the types {', '.join(map(str, kinds[:10])) or 'none'}, and no "
-                "FRF, time history or mode among them; expected data sets 58 of function type 4 or 1, or 55 of modes; "
-                "export the FRFs"
-            )
+            kinds = ", ".join(map(str, sorted({data_set.kind for data_set, _, _ in source.sets})[:10])) or "none"
+            found = f"found {len(source.sets)} of the types {kinds}, and no FRF, time history or mode among them"
+            expected = "data sets 58 of function type 4 or 1, or 55 of modes"
+            raise MeasurementError(f"data sets: {found}; expected {expected}; export the FRFs")
 
 
 def _index(file: BinaryIO) -> _UniversalFile:

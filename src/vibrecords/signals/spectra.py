@@ -296,11 +296,9 @@ def pair_records(
                 f"({', '.join(_QUANTITY)}); name the channels right"
             )
         if x.values.shape != y.values.shape or {x.sample_rate_hz, y.sample_rate_hz} != {rate} or not rate > 0:
-            raise MeasurementError(
-                f"{where}: found {x.values.size} and {y.values.size} samples at {x.sample_rate_hz:g} and "
-                f"{y.sample_rate_hz:g} per second; expected the same of both and of all records ({rate:g} per second); "
-                "export the channels together"
-            )
+            sizes, rates = f"{x.values.size} and {y.values.size}", f"{x.sample_rate_hz:g} and {y.sample_rate_hz:g}"
+            expected = f"the same of both and of all records ({rate:g} per second); export the channels together"
+            raise MeasurementError(f"{where}: found {sizes} samples at {rates} per second; expected {expected}")
         if not (measurable(x.values).all() and measurable(y.values).all()):
             raise MeasurementError(
                 f"{where}: found NaN, infinity or a number beyond {LARGEST:g} or its inverse; expected measured "
