@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from vibrecords.arrays import Array, Lines, Quantity, convert_fields, quantity_factor
 from vibrecords.errors import MeasurementError, read_only
 from vibrecords.frf_set import FrfSet
+from vibrecords.labels import list_labels
 from vibrecords.provenance import Provenance
 
-_MOST_DOFS = 6  # of the outputs and inputs, in a table
 _MORE = 3  # modes above the highest number stated, among which shapes are looked for
 Match = Literal["number", "shape"]
 
@@ -208,7 +208,7 @@ class FrfData(Data):
 
     def in_short(self, quote: Callable[[str], str] = str) -> str:
         """Quantity, DOFs and lines."""
-        pairs = f"{_listed(self.frf.outputs)} / {_listed(self.frf.inputs)}"
+        pairs = f"{list_labels(self.frf.outputs)} / {list_labels(self.frf.inputs)}"
         return f"{self.frf.quantity} {quote(pairs)}, {self.frf.n_lines} lines to {self.top_hz:g} Hz"
 
     def require_enough(self) -> None:
@@ -256,11 +256,6 @@ class FrfData(Data):
         """The FRFs between the given DOFs only, in the order given."""
         rows, columns = [self.frf.outputs.index(o) for o in outputs], [self.frf.inputs.index(i) for i in inputs]
         return replace(self, frf=self.frf.select(outputs, inputs), variance=self.variance[:, rows][:, :, columns])
-
-
-def _listed(labels: Sequence[str]) -> str:
-    more = f" and {len(labels) - _MOST_DOFS} more" if len(labels) > _MOST_DOFS else ""
-    return ", ".join(labels[:_MOST_DOFS]) + more
 
 
 class ModalData(Data):

@@ -9,6 +9,7 @@ import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, Lines, Quantity, convert_fields, quantity_factor
 from vibrecords.errors import MeasurementError, read_only
+from vibrecords.labels import list_labels
 from vibrecords.notebook_view import frf_svg, table_html
 
 
@@ -55,10 +56,8 @@ class FrfSet:
 
     def __repr__(self) -> str:
         f = self.frequency_hz
-        return (
-            f"FrfSet({self.quantity}, outputs {_listed(self.outputs)}, inputs {_listed(self.inputs)}, "
-            f"{f.size} lines from {f[0]:g} to {f[-1]:g} Hz)"
-        )
+        dofs = f"outputs {list_labels(self.outputs)}, inputs {list_labels(self.inputs)}"
+        return f"FrfSet({self.quantity}, {dofs}, {f.size} lines from {f[0]:g} to {f[-1]:g} Hz)"
 
     def _repr_html_(self) -> str:
         rows = [(label, ", ".join(labels)) for label, labels in (("Outputs", self.outputs), ("Inputs", self.inputs))]
@@ -125,10 +124,6 @@ class FrfSet:
         """Return the same FRFs as receptance, mobility jωH or accelerance −ω²H."""
         factor = quantity_factor(self.frequency_hz, quantity, self.quantity)
         return replace(self, values=self.values * factor[:, None, None], quantity=quantity)
-
-
-def _listed(labels: tuple[str, ...]) -> str:
-    return ", ".join(labels) if len(labels) <= 4 else f"{labels[0]} to {labels[-1]} ({len(labels)})"
 
 
 def require_lines(frequency_hz: Array, where: str) -> None:

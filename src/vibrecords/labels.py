@@ -1,5 +1,14 @@
 """What labels of DOFs say: ``"11:y"`` is the translation of point 11 along y."""
 
+from collections.abc import Sequence
+
+_MOST = 6  # labels that are listed
+
+
+def list_labels(labels: Sequence[str]) -> str:
+    """The first labels, and how many more there are."""
+    return ", ".join(labels[:_MOST]) + (f" and {len(labels) - _MOST} more" if len(labels) > _MOST else "")
+
 
 def direction_of(label: str) -> str:
     """Direction of a DOF label: ``"y"`` of ``"11:y"``."""

@@ -562,7 +562,7 @@ def _test_lab(block: Block) -> Iterator[Block]:
     units, averages = (_struct(x, "quantity").string("label"), unit), _struct(about, "average").scalar("nr_of_averages")
     stated = {"averages": np.array(averages)} if averages else {}
     yield from (
-        column.with_arrays({**column.arrays, **stated}, *notes)
+        Block({**column.arrays, **stated}, written=column.written, notes=notes)
         for column in _columns(block, "y_values.values", (axis, values), units, kind, list(labels))
     )
 

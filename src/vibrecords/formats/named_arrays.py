@@ -3,7 +3,7 @@
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, cast, get_args
 
 import numpy as np
@@ -167,6 +167,7 @@ _DAYS = (690_000.0, 780_000.0)
 _KINDS = {"U": "text", "S": "text", "O": "a struct or unlike cells", "c": "complex numbers", "b": "true and false"}
 
 
+@dataclass(eq=False)
 class Block:
     """Arrays of one struct or group.
 
@@ -186,19 +187,17 @@ class Block:
         What was done to its arrays so far.
     """
 
-    def __init__(
-        self,
-        arrays: Arrays,
-        place: str = "",
-        outer: "Block | None" = None,
-        written: Mapping[str, str] | None = None,
-        label: str = "",
-        notes: tuple[str, ...] = (),
-    ) -> None:
-        self.arrays, self.place, self.outer, self._written = arrays, place, outer, written or {}
-        self.label, self.notes = label, notes
+    arrays: Arrays
+    place: str = ""
+    outer: "Block | None" = None
+    written: Mapping[str, str] = field(default_factory=dict)
+    label: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        arrays = self.arrays
         self.meanings = {name: meaning_of(name) for name in arrays}
-        of_struct = meaning_of(re.split(r"[./]", place)[-2] if re.search(r"[./]", place) else "")
+        of_struct = meaning_of(re.split(r"[./]", self.place)[-2] if re.search(r"[./]", self.place) else "")
         if of_struct.role in ("frf", "coherence"):  # frf.data
             self.meanings |= {name: of_struct for name in arrays if name.lower() in ("data", "values", "value")}
         self._lower = {name.lower(): name for name in reversed([*arrays])}  # the first of several
@@ -209,14 +208,10 @@ class Block:
         for name, meaning in self.meanings.items():
             self._roles.setdefault(meaning.role, []).append(name)
 
-    def with_arrays(self, arrays: Mapping[str, Any], *notes: str) -> "Block":
-        """The same with other arrays under its names, and notes why."""
-        return Block(arrays, self.place, self.outer, self._written, self.label, (*self.notes, *notes))
-
     def path(self, key: str) -> str:
         """How the file or the user calls an array."""
         name = self.name_of(key) or key
-        return self._written.get(name) or self.place + name
+        return self.written.get(name) or self.place + name
 
     def where(self, key: str) -> str:
         """Place of an array in words."""
@@ -239,7 +234,7 @@ class Block:
 
     def stated(self, key: str) -> bool:
         """Whether the user has said which array this is."""
-        return key in self._written
+        return key in self.written
 
     def named(self, role: str, least: int = 2) -> list[str]:
         """Names of arrays of a role, of at least so many numbers."""

@@ -122,18 +122,11 @@ def arrays_of(records: Iterable[Record]) -> dict[str, dict[str, Any]]:
 
 def _grids(frfs: Sequence[FrfRecord]) -> list[list[FrfRecord]]:
     """All records as one grid where they form one, in grid order; else each by itself."""
-    if not frfs:
-        return []
-    first = frfs[0]
     pairs = {(record.response, record.reference): record for record in frfs}
-    outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in pairs)) for side in (0, 1))
-    complete = len(pairs) == len(frfs) == len(outputs) * len(inputs)
-    alike = all(
-        (r.quantity, r.averages, r.coherence is None) == (first.quantity, first.averages, first.coherence is None)
-        and np.array_equal(r.frequency_hz, first.frequency_hz)
-        for r in frfs
-    )
-    if complete and alike:
+    outputs, inputs = (dict.fromkeys(pair[side] for pair in pairs) for side in (0, 1))
+    alike = len({(r.quantity, r.averages, r.coherence is None) for r in frfs}) == 1
+    on_lines = all(np.array_equal(r.frequency_hz, frfs[0].frequency_hz) for r in frfs)
+    if alike and on_lines and len(pairs) == len(frfs) == len(outputs) * len(inputs):
         return [[pairs[pair] for pair in product(outputs, inputs)]]
     return [[record] for record in frfs]
 
