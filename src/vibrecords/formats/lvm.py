@@ -63,10 +63,8 @@ def read_lvm(path: Path) -> Iterator[ColumnTable]:
         following = next(blocks, None)
         samples = _samples(segment)
         if following is None and is_cut and len(values) < samples:
-            raise MeasurementError(
-                f"line {segment.line}: found {len(values)} rows of the segment; expected {samples} samples; the file "
-                "is cut off within a number, export it again"
-            )
+            found = f"line {segment.line}: found {len(values)} rows of the segment; expected {samples} samples"
+            raise MeasurementError(f"{found}; the file is cut off within a number, export it again")
         hit = number if number > 1 or following is not None else None
         yield _table(segment, names, values, layout, f"segment {number}", hit)
         block = following
@@ -206,34 +204,28 @@ def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) 
     filled = np.asarray(~np.isnan(values).all(axis=0))
     if samples > 1 and samples != len(values):
         notes.append(f"{len(values)} rows, where the header says {samples} samples")
-    clocks = [
-        (i, x0, step)
-        for i, (x0, step) in enumerate(zip(*(segment.each(k, len(names) - 1) for k in ("x0", "delta_x")), strict=True))
-        if filled[i + 1] and step and names[i + 1].lower() != "x_value"
-    ]
-    steps = [float_of(step.replace(",", ".")) for _, _, step in clocks]
+    told = zip(names[1:], filled[1:], *(segment.each(k, len(names) - 1) for k in ("x0", "delta_x")), strict=True)
+    clocks = [(name, x0, step) for name, some, x0, step in told if some and step and name.lower() != "x_value"]
     if layout["x_columns"] != "multi":
-        for (i, x0, step), (first, first_x0, first_step) in zip(clocks[1:], clocks, strict=False):
-            if (x0, step) != (first_x0, first_step):
-                raise MeasurementError(
-                    f"line {segment.line}: found X0 {x0[:20]!r} and Delta_X {step[:20]!r} of {names[i + 1]!r}, "
-                    f"{first_x0[:20]!r} and {first_step[:20]!r} of {names[first + 1]!r}; expected one clock for one X "
-                    "column; export with an X column for each channel"
+        for before, other in itertools.pairwise(clocks):
+            if before[1:] != other[1:]:
+                shown, first = (
+                    f"{x0[:20]!r} and Delta_X {step[:20]!r} of {name!r}" for name, x0, step in (other, before)
                 )
+                expected = "one clock for one X column; export with an X column for each channel"
+                raise MeasurementError(f"line {segment.line}: found X0 {shown}, {first}; expected {expected}")
+    clock = clocks[0][1:] if clocks else ("", "")
+    x0, step = (float_of(text.replace(",", ".") or "0") for text in clock)
     if layout["x_columns"] == "no":
-        x0 = float_of(clocks[0][1].replace(",", ".") or "0") if clocks else None
-        if x0 is None or not steps[0]:
-            shown = clocks[0][1:] if clocks else ("", "")
-            raise MeasurementError(
-                f"line {segment.line}: found X0 {shown[0][:20]!r} and Delta_X {shown[1][:20]!r}; expected numbers; "
-                "export it again"
-            )
-        values[:, 0] = x0 + steps[0] * np.arange(len(values))
-        digits = len(re.sub(r"^[0.]+|\.|e.*", "", clocks[0][2].replace(",", ".").lower()).rstrip("0"))
+        if x0 is None or not step:
+            found = f"X0 {clock[0][:20]!r} and Delta_X {clock[1][:20]!r}"
+            raise MeasurementError(f"line {segment.line}: found {found}; expected numbers; export it again")
+        values[:, 0] = x0 + step * np.arange(len(values))
+        digits = len(re.sub(r"^[0.]+|\.|e.*", "", clock[1].replace(",", ".").lower()).rstrip("0"))
         if digits in (2, 3):
-            notes.append(f"sampling rate {1 / steps[0]:g} Hz from a Delta_X of {digits} digits, {clocks[0][2]}")
-    elif steps and steps[0] and len(values) > 1:
-        step = (values[-1, 0] - values[0, 0]) / (len(values) - 1)
-        if abs(step / steps[0] - 1) > 0.01:
-            notes.append(f"X_Value goes in steps of {step:g}, where Delta_X says {steps[0]:g}: X_Value taken")
+            notes.append(f"sampling rate {1 / step:g} Hz from a Delta_X of {digits} digits, {clock[1]}")
+    elif step and len(values) > 1:
+        own = (values[-1, 0] - values[0, 0]) / (len(values) - 1)
+        if abs(own / step - 1) > 0.01:
+            notes.append(f"X_Value goes in steps of {own:g}, where Delta_X says {step:g}: X_Value taken")
     return tuple(notes)
