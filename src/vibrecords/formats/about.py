@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator
 from datetime import datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -41,8 +42,8 @@ def about_file(path: str | Path) -> dict[str, str]:
     """
     path, about = Path(path), dict[str, str]()
     kind = detect_format(path)
-    pairs = {"uff": _of_uff, "tdms": _of_tdms, "lvm": _of_text, "table": _of_text}.get(kind)
-    for words, text in pairs(path) if pairs else ():
+    pairs = {"uff": _of_uff, "tdms": _of_tdms, "lvm": _of_text, "table": _of_text}.get(kind, lambda _path: ())
+    for words, text in pairs(path):
         key = next((key for key, known in _WORDS.items() if re.fullmatch(known, words.strip().lower())), "")
         value = _day(text) if key == "date" else " ".join(text.split())[:_LONGEST]
         if key and value and value.isprintable() and value.lower() not in ("none", "n/a", "unknown"):
@@ -61,16 +62,13 @@ def _day(text: str) -> str:
     return ""
 
 
-def _pairs(lines: Iterable[str]) -> Iterator[tuple[str, str]]:
-    for line in lines:
-        if (found := _LINE.fullmatch(line)) is not None:
-            yield found[1], found[2]
+def _pairs(lines: Iterable[str]) -> Iterable[tuple[str, str]]:
+    return [(found[1], found[2]) for line in lines if (found := _LINE.fullmatch(line))]
 
 
-def _of_text(path: Path) -> Iterator[tuple[str, str]]:
+def _of_text(path: Path) -> Iterable[tuple[str, str]]:
     with path.open("rb") as file:
-        head = [plain_text(line) for _, line in zip(range(_HEAD), iter(lambda: file.readline(300), b""), strict=False)]
-    yield from _pairs(head)
+        return _pairs(plain_text(line) for line in islice(iter(lambda: file.readline(300), b""), _HEAD))
 
 
 def _of_uff(path: Path) -> Iterator[tuple[str, str]]:

@@ -493,15 +493,14 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
             raise MeasurementError(f"{where}: found the unit {unit!r}; expected s or ms; correct it")
         notes = [f"instants in {unit} converted to s"] if scale != 1 else []
         instants = (time - time[:1]) * scale
-        rates.append(
-            (time.size - 1) / max(float(np.ptp(instants)), 1 / HIGHEST_HZ) if rates else even_rate(instants, where)
-        )
+        span = max(float(np.ptp(instants)), 1 / HIGHEST_HZ)
+        rates.append((time.size - 1) / span if rates else even_rate(instants, where))
+    elif not rates and axes:
+        count = size_of(block.get(axes[0]))
+        raise MeasurementError(f"{where}: found {count} instants; expected {samples}, one for each; correct it")
     elif not rates:
-        fault = "found no sampling rate; expected 'sample_rate_hz' or 'time'; add it"
-        if axes:
-            count = size_of(block.get(axes[0]))
-            fault = f"found {count} instants; expected {samples}, one for each sample; correct it"
-        raise MeasurementError(f"{where if axes else block.where(name)}: {fault}")
+        missing = "found no sampling rate; expected 'sample_rate_hz' or 'time'; add it"
+        raise MeasurementError(f"{block.where(name)}: {missing}")
     if not max(rates) / min(rates) - 1 < 1e-2:
         raise MeasurementError(
             f"{where}: found sampling rates of {rates[-1]:.6g} Hz and {rates[0]:.6g} Hz; expected one; write time or "

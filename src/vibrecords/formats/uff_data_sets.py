@@ -193,16 +193,12 @@ def function_header(lines: list[str], binary: str | bytes | None) -> FunctionHea
 
 
 def _fields(lines: list[str], line: int, columns: tuple[tuple[int, int], ...]) -> list[int]:
-    text = lines[line].rstrip("\r\n")
-    numbers = []
+    text, numbers = lines[line].rstrip("\r\n"), []
     for first, last in columns:
         field = text[first:last].strip()
         if not re.fullmatch(r"[+-]?\d*", field):
-            raise LineError(
-                line,
-                f"found {field!r} in columns {first + 1} to {last}; expected a whole number; the header is damaged, "
-                "export it again",
-            )
+            found = f"found {field!r} in columns {first + 1} to {last}; expected a whole number"
+            raise LineError(line, f"{found}; the header is damaged, export it again")
         numbers.append(int(field) if field.strip("+-") else 0)
     return numbers
 
@@ -244,11 +240,8 @@ def _binary(line: str | bytes | None) -> tuple[str, int]:
         raise LineError(0, f"found {text.strip()[:40]!r} as binary header; expected numbers; export it again")
     order, form, _, stated_bytes = (int(field or 0) for field in fields)
     if order not in (1, 2) or form not in (0, 2):
-        raise LineError(
-            0,
-            f"found byte order {order} and floating-point format {form}; expected 1 or 2, and 2 (IEEE 754); export as "
-            "IEEE numbers or as text",
-        )
+        found = f"found byte order {order} and floating-point format {form}"
+        raise LineError(0, f"{found}; expected 1 or 2, and 2 (IEEE 754); export as IEEE numbers or as text")
     return "<" if order == 1 else ">", stated_bytes
 
 
@@ -346,11 +339,9 @@ def _data_set(file: BinaryIO, number: int) -> UffDataSet:
     file.seek(stop)
     end = re.match(rb"\r?\n?[ \t]*-1[ \t\x1a]*(?:\r?\n|$)", file.read(_OVERLAP))
     if end is None:
-        raise MeasurementError(
-            f"data set {number}, line {line_of(file, here)}: found no delimiter -1 after the {body_bytes(header)} "
-            f"bytes of {header.count} values; expected it there; the file is cut off or its counts are wrong, export "
-            "it again"
-        )
+        found = f"found no delimiter -1 after the {body_bytes(header)} bytes of {header.count} values"
+        remedy = "the file is cut off or its counts are wrong, export it again"
+        raise MeasurementError(f"data set {number}, line {line_of(file, here)}: {found}; expected it there; {remedy}")
     file.seek(stop + end.end())
     return UffDataSet(number, kind, start, stop, header)
 
@@ -566,11 +557,8 @@ def units_of(body: bytes) -> FileUnits:
         if not (0 < length < math.inf and 0 < force < math.inf):
             raise ValueError
     except (IndexError, ValueError):
-        raise LineError(
-            0,
-            f"found units {' '.join(factors[:2])[:60]!r}; expected factors of length and force above 0; correct the "
-            "data set 164 or take it out",
-        ) from None
+        found = f"found units {' '.join(factors[:2])[:60]!r}; expected factors of length and force above 0"
+        raise LineError(0, f"{found}; correct the data set 164 or take it out") from None
     return FileUnits(1 / length, 1 / force, lines[0][10:30].strip(), stated=True)
 
 
@@ -648,10 +636,8 @@ def read_mode(body: bytes, number: int) -> ModeRecord | None:
     """
     lines = body.decode("utf-8", errors="replace").splitlines()
     if len(lines) < 8:
-        raise LineError(
-            max(len(lines) - 1, 0),
-            f"found {len(lines)} lines of a data set 55; expected 8 and the nodes; export the modes again",
-        )
+        found = f"found {len(lines)} lines of a data set 55"
+        raise LineError(max(len(lines) - 1, 0), f"{found}; expected 8 and the nodes; export the modes again")
     _, analysis, _, motion, kind, per_node = _integers(lines, 5, 6)
     if analysis not in (NORMAL_MODES, *_COMPLEX) or motion not in (0, 1, *_MOTIONS) or per_node not in _DIRECTIONS:
         return None
@@ -716,11 +702,8 @@ def _mode_numbers(lines: list[str], first: int, end: int, count: int) -> Iterato
         wanted = min(6, count - 6 * (at - first))
         cells = _cells_of(lines[at], (13,) * wanted, _MODE_NUMBER) if at < len(lines) else []
         if len(cells) != wanted:
-            raise LineError(
-                min(at, len(lines) - 1),
-                f"found {len(cells)} numbers; expected {wanted}; the data set is cut off or its counts are wrong, "
-                "export the modes again",
-            )
+            fault = "the data set is cut off or its counts are wrong, export the modes again"
+            raise LineError(min(at, len(lines) - 1), f"found {len(cells)} numbers; expected {wanted}; {fault}")
         for cell in cells:
             value = float(re.sub(r"(?<=\d)([+-]\d{3})$", r"E\1", cell)) if _MODE_NUMBER.fullmatch(cell) else math.nan
             if not math.isfinite(value):
@@ -911,10 +894,8 @@ def _record(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int
     if over_frequency if kind == _TIME else over_time:
         axis = f"an abscissa of type {axis_kind} and unit {axis_unit or 'none'}"
         expected = "time (17, s)" if kind == _TIME else "frequency (18, Hz)"
-        raise MeasurementError(
-            f"{where}: found a function of type {kind} over {axis}; expected {expected}; correct the type of function "
-            "or the axis"
-        )
+        remedy = "correct the type of function or the axis"
+        raise MeasurementError(f"{where}: found a function of type {kind} over {axis}; expected {expected}; {remedy}")
     if kind == _TIME:
         return _time(source, data_set, response, nth if len(source.places[place]) > 1 else None)
     if kind == _FRF:
