@@ -97,12 +97,11 @@ def _frfs(block: Block) -> list[_Values]:
         frfs = [_polar(block, *names) for names in _pairs(block, block.named("frf"), phases)]
     if named and not frfs:
         path, parts = block.path(named[0]), columns_of_parts(block.get(named[0]), block.path(named[0]))
-        remedy = f'magnitude = "{path}" and phase_deg, or real and imaginary'
-        raise MeasurementError(
-            f"{block.where(named[0])}: found real numbers, which may be the real part of an FRF or its magnitude; "
-            "expected complex numbers, or the other part beside it; write "
-            f"{f'{parts}, or magnitude and phase_deg so' if parts else remedy}, in [data.layout]"
-        )
+        keys = f'magnitude = "{path}" and phase_deg, or real and imaginary'
+        keys = f"{parts}, or magnitude and phase_deg so" if parts else keys
+        found = f"{block.where(named[0])}: found real numbers, which may be the real part of an FRF or its magnitude"
+        expected = "complex numbers, or the other part beside it"
+        raise MeasurementError(f"{found}; expected {expected}; write {keys}, in [data.layout]")
     if len(frfs) > 1 and {frf.name.lower() for frf in frfs} <= {"h1", "h2", "hv"}:
         raise MeasurementError(
             f"{block.where(named[0])}: found {' and '.join(named)}, which may be estimates of one FRF or FRFs of "
@@ -561,10 +560,8 @@ def _test_lab(block: Block) -> Iterator[Block]:
     unit, notes = _stored_unit(_struct(y, "quantity"))
     units, averages = (_struct(x, "quantity").string("label"), unit), _struct(about, "average").scalar("nr_of_averages")
     stated = {"averages": np.array(averages)} if averages else {}
-    yield from (
-        Block({**column.arrays, **stated}, written=column.written, notes=notes)
-        for column in _columns(block, "y_values.values", (axis, values), units, kind, list(labels))
-    )
+    for column in _columns(block, "y_values.values", (axis, values), units, kind, labels):
+        yield Block({**column.arrays, **stated}, written=column.written, notes=notes)
 
 
 def _stored_unit(quantity: Block) -> tuple[str, tuple[str, ...]]:
@@ -614,7 +611,7 @@ def _polytec(block: Block) -> Iterator[Block]:
     if values.ndim != 2 or x.size != values.shape[1]:
         raise MeasurementError(f"{block.where('y')}: found shape {values.shape}; expected rows of {x.size} values")
     kind = " ".join(usd.string(key) for key in ("functiontype", "name"))
-    labels = [(f"point {i + 1}", "input 1") for i in range(len(values))]
+    labels = ((f"point {i + 1}", "input 1") for i in range(len(values)))
     yield from _columns(block, "y", (x, values.T), (usd.string("xunit"), usd.string("yunit")), kind, labels)
 
 
@@ -624,7 +621,7 @@ def _columns(
     over: tuple[Array, NDArray[Any]],
     units: tuple[str, str],
     kind: str,
-    labels: list[tuple[str, str]],
+    labels: Iterable[tuple[str, str]],
 ) -> Iterator[Block]:
     """Columns over an axis; `units` are those of the axis and of the values, `kind` is what the file calls it."""
     (axis, values), path = over, f"{block.place}{name}"
