@@ -95,7 +95,10 @@ class _Group:
         if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, whatever its name
             spectra = [i for i in others if read_sensor_unit(columns[i].unit)[1]]
             if not spectra:
-                found, expected = describe(columns, self.numbers), "frequency, real and imaginary part (or magnitude, phase)"
+                found, expected = (
+                    describe(columns, self.numbers),
+                    "frequency, real and imaginary part (or magnitude, phase)",
+                )
                 example = "'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer [g/N]'"
                 remedy = f"name the columns as {example}"
                 if any("damp" in columns[i].header.lower() for i in others):
