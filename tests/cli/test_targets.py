@@ -64,7 +64,7 @@ def prepared(tmp_path_factory, cheap_posterior: Posterior):
     """Files of a user: two cases that share a base, a measurement, and what jointbayes has not written."""
     folder = tmp_path_factory.mktemp("user")
     lines = np.arange(20.0, 60.0)
-    frf = FrfSet(lines, (1e-6 - 1e-8j * lines)[:, None, None], ("tip",), ("hammer",), "receptance")
+    frf = FrfSet(lines, (1e-5 - 1e-8j * lines)[:, None, None], ("tip",), ("hammer",), "receptance")
     write_frf(frf, folder / "tip.csv", "csv")
     text = (folder / "tip.csv").read_text(encoding="utf-8").split("\n", 1)[1]  # as an analyser has written it
     (folder / "tip.csv").write_text(text, encoding="utf-8")
