@@ -14,7 +14,7 @@ from jointbayes.errors import CaseError, ModelError
 from jointbayes.frf import Ports
 from jointbayes.inference import Normal, Nuisance
 from jointbayes.joint import Joint
-from jointbayes.studies.other_case import read_other
+from jointbayes.studies.predict import read_other
 from tests.conftest import TO_CONVERGE, shipped_text
 
 TIP = Ports(np.arange(20.0, 1200.0, 10.0), ("11:y",), ("11:y",))

@@ -84,8 +84,7 @@ def predict(posterior: Path, other: Path, out: Path | None, test: str | None) ->
     Examples:
       jointbayes predict reports/my_case longer_tool.toml
     """
-    from jointbayes.studies.other_case import read_other
-    from jointbayes.studies.prediction_report import A_PREDICTION, prediction_lines, write_prediction
+    from jointbayes.studies.predict import A_PREDICTION, prediction_lines, read_other, write_prediction
     from jointbayes.workflow import load_posterior
 
     source = common.posterior_file(posterior)
