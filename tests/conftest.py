@@ -24,7 +24,7 @@ from jointbayes.frf import AnyStructure
 from jointbayes.identification import MapEstimate, ModeSearch
 from jointbayes.inference import ErrorSizes, Likelihood, LogPosterior, Problem, Test, likelihood_of
 from jointbayes.joint import AnyJoint, Joint, LogStiffness
-from jointbayes.posterior import Posterior, examination
+from jointbayes.posterior import Posterior
 from jointbayes.posterior import posterior as posterior_module
 from jointbayes.posterior.storage import imported_arviz
 from jointbayes.report import ReportInputs, figures
@@ -143,7 +143,7 @@ def plain_reports() -> Iterator[None]:
     blank = '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "svg", lambda *_: blank)
-        patch.setattr(examination, "_profiles", lambda *_: ())
+        patch.setattr(posterior_module, "_profiles", lambda *_: ())
         patch.setattr(case, "find_numbering", lambda *_: None)
         # not kept with a posterior that other tests share: what they ask of it is whole
         patch.setattr(Posterior, "rows", property(posterior_module.effect_of_uncertain_inputs))

@@ -29,10 +29,9 @@ from jointbayes.inference import Independent, LogPosterior, Premises, Problem, o
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.decision import decide, is_of_measured_frfs
-from jointbayes.posterior.file_record import estimate_record, parse_estimate
 from jointbayes.posterior.knowledge import assumed_beyond
 from jointbayes.posterior.run_record import sampler_figures
-from jointbayes.posterior.storage import draws_tree, run_fingerprint
+from jointbayes.posterior.storage import draws_tree, estimate_record, parse_estimate, run_fingerprint
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (

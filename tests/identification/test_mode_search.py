@@ -13,7 +13,7 @@ from jointbayes.identification import ModeSearch, SearchEffort, effort, search_f
 from jointbayes.identification.starting_points import _TestMatch, frequency_starts
 from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.posterior.file_record import estimate_record, parse_estimate
+from jointbayes.posterior.storage import estimate_record, parse_estimate
 from jointbayes.sampling import fit_proposal
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix
 from vibrecords import FrequencyData, FrfData, FrfSet, peaks

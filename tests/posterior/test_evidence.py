@@ -15,7 +15,7 @@ from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import LogStiffness, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
-from jointbayes.posterior.file_record import estimate_record, parse_estimate
+from jointbayes.posterior.storage import estimate_record, parse_estimate
 from jointbayes.sampling import Proposal, StudentT, fit_proposal, starting_walkers
 from jointbayes.sampling.diagnostics import pareto_k
 from tests.conftest import CONFIGS

@@ -190,7 +190,7 @@ def test_what_is_excluded_is_in_a_file_and_found_anew_for_one_that_lacks_it(boun
     kept = jb.load_posterior(tmp_path / "draws.nc")
     older = judged_as(replace(bounded, _kept_knowledge=replace(knowledge.kept, simpler=None)), bounded)
     assert gather_knowledge(older).simpler == knowledge.simpler
-    monkeypatch.setattr("jointbayes.posterior.examination.simpler_joints", lambda _: pytest.fail("kept"))
+    monkeypatch.setattr("jointbayes.posterior.posterior.simpler_joints", lambda _: pytest.fail("kept"))
     assert gather_knowledge(judged_as(kept, bounded)).simpler == knowledge.simpler
 
 

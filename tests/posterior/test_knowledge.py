@@ -460,8 +460,8 @@ def test_correlations_are_those_of_the_draws(uncertain_report, uncertain):
 def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
     text = json.dumps(asdict(gathered.kept), default=lambda array: array.tolist())
     kept = stored_value(KeptKnowledge, json.loads(text), "")
-    for name in ("examination._profiles", "posterior.effect_of_uncertain_inputs", "examination.next_step"):
-        monkeypatch.setattr(f"jointbayes.posterior.{name}", lambda *_: pytest.fail("found anew"))
+    for name in ("_profiles", "effect_of_uncertain_inputs", "next_step"):
+        monkeypatch.setattr(f"jointbayes.posterior.posterior.{name}", lambda *_: pytest.fail("found anew"))
     again = gather_knowledge(judged_as(replace(uncertain, _kept_knowledge=kept), uncertain))
     assert repr(again.freed) == repr(gathered.freed)
     assert again.assumed == gathered.assumed

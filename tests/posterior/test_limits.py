@@ -16,9 +16,9 @@ from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Unif
 from jointbayes.inference.climb import LimitClimb, climb_together, farthest_in_ball
 from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import Posterior, verdicts
-from jointbayes.posterior.examination import _profiles
 from jointbayes.posterior.identifiability import WEAK_RATIO, assess
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
+from jointbayes.posterior.posterior import _profiles
 from jointbayes.posterior.verdicts import LEAST_EXCLUDED, lines_of
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.rounding import factor as ratio_in_words

@@ -10,9 +10,9 @@ import pytest
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.inference import Nuisance, Uniform
-from jointbayes.posterior.examination import gather_knowledge
 from jointbayes.posterior.identifiability import assess, ratio_of
 from jointbayes.posterior.knowledge import UncertainInputsRow, _row
+from jointbayes.posterior.posterior import gather_knowledge
 from jointbayes.posterior.what_decides import InputAlone, WhatDecides, _off, what_decides
 from jointbayes.report.model import Figure, Table
 from jointbayes.report.sections.identifiable import _decides_blocks, range_sentences

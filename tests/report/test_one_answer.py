@@ -86,7 +86,7 @@ def plain_figures(monkeypatch):
     monkeypatch.setattr(
         figures, "svg", lambda *_: '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
     )
-    monkeypatch.setattr("jointbayes.posterior.examination._profiles", lambda *_: ())
+    monkeypatch.setattr("jointbayes.posterior.posterior._profiles", lambda *_: ())
     monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda *_: None)
 
 

@@ -13,7 +13,7 @@ from scipy import linalg, stats
 
 import jointbayes as jb
 from jointbayes.posterior.limits import LikelihoodRegion
-from jointbayes.posterior.summary_of_test import summaries_of_tests
+from jointbayes.posterior.summary import summaries_of_tests
 from jointbayes.report import drawing, plots
 from jointbayes.report.inputs import TestInputs
 from jointbayes.report.model import Figure

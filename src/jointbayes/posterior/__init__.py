@@ -5,11 +5,11 @@ from jointbayes.posterior.diagnosis import diagnose as diagnose
 from jointbayes.posterior.evidence import evidence as evidence
 from jointbayes.posterior.evidence import importance_evidence as importance_evidence
 from jointbayes.posterior.evidence import nested_evidence as nested_evidence
-from jointbayes.posterior.examination import gather_knowledge as gather_knowledge
 from jointbayes.posterior.identifiability import assess as assess
 from jointbayes.posterior.knowledge import Knowledge as Knowledge
 from jointbayes.posterior.other_structure import OtherStructure as OtherStructure
 from jointbayes.posterior.posterior import Posterior as Posterior
+from jointbayes.posterior.posterior import gather_knowledge as gather_knowledge
 from jointbayes.posterior.run_record import RunRecord as RunRecord
 from jointbayes.posterior.run_record import data_sha256 as data_sha256
 from jointbayes.posterior.run_record import package_versions as package_versions

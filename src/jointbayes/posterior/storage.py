@@ -1,6 +1,8 @@
 """A posterior as xarray groups, as ArviZ wants them, and as a netCDF file.
 
-A problem is kept as a JSON description with arrays, and comes back to the last bit. ArviZ's 0.x (InferenceData) and
+A problem is kept as a JSON description with arrays, and comes back to the last bit. A file may be damaged, of another
+version, or made by somebody else on purpose: of its record each number is checked here by its range; what must agree
+with the problem, by `jointbayes.posterior.stored_file`. ArviZ's 0.x (InferenceData) and
 1.x (DataTree) differ; that is known here alone.
 """
 
@@ -10,7 +12,7 @@ import os
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from importlib import import_module
 from importlib.metadata import version
 from numbers import Real
@@ -24,14 +26,16 @@ from numpy.typing import NDArray
 from typing_extensions import TypedDict
 
 import jointbayes.inference.noise
-from jointbayes.errors import ModelError, require, require_count
+from jointbayes.errors import MeasurementError, ModelError, require, require_count
+from jointbayes.identification import MapEstimate
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.joint import Blocks
 from jointbayes.joint.quantities import prefixed
+from jointbayes.posterior.knowledge import KeptKnowledge
 from jointbayes.posterior.prediction import replicate
-from jointbayes.posterior.run_record import SampledCase, bodies_of, package_versions, sha256_of
+from jointbayes.posterior.run_record import RunRecord, SampledCase, bodies_of, package_versions, sha256_of
 from jointbayes.sampling import Draws, SamplerSettings
-from jointbayes.stored_values import REMEDY, stored_value
+from jointbayes.stored_values import REMEDY, StoredArray, stored_value
 from vibrecords import Data
 from vibrecords.arrays import Array
 from vibrecords.files import write_whole_file
@@ -558,6 +562,108 @@ def _public_class(name: str) -> type | None:
         if isinstance(cls, type) and is_dataclass(cls) and cls.__module__.startswith(("jointbayes.", "vibrecords.")):
             return cls
     return None
+
+
+#: Of the file: raised when an older reader would misread it. Version 1 held the text of a case instead of a problem.
+FILE_VERSION = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BestDraw:
+    """The best draw refined, shape (d,), and its log density."""
+
+    theta: StoredArray
+    log_density: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FileRecord:
+    """Everything of a posterior file that is not an array of draws, or of its problem.
+
+    Parameters
+    ----------
+    record
+        How the draws came about.
+    mode, map
+        Joint mode, and MAP estimate without the paper's iteration.
+    problem
+        Description of the problem.
+    knowledge
+        What took time to find; None where nothing was kept.
+    of_case_text
+        Whether the text of the case states the problem.
+    """
+
+    record: RunRecord
+    mode: BestDraw
+    map: MapEstimate
+    problem: StoredProblem
+    knowledge: KeptKnowledge | None = None
+    of_case_text: bool = False
+
+    def as_text(self) -> str:
+        """JSON text, of which `parse_record` makes the record again."""
+        plain = asdict(self) | {"file_version": FILE_VERSION, "map": estimate_record(self.map)}
+        return json.dumps(plain, default=lambda value: value.tolist())
+
+
+def estimate_record(estimate: MapEstimate) -> dict[str, Any]:
+    """JSON-ready form of a MAP estimate, but for its arrays."""
+    plain = asdict(replace(estimate, iteration=None))
+    return {"stiffness": plain.pop("values"), **plain}  # the name that the quantities had first
+
+
+def parse_estimate(plain: Any, place: str) -> MapEstimate:  # noqa: ANN401
+    """What `estimate_record` made of a MAP estimate, from JSON.
+
+    Raises
+    ------
+    MeasurementError
+        If it is something else: what.
+    """
+    return stored_value(MapEstimate, _with_values(plain), place)
+
+
+def _with_values(plain: Any) -> Any:  # noqa: ANN401
+    named = isinstance(plain, dict) and "stiffness" in plain
+    return {**plain, "values": plain["stiffness"], "iteration": None} if named else plain
+
+
+def parse_record(text: str, where: str) -> FileRecord:
+    """Record from the JSON text in a file.
+
+    Parameters
+    ----------
+    text
+        What `FileRecord.as_text` gave.
+    where
+        The file, for messages.
+
+    Raises
+    ------
+    MeasurementError
+        If it is no record, of another version, or any field of it is not what it must be: which.
+    """
+    try:
+        plain = json.loads(text)
+        version = plain["file_version"]
+        json.dumps(plain, ensure_ascii=False).encode()  # no report can be written of half a character
+    except (ValueError, RecursionError, KeyError, TypeError) as error:
+        raise MeasurementError(
+            f"{where}: found no posterior in it ({type(error).__name__}); expected a posterior.nc written by "
+            "jointbayes; give the path of one"
+        ) from None
+    if version == 1:
+        raise MeasurementError(
+            f"{where}: found file version 1, which holds the text of a case instead of a problem; expected "
+            f"{FILE_VERSION}; sample again"
+        )
+    if version != FILE_VERSION or isinstance(version, float):
+        raise MeasurementError(
+            f"{where}: found file version {version!r:.60}; expected {FILE_VERSION} or less; "
+            "read it with the jointbayes that wrote it, or a later one"
+        )
+    return stored_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")
 
 
 def run_fingerprint(problem: Problem, case: SampledCase | None, seed: int, settings: SamplerSettings) -> dict[str, str]:

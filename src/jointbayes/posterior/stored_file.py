@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.inference import Problem
-from jointbayes.posterior.file_record import FileRecord, parse_record
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.storage import (
     PROBLEM_GROUP,
     RECORD,
+    FileRecord,
+    parse_record,
     problem_from,
     require_same_problem,
     value_units,

@@ -5,8 +5,7 @@ from functools import cached_property
 
 from jointbayes.inference import Problem
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
-from jointbayes.posterior.summary import Summary, specimen_line
-from jointbayes.posterior.summary_of_test import TestSummary
+from jointbayes.posterior.summary import Summary, TestSummary, specimen_line
 from jointbayes.report.markup import foreign
 from vibrecords.arrays import Array
 

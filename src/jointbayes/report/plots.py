@@ -16,7 +16,7 @@ from jointbayes.frf import AssembledShapes
 from jointbayes.identification import IterationHistory
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.summary_of_test import frequency_summary
+from jointbayes.posterior.summary import frequency_summary
 from jointbayes.report import drawing
 from jointbayes.report.drawing import AxesArray
 from jointbayes.report.frf_curves import frf_curves, frf_unit

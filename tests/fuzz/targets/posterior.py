@@ -65,7 +65,6 @@ class PosteriorTarget(Target):
 
     def _read(self, path: Path, report: Path | None) -> None:
         import jointbayes as jb
-        from jointbayes.posterior import examination
         from jointbayes.posterior import posterior as judged
 
         posterior = jb.load_posterior(path)
@@ -75,7 +74,7 @@ class PosteriorTarget(Target):
             effect = judged.effect_of_uncertain_inputs
             with (
                 patch.object(judged, "effect_of_uncertain_inputs", lambda posterior, *_: effect(posterior)),
-                patch.object(examination, "_profiles", lambda *_: ()),
+                patch.object(judged, "_profiles", lambda *_: ()),
             ):
                 jb.write_report(posterior, report)
             shutil.rmtree(report)

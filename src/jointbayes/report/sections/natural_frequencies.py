@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import ModePrediction, Problem, mac
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.summary_of_test import FrequencySummary
+from jointbayes.posterior.summary import FrequencySummary
 from jointbayes.report import drawing, figures
 from jointbayes.report.inputs import TestInputs
 from jointbayes.report.markup import foreign

@@ -3,8 +3,7 @@
 import math
 
 from jointbayes.posterior.model_errors import InferredError
-from jointbayes.posterior.summary import Summary
-from jointbayes.posterior.summary_of_test import TestSummary
+from jointbayes.posterior.summary import Summary, TestSummary
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Light, Lights
