@@ -1,6 +1,7 @@
 """Which uncertain input matters most: best fits found anew, widths of first order, each against another way to it."""
 
 import math
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -17,6 +18,7 @@ from jointbayes.posterior.what_decides import InputAlone, WhatDecides, _off, wha
 from jointbayes.report.model import Figure, Table
 from jointbayes.report.sections.identifiable import _decides_blocks, range_sentences
 from tests.conftest import CONFIGS, edited
+from tests.posterior.test_stored_file import copied, refusal, replaced
 
 TEXT = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 
@@ -27,10 +29,14 @@ def posterior():
 
 
 @pytest.fixture(scope="module")
-def found(posterior):
-    decides = gather_knowledge(posterior).decides
-    assert decides is not None
-    return decides
+def known(posterior):
+    return gather_knowledge(posterior)
+
+
+@pytest.fixture(scope="module")
+def found(known):
+    assert known.decides is not None
+    return known.decides
 
 
 def test_the_length_decides_and_the_damping_does_not(found):
@@ -130,3 +136,22 @@ def test_what_the_range_of_a_prior_decides_is_said_with_its_figure():
     rows = UncertainInputsRow((), "this run", {"k": KNOWN}), UncertainInputsRow(("length",), "none", {"k": held})
     assert range_sentences(SimpleNamespace(freed=rows)) == (f"With length uncertain the prior decides on k: {reason}.",)
     assert range_sentences(SimpleNamespace(freed=())) == ()
+
+
+def test_a_file_keeps_it_with_combinations_and_mesh_and_refuses_what_does_not_belong_together(
+    posterior, known, tmp_path, monkeypatch
+):
+    posterior.save(tmp_path / "draws.nc", known)
+    for name in ("what_decides", "name_directions", "check_mesh"):
+        monkeypatch.setattr(f"jointbayes.posterior.posterior.{name}", lambda *_: pytest.fail("found anew"))
+    again = gather_knowledge(jb.load_posterior(tmp_path / "draws.nc"))
+    assert again.mesh == posterior.mesh
+    assert repr((again.directions, again.decides)) == repr((known.directions, known.decides))  # NaN is unlike itself
+    for place, value, said in (
+        (("exact",), {}, r"decides.exact: found \[\]"),
+        (("best", "k22"), 0.0, r"decides.best: found \['k12'\]"),
+        (("inputs",), [], r"decides.inputs: found \[\]"),
+        (("inputs", 1, "interval95", "k22"), None, r"decides.inputs: found \[.*\['k12'\]"),
+    ):
+        change = replaced(("knowledge", "decides", *place), value)
+        assert re.search(said, refusal(copied(tmp_path, tmp_path / "draws.nc", change)))

@@ -10,7 +10,7 @@ said.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from functools import cache, partial
 from typing import Any, Literal
 
@@ -35,6 +35,7 @@ from jointbayes.posterior.identifiability import (
     listed,
 )
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
+from jointbayes.posterior.model_errors import MeshCheck
 from jointbayes.posterior.next_step import NextStep
 from jointbayes.posterior.solutions import LEAST_SHARE
 from jointbayes.posterior.verdicts import Finding, by_likelihood, concluded, found_with_wider_priors, judge_stiffness
@@ -405,27 +406,12 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
     return f"With {listed(most.uncertain)} uncertain: {'; '.join([*parts[:_MOST_TOLD], *more])}."
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KeptKnowledge:
-    """What took time to find, kept with the draws; the last two are unknown to older files."""
-
-    profiles: tuple[ProfileLikelihood, ...]
-    freed: tuple[UncertainInputsRow, ...]
-    assumed: tuple[str, ...]
-    simpler: tuple[SimplerJoint, ...] | None = None
-    next_steps: tuple[NextStep, ...] | None = None  # one or none
-
-
 @dataclass(frozen=True, eq=False)
-class Knowledge:
-    """How far the numbers of a posterior carry.
+class KeptKnowledge:
+    """What took time to find, kept with the draws; None of what older files do not know.
 
     Parameters
     ----------
-    check
-        Posterior predictive check.
-    directions
-        Combinations of the joint's stiffnesses that are determined independently, best known first, by the draws.
     profiles
         Profile likelihood of each coordinate of the joint.
     freed
@@ -436,28 +422,52 @@ class Knowledge:
         own.
     simpler
         Whether a rigid, absent or uncoupled joint is excluded, of each that is known by bounds at most.
-    next_step
-        A forecast of what to measure next, with all else as in a workshop where `workshop` is not None; None where
-        nothing that was looked at would help, the draws have not converged, or the model does not explain the data.
+    next_steps
+        One or none, a forecast of what to measure next, with all else as in a workshop where `workshop` is not None;
+        none where nothing that was looked at would help, the draws have not converged, or the model does not explain
+        the data.
+    directions
+        Combinations of the joint's stiffnesses that are determined independently, best known first, by the draws.
     decides
         Which uncertain input matters most; None where there are fewer than two, or no stiffness is known with all of
         them exact.
+    mesh
+        What the elements of the model do to the result; None where the structure is given by its matrices.
     """
 
-    check: PredictiveCheck
-    directions: tuple[NamedDirection, ...]
     profiles: tuple[ProfileLikelihood, ...]
     freed: tuple[UncertainInputsRow, ...]
     assumed: tuple[str, ...]
-    simpler: tuple[SimplerJoint, ...] = ()
-    next_step: NextStep | None = None
+    simpler: tuple[SimplerJoint, ...] | None = None
+    next_steps: tuple[NextStep, ...] | None = None
+    directions: tuple[NamedDirection, ...] | None = None
     decides: WhatDecides | None = None
+    mesh: MeshCheck | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Knowledge(KeptKnowledge):
+    """How far the numbers of a posterior carry: all that is kept of it, and the check of the model.
+
+    Parameters
+    ----------
+    check
+        Posterior predictive check.
+    """
+
+    check: PredictiveCheck
+    simpler: tuple[SimplerJoint, ...] = ()
+    directions: tuple[NamedDirection, ...] = ()
 
     @property
     def kept(self) -> KeptKnowledge:
         """What took time to find, as `Posterior.save` keeps it."""
-        steps = () if self.next_step is None else (self.next_step,)
-        return KeptKnowledge(self.profiles, self.freed, self.assumed, self.simpler, steps)
+        return KeptKnowledge(**{each.name: getattr(self, each.name) for each in fields(KeptKnowledge)})
+
+    @property
+    def next_step(self) -> NextStep | None:
+        """The forecast of what to measure next, if there is one."""
+        return next(iter(self.next_steps or ()), None)
 
     @property
     def workshop(self) -> Mapping[str, Identifiability] | None:

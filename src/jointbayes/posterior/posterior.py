@@ -114,7 +114,7 @@ class Posterior:
     record: RunRecord
     case: SampledCase | None = None
     #: What `gather_knowledge` once found, as it was read with the draws.
-    _kept_knowledge: Any = field(default=None, repr=False)
+    _kept_knowledge: KeptKnowledge | None = field(default=None, repr=False)
 
     def __getitem__(self, name: str) -> xr.DataArray:
         """Draws of one stiffness or other uncertain quantity, chain × draw, in its unit.
@@ -297,7 +297,9 @@ class Posterior:
     @cached_property
     def mesh(self) -> MeshCheck | None:
         """What the elements of the model do to the result; None where the structure is given by its matrices."""
-        estimate = self.estimate
+        kept, estimate = self._kept_knowledge, self.estimate
+        if kept is not None and kept.mesh is not None:
+            return kept.mesh
         return check_mesh(self.problem, estimate.theta, estimate.covariance, self.stiffness, self.record.seed)
 
     @cached_property
@@ -525,8 +527,7 @@ class Posterior:
         Empty where there is nothing to free, and where the run allows no verdict.
         """
         if self._kept_knowledge is not None:
-            rows: tuple[UncertainInputsRow, ...] = self._kept_knowledge.freed
-            return rows
+            return self._kept_knowledge.freed
         return effect_of_uncertain_inputs(self, None if self.case is None else self.case.workshop_problem)
 
     @property
@@ -787,32 +788,27 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
 
     What a workshop does not know exactly, for the table of what freeing it does, is that of its case, if it has one.
     """
-    kept: KeptKnowledge | None = posterior._kept_knowledge
-    steps = kept.next_steps if kept else None
-    freed = posterior.case.workshop_problem if steps is None and posterior.case is not None else None
-    rows = posterior.rows
-    assessments = {name: posterior.verdict(name) for name in posterior.stiffness_names}
-    simpler = None if kept is None else kept.simpler
+    kept, case, rows = posterior._kept_knowledge, posterior.case, posterior.rows
+    steps, simpler, directions = (kept.next_steps, kept.simpler, kept.directions) if kept else (None, None, None)
+    freed = case.workshop_problem if steps is None and case is not None else None
+    judged = {name: posterior.verdict(name) for name in posterior.stiffness_names}
     if steps is None and all(check.explains for check in posterior.checks):
         workshop = known_in_workshop(rows)
-        step = next_step(posterior, freed if workshop else None, workshop or assessments)
-    else:
-        step = next(iter(steps or ()), None)
+        step = next_step(posterior, freed if workshop else None, workshop or judged)
+        steps = () if step is None else (step,)
+    if directions is None:
+        draws, parametrisation = (posterior.stiffness, posterior.prior_stiffness), posterior.problem.parametrisation
+        directions = name_directions(*draws, judged, _wider_prior_draws(posterior), parametrisation)
     return Knowledge(
-        posterior.check,
-        name_directions(
-            posterior.stiffness,
-            posterior.prior_stiffness,
-            assessments,
-            _wider_prior_draws(posterior),
-            posterior.problem.parametrisation,
-        ),
-        kept.profiles if kept else _profiles(posterior),
-        rows,
-        kept.assumed if kept else assumed_beyond(posterior.problem, freed),
-        simpler_joints(posterior) if simpler is None else simpler,
-        step,
-        _what_decides(posterior),
+        check=posterior.check,
+        directions=directions,
+        profiles=kept.profiles if kept else _profiles(posterior),
+        freed=rows,
+        assumed=kept.assumed if kept else assumed_beyond(posterior.problem, freed),
+        simpler=simpler_joints(posterior) if simpler is None else simpler,
+        next_steps=steps or (),
+        decides=kept.decides if kept and kept.decides else _what_decides(posterior),
+        mesh=posterior.mesh,
     )
 
 

@@ -4,6 +4,7 @@ Each part of a file may be right by itself and yet not belong to the others: aft
 version of the program computes another density.
 """
 
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -260,6 +261,13 @@ def _require_agreement(problem: Problem, record: FileRecord, where: str) -> None
             n = max(1, profile.log_ratio.size)
             of_arrays = [array.shape for array in (profile.value, profile.log_ratio, profile.theta)]
             expected[f"knowledge.profiles.{i}.value, log_ratio, theta"] = (of_arrays, [(n,), (n,), (n, d)])
+        if (decides := record.knowledge.decides) is not None:
+            known, inputs = [name for name in quantities if name in decides.exact], decides.inputs
+            best = [name for name, value in decides.best.items() if value and math.isfinite(value)]
+            named = [each for row in inputs for each in (row.best, row.interval95)]
+            expected["knowledge.decides.exact"] = (sorted(decides.exact), known or quantities)
+            expected["knowledge.decides.best"] = (sorted(best), known)
+            expected["knowledge.decides.inputs"] = ([*map(sorted, named)], 2 * max(1, len(inputs)) * [known])
     for place, (there, wanted) in expected.items():
         if there != wanted:
             raise MeasurementError(f"{where}: record.{place}: found {there}; expected {wanted}; {REMEDY}")
