@@ -249,7 +249,9 @@ class Summary:
     __repr__ = __str__  # what a notebook shows of the last line of a cell
 
     def _repr_html_(self) -> str:
-        return summary_html(str(self), self.parameters)
+        rows = [stiffness_row(name, p.known) for name, p in self.parameters.items()]
+        title, _, *rest = (block.replace("]]\n", "\n", 1) for block in str(self).removeprefix("[[").split("\n[["))
+        return table_html(title, STIFFNESS_HEAD, rows, f"<pre>{escape(chr(10).join(rest))}</pre>")
 
     def to_dataframe(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
         """A pandas.DataFrame with a row for each stiffness and each other uncertain quantity, in its unit."""
@@ -527,34 +529,19 @@ def nuisance_summary(posterior: AnyPosterior, index: int) -> NuisanceSummary:
     )
 
 
+#: What ``summary.json`` holds of a stiffness, in this order.
+_OF_STIFFNESS = (
+    "unit", "map", "mode", "median", "median_error", "mean", "sd_log", "interval95", "interval95_error",
+    "prior_interval95", "contraction", "verdict", "verdict_reason", "if_model_right", "only_if_exact", "limit95",
+    "limit95_error", "likelihood95", "printed95", "printed_by_likelihood", "prior_volume", "r_hat", "ess_bulk",
+    "ess_tail",
+)  # fmt: skip
+
+
 def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
-    assessment = p.known
-    return {
-        "unit": p.unit,
-        "map": p.map,
-        "mode": p.mode,
-        "median": assessment.median,
-        "median_error": assessment.median_error,
-        "mean": p.mean,
-        "sd_log": assessment.sd_log,
-        "interval95": assessment.interval95,
-        "interval95_error": assessment.interval95_error,
-        "prior_interval95": p.prior_interval95,
-        "contraction": assessment.contraction,
-        "verdict": assessment.verdict,
-        "verdict_reason": assessment.verdict_reason,
-        "if_model_right": assessment.if_model_right,
-        "only_if_exact": None if assessment.exact is None else assessment.exact.as_json(),
-        "limit95": assessment.limit95,
-        "limit95_error": assessment.limit95_error,
-        "likelihood95": assessment.likelihood95,
-        "printed95": assessment.printed95,
-        "printed_by_likelihood": assessment.printed_by_likelihood,
-        "prior_volume": assessment.prior_volume,
-        "r_hat": p.r_hat,
-        "ess_bulk": p.ess_bulk,
-        "ess_tail": p.ess_tail,
-    }
+    known, exact = p.known, p.known.exact
+    values = {name: getattr(known if hasattr(known, name) else p, name, None) for name in _OF_STIFFNESS}
+    return values | {"only_if_exact": None if exact is None else exact.as_json()}
 
 
 def value_rows(drawn: Mapping[str, tuple[Array, str]]) -> list[tuple[str, str]]:
@@ -595,10 +582,3 @@ STIFFNESS_HEAD = ("Stiffness", "Median (95 % interval)", "Verdict")
 def stiffness_row(name: str, known: Identifiability) -> tuple[str, ...]:
     """What is printed of one stiffness, below `STIFFNESS_HEAD`."""
     return name, f"{known.value}{known.source and '; '}{known.source}", known.words
-
-
-def summary_html(text: str, parameters: Mapping[str, "StiffnessSummary"]) -> str:
-    """A table of the stiffnesses between the lines of a summary that are no table."""
-    rows = [stiffness_row(name, p.known) for name, p in parameters.items()]
-    title, _, *rest = (block.replace("]]\n", "\n", 1) for block in text.removeprefix("[[").split("\n[["))
-    return table_html(title, STIFFNESS_HEAD, rows, f"<pre>{escape(chr(10).join(rest))}</pre>")
