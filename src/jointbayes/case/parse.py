@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Literal, get_args, get_origin
 
 import pydantic
@@ -411,6 +411,7 @@ def first_joined(specs: Iterable[CaseSpec]) -> CaseSpec:
     return next(spec for spec in specs if spec.joined)
 
 
+@lru_cache(maxsize=8)  # a case is asked for its tests when it is read, and again for its warnings
 def parse_tests(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec]:
     """Read each test of a case by its name; a case of one test has one without a name.
 

@@ -194,17 +194,13 @@ def _with_usual_errors(problem: Problem, sizes: ErrorSizes, freed: Problem | Non
         return problem
     answered = freed or problem
     tests, left_out = (
-        tuple(_with_usual_error(test, sizes) for test in some) for some in (answered.tests, answered.left_out)
+        tuple(test.with_model_error(sizes) if test.noise is None or test.noise.as_stated else test for test in some)
+        for some in (answered.tests, answered.left_out)
     )
     if not assumed and all(test is stated for test, stated in zip(tests, answered.tests, strict=True)):
         return problem
     premises = Premises(TYPED, sizes, assumed)
     return _numbered_by_evidence(replace(answered, tests=tests, left_out=left_out, premises=premises))
-
-
-def _with_usual_error(test: Test, sizes: ErrorSizes) -> Test:
-    """The test with errors of the model in its modes, where these have errors of their measurement and no others."""
-    return test.with_model_error(sizes) if test.noise is None or test.noise.as_stated else test
 
 
 def _with_common_errors(problem: Problem, theta: Array) -> Problem:

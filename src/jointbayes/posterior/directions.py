@@ -14,6 +14,7 @@ Computational Biology 3(10), e189. DOI 10.1371/journal.pcbi.0030189 (combination
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -201,7 +202,7 @@ class _Search:
         if not any(self.judged(quantity).verdict in CERTAINTY for quantity in self.singles):
             self._others += flexibilities_at_arms(self._parametrisation, stiffness)
         self._linear = [axis.name for axis in self._parametrisation.axes if not axis.logarithmic]
-        self._widths: dict[Combination, float] = {}
+        self._width = cache(self._found_width)  # each place on the list asks for it again
 
     def run(self) -> tuple[NamedDirection, ...]:
         """Best known first; the last is a single stiffness, and says what moves with it."""
@@ -254,12 +255,6 @@ class _Search:
         """How well a quantity is known for what it adds to those named; infinite where it adds nothing."""
         share = self._share(quantity, axes)
         return self._width(quantity) * quantity.penalty / share if share else math.inf
-
-    def _width(self, quantity: Combination) -> float:
-        """See `_found_width`, which each place on the list asks for again."""
-        if quantity not in self._widths:
-            self._widths[quantity] = self._found_width(quantity)
-        return self._widths[quantity]
 
     def _found_width(self, quantity: Combination) -> float:
         """A quarter of the 95 % interval of ln q, of q itself where it has both signs; infinite for a sum of both."""

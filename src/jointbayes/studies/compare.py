@@ -35,7 +35,7 @@ from jointbayes.report.structure_sketch import sketch
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import json_ready, number, sentence_start
 from jointbayes.sampling import Start
-from jointbayes.studies.study_directory import sketch_figure, write_study
+from jointbayes.studies.study_directory import settings_section, sketch_figure, write_study
 from jointbayes.workflow import answered_case, find_map
 from vibrecords.arrays import Array
 
@@ -259,7 +259,7 @@ def build_comparison_report(summary: dict[str, Any], drawing: str = "") -> Repor
             ReportSection("joints", "Best joint of each candidate", (_joint_table(summary),)),
             ReportSection("cross-validation", "Cross-validation", _loo_blocks(summary)),
             ReportSection("reading", "How to read this", _reading(summary)),
-            ReportSection("settings", "Settings", (_settings(summary),)),
+            settings_section(("Seed", str(summary["seed"])), ("Data (SHA-256)", summary["data_sha256"])),
         ),
     )
 
@@ -456,12 +456,6 @@ def _leaves(stated: Any, path: str = "") -> Iterator[tuple[str, Any]]:  # noqa: 
 def _meaning(hypothesis: str) -> str:
     undamped, joint = split_hypothesis(hypothesis)
     return f"{report_text(joint)}{', without damping' if undamped else ''}"
-
-
-def _settings(summary: dict[str, Any]) -> Table:
-    rows = [("Seed", str(summary["seed"])), ("Data (SHA-256)", summary["data_sha256"])]
-    rows += [(foreign(name), foreign(str(version))) for name, version in summary["versions"].items()]
-    return Table("Settings and versions", ("Item", "Value"), tuple(rows), align="ll")
 
 
 #: What the directory of a comparison holds.

@@ -18,7 +18,7 @@ from jointbayes.errors import CaseError, JointBayesError
 from jointbayes.frf import Ports
 from jointbayes.inference import Nuisance
 from jointbayes.joint import AnyJoint, joints_of
-from jointbayes.posterior import OtherStructure, Posterior, package_versions
+from jointbayes.posterior import OtherStructure, Posterior
 from jointbayes.report.canvas import panels, svg
 from jointbayes.report.frf_curves import frf_unit
 from jointbayes.report.line_plot import SERIES_COLOURS
@@ -27,7 +27,7 @@ from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Rep
 from jointbayes.report.run_directory import json_text
 from jointbayes.rounding import json_ready, number
 from jointbayes.structure import StructureRecipe
-from jointbayes.studies.study_directory import write_study
+from jointbayes.studies.study_directory import settings_section, write_study
 from vibrecords import Quantity
 
 #: Tables of a case on data that there are none of.
@@ -175,7 +175,7 @@ def build_prediction_report(found: OtherStructure, other: OtherCase, run: str) -
             ReportSection("modes", "Natural frequencies", (table,)),
             ReportSection("frfs", "FRFs", _figures(found)),
             ReportSection("premises", "What this rests on", premises),
-            ReportSection("settings", "Settings", (_settings(other, run),)),
+            settings_section(("Structure", foreign(other.recipe.what)), ("Joint of", foreign(run))),
         ),
     )
 
@@ -207,12 +207,6 @@ def _plot(found: OtherStructure, i: int, j: int) -> str:
         axes.set_ylabel(f"|H| ({unit})")
 
     return svg(draw, 7.2, 3.2)
-
-
-def _settings(other: OtherCase, run: str) -> Table:
-    rows = [("Structure", foreign(other.recipe.what)), ("Joint of", foreign(run))]
-    rows += [(foreign(name), foreign(str(version))) for name, version in package_versions().items()]
-    return Table("Settings and versions", ("Item", "Value"), tuple(rows), align="ll")
 
 
 def write_prediction(

@@ -11,8 +11,10 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from jointbayes.errors import CaseError, WriteError
+from jointbayes.posterior import package_versions
 from jointbayes.report import Report
-from jointbayes.report.model import Figure
+from jointbayes.report.markup import foreign
+from jointbayes.report.model import Figure, ReportSection, Table
 from jointbayes.report.run_directory import write_into
 from vibrecords.errors import printable
 from vibrecords.files import OwnDirectory, open_regular
@@ -128,6 +130,13 @@ def sketch_figure(drawing: str) -> tuple[Figure, ...]:
     """The sketch of a structure as a figure of a study's page; none where there is no drawing."""
     text = "The structure with its joint, sensors and force."
     return (Figure("structure", text, text, drawing),) if drawing else ()
+
+
+def settings_section(*settings: tuple[str, str]) -> ReportSection:
+    """The last section of a study's page: settings by name, and the version of all that its numbers depend on."""
+    versions = [(foreign(name), foreign(version)) for name, version in package_versions().items()]
+    table = Table("Settings and versions", ("Item", "Value"), (*settings, *versions), align="ll")
+    return ReportSection("settings", "Settings", (table,))
 
 
 def write_study(directory: str | os.PathLike[str], kind: str, report: Report, files: Mapping[str, str]) -> Path:
