@@ -35,8 +35,7 @@ from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import fit_proposal
 from jointbayes.sampling.density import newton_climb
 from jointbayes.sampling.distributions import resampled
-from jointbayes.studies.campaign.hierarchical import PopulationPrior, hierarchical_posterior
-from jointbayes.studies.campaign.reweighting import JointDraws
+from jointbayes.studies.campaign.hierarchical import JointDraws, PopulationPrior, hierarchical_posterior
 from jointbayes.studies.workers import run_tasks
 from vibrecords import FrfData, FrfSet
 

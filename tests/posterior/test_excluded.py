@@ -13,9 +13,15 @@ from jointbayes.cli.common import print_summary
 from jointbayes.inference import JointPrior, Uniform
 from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import gather_knowledge
-from jointbayes.posterior.excluded import LEVEL, SimplerJoint, exclusion_sentences, known_by_bounds, simpler_joints
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.knowledge import UncertainInputsRow
+from jointbayes.posterior.knowledge import (
+    LEVEL,
+    SimplerJoint,
+    UncertainInputsRow,
+    exclusion_sentences,
+    known_by_bounds,
+    simpler_joints,
+)
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.report import ReportInputs
 from jointbayes.report.model import Paragraph
@@ -98,7 +104,7 @@ def test_a_rigid_joint_is_excluded_by_data_that_bound_each_stiffness_from_below(
 @pytest.mark.parametrize("joint", [TABLE_3, RIGID])
 def test_twice_the_fall_of_the_log_likelihood_is_held_against_the_limit(joint, monkeypatch):
     """Of points about the published joint, for data of it and of a rigid one."""
-    monkeypatch.setattr("jointbayes.posterior.excluded.known_by_bounds", lambda _: ("",))
+    monkeypatch.setattr("jointbayes.posterior.knowledge.known_by_bounds", lambda _: ("",))
     problem = two_lengths(exact(joint)).problem
     at = problem.prior.parametrisation.coordinates(TABLE_3 if joint is TABLE_3 else np.array([1e12, 0.0, 1e9]))
     posterior = SimpleNamespace(
@@ -137,7 +143,7 @@ def test_what_else_is_uncertain_is_fitted_anew(bounded, of_bounded, monkeypatch)
     at = np.append(bounded.estimate.theta, 0.0)
     posterior = replace(bounded, problem=uncertain, estimate=replace(bounded.estimate, theta=at), mode_theta=at)
     posterior.__dict__["theta"] = np.hstack([bounded.theta, modulus])
-    monkeypatch.setattr("jointbayes.posterior.excluded.known_by_bounds", lambda _: ("",))
+    monkeypatch.setattr("jointbayes.posterior.knowledge.known_by_bounds", lambda _: ("",))
     freed = by_kind(simpler_joints(posterior))["rigid"]
     # a modulus that is lower takes up part of what a rigid joint misses, at the price of its own prior
     parts, rigid = bounded.problem.parts, np.array(exact(RIGID))

@@ -9,9 +9,9 @@ from jointbayes.identification.map_estimate import SearchEffort
 from jointbayes.inference import Premises, UsedMode
 from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, ModeError, PairFit
-from jointbayes.posterior.excluded import SimplerJoint, exclusion_sentences
 from jointbayes.posterior.homogeneity import Homogeneity
 from jointbayes.posterior.identifiability import verdict_by_rule
+from jointbayes.posterior.knowledge import SimplerJoint, exclusion_sentences
 from jointbayes.posterior.model_errors import InferredError, MeshCheck
 from jointbayes.posterior.run_record import RunRecord
 from jointbayes.posterior.verdicts import MOST_CHARACTERS

@@ -8,8 +8,7 @@ import pytest
 from benchmarks import several_modes as study
 
 import jointbayes as jb
-from jointbayes.posterior.excluded import known_by_bounds
-from jointbayes.posterior.knowledge import effect_of_uncertain_inputs
+from jointbayes.posterior.knowledge import effect_of_uncertain_inputs, known_by_bounds
 from jointbayes.posterior.limits import FALL_PRINTED, FALL_TWO_SIDED
 from jointbayes.posterior.solutions import LEAST_SHARE, Solutions, _are_apart, further_measurement
 from jointbayes.posterior.widened import _drawn_anew, widened_prior

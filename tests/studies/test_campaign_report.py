@@ -19,7 +19,7 @@ from jointbayes.report.model import Table
 from jointbayes.studies.campaign import campaign_findings as findings_module
 from jointbayes.studies.campaign import campaign_report, hierarchical
 from jointbayes.studies.campaign import campaign_report as report_module
-from jointbayes.studies.campaign.campaign_findings import examine_campaign
+from jointbayes.studies.campaign.campaign_findings import OTHER_KIND, examine_campaign, read_draws
 from jointbayes.studies.campaign.campaign_report import (
     campaign_lead,
     campaign_sections,
@@ -28,7 +28,6 @@ from jointbayes.studies.campaign.campaign_report import (
 )
 from jointbayes.studies.campaign.campaign_run import Campaign
 from jointbayes.studies.campaign.index import read_index
-from jointbayes.studies.campaign.joint_draws import OTHER_KIND, read_draws
 from jointbayes.workflow import load_posterior
 from tests.studies.campaign_directory import (
     HIGH,

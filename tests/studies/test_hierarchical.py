@@ -9,12 +9,13 @@ from jointbayes.sampling import Proposal, StudentT
 from jointbayes.sampling.density import newton_climb
 from jointbayes.studies.campaign import hierarchical
 from jointbayes.studies.campaign.hierarchical import (
+    JointDraws,
     PopulationPrior,
+    Reweighting,
     hierarchical_posterior,
     population_stiffness,
     weighted_quantiles,
 )
-from jointbayes.studies.campaign.reweighting import JointDraws, Reweighting
 
 MEAN, SCATTER = np.array([22.0, 14.0]), np.array([0.2, 0.4])
 

@@ -11,10 +11,9 @@ import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.posterior.prediction import simulated_values
-from jointbayes.studies.campaign.campaign_findings import examine_campaign
+from jointbayes.studies.campaign.campaign_findings import OTHER_KIND, examine_campaign, read_draws
 from jointbayes.studies.campaign.campaign_run import read_cases
 from jointbayes.studies.campaign.index import DONE, read_index, write_index
-from jointbayes.studies.campaign.joint_draws import OTHER_KIND, read_draws
 from jointbayes.studies.compare import hypothesis_problem, require_same_data
 from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from jointbayes.studies.simulated_test import Truth, simulate

@@ -21,7 +21,6 @@ from jointbayes.posterior.curves import Curve, curve_of
 from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.directions import name_directions
-from jointbayes.posterior.excluded import simpler_joints
 from jointbayes.posterior.identifiability import ExactInputs, Identifiability, listed
 from jointbayes.posterior.knowledge import (
     KeptKnowledge,
@@ -31,6 +30,7 @@ from jointbayes.posterior.knowledge import (
     effect_of_uncertain_inputs,
     inputs_taken_as_exact,
     known_in_workshop,
+    simpler_joints,
     taken_as_exact,
     uncertain_quantities,
 )

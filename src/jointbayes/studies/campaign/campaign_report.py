@@ -29,6 +29,7 @@ from jointbayes.rounding import engineering, interval, join_unit, json_ready, nu
 from jointbayes.studies.campaign.campaign_findings import (
     FALSE_ALARM,
     FEWEST_JOINTS,
+    OTHER_KIND,
     CampaignFindings,
     ComparedQuantity,
     PopulationFindings,
@@ -36,7 +37,6 @@ from jointbayes.studies.campaign.campaign_findings import (
 )
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
 from jointbayes.studies.campaign.index import DONE, CaseRow
-from jointbayes.studies.campaign.joint_draws import OTHER_KIND
 from vibrecords.arrays import Array
 
 Flags = NDArray[np.bool_]
