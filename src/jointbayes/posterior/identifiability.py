@@ -78,13 +78,8 @@ class ExactInputs:
 
     def as_json(self) -> dict[str, Any]:
         """What ``parameters.<name>.only_if_exact`` of ``summary.json`` holds."""
-        freed = self.freed
-        return {
-            "quantities": list(self.quantities),
-            "interval95": None if freed is None else list(freed.interval95),
-            "limit95": None if freed is None else freed.limit95,
-            "verdict": None if freed is None else freed.verdict,
-        }
+        known = {name: getattr(self.freed, name, None) for name in ("interval95", "limit95", "verdict")}
+        return {"quantities": list(self.quantities), **known}
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,9 +81,6 @@ class ReducedModel:
     seen: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
-Factors = Mapping[str, float]
-
-
 def reduce_model(
     model: FeModel,
     forms: Array,

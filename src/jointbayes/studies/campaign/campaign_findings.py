@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from jointbayes.errors import ModelError
-from jointbayes.joint import COORDINATES, Parametrisation, parametrisation_named
+from jointbayes.joint import COORDINATES, Coordinate, Parametrisation, parametrisation_named
 from jointbayes.studies.campaign.hierarchical import (
     JointDraws,
     Population,
@@ -173,7 +174,6 @@ FEWEST = 8
 FALSE_ALARM = 0.05
 
 _MEDIAN_OF_NORMAL = 0.6744897501960817  # of |z|
-_BISECTIONS = 50
 _ROUNDS = 5
 _CAMPAIGNS = 2000  # simulated
 _AT_ONCE = 2_000_000
@@ -277,11 +277,8 @@ def _scatter(distance: Array, sd: Array) -> float:
 
     if median(0.0) <= _MEDIAN_OF_NORMAL:
         return 0.0
-    low, high = 0.0, float(distance.max()) / _MEDIAN_OF_NORMAL
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if median(middle) > _MEDIAN_OF_NORMAL else (low, middle)
-    return high
+    most = float(distance.max()) / _MEDIAN_OF_NORMAL
+    return float(optimize.bisect(lambda tau: median(tau) - _MEDIAN_OF_NORMAL, 0.0, most, xtol=1e-15 * most))
 
 
 @lru_cache(maxsize=16)
@@ -335,6 +332,12 @@ class PopulationFindings:
     population: Population
     stiffness: tuple[PopulationStiffness, ...]
     quantities: tuple[ComparedQuantity, ...]
+
+    @property
+    def unresolved(self) -> list[Coordinate]:
+        """Coordinates whose scatter the joints do not tell from none."""
+        hidden = np.flatnonzero(self.population.unresolved(self.draws.draws))
+        return [self.draws.parametrisation.axes[i] for i in hidden]
 
 
 @dataclass(frozen=True, slots=True)

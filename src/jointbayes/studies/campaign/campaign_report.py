@@ -39,14 +39,10 @@ from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, Population
 from jointbayes.studies.campaign.index import DONE, CaseRow
 from vibrecords.arrays import Array
 
-Flags = NDArray[np.bool_]
-Curve = tuple[Array, Array, Array, Array]
-
 _MOST_LABELLED = 40  # joints that a figure names
 _STRETCHES = 300  # of ranks, where there are more joints
 _BINS = 40
-_BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
-_GREY = "0.45"
+_BLUE = SERIES_COLOURS[0]
 
 
 def _value_axis(axis: Axis, set_scale: Callable[[str], None], quantity: ComparedQuantity) -> None:
@@ -215,9 +211,7 @@ def campaign_answer(findings: CampaignFindings) -> str:
         said = [_range_of(name, known) for name in dict.fromkeys(name for row in known for name in row.stiffness)]
         more = [f"and {len(said) - _MOST_SAID} more stiffnesses"] if len(said) > _MOST_SAID else []
         return f"{len(known)} joints, each by itself: {', '.join([*said[:_MOST_SAID], *more]) or 'nothing is known'}."
-    hidden = np.flatnonzero(joints.population.unresolved(joints.draws.draws))
-    unresolved = {joints.draws.parametrisation.axes[i].quantity for i in hidden}
-    said = []
+    unresolved, said = {axis.quantity for axis in joints.unresolved}, []
     for k in joints.stiffness[:_MOST_SAID]:
         (median, low, high), unit = engineering(k.median.tolist(), k.unit)
         scatter = _scatter_text(k, resolved=k.name not in unresolved)
@@ -315,9 +309,7 @@ def _look_section(findings: CampaignFindings) -> ReportSection:
 
 
 def _population_table(joints: PopulationFindings) -> Table:
-    # stiffnesses whose coordinate has a scatter that the joints do not tell from none
-    hidden = np.flatnonzero(joints.population.unresolved(joints.draws.draws))
-    unresolved = {joints.draws.parametrisation.axes[i].quantity for i in hidden}
+    unresolved = {axis.quantity for axis in joints.unresolved}
     head = ("Stiffness", "Unit", "Median of the population", "95 % of joints lie within", "Scatter")
     rows = []
     for k in joints.stiffness:
@@ -527,9 +519,7 @@ def _population(joints: PopulationFindings) -> dict[str, Any]:
             }
             for i, name in enumerate(names)
         },
-        "scatter_not_resolved": [
-            name for name, hidden in zip(names, population.unresolved(joints.draws.draws), strict=True) if hidden
-        ],
+        "scatter_not_resolved": [axis.name for axis in joints.unresolved],
         "least_effective_draws": LEAST_EFFECTIVE,
         "not_trusted": [row.key for row, good in zip(joints.draws.rows, population.trusted, strict=True) if not good],
     }

@@ -13,7 +13,7 @@ application to meta-analysis. Journal of the Royal Statistical Society C 62(4), 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -96,7 +96,6 @@ class JointDraws:
         return np.asarray((apart**2).sum(axis=1) / self.counts[:, None])
 
 
-@dataclass(frozen=True, eq=False)
 class Reweighting:
     """Probability of all data given a population's mean and scatter, from draws made without knowing the population.
 
@@ -117,20 +116,12 @@ class Reweighting:
     DOI 10.1088/0004-637X/725/2/2166.
     """
 
-    draws: JointDraws
-    parametrisation: Parametrisation | None = None
-    _centre: Array = field(init=False, repr=False)
-    _powers: Array = field(init=False, repr=False)
-    _log_prior: Array = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        theta = self.draws.theta
-        centre = np.median(self.draws.mean, axis=0)
-        apart = np.ascontiguousarray((theta - centre).reshape(-1, theta.shape[2]).T)
-        object.__setattr__(self, "_centre", centre)
+    def __init__(self, draws: JointDraws, parametrisation: Parametrisation | None = None) -> None:
+        self.draws, self.parametrisation = draws, parametrisation
+        self._centre: Array = np.median(draws.mean, axis=0)
+        apart = np.ascontiguousarray((draws.theta - self._centre).reshape(-1, draws.theta.shape[2]).T)
         # ln p(θ | μ, σ) is linear in θ² and θ: one matrix product for all draws and many populations
-        object.__setattr__(self, "_powers", np.concatenate([apart**2, apart]))
-        object.__setattr__(self, "_log_prior", self.draws.log_prior.ravel())
+        self._powers, self._log_prior = np.concatenate([apart**2, apart]), draws.log_prior.ravel()
 
     def log_likelihood(self, mean: ArrayLike, scatter: ArrayLike) -> Array:
         """ln of the probability of all data, up to a constant, shape (p,).
