@@ -138,20 +138,23 @@ def test_what_the_range_of_a_prior_decides_is_said_with_its_figure():
     assert range_sentences(SimpleNamespace(freed=())) == ()
 
 
-def test_a_file_keeps_it_with_combinations_and_mesh_and_refuses_what_does_not_belong_together(
+def test_a_file_keeps_it_with_combinations_mesh_and_diagnoses_and_refuses_what_does_not_belong_together(
     posterior, known, tmp_path, monkeypatch
 ):
     posterior.save(tmp_path / "draws.nc", known)
-    for name in ("what_decides", "name_directions", "check_mesh"):
+    for name in ("what_decides", "name_directions", "check_mesh", "diagnose"):
         monkeypatch.setattr(f"jointbayes.posterior.posterior.{name}", lambda *_: pytest.fail("found anew"))
     again = gather_knowledge(jb.load_posterior(tmp_path / "draws.nc"))
     assert again.mesh == posterior.mesh
+    assert repr(again.diagnoses) == repr(posterior.diagnoses)
     assert repr((again.directions, again.decides)) == repr((known.directions, known.decides))  # NaN is unlike itself
     for place, value, said in (
-        (("exact",), {}, r"decides.exact: found \[\]"),
-        (("best", "k22"), 0.0, r"decides.best: found \['k12'\]"),
-        (("inputs",), [], r"decides.inputs: found \[\]"),
-        (("inputs", 1, "interval95", "k22"), None, r"decides.inputs: found \[.*\['k12'\]"),
+        (("decides", "exact"), {}, r"decides.exact: found \[\]"),
+        (("decides", "best", "k22"), 0.0, r"decides.best: found \['k12'\]"),
+        (("decides", "inputs"), [], r"decides.inputs: found \[\]"),
+        (("decides", "inputs", 1, "interval95", "k22"), None, r"decides.inputs: found \[.*\['k12'\]"),
+        (("diagnoses",), [], "diagnoses: found 0; expected 1"),
+        (("diagnoses", 0, "modes", 0, "measured_hz"), 0.0, r"diagnoses.modes: found \[ModeError"),
     ):
-        change = replaced(("knowledge", "decides", *place), value)
+        change = replaced(("knowledge", *place), value)
         assert re.search(said, refusal(copied(tmp_path, tmp_path / "draws.nc", change)))

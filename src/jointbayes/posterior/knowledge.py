@@ -36,6 +36,7 @@ from jointbayes.joint.parametrisation import RIGID
 from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
+from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.directions import NamedDirection, summary_sentence
 from jointbayes.posterior.first_look import fisher_information
 from jointbayes.posterior.identifiability import (
@@ -541,6 +542,8 @@ class KeptKnowledge:
         them exact.
     mesh
         What the elements of the model do to the result; None where the structure is given by its matrices.
+    diagnoses
+        What the misfit of each test points to.
     """
 
     profiles: tuple[ProfileLikelihood, ...]
@@ -551,6 +554,7 @@ class KeptKnowledge:
     directions: tuple[NamedDirection, ...] | None = None
     decides: WhatDecides | None = None
     mesh: MeshCheck | None = None
+    diagnoses: tuple[Diagnosis, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -318,6 +318,8 @@ class Posterior:
     @cached_property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
         """The diagnosis of each test."""
+        if self._kept_knowledge is not None and self._kept_knowledge.diagnoses is not None:
+            return self._kept_knowledge.diagnoses
         theta = self.mode_theta if self.mode_log_density > self.estimate.log_posterior else self.estimate.theta
         each = ((part, np.random.default_rng([self.record.seed, 4])) for part in self.problem.parts)
         return tuple(
@@ -809,6 +811,7 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
         next_steps=steps or (),
         decides=kept.decides if kept and kept.decides else _what_decides(posterior),
         mesh=posterior.mesh,
+        diagnoses=posterior.diagnoses,
     )
 
 

@@ -261,6 +261,10 @@ def _require_agreement(problem: Problem, record: FileRecord, where: str) -> None
             n = max(1, profile.log_ratio.size)
             of_arrays = [array.shape for array in (profile.value, profile.log_ratio, profile.theta)]
             expected[f"knowledge.profiles.{i}.value, log_ratio, theta"] = (of_arrays, [(n,), (n,), (n, d)])
+        if (diagnoses := record.knowledge.diagnoses) is not None:
+            zero = [mode for each in diagnoses for mode in each.modes if not mode.measured_hz]
+            expected["knowledge.diagnoses"] = (len(diagnoses), len(problem.tests))
+            expected["knowledge.diagnoses.modes"] = (zero, [])
         if (decides := record.knowledge.decides) is not None:
             known, inputs = [name for name in quantities if name in decides.exact], decides.inputs
             best = [name for name, value in decides.best.items() if value and math.isfinite(value)]
