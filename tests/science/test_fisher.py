@@ -139,7 +139,7 @@ def test_with_what_else_is_uncertain_the_package_reproduces_the_table(columns, o
 def freed_rows(fisher):
     """Standard deviations of the stiffnesses with nothing, each quantity alone, and all of them free."""
     sets = [(), *((name,) for name in NUISANCES), NUISANCES]
-    return {freed: fisher.stiffness_sd((*fisher.joint_names, *freed)) for freed in sets}
+    return {freed: fisher.stiffness_sd((*fisher.parametrisation.names, *freed)) for freed in sets}
 
 
 @pytest.mark.docs

@@ -62,11 +62,6 @@ class FisherInformation:
     prior_sd: Array
     parametrisation: Parametrisation
 
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joint's coordinates."""
-        return self.parametrisation.names
-
     def total(self, free: Sequence[str] | None = None) -> Array:
         """Information about the parameters in `free`, in that order (all if None), the others exactly known: (f, f)."""
         rows = self._rows(free)
@@ -101,13 +96,13 @@ class FisherInformation:
         A stiffness that is zero has an infinite one.
         """
         rows, sd_of_coordinate, covariance = self._rows(free), self.sd(free), self.covariance(free)
-        theta = self.theta[: len(self.joint_names)]
+        theta = self.theta[: len(self.parametrisation.names)]
         stiffness, derivative = self.parametrisation.values(theta), self.parametrisation.derivative(theta)
         sd_by_name: dict[str, float] = {}
         for quantity, k, row in zip(self.parametrisation.quantities, stiffness, derivative, strict=True):
             if not row.any():
                 continue
-            if quantity.name in self.joint_names:
+            if quantity.name in self.parametrisation.names:
                 sd_by_name[quantity.name] = sd_of_coordinate.get(quantity.name, 0.0)
                 continue
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -268,7 +263,7 @@ def sd_of(fisher: FisherInformation, quantity: str) -> float:
     if quantity not in spread:
         raise ModelError(f"planning: found parameter {quantity!r}; expected one of {', '.join(spread)}")
     limit = math.inf
-    if quantity in fisher.joint_names:
+    if quantity in fisher.parametrisation.names:
         limit = float(fisher.prior_sd[fisher.names.index(quantity)])
     return min(spread[quantity], limit)
 

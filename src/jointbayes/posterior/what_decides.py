@@ -177,7 +177,7 @@ def what_decides(
     try:
         ends, fits, at_end = _fits_if_off(problem, place, start)
         information = fisher_information(problem, ends[0])
-        joint = information.joint_names
+        joint = information.parametrisation.names
         sd = information.stiffness_sd(joint)
         alone = {name: information.stiffness_sd((*joint, name)) for name in inputs}
     except (JointBayesError, np.linalg.LinAlgError):
