@@ -388,11 +388,11 @@ def noise_of_bodies(problem: Problem, theta: Array) -> NoiseOfBodies | None:
     Of several tests the one that is worst: that ignores it, of which most lines are doubtful, of which it is most.
     """
     noise_by_test = [noise for part in problem.parts if (noise := _noise_in_test(part, theta)) is not None]
-    return max(
-        noise_by_test,
-        key=lambda n: (n.ignored, bool(n.not_reciprocal), n.doubtful_lines / n.lines, n.share),
-        default=None,
-    )
+    return max(noise_by_test, key=_badness, default=None)
+
+
+def _badness(noise: NoiseOfBodies) -> tuple[bool, bool, float, float]:
+    return noise.ignored, bool(noise.not_reciprocal), noise.doubtful_lines / noise.lines, noise.share
 
 
 def _noise_in_test(problem: Problem, theta: Array) -> NoiseOfBodies | None:
