@@ -389,13 +389,12 @@ def _select(measured: FrfData, plan: MeasurementPlan, where: str) -> FrfData:
     used = replace_stations(measured, plan.rotations)
     derived = {rotation.dof for rotation in plan.rotations if rotation.in_likelihood}
     for key, stated, present in (("outputs", plan.outputs, used.frf.outputs), ("inputs", plan.inputs, used.frf.inputs)):
-        for label in stated:
+        for i, label in enumerate(stated):
             if label not in present:
                 replaced = key == "outputs" and label in measured.frf.outputs
                 taken = ", which a rotation in the likelihood replaces" if replaced else ""
-                raise MeasurementError(
-                    f"data.{key}: found {label}{taken}; expected one of {', '.join(present)} of {where}; remove it"
-                )
+                found, expected = f"found {label}{taken}", f"one of {', '.join(present)}"
+                raise MeasurementError.of(where, (key, i), found, expected, "map its channel or remove it")
     outputs = tuple(o for o in used.frf.outputs if not plan.outputs or o in plan.outputs or o in derived)
     inputs = tuple(i for i in used.frf.inputs if not plan.inputs or i in plan.inputs)
     joint_frf, missing = None, ""

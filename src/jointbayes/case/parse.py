@@ -7,7 +7,6 @@ field in plain words, with the unit, and the remedy its first of ``examples``: a
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -36,7 +35,7 @@ from jointbayes.case.spec.fields import (
 from jointbayes.case.spec.joint_table import JointSpec, joint_table, prior_table
 from jointbayes.case.spec.prior_tables import quantity_table
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import similar
+from jointbayes.case.toml_text import similar, toml_value
 from jointbayes.errors import CaseError
 from jointbayes.joint.quantities import prefixed, split_hypothesis
 
@@ -78,7 +77,7 @@ def _show(value: object) -> str:
         is_long = isinstance(value, int) and abs(value) > 10**20
         return "an integer of more than 20 digits" if is_long else repr(value)
     if isinstance(value, Mapping):
-        return "a table"
+        return "a table" if value else "an empty table"
     if isinstance(value, Sequence):
         return f"a list of {len(value)}" if value else "an empty list"
     return "a date or time"  # all that TOML has left
@@ -302,7 +301,7 @@ def _value_remedy(place: _Place) -> str:
     key = next(str(p) for p in reversed(place.path) if isinstance(p, str))
     value, example = place.value, _example(place.info)
     fields = [m.model_fields[key] for m in place.owner if key in m.model_fields]
-    if place.tables:
+    if place.tables and not isinstance(value, Mapping):
         is_array = isinstance(value, list) and value and isinstance(value[0], dict)
         return f"write {'single brackets' if is_array else 'a table'}: [{show_key(place.path)}]"
     if isinstance(value, str):
@@ -320,8 +319,8 @@ def _value_remedy(place: _Place) -> str:
 
 
 def _example(field: FieldInfo | None) -> str:
-    """Write the example value of a field as TOML, which agrees with JSON for all that occurs here."""
-    return json.dumps(field.examples[0], ensure_ascii=False) if field and field.examples else "…"
+    """The example value of a field as TOML."""
+    return toml_value(field.examples[0]) if field and field.examples else "…"
 
 
 def fault_paths(error: ValidationError, model: type[BaseModel], source: CaseText) -> list[KeyPath]:

@@ -39,7 +39,6 @@ from jointbayes.case.spec.fields import (
     even,
     key_field,
     law_findings,
-    listed,
     max_length,
     not_above,
     not_negative,
@@ -253,7 +252,11 @@ class RecordsSpec(Spec):
 _RECORDS = Field(description="how FRFs are made from time histories: method")
 _LAYOUT = Field(description="what the variables of the files stand for: frequency_hz, frf, time, force and others")
 _FILE = key_field("the name of a measurement file, or a list of names", "tip.uff")
-_MAP = key_field('a table from channel to DOF, as "Point:11:Y+" = "11:y"', {})
+_MAP = Field(
+    min_length=1,
+    description='a DOF for each channel that is used, as "Point:11:Y+" = "11:y"',
+    examples=[{"Point:11:Y+": "11:y"}],
+)
 _MEASURED_QUANTITY = key_field(
     'what the FRFs are, "receptance", "mobility" or "accelerance", where the file does not say or is wrong',
     "accelerance",
@@ -329,9 +332,6 @@ class MeasuredSpec(DataTable):
         if self.conjugate and self.records is not None:
             fault = "found true with time histories, of which the FRFs are made here"
             yield Finding(("conjugate",), fault, "it for FRFs of a file", "remove it")
-        if not self.channels:
-            fault, remedy = "found no channel", 'write for example "Point:11:Y+" = "11:y" in [data.channels]'
-            yield Finding(("channels",), fault, "a DOF for each channel that is used", remedy)
 
 
 class MeasuredFrfSpec(MeasuredSpec):
@@ -378,12 +378,6 @@ class MeasuredFrfSpec(MeasuredSpec):
 
     def _findings(self) -> Iterator[Finding]:
         yield from super()._findings()
-        measured = dict.fromkeys(channel.label for channel in self.channels.values())
-        for key in ("outputs", "inputs"):
-            for i, label in enumerate(getattr(self, key)):
-                if label not in measured:
-                    fault = f'found "{label}", which no channel stands for'
-                    yield Finding((key, i), fault, f"one of {listed(list(measured))}", "map its channel or remove it")
         for label, rotation in self.rotations.items():
             if rotation.axis != "x":
                 place = ("rotations", label, "axis")

@@ -323,21 +323,15 @@ def _label(text: str) -> str:
     return text
 
 
-def _distinct(labels: tuple[str, ...]) -> tuple[str, ...]:
+def distinct(entries: tuple[str, ...]) -> tuple[str, ...]:
+    """Refuses an entry that an earlier one is equal to."""
+    first = {entry: i for i, entry in reversed(list(enumerate(entries)))}
     raise_findings(
-        Finding((i,), f'"{label}" is listed twice', "each DOF once", "remove the repeated label")
-        for i, label in repeated(labels)
+        Finding((i,), f'"{entry}" is listed twice', "each entry once", "remove the repeated one")
+        for i, entry in enumerate(entries)
+        if first[entry] != i
     )
-    return labels
-
-
-def repeated(entries: Iterable[str]) -> Iterator[tuple[int, str]]:
-    """Yield place and text of each entry that an earlier one is equal to."""
-    seen: set[str] = set()
-    for i, entry in enumerate(entries):
-        if entry in seen:
-            yield i, entry
-        seen.add(entry)
+    return entries
 
 
 def listed(words: Sequence[str], most: int = 12) -> str:
@@ -399,7 +393,7 @@ def _named(text: str) -> str:
 Name = Annotated[str, AfterValidator(_named)]
 # A TOML array is a list; the frozen models keep tuples, which strict mode would refuse to build from lists.
 Label = Annotated[str, AfterValidator(_label)]
-Labels = Annotated[tuple[Label, ...], Strict(False), AfterValidator(_distinct), max_length(MOST_LABELS)]
+Labels = Annotated[tuple[Label, ...], Strict(False), AfterValidator(distinct), max_length(MOST_LABELS)]
 Positive = Annotated[float, Field(gt=0)]
 Fraction = Annotated[float, Field(gt=0, le=1)]
 Frequencies = Annotated[tuple[Positive, ...], Strict(False), AfterValidator(_increasing)]

@@ -7,13 +7,14 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field, PrivateAttr, Strict
+from pydantic import AfterValidator, Field, PrivateAttr, Strict
 
 from jointbayes.case.spec.fields import (
     Finding,
     Fraction,
     Spec,
     count_field,
+    distinct,
     key_field,
     listed,
     max_length,
@@ -29,6 +30,7 @@ from jointbayes.case.spec.structure_table import (
     POISSON,
     Absence,
     DampingSpec,
+    Direction,
     PointName,
     SectionSpec,
     StructureBase,
@@ -210,7 +212,9 @@ class FrameSpec(StructureBase):
     """The structure without its joints: Timoshenko beams in space, one body or several that joints alone connect."""
 
     kind: Annotated[Literal["frame"], KIND]
-    directions: Annotated[tuple[str, ...], Strict(False), Field(min_length=1), max_length(6), _DIRECTIONS] = DIRECTIONS
+    directions: Annotated[
+        tuple[Direction, ...], Strict(False), Field(min_length=1), AfterValidator(distinct), max_length(6), _DIRECTIONS
+    ] = DIRECTIONS
     element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
     youngs_modulus_gpa: Annotated[float, _E]
     poissons_ratio: Annotated[float, POISSON] = 0.3
@@ -283,14 +287,8 @@ class FrameSpec(StructureBase):
                 raise
 
     def _findings(self) -> Iterator[Finding]:
-        yield from self._geometry_findings()
-        for i, direction in enumerate(self.directions):
-            if direction not in DIRECTIONS or direction in self.directions[:i]:
-                yield Finding(("directions", i), f'found "{direction[:40]}"', "", "each direction once")
-        yield from super()._findings()
-
-    def _geometry_findings(self) -> Iterator[Finding]:
         """Yield bodies that are stated twice or not at all, misnamed, or with a member without a section."""
+        yield from super()._findings()
         if self.bodies and (self.points or self.members or self.masses):
             key = "points" if self.points else "members" if self.members else "masses"
             fault = f"found {key} beside [structure.bodies.{next(iter(self.bodies))}]"
@@ -314,7 +312,6 @@ class FrameSpec(StructureBase):
 
 
 _ONE_OF = {"ports": "port", "parts": "part", "bodies": "body"}
-_WAYS = ("x", "y", "z", "rx", "ry", "rz")
 _MOST_NODE = 1_000_000_000
 _Node = Annotated[int, Field(ge=1, le=_MOST_NODE)]
 _Corner = Annotated[tuple[float, float, float], Strict(False)]
@@ -430,9 +427,9 @@ class ImportedSpec(StructureBase):
     def directions(self) -> tuple[str, ...]:
         """Those of its nodes and ports, as far as it has been read."""
         if self._reduced is None:
-            return _WAYS
+            return DIRECTIONS
         there = {label.rpartition(":")[2] for label in self._reduced.dofs}
-        return tuple(way for way in _WAYS if way in there)
+        return tuple(way for way in DIRECTIONS if way in there)
 
     @property
     def free_dofs(self) -> int:
@@ -459,8 +456,8 @@ class ImportedSpec(StructureBase):
                 expected,
                 f"add [structure.ports.{point}], or correct the name",
             )
-        if direction not in _WAYS:
-            return f'"{label}": no direction {direction}', f"one of {', '.join(_WAYS)}", "choose one of these"
+        if direction not in DIRECTIONS:
+            return f'"{label}": no direction {direction}', f"one of {', '.join(DIRECTIONS)}", "choose one of these"
         if self._reduced is not None and label not in self._reduced.dofs:
             ways = [dof for dof in self._reduced.dofs if dof.rpartition(":")[0] == point]
             return f'"{label}": no such DOF in the model', f"one of {listed(ways or self._reduced.dofs)}", "correct it"

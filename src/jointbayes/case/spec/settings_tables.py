@@ -27,13 +27,13 @@ from jointbayes.case.spec.fields import (
     Positive,
     Spec,
     count_field,
+    distinct,
     key_field,
     max_length,
     not_above,
     not_negative,
     positive,
     raise_findings,
-    repeated,
 )
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
 from jointbayes.joint import COUPLED, HYPOTHESES, USUAL_HYPOTHESES
@@ -105,18 +105,10 @@ else:
     Hypothesis = Literal[tuple(HYPOTHESES)]
 
 
-def _each_once(hypotheses: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
-    raise_findings(
-        Finding((i,), f'"{name}" is listed twice', "each hypothesis once", "remove the repeated one")
-        for i, name in repeated(hypotheses)
-    )
-    return hypotheses
-
-
 _HYPOTHESES = key_field(
     "a list of at least one of " + ", ".join(f'"{name}"' for name in HYPOTHESES), ["rigid", "springs", "full"]
 )
-_Hypotheses = Annotated[tuple[Hypothesis, ...], Strict(False), Field(min_length=1), AfterValidator(_each_once)]
+_Hypotheses = Annotated[tuple[Hypothesis, ...], Strict(False), Field(min_length=1), AfterValidator(distinct)]
 
 
 class CompareSpec(Spec):

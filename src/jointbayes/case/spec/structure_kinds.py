@@ -31,6 +31,7 @@ from jointbayes.case.spec.structure_table import (
     POISSON,
     Absence,
     DampingSpec,
+    Direction,
     PointName,
     SectionSpec,
     StructureBase,
@@ -225,7 +226,7 @@ class ChainSpec(StructureBase):
     springs: Annotated[
         tuple[SpringSpec, ...], Strict(False), max_length(_MOST), Field(description="a list of springs")
     ] = ()
-    direction: Annotated[Literal["x", "y", "z", "rx", "ry", "rz"], key_field("the direction of the DOFs", "x")] = "x"
+    direction: Annotated[Direction, key_field("the direction of the DOFs", "x")] = "x"
     damping: Annotated[LAWS | DampersSpec, DAMPING]
 
     field_keys = {"dampers": "damping.dampers"}  # noqa: RUF012 (no field)

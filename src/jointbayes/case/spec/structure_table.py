@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, ValidatorFunctionWrapHandler, WrapV
 
 from jointbayes.case.spec.fields import Finding, Labels, Ratios, Spec, key_field, listed, not_negative, positive
 from jointbayes.case.toml_text import similar
+from jointbayes.joint import DIRECTIONS
 
 if TYPE_CHECKING:
     from jointbayes.structure import DampingLaw, Section, StructureRecipe
@@ -169,6 +170,10 @@ POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 
 FORCE = key_field("the axial force at rest in N, tension positive, compression negative", 2000.0)
 _SUPPORTS = key_field("a list of the DOFs held fixed", ["1:y"])
 _MASS = not_negative("the mass in g added at each measured translation", 2.0)
+if TYPE_CHECKING:
+    Direction = str
+else:
+    Direction = Literal[DIRECTIONS]
 #: Names of points: numbers from 1, or words.
 POINT = re.compile(r"[1-9][0-9]{0,6}|[A-Za-z][A-Za-z0-9_-]{0,59}")
 
