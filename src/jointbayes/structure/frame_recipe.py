@@ -762,14 +762,16 @@ class BeamRecipe(MemberRecipe):
             )
         if self.dofs_per_node not in _DIRECTIONS:
             raise ModelError(f"beam: found {self.dofs_per_node} DOFs per node; expected 2 or 5; correct them")
-        nodes = [place[0] for point, place in self.positions.items() if point.isdecimal()]
+        if self.points and self.element == "paper":
+            found, expected = 'found points beside element "paper", whose elements are equal', 'element "converged"'
+            raise ModelError.of("beam", ("points",), found, expected, "take it, or choose elements that divide")
         for name, place in self.points:
-            near = min(abs(place - x) for x in nodes) < _NEAR * self.length
-            if name.isdecimal() or near or not 0 < place < self.length:
-                raise ModelError(
-                    f"beam: found the point {printable(name)!r} at {1e3 * place:g} mm; expected a name that is no "
-                    f"number, and a place between nodes, 0 to {1e3 * self.length:g} mm; take the node there, or move it"
-                )
+            node = 1 + round(self.elements * place / self.length) if 0 < place < self.length else 0
+            near = node > 0 and abs(place - self.length * (node - 1) / self.elements) < _NEAR * self.length
+            if name.isdecimal() or near or not node:
+                found = f"found the point {printable(name)!r} at {1e3 * place:g} mm{f', where node {node} is' * near}"
+                expected = f"a name that is no number, and a place between nodes, 0 to {1e3 * self.length:g} mm"
+                raise ModelError.of("beam", ("points", name), found, expected, "take the node there, or move it")
         for label in (*self.supports, *self.accelerometer_dofs):
             self.require_dof(label)
 

@@ -59,6 +59,8 @@ _ELEMENT = key_field(
 class BeamSpec(StructureBase):
     """The structure without its joint: a uniform Timoshenko beam along x, nodes counted from 1 at x = 0."""
 
+    field_keys = {"points": "at_mm"}  # noqa: RUF012 (no field)
+
     kind: Annotated[Literal["beam"], KIND] = "beam"
     length_mm: Annotated[float, positive("the length of the beam in mm", 383.0)]
     elements: Annotated[int, count_field("the number of equal spans between numbered points", 10, 1, 500)] = 10
@@ -143,22 +145,6 @@ class BeamSpec(StructureBase):
             axial_force=self.axial_force_n,
             points=tuple((name, place * 1e-3) for name, place in self.at_mm.items()),
         )
-
-    def _findings(self) -> Iterator[Finding]:
-        """Yield points that are no place between two nodes, or in a beam of equal elements only."""
-        yield from super()._findings()
-        for name, place in self.at_mm.items():
-            fault, node = f"found {place:g} mm", 1 + round(self.elements * place / self.length_mm)
-            if name.isdecimal():
-                yield Finding(("at_mm", name), f'found the name "{name}"', "a word, as tip", "rename it")
-            elif place > self.length_mm:
-                expected = f"a place on the beam, up to {self.length_mm:g} mm"
-                yield Finding(("at_mm", name), fault, expected, "correct it or structure.length_mm")
-            elif abs(place - self.length_mm * (node - 1) / self.elements) <= 1e-6 * self.length_mm:
-                yield Finding(("at_mm", name), f"{fault}, where node {node} is", "a place between", f'write "{node}:y"')
-        if self.at_mm and self.element == "paper":
-            fault = 'found it with element = "paper", whose elements are equal'
-            yield Finding(("at_mm",), fault, 'element = "converged"', "write it so, or choose elements that divide")
 
 
 _GROUND = "ground"
@@ -264,11 +250,6 @@ class ChainSpec(StructureBase):
             accelerometer_dofs=loaded,
         )
 
-    def try_objects(self) -> None:
-        """The chain, as far as its damping is known."""
-        if not self.damping.measured:
-            self.recipe(())
-
     def _findings(self) -> Iterator[Finding]:
         for name in self.masses_kg:
             if not POINT.fullmatch(name) or name == _GROUND:
@@ -332,9 +313,9 @@ class MatricesSpec(StructureBase):
         )
 
     def try_objects(self) -> None:
-        """The structure, once its files are read and its damping is known."""
-        if not self.damping.measured and not any(isinstance(matrix, str) for matrix in self.matrices.values()):
-            self.recipe(())
+        """The structure, once its files are read."""
+        if not any(isinstance(matrix, str) for matrix in self.matrices.values()):
+            super().try_objects()
 
 
 def _array(matrix: Matrix) -> Array:

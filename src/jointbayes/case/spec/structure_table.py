@@ -239,6 +239,11 @@ class StructureBase(Spec):
     def recipe(self, loaded: tuple[str, ...]) -> StructureRecipe:
         """The structure; `loaded` are the DOFs at which accelerometers sit."""
 
+    def try_objects(self) -> None:
+        """The structure, as far as its damping is known."""
+        if not self.damping.measured:
+            self.recipe(())
+
     def place(self, label: str) -> str:
         """Where a DOF is, in words: its point, whose coordinates are in the file."""
         return f"point {label.rpartition(':')[0]}"
