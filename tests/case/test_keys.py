@@ -177,7 +177,7 @@ class Bench:
         monkeypatch.setattr(case_objects, "synthesise_frf", self._synthesised)
         monkeypatch.setattr(assemble, "read_measurement", self._read)
         monkeypatch.setattr(case_module, "split_data", self._split)
-        monkeypatch.setattr(RotationSpec, "built", self._rotation_of(RotationSpec.built))
+        monkeypatch.setattr(RotationSpec, "rotation", self._rotation_of(RotationSpec.rotation))
         monkeypatch.setattr(workflow, "sensitivity_iteration", self._iterated)
         monkeypatch.setattr(make_plan, "_chosen", self._planned)
         for name in ("FirstLook", "Simulator", "coordinate_systems"):

@@ -17,7 +17,6 @@ from jointbayes.case.case_objects import (
     default_priors_of,
     measured_bodies,
     measurement_of,
-    model_error_of,
     noise_of,
     plan_of,
     prior_of,
@@ -106,9 +105,8 @@ class Case:
     @property
     def reference(self) -> Array | None:
         """Published stiffnesses in the order of the problem's quantities, shape (q,), if the case names any."""
-        if self.spec.reference is None:
-            return None
-        return np.array([self.spec.reference.stiffness_by_name[name] for name in self.spec.all_quantities])
+        reference = self.spec.reference
+        return reference.values(self.spec.all_quantities) if reference else None
 
     @property
     def reference_source(self) -> str:
@@ -216,7 +214,8 @@ class Case:
     @property
     def model_error(self) -> ErrorSizes | None:
         """Sizes of the model's errors in modes, where the case states them."""
-        return model_error_of(self.spec.uncertain)
+        stated = self.spec.uncertain.model_error
+        return stated.built() if stated else None
 
     @cached_property
     def sampler(self) -> SamplerSettings:

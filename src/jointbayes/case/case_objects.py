@@ -21,7 +21,7 @@ from jointbayes.case.spec.data_table import ChannelSpec, MeasuredBodySpec, Measu
 from jointbayes.case.spec.fields import DataTable, KeyPath
 from jointbayes.case.spec.frame_and_imported import ImportedSpec, ModelDampingSpec, PortSpec
 from jointbayes.case.spec.joint_table import JointSpec
-from jointbayes.case.spec.prior_tables import WORKSHOP_SD_PERCENT, FactorPriorSpec, UncertainSpec
+from jointbayes.case.spec.prior_tables import WORKSHOP_SD_PERCENT, FactorPriorSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix
 from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase, metres
@@ -53,7 +53,7 @@ from jointbayes.inference.default_prior import (
     default_marginal,
     own_stiffnesses,
 )
-from jointbayes.inference.noise.base import ErrorSizes, NoiseChoice
+from jointbayes.inference.noise.base import NoiseChoice
 from jointbayes.joint import COUPLED, RIGID, AnyJoint, Parametrisation, blocks_of, joints_of
 from jointbayes.joint.quantities import prefixed
 from jointbayes.structure import (
@@ -144,12 +144,12 @@ def _synthetic(spec: CaseSpec) -> SyntheticFrfSpec:
 
 def true_stiffness(spec: CaseSpec) -> Array:
     """Quantities of the joints that make the data, shape (q,)."""
-    return np.array([_synthetic(spec).truth.stiffness_by_name[name] for name in spec.all_quantities])
+    return _synthetic(spec).truth.values(spec.all_quantities)
 
 
 def noise_of(case: CaseSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """Distribution of the residuals, and the priors of its parameters; its module has the name of the distribution."""
-    spec = case.noise
+    spec, error = case.noise, case.uncertain.model_error
     complex_frf = data.frfs is not None and spec.residuals == "complex"
     choice = NoiseChoice(
         spec.scale,
@@ -157,19 +157,10 @@ def noise_of(case: CaseSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ..
         spec.scale_dof,
         spec.scale_guess,
         spec.dof,
-        model_error_of(case.uncertain),
+        error.built() if error else None,
     )
     module = import_module(f"jointbayes.inference.noise.{spec.distribution}")
     return module.noise_of(choice, 2 if complex_frf else 1, data)
-
-
-def model_error_of(spec: UncertainSpec) -> ErrorSizes | None:
-    """Sizes of the model's errors in modes; None where none are stated."""
-    e = spec.model_error
-    if e is None:
-        return None
-    single = e.frequency_error, e.error_factor, e.damping_error, e.shape_error, e.constant_error
-    return ErrorSizes(*single, e.edge_error, e.spring_error, e.spring_factor)
 
 
 def measurement_of(case: CaseSpec, joint: AnyJoint, test: str = "") -> Data:
@@ -177,7 +168,7 @@ def measurement_of(case: CaseSpec, joint: AnyJoint, test: str = "") -> Data:
 
     Of several tests each has noise of its own, by its name.
     """
-    stated = case.data.stated()
+    stated = case.data.built()
     if stated is not None:
         return stated
     spec = _synthetic(case)
@@ -191,7 +182,7 @@ def measurement_of(case: CaseSpec, joint: AnyJoint, test: str = "") -> Data:
         joint,
         parametrisation.matrix(truth),
         ports,
-        spec.noise.law(),
+        spec.noise.built(),
         spec.quantity,
         generator_of(spec.noise.seed, test) if spec.noise.added else None,
         gain=spec.truth.gain,
@@ -356,7 +347,7 @@ def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: 
     for label, rotation in spec.rotations.items():
         if label in wanted:
             assert rotation.spacing_mm is not None  # as its table asks
-            weights = rotation.built(label, rotation.spacing_mm).weights
+            weights = rotation.rotation(label, rotation.spacing_mm).weights
             motions[label] = dict(zip(rotation.stations, weights.tolist(), strict=True))
     if not motions:
         raise MeasurementError(

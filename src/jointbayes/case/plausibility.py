@@ -261,7 +261,7 @@ def _excluded(spec: CaseSpec, prior: JointPrior, test: str) -> Iterator[Finding]
     if spec.synthetic is None:
         return
     joint, loc, stated = prior.parametrisation, ("data", "truth"), spec.synthetic.truth
-    truth = [stated.stiffness_by_name[_name_in_tables(test, name)] for name in joint.stiffness_names]
+    truth = stated.values(_name_in_tables(test, name) for name in joint.stiffness_names)
     if not joint.describes(truth):
         each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))
         kinds = " and ".join(dict.fromkeys(joint_spec.parametrisation for joint_spec in spec.all_joints.values()))

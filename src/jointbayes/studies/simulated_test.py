@@ -143,7 +143,7 @@ def _measured(truth: Truth, test: VirtualTestSpec, rng: np.random.Generator) -> 
     averages = test.averages or truth.data.noise.averages or _AVERAGES
     if test.method == "frf":
         true = truth.frf(np.array(truth.data.lines_hz()), outputs)
-        noisy = noisy_frf(true, truth.data.noise.law(), averages, rng)
+        noisy = noisy_frf(true, truth.data.noise.built(), averages, rng)
         return list(records_of_frf(noisy, channel_label, "virtual test"))
     histories = _impact if test.method == "impact" else _shaker
     records, frfs_of = histories(truth, test, _rig(truth, test, outputs), averages, rng)

@@ -12,7 +12,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import singledispatch
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
@@ -176,7 +175,7 @@ class RotationSpec(Spec):
     in_likelihood: Annotated[bool, _USE] = False
     axis: Annotated[Literal["x", "y", "z"], _AXIS] = "x"
 
-    def built(self, label: str, spacing_mm: float) -> Rotation:
+    def rotation(self, label: str, spacing_mm: float) -> Rotation:
         """The rotation of this label, its stations so far apart; negative where they run backwards."""
         from vibrecords.rotations import Rotation
 
@@ -207,10 +206,6 @@ class VarianceSpec(Spec):
         stated = self.source == "relative" or self.relative + self.floor > 0
         law = RelativeNoise(self.relative, self.floor) if stated else None
         return VarianceSource(self.source, law, self.averages, "relative" in self.model_fields_set)
-
-    def try_objects(self) -> None:
-        """The variance."""
-        self.built()
 
     def _findings(self) -> Iterator[Finding]:
         if self.source == "relative":
@@ -317,7 +312,7 @@ class MeasuredSpec(DataTable):
         """Its rotations, which know no distance of their stations yet."""
         for label, rotation in getattr(self, "rotations", {}).items():
             try:
-                rotation.built(label, 1.0)
+                rotation.rotation(label, 1.0)
             except MeasurementError as error:
                 error.key = "rotations", label, *rotation._key_of(error.key)
                 raise
@@ -356,7 +351,7 @@ class MeasuredFrfSpec(MeasuredSpec):
             spacing = (second - first) * structure.stated["length"][1] / structure.spans
             if rotation.spacing_mm is not None:
                 spacing = math.copysign(rotation.spacing_mm, spacing)
-            rotations.append(rotation.built(label, spacing))
+            rotations.append(rotation.rotation(label, spacing))
         return {"outputs": self.outputs, "inputs": self.inputs, "rotations": tuple(rotations)}
 
     def structure_findings(self, structure: StructureBase) -> Iterator[Finding]:
@@ -540,16 +535,12 @@ class AntiresonancesSpec(Spec):
         """Highest number of any DOF."""
         return max(self.numbers or Counter(self.dof * (len(self.frequencies_hz[0]) // len(self.dof))).values())
 
-    def stated(self) -> Antiresonances:
+    def built(self) -> Antiresonances:
         """The antiresonances."""
         from vibrecords import Antiresonances
 
         dofs = self.dof[0] if len(self.dof) == 1 else self.dof
         return Antiresonances(dofs, _observed(self, self.frequencies_hz, "sd_relative", "sd_hz"), self.numbers or ())
-
-    def try_objects(self) -> None:
-        """The antiresonances."""
-        self.stated()
 
 
 class ConstantsSpec(Spec):
@@ -561,16 +552,12 @@ class ConstantsSpec(Spec):
     sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH}", 0.05)] = (0.0,)
     sd_per_kg: Annotated[_EachMode, key_field(f"the standard deviation in 1/kg, {_EACH}", 0.02)] = (0.0,)
 
-    def stated(self) -> ModalConstants:
+    def built(self) -> ModalConstants:
         """The modal constants."""
         from vibrecords import ModalConstants
 
         inputs = self.inputs * len(self.outputs) if len(self.inputs) == 1 else self.inputs
         return ModalConstants(self.outputs, inputs, _observed(self, self.values_per_kg, "sd_relative", "sd_per_kg"))
-
-    def try_objects(self) -> None:
-        """The modal constants."""
-        self.stated()
 
 
 _SHAPES_TABLE = "the mode shapes: dofs, reference, components, sd"
@@ -650,7 +637,7 @@ class ModesSpec(DataTable):
                 labelled |= {("data", table, key): getattr(given, key) for key in keys}
         return labelled
 
-    def stated(self) -> ModeData:
+    def built(self) -> ModeData:
         """The modes."""
         import numpy as np
 
@@ -669,12 +656,8 @@ class ModesSpec(DataTable):
         frequency = _observed(self, rows, "sd_relative", "eigenvalue_sd" if of_eigenvalues else "sd_hz")
         made = ModeData(frequency, damping, shapes, self.numbers or (), self.match, of_eigenvalues)
         if self.zeros is not None:
-            made = replace(made, zeros=self.zeros.stated())
-        return made if self.constants is None else replace(made, constants=self.constants.stated())
-
-    def try_objects(self) -> None:
-        """The modes."""
-        self.stated()
+            made = replace(made, zeros=self.zeros.built())
+        return made if self.constants is None else replace(made, constants=self.constants.built())
 
     def _findings(self) -> Iterator[Finding]:
         given = [key for key in ("frequencies_hz", "eigenvalues") if getattr(self, key) is not None]
@@ -730,17 +713,13 @@ class NoiseSpec(Spec):
     seed: Annotated[int, count_field("the seed", 1, 0)]
     added: Annotated[bool, key_field("true (noise in the data) or false (in the likelihood only)", True)] = True
 
-    def law(self) -> NoiseLaw:
+    def built(self) -> NoiseLaw:
         """The law."""
         from vibrecords import CoherenceNoise, RelativeNoise
 
         if self.coherence is not None and self.averages is not None:
             return CoherenceNoise(self.coherence, self.averages, self.floor)
         return RelativeNoise(self.relative, self.floor)
-
-    def try_objects(self) -> None:
-        """The law."""
-        self.law()
 
     def _findings(self) -> Iterator[Finding]:
         if self.coherence is None and self.averages is None:
@@ -863,7 +842,7 @@ class NaturalFrequenciesSpec(DataTable):
         """Lowest and highest natural frequency, Hz."""
         return self.frequencies_hz[0], self.frequencies_hz[-1]
 
-    def stated(self) -> FrequencyData:
+    def built(self) -> FrequencyData:
         """The natural frequencies."""
         import numpy as np
 
@@ -872,31 +851,15 @@ class NaturalFrequenciesSpec(DataTable):
         frequency = np.array(self.frequencies_hz)
         return FrequencyData(frequency, np.hypot(self.sd_relative * frequency, self.sd_hz))
 
-    def try_objects(self) -> None:
-        """The natural frequencies."""
-        self.stated()
 
-
-@singledispatch
 def synthetic_table(data: DataTable) -> SyntheticFrfSpec | None:
     """The table of data that a stated truth makes."""
-    return None
+    return data if isinstance(data, SyntheticFrfSpec) else None
 
 
-@synthetic_table.register
-def _synthetic_table(data: SyntheticFrfSpec) -> SyntheticFrfSpec:
-    return data
-
-
-@singledispatch
 def files_table(data: DataTable) -> MeasuredSpec | None:
     """The table of data that are in measurement files."""
-    return None
-
-
-@files_table.register
-def _files_table(data: MeasuredSpec) -> MeasuredSpec:
-    return data
+    return data if isinstance(data, MeasuredSpec) else None
 
 
 DataSpec = Annotated[

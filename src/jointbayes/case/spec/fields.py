@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import pydantic
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict
@@ -19,10 +19,6 @@ from pydantic_core import PydanticCustomError
 
 from jointbayes.errors import JointBayesError
 from jointbayes.joint import COUPLED
-
-if TYPE_CHECKING:
-    from vibrecords import Data
-
 
 #: Units at the end of a key: what each measures, its size in SI, and how it reads.
 UNITS = {
@@ -441,8 +437,13 @@ class Spec(BaseModel):
         """Yield what is wrong between keys that are each right by themselves."""
         yield from ()
 
+    def built(self) -> Any:  # noqa: ANN401 (any object)
+        """What the table describes, whose rules stand there; None where other tables are needed to make it."""
+        return None
+
     def try_objects(self) -> None:
-        """Make what the table describes, whose rules stand there: what it refuses is refused by the key here."""
+        """Make what the table describes: what it refuses is refused by the key here."""
+        self.built()
 
     def object_findings(self, at: KeyPath = ()) -> Iterator[Finding]:
         """Yield what the objects refuse that this table, or one in it, describes; of tables in each other the inner."""
@@ -513,10 +514,6 @@ class DataTable(Spec):
     def band_key(self) -> str:
         """Key that states the band where no key of its own states an end."""
         return "frequencies_hz"
-
-    def stated(self) -> Data | None:
-        """The data, if the table holds them all."""
-        return None
 
 
 def law_findings(law: Spec) -> Iterator[Finding]:

@@ -128,10 +128,6 @@ class PointMassSpec(Spec):
 
         return PointMass(self.point, self.mass_kg, self.inertia_kg_m2, metres(self.offset_mm))
 
-    def try_objects(self) -> None:
-        """The mass."""
-        self.built()
-
 
 _Members = Annotated[
     tuple[MemberSpec, ...],

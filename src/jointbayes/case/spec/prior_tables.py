@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, Strict, create_model
@@ -22,7 +22,7 @@ from jointbayes.joint import (
 )
 
 if TYPE_CHECKING:
-    from jointbayes.inference import Marginal
+    from jointbayes.inference import ErrorSizes, Marginal
     from vibrecords.arrays import Array
 
 #: How well material and length are known in a workshop, where the case takes them as exactly known.
@@ -98,6 +98,13 @@ class NamedStiffnessSpec(Spec):
         for name, given in self.stiffness.items():
             by_name |= {f"{name}.{key}": k for key, k in given.items()} if isinstance(given, dict) else {name: given}
         return by_name
+
+    def values(self, names: Iterable[str]) -> Array:
+        """Stiffnesses in this order, shape (q,)."""
+        import numpy as np
+
+        by_name = self.stiffness_by_name
+        return np.array([by_name[name] for name in names])
 
     def _findings(self) -> Iterator[Finding]:
         pair = {"k11": self.k11, "k12": self.k12, "k22": self.k22}
@@ -368,6 +375,13 @@ class ModelErrorSpec(Spec):
     spring_error: Annotated[float, not_negative(_SPRING_ERROR, 0.003)] = 0.003
     spring_factor: Annotated[float, _ERROR_FACTOR] = 10.0
     own: Annotated[bool, OWN] = False
+
+    def built(self) -> ErrorSizes:
+        """The sizes of the errors."""
+        from jointbayes.inference import ErrorSizes
+
+        single = self.frequency_error, self.error_factor, self.damping_error, self.shape_error, self.constant_error
+        return ErrorSizes(*single, self.edge_error, self.spring_error, self.spring_factor)
 
 
 _MODEL_ERROR = Field(

@@ -142,7 +142,7 @@ def _frfs_of(test: CaseTest) -> tuple[Ports, VarianceLaw, Quantity]:
     law: VarianceLaw = estimated_law(measured)
     if data is not None:
         ports, quantity = Ports(np.array(data.lines_hz()), data.outputs, data.inputs), data.quantity
-        law = data.noise.law()
+        law = data.noise.built()
     for label in ports.outputs + ports.inputs:
         if test.spec.structure.absent(label) is not None:
             raise ModelError(f"found no {label} in its structure; expected the DOFs of the present data; number alike")
@@ -292,7 +292,7 @@ class _FrfMaker(_Maker):
         self._law: VarianceLaw = estimated_law(measurement)
         self._step_hz: float | None = None
         if made is not None:
-            self._law, self._step_hz = made.noise.law(), made.f_step_hz
+            self._law, self._step_hz = made.noise.built(), made.f_step_hz
 
     def _kinds(self) -> Iterable[Iterator[Candidate]]:
         return self._at_dofs(), self._averages(), self._band(), self._mass(), self._free()
