@@ -31,9 +31,17 @@ def parametrisation_named(key: str, directions: Sequence[str] = ()) -> Parametri
     key
         One of `COORDINATES` for a joint of one translation and one rotation, ``"rigid"``, ``"springs"`` or ``"full"``.
     directions
-        Directions of the joint's DOFs, as ``("y", "rz")``; those of `COORDINATES` do not ask for them.
+        Directions of the joint's DOFs, as ``("y", "rz")``; those of `COORDINATES` need none.
+
+    Raises
+    ------
+    ModelError
+        If the directions are not those of such a joint.
     """
     if key in COORDINATES:
+        if directions and tuple(map(is_rotation, directions)) != _PAIR:
+            found, expected = f"found DOFs in {', '.join(directions)}", "a translation and then a rotation, as y, rz"
+            raise ModelError.of("coupled joint", ("dofs",), found, expected, 'correct them, or the kind: "springs"')
         import_module(f"jointbayes.joint.{key}")
         return CoupledPair.kinds[key]()
     if key == "rigid":

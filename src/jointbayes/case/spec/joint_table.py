@@ -147,28 +147,11 @@ class JointSpec(Spec):
         _ = self.parametrisation_object
 
     def _findings(self) -> Iterator[Finding]:
-        if self.kind == _COUPLED:
-            yield from self._no_pair()
-        elif self.initial is not None:
-            fault = f'found a first guess with kind = "{self.kind}"'
-            yield Finding(("initial",), fault, f'kind = "{_COUPLED}"', "remove it")
-        if self.kind != _COUPLED and "parametrisation" in self.model_fields_set:
-            fault = f'found "{self.parametrisation}" with kind = "{self.kind}"'
-            yield Finding(("parametrisation",), fault, f'kind = "{_COUPLED}"', "remove it")
+        for key in ("initial", "parametrisation"):
+            if self.kind != _COUPLED and key in self.model_fields_set:
+                yield Finding((key,), f'found it with kind = "{self.kind}"', f'kind = "{_COUPLED}"', "remove it")
         if self.offset_against_mm is not None and not self.against:
             yield Finding(("offset_against_mm",), "found an offset of no side", "against, the other side", "remove it")
-
-    def _no_pair(self) -> Iterator[Finding]:
-        """Yield DOFs that are no translation and rotation."""
-        if len(self.dofs) != 2:
-            yield Finding(("dofs",))
-            return
-        for name, labels in (("dofs", self.dofs), ("against", self.against)):
-            for i, (label, kind) in enumerate(zip(labels, ("translation", "rotation"), strict=False)):
-                if (":r" in label) != (kind == "rotation"):
-                    fault = f'found entry {i + 1} = "{label}", which is no {kind}'
-                    yield Finding((name, i), fault, "", 'write for example ["1:y", "1:rz"]')
-                    break  # two labels in the wrong order are one fault
 
 
 class NamedJointSpec(JointSpec):
