@@ -21,12 +21,12 @@ from jointbayes.case.toml_text import (
     key_lines,
     key_parts,
     parse_toml,
-    printable,
     read_text,
     similar,
     toml_text,
 )
 from jointbayes.errors import CaseError
+from vibrecords.errors import printable
 
 _MOST_FILES = 10  # that build on each other
 _EXTENDS, _REMOVE, _TESTS = "extends", "remove", "tests"
@@ -241,9 +241,8 @@ def _inside(file: Path, home: Path) -> bool:
 
 
 def _words_of_outside(name: str, what: str) -> tuple[str, str, str]:
-    shown = f'"{name}"' if name.isprintable() else printable(name)
     return (
-        f"found {shown}, which leads out of the directory of the case file",
+        f'found "{printable(name)}", which leads out of the directory of the case file',
         f"a {what} in it or below",
         "move the file there, or allow it: --allow-outside, in Python allow_outside=True",
     )

@@ -16,6 +16,7 @@ from jointbayes.case.spec.prior_tables import WORKSHOP_SD_PERCENT
 from jointbayes.case.toml_text import toml_text, toml_value
 from jointbayes.errors import MeasurementError
 from vibrecords import FrfSet
+from vibrecords.errors import printable
 from vibrecords.formats.about import about_file
 from vibrecords.formats.channel_units import unknown_sides
 from vibrecords.formats.grid import cut_to_band, join_frfs, measured_lines
@@ -160,7 +161,7 @@ def _damping(content: _Content) -> tuple[str, list[str]]:
 
 
 def _head(names: Sequence[str], damping: str, more: Sequence[str]) -> Iterator[str]:
-    yield f'# Written by jointbayes init from {", ".join(_plain(name) for name in names)}. Answer each "?".'
+    yield f'# Written by jointbayes init from {", ".join(printable(name) for name in names)}. Answer each "?".'
     yield "# 1. What is the structure, without its joint? A straight beam of steel here: node 1 at one end, node 11 at"
     yield '#    the other, evenly spaced. Other structures: "The case file" in the documentation, [structure].'
     yield _STRUCTURE % damping
@@ -281,7 +282,7 @@ def _records(content: _Content, longest: float) -> Iterator[str]:
             made = frfs_of_hits(named, settings)
     content.frfs = list(made.frfs[:_FITTED]) if made else []
     yield f"records = {{ {line} }}   # {content.frfs[0].notes[0]}" if content.frfs else f"records = {{ {line} }}"
-    yield from (f"# {_plain(note)}" for note in (made.notes if made else ()))
+    yield from (f"# {printable(note)}" for note in (made.notes if made else ()))
 
 
 def _named(record: TimeRecord) -> TimeRecord:
@@ -295,7 +296,7 @@ def _signs(frfs: Sequence[FrfRecord]) -> Iterator[str]:
     """What is found of signs at drive points, which the DOF of a channel is to say."""
     for doubt in find_warnings(frfs):
         if doubt.key in SIGN_IN_DOUBT:
-            yield f"# At {_plain(doubt.where)} {_plain(doubt.sentence)}: {_plain(doubt.remedy)}."
+            yield f"# At {printable(doubt.where)} {printable(doubt.sentence)}: {printable(doubt.remedy)}."
 
 
 def _mode_lines(modes: Sequence[ModeRecord]) -> Iterator[str]:
@@ -312,8 +313,4 @@ def _mode_lines(modes: Sequence[ModeRecord]) -> Iterator[str]:
     yield 'numbers = "?"'
     labels = list(dict.fromkeys(label for mode in modes for label in mode.shape))
     if labels:
-        yield f"# The file has shapes at {', '.join(_plain(label) for label in labels[:12])}."
-
-
-def _plain(text: str) -> str:
-    return "".join(character if character.isprintable() else "?" for character in text)
+        yield f"# The file has shapes at {', '.join(printable(label) for label in labels[:12])}."

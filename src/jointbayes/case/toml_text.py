@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from jointbayes.errors import CaseError
-from vibrecords.errors import path_fault
+from vibrecords.errors import path_fault, printable
 
 _MOST_BYTES = 1_000_000
 #: Tables in tables; a case file has five. Beyond, reading takes time and memory that grow with the square of the depth.
@@ -173,11 +173,6 @@ def fault_line(name: str, line: int, key: str, *parts: str) -> str:
 def fault_start(name: str, line: int) -> str:
     """File and line; the name is the only part of a message that a user may fill with line breaks."""
     return f"{printable(name)}:{line}:"
-
-
-def printable(name: str) -> str:
-    """A name as it is, or, with line breaks or the like in it, as JSON has it."""
-    return name if name.isprintable() else json.dumps(name)
 
 
 _Part = TypeVar("_Part", str, str | int)

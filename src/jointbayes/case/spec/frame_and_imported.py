@@ -23,12 +23,15 @@ from jointbayes.case.spec.fields import (
 )
 from jointbayes.case.spec.structure_table import (
     DAMPING,
+    DENSITY,
     FORCE,
     KIND,
     LAWS,
+    MODULUS,
     POINT,
     POISSON,
     Absence,
+    BeamsSpec,
     DampingSpec,
     Direction,
     PointName,
@@ -67,7 +70,6 @@ _OFFSET = key_field(f"from the point to the centre of the mass in mm, {_VECTOR}"
 _INERTIA = key_field(
     "the moments of inertia about x, y, z in kg m2, three numbers, or six with xy, yz, xz", [1e-4, 2e-4, 2e-4]
 )
-_E, _RHO = positive("Young's modulus in GPa", 210.0), positive("the density in kg/m³", 7800.0)
 _ELEMENT = key_field(
     '"converged" (elements so fine that no mesh shows) or "paper" (its two-node elements)', "converged"
 )
@@ -77,9 +79,9 @@ _DIRECTIONS = key_field("the directions in which points move, some of x, y, z, r
 class _Stuff(Spec):
     """Material, section and shear coefficient: those of a body or member where they differ from what it is part of."""
 
-    youngs_modulus_gpa: Annotated[float | None, _E] = None
+    youngs_modulus_gpa: Annotated[float | None, MODULUS] = None
     poissons_ratio: Annotated[float | None, POISSON] = None
-    density_kg_m3: Annotated[float | None, _RHO] = None
+    density_kg_m3: Annotated[float | None, DENSITY] = None
     shear_coefficient: Annotated[_Shear | None, _SHEAR] = None
     axial_force_n: Annotated[float | None, FORCE] = None
     section: Annotated[SectionSpec | None, _SECTION] = None
@@ -184,14 +186,10 @@ class BodySpec(_Stuff):
         return FrameBody(places, tuple(m.member(self, frame) for m in members), tuple(m.built() for m in self.masses))
 
 
-class BesideSpec(BodySpec):
+class BesideSpec(BeamsSpec, BodySpec):  # type: ignore[misc]  # what a body may leave out it must state
     """A body of beams beside an imported model, which joints alone connect with it."""
 
-    youngs_modulus_gpa: Annotated[float, _E]
-    poissons_ratio: Annotated[float, POISSON] = 0.3
-    density_kg_m3: Annotated[float, _RHO]
     shear_coefficient: Annotated[_Shear, _SHEAR] = "cowper"
-    axial_force_n: Annotated[float, FORCE] = 0.0
     section: Annotated[SectionSpec, _SECTION]
 
 
@@ -204,7 +202,7 @@ def numbers_between(first: str, second: str, names: Mapping[str, object]) -> lis
     return [] if any(name in names for name in between) else between
 
 
-class FrameSpec(StructureBase):
+class FrameSpec(BeamsSpec, StructureBase):
     """The structure without its joints: Timoshenko beams in space, one body or several that joints alone connect."""
 
     kind: Annotated[Literal["frame"], KIND]
@@ -212,11 +210,7 @@ class FrameSpec(StructureBase):
         tuple[Direction, ...], Strict(False), Field(min_length=1), AfterValidator(distinct), max_length(6), _DIRECTIONS
     ] = DIRECTIONS
     element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
-    youngs_modulus_gpa: Annotated[float, _E]
-    poissons_ratio: Annotated[float, POISSON] = 0.3
-    density_kg_m3: Annotated[float, _RHO]
     shear_coefficient: Annotated[_Shear, _SHEAR] = "cowper"
-    axial_force_n: Annotated[float, FORCE] = 0.0
     section: Annotated[SectionSpec | None, _SECTION] = None
     points: _Points = {}  # noqa: RUF012 (pydantic copies it)
     members: _Members = ()

@@ -23,13 +23,12 @@ from jointbayes.case.spec.fields import (
 )
 from jointbayes.case.spec.structure_table import (
     DAMPING,
-    FORCE,
     KIND,
     LAW,
     LAWS,
     POINT,
-    POISSON,
     Absence,
+    BeamsSpec,
     DampingSpec,
     Direction,
     PointName,
@@ -56,7 +55,7 @@ _ELEMENT = key_field(
 )
 
 
-class BeamSpec(StructureBase):
+class BeamSpec(BeamsSpec, StructureBase):
     """The structure without its joint: a uniform Timoshenko beam along x, nodes counted from 1 at x = 0."""
 
     field_keys = {"points": "at_mm"}  # noqa: RUF012 (no field)
@@ -66,11 +65,7 @@ class BeamSpec(StructureBase):
     elements: Annotated[int, count_field("the number of equal spans between numbered points", 10, 1, 500)] = 10
     element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
     dofs_per_node: Annotated[Literal[2, 5], key_field("2 (y, rz) or 5 (x, y, z, ry, rz) DOFs per node", 2)] = 2
-    youngs_modulus_gpa: Annotated[float, positive("Young's modulus in GPa", 210.0)]
-    poissons_ratio: Annotated[float, POISSON] = 0.3
-    density_kg_m3: Annotated[float, positive("the density in kg/m³", 7800.0)]
     shear_coefficient: Annotated[Literal["cowper"] | Fraction, _SHEAR] = "cowper"
-    axial_force_n: Annotated[float, FORCE] = 0.0
     at_mm: Annotated[dict[PointName, Positive], _AT] = {}  # noqa: RUF012 (pydantic copies it)
     section: SectionSpec
     damping: Annotated[LAWS, DAMPING]

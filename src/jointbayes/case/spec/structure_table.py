@@ -165,6 +165,7 @@ SectionSpec = Annotated[
 ]
 
 KIND = key_field('the kind of structure, "beam", "frame", "chain", "matrices" or "imported"', "beam")
+MODULUS, DENSITY = positive("Young's modulus in GPa", 210.0), positive("the density in kg/m³", 7800.0)
 POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 0.5", examples=[0.3])
 FORCE = key_field("the axial force at rest in N, tension positive, compression negative", 2000.0)
 _SUPPORTS = key_field("a list of the DOFs held fixed", ["1:y"])
@@ -186,6 +187,15 @@ PointName = Annotated[str, BeforeValidator(_point_name)]
 
 Absence = tuple[str, str, str]
 """What was found where a DOF does not exist, what is expected, and what to do."""
+
+
+class BeamsSpec(Spec):
+    """What all beams of a structure or body are of, where they state nothing else."""
+
+    youngs_modulus_gpa: Annotated[float, MODULUS]
+    poissons_ratio: Annotated[float, POISSON] = 0.3
+    density_kg_m3: Annotated[float, DENSITY]
+    axial_force_n: Annotated[float, FORCE] = 0.0
 
 
 class StructureBase(Spec):

@@ -23,7 +23,7 @@ from jointbayes.case.case_text import CaseText, find_outside, read_case_text
 from jointbayes.case.parse import parse_case
 from jointbayes.case.spec.fields import named_files
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import key_parts, printable, similar, toml_text
+from jointbayes.case.toml_text import key_parts, similar, toml_text
 from jointbayes.errors import CaseError, MeasurementError, ModelError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.posterior import Cell
@@ -47,7 +47,7 @@ from jointbayes.studies.campaign.index import (
 from jointbayes.studies.study_directory import append_line
 from jointbayes.studies.workers import Outcome, run_tasks
 from jointbayes.workflow import load_posterior
-from vibrecords.errors import path_fault
+from vibrecords.errors import path_fault, printable
 from vibrecords.files import real_directory, sweep
 
 if TYPE_CHECKING:
