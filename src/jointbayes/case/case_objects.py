@@ -726,7 +726,7 @@ def reduce_imported(spec: CaseSpec, home: CaseHome, dofs: Iterable[str], top_hz:
     quantities = {nuisance.name: nuisance.range for nuisance, _ in quantities_of(spec)}
     whole = sum(max(map(abs, quantities.get(q, (0.0, 0.0)))) for q in ("youngs_modulus", "density")) / 2
     top_hz = max(structure.top_hz or 0.0, top_hz * float(np.exp(whole)))
-    bodies = tuple((name, body.body(body)) for name, body in structure.bodies.items())
+    bodies = tuple((name, body.built()) for name, body in structure.bodies.items())
     beside, points = _with_beams(tuple(stamps.items()), structure.length_unit, bodies, top_hz)
     ports |= {point: Port((points[point],)) for point in named if point in points}
     ends = {

@@ -291,9 +291,9 @@ class MeasuredSpec(DataTable):
     variance: Annotated[VarianceSpec | None, _VARIANCE] = None
 
     @property
-    def loaded(self) -> tuple[str, ...]:
+    def labelled(self) -> dict[KeyPath, tuple[str, ...]]:
         """DOFs of the channels."""
-        return tuple(channel.label for channel in self.channels.values())
+        return {("data", "channels", name): (channel.label,) for name, channel in self.channels.items()}
 
     @property
     def band_key(self) -> str:

@@ -492,7 +492,7 @@ class DataTable(Spec):
     @property
     def loaded(self) -> tuple[str, ...]:
         """DOFs at which sensors sit, each once."""
-        by_key = (labels for key, labels in self.labelled.items() if key[-1] != "inputs")
+        by_key = (labels for key, labels in self.labelled.items() if key[-1] != "inputs" or "channels" in key)
         return tuple(dict.fromkeys(itertools.chain.from_iterable(by_key)))
 
     @property

@@ -192,6 +192,10 @@ class BesideSpec(BeamsSpec, BodySpec):  # type: ignore[misc]  # what a body may 
     shear_coefficient: Annotated[_Shear, _SHEAR] = "cowper"
     section: Annotated[SectionSpec, _SECTION]
 
+    def built(self) -> FrameBody:
+        """The body."""
+        return self.body(self)
+
 
 def numbers_between(first: str, second: str, names: Mapping[str, object]) -> list[str]:
     """Numbers between two points that have numbers, if none of them is a point of its own: equally spaced points."""
@@ -469,13 +473,9 @@ class ImportedSpec(StructureBase):
         return replace(self._reduced, damping=self.damping.built(), **masses)  # type: ignore[arg-type]
 
     def try_objects(self) -> None:
-        """Its bodies of beams."""
-        for name, body in self.bodies.items():
-            try:
-                body.body(body)
-            except ModelError as error:
-                error.key = ("bodies", name, *error.key)
-                raise
+        """The structure, once its files are read."""
+        if self._reduced is not None:
+            super().try_objects()
 
     def _findings(self) -> Iterator[Finding]:
         for table, name in ((key, name) for key in _ONE_OF for name in getattr(self, key)):

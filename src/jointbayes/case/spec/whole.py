@@ -83,33 +83,26 @@ def dof_findings(
             remedy = "raise structure.elements" if structure.spans else "remove the highest"
             yield Finding(key_path, f"{count} frequencies for {free} free DOFs", f"at most {free} frequencies", remedy)
     labelled |= {**data.labelled, ("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
-    for loc, labels in labelled.items():
-        yield from _immovable_dofs(structure, _each(loc, labels), elsewhere)
+    yield from _immovable_dofs(structure, labelled, elsewhere)
     if (files := files_table(data)) is not None:
-        yield from _channel_findings(structure, files, elsewhere)
-
-
-def _each(loc: KeyPath, labels: Sequence[str]) -> dict[KeyPath, str]:
-    return {(*loc, i): label for i, label in enumerate(labels)}
+        yield from _channel_findings(structure, files)
 
 
 def _immovable_dofs(
-    structure: StructureBase, labelled: Mapping[KeyPath, str], elsewhere: frozenset[str] = frozenset()
+    structure: StructureBase, labelled: Mapping[KeyPath, Sequence[str]], elsewhere: frozenset[str] = frozenset()
 ) -> Iterator[Finding]:
     """Yield DOFs, by their keys, that neither the structure nor a measured body has, or that cannot move."""
-    for loc, label in labelled.items():
+    for loc, i, label in ((loc, i, label) for loc, labels in labelled.items() for i, label in enumerate(labels)):
         absent = None if label in elsewhere else structure.absent(label)
         if absent is not None:
-            yield Finding(loc, *absent)
+            yield Finding((*loc, i), *absent)
         elif label in structure.supports:
             fault = f'"{label}" is held fixed by structure.supports'
-            yield Finding(loc, fault, "a DOF that can move", "choose another or free this one")
+            yield Finding((*loc, i), fault, "a DOF that can move", "choose another or free this one")
 
 
-def _channel_findings(structure: StructureBase, data: MeasuredSpec, elsewhere: frozenset[str]) -> Iterator[Finding]:
-    """Yield channels at DOFs that the structure does not have or that cannot move, and masses counted twice."""
-    labelled: dict[KeyPath, str] = {("data", "channels", name): c.label for name, c in data.channels.items()}
-    yield from _immovable_dofs(structure, labelled, elsewhere)
+def _channel_findings(structure: StructureBase, data: MeasuredSpec) -> Iterator[Finding]:
+    """Yield masses that are counted twice, or that cannot be where they are stated."""
     for name, channel in data.channels.items():
         loc = ("data", "channels", name)
         if channel.accelerometer_mass_g > 0 and structure.accelerometer_mass_g > 0:
@@ -398,7 +391,7 @@ def virtual_test_findings(test: VirtualTestSpec, structure: StructureBase, data:
             yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
         return
     loc = ("virtual_test", "extra_outputs")
-    yield from _immovable_dofs(structure, _each(loc, test.extra_outputs))
+    yield from _immovable_dofs(structure, {loc: test.extra_outputs})
     measured = frozenset(made.outputs)
     for i, label in enumerate(test.extra_outputs):
         if label in measured:
