@@ -88,6 +88,16 @@ def test_what_does_not_fit_is_refused(unit, response, force, message):
     assert "set 1" in str(error.value)
 
 
+@pytest.mark.parametrize(("stated", "key"), [
+    ({"unit": "xyz"}, "unit"), ({"sensitivity": 0.1}, "unit"), ({"unit": "g", "quantity": "force"}, "quantity"),
+])  # fmt: skip
+def test_a_channel_is_refused_whose_own_words_do_not_fit(stated, key):
+    with pytest.raises(MeasurementError, match=r"^channel: found .*; expected .*; correct the channel") as error:
+        ChannelUnit(**stated)
+    assert error.value.key == (key,)
+
+
+
 def coherence(response="acc", reference="hammer", lines=LINES):
     return CoherenceRecord(response, reference, lines, np.array([0.9, 0.8, 0.7]), averages=7, where="coh.mat")
 

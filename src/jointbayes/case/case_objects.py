@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from jointbayes.case.case_text import CaseText, find_outside
-from jointbayes.case.spec.data_table import ChannelSpec, MeasuredBodySpec, MeasuredSpec, SyntheticFrfSpec, files_table
+from jointbayes.case.spec.data_table import MeasuredBodySpec, MeasuredSpec, SyntheticFrfSpec, files_table
 from jointbayes.case.spec.fields import DataTable, KeyPath
 from jointbayes.case.spec.frame_and_imported import ImportedSpec, ModelDampingSpec, PortSpec
 from jointbayes.case.spec.joint_table import JointSpec
@@ -74,15 +74,13 @@ from jointbayes.structure.imported.kept import kept_or_made, key_of
 from vibrecords import Data, split_modes
 from vibrecords.arrays import Array
 from vibrecords.errors import printable
-from vibrecords.formats.channel_units import ChannelUnit
-from vibrecords.measurement_plan import Channel, MeasurementPlan
+from vibrecords.measurement_plan import MeasurementPlan
 from vibrecords.signals.hits import HitSettings
 from vibrecords.signals.spectra import ImpactSettings, ShakerSettings
 
 _MOST_BYTES = 200_000_000
 _MOST_ROWS = 2000
 
-_G = 1e-3
 _NEARLY_GAUSSIAN = 400  # degrees of freedom: the mean square is half a per cent off
 _DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from the data
 
@@ -99,7 +97,7 @@ def plan_of(spec: CaseSpec) -> MeasurementPlan:
 def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
     """What all tables of measurement files ask for of these."""
     return MeasurementPlan(
-        {name: _channel(channel) for name, channel in data.channels.items()},
+        {name: channel.built() for name, channel in data.channels.items()},
         data.variance.built() if data.variance else None,
         data.quantity,
         data.f_min_hz,
@@ -111,11 +109,6 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
         conjugate=data.conjugate,
         layout=data.layout.names if data.layout else {},
     )
-
-
-def _channel(spec: ChannelSpec) -> Channel:
-    unit = ChannelUnit(spec.unit, spec.quantity, spec.sensitivity)
-    return Channel(spec.label, spec.sign, spec.gain, spec.accelerometer_mass_g * _G, unit)
 
 
 def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:

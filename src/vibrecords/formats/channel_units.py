@@ -23,11 +23,30 @@ class ChannelUnit:
         What it measures; None: what the unit says.
     sensitivity
         Volts for one of `unit`, where the file holds volts; None where it holds the unit itself.
+
+    Raises
+    ------
+    MeasurementError
+        If the unit is that of no force or motion, lacks beside a sensitivity, or is one of another quantity.
     """
 
     unit: str = ""
     quantity: SensorQuantity | None = None
     sensitivity: float | None = None
+
+    def __post_init__(self) -> None:
+        measured, key = sensor_unit(self.unit), "unit"
+        expected = 'the unit of a force or a motion, such as "N", "lbf", "g", "m/s^2", "mm/s" or "um"'
+        if measured is None and self.unit:
+            found = f'found "{self.unit}"'
+        elif measured is None and self.sensitivity is not None:
+            found = f"found a sensitivity of {self.sensitivity:g} V without a unit"
+        elif measured and self.quantity not in (None, measured[1]):
+            found, key = f'found "{self.quantity}" beside the unit "{self.unit}", one of {measured[1]}', "quantity"
+            expected = "two that fit"
+        else:
+            return
+        raise MeasurementError.of("channel", (key,), found, expected, "correct the channel")
 
     @property
     def stated(self) -> bool:
@@ -124,7 +143,7 @@ def _side(stated: ChannelUnit, unit: str, factor: float | None, place: str) -> t
                 "take the sensitivity away, the file holds the unit already"
             )
         per_unit = sensor_unit(stated.unit)
-        assert per_unit is not None  # as the rules of the tables ask
+        assert per_unit is not None  # else it is refused
         return in_volts / stated.sensitivity * per_unit[0], per_unit[1]
     if stated.unit:
         parsed = sensor_unit(stated.unit)

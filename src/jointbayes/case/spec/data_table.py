@@ -51,7 +51,7 @@ from jointbayes.errors import MeasurementError
 if TYPE_CHECKING:
     from jointbayes.case.spec.structure_table import StructureBase
     from vibrecords import Antiresonances, FrequencyData, ModalConstants, ModeData, NoiseLaw, Observed
-    from vibrecords.measurement_plan import VarianceSource
+    from vibrecords.measurement_plan import Channel, VarianceSource
     from vibrecords.rotations import Rotation
 
 
@@ -143,18 +143,13 @@ class ChannelSpec(Spec):
         """−1 where the channel points the other way."""
         return -1.0 if self.dof.startswith("-") else 1.0
 
-    def _findings(self) -> Iterator[Finding]:
-        from vibrecords.formats.units import sensor_unit
+    def built(self) -> Channel:
+        """The channel."""
+        from vibrecords.formats.channel_units import ChannelUnit
+        from vibrecords.measurement_plan import Channel
 
-        measured = sensor_unit(self.unit)
-        if self.unit and measured is None:
-            expected = 'the unit of a force or a motion, such as "N", "lbf", "g", "m/s^2", "mm/s" or "um"'
-            yield Finding(("unit",), f'found "{self.unit}"', expected, "correct it")
-        elif self.sensitivity is not None and not self.unit:
-            yield Finding(("unit",), missing=True)
-        elif measured and self.quantity not in (None, measured[1]):
-            fault = f'found "{self.quantity}" beside unit = "{self.unit}", which is one of {measured[1]}'
-            yield Finding(("quantity",), fault, "one that fits", "correct or remove one of the two")
+        unit = ChannelUnit(self.unit, self.quantity, self.sensitivity)
+        return Channel(self.label, self.sign, self.gain, self.accelerometer_mass_g * 1e-3, unit)
 
 
 _STATIONS = key_field("two or three translations in order along the structure", ["1:y", "2:y", "3:y"])
