@@ -97,7 +97,6 @@ def test_a_channel_is_refused_whose_own_words_do_not_fit(stated, key):
     assert error.value.key == (key,)
 
 
-
 def coherence(response="acc", reference="hammer", lines=LINES):
     return CoherenceRecord(response, reference, lines, np.array([0.9, 0.8, 0.7]), averages=7, where="coh.mat")
 

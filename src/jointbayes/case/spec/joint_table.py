@@ -12,15 +12,10 @@ from jointbayes.case.spec.prior_tables import PriorsSpec, StiffnessSpec
 from jointbayes.case.spec.structure_table import metres
 from jointbayes.joint import (
     COORDINATES,
-    COUPLED,
     DIRECTIONS,
     KINDS,
     Coordinate,
     Quantity,
-    damping_quantities,
-    full_coordinates,
-    full_stiffnesses,
-    spring_stiffnesses,
 )
 
 if TYPE_CHECKING:
@@ -98,29 +93,22 @@ class JointSpec(Spec):
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
         """Its parameters, each of which needs a prior."""
-        logarithms = tuple(map(Coordinate.logarithm_of, self.quantities))
-        if self.kind in ("rigid", "springs"):
-            return logarithms
-        axes = full_coordinates(self.directions) if self.kind == "full" else COORDINATES[self.parametrisation]
-        return (*axes, *logarithms[len(self.stiffnesses) :])
+        return self.parametrisation_object.axes
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
         """Its stiffnesses, then its damping."""
-        return (*self.stiffnesses, *self.damping)
+        return self.parametrisation_object.quantities
 
     @property
     def damping(self) -> tuple[Quantity, ...]:
         """Dashpots and loss factors."""
-        return damping_quantities(self.stiffnesses, self.viscous, self.loss_factors)
+        return self.quantities[len(self.stiffnesses) :]
 
     @property
     def stiffnesses(self) -> tuple[Quantity, ...]:
         """Its stiffnesses."""
-        if self.kind == _COUPLED:
-            return COUPLED
-        of_kind = {"springs": spring_stiffnesses, "full": full_stiffnesses}
-        return of_kind[self.kind](self.directions) if self.kind in of_kind else ()
+        return self._undamped.quantities
 
     def unlike(self, other: JointSpec) -> list[str]:
         """What keeps it from sharing its quantities with another joint."""
@@ -136,10 +124,16 @@ class JointSpec(Spec):
     @property
     def parametrisation_object(self) -> Parametrisation:
         """Its coordinates."""
-        from jointbayes.joint import Damped, parametrisation_named
+        from jointbayes.joint import Damped
 
-        kind = parametrisation_named(self.parametrisation if self.kind == _COUPLED else self.kind, self.directions)
+        kind = self._undamped
         return Damped(kind, self.viscous, self.loss_factors) if self.viscous or self.loss_factors else kind
+
+    @property
+    def _undamped(self) -> Parametrisation:
+        from jointbayes.joint import parametrisation_named
+
+        return parametrisation_named(self.parametrisation if self.kind == _COUPLED else self.kind, self.directions)
 
     def try_objects(self) -> None:
         """Where it acts, and its coordinates."""
