@@ -198,7 +198,7 @@ def test_supports_and_boxes(home):
         (("[joint]", "[uncertain.length]\nsd_percent = 1.0\n[joint]"), "uncertain.length", 'kind = "imported"'),
         (('file = "beam.npz"', 'file = "beam.npz"\nsupports = ["1:z"]'), "case.toml", "no DOF 1:z"),
         (('law = "modal", ratio = 0.01', 'law = "model"'), "case.toml", "no damping matrix"),
-        (("[joint]", "[structure.bodies.2nd]\n" + TOOL + "[joint]"), "structure.bodies.2nd", "rename the body"),
+        (("[joint]", "[structure.bodies.2nd]\n" + TOOL + "[joint]"), "structure.bodies.2nd", "a letter first"),
         (("[joint]", "[structure.bodies.tool]\n" + TOOL + "[structure.parts.tool]\nfile = 'beam.npz'\n[joint]"),
          "structure.bodies.tool", "also that of a part"),
         (("[joint]", "[structure.bodies.tool]\n" + TOOL.replace("section", "# ") + "[joint]"), "structure.bodies.tool",

@@ -378,15 +378,20 @@ def to_list(value: object) -> object:
     return value if isinstance(value, list | tuple) else [value]
 
 
-def _named(text: str) -> str:
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,39}", text):
-        expected = "a name of letters, digits, _ and -, at most 40, a letter first"
-        raise_findings([Finding((), "found a name that tables and figures cannot show", expected, "rename it")])
-    return text
+def _word(most: int) -> AfterValidator:
+    def check(text: str) -> str:
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", text) or len(text) > most:
+            expected = f"a name of letters, digits, _ and -, at most {most}, a letter first"
+            raise_findings([Finding((), "found a name that tables and figures cannot show", expected, "rename it")])
+        return text
+
+    return AfterValidator(check)
 
 
 #: The name of a joint or of a test.
-Name = Annotated[str, AfterValidator(_named)]
+Name = Annotated[str, _word(40)]
+#: The name of a body, of a part or of a port.
+Word = Annotated[str, _word(60)]
 # A TOML array is a list; the frozen models keep tuples, which strict mode would refuse to build from lists.
 Label = Annotated[str, AfterValidator(_label)]
 Labels = Annotated[tuple[Label, ...], Strict(False), AfterValidator(distinct), max_length(MOST_LABELS)]

@@ -13,6 +13,7 @@ from jointbayes.case.spec.fields import (
     Finding,
     Fraction,
     Spec,
+    Word,
     count_field,
     distinct,
     key_field,
@@ -28,7 +29,6 @@ from jointbayes.case.spec.structure_table import (
     KIND,
     LAWS,
     MODULUS,
-    POINT,
     POISSON,
     Absence,
     BeamsSpec,
@@ -220,7 +220,7 @@ class FrameSpec(BeamsSpec, StructureBase):
     members: _Members = ()
     masses: _Masses = ()
     bodies: Annotated[
-        dict[str, BodySpec], Field(description="a table for each body, as [structure.bodies.tool]", max_length=100)
+        dict[Word, BodySpec], Field(description="a table for each body, as [structure.bodies.tool]", max_length=100)
     ] = {}  # noqa: RUF012
     damping: Annotated[LAWS, DAMPING]
 
@@ -281,7 +281,7 @@ class FrameSpec(BeamsSpec, StructureBase):
                 raise
 
     def _findings(self) -> Iterator[Finding]:
-        """Yield bodies that are stated twice or not at all, misnamed, or with a member without a section."""
+        """Yield bodies that are stated twice or not at all, or with a member without a section."""
         yield from super()._findings()
         if self.bodies and (self.points or self.members or self.masses):
             key = "points" if self.points else "members" if self.members else "masses"
@@ -293,9 +293,6 @@ class FrameSpec(BeamsSpec, StructureBase):
             return
         for name, body in self.all_bodies.items():
             loc = ("bodies", name) if self.bodies else ()
-            if name and (not POINT.fullmatch(name) or name[0].isdecimal()):
-                fault, expected = f'found the name "{name[:40]}"', "a word of letters, digits, _ and -"
-                yield Finding(loc, fault, f"{expected} that begins with a letter", "rename the body")
             for i, member in enumerate(body.members or (None,)):
                 if not (self.section or body.section or (member and member.section)):
                     where = (*loc, "members", i) if member else loc or ("section",)
@@ -305,7 +302,6 @@ class FrameSpec(BeamsSpec, StructureBase):
                     )
 
 
-_ONE_OF = {"ports": "port", "parts": "part", "bodies": "body"}
 _MOST_NODE = 1_000_000_000
 _Node = Annotated[int, Field(ge=1, le=_MOST_NODE)]
 _Corner = Annotated[tuple[float, float, float], Strict(False)]
@@ -379,13 +375,13 @@ class ImportedSpec(StructureBase):
         float | None, positive("the frequency in Hz up to which it is reduced, by itself that of the data", 3000.0)
     ] = None
     ports: Annotated[
-        dict[str, PortSpec], Field(description="a table for each port, as [structure.ports.tip]", max_length=1000)
+        dict[Word, PortSpec], Field(description="a table for each port, as [structure.ports.tip]", max_length=1000)
     ] = {}  # noqa: RUF012 (pydantic copies it)
     parts: Annotated[
-        dict[str, PartSpec], Field(description="a table for each part that may be uncertain", max_length=100)
+        dict[Word, PartSpec], Field(description="a table for each part that may be uncertain", max_length=100)
     ] = {}  # noqa: RUF012
     bodies: Annotated[
-        dict[str, BesideSpec],
+        dict[Word, BesideSpec],
         Field(
             description="a table for each body of beams beside the model, as [structure.bodies.tool]", max_length=100
         ),
@@ -478,10 +474,6 @@ class ImportedSpec(StructureBase):
             super().try_objects()
 
     def _findings(self) -> Iterator[Finding]:
-        for table, name in ((key, name) for key in _ONE_OF for name in getattr(self, key)):
-            if not POINT.fullmatch(name) or name[0].isdecimal():
-                expected = "a word of letters, digits, _ and - that begins with a letter"
-                yield Finding((table, name), f'found the name "{name[:40]}"', expected, f"rename the {_ONE_OF[table]}")
         for name in self.parts.keys() & self.bodies.keys():
             yield Finding(
                 ("bodies", name), f'found the name "{name}", also that of a part', "one of its own", "rename it"

@@ -9,7 +9,6 @@ be possible with what another one says.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Annotated
@@ -24,7 +23,7 @@ from jointbayes.case.spec.data_table import (
     files_table,
     synthetic_table,
 )
-from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, key_field, listed, show_key
+from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, Word, key_field, listed, show_key
 from jointbayes.case.spec.frame_and_imported import FrameSpec, ImportedSpec
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table, prior_table
 from jointbayes.case.spec.prior_tables import (
@@ -50,7 +49,7 @@ from jointbayes.case.spec.settings_tables import (
     VirtualTestSpec,
 )
 from jointbayes.case.spec.structure_kinds import BeamSpec, ChainSpec, MatricesSpec
-from jointbayes.case.spec.structure_table import POINT, StructureBase
+from jointbayes.case.spec.structure_table import StructureBase
 from jointbayes.joint import COORDINATES
 from jointbayes.joint.quantities import prefixed
 
@@ -452,7 +451,7 @@ class CaseSpec(Spec):
         dict[Name, NamedJointSpec], Field(description="several joints, a table for each by its name, as [joints.left]")
     ] = {}  # noqa: RUF012 (pydantic copies it)
     bodies: Annotated[
-        dict[str, MeasuredBodySpec],
+        dict[Word, MeasuredBodySpec],
         Field(description="bodies given by their measured FRFs, a table for each by its name, as [bodies.spindle]"),
     ] = {}  # noqa: RUF012 (pydantic copies it)
     prior: Annotated[
@@ -634,10 +633,6 @@ class CaseSpec(Spec):
         """Yield what measured bodies cannot stand beside."""
         owners: dict[str, str] = {}
         for name, body in self.bodies.items():
-            if not POINT.fullmatch(name):
-                fault = f'found the name "{re.sub(r"[^ -~]", "?", name)[:40]}"'
-                expected = "a name of letters, digits, _ and -, a letter first"
-                yield Finding(("bodies", name), fault, expected, "rename")
             for label in body.labels:
                 other, modelled = owners.setdefault(label, name), self.structure.absent(label) is None
                 if other != name or modelled:
