@@ -314,7 +314,7 @@ data = {kind = "synthetic_frf", outputs = ["5:y"], inputs = ["5:y"], f_max_hz = 
 def test_a_stiffness_that_the_problem_lacks_is_told_before_anything_is_sampled(monkeypatch):
     case = planned_case('[plan]\nparameter = "k12"\noutputs = ["3:y"]\n')
     monkeypatch.setattr("jointbayes.studies.planning.make_plan.sample", lambda *_: pytest.fail("sampled"))
-    with pytest.raises(jb.CaseError, match=r'^planned:\d+: plan.parameter: found "k12"; expected ky, krz; ') as told:
+    with pytest.raises(jb.CaseError, match=r':\d+: plan.parameter: found "k12"; expected .*"ky" or "krz"') as told:
         jb.plan(replace(case, problem=jb.case_from_text("springs", SPRINGS.replace(",\n", ", ")).problem))
     assert "\n" not in str(told.value)
 

@@ -37,12 +37,12 @@ from jointbayes.case.plausibility import (
     sign_warnings,
     truth_warnings,
 )
-from jointbayes.case.spec.fields import DATA_FILE, show_key
+from jointbayes.case.spec.fields import DATA_FILE, either, show_key
 from jointbayes.case.spec.frame_and_imported import ImportedSpec
 from jointbayes.case.spec.joint_table import joint_table
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import fault_line, toml_text
+from jointbayes.case.toml_text import fault_line, similar, toml_text
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, require
 from jointbayes.frf import MeasuredBody, Ports
 from jointbayes.identification.numbering import find_numbering
@@ -128,8 +128,11 @@ class Case:
         wanted = stated or self.spec.plan.parameter
         if not names or (wanted and wanted not in names):
             fault = f'found "{wanted}"' if names else "found no stiffness in the joint"
-            words = fault, ", ".join(names) or "one to be known best", "correct it or plan another problem"
-            raise CaseError(self.source.fault(("plan", "parameter"), *words))
+            expected = "the stiffness to be known best"
+            expected += ", " + either(f'"{name}"' for name in names) if names else ""
+            nearest = similar(wanted, names)
+            remedy = f'did you mean "{nearest}"?' if nearest else "correct it or plan another problem"
+            raise CaseError(self.source.fault(("plan", "parameter"), fault, expected, remedy))
         return wanted or next((quantity.name for quantity in quantities if quantity.may_be_negative), names[0])
 
     @property
@@ -352,7 +355,10 @@ def _build(name: str, source: CaseText, directory: Path, data: Data | None, allo
         problem = problem_of(tests, name)
         tell("structure")
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
-    return Case(name, source, first.spec, problem, problem, tuple(tests))
+    case = Case(name, source, first.spec, problem, problem, tuple(tests))
+    if any(test.spec.plan.parameter for test in tests):
+        _ = case.plan_parameter  # one that no joint has is refused now
+    return case
 
 
 def _one_test(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> CaseTest:

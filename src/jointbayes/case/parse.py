@@ -24,7 +24,6 @@ from jointbayes.case.spec.fields import (
     UNITS,
     Finding,
     KeyPath,
-    either,
     named_files,
     quoted,
     same_stem,
@@ -37,7 +36,7 @@ from jointbayes.case.spec.prior_tables import quantity_table
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import similar, toml_value
 from jointbayes.errors import CaseError
-from jointbayes.joint.quantities import prefixed, split_hypothesis
+from jointbayes.joint.quantities import split_hypothesis
 
 #: Faults that are told, that are compared with each other, and that are looked at: nobody writes a case with more.
 _MOST_TOLD, _MOST_SORTED, _MOST_READ = 20, 100, 5000
@@ -422,7 +421,7 @@ def parse_tests(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec]
     specs, faults, dropped = _checked_each(texts)
     faults += [lines[0] for lines in dropped.values() if len(lines) == len(texts)]  # what no test can have
     if not faults:
-        between = [*shared_findings(specs, texts), *integral_findings(specs), *parameter_findings(specs)]
+        between = [*shared_findings(specs, texts), *integral_findings(specs)]
         if not any(spec.joined for spec in specs.values()):
             expected, remedy = "one test at least with the joint to be identified", "remove it from one"
             between = [(next(iter(specs)), Finding(("joined",), "found false", expected, remedy))]
@@ -495,26 +494,6 @@ def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, 
             return None, lines, without
         key, text = next(inherited for inherited in left if inherited is not None)
         without[key] = lines[0]
-
-
-def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
-    """Yield test and finding where the plan wants to know a stiffness that no test has."""
-    stiffnesses = [
-        prefixed(spec.joint_of_test(test, name)[0], quantity.name)
-        for test, spec in specs.items()
-        for name, joint in spec.stating_joints.items()
-        for quantity in joint.quantities
-    ]
-    for test, spec in specs.items():
-        wanted = spec.plan.parameter
-        if not wanted or wanted in stiffnesses:
-            continue
-        nearest = similar(wanted, stiffnesses)
-        expected, remedy = "no plan, since no joint has a stiffness", "remove it"
-        if stiffnesses:
-            expected = "the stiffness to be known best, " + either(f'"{name}"' for name in dict.fromkeys(stiffnesses))
-            remedy = f'did you mean "{nearest}"?' if nearest else f'write for example parameter = "{stiffnesses[0]}"'
-        yield test, Finding(("plan", "parameter"), f'found "{wanted}"', expected, remedy)
 
 
 def hypotheses_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
