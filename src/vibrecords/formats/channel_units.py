@@ -37,10 +37,8 @@ class ChannelUnit:
     def __post_init__(self) -> None:
         measured, key = sensor_unit(self.unit), "unit"
         expected = 'the unit of a force or a motion, such as "N", "lbf", "g", "m/s^2", "mm/s" or "um"'
-        if measured is None and self.unit:
-            found = f'found "{self.unit}"'
-        elif measured is None and self.sensitivity is not None:
-            found = f"found a sensitivity of {self.sensitivity:g} V without a unit"
+        if measured is None and (self.unit or self.sensitivity is not None):
+            found = f'found "{self.unit}"' if self.unit else "found a sensitivity without a unit"
         elif measured and self.quantity not in (None, measured[1]):
             found, key = f'found "{self.quantity}" beside the unit "{self.unit}", one of {measured[1]}', "quantity"
             expected = "two that fit"
@@ -134,21 +132,17 @@ def _factor(unit: str) -> float | None:
 
 def _side(stated: ChannelUnit, unit: str, factor: float | None, place: str) -> tuple[float, SensorQuantity | None]:
     """Factor to SI of one channel and what it measures, by the case where it says so, else by the file."""
-    of_file = sensor_unit(unit)
-    if stated.sensitivity is not None:
+    of_file, of_case = sensor_unit(unit), sensor_unit(stated.unit)
+    if stated.sensitivity is not None and of_case is not None:
         in_volts = _volts(unit)
         if in_volts is None:
             raise MeasurementError(
                 f"{place}: found the unit {unit!r} and a sensitivity; expected volts, which a sensitivity divides; "
                 "take the sensitivity away, the file holds the unit already"
             )
-        per_unit = sensor_unit(stated.unit)
-        assert per_unit is not None  # else it is refused
-        return in_volts / stated.sensitivity * per_unit[0], per_unit[1]
-    if stated.unit:
-        parsed = sensor_unit(stated.unit)
-        assert parsed is not None
-        return parsed
+        return in_volts / stated.sensitivity * of_case[0], of_case[1]
+    if of_case is not None:
+        return of_case
     if factor is None:
         raise MeasurementError(
             f"{place}: found the unit {unit!r}, which is none of a force or motion; expected the unit of each channel; "

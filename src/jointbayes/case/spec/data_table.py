@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import singledispatch
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
@@ -847,14 +848,26 @@ class NaturalFrequenciesSpec(DataTable):
         return FrequencyData(frequency, np.hypot(self.sd_relative * frequency, self.sd_hz))
 
 
+@singledispatch
 def synthetic_table(data: DataTable) -> SyntheticFrfSpec | None:
     """The table of data that a stated truth makes."""
-    return data if isinstance(data, SyntheticFrfSpec) else None
+    return None
 
 
+@synthetic_table.register
+def _synthetic_table(data: SyntheticFrfSpec) -> SyntheticFrfSpec:
+    return data
+
+
+@singledispatch
 def files_table(data: DataTable) -> MeasuredSpec | None:
     """The table of data that are in measurement files."""
-    return data if isinstance(data, MeasuredSpec) else None
+    return None
+
+
+@files_table.register
+def _files_table(data: MeasuredSpec) -> MeasuredSpec:
+    return data
 
 
 DataSpec = Annotated[
