@@ -118,21 +118,16 @@ class CaseText:
 
     def fault(self, path: KeyPath, found: str, expected: str = "", remedy: str = "") -> str:
         """One line of a `CaseError` on a key: file, line, key as it is written, then found; expected; what to do."""
-        words = (found, expected and f"expected {expected}", remedy)
-        return fault_line(*self.place(path), show_key(self.written(path)), *words)
+        return fault_line(*self.place(path), show_key(self.written(path)), _sentence(found, expected, remedy))
 
     def warnings(self, findings: Iterable[Finding]) -> tuple[InputWarning, ...]:
         """Findings as warnings, each at the file and line of its key."""
-        return tuple(
-            InputWarning(
-                *self.place(finding.loc),
-                ".".join(map(str, self.written(finding.loc))),
-                "; ".join(
-                    [finding.found, *([f"expected {finding.expected}"] * bool(finding.expected)), finding.remedy]
-                ),
-            )
-            for finding in findings
-        )
+        placed = ((self.place(f.loc), self.written(f.loc), _sentence(f.found, f.expected, f.remedy)) for f in findings)
+        return tuple(InputWarning(*place, ".".join(map(str, key)), text) for place, key, text in placed)
+
+
+def _sentence(found: str, expected: str, remedy: str) -> str:
+    return "; ".join(filter(None, (found, expected and f"expected {expected}", remedy)))
 
 
 def read_case_text(path: str | os.PathLike[str], allow_outside: bool = False) -> CaseText:
