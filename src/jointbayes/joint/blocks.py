@@ -237,10 +237,9 @@ def blocks_of(joints: Mapping[str, Parametrisation | str]) -> Parametrisation:
         owner = joint if isinstance(joint, str) else name
         shared = joints.get(owner)
         if not isinstance(shared, Parametrisation):
-            raise ModelError(
-                f"joint {name}: found shared quantities of {owner!r}; expected a joint with quantities of its own; "
-                "name that one"
-            )
+            owners = ", ".join(other for other, of in joints.items() if isinstance(of, Parametrisation)) or "no one"
+            found, expected = f"found shared quantities of {owner!r}", f"one with quantities of its own, {owners}"
+            raise ModelError.of(f"joint {name}", ("joints", name, "shared"), found, expected, "name that one")
         rows[owner].append(row)
         sharing[owner].append(name)
         row += shared.size

@@ -167,14 +167,9 @@ def joints_findings(
 
 
 def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, NamedJointSpec]) -> Iterator[Finding]:
-    """Yield a joint that shares the quantities of none, of one that shares itself, or of an unlike one."""
+    """Yield a joint that shares the quantities of an unlike one, or states what that one does."""
     loc, other = ("joints", name, "shared"), joints.get(joint.shared or "")
-    if other is None or other is joint or other.shared is not None:
-        owners = [owner for owner, candidate in joints.items() if candidate.shared is None and owner != name]
-        expected = f"a joint with quantities of its own: {', '.join(owners) or 'there is none'}"
-        yield Finding(loc, f'found "{joint.shared}"', expected, "correct the name or remove it")
-        return
-    if unlike := joint.unlike(other):
+    if other is not None and (unlike := joint.unlike(other)):
         fault = f'found "{joint.shared}", a joint with another {" and ".join(unlike)}'
         yield Finding(
             loc,
@@ -517,7 +512,7 @@ class CaseSpec(Spec):
     @property
     def sharing(self) -> dict[str, str]:
         """Joints whose quantities are those of another one, by name."""
-        joints = self.joints.items() if self.joined else ()
+        joints = self.joints.items() if self.joined and self.joint is None else ()
         return {name: joint.shared for name, joint in joints if joint.shared is not None}
 
     @property
@@ -549,6 +544,10 @@ class CaseSpec(Spec):
 
         by_name = {name: joint.parametrisation_object for name, joint in self.all_joints.items()}
         return blocks_of({**by_name, **self.sharing})
+
+    def built(self) -> Parametrisation:
+        """What the joints are together, some with the quantities of another."""
+        return self.parametrisation
 
     def leaves_out(self, test: str) -> bool:
         """Whether a test does not enter the estimate."""
