@@ -11,8 +11,6 @@ import numpy as np
 LINE = 100
 _MOST_DIGITS = 5
 _DIGITS_WITHOUT_ERROR = 3
-#: The largest ratio of the ends of an interval that is told as a number.
-LARGEST_FACTOR = 1e3
 _LARGEST_TWICE_LOG = 2 * math.log(1e6)
 _PREFIXES = (("G", 1e9), ("M", 1e6), ("k", 1e3))
 
@@ -82,7 +80,8 @@ def _split(value: float, error: float) -> tuple[int, int]:
 def engineering(values: Sequence[float], unit: str, errors: Sequence[float] = ()) -> tuple[tuple[str, ...], str]:
     """Format the numbers of a row, such as a median and its interval, with one prefix: GN/m, MN·m/rad, kN·s/m.
 
-    The prefix is that of the first number, so state the median first; only units of a force have one. Each number shows
+    The prefix is that of the first number, so state the median first; only units of a force have one, and m/N is
+    printed in nm/N. Each number shows
     the digits that its error supports, with zeros for the places that it does not. Where a number would be below 0.0001
     or above 99999 with that prefix, all of the row are powers of ten in the unit without a prefix.
 
@@ -110,7 +109,11 @@ def engineering(values: Sequence[float], unit: str, errors: Sequence[float] = ()
     (('99.94', '99.21', '100.67'), 'kN·m/rad')
     >>> engineering((3.44e7, 1.2, 9e12), "N"), engineering((0.0801, 0.02), "1")
     ((('3.44e7', '1.20e0', '9.00e12'), 'N'), (('0.0801', '0.0200'), '1'))
+    >>> engineering((6.12e-10, 4.02e-10), "m/N")
+    (('0.612', '0.402'), 'nm/N')
     """
+    if unit == "m/N":  # of a joint
+        values, errors, unit = [1e9 * v for v in values], [1e9 * e for e in errors], "nm/N"
     first = next((abs(value) for value in values if value and math.isfinite(value)), 0.0) if unit[:1] == "N" else 0.0
     prefix, scale = next(((p, s) for p, s in _PREFIXES if first >= s), ("", 1.0))
     errors = errors or [math.nan] * len(values)
@@ -228,19 +231,6 @@ def factor(ratio: float) -> str:
     if 1 < ratio < 2:
         return f"{ratio:.{1 - math.floor(math.log10(ratio - 1))}f}"
     return number(ratio)
-
-
-def factor_in_words(ratio: float) -> str:
-    """Upper over lower end of a 95 % interval.
-
-    Examples
-    --------
-    >>> factor_in_words(1.0162), factor_in_words(3.84), factor_in_words(math.inf)
-    ('a factor of 1.016', 'a factor of 3.84', 'more than a factor of 1000')
-    """
-    if ratio > LARGEST_FACTOR:
-        return f"more than a factor of {LARGEST_FACTOR:.0f}"
-    return f"a factor of {factor(ratio)}"
 
 
 def likelihood_ratio(twice_log: float) -> str:

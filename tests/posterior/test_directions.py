@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes.posterior.directions import interval_ratio, name_directions, spread_in_words, summary_sentence
+from jointbayes.posterior.directions import interval_ratio, name_directions, summary_sentence
 from jointbayes.posterior.identifiability import assess
-from jointbayes.rounding import factor_in_words
+from jointbayes.posterior.next_step import spread_in_words
+from jointbayes.rounding import rounded, rounded_interval
 from tests.conftest import PAIR
 
 NAMES = ("k11", "k12", "k22")
@@ -43,7 +44,7 @@ def test_the_condensed_stiffness_is_recognised_along_its_curved_sheet():
     found = name_directions(np.stack([k11, k12, k22], axis=-1), prior_draws())
     assert found[0].quantity == "k22 − k12²/k11"
     assert found[0].sd_log == pytest.approx(0.004, rel=0.03)
-    assert found[0].sentence == "k22 − k12²/k11 is identified: its 95 % credible interval spans a factor of 1.016"
+    assert found[0].sentence == "k22 − k12²/k11 is identified: 420 (417 to 423) kN·m/rad"
     assert all(named.verdict != "identified" for named in found[1:])
 
 
@@ -51,7 +52,7 @@ def test_a_single_stiffness_is_named_singly():
     found = directions(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
     assert [named.quantity for named in found] == ["k22", "k12", "k11"]
     assert [named.verdict for named in found] == ["identified", "weakly identified", "not identified"]
-    assert found[0].sentence == "k22 is identified: its 95 % credible interval spans a factor of 1.024"
+    assert found[0].sentence == "k22 is identified: 1.00e6 (9.88e5 to 1.01e6), SI units"
 
 
 def test_products_and_ratios_of_small_powers_are_recognised():
@@ -80,7 +81,8 @@ def test_every_figure_is_that_of_the_draws_of_the_quantity():
     low, high = np.quantile(quantity, [0.025, 0.975])
     assert first.interval95 == pytest.approx((low, high))
     assert first.ratio == pytest.approx(high / low)
-    assert factor_in_words(high / low) in first.sentence
+    ends = rounded_interval((low, high), (np.nan, np.nan))
+    assert first.sentence.endswith(f": {rounded(first.median)} ({ends}), SI units")
 
 
 def test_quantities_known_alike_are_not_mixed():
@@ -138,7 +140,7 @@ def test_a_single_stiffness_has_the_ends_and_the_factor_that_are_printed_everywh
     found = {named.quantity: named for named in name_directions(values, prior_draws(), {"k22": k22})}
     assert found["k22"].interval95 == (0.9, 1.5)
     assert found["k22"].ratio == 1.5 / 0.9
-    assert "its 95 % interval spans a factor of 1.67" in found["k22"].sentence
+    assert "(0.900 to 1.50)" in found["k22"].sentence
 
 
 def test_a_combination_that_is_known_by_the_prior_only_is_not_named():
@@ -153,7 +155,7 @@ def test_a_bounded_stiffness_is_named_with_its_limit_and_no_factor():
     values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
     k11 = replace(assess(values[:, 0], prior_draws()[:, 0]), verdict="bounded below", limit95=2.5e8, unit="N/m")
     found = {named.quantity: named for named in name_directions(values, prior_draws(), {"k11": k11})}
-    assert found["k11"].sentence == "k11 is bounded below: it is above 250 MN/m (95 %)"
+    assert found["k11"].sentence == "k11 is bounded below: above 250 MN/m (95 %)"
 
 
 def test_where_a_failed_run_allows_no_verdict_no_combination_has_one():
@@ -173,14 +175,18 @@ def test_plain_springs_have_no_coupling_to_speak_of():
     assert [named.quantity for named in found] == ["k22", "k11"]
 
 
-@pytest.mark.parametrize("sd", [1e-4, 0.0569, 0.057, 0.28, 0.281, 1.7])
-def test_a_linearised_spread_is_printed_as_the_ratio_of_the_ends_where_it_is_wide(sd):
+@pytest.mark.parametrize("sd", [1e-4, 0.0569, 0.2, 0.201, 1.7, 3.1])
+def test_a_forecast_is_printed_in_per_cent_and_where_it_is_wide_by_its_ends(sd):
     ratio = interval_ratio(sd)
     assert ratio == pytest.approx(np.exp(2 * 1.959964 * sd), rel=1e-5)
     words = spread_in_words(sd)
-    assert ("factor" in words) == (ratio > 3)
-    if "factor" in words:
-        assert float(words.removeprefix("a factor of ")) == pytest.approx(ratio, rel=0.05)
+    assert ("times" in words) == (sd > 0.2)
+    assert words.startswith("beyond") == (sd > 3)
+    if words.endswith(" %"):
+        assert float(words[1:-2]) == pytest.approx(196 * sd, rel=0.05)
+    elif sd <= 3:
+        low, high = map(float, words.removesuffix(" times").split(" to "))
+        assert (1 / low, high) == pytest.approx((np.sqrt(ratio),) * 2, rel=0.05)
 
 
 @pytest.mark.parametrize(("slope", "doubled"), [(0.2, "+0.14"), (-0.3, "-0.21")])

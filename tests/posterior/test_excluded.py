@@ -26,7 +26,7 @@ from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.report import ReportInputs
 from jointbayes.report.model import Paragraph
 from jointbayes.report.sections.identifiable import knowledge_section
-from jointbayes.rounding import rounded, rounded_interval
+from jointbayes.rounding import with_interval
 from tests.conftest import TABLE_3, judged_as, of_case, plain_reports, shipped_text
 
 RIGID = np.array([1e30, 0.0, 1e30])
@@ -159,7 +159,11 @@ def test_what_else_is_uncertain_is_fitted_anew(bounded, of_bounded, monkeypatch)
 @pytest.mark.long
 def test_the_flexibility_at_a_lever_arm_is_named_where_each_stiffness_is_bounded(bounded, of_bounded):
     first = of_bounded.knowledge.directions[0]
-    arm = float(re.fullmatch(r"flexibility at a lever arm of ([\d.]+) mm \(m/N\)", first.quantity)[1]) / 1000
+    arm = float(re.fullmatch(r"flexibility at a lever arm of ([\d.]+) mm", first.quantity)[1]) / 1000
+    ends = with_interval(first.interval95, "m/N")
+    words = f"under a force at a lever arm of {1000 * arm:g} mm the joint gives {ends} (weakly identified)"
+    assert first.as_flexibility == words
+    assert f"Best known: {first.as_flexibility}." in of_bounded.knowledge.bounds_sentence
     k11, k12, k22 = bounded.stiffness.T
     # displacement at the arm's end under a unit force there
     draws = (k22 - 2 * arm * k12 + arm**2 * k11) / (k11 * k22 - k12**2)
@@ -177,9 +181,9 @@ def test_terminal_page_one_and_summary_say_what_is_excluded(stated, capsys):
     assert said.startswith("The data rule out that the joint is rigid (more than 1e6 times less likely)")
     assert "The data do not rule out that the joint is uncoupled (" in said
     best = inputs.knowledge.directions[0]
-    assert f"Best known: {best.sentence} ({rounded(best.median)} (" in said
+    assert f"Best known: {best.sentence}." in said
     assert best.interval95[0] < best.median < best.interval95[1]
-    assert f"{rounded_interval(best.interval95, best.interval95_error)}), SI units)" in said
+    assert inputs.posterior.verdict(best.quantity).value in best.sentence
     assert summary["directions"][0]["median"] == best.median
     assert summary["bounds_sentence"] == said
     assert [one["excluded"] for one in summary["simpler_joints"]] == [True, True, False]

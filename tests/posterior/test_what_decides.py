@@ -43,7 +43,7 @@ def test_the_length_decides_and_the_damping_does_not(found):
     assert [each.name for each in found.inputs] == ["length", "youngs_modulus", "density", "damping_ratio"]
     assert list(found.exact) == list(found.together) == ["k22", "k12"]
     assert found.sentence.startswith(
-        "**Length matters most.** The upper end of k12 over the lower one is 2.08 with all"
+        "**Length matters most.** With all exact k12 is 29.4 to 61.1 MN, with one alone uncertain: length "
     )
     assert found.sentence.endswith(" Damping ratio hardly matters.")
 
@@ -95,8 +95,8 @@ KNOWN = replace(assess(np.exp(0.01 * np.random.default_rng(1).normal(size=4000))
     [
         (
             [alone("density", (0.5, 2.0)), alone("length", KNOWN.interval95, (math.nan, 3.0))],
-            "**Density matters most.** The upper end of k over the lower one is 1.040 with all exact, and with one "
-            "alone uncertain: density 4. Length hardly matters.",
+            "**Density matters most.** With all exact k is 0.981 to 1.020 N/m, with one alone uncertain: density "
+            "0.500 to 2.00 N/m. Length hardly matters.",
             "If an input is off, the best fit of k goes from 1.00 N/m to: density 2 % lower: 0.900 N/m (-10 %), "
             "2 % higher: 1.10 N/m (+10 %); length 2 % lower: an end of its prior's range, 2 % higher: 3.00 N/m (× 3).",
         ),

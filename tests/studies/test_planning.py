@@ -15,7 +15,6 @@ from jointbayes.inference import ProportionalNoise
 from jointbayes.joint import LogStiffness
 from jointbayes.posterior.candidate import FrfCandidate, estimated_law, repeated
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.posterior.directions import spread_in_words
 from jointbayes.posterior.first_look import (
     FirstLook,
     FisherInformation,
@@ -28,6 +27,7 @@ from jointbayes.posterior.first_look import (
 )
 from jointbayes.posterior.identifiability import listed
 from jointbayes.posterior.knowledge import taken_as_exact
+from jointbayes.posterior.next_step import spread_in_words
 from jointbayes.sampling import WeightedDraws, fit_proposal
 from jointbayes.structure import BeamFamily
 from jointbayes.studies.planning.case_candidates import candidates_of
@@ -369,7 +369,7 @@ def test_the_least_simulated_median_is_recommended_and_the_range_is_its_quantile
     half, now, low, high = (spread_in_words(sd) for sd in (0.5, 1.0, 0.1, 0.9))
     assert found.sentence.startswith(
         f"Measure next: an accelerometer on the beam (2:y, 95.75 mm). Forecast: k12 known to {half} "
-        f"(weakly identified; in 80 % of simulations {low} to {high}); now {now} (not identified)."
+        f"(weakly identified; in 80 % of simulations between {low} and {high}); now {now} (not identified)."
     )
 
 
@@ -379,7 +379,8 @@ def test_what_was_not_simulated_is_never_recommended():
     assert found.recommended.names == ("3:y",)
     rows = candidate_table(found.summary()).rows
     assert [row[0] for row in rows] == ["3:y (recommended)", "1:y", "2:y", "(now)"]
-    assert rows[1][3:] == ("about 0.001 (linearised)", "–", "not simulated")
+    assert rows[1][2:] == ("about ±0.2 %", "–", "–", "not simulated")
+    assert rows[0][2:4] == ("0.38 to 2.7 times", "0.38 to 2.7 times and 0.38 to 2.7 times")
     none = planned()
     assert none.recommended is None
     assert none.sentence == "No recommendation: every simulation failed."

@@ -41,7 +41,7 @@ def test_the_first_sentence_answers_in_words_with_the_interval():
     assert lines == [
         "k22 has not changed: +0.4 % (-1.1 to +1.9 %).",
         "k12 has not changed: +1200 N (-300 to +2700 N).",
-        "k11 is not known well enough: a factor of 0.1 to 10.",
+        "k11 is not known well enough: 0.1 to 10 times before.",
         "No change of the joint is shown: all stiffnesses together, such a difference has probability 0.34 by chance "
         "(limit 0.01).",
         "The whole joint moves natural frequency 1 by +0.000 % (-0.010 to +0.020 %).",

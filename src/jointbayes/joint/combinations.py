@@ -20,6 +20,7 @@ from vibrecords.arrays import Array
 _SUPERSCRIPT = {1: "", 2: "²"}
 #: Of more stiffnesses than these products are made of two at a time.
 _FEW = 4
+FLEXIBILITY = "flexibility at "
 #: Lever arms in m at which a joint's flexibility is evaluated, either way.
 _OF_AN_ARM = 1.5  # penalty: the arm is fitted
 _ARMS = np.geomspace(1e-3, 10.0, 401)
@@ -27,16 +28,17 @@ _ARMS = np.geomspace(1e-3, 10.0, 401)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combination:
-    """A quantity: name, values by stiffness (n, q), whether it is a coordinate, and what it must be better by."""
+    """A quantity: name, values by stiffness (n, q), whether it is a coordinate, what it must be better by, unit."""
 
     name: str
     of: Callable[[Array], Array]
     single: bool
     penalty: float
+    unit: str = ""
 
     def within(self, columns: slice) -> "Combination":
         """The same of one joint whose stiffnesses stand in these columns of those of all joints."""
-        return Combination(self.name, lambda k: self.of(k[:, columns]), self.single, self.penalty)
+        return replace(self, of=lambda k: self.of(k[:, columns]))
 
 
 def parametrisation_of_draws(parametrisation: Parametrisation, values: Array) -> Parametrisation:
@@ -137,8 +139,8 @@ def flexibilities_at_arms(parametrisation: Parametrisation, values: Array, joint
         return []  # no joint of positive energy
     widths = [np.ptp(np.quantile(np.log(value), [0.025, 0.975])) for value in flexibilities]
     best = float(f"{arms[int(np.argmin(widths))]:.2g}")
-    name = prefixed(joint, f"flexibility at a lever arm of {1000 * best:g} mm (m/N)".replace("-", "−"))
-    return [Combination(name, lambda k: flexibility(k, best), False, _OF_AN_ARM)]
+    name = prefixed(joint, f"{FLEXIBILITY}a lever arm of {1000 * best:g} mm".replace("-", "−"))
+    return [Combination(name, lambda k: flexibility(k, best), False, _OF_AN_ARM, "m/N")]
 
 
 def _products_of_powers(parametrisation: Parametrisation, joint: str) -> list[Combination]:
@@ -181,8 +183,8 @@ def _condensed_stiffnesses(parametrisation: Parametrisation, joint: str) -> list
         return []
     k11, k12, k22 = (prefixed(joint, name) for name in parametrisation.stiffness_names)
     condensed = [
-        Combination(f"{k22} − {k12}²/{k11}", lambda k: k[:, 2] - k[:, 1] ** 2 / k[:, 0], False, 1.1),
-        Combination(f"{k11} − {k12}²/{k22}", lambda k: k[:, 0] - k[:, 1] ** 2 / k[:, 2], False, 1.1),
+        Combination(f"{k22} − {k12}²/{k11}", lambda k: k[:, 2] - k[:, 1] ** 2 / k[:, 0], False, 1.1, "N·m/rad"),
+        Combination(f"{k11} − {k12}²/{k22}", lambda k: k[:, 0] - k[:, 1] ** 2 / k[:, 2], False, 1.1, "N/m"),
         Combination(f"{k11}·{k22} − {k12}²", _determinant, False, 1.6),
     ]
     if not isinstance(parametrisation, SignedCoupling):

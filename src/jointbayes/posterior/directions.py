@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from jointbayes.joint import Coordinate, Parametrisation, parametrisation_named
 from jointbayes.joint.combinations import (
+    FLEXIBILITY,
     Combination,
     combinations_of,
     flexibilities_at_arms,
@@ -31,14 +32,13 @@ from jointbayes.joint.combinations import (
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
     IF_MODEL_RIGHT,
-    WEAK_RATIO,
     Identifiability,
     Verdict,
     assess,
     ratio_of,
     verdict_by_rule,
 )
-from jointbayes.rounding import LARGEST_FACTOR, factor_in_words, rounded, rounded_interval
+from jointbayes.rounding import rounded, rounded_interval, with_interval
 from vibrecords.arrays import Array
 
 _NORMAL_95 = 1.959963984540054
@@ -73,7 +73,7 @@ class NamedDirection:
         By the rule of `jointbayes.posterior.identifiability`, as for a single stiffness; that of a stiffness itself
         is the one of the whole posterior, see `jointbayes.posterior.verdicts`.
     sentence
-        For example ``"k22 is identified: its 95 % credible interval spans a factor of 1.04"``.
+        For example ``"k22 is identified: 1.52 (1.51 to 1.58) MN·m/rad"``.
     interval95_error
         Monte Carlo standard errors of the two ends; NaN for a combination.
     limit
@@ -93,30 +93,19 @@ class NamedDirection:
     median: float = math.nan
 
     @property
-    def value(self) -> str:
-        """Median and interval in words."""
-        ends = rounded_interval(self.interval95, self.interval95_error)
-        return f"{rounded(self.median)} ({ends}), SI units"
+    def as_flexibility(self) -> str:
+        """What the joint does under a force, in words; empty of what is no flexibility."""
+        joint, _, arm = self.quantity.partition(FLEXIBILITY)
+        if not arm:
+            return ""
+        ends = with_interval(self.interval95, "m/N")
+        return f"under a force at {arm} the joint {joint.rstrip('.')}{joint and ' '}gives {ends} ({self.verdict})"
 
 
 def interval_ratio(sd: float) -> float:
     """Upper over lower end of the 95 % interval that a standard deviation of a logarithm implies."""
     exponent = 2 * _NORMAL_95 * sd
     return math.exp(exponent) if exponent < 700 else math.inf
-
-
-def spread_in_words(sd: float) -> str:
-    """A standard deviation of a logarithm: in per cent where small, else as the ratio of the ends of the 95 % interval.
-
-    Examples
-    --------
-    >>> spread_in_words(0.0058), spread_in_words(0.15), spread_in_words(0.36), spread_in_words(1.3)
-    ('0.58 %', '16 %', 'a factor of 4.1', 'a factor of 160')
-    """
-    ratio = interval_ratio(sd)
-    if ratio > LARGEST_FACTOR:
-        return factor_in_words(ratio)
-    return f"a factor of {float(f'{ratio:.2g}'):g}" if ratio > WEAK_RATIO else f"{100 * math.expm1(sd):.2g} %"
 
 
 def name_directions(
@@ -158,7 +147,7 @@ def name_directions(
     singles = [search.judged(quantity) for quantity in search.singles]
     if all(single.verdict == "identified" for single in singles):
         order = sorted(zip(search.singles, singles, strict=True), key=lambda pair: pair[1].ratio)
-        return tuple(_named(quantity.name, single) for quantity, single in order)
+        return tuple(_named(quantity, single) for quantity, single in order)
     return search.run()
 
 
@@ -211,7 +200,7 @@ class _Search:
         while len(named) < len(self.names):
             quantity, judged = self._widest(axes) if len(named) == len(self.names) - 1 else self._best(axes)
             words = "" if judged.verdict in ("identified", "weakly identified") else self._moving_with(quantity)
-            named.append(_named(quantity.name, judged, words))
+            named.append(_named(quantity, judged, words))
             beside = _orthogonal_part(self._gradient(quantity), axes)
             axes = np.vstack([axes, beside / np.linalg.norm(beside)])
         return tuple(named)
@@ -319,25 +308,24 @@ def _orthogonal_part(gradient: Array, axes: Array) -> Array:
     return gradient - axes.T @ (axes @ gradient)
 
 
-def _named(quantity: str, judged: Identifiability, moving: str = "") -> NamedDirection:
-    """A quantity in words: its spread or limit, and the reason where the verdict does not follow from the spread."""
+def _named(quantity: Combination, judged: Identifiability, moving: str = "") -> NamedDirection:
+    """A quantity in words: its value or limit, and the reason where the verdict does not follow from the interval."""
     (low, high), errors = judged.ends
     ratio = math.inf if math.isinf(judged.ratio) else ratio_of((low, high))  # draws of either sign have none
-    interval = "its 95 % interval" if any(judged.printed_by_likelihood) else "its 95 % credible interval"
-    if judged.limit:
-        spread = f"it is {judged.limit}"
-    elif low <= 0 <= high:
-        spread = f"{interval}, {low:.3g} to {high:.3g}, contains zero"
-    elif math.isinf(judged.ratio):
-        spread = f"{interval} is {low:.3g} to {high:.3g}, and it has draws of either sign"
-    else:
-        spread = f"{interval} spans {factor_in_words(ratio)}"
-        if judged.verdict not in (verdict_by_rule(judged.ratio, 1.0)[0], "no verdict"):
-            spread += f", and {judged.verdict_reason.removeprefix(f'{IF_MODEL_RIGHT}: ')}"
+    unit = judged.unit or quantity.unit
+    value = f"{rounded(judged.median)} ({rounded_interval((low, high), errors)}), SI units"
+    if unit:
+        value = judged.limit or with_interval((judged.median, low, high), unit, (judged.median_error, *errors))
+    if not judged.limit and low <= 0 <= high:
+        value += ", which contains zero"
+    elif not judged.limit and math.isinf(judged.ratio):
+        value += ", with draws of either sign"
+    elif not judged.limit and judged.verdict not in (verdict_by_rule(judged.ratio, 1.0)[0], "no verdict"):
+        value += f"; {judged.verdict_reason.removeprefix(f'{IF_MODEL_RIGHT}: ')}"
     verb = "has" if judged.verdict == "no verdict" else "is"  # a failed run
-    sentence = f"{quantity} {verb} {judged.verdict}: {spread}{moving}"
+    sentence = f"{quantity.name} {verb} {judged.verdict}: {value}{moving}"
     return NamedDirection(
-        quantity, (low, high), ratio, judged.sd_log, judged.verdict, sentence, errors, judged.limit, judged.median
+        quantity.name, (low, high), ratio, judged.sd_log, judged.verdict, sentence, errors, judged.limit, judged.median
     )
 
 

@@ -606,7 +606,7 @@ class Knowledge(KeptKnowledge):
             text = f"With {self._condition}: {text[0].lower()}{text[1:]}"
         if not self.check.explains:
             text = f"{IF_MODEL_RIGHT.capitalize()}: {text[0].lower()}{text[1:]}"
-        best = next((f"{d.sentence} ({d.value})" for d in self.directions if d.verdict in CERTAINTY), "")
+        best = next((d.as_flexibility or d.sentence for d in self.directions if d.verdict in CERTAINTY), "")
         known = f"Best known{self._condition and ', on the same condition'}: {best}."
         return (text, *rest, *([known] if best else []))
 

@@ -32,7 +32,7 @@ from jointbayes.posterior.candidate import (
 from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.first_look import FirstLook
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
-from jointbayes.rounding import factor, number, sentence_start
+from jointbayes.rounding import number, sentence_start
 from vibrecords import ModalData
 
 #: Places of one further sensor that are looked at in each test.
@@ -50,7 +50,7 @@ _HALF_WIDTH, _SMALL = 1.96, 0.2
 #: A measurement that makes the standard deviation less than so many times smaller is not worth its price.
 _LEAST_GAIN = 1.15
 #: Standard deviations of ln k beyond which nothing is known of a stiffness, and up to which a forecast is worth a word:
-#: a factor of 10 either way.
+#: 0.1 to 10 times.
 _LARGEST, _WORTH_SAYING = 3.0, math.log(10.0) / 1.96
 
 
@@ -80,16 +80,17 @@ class NextStep:
 
 
 def spread_in_words(sd: float) -> str:
-    """How well a stiffness is known by the standard deviation of its logarithm.
+    """The 95 % interval of a stiffness around its median, by the standard deviation of its logarithm.
 
     Examples
     --------
     >>> spread_in_words(0.045), spread_in_words(0.5), spread_in_words(9.0)
-    ('±8.8 %', 'a factor of 2.66 either way', 'unknown')
+    ('±8.8 %', '0.38 to 2.7 times', 'beyond 0.0028 to 360 times')
     """
     if sd <= _SMALL:
         return f"±{number(100 * _HALF_WIDTH * sd, 2)} %"
-    return f"a factor of {factor(math.exp(_HALF_WIDTH * sd))} either way" if sd <= _LARGEST else "unknown"
+    low, high = (float(f"{math.exp(side * _HALF_WIDTH * min(sd, _LARGEST)):.2g}") for side in (-1, 1))
+    return f"{'' if sd <= _LARGEST else 'beyond '}{low:g} to {high:g} times"
 
 
 def next_step(posterior: AnyPosterior, freed: Problem | None, judged: Mapping[str, Identifiability]) -> NextStep | None:

@@ -20,7 +20,7 @@ from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.first_look import fisher_information
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, listed, ratio_of
-from jointbayes.rounding import factor, number, quantity_text
+from jointbayes.rounding import number, quantity_text, with_interval
 from vibrecords.arrays import Array
 
 Flags = NDArray[np.bool_]
@@ -97,14 +97,14 @@ class WhatDecides:
             return f"None of {listed(unchanged)} alone makes an interval more than {100 * _UNCHANGED:g} % wider."
         name = max(first.interval95, key=lambda k: ratio_of(first.interval95[k]) / ratio_of(self.exact[k].ends[0]))
         each = [
-            f"{listed((i.name,))} {factor(ratio_of(i.interval95[name]))}"
+            f"{listed((i.name,))} {with_interval(i.interval95[name], self.exact[name].unit)}"
             for i in self.inputs
             if i.name not in unchanged
         ]
         none = f" {listed(unchanged).capitalize()} hardly matters." if unchanged else ""
         return (
-            f"**{listed((first.name,)).capitalize()} matters most.** The upper end of {name} over the lower one is "
-            f"{factor(ratio_of(self.exact[name].ends[0]))} with all exact, and with one alone uncertain: "
+            f"**{listed((first.name,)).capitalize()} matters most.** With all exact {name} is "
+            f"{with_interval(self.exact[name].ends[0], self.exact[name].unit)}, with one alone uncertain: "
             f"{', '.join(each)}.{none}"
         )
 

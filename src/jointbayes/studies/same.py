@@ -20,7 +20,7 @@ from jointbayes.posterior import Posterior
 from jointbayes.posterior.homogeneity import FALSE_ALARM
 from jointbayes.posterior.identifiability import listed
 from jointbayes.progress import ProgressCallback
-from jointbayes.rounding import number
+from jointbayes.rounding import interval, number
 from jointbayes.structure.recipe import is_damping
 from jointbayes.workflow import find_map, sample_quickly
 from vibrecords.arrays import Array
@@ -120,7 +120,7 @@ class JointChange:
             yield "The joint has changed; which stiffness is not clear."
         for k in self.stiffness:
             if not k.known:
-                yield f"{k.name} is not known well enough: a factor of {number(1 + k.low95)} to {number(1 + k.high95)}."
+                yield f"{k.name} is not known well enough: {interval((1 + k.low95, 1 + k.high95))} times before."
             elif k.shown and not self.changed:
                 yield f"{k.name} has not changed by more than chance, all stiffnesses together: {k.how_much}."
             else:

@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.posterior.candidate import Candidate
-from jointbayes.posterior.directions import spread_in_words
 from jointbayes.posterior.first_look import Linearised, Names
 from jointbayes.posterior.identifiability import Verdict
+from jointbayes.posterior.next_step import spread_in_words
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.markup import foreign
@@ -322,11 +322,10 @@ class Plan:
                 f"known to {now}, and after the best, {first.words}, to {spread_in_words(first.sd_after)}."
             )
         assert best.simulation is not None
-        low, high = best.simulation.range80
+        between = " and ".join(map(spread_in_words, best.simulation.range80))
         return (
             f"Measure next: {best.words}. Forecast: {self.parameter} known to {spread_in_words(best.sd_after)} "
-            f"({best.simulation.verdict}; in 80 % of simulations {spread_in_words(low)} to {spread_in_words(high)}); "
-            f"now {now}."
+            f"({best.simulation.verdict}; in 80 % of simulations between {between}); now {now}."
         )
 
     @property
@@ -400,21 +399,21 @@ def candidate_table(summary: Mapping[str, Any]) -> Table:
     """Each measurement: simulated ones by their median standard deviation, then those that were not simulated."""
     parameter, now = summary["parameter"], summary["now"]
     rows = [_row(entry, summary["recommended"]) for entry in summary["measurements"]]
-    present = ("(now)", "", spread_in_words(now["sd"]), number(now["sd"]), now["verdict"], "present posterior")
+    present = ("(now)", "", spread_in_words(now["sd"]), "", now["verdict"], "present posterior")
     return Table(
         f"Further measurements and how well {parameter} would then be known",
         (
             "Measurement",
             "Position",
-            f"{parameter} known to (80 %)",
-            f"sd of ln {parameter} (80 %)",
+            f"{parameter} known to",
+            "In 80 % of simulations between",
             "Verdict then",
             "Based on",
         ),
         (*rows, present),
         align="llllll",
-        note="Median over simulated measurements, and the range that holds 80 % of them. Linearised: ranked by Fisher "
-        "information alone, and never recommended.",
+        note="95 % interval over its median, by the median simulation. About: by Fisher information alone, and never "
+        "recommended.",
     )
 
 
@@ -430,14 +429,12 @@ def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:
     simulated = entry["simulated"]
     if simulated is None:
         sd = entry["linearised"]["median"]
-        return names, where, "–", f"about {number(sd)} (linearised)", "–", "not simulated"
+        return names, where, "–" if sd is None else f"about {spread_in_words(sd)}", "–", "–", "not simulated"
     if not simulated["valid"]:
         return names, where, "–", "–", "–", f"{simulated['lost']} of {simulated['truths']} simulations failed"
-    low, high = simulated["sd_range80"]
-    spread = f"{spread_in_words(simulated['sd_median'])} ({spread_in_words(low)} to {spread_in_words(high)})"
-    sds = f"{number(simulated['sd_median'])} ({number(low)} to {number(high)})"
+    between = " and ".join(map(spread_in_words, simulated["sd_range80"]))
     count = simulated["truths"] - simulated["lost"]
-    return names, where, spread, sds, simulated["verdict"], f"{count} simulations"
+    return names, where, spread_in_words(simulated["sd_median"]), between, simulated["verdict"], f"{count} simulations"
 
 
 def build_plan_report(summary: Mapping[str, Any], drawing: str = "") -> Report:
