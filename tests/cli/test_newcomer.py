@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.walk_through import exact_accelerance
 
+from jointbayes.cli.files import _in_words
 from jointbayes.cli.output import LONGEST, source_lines
 from tests.cli.test_manner import typed
 from tests.conftest import CONFIGS, cheap_text, edited, shipped_text, without_stages
@@ -77,11 +78,29 @@ def test_validate_says_where_each_dof_is_and_what_the_beam_is_made_of(tmp_path, 
     (tmp_path / "case.toml").write_text(text, encoding="utf-8")
     (entry,) = json.loads(typed("validate", "case.toml", "--json").stdout)["cases"]
     assert {
-        "material and section: 210 GPa, 7800 kg/m³; circle 25 mm",
+        "structure: beam 383 mm, circle 25 mm, E 210 GPa, 7800 kg/m³, modal damping",
         "at 0 mm: 1:y, 1:rz",
         "at 250 mm: mid:y",
         "at 383 mm: 11:y",
     } <= set(entry["understood"])
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("300 mm, Modal damping, uncertain: nothing", "beam 300 mm, 40 × 8 mm, modal damping"),
+        (
+            "300 mm, Modal damping, uncertain: youngs_modulus, damping_ratio_1, damping_ratio_2, damping_ratio_4",
+            "beam 300 mm, 40 × 8 mm, modal damping; uncertain: Young's modulus, damping of modes 1 to 4",
+        ),
+        (
+            "solid_bar.npz, 9 DOFs, Loss factor, uncertain: nothing",
+            "solid_bar.npz, 9 DOFs, loss factor",
+        ),
+    ],
+)
+def test_validate_says_the_structure_in_words(line, words):
+    assert _in_words(f"structure: {line}", ["material and section: 40 × 8 mm"]) == f"structure: {words}"
 
 
 @pytest.mark.parametrize(

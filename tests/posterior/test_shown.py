@@ -37,7 +37,10 @@ def unwrapped(text):
 def test_a_summary_has_what_lmfit_reports(shown, cheap_posterior):
     text, summary = str(shown["summary"]), shown["summary"]
     assert f"249 values, synthetic; χ² per value {summary.fit.chi2_per_line:.3g}\n" in text
-    assert "converged" in text
+    fewest = min(cheap_posterior.record.sampler["ess"].values())
+    assert (found := re.search(r"^    Calculation settled \((\S+ \S+) independent draws\)\. Seed 1\.$", text, re.M))
+    assert float(found[1].replace(" ", "")) == pytest.approx(fewest, rel=0.05)
+    assert repr(cheap_posterior).startswith(f"Posterior of 'cheap'. {found[0].strip().removesuffix(' Seed 1.')}\n")
     matrix = np.corrcoef(cheap_posterior.theta.T)
     names = cheap_posterior.problem.names
     pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]

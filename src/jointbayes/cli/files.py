@@ -224,9 +224,10 @@ def _understood(case: "Case") -> list[str]:
 
     rows = [line for line in (specimen_line(case.about),) if line]
     for test in case.problem.tests:
-        told = [re.sub(r"\b[A-Z]\w+\(|\)", "", line) for line in str(test).split("\n")]  # without names of classes
-        rows += [re.sub(r"(?<=[a-z])[A-Z](?=[a-z])", lambda found: f" {found[0].lower()}", line) for line in told]
-        rows += _model_rows(test)
+        told = re.sub(r"\b[A-Z]\w+\(|\)", "", str(test))  # without names of classes
+        told = re.sub(r"(?<=[a-z])[A-Z](?=[a-z])", lambda found: f" {found[0].lower()}", told)
+        model = list(_model_rows(test))
+        rows += [*(_in_words(line, model) for line in told.split("\n")), *model]
     prior = case.problem.prior
     theta = prior.sample(np.random.default_rng(0), 20_000)  # as the report: what no joint can be is cut off
     values = np.column_stack([prior.values(theta), prior.nuisance_values(theta)])
@@ -236,6 +237,15 @@ def _understood(case: "Case") -> list[str]:
         low, high = (number(float(end), 3) for end in np.quantile(column, [0.025, 0.975]))
         rows.append(f"unknown {name}: 95 % of the prior from {low} to {high}{'' if unit == '1' else f' {unit}'}")
     return rows
+
+
+def _in_words(line: str, model: list[str]) -> str:
+    """A line; of the structure its damping, what is uncertain and, of a lone beam, material and section in words."""
+    line = re.sub(r"[A-Z](?=[a-z]+ [a-z]+, uncertain: )", lambda found: found[0].lower(), line)
+    what, _, names = line.replace(", uncertain: nothing", "").partition(", uncertain: ")
+    names = re.sub(r"damping_ratio_(\d+), (?:\w+, )*damping_ratio_(\d+)", r"damping of modes \1 to \2", names)
+    what = re.sub(r"(?<=ure: )[\d.e+]+ mm(?=, )", lambda it: f"beam {it[0]}, {model.pop(0).partition(': ')[2]}", what)
+    return what + (f"; uncertain: {names}".replace("youngs", "Young's").replace("_", " ") if names else "")
 
 
 def _model_rows(test: "Test") -> Iterator[str]:
@@ -249,7 +259,7 @@ def _model_rows(test: "Test") -> Iterator[str]:
             made, section = member.material, member.section
             sizes = [f"{1e3 * size:g}" for size in section.dimensions if size]
             shape = "circle" if section.shape == "tube" and len(sizes) == 1 else section.shape
-            words = f"{made.youngs_modulus / 1e9:g} GPa, {made.density:g} kg/m³; {shape} {' × '.join(sizes)} mm"
+            words = f"{shape} {' × '.join(sizes)} mm, E {made.youngs_modulus / 1e9:g} GPa, {made.density:g} kg/m³"
             alike.setdefault(words, []).append(name or f"{member.points[0]} to {member.points[-1]}")
     for words, of in alike.items():
         which = f" of {', '.join(dict.fromkeys(of))}" if len(alike) > 1 else ""

@@ -82,7 +82,8 @@ class Premises:
     @property
     def decision(self) -> str:
         """What follows from the reason, in a sentence without full stop; empty where the problem is as stated."""
-        then = "so the answer comes from their modes" if self.of_modes else "so the usual error of the model is added"
+        of_modes = "so natural frequencies are fitted, with the model's error, and not every line of the FRFs"
+        then = of_modes if self.of_modes else "so the usual error of the model is added"
         return f"{self.reason}, {then}" if self.reason else ""
 
 

@@ -236,8 +236,8 @@ def why_by_modes(sizes: ErrorSizes, used: Sequence[UsedMode], checked: Callable[
     stated, smallest = sizes.frequency, min(mode.sd_hz / mode.frequency_hz for mode in used if not mode.held)
     if stated > smallest:
         return (
-            f"the model may miss a natural frequency by {number(100 * stated, 2)} %, and the noise of the FRFs alone "
-            f"leaves open {number(100 * smallest, 2)} %"
+            f"the FRFs are sharper ({number(100 * smallest, 2)} % of a natural frequency) than the model "
+            f"({number(100 * stated, 2)} %)"
         )
     return (
         "" if all(check.explains for check in checked()) else "the model does not explain the FRFs within their noise"

@@ -561,8 +561,7 @@ class Posterior:
 
     @property
     def _title(self) -> str:
-        reason = self.reason.partition(":")[0] if self.converged else self.reason
-        return f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {reason}"
+        return f"Posterior of {self.record.case_name!r}. {self.record.state}"
 
     @property
     def judged_names(self) -> list[str]:

@@ -1,6 +1,7 @@
 """How the draws of a posterior came about, and of which case and data they are."""
 
 import hashlib
+import math
 import platform
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -80,6 +81,14 @@ class RunRecord:
         if self.converged:
             return f"The calculation has settled: {how[2] or how[0]}."
         return f"The calculation has NOT settled {how[0].removeprefix('not converged ')}: do not use these numbers."
+
+    @property
+    def state(self) -> str:
+        """Whether the calculation has settled, in one short sentence: what stands above the numbers of a notebook."""
+        if not self.converged:
+            return self.headline
+        fewest = float(f"{min(self.sampler['ess'].values(), default=math.nan):.2g}")
+        return f"Calculation settled ({fewest:,.0f} independent draws).".replace(",", " ")
 
     @property
     def limit_to_raise(self) -> str:

@@ -231,7 +231,7 @@ class Summary:
         lines = [
             f"[[Posterior of {record.case_name!r}]]",
             *in_lines(specimen_line(self.about), 4),
-            *in_lines(f"{record.reason}; seed {record.seed}", 4),
+            *in_lines(f"{record.state} Seed {record.seed}.", 4),
             "[[Joint: median (95 % interval), verdict]]",
         ]
         for line, words in zip(align_columns(rows) if known else [], beside, strict=True):

@@ -299,7 +299,11 @@ def _channels(name: str) -> tuple[str, str, tuple[str, ...]]:
     response, _, reference = (label.strip() for label in re.sub(r"\s+over\s+", " / ", name).rpartition(" / "))
     if response:
         return response, reference, ()
-    return reference or "output 1", "input 1", ("the header does not name response and reference",)
+    output, note = (
+        reference or "output 1",
+        "the header does not say which column is the hammer; they are called {} and {}",
+    )
+    return output, "input 1", (note.format(output, "input 1"),)
 
 
 def _magnitude(values: Array, unit: str, where: str, notes: list[str]) -> tuple[Array, str]:
