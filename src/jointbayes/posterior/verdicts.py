@@ -224,7 +224,9 @@ def _bounded(posterior: AnyPosterior, name: str, wider: Verdict, side: Side, val
 
     Draws that exclude next to nothing of the prior's draws give none.
     """
-    reason = f"{_bound_in_words(posterior, name, side)} limits it"
+    bound = _bound_in_words(posterior, name, side)
+    of_default = f"the test gives no {side} limit, searched {bound.removeprefix(_DEFAULT).rstrip(',')}"
+    reason = of_default if bound.startswith(_DEFAULT) else f"{bound} limits it"
     limit, prior = float(np.quantile(values, _LIMIT[side])), posterior.prior_values(name)
     excluded = float(((prior < limit) if side == "upper" else (prior > limit)).mean())
     if excluded < LEAST_EXCLUDED:
@@ -264,6 +266,9 @@ def by_likelihood(
     )
 
 
+_DEFAULT = "the default range, "
+
+
 def _bound_in_words(posterior: AnyPosterior, name: str, side: Side) -> str:
     """Such as "the prior's upper bound 1e8 N·m/rad"; what nobody stated is named as that."""
     bounds = posterior.problem.prior.bounds_of(name)
@@ -271,7 +276,7 @@ def _bound_in_words(posterior: AnyPosterior, name: str, side: Side) -> str:
     if posterior.has_default_prior(name):
         reach = "up to" if side == "upper" else "from"
         end = join_unit(number(bounds[side == "upper"]), posterior.unit(name))
-        return f"the default range, {reach} {end},"
+        return f"{_DEFAULT}{reach} {end},"
     return f"the prior's {side} bound {join_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
 
 

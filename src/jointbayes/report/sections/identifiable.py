@@ -19,7 +19,7 @@ from jointbayes.sampling import END_TOLERANCE
 _MOST_COLUMNS = 4
 _MOST_BARS = 3  # stiffnesses of the tornado
 #: What a verdict's reason says where the prior decides.
-_OF_RANGE = ("the default range", "bound ", "rest on the prior", "rests on the prior")
+_OF_RANGE = ("the default range", "gives no upper limit", "gives no lower limit", "bound ", "rest on the prior", "rests on the prior")
 _ROWS_OF_PAGE_ONE = 2  # the run, and everything uncertain: both answers stand there
 
 
