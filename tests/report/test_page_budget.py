@@ -1,5 +1,11 @@
 """The pages before the appendix: order kept, nothing lost, room that one section leaves given to the next."""
 
+import shutil
+
+import pytest
+from benchmarks.report_size import MOST, main, words_of
+
+from jointbayes.report import render_html
 from jointbayes.report.model import Figure, Paragraph, Table
 from jointbayes.report.page_budget import block_height, share_pages
 
@@ -36,3 +42,15 @@ def test_a_section_has_its_first_block_however_high_and_room_of_others():
 def test_a_table_is_as_high_as_its_rows():
     heights = [block_height(Table("t", ("a", "b"), (("1", "2"),) * rows)) for rows in (1, 11, 21)]
     assert heights[1] - heights[0] == heights[2] - heights[1] > 100
+
+
+def test_the_report_of_a_clamp_has_at_most_2500_words(reports):
+    assert MOST["words"] == 2500
+    assert 1000 < words_of(render_html(reports["main"])) <= MOST["words"]
+
+
+@pytest.mark.whole
+@pytest.mark.skipif(shutil.which("pdfinfo") is None, reason="NOT CHECKED: pdfinfo (poppler-utils) counts the pages")
+def test_the_report_of_the_main_case_has_its_pages_words_and_bytes(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["report_size"])
+    assert main() == 0, capsys.readouterr().out

@@ -28,9 +28,8 @@ NO_ENDS = (math.nan, math.nan)
 
 #: The rule in words, as reports print it.
 RULE = (
-    f"Identified: upper end of the 95 % credible interval at most {IDENTIFIED_RATIO:g} times the lower end; weakly "
-    f"identified: at most {WEAK_RATIO:g} times; not identified: beyond that, or if the variance of ln k shrank by "
-    f"less than {100 * LEAST_CONTRACTION:g} % from prior to posterior"
+    f"Identified (weakly): upper end of the 95 % interval at most {IDENTIFIED_RATIO:g} ({WEAK_RATIO:g}) times the "
+    f"lower end, and the variance of ln k at least {100 * LEAST_CONTRACTION:g} % less than the prior's"
 )
 
 

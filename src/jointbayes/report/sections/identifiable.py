@@ -19,7 +19,7 @@ from jointbayes.sampling import END_TOLERANCE
 _MOST_COLUMNS = 4
 _MOST_BARS = 3  # stiffnesses of the tornado
 #: What a verdict's reason says where the prior decides.
-_OF_RANGE = ("the default range", "gives no upper limit", "gives no lower limit", "bound ", "rest on the prior", "rests on the prior")
+_OF_RANGE = ("the default range", " limit, searched ", "bound ", "rest on the prior", "rests on the prior")
 _ROWS_OF_PAGE_ONE = 2  # the run, and everything uncertain: both answers stand there
 
 
@@ -36,14 +36,14 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     blocks.append(Paragraph(f"**{knowledge.directions_sentence}**"))
     verdicts = [_verdict(d.verdict, explained=knowledge.check.explains) for d in knowledge.directions]
     rows = tuple((d.quantity, *_figures(d), v) for d, v in zip(knowledge.directions, verdicts, strict=True))
+    dash = "A dash: draws of both signs, or a one-sided limit at 95 %." if any("–" in row for row in rows) else ""
     ratio = "rho = k12/√(k11 k22). " if any("rho" in d.quantity for d in knowledge.directions) else ""
     blocks.append(
         Table(
             "Combinations of the stiffnesses that are determined independently",
             ("Combination", "95 % interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
             rows,
-            note="Computed from the draws, best known first, with the verdicts of single stiffnesses. "
-            f"{ratio}A dash: draws of both signs, or a one-sided limit at 95 %.",
+            note=f"Computed from the draws, best known first, with the verdicts of single stiffnesses. {ratio}{dash}",
             row_kinds=tuple(map(kind_of, verdicts)),
         )
     )
@@ -80,6 +80,8 @@ def _correlations(posterior: Posterior) -> Table:
 
 def freed_blocks(knowledge: Knowledge) -> list[Block]:
     """The effect of uncertain inputs: a sentence and the table, whose first row is the run."""
+    if knowledge.workshop is not None and len(knowledge.freed) <= _ROWS_OF_PAGE_ONE:
+        return []
     names = tuple(knowledge.freed[0].known)
     head = ("Uncertain besides the joint", *(f"{name}, 95 % interval" for name in names), "Verdicts", "Source")
     rows = tuple(_freed_row(row, names) for row in knowledge.freed)
@@ -99,7 +101,7 @@ def freed_blocks(knowledge: Knowledge) -> list[Block]:
         )
         note += " These uncertainties are assumed; state your own in [uncertain] to include them in the result."
     table = Table("Effect of uncertain inputs", head, rows, note=note, align=None)
-    return [Paragraph(lead), *([table] if len(rows) > _ROWS_OF_PAGE_ONE else [])]
+    return [Paragraph(lead), *([table] if len(knowledge.freed) > _ROWS_OF_PAGE_ONE else [])]
 
 
 def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -170,6 +172,7 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
         rows.append((profile.name, *ends, interval(parameter.known.interval95) if parameter else "–"))
     others = [p.coordinate for p in knowledge.profiles if p.name not in summary.parameters]
     units = "".join(f"; {axis.name} {'has none' if axis.unit == '1' else f'in {axis.unit}'}" for axis in others)
+    none = "None: the data set no limit within the prior's bounds. " if any("none" in row for row in rows) else ""
     blocks: tuple[Block, ...] = (
         Paragraph(
             "The data can still be fitted up to these confidence limits with all else adjusted, however few joints fit "
@@ -179,7 +182,7 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
             "Likelihood-ratio limits at 95 %",
             ("Parameter", "Lower limit", "Upper limit", "95 % credible interval (draws)"),
             tuple(rows),
-            note=f"None: the data set no limit within the prior's bounds. Units as above{units}.",
+            note=f"{none}Units as above{units}.",
         ),
         Figure(
             "profiles",

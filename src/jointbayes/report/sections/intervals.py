@@ -1,5 +1,7 @@
 """The posterior in numbers, its marginals and pairs, and whatever else was uncertain."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from jointbayes.posterior import Posterior
@@ -38,7 +40,7 @@ def posterior_section(inputs: ReportInputs) -> ReportSection:
         )
     )
     blocks.append(_table(inputs))
-    blocks.append(Paragraph(verdict_sentences(inputs.summary)))
+    blocks.append(Paragraph(verdict_sentences(inputs.summary, conditions=inputs.knowledge.workshop is None)))
     if reference is not None:
         level = posterior.region_level(reference)
         agree = "agree" if level <= 0.95 else "do NOT agree"
@@ -89,11 +91,13 @@ def _table(inputs: ReportInputs) -> Table:
         )
         for name, p in inputs.summary.parameters.items()
     )
-    note = (
-        "Joint mode, MAP and mean in the stiffness's unit. Contraction: 1, all from the test; 0, all from the prior; "
-        "none where the posterior is as wide as the prior or wider."
-    )
+    note = f"Joint mode, MAP and mean in the stiffness's unit. {_what_contraction_is(row[6] for row in rows)}"
     return Table("Posterior in numbers", head, rows, note=note)
+
+
+def _what_contraction_is(shown: Iterable[str]) -> str:
+    none = "; none where the posterior is as wide as the prior or wider" if "none" in shown else ""
+    return f"Contraction: 1, all from the test; 0, all from the prior{none}."
 
 
 def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
@@ -115,23 +119,23 @@ def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
         for name, n in nuisances.items()
     )
     head = ("Quantity", "Stated", "Prior 95 %", "Median", "Posterior 95 %", "Unit", "Contraction", "R̂")
-    note = (
-        "Contraction: 1, all from the test; 0, all from the prior; none where the posterior is as wide as the prior or "
-        "wider."
-    )
+    note = _what_contraction_is(row[6] for row in rows)
     return ReportSection(
         "nuisances", "What else was uncertain", (Table("Other uncertain quantities", head, rows, note=note),)
     )
 
 
-def verdict_sentences(summary: Summary) -> str:
-    """Each stiffness's verdict with its reason, a sentence each."""
+def verdict_sentences(summary: Summary, *, conditions: bool = True) -> str:
+    """Each stiffness's verdict with its reason, a sentence each, and what it takes as exact unless page one has it."""
     sentences = []
     for name, p in summary.parameters.items():
         assessment = p.known
         reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-        reason += f"; {assessment.beside}" if assessment.beside else ""
+        reason += f"; {assessment.beside}" if assessment.beside and conditions else ""
         ends = f" {assessment.source}" if assessment.source else ""
         volume = f" {sentence_start(assessment.prior_volume)}." if assessment.prior_volume else ""
-        sentences.append(f"**{name}**{ends}: {p.verdict} ({reason}).{volume}")
+        verdict = p.verdict
+        if not conditions and verdict != assessment.plain_words:
+            verdict = f"{assessment.plain_words} only if inputs are exact"
+        sentences.append(f"**{name}**{ends}: {verdict} ({reason}).{volume}")
     return " ".join(sentences)
