@@ -550,3 +550,9 @@ def test_a_stated_set_of_what_is_no_candidate_is_refused_in_one_line(value, foun
     assert message.startswith("cheap:")
     assert f"plan.together: {found}" in message
     assert "\n" not in message
+
+
+def test_no_line_of_a_plan_in_a_notebook_is_longer_than_100_characters():
+    found = planned(a=simulated(0.5, 0.5), b=simulated(0.1, 0.2), c=simulated(0.4, 0.5))
+    assert max(map(len, repr(found).splitlines())) <= 100
+    assert " ".join(repr(found).split()) == f"Plan for made up, 3 measurements: {found.sentence}"

@@ -141,7 +141,6 @@ def same(before: Path, new: Path, seed: int) -> None:
         say(line)
     manner().result |= asdict(change)
     if not change.converged:
-        say(f"NOT CONVERGED, DO NOT USE THESE NUMBERS: {change.reason}")
         sys.exit(common.NOT_CONVERGED)
     if change.changed:
         sys.exit(common.NOT_MATCHED)

@@ -32,6 +32,7 @@ from jointbayes.posterior.candidate import (
 from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.first_look import FirstLook
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
+from jointbayes.posterior.phrases import WORKSHOP
 from jointbayes.rounding import number, sentence_start
 from vibrecords import ModalData
 
@@ -71,7 +72,7 @@ class NextStep:
     @property
     def sentence(self) -> str:
         """The step with what it should bring, said to be an estimate, and its price."""
-        rest = " with inputs as in a workshop" if self.names else ""
+        rest = f" with {WORKSHOP}" if self.names else ""
         price = next(price for word, price in _PRICES.items() if word in self.words)
         return (
             f"{sentence_start(self.words)} should give {self.quantity} to {spread_in_words(self.sd_after)}"

@@ -45,6 +45,9 @@ class SamplerFigures(TypedDict):
     ess_per_second: float
 
 
+DO_NOT_USE = "do not use these numbers"
+
+
 @dataclass(frozen=True, slots=True)
 class RunRecord:
     """How the draws came about.
@@ -80,7 +83,7 @@ class RunRecord:
         how = self.reason.partition(";")[0].partition(": ")
         if self.converged:
             return f"The calculation has settled: {how[2] or how[0]}."
-        return f"The calculation has NOT settled {how[0].removeprefix('not converged ')}: do not use these numbers."
+        return f"The calculation has NOT settled {how[0].removeprefix('not converged ')}: {DO_NOT_USE}."
 
     @property
     def state(self) -> str:

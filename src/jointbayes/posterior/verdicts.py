@@ -32,6 +32,7 @@ from jointbayes.posterior.identifiability import (
     verdict_by_rule,
 )
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
+from jointbayes.posterior.phrases import NOT_SETTLED
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
 from jointbayes.rounding import join_unit, number, rounded
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
@@ -55,7 +56,7 @@ def reasons_for_no_verdict(posterior: AnyPosterior) -> tuple[str, ...]:
     """Why a run gives no verdict on any stiffness, one phrase for each reason; empty where it does."""
     reasons = []
     if not posterior.converged:
-        reasons.append("the calculation has not settled")
+        reasons.append(NOT_SETTLED)
     if not posterior.mode_agrees:
         gain = posterior.mode_log_density - posterior.estimate.log_posterior
         if gain > _SAME_DENSITY:

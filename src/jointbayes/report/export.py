@@ -15,6 +15,7 @@ from jointbayes.inference import Problem
 from jointbayes.joint import Joint, Joints
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import CERTAINTY
+from jointbayes.posterior.phrases import not_converged
 from jointbayes.posterior.verdicts import lines_of
 from jointbayes.report.fe_cards import PROGRAMS, JointElement, Units, ascii_lines, fe_cards, joint_element
 from jointbayes.reproducibility import one_blas_thread
@@ -205,7 +206,7 @@ def _elements(
 
 def _joint_lines(posterior: Posterior, part: Problem, theta: Array, units: Units) -> list[str]:
     """Value, interval and verdict of each quantity, in capitals where it is not known."""
-    said = [] if posterior.converged else [f"NOT CONVERGED, DO NOT USE THESE NUMBERS: {posterior.reason}"]
+    said = [] if posterior.converged else [not_converged(posterior.reason)]
     for quantity, value in zip(part.parametrisation.quantities, part.prior.values(theta), strict=True):
         if not quantity.places:
             continue

@@ -22,7 +22,7 @@ from jointbayes.sampling.distributions import (
     truncated,
 )
 from jointbayes.sampling.proposal import Finite, OneOfProposals, Proposal, likeliest_mixture
-from jointbayes.sampling.stopping import INTERVAL, Check, Quantities
+from jointbayes.sampling.stopping import ENDS_ARE_GOOD, INTERVAL, Check, Quantities
 from vibrecords.arrays import Array, Indices
 
 #: Largest Monte Carlo standard error of each end of a 95 % interval, as a share of the interval's width.
@@ -190,7 +190,7 @@ def independent_chains(log_density: LogDensity, released: Released, seconds: flo
     """
     theta, effective, error = released
     good = (
-        f"the ends of each 95 % interval are good to {100 * END_TOLERANCE:g} % of the interval's width"
+        ENDS_ARE_GOOD.format(f"{100 * END_TOLERANCE:g}")
         if error <= END_TOLERANCE
         else f"the 2.5 % beyond each end of a 95 % interval are good to {2.5 * math.sqrt(39 / effective):.1g} %"
     )

@@ -11,6 +11,7 @@ from jointbayes.sampling.diagnostics import autocorrelation_time, quantile_sprea
 from jointbayes.sampling.ensemble import SamplerSettings
 from vibrecords.arrays import Array
 
+ENDS_ARE_GOOD = "the ends of each 95 % interval are good to {} % of the interval's width"
 #: Probabilities below the two ends of the 95 % interval.
 INTERVAL = (0.025, 0.975)
 
@@ -312,7 +313,7 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
     factor, tolerance = f"{settings.tau_factor:g}", f"{100 * settings.tau_tolerance:.1f} %"
     met = f"autocorrelation time τ = {last.tau_max:.1f} steps, below 1/{factor} of the {last.kept} after burn-in"
     agree = f"R̂ ≤ {last.r_hat_max:.4f} over {settings.ensembles} ensembles"
-    ends = f"the ends of each 95 % interval are good to {100 * error.share:.1f} % of the interval's width"
+    ends = ENDS_ARE_GOOD.format(f"{100 * error.share:.1f}")
     return Verdict(True, f"converged {where}: {ends}; {met}, stable within {tolerance}; {agree}")
 
 

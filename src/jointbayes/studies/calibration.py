@@ -29,7 +29,7 @@ from jointbayes.report.methods import report_text
 from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.report.structure_sketch import sketch
-from jointbayes.rounding import number
+from jointbayes.rounding import in_lines, number
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.data_sets import (
     DENSITY,
@@ -107,7 +107,7 @@ class Calibration:
             )
 
     def __repr__(self) -> str:
-        return f"Calibration({self.name!r}, {len(self.data_sets)} data sets): {self.verdict}"
+        return "\n".join(in_lines(f"Calibration of {self.name!r}, {len(self.data_sets)} data sets: {self.verdict}", 0))
 
     @cached_property
     def analysed(self) -> tuple[DataSet, ...]:

@@ -33,7 +33,7 @@ from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Rep
 from jointbayes.report.run_directory import json_text
 from jointbayes.report.structure_sketch import sketch
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.rounding import json_ready, number, sentence_start
+from jointbayes.rounding import in_lines, json_ready, number, sentence_start
 from jointbayes.sampling import Start
 from jointbayes.studies.study_directory import settings_section, sketch_figure, write_study
 from jointbayes.workflow import answered_case, find_map
@@ -490,7 +490,7 @@ class Comparison:
     sketch: str = ""
 
     def __repr__(self) -> str:
-        return f"Comparison of {len(self.candidates)} joints: {self.verdict}"
+        return "\n".join(in_lines(f"Comparison of {len(self.candidates)} joints: {self.verdict}", 0))
 
     @property
     def best(self) -> WeighedModel:

@@ -8,6 +8,7 @@ from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError
 from jointbayes.joint import COUPLED
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.phrases import published_values
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import signed
 
@@ -89,8 +90,7 @@ def check_posterior(case: AnyCase, posterior: Posterior) -> CheckResult:
     lines += [_of_quantity(posterior, i, published, exact) for i, published in enumerate(reference)]
     if not exact:
         level = posterior.region_level(reference)
-        agree = "agree" if level <= REGION else "do not agree"
-        found = f"{agree} with the data: {100 * level:.1f} % of the draws are likelier"
+        found = published_values(level, REGION)
         lines.append(CheckLine("published values", found, f"at most {100 * REGION:g} %", level <= REGION))
     return CheckResult(tuple(lines))
 

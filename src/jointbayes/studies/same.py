@@ -19,6 +19,7 @@ from jointbayes.joint.quantities import prefixed
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.homogeneity import FALSE_ALARM
 from jointbayes.posterior.identifiability import listed
+from jointbayes.posterior.phrases import not_converged
 from jointbayes.progress import ProgressCallback
 from jointbayes.rounding import interval, number
 from jointbayes.structure.recipe import is_damping
@@ -132,6 +133,8 @@ class JointChange:
         if self.together:
             yield f"The whole joint moves {self.together.name} by {self.together.how_much}."
         yield from self.premises
+        if not self.converged:
+            yield not_converged(self.reason)
 
 
 def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressCallback) -> JointChange:

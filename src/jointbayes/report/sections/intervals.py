@@ -6,6 +6,7 @@ import numpy as np
 
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import IF_MODEL_RIGHT
+from jointbayes.posterior.phrases import published_values
 from jointbayes.posterior.summary import Summary
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
@@ -43,10 +44,7 @@ def posterior_section(inputs: ReportInputs) -> ReportSection:
     blocks.append(Paragraph(verdict_sentences(inputs.summary, conditions=inputs.knowledge.workshop is None)))
     if reference is not None:
         level = posterior.region_level(reference)
-        agree = "agree" if level <= 0.95 else "do NOT agree"
-        blocks.append(
-            Paragraph(f"The published values {agree} with the data: {100 * level:.1f} % of the draws are likelier.")
-        )
+        blocks.append(Paragraph(f"The published values {published_values(level)}."))
     return ReportSection("posterior", "Posterior", tuple(blocks))
 
 

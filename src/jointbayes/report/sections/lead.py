@@ -18,7 +18,9 @@ from jointbayes.posterior.identifiability import (
     ratio_of,
 )
 from jointbayes.posterior.knowledge import RANK, quantities_taken_as_exact, uncertain_quantities
+from jointbayes.posterior.phrases import NOT_SETTLED, WORKSHOP, taken_as_exact
 from jointbayes.posterior.prediction import sentence_of_left_out
+from jointbayes.posterior.run_record import DO_NOT_USE
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
@@ -28,7 +30,7 @@ from jointbayes.rounding import number, quantity_text, sentence_start
 
 #: Stiffnesses that all have a row on page one, of more so many that are known least; and reasons it has room for.
 _MOST_NAMED, _FEW, _MOST_REASONS = 6, 4, 3
-_WORKSHOP = "Inputs as in a workshop"
+_WORKSHOP = sentence_start(WORKSHOP)
 #: What a stiffness resists, by its unit; k11 of a coupled pair is across the structure.
 _MEANING = {"N/m": "pushing", "N·m/rad": "turning", "N": "coupling", "N·s/m": "damping", "N·m·s/rad": "damping"}
 
@@ -69,7 +71,7 @@ def _stops(inputs: ReportInputs) -> list[Block]:
     posterior, summary = inputs.posterior, inputs.summary
     if not posterior.converged:
         reason = posterior.reason.removeprefix("not converged ")
-        return [Callout("bad", f"**Do not use these numbers: the calculation has not settled.** {reason}.")]
+        return [Callout("bad", f"**{sentence_start(DO_NOT_USE)}: {NOT_SETTLED}.** {reason}.")]
     if summary.no_verdict:
         return [Callout("bad", f"**No stiffness can be stated**: {'; '.join(summary.no_verdict)}.")]
     return []
@@ -152,16 +154,16 @@ def _premises(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
         )
         if all(known.verdict == "not identified" for known in workshop.known.values()):
             left = "this test determines none of the stiffnesses"
-        usual = f"as in a workshop ({', '.join(knowledge.assumed)})"
-        exact = f"{sentence_start(listed(taken))} {'are' if len(taken) > 1 else 'is'} taken as exact."
-        return f"{exact} With inputs known {usual}, {left}."
+        usual = f"{WORKSHOP} ({', '.join(knowledge.assumed)})"
+        exact = sentence_start(taken_as_exact(listed(taken), len(taken)))
+        return f"{exact}. With {usual}, {left}."
     uncertain = [readable(name) for name in uncertain_quantities(problem)]
     stated = [name for name in uncertain if not any(word.startswith(f"{name} to ") for word in assumed)]
-    words = [f"Inputs known as in a workshop: {', '.join(assumed)}; the case does not state them."] if assumed else []
+    words = [f"{_WORKSHOP}: {', '.join(assumed)}; the case does not state them."] if assumed else []
     if stated:
         words.append(f"Uncertain as the case states: {listed(stated)}.")
     elif not assumed:
-        words.append("All else, such as material, dimensions and masses, is taken as exact.")
+        words.append(f"{taken_as_exact('All else, such as material, dimensions and masses,', 1)}.")
     return " ".join(words)
 
 

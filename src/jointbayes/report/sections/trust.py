@@ -3,6 +3,7 @@
 import math
 
 from jointbayes.posterior.model_errors import InferredError
+from jointbayes.posterior.run_record import DO_NOT_USE
 from jointbayes.posterior.summary import Summary, TestSummary
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
@@ -20,7 +21,7 @@ def _calculation(inputs: ReportInputs) -> Light:
     name = "Calculation"
     if not posterior.converged:
         how = f"Run it longer ([sampling] {posterior.record.limit_to_raise})."
-        return Light(name, "bad", f"Not settled: do not use these numbers. {how}")
+        return Light(name, "bad", f"Not settled: {DO_NOT_USE}. {how}")
     if not posterior.mode_agrees:
         text = f"The search missed the best fit: it lies {number(posterior.mode_distance, 2)} standard deviations away."
         return Light(name, "bad", text)

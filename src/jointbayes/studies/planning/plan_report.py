@@ -21,7 +21,7 @@ from jointbayes.report.markup import foreign
 from jointbayes.report.methods import report_text
 from jointbayes.report.model import Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
-from jointbayes.rounding import json_ready, number
+from jointbayes.rounding import in_lines, json_ready, number
 from jointbayes.studies.study_directory import sketch_figure, write_study
 from vibrecords.arrays import Array
 
@@ -269,7 +269,8 @@ class Plan:
     sketch: str = ""
 
     def __repr__(self) -> str:
-        return f"Plan for {self.case_name}, {len(self.measurements)} measurements: {self.sentence}"
+        text = f"Plan for {self.case_name}, {len(self.measurements)} measurements: {self.sentence}"
+        return "\n".join(in_lines(text, 0))
 
     @property
     def ranked(self) -> tuple[PlannedMeasurement, ...]:
