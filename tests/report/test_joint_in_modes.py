@@ -8,7 +8,7 @@ import pytest
 
 from jointbayes.case.case import case_from_text
 from jointbayes.report import ReportInputs
-from jointbayes.report.sections.joint_in_modes import joint_in_modes_section
+from jointbayes.report.sections.joint_in_modes import _sentence, joint_in_modes_section
 from tests.conftest import cheap_text, edited, pair_matrix
 
 
@@ -57,14 +57,19 @@ def test_one_per_cent_more_of_a_stiffness_moves_a_frequency_as_the_table_says(ch
 def test_the_sentence_propagates_the_error_of_a_natural_frequency(cheap_posterior):
     section = section_of(cheap_posterior)
     text, rows = section.blocks[0].text, section.blocks[1].rows
-    percent, mode = re.search(r"\*\*k22\*\* to (\S+) % \(mode (\d)\)", text).groups()
+    mode, percent = re.search(r"^Mode (\d) is the most telling: .*\*\*k22\*\* to (\S+) %\.$", text).groups()
     assert float(percent) == pytest.approx(0.1 / float(rows[int(mode) - 1][7]), rel=0.06)
+
+
+def test_stiffnesses_that_other_modes_show_best_have_their_modes():
+    said = _sentence(np.array([1, 2]), ("k11", "k22"), np.array([[0.01, 0.1], [0.2, 0.1]]))
+    assert said.endswith("it gives **k11** to 1 % (mode 2), **k22** to 0.5 % (mode 1).")
 
 
 def test_what_is_said_is_conditional_where_the_model_does_not_explain_the_data(cheap_posterior):
     wrong = replace(cheap_posterior)
     wrong.__dict__["checks"] = (replace(wrong.check, chi2_per_line=9.0),)
-    assert section_of(wrong).blocks[0].text.startswith("If the model fitted the data: a natural")
+    assert section_of(wrong).blocks[0].text.startswith("If the model fitted the data: mode 1 is the most telling")
 
 
 @pytest.mark.usefixtures("plain_reports")

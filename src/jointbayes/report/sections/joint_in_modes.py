@@ -58,16 +58,18 @@ def joint_in_modes_section(inputs: TestInputs) -> ReportSection | None:
 
 def _sentence(modes: NDArray[np.intp], names: tuple[str, ...], change: Array) -> str:
     """How well the mode that shows a stiffness most would tell it."""
-    accuracies = []
+    accuracies, telling = [], []
     for name, slopes in zip(names, change, strict=True):
         most = int(np.argmax(np.abs(slopes)))
+        telling.append(modes[most])
         reached = _KNOWN_PERCENT / max(abs(slopes[most]), np.finfo(float).tiny)
         to = f"to {number(reached, 2)} %" if reached < 100 else "not even by its order"
-        accuracies.append(f"**{foreign(name)}** {to} (mode {modes[most]})")
-    return (
-        f"A natural frequency measured to {_KNOWN_PERCENT:g} %, with inputs exact, gives {', '.join(accuracies)}: "
-        "of each stiffness the mode that is most telling."
-    )
+        accuracies.append(f"**{foreign(name)}** {to}")
+    measured = f"measured to {_KNOWN_PERCENT:g} %, with inputs exact, it gives"
+    if len(set(telling)) == 1:
+        return f"Mode {telling[0]} is the most telling: {measured} {', '.join(accuracies)}."
+    each = (f"{accuracy} (mode {mode})" for accuracy, mode in zip(accuracies, telling, strict=True))
+    return f"The mode that is most telling of a stiffness: {measured} {', '.join(each)}."
 
 
 def _stiffnesses(problem: Problem) -> list[int]:
