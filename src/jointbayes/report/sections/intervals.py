@@ -41,7 +41,7 @@ def posterior_section(inputs: ReportInputs) -> ReportSection:
         )
     )
     blocks.append(_table(inputs))
-    blocks.append(Paragraph(verdict_sentences(inputs.summary, conditions=inputs.knowledge.workshop is None)))
+    blocks.append(Paragraph(verdict_sentences(inputs.summary, beside=inputs.knowledge.workshop is None)))
     if reference is not None:
         level = posterior.region_level(reference)
         blocks.append(Paragraph(f"The published values {published_values(level)}."))
@@ -123,17 +123,14 @@ def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
     )
 
 
-def verdict_sentences(summary: Summary, *, conditions: bool = True) -> str:
-    """Each stiffness's verdict with its reason, a sentence each, and what it takes as exact unless page one has it."""
+def verdict_sentences(summary: Summary, *, beside: bool = True) -> str:
+    """Each stiffness's verdict with its reason, a sentence each; `beside`: also without what it takes as exact."""
     sentences = []
     for name, p in summary.parameters.items():
         assessment = p.known
         reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-        reason += f"; {assessment.beside}" if assessment.beside and conditions else ""
+        reason += f"; {assessment.beside}" if assessment.beside and beside else ""
         ends = f" {assessment.source}" if assessment.source else ""
         volume = f" {sentence_start(assessment.prior_volume)}." if assessment.prior_volume else ""
-        verdict = p.verdict
-        if not conditions and verdict != assessment.plain_words:
-            verdict = f"{assessment.plain_words} only if inputs are exact"
-        sentences.append(f"**{name}**{ends}: {verdict} ({reason}).{volume}")
+        sentences.append(f"**{name}**{ends}: {p.verdict} ({reason}).{volume}")
     return " ".join(sentences)
