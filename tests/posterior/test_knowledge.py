@@ -398,7 +398,7 @@ def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(chea
     said = (
         "Young's modulus to 3 %, density to 1 %, length to 0.5 %, damping ratio to between 0.1 and 10 times the stated"
     )
-    assert "Young's modulus, density, length and damping ratio are taken as exact. With inputs known as" in text
+    assert "Young's modulus, density, length and damping ratio are taken as exact. With inputs as in a" in text
     assert f"as in a workshop ({said})" in text
     assert said in (CONFIGS.parent / "docs" / "uncertain.md").read_text(encoding="utf-8").replace("\n> ", " ")
     assert ", ".join(summary["identifiability"]["freed_assumptions"]) == said
