@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
-from jointbayes.errors import SamplingError
 from jointbayes.identification import ModeSearch, first_starts, search_further
 from jointbayes.progress import BUDGET_S, Budget, usual_budget_s
 from jointbayes.report.sections.lead import _next
 from jointbayes.report.sections.trust import _calculation
-from jointbayes.sampling import Proposal, SamplerSettings, StudentT, released_draws, run_adapted, run_ensembles
+from jointbayes.sampling import Proposal, StudentT, released_draws, run_adapted, run_ensembles
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.stopping import Quantities
 from tests.conftest import cheap_text, edited
@@ -33,19 +31,19 @@ def test_a_budget_is_spent_when_its_time_has_passed():
     assert Budget(ALMOST_NONE).is_spent
     assert not Budget().is_spent
     assert str(Budget()) == f"stopped after {BUDGET_S:g} s of processor time (budget_s)"
-    with pytest.raises(SamplingError, match="budget_s: found 0"):
-        SamplerSettings(budget_s=0.0)
+    with pytest.raises(jb.SamplingError, match="budget_s: found 0"):
+        jb.SamplerSettings(budget_s=0.0)
 
 
 def test_the_budget_grows_with_the_unknowns_unless_it_is_stated():
     assert usual_budget_s(12) == 120.0
     assert usual_budget_s(13) == 130.0
-    assert str(SamplerSettings().budget(36)) == "stopped after 360 s of processor time (budget_s)"
-    assert str(SamplerSettings(budget_s=7.0).budget(36)) == "stopped after 7 s of processor time (budget_s)"
+    assert str(jb.SamplerSettings().budget(36)) == "stopped after 360 s of processor time (budget_s)"
+    assert str(jb.SamplerSettings(budget_s=7.0).budget(36)) == "stopped after 7 s of processor time (budget_s)"
 
 
 def test_walkers_stop_at_the_next_check_and_say_why():
-    settings = SamplerSettings(walkers=8, max_steps=2000, budget_s=ALMOST_NONE)
+    settings = jb.SamplerSettings(walkers=8, max_steps=2000, budget_s=ALMOST_NONE)
     chains = run_ensembles(gaussian, start(np.random.default_rng(1)), np.random.default_rng(1), settings)
     assert not chains.converged
     assert chains.steps == chains.history[-1].step == settings.check_every
@@ -55,7 +53,7 @@ def test_walkers_stop_at_the_next_check_and_say_why():
 
 def test_a_run_that_settles_in_its_time_is_the_same_whatever_the_budget():
     seeded = [start(np.random.default_rng(1)), np.random.default_rng(1)]
-    settings = SamplerSettings(walkers=8, max_steps=4000)
+    settings = jb.SamplerSettings(walkers=8, max_steps=4000)
     chains = run_ensembles(gaussian, *seeded, settings)
     other = run_ensembles(
         gaussian, start(np.random.default_rng(1)), np.random.default_rng(1), replace(settings, budget_s=60.0)
@@ -68,7 +66,7 @@ def test_a_run_that_settles_in_its_time_is_the_same_whatever_the_budget():
 def test_no_further_stage_begins_once_the_time_is_spent():
     rng = np.random.default_rng(2)
     proposal = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.4, 0)  # so poor that it explores first
-    settings = SamplerSettings(walkers=8, max_steps=20_000, budget_s=ALMOST_NONE)
+    settings = jb.SamplerSettings(walkers=8, max_steps=20_000, budget_s=ALMOST_NONE)
     chains, _ = run_adapted(gaussian, start(rng), rng, settings, systems=[Identity()], proposal=proposal)
     assert chains.discarded == 0
     assert chains.steps == settings.check_every
@@ -97,7 +95,7 @@ def test_a_search_ends_with_the_best_that_it_has(cheap_case):
 
 def test_a_run_out_of_time_is_reported_with_its_draws(cheap_case):
     text = edited(cheap_text(), ("[sampling]", "[sampling]\nbudget_s = 7"))
-    case = case_from_text("cheap", text)
+    case = jb.case_from_text("cheap", text)
     assert case.sampler.budget_s == 7
     posterior = jb.sample(case, seed=1, settings=replace(case.sampler, budget_s=ALMOST_NONE))
     assert not posterior.converged

@@ -13,9 +13,7 @@ import pytest
 from scipy.special import logsumexp
 
 import jointbayes as jb
-from jointbayes.errors import ModelError
-from jointbayes.inference import GaussianNoise, JointPrior, Nuisance, ScaledNoise, Uniform
-from jointbayes.structure import LossFactor
+from jointbayes.inference import GaussianNoise, ScaledNoise
 from tests.conftest import CONFIGS
 from tests.structure.long_rod import LongRod
 from tests.test_workflow import QUICK, TRUTH, from_arrays
@@ -100,7 +98,7 @@ class Scaled:
         return np.reshape(hyper, (-1, 1))[:, 0, None, None] * white
 
 
-SCALE = Nuisance("noise_scale", "× stated", 1.0, Uniform(np.log(0.1), np.log(10.0)))
+SCALE = jb.Nuisance("noise_scale", "× stated", 1.0, jb.Uniform(np.log(0.1), np.log(10.0)))
 
 
 def test_a_plain_noise_model_has_the_density_that_it_says():
@@ -111,7 +109,7 @@ def test_a_plain_noise_model_has_the_density_that_it_says():
     expected = known.log_likelihood(theta) + chi2 * (1 - 0.25) - 2 * data.variance.size * np.log(2.0)
     np.testing.assert_allclose(plain.log_likelihood(theta), expected)
     np.testing.assert_allclose(pickle.loads(pickle.dumps(plain)).log_likelihood(theta), expected)
-    prior = JointPrior(known.prior.parametrisation, known.prior.marginals, (SCALE,))
+    prior = jb.JointPrior(known.prior.parametrisation, known.prior.marginals, (SCALE,))
     stated, own = (from_arrays(noise=noise, prior=prior) for noise in (ScaledNoise(2), Scaled()))
     theta = np.column_stack([theta, [0.3, -0.1]])
     np.testing.assert_allclose(own.log_posterior(theta), stated.log_posterior(theta))
@@ -122,7 +120,7 @@ def test_a_posterior_of_a_plain_noise_model_says_what_its_file_lacks(tmp_path):
     posterior = jb.sample(problem, settings=QUICK)
     assert posterior.check.explains
     posterior.save(tmp_path / "own.nc")
-    with pytest.raises(ModelError, match=r"parts that no file can hold: problem\.tests\[0\]\.noise \(Plain\);"):
+    with pytest.raises(jb.ModelError, match=r"parts that no file can hold: problem\.tests\[0\]\.noise \(Plain\);"):
         jb.load_posterior(tmp_path / "own.nc")
     again = jb.load_posterior(tmp_path / "own.nc", problem=problem)
     np.testing.assert_array_equal(again["k22"], posterior["k22"])
@@ -137,13 +135,13 @@ def test_a_posterior_of_a_plain_noise_model_says_what_its_file_lacks(tmp_path):
     ],
 )
 def test_what_is_no_noise_model_is_told_in_one_line(noise, said):
-    with pytest.raises(ModelError, match=said):
+    with pytest.raises(jb.ModelError, match=said):
         from_arrays(noise=noise)
 
 
 def test_a_noise_model_without_a_likelihood_is_told_in_one_line():
     problem = from_arrays(noise=type("Bare", (), {"scores": Scaled.scores, "draw": Scaled.draw})())
-    with pytest.raises(ModelError, match="found Bare without log_likelihood"):
+    with pytest.raises(jb.ModelError, match="found Bare without log_likelihood"):
         problem.log_posterior(np.log(TRUTH))
 
 
@@ -152,7 +150,7 @@ class Rod:
 
     def __init__(self):
         self.rod = LongRod().certain()
-        self.labels, self.damping = self.rod.labels, LossFactor(0.01)
+        self.labels, self.damping = self.rod.labels, jb.LossFactor(0.01)
 
     def reach_hz(self, count):
         return self.rod.reach_hz(count)

@@ -16,8 +16,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 import jointbayes as jb
-from jointbayes.errors import JointBayesError
-from jointbayes.inference import OfStiffness
 from jointbayes.joint import ElasticCentre
 from jointbayes.structure import PointMass, Rayleigh, ViscousMatrix
 from tests.conftest import cheap_text
@@ -54,7 +52,7 @@ def made(function, *arguments, **named):
     """The result, or None where the package refuses in one line."""
     try:
         return function(*arguments, **named)
-    except JointBayesError as error:
+    except jb.JointBayesError as error:
         message = str(error)
         assert message
         assert "\n" not in message
@@ -65,7 +63,7 @@ def message_of(function, *arguments):
     """The message of the package's error; empty where there is none."""
     try:
         function(*arguments)
-    except JointBayesError as error:
+    except jb.JointBayesError as error:
         return str(error)
     return ""
 
@@ -106,8 +104,8 @@ OF_NUMBERS = {
     "from_decades": (jb.Normal.from_decades, 2),
     "Uniform": (jb.Uniform, 2),
     "of_logarithm": (jb.Uniform.of_logarithm, 2),
-    "OfStiffness of Normal": (lambda mean, sd: OfStiffness(jb.Normal(mean, sd)), 2),
-    "OfStiffness of Uniform": (lambda low, high: OfStiffness(jb.Uniform(low, high)), 2),
+    "OfStiffness of Normal": (lambda mean, sd: jb.OfStiffness(jb.Normal(mean, sd)), 2),
+    "OfStiffness of Uniform": (lambda low, high: jb.OfStiffness(jb.Uniform(low, high)), 2),
     "Nuisance": (lambda nominal: jb.Nuisance("gain", "1", nominal, jb.Normal(0.0, 1.0)), 1),
     "StudentNoise": (jb.StudentNoise, 1),
 }

@@ -16,11 +16,8 @@ import pytest
 from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
 from jointbayes.cli.commands import main
 from jointbayes.rounding import with_interval
-from jointbayes.studies.reference_check import check_posterior
-from jointbayes.workflow import load_posterior
 from tests.conftest import (
     CONFIGS,
     PAIR,
@@ -192,7 +189,7 @@ def test_report_reproduces_the_run_directory_from_the_draws(finished, tmp_path):
     same = {name for name in first if first[name] == again[name]}
     # netCDF files are equal in content, not in bytes; a date that turned between the two is in HTML and PDF only
     assert first.keys() - same <= {"posterior.nc", "report.html", "report.pdf"}
-    pair = [load_posterior(place / "posterior.nc") for place in (out, tmp_path / "again")]
+    pair = [jb.load_posterior(place / "posterior.nc") for place in (out, tmp_path / "again")]
     for name in PAIR.stiffness_names:
         assert pair[0].values(name).tobytes() == pair[1].values(name).tobytes()
 
@@ -309,8 +306,8 @@ def test_check_exits_0_where_the_published_joint_is_found(tmp_path, monkeypatch,
 
 
 def failures(posterior, *changes, text=None):
-    case = case_from_text("case", with_reference(text or cheap_text(), *changes))
-    result = check_posterior(case, posterior)
+    case = jb.case_from_text("case", with_reference(text or cheap_text(), *changes))
+    result = jb.check_posterior(case, posterior)
     found = [line.subject for line in result.lines if line.matches is not None and not line.matches]
     assert result.matches == (not found)
     return found
@@ -330,7 +327,7 @@ def test_check_judges_k11_and_k12_of_exact_data_only(cheap_posterior):
         ((), ["mode of k22"]),
         ((("added = true", "added = false"),), ["mode of k11", "mode of k12", "mode of k22"]),
     ):
-        lines = check_posterior(case_from_text("case", edited(cheap_text(), *changes)), cheap_posterior).lines
+        lines = jb.check_posterior(jb.case_from_text("case", edited(cheap_text(), *changes)), cheap_posterior).lines
         of_modes = [line for line in lines if line.subject.startswith("mode of")]
         assert [line.subject for line in of_modes if line.matches is not None] == judged
 

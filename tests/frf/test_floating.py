@@ -8,34 +8,23 @@ from numpy.testing import assert_allclose
 from scipy import linalg
 
 import jointbayes as jb
-from jointbayes.errors import ModelError
-from jointbayes.frf import AssembledModes, DirectSolve, NaturalFrequencies, Ports
+from jointbayes.frf import AssembledModes, DirectSolve, NaturalFrequencies
 from jointbayes.frf.modal import rigid_body_modes
 from jointbayes.frf.mode_shapes import AssembledShapes
-from jointbayes.inference import JointPrior, ModePrediction, Problem, Uniform
-from jointbayes.joint import Joint, Joints, LogStiffness
-from jointbayes.structure import (
-    BeamMaterial,
-    FrameBody,
-    FrameRecipe,
-    Member,
-    ModalDamping,
-    Section,
-    ViscousMatrix,
-    chain,
-    family_of_recipe,
-)
+from jointbayes.inference import ModePrediction
+from jointbayes.joint import Joints
+from jointbayes.structure import ViscousMatrix, family_of_recipe
 from tests.conftest import CONFIGS
 from vibrecords import FrequencyData, ModeData, ModeShapes, Observed
 
-STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
-ONE_RATIO = ModalDamping((0.01,))
+STEEL = jb.BeamMaterial(2.1e11, 0.3, 7800.0)
+ONE_RATIO = jb.ModalDamping((0.01,))
 
 
 def row() -> tuple:
     """Four masses of which the first two and the last two hang together, and a joint between these pairs: all float."""
-    structure = chain([1.0, 2.0, 1.5, 0.7], [("1", "2", 4e4), ("3", "4", 7e4)], ONE_RATIO).structure()
-    return structure, Joint(("3:x",), ("2:x",))
+    structure = jb.chain([1.0, 2.0, 1.5, 0.7], [("1", "2", 4e4), ("3", "4", 7e4)], ONE_RATIO).structure()
+    return structure, jb.Joint(("3:x",), ("2:x",))
 
 
 def assembled(structure, joint, matrix):
@@ -49,18 +38,18 @@ def assembled(structure, joint, matrix):
     [(("x", "y", "z", "rx", "ry", "rz"), 6), (("x", "y", "rz"), 3), (("y", "rz"), 2), (("x",), 1), (("rx",), 1)],
 )
 def test_two_bodies_with_a_joint_in_all_directions_float_like_one(directions, count):
-    section = Section.rectangle(0.04, 0.01)
+    section = jb.Section.rectangle(0.04, 0.01)
     bodies = {
-        name: FrameBody({"a": (x, 0, 0), "b": (x + 0.3, 0, 0)}, (Member(("a", "b"), section, STEEL),))
+        name: jb.FrameBody({"a": (x, 0, 0), "b": (x + 0.3, 0, 0)}, (jb.Member(("a", "b"), section, STEEL),))
         for name, x in (("left", 0.0), ("right", 0.3))
     }
-    structure = FrameRecipe(bodies, ModalDamping((0.01,)), directions).structure()
-    joint = Joint(tuple(f"right.a:{d}" for d in directions), tuple(f"left.b:{d}" for d in directions))
+    structure = jb.FrameRecipe(bodies, jb.ModalDamping((0.01,)), directions).structure()
+    joint = jb.Joint(tuple(f"right.a:{d}" for d in directions), tuple(f"left.b:{d}" for d in directions))
     assert rigid_body_modes(structure, joint) == count
     # to ground, nothing floats; in one direction alone, the two bodies keep all their others
-    ground = Joint(tuple(f"left.a:{d}" for d in directions), name="ground")
+    ground = jb.Joint(tuple(f"left.a:{d}" for d in directions), name="ground")
     assert rigid_body_modes(structure, Joints((replace(joint, name="between"), ground))) == 0
-    one = Joint((f"right.a:{directions[-1]}",), (f"left.b:{directions[-1]}",))
+    one = jb.Joint((f"right.a:{directions[-1]}",), (f"left.b:{directions[-1]}",))
     assert rigid_body_modes(structure, one) == 2 * count - 1
 
 
@@ -73,8 +62,8 @@ def test_a_soft_suspension_is_no_rigid_body_motion():
 
 
 def test_masses_without_springs_float_unless_joints_hold_them():
-    masses = chain([1.0, 2.0], (), ONE_RATIO).structure()
-    between, ground = Joint(("2:x",), ("1:x",), name="between"), Joint(("1:x",), name="ground")
+    masses = jb.chain([1.0, 2.0], (), ONE_RATIO).structure()
+    between, ground = jb.Joint(("2:x",), ("1:x",), name="between"), jb.Joint(("1:x",), name="ground")
     assert rigid_body_modes(masses, between) == 1
     assert rigid_body_modes(masses, Joints((between, ground))) == 0
 
@@ -85,7 +74,7 @@ def test_natural_frequencies_are_those_that_are_not_zero():
     found = NaturalFrequencies(structure, joint, 3).frequency_hz(k)
     for one, matrix in zip(found, k, strict=True):
         assert_allclose(one, np.sqrt(assembled(structure, joint, matrix)[0][1:]) / (2 * np.pi), rtol=1e-9)
-    with pytest.raises(ModelError, match="found a count of 4; expected 1 to 3"):
+    with pytest.raises(jb.ModelError, match="found a count of 4; expected 1 to 3"):
         NaturalFrequencies(structure, joint, 4)
     frequency, slope = NaturalFrequencies(structure, joint, 3).tangent(k[0], np.ones((1, 1, 1)))
     up, down = (NaturalFrequencies(structure, joint, 3).frequency_hz(k[0] + d)[0] for d in (0.3, -0.3))
@@ -102,15 +91,15 @@ def test_shapes_and_damping_ratios_are_those_of_the_elastic_modes():
     assert_allclose(modes.frequency_hz[0], np.sqrt(lam) / (2 * np.pi), rtol=1e-9)
     assert_allclose(modes.damping_ratio[0], np.diag(shapes.T @ c @ shapes) / (2 * np.sqrt(lam)), rtol=1e-8)
     assert_allclose(modes.shapes[0, :, 1] / modes.shapes[0, :, 0], shapes[3] / shapes[0], rtol=1e-8)
-    listed = AssembledShapes(replace(structure, damping=ModalDamping((0.01, 0.02))), joint, 3, ("1:x",))
+    listed = AssembledShapes(replace(structure, damping=jb.ModalDamping((0.01, 0.02))), joint, 3, ("1:x",))
     assert listed.modes(matrix).damping_ratio.tolist() == [[0.01, 0.02, 0.02]]
 
 
 def test_the_first_of_listed_damping_ratios_is_that_of_the_first_elastic_mode():
     structure, joint = row()
-    listed = replace(structure, damping=ModalDamping((0.005, 0.03, 0.05)))
+    listed = replace(structure, damping=jb.ModalDamping((0.005, 0.03, 0.05)))
     matrix, lines = np.array([[3e4]]), np.linspace(2.0, 80.0, 50)
-    ports = Ports(lines, ("1:x", "4:x"), ("1:x",))
+    ports = jb.Ports(lines, ("1:x", "4:x"), ("1:x",))
     lam, shapes = assembled(structure, joint, matrix)
     omega, wr = 2 * np.pi * lines[:, None], np.sqrt(np.maximum(lam, 0))
     terms = 1 / (lam - omega**2 + 2j * np.array([0, 0.005, 0.03, 0.05]) * wr * omega)
@@ -140,18 +129,18 @@ def test_modes_as_data_have_no_rigid_body_motions_among_them():
 
 @pytest.mark.science
 def test_two_beams_in_free_suspension_come_back_from_their_natural_frequencies():
-    section = Section.rectangle(0.04, 0.01)
+    section = jb.Section.rectangle(0.04, 0.01)
     bodies = {
-        name: FrameBody({"a": (x, 0, 0), "b": (x + 0.3, 0, 0)}, (Member(("a", "b"), section, STEEL),))
+        name: jb.FrameBody({"a": (x, 0, 0), "b": (x + 0.3, 0, 0)}, (jb.Member(("a", "b"), section, STEEL),))
         for name, x in (("left", 0.0), ("right", 0.3))
     }
-    family = family_of_recipe(FrameRecipe(bodies, ModalDamping((0.01,)), ("y", "rz")))
-    joint = Joint(("right.a:y", "right.a:rz"), ("left.b:y", "left.b:rz"))
+    family = family_of_recipe(jb.FrameRecipe(bodies, jb.ModalDamping((0.01,)), ("y", "rz")))
+    joint = jb.Joint(("right.a:y", "right.a:rz"), ("left.b:y", "left.b:rz"))
     truth = np.array([2e7, 1e4, 3e4])
-    exact = NaturalFrequencies(family, joint, 5).frequency_hz(LogStiffness().matrix(truth))[0]
+    exact = NaturalFrequencies(family, joint, 5).frequency_hz(jb.LogStiffness().matrix(truth))[0]
     assert exact[0] > 20
-    prior = JointPrior(LogStiffness(), tuple(Uniform(np.log(k / 30), np.log(30 * k)) for k in truth))
-    problem = Problem(structure=family, joint=joint, data=FrequencyData(exact, 1e-3 * exact), prior=prior)
+    prior = jb.JointPrior(jb.LogStiffness(), tuple(jb.Uniform(np.log(k / 30), np.log(30 * k)) for k in truth))
+    problem = jb.Problem(structure=family, joint=joint, data=FrequencyData(exact, 1e-3 * exact), prior=prior)
     found = jb.find_map(problem)
     assert_allclose(problem.natural_frequencies_hz(found.values, 5)[0], exact, rtol=1e-4)
     assert problem.test.most_modes == problem.test.structures_of_data.nominal.n_dofs - 2 - 2

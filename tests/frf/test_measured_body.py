@@ -5,20 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes.errors import JointBayesError, MeasurementError, ModelError
-from jointbayes.frf import LowRankCoupling, MeasuredBody, NoisePropagation, Ports, Substructures, receptance_model
-from jointbayes.joint import Joint, JointMatrix, Joints, joint_matrix_of
-from jointbayes.structure import (
-    BeamFamily,
-    BeamRecipe,
-    LossFactor,
-    ModalDamping,
-    Rayleigh,
-    Section,
-    Structure,
-    ViscousMatrix,
-    beam,
-)
+import jointbayes as jb
+from jointbayes.frf import LowRankCoupling, NoisePropagation, receptance_model
+from jointbayes.joint import JointMatrix, Joints, joint_matrix_of
+from jointbayes.structure import Rayleigh, ViscousMatrix, beam
 from tests.conftest import STEEL
 from tests.one_line import refused
 from vibrecords import FrfSet
@@ -26,29 +16,29 @@ from vibrecords import FrfSet
 LINES = np.arange(40.0, 1200.0, 20.0)
 OMEGA = 2 * np.pi * LINES
 K_PAIR = np.array([[2e8, 3e6], [3e6, 1e5]])
-TAPER = Joint(("1:y", "1:rz"), ("s5:y", "s5:rz"))
+TAPER = jb.Joint(("1:y", "1:rz"), ("s5:y", "s5:rz"))
 #: Two joints: the taper, and a spring between the tool's third point and the spindle's nose.
-TWO = Joints((replace(TAPER, name="taper"), Joint(("3:y",), ("s4:y",), name="ring")))
+TWO = Joints((replace(TAPER, name="taper"), jb.Joint(("3:y",), ("s4:y",), name="ring")))
 K_TWO = np.array([[2e8, 3e6, 0], [3e6, 1e5, 0], [0, 0, 4e6]])
 #: The same with a dashpot in the ring and a loss factor of the taper.
 DAMPED_TWO = JointMatrix(K_TWO, np.diag([0, 0, 900.0]), 0.2 * K_TWO * [[1, 1, 0], [1, 1, 0], [0, 0, 0]])
 
 
-def tool(damping=None) -> Structure:
-    return beam(0.18, Section.circle(0.02), STEEL, damping or LossFactor(0.02), elements=6)
+def tool(damping=None) -> jb.Structure:
+    return beam(0.18, jb.Section.circle(0.02), STEEL, damping or jb.LossFactor(0.02), elements=6)
 
 
-def spindle() -> Structure:
+def spindle() -> jb.Structure:
     """A stub on two bearings, with other labels than the tool's."""
-    free = beam(0.25, Section.circle(0.06), STEEL, Rayleigh(20.0, 2e-5), elements=4)
+    free = beam(0.25, jb.Section.circle(0.06), STEEL, Rayleigh(20.0, 2e-5), elements=4)
     k = free.stiffness.copy()
     for label, spring in (("1:y", 8e7), ("4:y", 5e7)):
         i = free.dofs.index(label)
         k[i, i] += spring
-    return Structure(k, free.mass, free.damping, tuple(f"s{label}" for label in free.dofs))
+    return jb.Structure(k, free.mass, free.damping, tuple(f"s{label}" for label in free.dofs))
 
 
-def dynamic_stiffness(structure: Structure, omega: float) -> np.ndarray:
+def dynamic_stiffness(structure: jb.Structure, omega: float) -> np.ndarray:
     """Z of one body, written out."""
     alpha, beta = structure.damping.viscous
     given = structure.damping.matrix
@@ -87,7 +77,7 @@ def dense(bodies, joint, k, outputs, inputs, omega=OMEGA) -> np.ndarray:
     return np.array(out)
 
 
-def frfs_of(structure: Structure, dofs, quantity="receptance", frequency_hz=LINES) -> FrfSet:
+def frfs_of(structure: jb.Structure, dofs, quantity="receptance", frequency_hz=LINES) -> FrfSet:
     """Exact FRFs of a body by itself."""
     values = []
     for f in frequency_hz:
@@ -97,9 +87,9 @@ def frfs_of(structure: Structure, dofs, quantity="receptance", frequency_hz=LINE
     return FrfSet(frequency_hz, np.array(values), tuple(dofs), tuple(dofs)).converted(quantity)
 
 
-def measured_spindle(dofs=("s5:y", "s5:rz", "s4:y"), sd=0.01, quantity="receptance") -> MeasuredBody:
+def measured_spindle(dofs=("s5:y", "s5:rz", "s4:y"), sd=0.01, quantity="receptance") -> jb.MeasuredBody:
     frf = frfs_of(spindle(), dofs, quantity)
-    return MeasuredBody.of(frf, (sd * np.abs(frf.values)) ** 2, "spindle")
+    return jb.MeasuredBody.of(frf, (sd * np.abs(frf.values)) ** 2, "spindle")
 
 
 def error_of_peak(found, truth) -> float:
@@ -109,31 +99,31 @@ def error_of_peak(found, truth) -> float:
 @pytest.mark.parametrize(("joint", "k"), [(TAPER, K_PAIR), (TWO, K_TWO), (TWO, DAMPED_TWO)])
 @pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
 def test_a_body_with_exact_frfs_couples_as_if_it_were_modelled(joint, k, quantity):
-    ports = Ports(LINES, ("7:y", "3:rz", "s4:y"), ("7:y", "s5:y"))
-    model = receptance_model(Substructures(tool(), (measured_spindle(quantity=quantity),)), joint, ports)
+    ports = jb.Ports(LINES, ("7:y", "3:rz", "s4:y"), ("7:y", "s5:y"))
+    model = receptance_model(jb.Substructures(tool(), (measured_spindle(quantity=quantity),)), joint, ports)
     truth = dense((tool(), spindle()), joint, k, ports.outputs, ports.inputs)
     assert error_of_peak(model.receptance(k)[0], truth) < 1e-10
 
 
 def test_both_bodies_may_be_measured_but_for_a_model_that_no_joint_touches():
-    outside = Structure(np.eye(1) * 1e6, np.eye(1), LossFactor(0.1), ("99:y",))
+    outside = jb.Structure(np.eye(1) * 1e6, np.eye(1), jb.LossFactor(0.1), ("99:y",))
     blank = frfs_of(tool(), ("1:y", "1:rz", "7:y"))
-    bodies = (MeasuredBody.of(blank, np.zeros(blank.values.shape), "tool"), measured_spindle())
-    ports = Ports(LINES, ("7:y", "s4:y"), ("7:y",))
-    found = receptance_model(Substructures(outside, bodies), TAPER, ports).receptance(K_PAIR)[0]
+    bodies = (jb.MeasuredBody.of(blank, np.zeros(blank.values.shape), "tool"), measured_spindle())
+    ports = jb.Ports(LINES, ("7:y", "s4:y"), ("7:y",))
+    found = receptance_model(jb.Substructures(outside, bodies), TAPER, ports).receptance(K_PAIR)[0]
     assert error_of_peak(found, dense((tool(), spindle()), TAPER, K_PAIR, ports.outputs, ports.inputs)) < 1e-10
 
 
 def test_modal_damping_is_that_of_the_modelled_body_by_itself():
     ratios = (0.01, 0.03)
-    free = tool(ModalDamping(ratios))
+    free = tool(jb.ModalDamping(ratios))
     modes = free.modes()
     elastic = modes.eigenvalues > 0
     zeta = np.zeros(free.n_dofs)
     zeta[elastic] = [*ratios, *[ratios[-1]] * (elastic.sum() - 2)]
     c = free.mass @ modes.shapes @ np.diag(2 * zeta * np.sqrt(modes.eigenvalues)) @ modes.shapes.T @ free.mass
-    ports = Ports(LINES, ("7:y",), ("7:y", "3:y"))
-    found = LowRankCoupling(Substructures(free, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)[0]
+    ports = jb.Ports(LINES, ("7:y",), ("7:y", "3:y"))
+    found = LowRankCoupling(jb.Substructures(free, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)[0]
     labels = (*free.dofs, *spindle().dofs)
     at = [labels.index(label) for label in ("1:y", "1:rz", "s5:y", "s5:rz")]
     b = np.zeros((len(labels), 2))
@@ -149,22 +139,22 @@ def test_modal_damping_is_that_of_the_modelled_body_by_itself():
 
 
 def test_an_uncertain_model_beside_a_measured_body_is_the_one_of_its_factors():
-    recipe = BeamRecipe(0.18, Section.circle(0.02), STEEL, LossFactor(0.02), elements=6)
-    ports = Ports(LINES, ("7:y",), ("7:y",))
-    family = BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)})
-    found = receptance_model(Substructures(family, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR, [1.05])
-    stiffer = BeamFamily(replace(recipe, material=replace(STEEL, youngs_modulus=1.05 * STEEL.youngs_modulus)), {})
-    want = receptance_model(Substructures(stiffer, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)
+    recipe = jb.BeamRecipe(0.18, jb.Section.circle(0.02), STEEL, jb.LossFactor(0.02), elements=6)
+    ports = jb.Ports(LINES, ("7:y",), ("7:y",))
+    family = jb.BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)})
+    found = receptance_model(jb.Substructures(family, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR, [1.05])
+    stiffer = jb.BeamFamily(replace(recipe, material=replace(STEEL, youngs_modulus=1.05 * STEEL.youngs_modulus)), {})
+    want = receptance_model(jb.Substructures(stiffer, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)
     assert error_of_peak(found[0], want[0]) < 1e-6
 
 
-@pytest.mark.parametrize("law", [ModalDamping((0.01, 0.03)), LossFactor(0.02)], ids=["modal", "loss factor"])
+@pytest.mark.parametrize("law", [jb.ModalDamping((0.01, 0.03)), jb.LossFactor(0.02)], ids=["modal", "loss factor"])
 @pytest.mark.parametrize("k", [K_TWO, DAMPED_TWO], ids=["undamped joint", "damped joint"])
 def test_uncertain_models_of_any_damping_in_a_batch_are_those_of_each_row(law, k):
-    recipe = BeamRecipe(0.18, Section.circle(0.02), STEEL, law, elements=6)
-    family, factors = BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)}), np.array([[1.0], [1.05], [0.97]])
-    ports, body = Ports(LINES[::8], ("7:y", "s4:y"), ("7:y",)), measured_spindle().at_lines(LINES[::8])
-    model = receptance_model(Substructures(family, (body,)), TWO, ports)
+    recipe = jb.BeamRecipe(0.18, jb.Section.circle(0.02), STEEL, law, elements=6)
+    family, factors = jb.BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)}), np.array([[1.0], [1.05], [0.97]])
+    ports, body = jb.Ports(LINES[::8], ("7:y", "s4:y"), ("7:y",)), measured_spindle().at_lines(LINES[::8])
+    model = receptance_model(jb.Substructures(family, (body,)), TWO, ports)
     sides = k.sides if isinstance(k, JointMatrix) else (k,)
     batch = JointMatrix(*(np.stack([side, 1.1 * side, 0.9 * side]) for side in sides))
     found, noise = model.receptance(batch, factors), NoisePropagation(model).covariance(batch, factors)
@@ -172,12 +162,12 @@ def test_uncertain_models_of_any_damping_in_a_batch_are_those_of_each_row(law, k
         one = with_matrix(family.structure(row))
         truth = dense((one, spindle()), TWO, batch[i], ports.outputs, ports.inputs, ports.omega)
         assert error_of_peak(found[i], truth) < 3e-5  # modes far above the lines answer without damping
-        alone = receptance_model(Substructures(one, (body,)), TWO, ports)
+        alone = receptance_model(jb.Substructures(one, (body,)), TWO, ports)
         want = NoisePropagation(alone).covariance(batch[i])[0]
         assert np.abs(noise[i] - want).max() < 1e-4 * np.abs(want).max()
 
 
-def with_matrix(structure: Structure) -> Structure:
+def with_matrix(structure: jb.Structure) -> jb.Structure:
     """Modal damping of a body by itself as a matrix C = MΦ diag(2ζω) ΦᵀM."""
     law = structure.damping
     if not law.of_assembled_modes:
@@ -192,11 +182,11 @@ def with_matrix(structure: Structure) -> Structure:
 
 def test_sensors_beside_the_joint_see_it_through_a_rigid_link():
     """Two translations of a rigid block, 10 and 30 mm from its face, give translation and rotation at the face."""
-    block = Structure(np.diag([2e7, 3e4]), np.diag([4.0, 0.02]), LossFactor(0.05), ("b:y", "b:rz"))
+    block = jb.Structure(np.diag([2e7, 3e4]), np.diag([4.0, 0.02]), jb.LossFactor(0.05), ("b:y", "b:rz"))
     at_face, at_sensors = frfs_of(block, ("b:y", "b:rz")), np.array([[1.0, 0.01], [1.0, 0.03]])
     seen = FrfSet(LINES, at_sensors @ at_face.values @ at_sensors.T, ("p:y", "q:y"), ("p:y", "q:y"))
     variance = (0.01 * np.abs(seen.values)) ** 2
-    body = MeasuredBody.of(seen, variance, "block").seen_at(
+    body = jb.MeasuredBody.of(seen, variance, "block").seen_at(
         {"b:y": {"p:y": 1.5, "q:y": -0.5}, "b:rz": {"p:y": -50.0, "q:y": 50.0}}
     )
     assert np.allclose(body.receptance, at_face.values, rtol=1e-9, atol=1e-9 * np.abs(at_face.values).max())
@@ -221,13 +211,13 @@ def _averaged(variance):
 
 
 def test_an_offset_of_the_joint_is_a_rigid_link_of_the_measured_body():
-    ports = Ports(LINES, ("7:y",), ("7:y",))
+    ports = jb.Ports(LINES, ("7:y",), ("7:y",))
     body = measured_spindle(("s5:y", "s5:rz"))
     moved = body.seen_at({"t:y": {"s5:y": 1.0, "s5:rz": 0.02}, "t:rz": {"s5:rz": 1.0}})
     by_joint = receptance_model(
-        Substructures(tool(), (body,)), replace(TAPER, offset_against_m=(0.02, 0.0, 0.0)), ports
+        jb.Substructures(tool(), (body,)), replace(TAPER, offset_against_m=(0.02, 0.0, 0.0)), ports
     )
-    by_body = receptance_model(Substructures(tool(), (moved,)), replace(TAPER, against=("t:y", "t:rz")), ports)
+    by_body = receptance_model(jb.Substructures(tool(), (moved,)), replace(TAPER, against=("t:y", "t:rz")), ports)
     assert error_of_peak(by_joint.receptance(K_PAIR)[0], by_body.receptance(K_PAIR)[0]) < 1e-12
 
 
@@ -235,12 +225,12 @@ def test_an_offset_of_the_joint_is_a_rigid_link_of_the_measured_body():
 @pytest.mark.science
 def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies():
     """Against Monte Carlo: bodies with drawn errors, coupled one by one by the dense reference formula."""
-    ports = Ports(LINES[[5, 20, 40]], ("7:y", "s4:y"), ("7:y",))
+    ports = jb.Ports(LINES[[5, 20, 40]], ("7:y", "s4:y"), ("7:y",))
     body = measured_spindle(sd=1e-3).at_lines(ports.frequency_hz)
     mix = np.random.default_rng(5).normal(size=(6, 6))
     size = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
     body = replace(body, covariance=(size[:, :, None] * (mix @ mix.T / 6)) * size[:, None, :])
-    model = receptance_model(Substructures(tool(), (body,)), TWO, ports)
+    model = receptance_model(jb.Substructures(tool(), (body,)), TWO, ports)
     found = NoisePropagation(model).covariance(DAMPED_TWO)[0]
     rng, count = np.random.default_rng(3), 4000
     root = np.linalg.cholesky(body.covariance)
@@ -251,7 +241,7 @@ def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies():
         delta = np.zeros((3, 3, 3), dtype=complex)
         delta[:, a, b] = delta[:, b, a] = (root @ white[..., None])[..., 0]
         noisy = replace(body, receptance=body.receptance + delta)
-        values[i] = receptance_model(Substructures(tool(), (noisy,)), TWO, ports).receptance(DAMPED_TWO)[0, :, :, 0]
+        values[i] = receptance_model(jb.Substructures(tool(), (noisy,)), TWO, ports).receptance(DAMPED_TWO)[0, :, :, 0]
     values -= values.mean(axis=0)
     sampled = np.einsum("nlp,nlq->lpq", values, values.conj()) / count
     size = np.sqrt(np.abs(np.diagonal(found, axis1=1, axis2=2)))
@@ -264,9 +254,9 @@ def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies():
 
 @pytest.mark.parametrize("joint", [K_TWO, DAMPED_TWO], ids=["undamped", "damped"])
 def test_the_relative_deviation_of_the_denominator_is_that_of_noisy_bodies(joint):
-    ports = Ports(LINES[[5, 20, 40]], ("7:y",), ("7:y",))
+    ports = jb.Ports(LINES[[5, 20, 40]], ("7:y",), ("7:y",))
     body = measured_spindle(sd=1e-3).at_lines(ports.frequency_hz)
-    model = receptance_model(Substructures(tool(), (body,)), TWO, ports)
+    model = receptance_model(jb.Substructures(tool(), (body,)), TWO, ports)
     found = NoisePropagation(model).relative_sd(joint)[0]
     k = np.array([at_line(joint, w) for w in ports.omega])
     rng, a, b = np.random.default_rng(4), *np.triu_indices(3)
@@ -288,7 +278,7 @@ def test_two_frfs_of_one_pair_are_averaged_by_their_variances_and_compared():
     variance = (0.01 * np.abs(frf.values)) ** 2
     variance[:, 0, 1] *= 4
     noise = rng.standard_normal((*variance.shape, 2)) @ [1, 1j] * np.sqrt(variance / 2)
-    body = MeasuredBody.of(replace(frf, values=frf.values + noise), variance, "spindle")
+    body = jb.MeasuredBody.of(replace(frf, values=frf.values + noise), variance, "spindle")
     noisy = frf.values + noise
     assert np.allclose(body.receptance[:, 0, 1], 0.2 * noisy[:, 0, 1] + 0.8 * noisy[:, 1, 0])
     assert np.allclose(body.covariance[:, 1, 1], 0.8 * variance[:, 1, 0])
@@ -299,30 +289,33 @@ def test_two_frfs_of_one_pair_are_averaged_by_their_variances_and_compared():
 
 def measured_one_way(frf):
     """Reciprocity gives the FRF that was not measured; that of the second drive point it cannot."""
-    with pytest.raises(MeasurementError, match=r"no FRF between s5:rz and s5:rz; expected one way round"):
-        MeasuredBody.of(frf, np.ones(frf.values.shape))
+    with pytest.raises(jb.MeasurementError, match=r"no FRF between s5:rz and s5:rz; expected one way round"):
+        jb.MeasuredBody.of(frf, np.ones(frf.values.shape))
 
 
 @pytest.mark.parametrize(
     ("broken", "words"),
     [
-        (lambda: MeasuredBody.of(_turned(), np.ones((58, 2, 2))), "change places; expected them equal by reciprocity"),
-        (lambda: MeasuredBody.of(frfs_of(spindle(), ("s5:y",)), -np.ones((58, 1, 1))), "0 or more"),
+        (
+            lambda: jb.MeasuredBody.of(_turned(), np.ones((58, 2, 2))),
+            "change places; expected them equal by reciprocity",
+        ),
+        (lambda: jb.MeasuredBody.of(frfs_of(spindle(), ("s5:y",)), -np.ones((58, 1, 1))), "0 or more"),
         (lambda: measured_spindle().at_lines(LINES[:5] + 1.0), "nothing is interpolated; measure both"),
         (lambda: measured_spindle().seen_at({"t:y": {"s9:y": 1.0}}), "found s9:y in the motion t:y; expected one of"),
-        (lambda: Substructures(spindle(), (measured_spindle(),)), "found DOF s5:y in measured body spindle"),
-        (lambda: Substructures(tool(), (measured_spindle(),) * 2), "expected each name once"),
+        (lambda: jb.Substructures(spindle(), (measured_spindle(),)), "found DOF s5:y in measured body spindle"),
+        (lambda: jb.Substructures(tool(), (measured_spindle(),) * 2), "expected each name once"),
         (lambda: replace(measured_spindle(), receptance=np.arange(58 * 9.0).reshape(58, 3, 3)), "not symmetric"),
         (lambda: replace(measured_spindle(), covariance=-np.ones((58, 6, 6))), "not positive semidefinite"),
         (lambda: replace(measured_spindle(), covariance=np.ones((58, 3, 3))), "expected finite numbers of shape"),
         (lambda: replace(measured_spindle(), dofs=("a", "a", "b")), "each label once"),
         (lambda: replace(measured_spindle(), frequency_hz=LINES[::-1]), "lines that do not increase"),
         (lambda: replace(measured_spindle(), frequency_hz=np.minimum(LINES, 1000.0)), "lines that do not increase"),
-        (lambda: _coupled(Joint(("1:y",), ("s9:y",))), "found DOF 's9:y'"),
+        (lambda: _coupled(jb.Joint(("1:y",), ("s9:y",))), "found DOF 's9:y'"),
     ],
 )
 def test_what_cannot_be_a_measured_body_is_refused_in_one_line(broken, words):
-    refused(broken, JointBayesError, words)
+    refused(broken, jb.JointBayesError, words)
 
 
 def _turned() -> FrfSet:
@@ -332,7 +325,7 @@ def _turned() -> FrfSet:
 
 
 def _coupled(joint):
-    return receptance_model(Substructures(tool(), (measured_spindle(),)), joint, Ports(LINES, ("7:y",), ("7:y",)))
+    return receptance_model(jb.Substructures(tool(), (measured_spindle(),)), joint, jb.Ports(LINES, ("7:y",), ("7:y",)))
 
 
 def test_lines_of_the_data_may_be_some_of_the_lines_of_the_body():
@@ -340,5 +333,5 @@ def test_lines_of_the_data_may_be_some_of_the_lines_of_the_body():
     whole, few = measured_spindle(), measured_spindle().at_lines(some)
     assert (few.receptance == whole.receptance[3::7]).all()
     assert (few.covariance == whole.covariance[3::7]).all()
-    with pytest.raises(ModelError, match=r"58 of 58 lines are missing"):
+    with pytest.raises(jb.ModelError, match=r"58 of 58 lines are missing"):
         whole.at_lines(LINES + 1e-3)

@@ -6,27 +6,17 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from jointbayes.errors import ModelError
+import jointbayes as jb
 from jointbayes.frf import AssembledShapes
-from jointbayes.joint import Joint, JointMatrix, Joints
-from jointbayes.structure import (
-    BeamFamily,
-    BeamMaterial,
-    BeamRecipe,
-    LossFactor,
-    ModalDamping,
-    Rayleigh,
-    Section,
-    Structure,
-    ViscousMatrix,
-)
+from jointbayes.joint import JointMatrix, Joints
+from jointbayes.structure import Rayleigh, ViscousMatrix
 from tests.conftest import CLAMP, rod
 
 STIFF = np.array([[3e6, 2e4], [2e4, 4e3]])
 DOFS = ("1:y", "4:y", "8:rz", "11:y")
 
 
-def assembled(structure: Structure, matrix: np.ndarray) -> np.ndarray:
+def assembled(structure: jb.Structure, matrix: np.ndarray) -> np.ndarray:
     whole = structure.stiffness.copy()
     place = structure.index(CLAMP.dofs)
     whole[np.ix_(place, place)] += matrix
@@ -50,12 +40,12 @@ def test_frequencies_and_shapes_are_those_of_the_assembled_matrices():
     np.testing.assert_array_equal(modal.damping_ratio, 0.01)
 
 
-@pytest.mark.parametrize("law", [LossFactor(2e-3), Rayleigh(3.0, 2e-6)])
+@pytest.mark.parametrize("law", [jb.LossFactor(2e-3), Rayleigh(3.0, 2e-6)])
 def test_damping_ratios_are_those_of_the_complex_eigenvalues(law):
     structure = rod(damping=law)
     found = AssembledShapes(structure, CLAMP, 4, ()).modes(STIFF).damping_ratio[0]
     alone, whole, n = structure.stiffness, assembled(structure, STIFF), structure.n_dofs
-    if isinstance(law, LossFactor):
+    if isinstance(law, jb.LossFactor):
         lam = linalg.eigvals(whole + 2e-3j * alone, structure.mass)
         poles = 1j * np.sqrt(lam)
     else:
@@ -69,7 +59,7 @@ def test_damping_ratios_are_those_of_the_complex_eigenvalues(law):
     np.testing.assert_allclose(found, np.abs(poles.real) / np.abs(poles), rtol=1e-4)
 
 
-@pytest.mark.parametrize("law", [ModalDamping((0.01, 0.02)), LossFactor(0.01), Rayleigh(3.0, 2e-6)])
+@pytest.mark.parametrize("law", [jb.ModalDamping((0.01, 0.02)), jb.LossFactor(0.01), Rayleigh(3.0, 2e-6)])
 def test_the_derivative_is_that_of_differences(law):
     model = AssembledShapes(rod(damping=law), CLAMP, 4, DOFS)
     directions = np.array([[[1e6, 0], [0, 0]], [[0, 1e4], [1e4, 0]], [[0, 0], [0, 1e3]]])
@@ -88,8 +78,8 @@ def test_damping_ratios_of_a_matrix_of_dampers_are_those_of_the_complex_eigenval
     stiffness = np.array([[700.0, -700.0, 0.0], [-700.0, 1200.0, -500.0], [0.0, -500.0, 500.0]])
     dampers = np.array([[0.3, -0.1, 0.0], [-0.1, 0.15, -0.05], [0.0, -0.05, 0.05]])
     masses = np.diag([2.0, 1.0, 1.5])
-    chain = Structure(stiffness, masses, ViscousMatrix(dampers), ("1:x", "2:x", "3:x"))
-    model = AssembledShapes(chain, Joint(("1:x",)), 3, ("3:x",))
+    chain = jb.Structure(stiffness, masses, ViscousMatrix(dampers), ("1:x", "2:x", "3:x"))
+    model = AssembledShapes(chain, jb.Joint(("1:x",)), 3, ("3:x",))
     zero, one = np.zeros((3, 3)), np.eye(3)
     held = stiffness + np.diag([900.0, 0.0, 0.0])
     poles = linalg.eigvals(np.block([[zero, one], [-held, -dampers]]), linalg.block_diag(one, masses))
@@ -108,7 +98,7 @@ IMAGINARY = np.array([[6e4, 200.0], [200.0, 90.0]])
 
 
 def test_damping_of_the_joint_itself_is_that_of_the_complex_eigenvalues():
-    structure = rod(damping=LossFactor(0.0))
+    structure = rod(damping=jb.LossFactor(0.0))
     found = AssembledShapes(structure, CLAMP, 3, ()).modes(JointMatrix(STIFF, LOSSES, IMAGINARY)).damping_ratio[0]
     n, place = structure.n_dofs, np.ix_(*[structure.index(CLAMP.dofs)] * 2)
     whole, damping = assembled(structure, STIFF), np.zeros((n, n))
@@ -127,7 +117,7 @@ def test_damping_of_the_joint_itself_is_that_of_the_complex_eigenvalues():
 
 
 def test_the_derivative_of_joints_with_damping_is_that_of_differences():
-    model = AssembledShapes(rod(damping=LossFactor(0.01)), CLAMP, 4, DOFS)
+    model = AssembledShapes(rod(damping=jb.LossFactor(0.01)), CLAMP, 4, DOFS)
     zero = np.zeros((2, 2))
     matrix = JointMatrix(STIFF, LOSSES, IMAGINARY)
     directions = JointMatrix(
@@ -143,8 +133,10 @@ def test_the_derivative_of_joints_with_damping_is_that_of_differences():
 
 
 def test_a_family_and_its_factors_give_the_modes_of_the_changed_structure():
-    recipe = BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), LossFactor(0.01), elements=10)
-    family = BeamFamily(recipe, {"youngs_modulus": (-0.2, 0.2), "loss_factor": (-1.0, 1.0)})
+    recipe = jb.BeamRecipe(
+        0.383, jb.Section.circle(0.025), jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.LossFactor(0.01), elements=10
+    )
+    family = jb.BeamFamily(recipe, {"youngs_modulus": (-0.2, 0.2), "loss_factor": (-1.0, 1.0)})
     factors = np.array([1.1, 2.0])
     found = AssembledShapes(family, CLAMP, 3, DOFS).modes(STIFF, factors)
     structure = family.structure(factors)
@@ -157,14 +149,14 @@ def test_a_family_and_its_factors_give_the_modes_of_the_changed_structure():
 
 
 def test_more_modes_than_dofs_and_dofs_that_do_not_exist_are_refused():
-    chain = Structure(np.array([[2.0, -1.0], [-1.0, 1.0]]), np.eye(2), ModalDamping((0.0,)), ("1:x", "2:x"))
-    with pytest.raises(ModelError, match="found a count of 3; expected 1 to 2"):
-        AssembledShapes(chain, Joint(("1:x",)), 3, ())
-    with pytest.raises(ModelError, match="'3:x'"):
-        AssembledShapes(chain, Joint(("1:x",)), 1, ("3:x",))
+    chain = jb.Structure(np.array([[2.0, -1.0], [-1.0, 1.0]]), np.eye(2), jb.ModalDamping((0.0,)), ("1:x", "2:x"))
+    with pytest.raises(jb.ModelError, match="found a count of 3; expected 1 to 2"):
+        AssembledShapes(chain, jb.Joint(("1:x",)), 3, ())
+    with pytest.raises(jb.ModelError, match="'3:x'"):
+        AssembledShapes(chain, jb.Joint(("1:x",)), 1, ("3:x",))
 
 
-def modes_below(structure: Structure, matrix: np.ndarray, held: str, frequency_hz: float) -> int:
+def modes_below(structure: jb.Structure, matrix: np.ndarray, held: str, frequency_hz: float) -> int:
     """How many natural frequencies lie below, in rational arithmetic: negative pivots of K + K_J − ω²M."""
     square = Fraction(float((2 * np.pi * frequency_hz) ** 2))
     kept = np.delete(np.arange(structure.n_dofs), structure.index([held])).tolist()
@@ -222,8 +214,10 @@ def test_the_derivative_of_antiresonances_is_that_of_differences():
 
 
 def test_antiresonances_of_uncertain_bodies_are_those_of_a_dense_solution_with_the_dof_held():
-    recipe = BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), LossFactor(0.01), elements=10)
-    family = BeamFamily(recipe, {"youngs_modulus": (-0.2, 0.2), "length": (-0.03, 0.03)})
+    recipe = jb.BeamRecipe(
+        0.383, jb.Section.circle(0.025), jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.LossFactor(0.01), elements=10
+    )
+    family = jb.BeamFamily(recipe, {"youngs_modulus": (-0.2, 0.2), "length": (-0.03, 0.03)})
     rng = np.random.default_rng(5)
     factors, scales = np.exp(rng.uniform(-0.02, 0.02, (6, 2))), 10.0 ** rng.uniform(-3, 9, 6)
     zeros, matrices = [("11:y", 1), ("6:y", 2), ("11:y", 3)], scales[:, None, None] * STIFF
@@ -244,17 +238,17 @@ def test_antiresonances_of_uncertain_bodies_are_those_of_a_dense_solution_with_t
 
 
 def test_antiresonances_that_no_structure_has_are_refused():
-    chain = Structure(np.array([[2.0, -1.0], [-1.0, 1.0]]), np.eye(2), ModalDamping((0.0,)), ("1:x", "2:x"))
-    with pytest.raises(ModelError, match="antiresonances of 2:x: found numbers 1, 2; expected 1 to 1"):
-        AssembledShapes(chain, Joint(("1:x",)), 1, (), [("2:x", 1), ("2:x", 2)])
+    chain = jb.Structure(np.array([[2.0, -1.0], [-1.0, 1.0]]), np.eye(2), jb.ModalDamping((0.0,)), ("1:x", "2:x"))
+    with pytest.raises(jb.ModelError, match="antiresonances of 2:x: found numbers 1, 2; expected 1 to 1"):
+        AssembledShapes(chain, jb.Joint(("1:x",)), 1, (), [("2:x", 1), ("2:x", 2)])
 
 
 def test_a_free_structure_has_the_antiresonances_above_its_rigid_motions():
     # two masses on a spring: with one of them held the other one swings by itself
-    free = Structure(
-        np.array([[400.0, -400.0], [-400.0, 400.0]]), np.diag([2.0, 1.0]), ModalDamping((0.0,)), ("1:x", "2:x")
+    free = jb.Structure(
+        np.array([[400.0, -400.0], [-400.0, 400.0]]), np.diag([2.0, 1.0]), jb.ModalDamping((0.0,)), ("1:x", "2:x")
     )
-    between = Joint(("2:x",), ("1:x",))
+    between = jb.Joint(("2:x",), ("1:x",))
     zeros_hz = antiresonances(free, between, [("1:x", 1), ("2:x", 1)], [[[500.0]]])
     np.testing.assert_allclose(2 * np.pi * zeros_hz[0], np.sqrt([900.0, 450.0]), rtol=1e-12)
 

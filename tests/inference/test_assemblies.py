@@ -7,14 +7,13 @@ import pytest
 from scipy import integrate, stats
 
 import jointbayes as jb
-from jointbayes.errors import CaseError, ModelError
-from jointbayes.inference import AssemblyScatter, JointPrior, Normal, Uniform
-from jointbayes.joint import blocks_of, parametrisation_named
+from jointbayes.inference import AssemblyScatter
 from jointbayes.studies.compare import hypothesis_problem
 from tests.conftest import CONFIGS
+from tests.one_line import refused
 
 MEDIAN, FACTOR = 0.1, 3.0
-SPRING = parametrisation_named("springs", ("y",))
+SPRING = jb.parametrisation_named("springs", ("y",))
 OF_SCATTER = stats.lognorm(math.log(FACTOR), scale=MEDIAN)
 
 
@@ -23,7 +22,7 @@ def prior_of(marginal, groups, scattered=True):
     names = [f"a{i}" for group in groups for i in group]
     among = tuple(tuple(f"a{i}.ky" for i in group) for group in groups if len(group) > 1)
     scatters = (AssemblyScatter("ky", among, MEDIAN, FACTOR),) if scattered else ()
-    return JointPrior(blocks_of(dict.fromkeys(names, SPRING)), (marginal,) * len(names), scatters=scatters)
+    return jb.JointPrior(jb.blocks_of(dict.fromkeys(names, SPRING)), (marginal,) * len(names), scatters=scatters)
 
 
 def direct_density(x, marginal, groups):
@@ -44,7 +43,7 @@ def direct_density(x, marginal, groups):
     return log_mean + math.log(value)
 
 
-@pytest.mark.parametrize("marginal", [Normal(17.0, 2.0), Uniform(12.0, 25.0)])
+@pytest.mark.parametrize("marginal", [jb.Normal(17.0, 2.0), jb.Uniform(12.0, 25.0)])
 @pytest.mark.parametrize("groups", [((0, 1),), ((0, 1, 2, 3, 4),), ((0, 1, 2), (3, 4), (5,))])
 def test_the_density_is_that_of_the_mean_and_of_contrasts_whose_scatter_is_unknown(marginal, groups):
     prior, rng = prior_of(marginal, groups), np.random.default_rng(1)
@@ -56,12 +55,12 @@ def test_the_density_is_that_of_the_mean_and_of_contrasts_whose_scatter_is_unkno
 
 def test_draws_of_the_prior_have_that_density_and_stay_inside():
     groups = ((0, 1, 2),)
-    draws = prior_of(Normal(17.0, 2.0), groups).sample(np.random.default_rng(2), 20_000)
+    draws = prior_of(jb.Normal(17.0, 2.0), groups).sample(np.random.default_rng(2), 20_000)
     means, away = draws.mean(axis=1), draws - draws.mean(axis=1, keepdims=True)
     assert stats.kstest(means, stats.norm(17.0, 2.0).cdf).pvalue > 0.01
     direct = OF_SCATTER.rvs(20_000, random_state=4)[:, None] * np.random.default_rng(5).standard_normal((20_000, 2))
     assert stats.ks_2samp((away**2).sum(axis=1), (direct**2).sum(axis=1)).pvalue > 0.01
-    narrow = prior_of(Uniform(17.0, 17.2), groups)
+    narrow = prior_of(jb.Uniform(17.0, 17.2), groups)
     inside = narrow.sample(np.random.default_rng(6), 2000)
     assert ((inside > 17.0) & (inside < 17.2)).all()
     assert np.isfinite(narrow.log_density(inside)).all()
@@ -75,7 +74,7 @@ def test_the_scatter_of_five_assemblies_is_that_of_a_direct_posterior(truth, noi
     """Normal data of each: μ is integrated out by hand, τ over a grid. Here: weighted draws about the data, then τ."""
     rng, count = np.random.default_rng(7), 5
     measured = 17.0 + truth * rng.standard_normal(count) + noise * rng.standard_normal(count)
-    prior = prior_of(Uniform(10.0, 25.0), (tuple(range(count)),))
+    prior = prior_of(jb.Uniform(10.0, 25.0), (tuple(range(count)),))
     theta = measured + noise * np.random.default_rng(8).standard_normal((draws, count))  # the likelihood itself
     weight = np.exp(prior.log_density(theta) - prior.log_density(measured))
     chosen = rng.choice(len(theta), 20_000, p=weight / weight.sum())
@@ -92,13 +91,10 @@ def test_the_scatter_of_five_assemblies_is_that_of_a_direct_posterior(truth, noi
 
 
 def test_what_is_no_scatter_is_refused():
-    with pytest.raises(ModelError, match="expected two assemblies at least"):
-        AssemblyScatter("ky", (("a.ky",),))
-    with pytest.raises(ModelError, match="found a scatter of -1 times 3"):
-        AssemblyScatter("ky", (("a.ky", "b.ky"),), -1.0)
-    prior = JointPrior(SPRING, (Normal(1.0, 1.0),), scatters=(AssemblyScatter("ky", (("a.ky", "b.ky"),)),))
-    with pytest.raises(ModelError, match=r"found no prior of a\.ky, b\.ky"):
-        prior.log_density([1.0])
+    refused(lambda: AssemblyScatter("ky", (("a.ky",),)), jb.ModelError, "expected two assemblies at least")
+    refused(lambda: AssemblyScatter("ky", (("a.ky", "b.ky"),), -1.0), jb.ModelError, "found a scatter of -1 times 3")
+    prior = jb.JointPrior(SPRING, (jb.Normal(1.0, 1.0),), scatters=(AssemblyScatter("ky", (("a.ky", "b.ky"),)),))
+    refused(lambda: prior.log_density([1.0]), jb.ModelError, "found no prior of a.ky, b.ky")
 
 
 ASSEMBLIES = """
@@ -140,10 +136,10 @@ def test_a_case_states_what_scatters_and_how_much():
     ],
 )
 def test_assemblies_of_nothing_are_refused_in_one_line(change, message):
-    with pytest.raises(CaseError, match=message):
+    with pytest.raises(jb.CaseError, match=message):
         case_of(ASSEMBLIES.replace(*change))
 
 
 def test_hypotheses_are_not_compared_where_a_joint_scatters():
-    with pytest.raises(ModelError, match="found a joint that scatters between assemblies"):
+    with pytest.raises(jb.ModelError, match="found a joint that scatters between assemblies"):
         hypothesis_problem(case_of(ASSEMBLIES).problem, "rigid")

@@ -6,44 +6,34 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jointbayes.errors import ModelError
-from jointbayes.frf import MeasuredBody, Ports, Substructures, receptance_model
-from jointbayes.inference import (
-    JointPrior,
-    LogPosterior,
-    Normal,
-    Nuisance,
-    Problem,
-    ProportionalNoise,
-    ScaledNoise,
-    StudentNoise,
-    Uniform,
-)
-from jointbayes.joint import LogStiffness
-from jointbayes.structure import BeamFamily, BeamRecipe, LossFactor, Section
+import jointbayes as jb
+from jointbayes.frf import receptance_model
+from jointbayes.inference import LogPosterior, ProportionalNoise, ScaledNoise
 from tests.conftest import STEEL, lone_likelihood
 from tests.frf.test_measured_body import K_PAIR, LINES, TAPER, measured_spindle, tool
 from vibrecords import FrequencyData, FrfData, FrfSet
 
 KNOWN = np.array([2e8, 3e6, 1e5])
-PRIOR = JointPrior(LogStiffness(), tuple(Normal(np.log(k), 1.0) for k in KNOWN))
+PRIOR = jb.JointPrior(jb.LogStiffness(), tuple(jb.Normal(np.log(k), 1.0) for k in KNOWN))
 
 
 def data(outputs=("7:y", "s4:y"), inputs=("7:y",), quantity="receptance", sd=0.02, structure=None) -> FrfData:
     """Noisy FRFs of the assembled structure whose spindle is exactly what was measured."""
-    ports = Ports(LINES, outputs, inputs)
-    exact = receptance_model(structure or Substructures(tool(), (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)
+    ports = jb.Ports(LINES, outputs, inputs)
+    exact = receptance_model(structure or jb.Substructures(tool(), (measured_spindle(),)), TAPER, ports).receptance(
+        K_PAIR
+    )
     rng = np.random.default_rng(7)
     noise = rng.standard_normal((*exact.shape, 2)) @ [1, 1j] / np.sqrt(2)
     frf = FrfSet(LINES, (exact * (1 + sd * noise))[0], outputs, inputs).converted(quantity)
     return FrfData(frf, (sd * np.abs(frf.values)) ** 2)
 
 
-def whole(sd=0.01, **kwargs) -> Substructures:
-    return Substructures(tool(), (measured_spindle(sd=sd),), **kwargs)
+def whole(sd=0.01, **kwargs) -> jb.Substructures:
+    return jb.Substructures(tool(), (measured_spindle(sd=sd),), **kwargs)
 
 
-def numerical_covariance(ports: Ports, body: MeasuredBody, k) -> np.ndarray:
+def numerical_covariance(ports: jb.Ports, body: jb.MeasuredBody, k) -> np.ndarray:
     """J Σ_A Jᴴ with J by differences of the forward model, one measured receptance after the other."""
     a, b = np.triu_indices(len(body.dofs))
     columns = []
@@ -55,7 +45,7 @@ def numerical_covariance(ports: Ports, body: MeasuredBody, k) -> np.ndarray:
             moved[:, i, j] += sign * step
             if i != j:
                 moved[:, j, i] += sign * step
-            ends.append(receptance_model(Substructures(tool(), (replace(body, receptance=moved),)), TAPER, ports))
+            ends.append(receptance_model(jb.Substructures(tool(), (replace(body, receptance=moved),)), TAPER, ports))
         up, down = (model.receptance(k)[0] for model in ends)
         columns.append((up - down) / (2 * step)[:, None, None])
     jacobian = np.stack(columns, axis=-1).reshape(len(ports.frequency_hz), -1, a.size)
@@ -67,7 +57,7 @@ def test_the_likelihood_is_the_dense_gaussian_of_data_and_body_errors(quantity):
     """Real and imaginary parts stacked into one real normal of each line, its covariance by differences."""
     measurement = data(quantity=quantity)
     factor = np.abs(measurement.frf.values / data().frf.values)[:, :, 0]
-    ports = Ports(LINES, ("7:y", "s4:y"), ("7:y",))
+    ports = jb.Ports(LINES, ("7:y", "s4:y"), ("7:y",))
     found = lone_likelihood(whole(), TAPER, measurement)
     for k in (K_PAIR, 1.3 * K_PAIR):
         added = numerical_covariance(ports, measured_spindle(), k)
@@ -94,9 +84,9 @@ def test_without_errors_of_the_body_the_likelihood_is_the_usual_one():
 
 
 def test_a_gain_multiplies_what_the_errors_of_the_body_make():
-    gain = Nuisance("gain", "1", 1.0, Normal(0.0, 0.05))
+    gain = jb.Nuisance("gain", "1", 1.0, jb.Normal(0.0, 0.05))
     prior = replace(PRIOR, nuisances=(gain,))
-    log_posterior = Problem(structure=whole(), joint=TAPER, data=data(), prior=prior).log_posterior
+    log_posterior = jb.Problem(structure=whole(), joint=TAPER, data=data(), prior=prior).log_posterior
     theta = np.append(np.log(KNOWN), np.log(1.1))
     scaled = data()
     scaled = replace(scaled, frf=replace(scaled.frf, values=scaled.frf.values / 1.1), variance=scaled.variance / 1.21)
@@ -111,24 +101,24 @@ def test_noise_models_take_the_whole_noise_for_the_stated_one():
     scaled = lone_likelihood(whole(), TAPER, measurement, noise=ScaledNoise(2))
     assert scaled.log_likelihood(k, [[1.0]]) == pytest.approx(usual.log_likelihood(k))
     assert scaled.log_likelihood(k, [[1.5]])[0] != pytest.approx(usual.log_likelihood(k)[0], abs=1)
-    many = lone_likelihood(whole(), TAPER, measurement, noise=StudentNoise(2, 1e7))
+    many = lone_likelihood(whole(), TAPER, measurement, noise=jb.StudentNoise(2, 1e7))
     assert many.log_likelihood(k) == pytest.approx(usual.log_likelihood(k), abs=1e-3)
 
 
 def test_whitened_residuals_of_replicated_data_are_white():
     """Data drawn with drawn errors of the body: E z zᴴ = 1, also between outputs."""
-    ports = Ports(LINES, ("7:y", "s4:y"), ("7:y",))
+    ports = jb.Ports(LINES, ("7:y", "s4:y"), ("7:y",))
     body = measured_spindle(sd=1e-3)
     rng, a, b = np.random.default_rng(11), *np.triu_indices(3)
     sd = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
-    truth = receptance_model(Substructures(tool(), (body,)), TAPER, ports).receptance(K_PAIR)[0]
+    truth = receptance_model(jb.Substructures(tool(), (body,)), TAPER, ports).receptance(K_PAIR)[0]
     variance = (1e-3 * np.abs(truth)) ** 2
     z = []
     for _ in range(60):
         delta = np.zeros((len(LINES), 3, 3), dtype=complex)
         delta[:, a, b] = delta[:, b, a] = sd * (rng.standard_normal((*sd.shape, 2)) @ [1, 1j]) / np.sqrt(2)
         noise = rng.standard_normal((*truth.shape, 2)) @ [1, 1j] * np.sqrt(variance / 2)
-        noisy = Substructures(tool(), (replace(body, receptance=body.receptance + delta),))
+        noisy = jb.Substructures(tool(), (replace(body, receptance=body.receptance + delta),))
         measurement = FrfData(FrfSet(LINES, truth + noise, ports.outputs, ports.inputs), variance)
         z.append(lone_likelihood(noisy, TAPER, measurement).standardised(K_PAIR[None])[0])
     second = np.einsum("nlp,nlq->pq", z, np.conj(z)) / (60 * len(LINES))
@@ -136,11 +126,11 @@ def test_whitened_residuals_of_replicated_data_are_white():
 
 
 def test_residuals_of_one_point_are_those_of_the_batch_and_their_jacobian_is_of_a_noise_held_fixed():
-    recipe = BeamRecipe(0.18, Section.circle(0.02), STEEL, LossFactor(0.02), elements=6)
-    family = BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)})
-    nuisance = Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.02))
-    structure = Substructures(family, (measured_spindle(),))
-    problem = Problem(structure=structure, joint=TAPER, data=data(), prior=replace(PRIOR, nuisances=(nuisance,)))
+    recipe = jb.BeamRecipe(0.18, jb.Section.circle(0.02), STEEL, jb.LossFactor(0.02), elements=6)
+    family = jb.BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)})
+    nuisance = jb.Nuisance("youngs_modulus", "GPa", 210.0, jb.Normal(0.0, 0.02))
+    structure = jb.Substructures(family, (measured_spindle(),))
+    problem = jb.Problem(structure=structure, joint=TAPER, data=data(), prior=replace(PRIOR, nuisances=(nuisance,)))
     log_posterior = problem.log_posterior
     theta = np.append(np.log(KNOWN) + 0.1, 0.01)
     residual, jacobian = log_posterior.data_residuals(theta)
@@ -161,14 +151,14 @@ def test_pointwise_values_add_up_and_are_refused_where_frfs_share_the_noise():
     one = data(outputs=("7:y",))
     found = lone_likelihood(whole(), TAPER, one)
     assert found.pointwise(K_PAIR[None]).sum() == pytest.approx(found.log_likelihood(K_PAIR[None])[0])
-    with pytest.raises(ModelError, match="share the noise of a measured body"):
+    with pytest.raises(jb.ModelError, match="share the noise of a measured body"):
         lone_likelihood(whole(), TAPER, data()).pointwise(K_PAIR[None])
 
 
 def test_the_variance_is_that_of_the_data_and_the_propagated_one():
     measurement = data(quantity="accelerance")
     found = lone_likelihood(whole(), TAPER, measurement).variance(K_PAIR[None])[0, :, :, 0]
-    added = numerical_covariance(Ports(LINES, ("7:y", "s4:y"), ("7:y",)), measured_spindle(), K_PAIR)
+    added = numerical_covariance(jb.Ports(LINES, ("7:y", "s4:y"), ("7:y",)), measured_spindle(), K_PAIR)
     omega = 2 * np.pi * LINES[:, None]
     want = measurement.variance[:, :, 0] + np.diagonal(added, axis1=1, axis2=2).real * omega**4
     assert found == pytest.approx(want, rel=1e-5)
@@ -177,7 +167,7 @@ def test_the_variance_is_that_of_the_data_and_the_propagated_one():
 
 
 def test_a_problem_with_a_measured_body_has_no_modes_and_says_what_it_ignores():
-    problem = Problem(structure=whole(), joint=TAPER, data=data(), prior=PRIOR)
+    problem = jb.Problem(structure=whole(), joint=TAPER, data=data(), prior=PRIOR)
     assert isinstance(problem.log_posterior, LogPosterior)
     assert problem.test.most_modes == 0
     assert problem.natural_frequencies_hz(KNOWN, 3).shape == (1, 0)
@@ -188,12 +178,12 @@ def test_a_problem_with_a_measured_body_has_no_modes_and_says_what_it_ignores():
 
 @pytest.mark.parametrize(("noise", "kind"), [(None, "log_magnitude"), (ProportionalNoise.of(data(), 2), "complex")])
 def test_noise_beside_which_the_body_cannot_be_propagated_is_refused(noise, kind):
-    with pytest.raises(ModelError, match="expected complex ones with Gaussian or Student-t noise"):
+    with pytest.raises(jb.ModelError, match="expected complex ones with Gaussian or Student-t noise"):
         lone_likelihood(whole(), TAPER, data(), noise=noise, residual_kind=kind)
 
 
 def test_natural_frequencies_are_no_data_beside_a_measured_body():
-    prior = JointPrior(LogStiffness(), (Uniform(1.0, 2.0),) * 3)
+    prior = jb.JointPrior(jb.LogStiffness(), (jb.Uniform(1.0, 2.0),) * 3)
     measured = FrequencyData(np.array([100.0]), np.array([1.0]))
-    with pytest.raises(ModelError, match="measured body spindle: found natural frequencies as data; expected FRFs"):
-        Problem(structure=whole(), joint=TAPER, data=measured, prior=prior).log_posterior  # noqa: B018
+    with pytest.raises(jb.ModelError, match="measured body spindle: found natural frequencies as data; expected FRFs"):
+        jb.Problem(structure=whole(), joint=TAPER, data=measured, prior=prior).log_posterior  # noqa: B018

@@ -5,16 +5,10 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from jointbayes.errors import MeasurementError, ModelError
-from jointbayes.inference import (
-    GaussianNoise,
-    IntegratedScale,
-    NoiseModel,
-    ProportionalNoise,
-    ScaledNoise,
-    StudentNoise,
-)
+import jointbayes as jb
+from jointbayes.inference import GaussianNoise, IntegratedScale, NoiseModel, ProportionalNoise, ScaledNoise
 from jointbayes.inference.likelihood_base import ComplexResidual, LogMagnitudeResidual, residual_of
+from tests.one_line import refused
 from vibrecords import FrfSet
 from vibrecords.variance import coherence_variance
 
@@ -32,15 +26,15 @@ def models(parts: int, lines: int = LINES) -> list[tuple[NoiseModel, tuple[float
     return [
         (GaussianNoise(parts), ()),
         (ScaledNoise(parts), (1.7,)),
-        (StudentNoise(parts, 5.0), ()),
-        (StudentNoise(parts, 5.0, scaled=True), (1.7,)),
+        (jb.StudentNoise(parts, 5.0), ()),
+        (jb.StudentNoise(parts, 5.0, scaled=True), (1.7,)),
         (ProportionalNoise(parts, STATED[:lines]), (0.02,)),
         (ProportionalNoise(parts, STATED[:lines], scaled=True), (1.7, 0.02)),
     ]
 
 
 def test_long_records_of_heavy_tails_do_not_overflow() -> None:
-    huge = StudentNoise(2, 2.0).log_likelihood(np.full((1, 20000, 1), 1e30 + 0j), np.empty((1, 0)))
+    huge = jb.StudentNoise(2, 2.0).log_likelihood(np.full((1, 20000, 1), 1e30 + 0j), np.empty((1, 0)))
     np.testing.assert_allclose(huge, -2 * 20000 * math.log(1e60), rtol=1e-10)
 
 
@@ -77,7 +71,7 @@ def test_integrated_scale_draws_the_scale_that_the_data_imply(parts: int) -> Non
 def test_student_noise_is_normalised(dof: float, scale: float) -> None:
     def density(parts: int, z: complex) -> float:
         one = np.array([[[z if parts == 2 else z.real]]])
-        return math.exp(StudentNoise(parts, dof, scaled=True).log_likelihood(one, np.array([[scale]]))[0])
+        return math.exp(jb.StudentNoise(parts, dof, scaled=True).log_likelihood(one, np.array([[scale]]))[0])
 
     # the stated constants: 1/π over the plane, 1/√π over the line
     plane, _ = integrate.quad(lambda r: 2 * r * density(2, r * np.exp(0.7j)), 0, np.inf, epsrel=1e-9)
@@ -91,7 +85,7 @@ def test_student_noise_of_many_degrees_of_freedom_is_gaussian(parts: int) -> Non
     z = residuals(np.random.default_rng(7), (2, 9, 2), parts)
     none = np.empty((2, 0))
     gaussian = GaussianNoise(parts).log_likelihood(z, none)
-    np.testing.assert_allclose(StudentNoise(parts, 1e6).log_likelihood(z, none), gaussian, rtol=1e-4)
+    np.testing.assert_allclose(jb.StudentNoise(parts, 1e6).log_likelihood(z, none), gaussian, rtol=1e-4)
 
 
 @pytest.mark.parametrize("parts", [1, 2])
@@ -105,7 +99,7 @@ def test_pointwise_densities_add_up_to_the_likelihood(parts: int) -> None:
 
 
 def test_dependent_values_have_no_pointwise_densities() -> None:
-    with pytest.raises(ModelError, match="pointwise densities"):
+    with pytest.raises(jb.ModelError, match="pointwise densities"):
         IntegratedScale(2).pointwise(np.zeros((1, 40, 1), dtype=complex), np.ones((1, 0)))
 
 
@@ -114,7 +108,7 @@ def test_whitened_residuals_keep_the_sum_of_squares_and_are_linear(parts: int) -
     # ln L = c(hyper) − Σ|whitened|²: what Fisher information and Gauss-Newton rest on
     z = residuals(np.random.default_rng(9), (3, LINES, 2), parts)
     for model, hyper in models(parts):
-        if isinstance(model, StudentNoise):
+        if isinstance(model, jb.StudentNoise):
             continue
         white = model.whiten(z, np.array(hyper))
         assert white.dtype == (np.complex128 if parts == 2 else np.float64)
@@ -168,7 +162,7 @@ def test_sum_of_squares_suffices_where_it_is_said_to(parts: int) -> None:
     for model, hyper in [*models(parts), (IntegratedScale(parts, 3.0), ())]:
         rows = np.tile(np.array(hyper), (3, 1))
         if model.needs_chi2_only:
-            assert not isinstance(model, StudentNoise | ProportionalNoise)
+            assert not isinstance(model, jb.StudentNoise | ProportionalNoise)
             np.testing.assert_allclose(
                 model.log_likelihood_of_chi2(chi2, 80, rows), model.log_likelihood(z, rows), rtol=1e-12
             )
@@ -184,7 +178,7 @@ def test_impossible_rows_have_no_likelihood_and_spoil_no_other() -> None:
         assert (value[4:6] == -np.inf).all(), model
         assert np.isfinite(np.delete(value, [4, 5])).all(), model
     assert ScaledNoise(2).log_likelihood(z[:1], np.zeros((1, 1)))[0] == -np.inf
-    assert StudentNoise(2, 4.0, scaled=True).log_likelihood(z[:1], np.zeros((1, 1)))[0] == -np.inf
+    assert jb.StudentNoise(2, 4.0, scaled=True).log_likelihood(z[:1], np.zeros((1, 1)))[0] == -np.inf
 
 
 def test_models_travel_to_other_processes() -> None:
@@ -195,13 +189,10 @@ def test_models_travel_to_other_processes() -> None:
 
 
 def test_impossible_models_are_refused() -> None:
-    with pytest.raises(ModelError, match="parts"):
-        GaussianNoise(3)
-    with pytest.raises(ModelError, match="degrees of freedom"):
-        StudentNoise(2, 0.0)
-    with pytest.raises(ModelError, match="scale"):
-        IntegratedScale(2, 2.0, math.nan)
-    with pytest.raises(ModelError, match="hyperparameters"):
+    refused(lambda: GaussianNoise(3), jb.ModelError, "parts")
+    refused(lambda: jb.StudentNoise(2, 0.0), jb.ModelError, "degrees of freedom")
+    refused(lambda: IntegratedScale(2, 2.0, math.nan), jb.ModelError, "scale")
+    with pytest.raises(jb.ModelError, match="hyperparameters"):
         ScaledNoise(2).log_likelihood(np.zeros((2, 3, 1)), np.ones((2, 2)))
 
 
@@ -254,10 +245,8 @@ def test_variance_of_log_magnitude_is_that_of_noisy_values() -> None:
 def test_a_measured_zero_has_no_logarithm() -> None:
     measured = np.ones((3, 1, 1), dtype=complex)
     measured[1] = 0
-    with pytest.raises(MeasurementError, match="line 2"):
-        LogMagnitudeResidual(measured, np.ones(measured.shape))
-    with pytest.raises(ModelError, match="log_magnitude"):
-        residual_of("phase", measured, np.ones(measured.shape))
+    refused(lambda: LogMagnitudeResidual(measured, np.ones(measured.shape)), jb.MeasurementError, "line 2")
+    refused(lambda: residual_of("phase", measured, np.ones(measured.shape)), jb.ModelError, "log_magnitude")
 
 
 # variance from coherence
@@ -293,7 +282,7 @@ def test_residuals_over_an_estimated_variance_are_student_t() -> None:
     averages = 4
     true, frf, h1 = estimates(np.random.default_rng(30), averages, 2000, 2)
     z = (h1 - true[:, None]) / np.sqrt(coherence_variance(frf)[..., 0])
-    model = StudentNoise(2, 2.0 * (averages - 1))
+    model = jb.StudentNoise(2, 2.0 * (averages - 1))
     scores = model.scores(z.T[:, :, None], np.empty((2000, 0)))
     assert stats.kstest((np.abs(scores) ** 2).ravel(), "expon").pvalue > 1e-3
     assert stats.kstest((np.abs(z) ** 2).ravel(), "expon").pvalue < 1e-6  # Gaussian they are not
@@ -314,5 +303,5 @@ def test_coherence_that_tells_nothing_of_the_noise_is_refused(
 ) -> None:
     array = None if coherence is None else np.array(coherence)[:, None, None]
     frf = FrfSet(np.array([1.0, 2.0]), np.ones((2, 1, 1)), ("1:y",), ("1:y",), "receptance", array, averages)
-    with pytest.raises(MeasurementError, match=message):
+    with pytest.raises(jb.MeasurementError, match=message):
         coherence_variance(frf)

@@ -7,16 +7,12 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from jointbayes.case.case import case_from_text
-from jointbayes.errors import ModelError
-from jointbayes.inference import GaussianNoise, JointPrior, Nuisance, ProportionalNoise, Uniform
+import jointbayes as jb
+from jointbayes.inference import GaussianNoise, ProportionalNoise
 from jointbayes.inference.likelihood_base import residual_of
 from jointbayes.inference.noise.base import NoiseChoice
 from jointbayes.inference.noise.proportional import RANGE, noise_of
-from jointbayes.joint import PlainSprings
 from jointbayes.posterior.evidence import evidence
-from jointbayes.sampling import SamplerSettings
-from jointbayes.workflow import sample
 from tests.conftest import cheap_text, edited
 from vibrecords import FrequencyData, FrfData
 
@@ -27,7 +23,7 @@ ERROR = 0.05
 def spoilt():
     """The small FRF case whose FRF is off by 5 % of |H| line by line, of which its stated noise knows nothing."""
     noise = ("[data.noise]", '[noise]\ndistribution = "proportional"\n\n[data.noise]')
-    case = case_from_text("spoilt", edited(cheap_text(), noise, ("relative = 0.008", "relative = 0.002")))
+    case = jb.case_from_text("spoilt", edited(cheap_text(), noise, ("relative = 0.008", "relative = 0.002")))
     measured = case.problem.test.data
     rng = np.random.default_rng(8)
     error = ERROR * (rng.standard_normal((*measured.frf.values.shape, 2)) @ [1, 1j])
@@ -78,8 +74,8 @@ def test_a_measured_zero_is_as_stated(spoilt):
 def test_evidence_and_posterior_of_its_size_are_those_of_a_grid(spoilt):
     """A rigid joint leaves the error's size as the only unknown."""
     low, high = np.log(RANGE)
-    error = (Nuisance("proportional_error", "1", 1.0, Uniform(low, high)),)
-    problem = replace(spoilt.problem, prior=JointPrior(PlainSprings(()), (), error))
+    error = (jb.Nuisance("proportional_error", "1", 1.0, jb.Uniform(low, high)),)
+    problem = replace(spoilt.problem, prior=jb.JointPrior(jb.PlainSprings(()), (), error))
     density = problem.log_posterior
     grid = np.linspace(low, high, 4001)
     value = density(grid[:, None])
@@ -97,8 +93,8 @@ def test_evidence_and_posterior_of_its_size_are_those_of_a_grid(spoilt):
 @pytest.mark.science
 @pytest.mark.long
 def test_an_error_that_coherence_does_not_see_is_found_and_the_joint_with_it(spoilt):
-    settings = SamplerSettings(walkers=32, max_steps=10_000, tau_factor=20, end_tolerance=0.05)
-    posterior = sample(spoilt, seed=1, settings=settings, premises="exact")
+    settings = jb.SamplerSettings(walkers=32, max_steps=10_000, tau_factor=20, end_tolerance=0.05)
+    posterior = jb.sample(spoilt, seed=1, settings=settings, premises="exact")
     assert posterior.converged
     low, high = posterior.interval("proportional_error", 0.99)
     assert low < ERROR < high
@@ -113,11 +109,11 @@ def test_an_error_that_coherence_does_not_see_is_found_and_the_joint_with_it(spo
 def test_gaussian_noise_as_stated_is_refused_by_the_check_of_the_same_data(spoilt):
     prior = replace(spoilt.problem.prior, nuisances=())
     stated = replace(spoilt, problem=replace(spoilt.problem, prior=prior).with_test(noise=None))
-    settings = SamplerSettings(walkers=16, max_steps=600, tau_factor=20, end_tolerance=0.1)
-    assert not sample(stated, seed=1, settings=settings, premises="exact").check.explains
+    settings = jb.SamplerSettings(walkers=16, max_steps=600, tau_factor=20, end_tolerance=0.1)
+    assert not jb.sample(stated, seed=1, settings=settings, premises="exact").check.explains
 
 
 def test_natural_frequencies_are_refused():
     frequencies = FrequencyData(np.array([100.0]), np.array([1.0]))
-    with pytest.raises(ModelError, match="expected FRFs"):
+    with pytest.raises(jb.ModelError, match="expected FRFs"):
         noise_of(NoiseChoice(), 1, frequencies)

@@ -8,20 +8,10 @@ import pytest
 
 import jointbayes as jb
 from jointbayes import workflow
-from jointbayes.case.case import case_from_text
-from jointbayes.inference import (
-    IntegratedScale,
-    LogPosterior,
-    Normal,
-    Nuisance,
-    ScaledNoise,
-    StudentNoise,
-    on_nodes,
-    quadrature,
-)
+from jointbayes.inference import IntegratedScale, LogPosterior, ScaledNoise, on_nodes, quadrature
 from tests.conftest import FEW_STEPS, cheap_text, edited
 
-_SCALE = Nuisance("noise_scale", "1", 1.0, Normal(0.0, 0.3))
+_SCALE = jb.Nuisance("noise_scale", "1", 1.0, jb.Normal(0.0, 0.3))
 
 
 def around(problem, width, count=300):
@@ -52,7 +42,7 @@ KINDS = {
     "scale integrated": lambda problem: _with_noise(problem, IntegratedScale()),
     "log magnitude": lambda problem: _with_noise(problem.with_test(residual_kind="log_magnitude"), IntegratedScale(1)),
     "gain": lambda problem: replace(
-        problem, prior=replace(problem.prior, nuisances=(Nuisance("gain", "1", 1.0, Normal(0.0, 0.02)),))
+        problem, prior=replace(problem.prior, nuisances=(jb.Nuisance("gain", "1", 1.0, jb.Normal(0.0, 0.02)),))
     ),
 }
 
@@ -74,7 +64,7 @@ def test_it_gives_what_all_lines_give(cheap_case, kind):
 def narrow():
     """Resonances of a thousandth of the distance of the lines: as the joint changes they jump from line to line."""
     text = edited(cheap_text(), ("ratio = 0.01", "ratio = 1.0e-5"))
-    return case_from_text("narrow", text).problem
+    return jb.case_from_text("narrow", text).problem
 
 
 def test_a_resonance_between_the_nodes_is_noticed(narrow):
@@ -97,7 +87,7 @@ def test_what_a_few_lines_cannot_sum_or_need_not_is_computed_on_all(cheap_case):
     problem = cheap_case.problem
     theta = around(problem, 1.5)
     assert on_nodes(problem, theta) is problem.log_posterior
-    student = problem.with_test(noise=StudentNoise())
+    student = problem.with_test(noise=jb.StudentNoise())
     assert on_nodes(student, theta, least_values=0) is student.log_posterior
     assert on_nodes(problem, theta[:20], least_values=0) is problem.log_posterior
 

@@ -7,21 +7,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from jointbayes.errors import ModelError
-from jointbayes.joint import (
-    COORDINATES,
-    ComplianceCoordinates,
-    ElasticCentre,
-    Joint,
-    LogStiffness,
-    SignedCoupling,
-    parametrisation_named,
-)
+import jointbayes as jb
+from jointbayes.joint import COORDINATES, ComplianceCoordinates, ElasticCentre
 from tests.conftest import CLAMP, PAIR, TABLE_3, pair_matrix, rod
 from tests.one_line import refused
 
 ALL = pytest.mark.parametrize(
-    "parametrisation", [parametrisation_named(key) for key in COORDINATES], ids=list(COORDINATES)
+    "parametrisation", [jb.parametrisation_named(key) for key in COORDINATES], ids=list(COORDINATES)
 )
 LN_K = st.floats(np.log(1e2), np.log(1e12))
 COUPLING = st.floats(-0.99, 0.99).filter(lambda rho: abs(rho) > 1e-3)
@@ -29,7 +21,7 @@ COUPLING = st.floats(-0.99, 0.99).filter(lambda rho: abs(rho) > 1e-3)
 
 def theta_of(parametrisation, ln_k11, ln_k22, rho):
     """Coordinates of a positive definite joint; the log parametrisation takes |ρ|."""
-    if isinstance(parametrisation, SignedCoupling):
+    if isinstance(parametrisation, jb.SignedCoupling):
         return np.array([ln_k11, ln_k22, rho])
     if isinstance(parametrisation, ElasticCentre):
         return np.array([ln_k11, rho * np.exp((ln_k22 - ln_k11) / 2), ln_k22 + np.log1p(-(rho**2))])
@@ -98,20 +90,20 @@ def is_positive_definite(stiffness):
 def test_log_coordinates_are_feasible_exactly_where_the_joint_is_positive_definite(ln_k11, ln_k22, rho):
     assume(abs(rho - 1) > 1e-9)
     theta = np.array([ln_k11, (ln_k11 + ln_k22) / 2 + np.log(rho), ln_k22])
-    assert LogStiffness().feasible(theta) == is_positive_definite(LogStiffness().values(theta))
+    assert jb.LogStiffness().feasible(theta) == is_positive_definite(jb.LogStiffness().values(theta))
 
 
 @given(LN_K, LN_K, st.floats(-3.0, 3.0))
 def test_signed_coordinates_are_feasible_exactly_where_the_joint_is_positive_definite(ln_k11, ln_k22, rho):
     assume(abs(abs(rho) - 1) > 1e-9)
     theta = np.array([ln_k11, ln_k22, rho])
-    assert SignedCoupling().feasible(theta) == is_positive_definite(SignedCoupling().values(theta))
+    assert jb.SignedCoupling().feasible(theta) == is_positive_definite(jb.SignedCoupling().values(theta))
 
 
 NO_JOINTS = {
-    LogStiffness: [[1e9, 0.0, 1e6], [1e9, -1e7, 1e6], [-1e9, 1e7, 1e6], [np.nan, 1e7, 1e6]],
+    jb.LogStiffness: [[1e9, 0.0, 1e6], [1e9, -1e7, 1e6], [-1e9, 1e7, 1e6], [np.nan, 1e7, 1e6]],
     ElasticCentre: [[0.0, 0.0, 1e6], [1e9, 1e8, 1e6], [1e9, -1e8, 1e7], [np.nan, 0.0, 1e6]],
-    SignedCoupling: [[0.0, 0.0, 1e6], [1e9, 0.0, -1e6], [[1e9, 0.0, 1e6], [1e9, 0.0, np.nan]]],
+    jb.SignedCoupling: [[0.0, 0.0, 1e6], [1e9, 0.0, -1e6], [[1e9, 0.0, 1e6], [1e9, 0.0, np.nan]]],
 }
 
 
@@ -144,7 +136,11 @@ def test_the_compliance_is_the_inverse_matrix_and_leads_back(parametrisation, ln
     ],
 )
 def test_the_coordinates_know_which_compliances_are_joints(phi, log, signed):
-    for parametrisation, expected in ((LogStiffness(), log), (SignedCoupling(), signed), (ElasticCentre(), signed)):
+    for parametrisation, expected in (
+        (jb.LogStiffness(), log),
+        (jb.SignedCoupling(), signed),
+        (ElasticCentre(), signed),
+    ):
         theta, inside = ComplianceCoordinates(parametrisation).inverse(np.array([phi]))
         assert inside.tolist() == [expected]
         assert np.isfinite(theta).all()  # meaningless where outside, but no warning and no NaN
@@ -165,13 +161,13 @@ def test_a_joint_to_ground_sees_the_motion_of_its_dofs():
     structure = rod()
     motion = np.arange(22.0)
     np.testing.assert_array_equal(CLAMP.selection(structure).T @ motion, motion[:2])
-    reversed_clamp = Joint(("1:rz", "1:y"))
+    reversed_clamp = jb.Joint(("1:rz", "1:y"))
     np.testing.assert_array_equal(reversed_clamp.selection(structure).T @ motion, motion[[1, 0]])
 
 
 def test_a_joint_between_two_sets_sees_their_difference_and_no_common_motion():
     structure = rod()
-    inner = Joint(("3:y", "3:rz"), against=("8:y", "8:rz"))
+    inner = jb.Joint(("3:y", "3:rz"), against=("8:y", "8:rz"))
     motion = np.random.default_rng(1).normal(size=22)
     near, far = structure.index(inner.dofs), structure.index(inner.against)
     deformation = inner.selection(structure).T @ motion
@@ -187,16 +183,16 @@ def test_a_joint_between_two_sets_sees_their_difference_and_no_common_motion():
 @pytest.mark.parametrize(
     "broken",
     [
-        lambda: Joint(()),
-        lambda: Joint(("1:y", "1:y")),
-        lambda: Joint(("1:y", "1:rz"), against=("1:y", "2:rz")),
-        lambda: Joint(("1:y", "1:rz"), against=("2:y",)),
-        lambda: Joint(("12:y", "12:rz")).selection(rod()),
-        lambda: Joint(("1:y", "2:rz")),
-        lambda: Joint(("A.b:y", "B.b:rz")),
-        lambda: Joint(("1:y", "1:rz"), ("3:rz", "3:y")),
-        lambda: Joint(("1:y", "1:rz"), ("3:y", "4:rz")),
-        lambda: Joint(("1:y", "1:rz"), against=("2:y", "2:x")).selection(rod()),
+        lambda: jb.Joint(()),
+        lambda: jb.Joint(("1:y", "1:y")),
+        lambda: jb.Joint(("1:y", "1:rz"), against=("1:y", "2:rz")),
+        lambda: jb.Joint(("1:y", "1:rz"), against=("2:y",)),
+        lambda: jb.Joint(("12:y", "12:rz")).selection(rod()),
+        lambda: jb.Joint(("1:y", "2:rz")),
+        lambda: jb.Joint(("A.b:y", "B.b:rz")),
+        lambda: jb.Joint(("1:y", "1:rz"), ("3:rz", "3:y")),
+        lambda: jb.Joint(("1:y", "1:rz"), ("3:y", "4:rz")),
+        lambda: jb.Joint(("1:y", "1:rz"), against=("2:y", "2:x")).selection(rod()),
         lambda: CLAMP.selection(rod().fixed(("1:y",))),
         *(
             partial(PAIR.check, k)
@@ -207,7 +203,7 @@ def test_a_joint_between_two_sets_sees_their_difference_and_no_common_motion():
     ],
 )  # fmt: skip
 def test_impossible_joints_are_refused_in_one_line(broken):
-    refused(broken, ModelError)
+    refused(broken, jb.ModelError)
 
 
 @pytest.mark.parametrize("stiffness", [[2.0, 2.0, 2.0], [2.0, -2.0, 2.0], [1e8, 0.0, 0.0], [0.0, 0.0, 0.0], TABLE_3])

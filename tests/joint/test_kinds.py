@@ -5,24 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jointbayes.errors import ModelError
+import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies
-from jointbayes.inference import JointPrior, LogPosterior, Uniform
+from jointbayes.inference import LogPosterior
 from jointbayes.joint import (
     COORDINATES,
     HYPOTHESES,
     RIGID,
     ComplianceCoordinates,
-    Damped,
     ElasticCentre,
-    FullStiffness,
-    LogStiffness,
-    PlainSprings,
     Rigid,
-    SignedCoupling,
-    blocks_of,
     joint_under_hypothesis,
-    parametrisation_named,
     spring_stiffnesses,
 )
 from tests.conftest import CLAMP, PAIR, TABLE_3, best_of, lone_likelihood, pair_matrix, rod
@@ -30,23 +23,23 @@ from tests.one_line import refused
 from vibrecords import FrequencyData
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
-SPRINGS = parametrisation_named("springs", ("x", "rz"))
-TWO = blocks_of({"left": LogStiffness(), "right": SignedCoupling()})
-SHARED = blocks_of({"a": LogStiffness(), "b": "a", "c": SPRINGS, "d": Rigid(2), "e": ElasticCentre()})
-DAMPED = Damped(LogStiffness(), ("k22",), ("k11",))
-KINDS = {key: parametrisation_named(key) for key in COORDINATES} | {
-    "full of 1": parametrisation_named("full", ("rz",)),
-    "full of 2": parametrisation_named("full", ("y", "rz")),
-    "full of 3": parametrisation_named("full", ("x", "y", "rz")),
-    "full of 6": parametrisation_named("full", DIRECTIONS),
+SPRINGS = jb.parametrisation_named("springs", ("x", "rz"))
+TWO = jb.blocks_of({"left": jb.LogStiffness(), "right": jb.SignedCoupling()})
+SHARED = jb.blocks_of({"a": jb.LogStiffness(), "b": "a", "c": SPRINGS, "d": Rigid(2), "e": ElasticCentre()})
+DAMPED = jb.Damped(jb.LogStiffness(), ("k22",), ("k11",))
+KINDS = {key: jb.parametrisation_named(key) for key in COORDINATES} | {
+    "full of 1": jb.parametrisation_named("full", ("rz",)),
+    "full of 2": jb.parametrisation_named("full", ("y", "rz")),
+    "full of 3": jb.parametrisation_named("full", ("x", "y", "rz")),
+    "full of 6": jb.parametrisation_named("full", DIRECTIONS),
     "springs": SPRINGS,
-    "one spring of a pair": PlainSprings(("k22",)),
+    "one spring of a pair": jb.PlainSprings(("k22",)),
     "rigid": Rigid(3),
     "two": TWO,
     "shared": SHARED,
     "damped": DAMPED,
-    "damped springs": Damped(SPRINGS, ("kx",), ("all",)),
-    "damped among others": blocks_of({"a": DAMPED, "b": "a", "c": SPRINGS}),
+    "damped springs": jb.Damped(SPRINGS, ("kx",), ("all",)),
+    "damped among others": jb.blocks_of({"a": DAMPED, "b": "a", "c": SPRINGS}),
 }
 ALL = pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
 SEEDS = st.integers(0, 2**32 - 1)
@@ -146,7 +139,7 @@ def test_every_positive_definite_matrix_is_a_full_joint(r, seed):
     root = rng.normal(size=(r, r)) + 0.1 * np.eye(r)
     size = np.exp(rng.normal(10, 3, r))
     matrix = (root @ root.T + 1e-3 * np.eye(r)) * np.outer(size, size)
-    full = FullStiffness(DIRECTIONS[:r])
+    full = jb.FullStiffness(DIRECTIONS[:r])
     stiffness = full.values_of_matrix(matrix)
     theta = full.coordinates(stiffness)
     assert full.feasible(theta)
@@ -160,14 +153,14 @@ def test_every_positive_definite_matrix_is_a_full_joint(r, seed):
 
 
 def test_a_full_joint_of_two_motions_is_the_coupled_pair():
-    full, signed = FullStiffness(("y", "rz")), SignedCoupling()
+    full, signed = jb.FullStiffness(("y", "rz")), jb.SignedCoupling()
     np.testing.assert_allclose(full.coordinates(TABLE_3), signed.coordinates(TABLE_3), rtol=1e-12)
     assert full.stiffness_names == signed.stiffness_names
     assert [q.unit for q in full.quantities] == [q.unit for q in signed.quantities]
     np.testing.assert_array_equal(full.matrix(TABLE_3).stiffness, PAIR.matrix(TABLE_3).stiffness)
 
 
-FULL = FullStiffness(("x", "y", "z"))
+FULL = jb.FullStiffness(("x", "y", "z"))
 INDEFINITE = np.array([1.0, 0.9, -0.9, 1.0, 0.9, 1.0])  # each pair possible, all three together not
 
 
@@ -180,7 +173,7 @@ def test_near_what_is_no_full_joint_there_is_one():
 
 
 def test_springs_are_named_after_their_directions_and_stand_on_the_diagonal():
-    springs = parametrisation_named("springs", DIRECTIONS)
+    springs = jb.parametrisation_named("springs", DIRECTIONS)
     assert springs.names == springs.stiffness_names == ("kx", "ky", "kz", "krx", "kry", "krz")
     assert [q.unit for q in springs.quantities] == ["N/m"] * 3 + ["N·m/rad"] * 3
     np.testing.assert_array_equal(springs.matrix(np.arange(1.0, 7.0)).stiffness, np.diag(np.arange(1.0, 7.0)))
@@ -203,7 +196,7 @@ def test_joints_side_by_side_have_their_names_and_their_own_matrices():
     assert [axis.label for axis in TWO.axes][-2:] == ["ln right.k22", "right.ρ"]
     assert TWO.standing_for("right.k12") == "right.rho"
     theta = theta_of(TWO, 1)
-    left, right = LogStiffness(), SignedCoupling()
+    left, right = jb.LogStiffness(), jb.SignedCoupling()
     k = TWO.values(theta)
     np.testing.assert_array_equal(k, np.concatenate([left.values(theta[:3]), right.values(theta[3:])]))
     matrix = TWO.matrix(k).stiffness
@@ -222,13 +215,13 @@ def test_what_joints_share_is_named_once_and_stands_in_each_of_them():
 
 
 def test_a_lone_joint_without_a_name_is_its_parametrisation_itself():
-    assert blocks_of({"": PAIR}) is PAIR
-    assert blocks_of({"clamp": PAIR}).names == ("clamp.k11", "clamp.k12", "clamp.k22")
+    assert jb.blocks_of({"": PAIR}) is PAIR
+    assert jb.blocks_of({"clamp": PAIR}).names == ("clamp.k11", "clamp.k12", "clamp.k22")
 
 
 def test_where_the_means_of_the_priors_are_no_joint_the_middle_is_one_without_coupling():
     mean = np.log([1e6, 1e9, 1e5])
-    assert np.allclose(LogStiffness().middle(mean), [1e6, 0.0, 1e5])
+    assert np.allclose(jb.LogStiffness().middle(mean), [1e6, 0.0, 1e5])
 
 
 def test_a_hypothesis_is_that_of_every_joint():
@@ -237,7 +230,7 @@ def test_a_hypothesis_is_that_of_every_joint():
     assert joint_under_hypothesis(TWO, "translation").names == ("left.k11", "right.k11")
     assert joint_under_hypothesis(SHARED, "rotation").names == ("a.k22", "c.krz", "e.k22")
     assert all(joint_under_hypothesis(TWO, name).size == TWO.size for name in HYPOTHESES)
-    full = parametrisation_named("full", ("x", "y", "rz"))
+    full = jb.parametrisation_named("full", ("x", "y", "rz"))
     assert joint_under_hypothesis(full, "translation").names == ("k11", "k22")
     np.testing.assert_array_equal(
         joint_under_hypothesis(full, "springs").matrix(full.rigid).stiffness, RIGID * np.eye(3)
@@ -247,32 +240,32 @@ def test_a_hypothesis_is_that_of_every_joint():
 @pytest.mark.parametrize(
     "broken",
     [
-        lambda: blocks_of({"a": PAIR, "b": "c"}),
-        lambda: blocks_of({"a": PAIR, "b": "a", "c": "b"}),
-        lambda: blocks_of({"a": "a"}),
+        lambda: jb.blocks_of({"a": PAIR, "b": "c"}),
+        lambda: jb.blocks_of({"a": PAIR, "b": "a", "c": "b"}),
+        lambda: jb.blocks_of({"a": "a"}),
         lambda: TWO.check(np.array([1.0, 2.0, 1.0, 1.0, 0.0, 1.0])),
         lambda: TWO.check(np.ones(3)),
         lambda: TWO.coordinates(np.array([1.0, 0.5, 1.0, 1.0, 0.0, -1.0])),
-        lambda: PlainSprings(("krz", "kx"), spring_stiffnesses(("x", "rz"))),
-        lambda: PlainSprings(("k22", "k11")),
-        lambda: PlainSprings(("k12",)),
-        lambda: PlainSprings(("k11", "k11")),
-        lambda: PlainSprings().coordinates([1e9, 0.0, 0.0]),
-        lambda: PlainSprings(("k11",)).coordinates([np.nan, 0.0, 1.0]),
+        lambda: jb.PlainSprings(("krz", "kx"), spring_stiffnesses(("x", "rz"))),
+        lambda: jb.PlainSprings(("k22", "k11")),
+        lambda: jb.PlainSprings(("k12",)),
+        lambda: jb.PlainSprings(("k11", "k11")),
+        lambda: jb.PlainSprings().coordinates([1e9, 0.0, 0.0]),
+        lambda: jb.PlainSprings(("k11",)).coordinates([np.nan, 0.0, 1.0]),
         lambda: FULL.check(INDEFINITE),
         lambda: FULL.coordinates(INDEFINITE),
         lambda: FULL.check([1.0, 2.0]),
-        lambda: FullStiffness(("w",)),
-        lambda: FullStiffness(()),
+        lambda: jb.FullStiffness(("w",)),
+        lambda: jb.FullStiffness(()),
     ],
 )
 def test_impossible_joints_are_refused_in_one_line(broken):
-    refused(broken, ModelError)
+    refused(broken, jb.ModelError)
 
 
 # ---- springs without coupling
 
-PLAIN_PAIRS = [PlainSprings(names) for names in [(), ("k11",), ("k22",), ("k11", "k22")]]
+PLAIN_PAIRS = [jb.PlainSprings(names) for names in [(), ("k11",), ("k22",), ("k11", "k22")]]
 PLAIN = pytest.mark.parametrize("springs", PLAIN_PAIRS, ids=["0", "k11", "k22", "both"])
 LN_K = st.floats(np.log(1e2), np.log(1e12))
 
@@ -297,7 +290,9 @@ def test_named_springs_are_coordinates_and_the_others_rigid(springs, ln_k11, ln_
 
 
 def test_a_compliance_that_is_not_positive_is_no_spring():
-    theta, inside = ComplianceCoordinates(PlainSprings()).inverse(np.array([[1e-9, -1e-6], [0.0, 1e-6], [1e-9, 1e-6]]))
+    theta, inside = ComplianceCoordinates(jb.PlainSprings()).inverse(
+        np.array([[1e-9, -1e-6], [0.0, 1e-6], [1e-9, 1e-6]])
+    )
     assert inside.tolist() == [False, False, True]
     assert np.isfinite(theta).all()
 
@@ -308,8 +303,8 @@ def test_the_mode_search_finds_the_springs_that_made_the_data(springs):
     theta = theta_of_springs(springs, np.log(3e8), np.log(2e5))
     made = NaturalFrequencies(rod(elements=4), CLAMP, 3).frequency_hz(pair_matrix(springs.values(theta)))[0]
     measurement = FrequencyData(made, np.full(3, 0.01))
-    marginals = {"k11": Uniform(np.log(1e6), np.log(1e11)), "k22": Uniform(np.log(1e3), np.log(1e8))}
-    prior = JointPrior(springs, tuple(marginals[name] for name in springs.names))
+    marginals = {"k11": jb.Uniform(np.log(1e6), np.log(1e11)), "k22": jb.Uniform(np.log(1e3), np.log(1e8))}
+    prior = jb.JointPrior(springs, tuple(marginals[name] for name in springs.names))
     assert prior.sample(np.random.default_rng(1), 5).shape == (5, theta.size)
     assert [end.shape for end in prior.support] == [(theta.size,)] * 2
     posterior = LogPosterior(prior, lone_likelihood(rod(elements=4), CLAMP, measurement))

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
-from jointbayes.workflow import sample
 from tests.conftest import FEW_STEPS, cheap_text
 
 
 @pytest.fixture(scope="module")
 def uncertain():
     text = cheap_text() + "\n[uncertain.gain]\nsd_percent = 1.0\n"
-    return sample(case_from_text("uncertain", text), seed=1, settings=FEW_STEPS)
+    return jb.sample(jb.case_from_text("uncertain", text), seed=1, settings=FEW_STEPS)
 
 
 @pytest.mark.parametrize(

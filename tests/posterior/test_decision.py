@@ -10,10 +10,7 @@ import pytest
 from scipy import linalg
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
-from jointbayes.errors import CaseError
-from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Premises, Uniform
-from jointbayes.joint import PlainSprings
+from jointbayes.inference import ErrorSizes, ModelErrorNoise, Premises
 from jointbayes.posterior.decision import (
     TYPED,
     UsedMode,
@@ -50,7 +47,7 @@ def measured(cheap_posterior):
 def of_another_truth(cheap_case, line):
     """Analysed as ever, of measured FRFs that this line of the truth makes."""
     text = edited(cheap_text(), ("k11 = 5.05e9", f"{line}\nk11 = 5.05e9"))
-    data = case_from_text("another", text).problem.test.data
+    data = jb.case_from_text("another", text).problem.test.data
     problem = cheap_case.problem.with_test(data=replace(data, synthetic=False))
     return replace(cheap_case, problem=problem, stated=problem, tests=())
 
@@ -131,10 +128,10 @@ def test_modes_of_frfs_are_counted_by_what_is_most_probable_and_zeros_with_them(
 
 def test_typed_modes_that_are_others_are_named_and_their_model_is_none_of_the_structure():
     text = f"{TYPED_CASE}data.frequencies_hz = [1060.0, 2740.0, 5000.0]\nuncertain.exact = ['density']\n"
-    right = case_from_text("typed", TYPED_CASE, directory=CONFIGS)
+    right = jb.case_from_text("typed", TYPED_CASE, directory=CONFIGS)
     exact = right.problem.natural_frequencies_hz(TABLE_3, 5)[0]
     typed = ", ".join(f"{hz:.2f}" for hz in exact[2:])
-    case = case_from_text("typed", text.replace("1060.0, 2740.0, 5000.0", typed), directory=CONFIGS)
+    case = jb.case_from_text("typed", text.replace("1060.0, 2740.0, 5000.0", typed), directory=CONFIGS)
     answered = answered_problem(case.problem, case, jb.find_map(case, seed=1), 1)
     words = answered.premises.misnumbered
     assert words.startswith("fit far better as those of modes 3, 4, 5 than of modes 1, 2, 3")
@@ -219,7 +216,7 @@ def test_the_frfs_of_a_wrong_model_are_sure_of_a_wrong_joint_and_their_modes_hol
 @pytest.mark.long
 def test_frfs_in_another_unit_are_named_and_their_modes_say_the_same(cheap_case):
     text = cheap_text()
-    data = case_from_text("cheap", text).problem.test.data
+    data = jb.case_from_text("cheap", text).problem.test.data
     answers = []
     for factor in (1.0, 1000.0):
         frf = replace(data.frf, values=factor * data.frf.values)
@@ -260,7 +257,7 @@ BODY = ("youngs_modulus", "density", "length")
 def test_typed_modes_have_an_error_of_the_model_unless_it_is_exact_and_say_what_they_do_not_show(
     frequency_posterior, exact, more, error, uncertain, said
 ):
-    case = case_from_text("typed", f"{TYPED_CASE}{more}\nuncertain.exact = {list(exact)}\n", directory=CONFIGS)
+    case = jb.case_from_text("typed", f"{TYPED_CASE}{more}\nuncertain.exact = {list(exact)}\n", directory=CONFIGS)
     answered = answered_problem(case.problem, case, jb.find_map(case, seed=1), 1)
     assert isinstance(answered.test.noise, ModelErrorNoise) == error
     assert tuple(nuisance.name for nuisance in answered.prior.nuisances) == uncertain
@@ -272,7 +269,7 @@ def test_typed_modes_have_an_error_of_the_model_unless_it_is_exact_and_say_what_
 
 def test_premises_may_be_another_table_of_what_is_uncertain(cheap_case):
     """As if the case stated it, with the same messages; a problem states its priors itself."""
-    case = case_from_text("typed", f'{TYPED_CASE}uncertain.exact = ["model", "length"]\n', directory=CONFIGS)
+    case = jb.case_from_text("typed", f'{TYPED_CASE}uncertain.exact = ["model", "length"]\n', directory=CONFIGS)
     table = {"exact": ["density"], "length": {"sd_percent": 1.0}, "model_error": {"frequency_error": 0.01}}
     answered = answered_problem(case.problem, case, jb.find_map(case, seed=1), 1)
     other = case.with_uncertain(table)
@@ -287,7 +284,7 @@ def test_premises_may_be_another_table_of_what_is_uncertain(cheap_case):
 
 
 def test_the_errors_of_a_model_are_put_on_and_taken_off_a_problem(cheap_case):
-    problem = case_from_text("typed", TYPED_CASE, directory=CONFIGS).problem
+    problem = jb.case_from_text("typed", TYPED_CASE, directory=CONFIGS).problem
     premises = Premises(model_error=ErrorSizes(frequency=0.02), asked="As I was told.")
     wrong = problem.with_premises(premises)
     assert wrong.premises == premises
@@ -306,9 +303,9 @@ def test_how_measured_frfs_are_taken_has_two_words(cheap_case):
 
 def test_what_nobody_stated_is_as_uncertain_as_in_a_workshop_and_what_is_declared_exact_is_exact(cheap_posterior):
     data = replace(cheap_posterior.problem.test.data, synthetic=False)
-    declared = case_from_text("cheap", f'{cheap_text()}\n[uncertain]\nexact = ["density", "length"]\n')
+    declared = jb.case_from_text("cheap", f'{cheap_text()}\n[uncertain]\nexact = ["density", "length"]\n')
     for case, names in ((None, {"youngs_modulus", "density", "length"}), (declared, {"youngs_modulus"})):
-        stated = case or case_from_text("cheap", cheap_text())
+        stated = case or jb.case_from_text("cheap", cheap_text())
         freed = stated.workshop_problem.with_test(data=data)
         problem = as_measured(cheap_posterior).problem
         asked = modes_problem(problem, cheap_posterior.estimate, 1, ErrorSizes(), freed)
@@ -323,15 +320,15 @@ def test_what_is_declared_exact_has_no_prior_beside():
         ("[data.noise]", "[uncertain]\nexact = ['density']\n[uncertain.density]\nsd_percent = 1.0\n[data.noise]"),
     )
     with pytest.raises(
-        CaseError, match=r'uncertain\.exact: found "density", whose prior \[uncertain\.density\] states'
+        jb.CaseError, match=r'uncertain\.exact: found "density", whose prior \[uncertain\.density\] states'
     ):
-        case_from_text("twice", text)
+        jb.case_from_text("twice", text)
 
 
 @pytest.mark.science
 def test_quick_draws_of_two_springs_in_a_thin_sheet_have_the_quantiles_of_a_grid():
     data = ModeData(Observed(np.array([116.8, 726.5]), np.array([0.02, 0.1])))
-    prior = JointPrior(PlainSprings(), (Uniform(18.0, 26.0), Uniform(11.0, 19.0)))
+    prior = jb.JointPrior(jb.PlainSprings(), (jb.Uniform(18.0, 26.0), jb.Uniform(11.0, 19.0)))
     test = jb.Test("clamped", rod(), CLAMP, data, ModelErrorNoise.of(data, ErrorSizes()))
     problem = jb.Problem([test], prior)
     quick = sample_quickly(problem, seed=1)
@@ -416,7 +413,7 @@ structure = { elements = 4 }
 data.f_min_hz = 400.0
 data.channels = { "Point:11:Y+" = "5:y" }
 """
-    case = case_from_text("from the second on", text, directory=CONFIGS)
+    case = jb.case_from_text("from the second on", text, directory=CONFIGS)
     posterior = jb.sample(case, seed=1, settings=TO_CONVERGE)
     assert posterior.problem.premises.modes[0].number == 2
     posterior.save(tmp_path / "posterior.nc")

@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes.case.case import case_from_text
-from jointbayes.frf import Ports
+import jointbayes as jb
 from jointbayes.identification.resonances import fit_resonance
 from jointbayes.posterior.diagnosis import diagnose, diagnose_frequencies, diagnose_frfs
-from jointbayes.workflow import find_map
 from tests.conftest import CONFIGS, TABLE_3, edited, pair_matrix
 
 TIP = edited((CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8"), ("f_step_hz = 1.0", "f_step_hz = 4.0"))
@@ -23,7 +21,7 @@ def with_truth(text, line):
 
 def problem_of(text, change=None):
     """The problem of a case, its measured FRFs changed in place."""
-    problem = case_from_text("diagnosis", text).problem
+    problem = jb.case_from_text("diagnosis", text).problem
     if change is None:
         return problem
     values = problem.test.data.frf.values.copy()
@@ -96,8 +94,8 @@ def test_the_size_of_a_fault_is_stated():
     ],
 )
 def test_a_fault_is_named_after_the_joint_has_taken_up_what_it_can(text, change, cause):
-    case = replace(case_from_text("diagnosis", text), problem=problem_of(text, change))
-    found = diagnose(case.problem.test.data, case.problem, find_map(case, seed=1).theta, np.random.default_rng(1))
+    case = replace(jb.case_from_text("diagnosis", text), problem=problem_of(text, change))
+    found = diagnose(case.problem.test.data, case.problem, jb.find_map(case, seed=1).theta, np.random.default_rng(1))
     assert [name.split(",")[0] for name in found.causes] == [cause]
 
 
@@ -137,7 +135,7 @@ def test_frfs_without_any_resonance_are_compared_as_a_whole():
 
 def test_a_resonance_that_only_one_of_the_two_shows_is_no_pair():
     structure = problem_of(TIP)
-    ports = Ports(structure.test.data.frf.frequency_hz, ("11:y",), ("11:y",))
+    ports = jb.Ports(structure.test.data.frf.frequency_hz, ("11:y",), ("11:y",))
     predicted = structure.test.receptance_model(ports).receptance(pair_matrix(TABLE_3[None]), np.ones((1, 0)))[0]
     f = ports.frequency_hz
     extra = predicted + 2e-2 / (1400.0**2 - f**2 + 28j * f)[:, None, None]

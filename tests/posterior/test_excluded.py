@@ -10,8 +10,6 @@ from scipy import stats
 
 import jointbayes as jb
 from jointbayes.cli.common import print_summary
-from jointbayes.inference import JointPrior, Uniform
-from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import gather_knowledge
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import (
@@ -233,7 +231,7 @@ def test_every_mode_is_climbed_from():
     def log_likelihood(theta):
         return np.where(theta[:, 0] < 5, -3 - theta[:, 0] ** 2, -50 * (theta[:, 0] - 10.5) ** 2)
 
-    prior = JointPrior(parametrisation_named("springs", ("x",)), (Uniform(-20.0, 20.0),))
+    prior = jb.JointPrior(jb.parametrisation_named("springs", ("x",)), (jb.Uniform(-20.0, 20.0),))
     problem = SimpleNamespace(prior=prior, log_likelihood=log_likelihood)
     assert log_likelihood(x[:, None]).argmax() < 40
     assert LikelihoodRegion(problem, x[:, None], (x > 5).astype(int)).greatest == pytest.approx(0.0, abs=1e-6)

@@ -12,9 +12,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.case import case_objects
-from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
-from jointbayes.errors import ModelError
 from jointbayes.posterior import gather_knowledge
 from jointbayes.posterior import knowledge as uncertain_inputs
 from jointbayes.posterior.identifiability import NO_VALID_VALUE, assess
@@ -45,14 +43,14 @@ UNCERTAIN = cheap_text() + "\n[uncertain.length]\nsd_percent = 0.1\n[uncertain.g
 
 @pytest.fixture(scope="module")
 def wrong():
-    case = case_from_text("wrong length", WRONG_LENGTH)
+    case = jb.case_from_text("wrong length", WRONG_LENGTH)
     return jb.sample(case, seed=1, settings=TO_CONVERGE)
 
 
 @pytest.fixture(scope="module")
 def uncertain():
     """A converged run: one that has not converged has no verdict, and then nothing is said of what it rests on."""
-    case = case_from_text("uncertain", UNCERTAIN)
+    case = jb.case_from_text("uncertain", UNCERTAIN)
     posterior = jb.sample(case, seed=1, settings=TO_CONVERGE)
     assert posterior.converged
     return posterior
@@ -167,7 +165,7 @@ def test_what_all_else_known_would_give_is_what_sampling_that_case_gives(of_unce
 
 @pytest.mark.science
 def test_freeing_what_a_case_takes_as_known_gives_what_sampling_it_uncertain_gives(cheap_posterior):
-    case = case_from_text("gain", cheap_text() + "\n[uncertain.gain]\nsd_percent = 5.0\n")
+    case = jb.case_from_text("gain", cheap_text() + "\n[uncertain.gain]\nsd_percent = 5.0\n")
     sampled = jb.sample(case, seed=1, settings=TO_CONVERGE)
     assert sampled.converged
     run, freed = effect_of_uncertain_inputs(cheap_posterior, case.problem)
@@ -193,9 +191,9 @@ BOUNDS_OF_K11 = (
 )
 def test_a_freed_row_is_judged_against_wider_priors_as_a_run_is(prior, reason):
     text = edited(cheap_text(), (BOUNDS_OF_K11, prior), ("relative = 0.008", "relative = 0.0085"))
-    sampled = jb.sample(case_from_text("held", text), settings=TO_CONVERGE)
+    sampled = jb.sample(jb.case_from_text("held", text), settings=TO_CONVERGE)
     assert sampled.converged
-    uncertain = case_from_text("gain", text + "\n[uncertain.gain]\nsd_percent = 0.5\n").problem
+    uncertain = jb.case_from_text("gain", text + "\n[uncertain.gain]\nsd_percent = 0.5\n").problem
     run, freed = effect_of_uncertain_inputs(sampled, uncertain)
     assert run.known["k11"].verdict_reason.startswith(reason)
     assert freed.known["k11"].verdict_reason.startswith(reason)
@@ -422,14 +420,14 @@ def test_other_premises_have_verdicts_and_draws_of_their_own_that_are_kept(cheap
         np.testing.assert_allclose(np.log(workshop.interval(name)), np.log(known.interval95), atol=0.3)
         narrow, wide = cheap_posterior.interval(name), workshop.interval(name, 0.999)
         assert wide[0] < narrow[0] < narrow[1] < wide[1]
-    with pytest.raises(ModelError, match="under: found no draws of 'k33'; expected one of k11, k12, k22"):
+    with pytest.raises(jb.ModelError, match="under: found no draws of 'k33'; expected one of k11, k12, k22"):
         workshop.interval("k33")
 
 
 def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):
-    assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 3 %"
+    assert assumed_words(jb.case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 3 %"
     monkeypatch.setitem(case_objects.WORKSHOP_SD_PERCENT, "youngs_modulus", 4.0)
-    assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 4 %"
+    assert assumed_words(jb.case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 4 %"
 
 
 @pytest.fixture(scope="module")

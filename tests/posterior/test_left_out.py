@@ -7,9 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
 from jointbayes.cli.commands import main
-from jointbayes.errors import CaseError
 from jointbayes.posterior.prediction import predict_left_out, sentence_of_left_out
 
 # three masses on three equal springs: one unknown
@@ -53,7 +51,7 @@ def frequencies(*, last_mass=1.0):
 
 
 def case(data, mass=1.0):
-    return case_from_text("chain", CHAIN.replace("MASS", str(mass)) + data)
+    return jb.case_from_text("chain", CHAIN.replace("MASS", str(mass)) + data)
 
 
 def modes_of(measured, more=""):
@@ -193,7 +191,7 @@ def test_a_summary_of_nothing_left_out_says_so(cheap_posterior):
     ],
 )  # fmt: skip
 def test_what_cannot_be_left_out_is_one_line(data, words):
-    with pytest.raises(CaseError, match="left_out") as caught:
+    with pytest.raises(jb.CaseError, match="left_out") as caught:
         case(data)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)

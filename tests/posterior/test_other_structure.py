@@ -8,16 +8,11 @@ import pytest
 from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
 from jointbayes.cli.commands import main
-from jointbayes.errors import CaseError, ModelError
-from jointbayes.frf import Ports
-from jointbayes.inference import Normal, Nuisance
-from jointbayes.joint import Joint
 from jointbayes.studies.predict import read_other
 from tests.conftest import TO_CONVERGE, shipped_text
 
-TIP = Ports(np.arange(20.0, 1200.0, 10.0), ("11:y",), ("11:y",))
+TIP = jb.Ports(np.arange(20.0, 1200.0, 10.0), ("11:y",), ("11:y",))
 ASKED = """
 [predict]
 outputs = ["11:y"]
@@ -38,12 +33,12 @@ def _wrong_model():
     """A posterior that allows for an error of the model in each natural frequency."""
     text = shipped_text("clamped_beam_frequencies").replace('exact = ["model"]', "")
     text = text.replace("[120.0, 762.0, 2101.0]", "[120.5, 741.0, 2044.0, 3890.0]")
-    return jb.sample(case_from_text("wrong", text), seed=1, settings=TO_CONVERGE)
+    return jb.sample(jb.case_from_text("wrong", text), seed=1, settings=TO_CONVERGE)
 
 
 def test_the_structure_of_the_run_is_predicted_as_the_run_predicts_it(cheap_posterior):
     found = cheap_posterior.predict(recipe_of(cheap_posterior), TIP)
-    band = cheap_posterior.predict_frf(Ports(TIP.frequency_hz, ("5:y",), ("5:y",)))  # the same place
+    band = cheap_posterior.predict_frf(jb.Ports(TIP.frequency_hz, ("5:y",), ("5:y",)))  # the same place
     np.testing.assert_allclose(found.frf.magnitude_high, band.magnitude_high, rtol=1e-6)
     np.testing.assert_allclose(found.frf.phase_deg, band.phase_deg, rtol=1e-6, atol=1e-6)
 
@@ -51,7 +46,7 @@ def test_the_structure_of_the_run_is_predicted_as_the_run_predicts_it(cheap_post
 def test_natural_frequencies_of_another_length_are_those_of_dense_modes_of_each_draw(cheap_posterior):
     longer = replace(recipe_of(cheap_posterior), length=0.5)
     found = cheap_posterior.predict(longer, TIP, max_draws=5)
-    whole, joint = longer.structure(), Joint(("1:y", "1:rz"))
+    whole, joint = longer.structure(), jb.Joint(("1:y", "1:rz"))
     at = whole.unit_forms(joint.labels)
     rows = cheap_posterior.thinned(5)
     for matrix, frequency in zip(cheap_posterior.problem.prior.matrix(rows).stiffness, found.frequency_hz, strict=True):
@@ -65,11 +60,11 @@ def test_natural_frequencies_of_another_length_are_those_of_dense_modes_of_each_
 def test_a_length_is_measured_anew_and_a_modulus_is_that_of_the_tested_bar(cheap_posterior):
     recipe = recipe_of(cheap_posterior)
     certain = cheap_posterior.predict(recipe, TIP).frequency_hz[:, 0]
-    one_percent = Nuisance("length", "mm", 383.0, Normal(0.0, 0.01))
+    one_percent = jb.Nuisance("length", "mm", 383.0, jb.Normal(0.0, 0.01))
     found = cheap_posterior.predict(recipe, TIP, uncertain=[one_percent]).frequency_hz[:, 0]
     spread = np.sqrt(np.log(found).std() ** 2 - np.log(certain).std() ** 2)
     assert spread == pytest.approx(0.02, rel=0.2)  # f falls with the square of the length
-    stiffer = Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.02))
+    stiffer = jb.Nuisance("youngs_modulus", "GPa", 210.0, jb.Normal(0.0, 0.02))
     with_e = cheap_posterior.predict(recipe, TIP, uncertain=[stiffer]).frequency_hz[:, 0]
     assert np.log(with_e).std() > 3 * np.log(certain).std()
 
@@ -99,7 +94,7 @@ def test_the_error_of_the_model_is_as_large_as_the_data_show_it(wrong_model):
 
 def test_what_was_never_asked_of_the_joint_is_said(cheap_posterior):
     recipe, top = recipe_of(cheap_posterior), cheap_posterior.problem.test.data.band_hz[1]
-    below, beyond = (Ports(np.linspace(20, share * top, 20), ("11:y",), ("11:y",)) for share in (1.49, 1.51))
+    below, beyond = (jb.Ports(np.linspace(20, share * top, 20), ("11:y",), ("11:y",)) for share in (1.49, 1.51))
     assert cheap_posterior.predict(recipe, below).never_asked == ()
     (said,) = cheap_posterior.predict(recipe, beyond).never_asked
     assert "depends on frequency" in said
@@ -111,14 +106,14 @@ def test_what_was_never_asked_of_the_joint_is_said(cheap_posterior):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"joint": Joint(("1:y",))}, "a joint at 1 DOFs for the stiffnesses of one at 2"),
-        ({"uncertain": [Nuisance("thickness", "1", 1.0, Normal(0, 0.1))]}, "thickness"),
+        ({"joint": jb.Joint(("1:y",))}, "a joint at 1 DOFs for the stiffnesses of one at 2"),
+        ({"uncertain": [jb.Nuisance("thickness", "1", 1.0, jb.Normal(0, 0.1))]}, "thickness"),
         ({"ports": None}, "found as ports"),
     ],
 )
 def test_what_cannot_be_predicted_is_refused(cheap_posterior, change, words):
     arguments = {"structure": recipe_of(cheap_posterior), "ports": TIP} | change
-    with pytest.raises(ModelError, match=words):
+    with pytest.raises(jb.ModelError, match=words):
         cheap_posterior.predict(**arguments)
 
 
@@ -167,7 +162,7 @@ class TestCommand:
     )
     def test_a_slip_is_named_by_file_line_and_key(self, home, text, place, words):
         (home / "longer.toml").write_text('extends = "base.toml"\n' + text)
-        with pytest.raises(CaseError) as refused:
+        with pytest.raises(jb.CaseError) as refused:
             read_other(home / "longer.toml")
         assert place in str(refused.value)
         assert words in str(refused.value)

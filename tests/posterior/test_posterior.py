@@ -9,13 +9,11 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 
-from jointbayes.errors import MeasurementError, ModelError
-from jointbayes.frf import Ports, receptance_model
+import jointbayes as jb
+from jointbayes.frf import receptance_model
 from jointbayes.posterior import assess, data_sha256, summarise
 from jointbayes.posterior.storage import RECORD
-from jointbayes.sampling import SamplerSettings
 from jointbayes.sampling.diagnostics import effective_sizes
-from jointbayes.workflow import load_posterior, sample
 from tests.conftest import PAIR, judged_as, pair_matrix
 
 INITIAL = (1e8, 0.0, 0.0)
@@ -97,8 +95,8 @@ def test_a_mode_on_the_edge_of_its_prior_is_named(cheap_posterior):
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(cheap_case):
-    settings = SamplerSettings(walkers=8, max_steps=100)
-    first, again, other = (sample(cheap_case, seed=seed, settings=settings) for seed in (7, 7, 8))
+    settings = jb.SamplerSettings(walkers=8, max_steps=100)
+    first, again, other = (jb.sample(cheap_case, seed=seed, settings=settings) for seed in (7, 7, 8))
     for name in PAIR.stiffness_names:
         assert first.values(name).tobytes() == again.values(name).tobytes()
         assert first.prior_values(name).tobytes() == again.prior_values(name).tobytes()
@@ -192,7 +190,7 @@ def test_the_frf_band_holds_the_map_and_narrows_with_its_probability(cheap_poste
     band = cheap_posterior.predict_frf()
     assert band.magnitude.shape == frf.values.shape
     assert (band.quantity, band.outputs, band.inputs) == ("receptance", ("5:y",), ("5:y",))
-    ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+    ports = jb.Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     problem = cheap_posterior.problem
     best = receptance_model(problem.test.structure, problem.test.joints, ports).receptance(
         pair_matrix(cheap_posterior.estimate.values)
@@ -214,15 +212,15 @@ def test_the_frf_band_holds_the_map_and_narrows_with_its_probability(cheap_poste
 
 
 def test_frfs_are_predicted_where_nothing_was_measured(cheap_posterior, frequency_posterior):
-    ports = Ports(np.array([100.0, 500.0]), ("3:y", "1:rz"), ("5:y",))
+    ports = jb.Ports(np.array([100.0, 500.0]), ("3:y", "1:rz"), ("5:y",))
     for posterior in (cheap_posterior, frequency_posterior):
         band = posterior.predict_frf(ports)
         assert band.magnitude.shape == (2, 2, 1)
         assert (band.magnitude > 0).all()
-    with pytest.raises(ModelError, match="give ports"):
+    with pytest.raises(jb.ModelError, match="give ports"):
         frequency_posterior.predict_frf()
-    with pytest.raises(ModelError, match="found DOF '9:y'"):
-        cheap_posterior.predict_frf(Ports(np.array([100.0]), ("9:y",), ("5:y",)))
+    with pytest.raises(jb.ModelError, match="found DOF '9:y'"):
+        cheap_posterior.predict_frf(jb.Ports(np.array([100.0]), ("9:y",), ("5:y",)))
 
 
 def test_natural_frequencies_are_those_of_the_draws(cheap_posterior, frequency_posterior):
@@ -257,7 +255,7 @@ def test_a_saved_posterior_comes_back_bit_for_bit(cheap_posterior, frequency_pos
         path = tmp_path / "posterior.nc"
         posterior.save(path)
         assert [p.name for p in tmp_path.iterdir()] == ["posterior.nc"]
-        loaded = load_posterior(path)
+        loaded = jb.load_posterior(path)
         for group in ("posterior", "sample_stats", "prior", "observed_data"):
             xr.testing.assert_identical(loaded.tree[group].to_dataset(), posterior.tree[group].to_dataset())
         for name in PAIR.stiffness_names:
@@ -315,8 +313,8 @@ def test_a_file_that_holds_no_posterior_is_refused_in_one_line(saved, tmp_path, 
     path = tmp_path / "posterior.nc"
     path.write_bytes(saved)
     spoil(path)
-    with pytest.raises(MeasurementError, match="expected") as caught:
-        load_posterior(path)
+    with pytest.raises(jb.MeasurementError, match="expected") as caught:
+        jb.load_posterior(path)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(f"{path}: ")
 

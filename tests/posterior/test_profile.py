@@ -5,10 +5,6 @@ import pytest
 from scipy import optimize
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
-from jointbayes.errors import ModelError
-from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
-from jointbayes.joint import LogStiffness
 from jointbayes.posterior.first_look import fisher_information
 from jointbayes.posterior.limits import FALL_PRINTED, LikelihoodRegion
 from tests.conftest import cheap_text, edited
@@ -23,8 +19,8 @@ class Linear:
     """A density whose data residuals are A (θ − centre); the last coordinate enters none of them."""
 
     def __init__(self, matrix, joint):
-        modulus, scale = Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.02)), Normal(0.0, 1.0)
-        self.prior = JointPrior(LogStiffness(), joint, (modulus, Nuisance("noise_scale", "1", 1.0, scale)))
+        modulus, scale = jb.Nuisance("youngs_modulus", "GPa", 210.0, jb.Normal(0.0, 0.02)), jb.Normal(0.0, 1.0)
+        self.prior = jb.JointPrior(jb.LogStiffness(), joint, (modulus, jb.Nuisance("noise_scale", "1", 1.0, scale)))
         self.matrix = np.column_stack([matrix, np.zeros(len(matrix))])
 
     def log_likelihood(self, theta):
@@ -43,7 +39,7 @@ def region_of(problem, centre, covariance) -> LikelihoodRegion:
 
 
 def wide(half=10.0):
-    return tuple(Uniform(c - half, c + half) for c in CENTRE[:3])
+    return tuple(jb.Uniform(c - half, c + half) for c in CENTRE[:3])
 
 
 def linear(seed=0, joint=None, scale=(3.0, 5.0, 9.0, 60.0)) -> Linear:
@@ -54,7 +50,7 @@ def linear(seed=0, joint=None, scale=(3.0, 5.0, 9.0, 60.0)) -> Linear:
 @pytest.mark.parametrize(("name", "joint_sd", "pull"), [*((name, None, 0.0) for name in NAMES[:4]), ("k12", 0.2, 0.1)])
 def test_on_a_linear_model_the_profile_is_the_gaussian_of_the_marginal_sd(name, joint_sd, pull):
     """Data beside the priors that count: a normal one of a stiffness is a measurement, a uniform one is none."""
-    problem = linear(joint=joint_sd and tuple(Normal(c + pull, joint_sd) for c in CENTRE[:3]))
+    problem = linear(joint=joint_sd and tuple(jb.Normal(c + pull, joint_sd) for c in CENTRE[:3]))
     profile, at, rows = problem.profile(name), NAMES.index(name), problem.matrix[:, :4]
     known = np.diag([1 / joint_sd**2 if joint_sd else 0.0] * 3 + [1 / 0.02**2])
     precision = rows.T @ rows + known
@@ -70,7 +66,7 @@ def test_on_a_linear_model_the_profile_is_the_gaussian_of_the_marginal_sd(name, 
 
 
 def test_an_end_that_the_prior_cuts_is_open():
-    narrow = (Uniform(CENTRE[0] - 0.01, CENTRE[0] + 10), *wide()[1:])
+    narrow = (jb.Uniform(CENTRE[0] - 0.01, CENTRE[0] + 10), *wide()[1:])
     profile = linear(joint=narrow).profile("k11")
     assert profile.open_below
     assert not profile.open_above
@@ -112,7 +108,7 @@ def test_along_the_edge_of_positive_definite_joints_the_profile_is_that_of_the_c
 def test_where_the_posterior_is_nearly_gaussian_the_interval_is_that_of_the_fisher_information():
     # the cheap case itself is skewed: the tip sees k22 through the poorly known k11; less noise makes it Gaussian
     text = edited(cheap_text(), ("relative = 0.008", "relative = 0.002"), ("floor = 0.0016", "floor = 0.0004"))
-    case = case_from_text("quiet", text)
+    case = jb.case_from_text("quiet", text)
     mode = jb.find_map(case)
     region = region_of(case.problem.log_posterior, mode.theta, mode.covariance)
     sd = fisher_information(case.problem, mode.theta).sd()["k22"]
@@ -139,9 +135,9 @@ def test_a_limit_below_zero_is_found_from_draws_above_zero():
 
 
 def test_unknown_and_unseen_coordinates_are_refused():
-    with pytest.raises(ModelError, match="found coordinate 'k13'"):
+    with pytest.raises(jb.ModelError, match="found coordinate 'k13'"):
         linear().profile("k13")
-    with pytest.raises(ModelError, match="no residual depends on noise_scale"):
+    with pytest.raises(jb.ModelError, match="no residual depends on noise_scale"):
         linear().profile("noise_scale")
 
 

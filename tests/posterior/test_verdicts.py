@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 from benchmarks.prior_bounds import OUTPUTS, outside_cases
 
-from jointbayes.case.case import case_from_text
-from jointbayes.inference import JointPrior, Normal, Uniform
-from jointbayes.joint import LogStiffness, SignedCoupling
-from jointbayes.posterior import Posterior, summarise
+import jointbayes as jb
+from jointbayes.posterior import summarise
 from jointbayes.posterior.identifiability import (
     IDENTIFIED_RATIO,
     NO_VALID_VALUE,
@@ -36,24 +34,23 @@ from jointbayes.report.model import Callout, Table
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.report.sections.lead import lead
 from jointbayes.rounding import factor, number, one_sided, rounded, rounded_interval
-from jointbayes.workflow import sample
 from tests.conftest import PAIR, TO_CONVERGE, first_in_ci, judged_as
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
-def with_cached(posterior: Posterior, **cached: object) -> Posterior:
+def with_cached(posterior: jb.Posterior, **cached: object) -> jb.Posterior:
     """A copy of a posterior in which cached properties have other values; its likelihood is the same."""
     copy = dataclasses.replace(posterior)
     copy.__dict__.update({"likelihood_region": posterior.likelihood_region} | cached)
     return copy
 
 
-def unexplained(posterior: Posterior) -> Posterior:
+def unexplained(posterior: jb.Posterior) -> jb.Posterior:
     return with_cached(posterior, check=SimpleNamespace(explains=False))
 
 
-def widened_by(posterior: Posterior, theta: np.ndarray, *, reliable: bool = True) -> Posterior:
+def widened_by(posterior: jb.Posterior, theta: np.ndarray, *, reliable: bool = True) -> jb.Posterior:
     wide = widened_prior(posterior.problem.prior)
     prior_theta = wide.sample(np.random.default_rng(1), 4000)
     return with_cached(posterior, widened=WidenedPosterior(wide, theta.copy(), prior_theta, 4000.0, reliable))
@@ -117,7 +114,7 @@ def test_a_run_that_did_not_converge_has_no_verdict(cheap_posterior):
 def test_a_run_without_a_verdict_names_the_bound_that_its_draws_reach(cheap_posterior):
     prior = cheap_posterior.problem.prior
     high = float(cheap_posterior.theta[:, 2].max())
-    low11, low22 = prior.marginals[0], Uniform(prior.marginals[2].low, high)
+    low11, low22 = prior.marginals[0], jb.Uniform(prior.marginals[2].low, high)
     problem = dataclasses.replace(
         cheap_posterior.problem, prior=dataclasses.replace(prior, marginals=(low11, prior.marginals[1], low22))
     )
@@ -229,20 +226,20 @@ def test_nothing_is_green_where_the_model_does_not_explain_the_data(cheap_poster
 
 
 def test_every_marginal_grows_by_a_decade_on_each_side():
-    prior = JointPrior(LogStiffness(), (Uniform(0.0, 5.0), Normal(17.0, 0.5), Uniform(-3.0, 4.0)))
+    prior = jb.JointPrior(jb.LogStiffness(), (jb.Uniform(0.0, 5.0), jb.Normal(17.0, 0.5), jb.Uniform(-3.0, 4.0)))
     first, second, third = widened_prior(prior).marginals
     assert (first.low, first.high) == (-DECADE, 5.0 + DECADE)
     assert second.mean == 17.0
-    assert second.ppf(0.975) - Normal(17.0, 0.5).ppf(0.975) == pytest.approx(math.log(10))
+    assert second.ppf(0.975) - jb.Normal(17.0, 0.5).ppf(0.975) == pytest.approx(math.log(10))
     assert (third.low, third.high) == (-3.0 - math.log(10), 4.0 + math.log(10))
-    signed = JointPrior(SignedCoupling(), (Uniform(0.0, 5.0), Uniform(0.0, 5.0), Uniform(-0.3, 0.3)))
-    assert widened_prior(signed).marginals[2] == Uniform(-1.0, 1.0)
+    signed = jb.JointPrior(jb.SignedCoupling(), (jb.Uniform(0.0, 5.0), jb.Uniform(0.0, 5.0), jb.Uniform(-0.3, 0.3)))
+    assert widened_prior(signed).marginals[2] == jb.Uniform(-1.0, 1.0)
 
 
 @pytest.mark.parametrize("column", [0, 1])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_bound_is_within_reach_by_the_mass_at_it_and_not_by_the_mode(column, sign):
-    prior = JointPrior(SignedCoupling(), (Uniform(-6.0, 6.0), Uniform(-6.0, 6.0), Uniform(-1.0, 1.0)))
+    prior = jb.JointPrior(jb.SignedCoupling(), (jb.Uniform(-6.0, 6.0), jb.Uniform(-6.0, 6.0), jb.Uniform(-1.0, 1.0)))
     theta = np.random.default_rng(1).normal(scale=0.2, size=(20000, 3))
     assert not bounds_within_reach(prior, theta)
     edge = 0.1 * DECADE
@@ -256,15 +253,15 @@ def test_a_bound_is_within_reach_by_the_mass_at_it_and_not_by_the_mode(column, s
 
 def test_the_limits_of_rho_are_physics_and_no_bound_of_a_prior():
     theta = np.column_stack([np.zeros((500, 2)), np.full(500, 0.999)])
-    prior = JointPrior(SignedCoupling(), (Uniform(-6.0, 6.0), Uniform(-6.0, 6.0), Uniform(-1.0, 1.0)))
+    prior = jb.JointPrior(jb.SignedCoupling(), (jb.Uniform(-6.0, 6.0), jb.Uniform(-6.0, 6.0), jb.Uniform(-1.0, 1.0)))
     assert not bounds_within_reach(prior, theta)
-    narrow = dataclasses.replace(prior, marginals=(*prior.marginals[:2], Uniform(-1.0, 0.5)))
+    narrow = dataclasses.replace(prior, marginals=(*prior.marginals[:2], jb.Uniform(-1.0, 0.5)))
     assert bounds_within_reach(narrow, np.where(theta == 0.999, 0.499, theta))
 
 
 @pytest.mark.parametrize(("column", "end"), [(0, 0), (0, 1), (1, 1)])
 def test_draws_near_a_bound_within_reach_go_on_beyond_it_as_far_as_wider_priors_do(column, end):
-    prior = JointPrior(SignedCoupling(), (Uniform(-6.0, 6.0), Uniform(-6.0, 6.0), Uniform(-1.0, 1.0)))
+    prior = jb.JointPrior(jb.SignedCoupling(), (jb.Uniform(-6.0, 6.0), jb.Uniform(-6.0, 6.0), jb.Uniform(-1.0, 1.0)))
     theta = np.random.default_rng(1).normal(scale=0.2, size=(5000, 3))
     assert moved_beyond_bounds(prior, theta) is not theta
     assert np.array_equal(moved_beyond_bounds(prior, theta), theta)
@@ -281,7 +278,7 @@ def test_draws_near_a_bound_within_reach_go_on_beyond_it_as_far_as_wider_priors_
 
 
 def test_the_limits_of_rho_are_not_moved_beyond():
-    prior = JointPrior(SignedCoupling(), (Uniform(-6.0, 6.0), Uniform(-6.0, 6.0), Uniform(-0.5, 1.0)))
+    prior = jb.JointPrior(jb.SignedCoupling(), (jb.Uniform(-6.0, 6.0), jb.Uniform(-6.0, 6.0), jb.Uniform(-0.5, 1.0)))
     theta = np.column_stack([np.zeros((500, 2)), np.full(500, -0.499)])
     assert moved_beyond_bounds(prior, theta)[500:, 2] == pytest.approx(np.full(500, -0.999))
     assert len(moved_beyond_bounds(prior, -2 * theta)) == 500
@@ -378,7 +375,7 @@ def test_a_stiffness_beyond_its_prior_is_never_identified(wanted):
     one = next(case for case in outside_cases("tip") if case.name == f"tip, {wanted}")
     # on one machine or another the same seed takes other draws, of which some need many steps
     settings = dataclasses.replace(TO_CONVERGE, max_steps=20_000)
-    posterior = sample(case_from_text("beyond", one.text), seed=1, settings=settings)
+    posterior = jb.sample(jb.case_from_text("beyond", one.text), seed=1, settings=settings)
     known = posterior.verdict(one.stiffness)
     assert known.verdict in ("bounded below", "bounded above", "not identified")
     assert "bound" in " ".join(lines_of(one.stiffness, posterior.verdict(one.stiffness)))
@@ -389,7 +386,7 @@ def test_the_cases_beyond_the_prior_are_what_they_say():
     cases = [one for outputs in OUTPUTS for one in outside_cases(outputs)]
     assert len({one.name for one in cases}) == len(cases) == 42
     for one in cases:
-        case = case_from_text("beyond", one.text)
+        case = jb.case_from_text("beyond", one.text)
         prior = getattr(case.spec.prior, one.stiffness)
         truth = getattr(case.spec.data.truth, one.stiffness)
         beyond = 100.0 if " 100 times" in one.name else 10.0

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
-from jointbayes.inference import Nuisance, Uniform
 from jointbayes.posterior.identifiability import assess, ratio_of
 from jointbayes.posterior.knowledge import UncertainInputsRow, _row
 from jointbayes.posterior.posterior import gather_knowledge
@@ -25,7 +23,7 @@ TEXT = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 
 @pytest.fixture(scope="module")
 def posterior():
-    return jb.sample(case_from_text("main", TEXT), seed=1)
+    return jb.sample(jb.case_from_text("main", TEXT), seed=1)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +55,7 @@ def test_the_best_fit_moves_as_that_of_a_case_with_the_other_value(found, poster
     higher = stated * math.exp(sd)
     made = ("\n[data.truth]", f"\n[data.truth]\n{key} = {stated}")
     text = edited(TEXT, (f"{key} = {stated}", f"{key} = {higher!r}"), made)
-    refit = jb.find_map(case_from_text("moved", text))
+    refit = jb.find_map(jb.case_from_text("moved", text))
     assert refit.values[2] == pytest.approx(row.best["k22"][1], rel=2e-3)
     assert row.off == ((f"{100 * sd:g} % lower"), (f"{100 * sd:g} % higher"))
 
@@ -115,9 +113,9 @@ def test_what_is_said_of_inputs(rows, said, if_off):
 @pytest.mark.parametrize(
     ("nuisance", "off"),
     [
-        (Nuisance("length", "mm", 383.0, jb.Normal(0.0, 0.02)), "2 %"),
-        (Nuisance("length_offset", "mm", 1000.0, jb.Normal(0.0, 0.0015)), "1.5 mm"),
-        (Nuisance("damping_ratio", "1", 0.01, Uniform(-2.0, 2.0)), "3.2 times"),
+        (jb.Nuisance("length", "mm", 383.0, jb.Normal(0.0, 0.02)), "2 %"),
+        (jb.Nuisance("length_offset", "mm", 1000.0, jb.Normal(0.0, 0.0015)), "1.5 mm"),
+        (jb.Nuisance("damping_ratio", "1", 0.01, jb.Uniform(-2.0, 2.0)), "3.2 times"),
     ],
 )
 def test_an_uncertainty_is_told_in_per_cent_in_its_unit_or_as_a_factor(nuisance, off):

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
-from jointbayes.joint import ElasticCentre, LogStiffness
-from jointbayes.sampling import SamplerSettings
+from jointbayes.joint import ElasticCentre
 from tests.conftest import cheap_text, edited
 
 # An arm and a stiffness about the centre that hold nearly all of the posterior under the cheap case's own priors.
@@ -25,20 +23,20 @@ high = 1e7
 @pytest.mark.science
 def test_both_give_the_same_stiffnesses_once_their_priors_are_the_same(cheap_posterior):
     """Draws in the coordinates of the centre, weighted by the ratio of the priors over the stiffnesses."""
-    stated = case_from_text("stated", cheap_text())
+    stated = jb.case_from_text("stated", cheap_text())
     text = cheap_text()
     start, end = text.index("[prior.k12]"), text.index("[data]")
     text = edited(
         text[:start] + CENTRE + "\n" + text[end:], ('parametrisation = "log" ', 'parametrisation = "elastic_centre" ')
     )
-    case = case_from_text("centre", text)
+    case = jb.case_from_text("centre", text)
     assert isinstance(case.problem.parametrisation, ElasticCentre)
-    settings = SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.03)
+    settings = jb.SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.03)
     posterior, expected = jb.sample(case, seed=1, settings=settings), cheap_posterior
     assert posterior.converged
     assert expected.converged
 
-    logs, centre = LogStiffness(), ElasticCentre()
+    logs, centre = jb.LogStiffness(), ElasticCentre()
     inside = logs.describes(posterior.stiffness)
     theta = logs.coordinates(posterior.stiffness[inside])
     slope = centre.log_slope(posterior.theta[inside]) - logs.log_slope(theta)

@@ -11,14 +11,11 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.frf import DirectSolve, Ports
-from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Uniform
-from jointbayes.joint import LogStiffness
+from jointbayes.frf import DirectSolve
 from jointbayes.posterior.directions import interval_ratio
 from jointbayes.posterior.first_look import FisherInformation, fisher_information
 from jointbayes.posterior.identifiability import verdict_by_rule
-from jointbayes.sampling import SamplerSettings
-from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section, beam
+from jointbayes.structure import beam
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, edited, pair_matrix, rod
 from vibrecords import FrfData, FrfSet
 
@@ -46,11 +43,11 @@ def receptance(theta, outputs):
     modulus, length, density, damping = np.exp(theta[3:])
     structure = beam(
         0.383 * length,
-        Section.circle(0.025),
-        BeamMaterial(2.1e11 * modulus, 0.3, 7800.0 * density),
-        ModalDamping((0.01 * damping,)),
+        jb.Section.circle(0.025),
+        jb.BeamMaterial(2.1e11 * modulus, 0.3, 7800.0 * density),
+        jb.ModalDamping((0.01 * damping,)),
     )
-    solve = DirectSolve(structure, CLAMP, Ports(FREQUENCY_HZ, outputs, ("11:y",)))
+    solve = DirectSolve(structure, CLAMP, jb.Ports(FREQUENCY_HZ, outputs, ("11:y",)))
     return solve.receptance(pair_matrix(np.exp(theta[:3])))[0, :, :, 0]
 
 
@@ -81,12 +78,12 @@ def agrees(found, printed, unit):
     return np.abs(found - printed) <= np.maximum(0.05 * printed, 0.5 * unit)
 
 
-def problem_of(outputs) -> Problem:
+def problem_of(outputs) -> jb.Problem:
     """Exact data of Table 3's joint with the table's noise law stated."""
     values = receptance(POINT, outputs)[..., None]
     frf = FrfSet(FREQUENCY_HZ, values, outputs, ("11:y",))
-    prior = JointPrior(LogStiffness(), tuple(Uniform(mid - 5, mid + 5) for mid in POINT[:3]))
-    return Problem(
+    prior = jb.JointPrior(jb.LogStiffness(), tuple(jb.Uniform(mid - 5, mid + 5) for mid in POINT[:3]))
+    return jb.Problem(
         structure=rod(), joint=CLAMP, data=FrfData(frf, 2 * part_sd(values) ** 2, synthetic=True), prior=prior
     )
 
@@ -109,19 +106,19 @@ def independent_fisher(columns, outputs) -> FisherInformation:
     data = independent_information(columns, outputs)
     precision = np.diag(np.concatenate([np.zeros(3), PRIOR_SD**-2.0]))
     prior_sd = np.concatenate([np.full(3, 5.0), PRIOR_SD])
-    return FisherInformation(("k11", "k12", "k22", *NUISANCES), POINT, data, precision, prior_sd, LogStiffness())
+    return FisherInformation(("k11", "k12", "k22", *NUISANCES), POINT, data, precision, prior_sd, jb.LogStiffness())
 
 
-def uncertain_problem(outputs) -> Problem:
+def uncertain_problem(outputs) -> jb.Problem:
     """The package's own problem with E, length, density and damping uncertain."""
-    steel, law = BeamMaterial(2.1e11, 0.3, 7800.0), ModalDamping((0.01,))
+    steel, law = jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.ModalDamping((0.01,))
     # the table was computed with the paper's elements, as the independent matrix is here
-    recipe = BeamRecipe(0.383, Section.circle(0.025), steel, law, element="paper")
-    flat = Uniform(math.log(0.1), math.log(10.0))
-    priors = (Normal(0.0, 0.02), Normal(0.0, 0.005), Normal(0.0, 0.01), flat)
-    nuisances = tuple(Nuisance(name, "1", 1.0, prior) for name, prior in zip(NUISANCES, priors, strict=True))
+    recipe = jb.BeamRecipe(0.383, jb.Section.circle(0.025), steel, law, element="paper")
+    flat = jb.Uniform(math.log(0.1), math.log(10.0))
+    priors = (jb.Normal(0.0, 0.02), jb.Normal(0.0, 0.005), jb.Normal(0.0, 0.01), flat)
+    nuisances = tuple(jb.Nuisance(name, "1", 1.0, prior) for name, prior in zip(NUISANCES, priors, strict=True))
     known = problem_of(outputs)
-    family = BeamFamily(recipe, {n.name: n.range for n in nuisances})
+    family = jb.BeamFamily(recipe, {n.name: n.range for n in nuisances})
     known = known.with_test(structure=family)
     return dataclasses.replace(known, prior=dataclasses.replace(known.prior, nuisances=nuisances))
 
@@ -184,7 +181,7 @@ def test_sampled_standard_deviations_agree_where_the_posterior_is_gaussian():
         ("f_step_hz = 1.0", "f_step_hz = 4.0"),
     )
     case = jb.case_from_text("joint measured", text)
-    posterior = jb.sample(case, seed=1, settings=SamplerSettings(walkers=24, max_steps=2000))
+    posterior = jb.sample(case, seed=1, settings=jb.SamplerSettings(walkers=24, max_steps=2000))
     sampled = np.log(posterior.stiffness).std(axis=0)
     expected = fisher_information(case.problem, posterior.mode_theta).sd()
     np.testing.assert_allclose(sampled, list(expected.values()), rtol=0.05)

@@ -2,9 +2,7 @@
 
 import pytest
 
-from jointbayes.case.case import case_from_text
-from jointbayes.errors import CaseError
-from jointbayes.studies.compare import compare
+import jointbayes as jb
 
 pytestmark = pytest.mark.science
 
@@ -40,8 +38,8 @@ SPRINGS, FULL = "ky = 5e7\nkrz = 6e4\n", "k11 = 5e7\nk12 = 1.2e6\nk22 = 6e4\n"
 
 def compared(truth, *hypotheses, kind="springs"):
     names = ", ".join(f'"{name}"' for name in hypotheses)
-    case = case_from_text("case", TEXT.replace("KIND", kind).replace("HYPOTHESES", names) + truth)
-    found = compare([case], seed=1)
+    case = jb.case_from_text("case", TEXT.replace("KIND", kind).replace("HYPOTHESES", names) + truth)
+    found = jb.compare([case], seed=1)
     return found, {candidate.hypothesis: candidate for candidate in found.candidates}
 
 
@@ -71,5 +69,5 @@ def test_data_of_a_coupled_joint_speak_against_springs():
 
 def test_a_joint_of_one_motion_cannot_be_coupled():
     text = TEXT.replace("KIND", "springs").replace("HYPOTHESES", '"coupled"').replace(', "1:rz"]\nloss', "]\nloss")
-    with pytest.raises(CaseError, match="hypothesis coupled of a joint in y; expected"):
-        compare([case_from_text("case", f"{text}ky = 5e7\neta = 0.1\n")])
+    with pytest.raises(jb.CaseError, match="hypothesis coupled of a joint in y; expected"):
+        jb.compare([jb.case_from_text("case", f"{text}ky = 5e7\neta = 0.1\n")])

@@ -5,17 +5,14 @@ import pytest
 from benchmarks.exact_beam import ExactBeam, circle
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
-from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
-from jointbayes.joint import Joint
+from jointbayes.frf import NaturalFrequencies, receptance_model
 from jointbayes.posterior.model_errors import LARGEST_ERROR_SD, LARGEST_SHIFT_SD, check_mesh
 from jointbayes.posterior.summary import summarise
-from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section
 from tests.conftest import CONFIGS, TABLE_3, pair_matrix
 
 pytestmark = pytest.mark.science
 
-CLAMP = Joint(("1:y", "1:rz"))
+CLAMP = jb.Joint(("1:y", "1:rz"))
 POINTS = {1: 0.0, 6: 0.1915, 11: 0.383}
 LINES = np.arange(20.0, 2500.0, 7.0)
 TEXT = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8").replace("f_step_hz = 1.0", "f_step_hz = 4.0")
@@ -23,7 +20,7 @@ COARSE = TEXT.replace("elements = 10", 'elements = 10\nelement = "paper"', 1)
 
 
 def recipe(law):
-    return BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), law)
+    return jb.BeamRecipe(0.383, jb.Section.circle(0.025), jb.BeamMaterial(2.1e11, 0.3, 7800.0), law)
 
 
 def exact_beam(stiffness):
@@ -37,26 +34,26 @@ def exact_beam(stiffness):
 )
 def test_predicted_frfs_are_those_of_the_beam_without_a_mesh(stiffness):
     outputs, inputs = ("11:y", "6:y", "11:rz"), ("11:y",)
-    ports = Ports(LINES, outputs, inputs)
+    ports = jb.Ports(LINES, outputs, inputs)
     matrix = pair_matrix(stiffness)
     truth = exact_beam(stiffness)
-    found = receptance_model(BeamFamily(recipe(LossFactor(0.02)), {}), CLAMP, ports).receptance(matrix)[0]
+    found = receptance_model(jb.BeamFamily(recipe(jb.LossFactor(0.02)), {}), CLAMP, ports).receptance(matrix)[0]
     exact = truth.receptance(LINES, outputs, inputs, loss_factor=0.02)
     assert (np.abs(found - exact).max(axis=0) / np.abs(exact).max(axis=0)).max() < 1e-7
-    found = receptance_model(BeamFamily(recipe(ModalDamping((0.01,))), {}), CLAMP, ports).receptance(matrix)[0]
+    found = receptance_model(jb.BeamFamily(recipe(jb.ModalDamping((0.01,))), {}), CLAMP, ports).receptance(matrix)[0]
     exact = truth.modal_receptance(LINES, outputs, inputs, (0.01,))
     assert (np.abs(found - exact).max(axis=0) / np.abs(exact).max(axis=0)).max() < 1e-7
 
 
 def test_natural_frequencies_are_those_of_the_beam_without_a_mesh():
-    found = NaturalFrequencies(BeamFamily(recipe(ModalDamping((0.01,))), {}), CLAMP, 6).frequency_hz(
+    found = NaturalFrequencies(jb.BeamFamily(recipe(jb.ModalDamping((0.01,))), {}), CLAMP, 6).frequency_hz(
         pair_matrix(TABLE_3)
     )[0]
     np.testing.assert_allclose(found, exact_beam(TABLE_3).modes(1.1 * found[-1]).omega[:6] / (2 * np.pi), rtol=1e-9)
 
 
 def test_synthetic_data_are_those_of_the_beam_without_a_mesh():
-    measured = case_from_text("exact", TEXT.replace("added = true", "added = false")).problem.test.data
+    measured = jb.case_from_text("exact", TEXT.replace("added = true", "added = false")).problem.test.data
     exact = exact_beam(TABLE_3).modal_receptance(measured.frf.frequency_hz, ("11:y",), ("11:y",), (0.01,))
     assert np.abs(measured.frf.values - exact).max() < 1e-8 * np.abs(exact).max()
 
@@ -80,8 +77,8 @@ def test_a_shipped_case_has_no_mesh_that_shows(name):
 
 
 def test_the_shift_by_the_papers_mesh_is_stated():
-    fine, none = gaussian_check(case_from_text("fine", TEXT))
-    coarse, found = gaussian_check(case_from_text("coarse", COARSE))
+    fine, none = gaussian_check(jb.case_from_text("fine", TEXT))
+    coarse, found = gaussian_check(jb.case_from_text("coarse", COARSE))
     assert none.within
     assert found.kind == "paper"
     assert not found.within
@@ -95,7 +92,7 @@ def test_the_shift_by_the_papers_mesh_is_stated():
 
 
 def test_a_mesh_that_moves_a_stiffness_leaves_no_verdict():
-    case = case_from_text("coarse", COARSE)
+    case = jb.case_from_text("coarse", COARSE)
     posterior = jb.sample(case, settings=jb.SamplerSettings(walkers=16, max_steps=200))
     summary = summarise(posterior, (1e8, 0.0, 0.0)).to_json()
     assert not summary["mesh"]["within_bound"]

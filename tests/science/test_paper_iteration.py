@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from jointbayes.errors import MeasurementError
-from jointbayes.frf import Ports, synthesise_frf
-from jointbayes.identification import IterationHistory, sensitivity_iteration
-from jointbayes.joint import Joint
-from jointbayes.structure import LossFactor, ModalDamping
+import jointbayes as jb
+from jointbayes.frf import synthesise_frf
+from jointbayes.identification import sensitivity_iteration
 from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 from vibrecords import FrfSet, RelativeNoise
 
@@ -21,12 +19,12 @@ TIP = ("11:y",)
 def _measured(noise_seed: int | None, relative: float = 0.03, floor: float = 0.01, damping=None) -> FrfSet:
     """H21,21 and the FRFs at the joint, rotation included, all with noise of their own."""
     rng = None if noise_seed is None else np.random.default_rng(noise_seed)
-    ports = Ports(LINES, TIP + CLAMP.dofs, TIP)
+    ports = jb.Ports(LINES, TIP + CLAMP.dofs, TIP)
     noise = RelativeNoise(relative, floor)
     return synthesise_frf(rod(damping=damping), CLAMP, pair_matrix(TABLE_3), ports, noise, rng=rng).frf
 
 
-def _iterate(frf: FrfSet, damping=None, **options) -> IterationHistory:
+def _iterate(frf: FrfSet, damping=None, **options) -> jb.IterationHistory:
     return sensitivity_iteration(rod(damping=damping), CLAMP, frf, TIP, FIRST_GUESS, **options)
 
 
@@ -39,7 +37,7 @@ def test_exact_data_lead_to_table_3_within_1e_6_in_at_most_five_steps(line_weigh
 
 
 def test_one_step_is_exact_where_damping_does_not_depend_on_the_joint():
-    law = LossFactor(0.02)  # force residual and parameters are then linear in each other
+    law = jb.LossFactor(0.02)  # force residual and parameters are then linear in each other
     history = _iterate(_measured(None, damping=law), damping=law, max_steps=1)
     np.testing.assert_allclose(history.stiffness, TABLE_3, rtol=1e-4)
 
@@ -106,10 +104,10 @@ def test_it_takes_mobility_or_accelerance_as_well():
 
 
 def test_it_identifies_a_joint_between_two_parts():
-    inner = Joint(("4:y", "4:rz"), against=("6:y", "6:rz"))
-    held = rod(damping=ModalDamping((0.01,))).fixed(CLAMP.dofs)
+    inner = jb.Joint(("4:y", "4:rz"), against=("6:y", "6:rz"))
+    held = rod(damping=jb.ModalDamping((0.01,))).fixed(CLAMP.dofs)
     true = np.array([2e7, 1e5, 5e3])
-    ports = Ports(LINES, ("11:y", *inner.dofs, *inner.against), ("11:y",))
+    ports = jb.Ports(LINES, ("11:y", *inner.dofs, *inner.against), ("11:y",))
     frf = synthesise_frf(held, inner, pair_matrix(true), ports, RelativeNoise(0.03, 0.0)).frf
     history = sensitivity_iteration(held, inner, frf, ("11:y",), (1e7, 0.0, 1e3))
     assert history.converged
@@ -118,7 +116,7 @@ def test_it_identifies_a_joint_between_two_parts():
 
 def test_a_missing_joint_frf_is_named():
     only_tip = _measured(None).select(TIP, TIP)
-    with pytest.raises(MeasurementError, match="'1:y'"):
+    with pytest.raises(jb.MeasurementError, match="'1:y'"):
         _iterate(only_tip)
 
 

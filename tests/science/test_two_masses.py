@@ -8,11 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from jointbayes.inference import JointPrior, OfStiffness, Problem, Uniform
-from jointbayes.joint import Joint, blocks_of, parametrisation_named
-from jointbayes.sampling import SamplerSettings
-from jointbayes.structure import ModalDamping, Structure
-from jointbayes.workflow import find_map, sample
+import jointbayes as jb
 from tests.conftest import first_in_ci
 from vibrecords import ModeData, ModeShapes, Observed
 
@@ -78,14 +74,14 @@ def on_a_grid(lam: Array, sd_lam: Array, ratio: Array, sd_ratio: Array, n: int =
     return mean, sd, quantiles
 
 
-def problem_of(lam: Array, sd_lam: Array, ratio: Array, sd_ratio: Array) -> Problem:
-    loose = Structure(np.zeros((2, 2)), np.diag([M1, M2]), ModalDamping((0.0,)), ("1:x", "2:x"))
-    joints = (Joint(("1:x",), name="ground"), Joint(("2:x",), ("1:x",), name="between"))
-    springs = blocks_of({joint.name: parametrisation_named("springs", ("x",)) for joint in joints})
-    prior = JointPrior(springs, (OfStiffness(Uniform(LOW, HIGH)),) * 2)
+def problem_of(lam: Array, sd_lam: Array, ratio: Array, sd_ratio: Array) -> jb.Problem:
+    loose = jb.Structure(np.zeros((2, 2)), np.diag([M1, M2]), jb.ModalDamping((0.0,)), ("1:x", "2:x"))
+    joints = (jb.Joint(("1:x",), name="ground"), jb.Joint(("2:x",), ("1:x",), name="between"))
+    springs = jb.blocks_of({joint.name: jb.parametrisation_named("springs", ("x",)) for joint in joints})
+    prior = jb.JointPrior(springs, (jb.OfStiffness(jb.Uniform(LOW, HIGH)),) * 2)
     shapes = ModeShapes(("1:x",), "2:x", Observed(ratio[:, :, None], sd_ratio[:, None]))
     measured = ModeData(Observed(lam, sd_lam), shapes=shapes, eigenvalues=True)
-    return Problem(structure=loose, joint=joints, data=measured, prior=prior)
+    return jb.Problem(structure=loose, joint=joints, data=measured, prior=prior)
 
 
 def test_the_model_is_the_two_by_two_eigenproblem():
@@ -103,7 +99,7 @@ def test_the_posterior_is_that_of_a_grid_to_one_per_cent_of_its_standard_deviati
     _, *data = observed(seed)
     mean, sd, quantiles = on_a_grid(*data)
     problem = problem_of(*data)
-    posterior = sample(problem, seed=seed, settings=SamplerSettings(walkers=128, tau_factor=250))
+    posterior = jb.sample(problem, seed=seed, settings=jb.SamplerSettings(walkers=128, tau_factor=250))
     assert posterior.converged
     for i, name in enumerate(problem.parametrisation.names):
         values = posterior.values(name)
@@ -118,7 +114,7 @@ def test_the_posterior_is_that_of_a_grid_to_one_per_cent_of_its_standard_deviati
 def test_the_map_is_the_peak_of_the_density_of_the_logarithms():
     _, *data = observed(1)
     lam, sd_lam, ratio, sd_ratio = data
-    estimate = find_map(problem_of(*data))
+    estimate = jb.find_map(problem_of(*data))
     k = np.linspace(LOW, HIGH, 5501)
 
     def density(k1: Array, k2: Array) -> Array:

@@ -8,56 +8,42 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jointbayes.case.case import case_from_text, load_case
-from jointbayes.frf import Ports, synthesise_frf
+import jointbayes as jb
+from jointbayes.frf import synthesise_frf
 from jointbayes.identification import refine
-from jointbayes.inference import (
-    GaussianNoise,
-    IntegratedScale,
-    JointPrior,
-    Normal,
-    Nuisance,
-    Problem,
-    ProportionalNoise,
-    ScaledNoise,
-    StudentNoise,
-    Uniform,
-)
-from jointbayes.joint import Joint, LogStiffness
-from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
-from jointbayes.workflow import sample
+from jointbayes.inference import GaussianNoise, IntegratedScale, ProportionalNoise, ScaledNoise
 from tests.conftest import pair_matrix, shipped_text
 from vibrecords import FrfData, FrfSet, RelativeNoise
 
 pytestmark = pytest.mark.science
 
-STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
-JOINT = Joint(("1:y", "1:rz"))
+STEEL = jb.BeamMaterial(2.1e11, 0.3, 7800.0)
+JOINT = jb.Joint(("1:y", "1:rz"))
 TRUTH = np.array([5.05e9, 3.44e7, 1.52e6])
-BEAM = BeamRecipe(0.383, Section.circle(0.025), STEEL, ModalDamping((0.01,)))
+BEAM = jb.BeamRecipe(0.383, jb.Section.circle(0.025), STEEL, jb.ModalDamping((0.01,)))
 LINES = np.arange(20.0, 2500.0, 20.0)
 STRUCTURE = (
-    Nuisance("youngs_modulus", "Pa", 2.1e11, Normal(0.0, 0.02)),
-    Nuisance("length", "m", 0.383, Normal(0.0, 0.005)),
-    Nuisance("damping_ratio", "1", 0.01, Uniform(-2.3, 2.3)),
+    jb.Nuisance("youngs_modulus", "Pa", 2.1e11, jb.Normal(0.0, 0.02)),
+    jb.Nuisance("length", "m", 0.383, jb.Normal(0.0, 0.005)),
+    jb.Nuisance("damping_ratio", "1", 0.01, jb.Uniform(-2.3, 2.3)),
 )
-GAIN = Nuisance("gain", "1", 1.0, Normal(0.0, 0.05))
-WIDE = tuple(Normal(m, 1.0) for m in np.log(TRUTH))
+GAIN = jb.Nuisance("gain", "1", 1.0, jb.Normal(0.0, 0.05))
+WIDE = tuple(jb.Normal(m, 1.0) for m in np.log(TRUTH))
 
 
 @cache
 def measured(seed=1, gain=1.0, outputs=("11:y", "6:y")):
     rng = np.random.default_rng(seed)
-    ports = Ports(LINES, outputs, ("11:y",))
+    ports = jb.Ports(LINES, outputs, ("11:y",))
     law = RelativeNoise(0.03, 0.01)
     return synthesise_frf(BEAM.structure(), JOINT, pair_matrix(TRUTH), ports, law, "mobility", rng, gain=gain)
 
 
 def problem(nuisances, noise=None, kind="complex", measurement=None):
     ranges = {n.name: n.range for n in nuisances if n.name in {s.name for s in STRUCTURE}}
-    family = BeamFamily(BEAM, ranges) if ranges else BEAM.structure()
-    prior = JointPrior(LogStiffness(), WIDE, nuisances)
-    return Problem(
+    family = jb.BeamFamily(BEAM, ranges) if ranges else BEAM.structure()
+    prior = jb.JointPrior(jb.LogStiffness(), WIDE, nuisances)
+    return jb.Problem(
         structure=family, joint=JOINT, data=measurement or measured(), prior=prior, noise=noise, residual_kind=kind
     )
 
@@ -72,7 +58,7 @@ def test_the_density_is_that_of_the_structure_with_these_quantities():
         FrfSet(frf.frequency_hz, frf.values / gain, frf.outputs, frf.inputs, frf.quantity),
         measured().variance / gain**2,
     )
-    known = Problem(structure=built, joint=JOINT, data=scaled, prior=JointPrior(LogStiffness(), WIDE))
+    known = jb.Problem(structure=built, joint=JOINT, data=scaled, prior=jb.JointPrior(jb.LogStiffness(), WIDE))
     jacobian = 2 * np.log(gain) * frf.values.size
     expected = known.log_posterior.log_likelihood(theta[:3]) - jacobian
     assert_allclose(whole.log_posterior.log_likelihood(theta), expected, rtol=1e-7)  # modes are interpolated to 1e-8
@@ -80,10 +66,10 @@ def test_the_density_is_that_of_the_structure_with_these_quantities():
 
 NOISES = {
     "gaussian": (None, ()),
-    "scaled": (ScaledNoise(), (Nuisance("noise_scale", "1", 1.0, Uniform(-2.0, 2.0)),)),
+    "scaled": (ScaledNoise(), (jb.Nuisance("noise_scale", "1", 1.0, jb.Uniform(-2.0, 2.0)),)),
     "proportional": (
         ProportionalNoise.of(measured(), 2),
-        (Nuisance("proportional_error", "1", 1.0, Uniform(-9.0, -1.0)),),
+        (jb.Nuisance("proportional_error", "1", 1.0, jb.Uniform(-9.0, -1.0)),),
     ),
 }
 
@@ -130,7 +116,7 @@ def test_log_magnitudes_do_not_see_a_wrong_phase():
     [
         (ScaledNoise(), NOISES["scaled"][1]),
         (IntegratedScale(2, 4.0), ()),
-        (StudentNoise(2, 4.0), ()),
+        (jb.StudentNoise(2, 4.0), ()),
         NOISES["proportional"],
     ],
     ids=["scaled", "integrated", "student", "proportional"],
@@ -164,14 +150,14 @@ def test_a_wrong_gain_biases_the_joint_unless_it_is_uncertain():
     assert abs(free[2] - np.log(TRUTH[2])) < abs(known[2] - np.log(TRUTH[2]))
 
 
-SMALL = load_case("configs/clamped_beam_midspan.toml").text.replace("f_step_hz = 2.0", "f_step_hz = 40.0")
+SMALL = jb.load_case("configs/clamped_beam_midspan.toml").text.replace("f_step_hz = 2.0", "f_step_hz = 40.0")
 
 
 @pytest.mark.science
 def test_a_case_samples_what_it_calls_uncertain_and_saves_it(tmp_path):
     import jointbayes as jb
 
-    case = case_from_text("small", SMALL)
+    case = jb.case_from_text("small", SMALL)
     posterior = jb.sample(case, seed=4, settings=jb.SamplerSettings(walkers=24, max_steps=200))
     names = [n.name for n in case.problem.prior.nuisances]
     assert names == ["youngs_modulus", "density", "length", "damping_ratio"]
@@ -190,8 +176,8 @@ def test_a_case_samples_what_it_calls_uncertain_and_saves_it(tmp_path):
 def test_the_structure_of_the_data_may_differ_from_the_one_analysed():
     text = SMALL.replace("\n[data.truth]", "\n[data.truth]\nlength_mm = 360.0\ngain = 1.1\n#")
     truth = replace(BEAM, length=0.36)
-    other = case_from_text("other", text).problem.test.data
-    ports = Ports(other.frf.frequency_hz, other.frf.outputs, other.frf.inputs)
+    other = jb.case_from_text("other", text).problem.test.data
+    ports = jb.Ports(other.frf.frequency_hz, other.frf.outputs, other.frf.inputs)
     exact = synthesise_frf(truth.structure(), JOINT, pair_matrix(TRUTH), ports, RelativeNoise(0.03, 0.01), gain=1.1)
     assert_allclose(other.variance, exact.variance, rtol=1e-6)  # on other meshes
 
@@ -202,7 +188,7 @@ def test_no_verdict_depends_on_whether_the_prior_allows_a_coupling_of_either_sig
     text = shipped_text(name)
     positive = '[prior.k12]\ndistribution = "log_uniform"\nlow = 1.0e4\nhigh = 1.0e10\n\n'  # as of clamped_beam.toml
     other = re.sub(r"\[prior\.rho\][^\[]*", positive, text.replace('"signed"', '"log"'))
-    as_shipped, as_main = (sample(case_from_text(name, each), seed=1) for each in (text, other))
+    as_shipped, as_main = (jb.sample(jb.case_from_text(name, each), seed=1) for each in (text, other))
     assert as_main.problem.parametrisation.names == ("k11", "k12", "k22")
     for k in ("k11", "k12", "k22"):
         assert as_shipped.verdict(k).verdict == as_main.verdict(k).verdict

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jointbayes.case.case import case_from_text
-from jointbayes.inference import Normal
-from jointbayes.sampling import SamplerSettings
-from jointbayes.workflow import sample
+import jointbayes as jb
 from tests.conftest import cheap_text, edited
 
 pytestmark = pytest.mark.science
@@ -55,10 +52,10 @@ def rigid_text():
 
 @pytest.fixture(scope="module")
 def posterior():
-    found = sample(
-        case_from_text("rigid", rigid_text()),
+    found = jb.sample(
+        jb.case_from_text("rigid", rigid_text()),
         seed=2,
-        settings=SamplerSettings(
+        settings=jb.SamplerSettings(
             walkers=48, check_every=25, max_steps=2000, tau_factor=8.0, tau_tolerance=0.1, end_tolerance=0.1
         ),
     )
@@ -71,7 +68,7 @@ def p_value(posterior, name):
     prior = posterior.problem.prior
     column = prior.names.index(name)
     marginal = prior.all_marginals[column]
-    if isinstance(marginal, Normal):
+    if isinstance(marginal, jb.Normal):
         law = stats.norm(marginal.mean, marginal.sd)
     else:
         law = stats.uniform(marginal.low, marginal.high - marginal.low)

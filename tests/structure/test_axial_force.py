@@ -8,28 +8,15 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import optimize
 
-from jointbayes.errors import ModelError
+import jointbayes as jb
 from jointbayes.frf.modal import NaturalFrequencies
-from jointbayes.frf.ports import Ports
 from jointbayes.frf.synthetic import DirectSolve, receptance_model
-from jointbayes.joint import Joint, joints_of
-from jointbayes.structure import (
-    BeamFamily,
-    BeamMaterial,
-    BeamRecipe,
-    FrameBody,
-    FrameFamily,
-    FrameRecipe,
-    LossFactor,
-    Member,
-    ModalDamping,
-    Section,
-    require_unbuckled,
-)
+from jointbayes.joint import joints_of
+from jointbayes.structure import require_unbuckled
 from jointbayes.structure.frame_element import Stretch, part_matrices
 
-STEEL, LAW = BeamMaterial(2.1e11, 0.3, 7800.0), ModalDamping((0.01,))
-LENGTH, WIRE = 1.0, Section.circle(2e-4)  # so slender that shear and rotary inertia are 1e-7 of a frequency
+STEEL, LAW = jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.ModalDamping((0.01,))
+LENGTH, WIRE = 1.0, jb.Section.circle(2e-4)  # so slender that shear and rotary inertia are 1e-7 of a frequency
 EI, MASS = STEEL.youngs_modulus * WIRE.inertia_z, STEEL.density * WIRE.area
 EULER = np.pi**2 * EI / LENGTH**2
 PINNED, CLAMPED = ("1:y", "11:y"), ("1:y", "1:rz", "11:y", "11:rz")
@@ -40,7 +27,7 @@ def wire(force, element="converged", supports=PINNED, **stated):
     nodes = 200 if element == "paper" else 10
     held = tuple(label.replace("11:", f"{nodes + 1}:") for label in supports)
     stated = {"section": WIRE, "damping": LAW, "axial_force": force * EULER} | stated
-    return BeamRecipe(LENGTH, material=STEEL, elements=nodes, supports=held, element=element, **stated)
+    return jb.BeamRecipe(LENGTH, material=STEEL, elements=nodes, supports=held, element=element, **stated)
 
 
 def eigenvalues(recipe, springs=0.0, count=3):
@@ -105,11 +92,11 @@ def test_the_first_frequency_goes_to_zero_at_eulers_force_and_its_square_through
 
 
 def test_both_planes_of_a_member_in_any_direction_are_stiffened():
-    section = Section.rectangle(2e-4, 1.4e-4)
+    section = jb.Section.rectangle(2e-4, 1.4e-4)
     end = LENGTH * np.array([0.48, 0.6, 0.64])
-    bar = Member(("a", "b"), section, STEEL, axial_force=40 * EULER)
+    bar = jb.Member(("a", "b"), section, STEEL, axial_force=40 * EULER)
     held = tuple(f"{point}:{way}" for point in "ab" for way in ("x", "y", "z", "rx", "ry", "rz"))
-    recipe = FrameRecipe(FrameBody({"a": (0, 0, 0), "b": tuple(end)}, (bar,)), LAW, supports=held)
+    recipe = jb.FrameRecipe(jb.FrameBody({"a": (0, 0, 0), "b": tuple(end)}, (bar,)), LAW, supports=held)
     found = recipe.structure({}, recipe.mesh(())).modes().eigenvalues[:6]
     planes = [
         closed_form(40, np.inf, STEEL.youngs_modulus * inertia, STEEL.density * section.area)
@@ -120,7 +107,7 @@ def test_both_planes_of_a_member_in_any_direction_are_stiffened():
 
 @pytest.mark.parametrize("field", ["xy", "xz"])
 def test_the_papers_element_works_the_force_through_its_own_stubby_shapes(field):
-    bare = Stretch(0.1, STEEL, Section.rectangle(0.05, 0.08), Section.rectangle(0.05, 0.08))
+    bare = Stretch(0.1, STEEL, jb.Section.rectangle(0.05, 0.08), jb.Section.rectangle(0.05, 0.08))
     taut = replace(bare, axial_force=1e7)
     (paper, mass), (bare_paper, bare_mass) = (part_matrices(stretch, 0, field) for stretch in (taut, bare))
     (fine, _), (stiffness, _) = (part_matrices(stretch, 5, field) for stretch in (taut, bare))
@@ -133,17 +120,17 @@ def test_the_papers_element_works_the_force_through_its_own_stubby_shapes(field)
     assert np.array_equal(mass, bare_mass)
 
 
-STOUT = Section.circle(0.012)
-ENDS = Joint(("1:y", "1:rz"))
+STOUT = jb.Section.circle(0.012)
+ENDS = jb.Joint(("1:y", "1:rz"))
 RANGES = {"axial_force": (-0.7, 0.7), "youngs_modulus": (-0.1, 0.1), "density": (-0.05, 0.05),
           "length": (-0.02, 0.02), "section_size": (-0.05, 0.05)}  # fmt: skip
 
 
 @pytest.mark.parametrize("force", [-9000.0, 30000.0])
 def test_uncertain_forces_give_the_beam_assembled_with_them(force):
-    recipe = wire(0.0, section=STOUT, supports=("11:y",), damping=LossFactor(0.02))
-    family = BeamFamily(replace(recipe, axial_force=force), RANGES)
-    ports = Ports(np.arange(11.0, 900.0, 37.0), ("6:y", "11:rz"), ("6:y",))
+    recipe = wire(0.0, section=STOUT, supports=("11:y",), damping=jb.LossFactor(0.02))
+    family = jb.BeamFamily(replace(recipe, axial_force=force), RANGES)
+    ports = jb.Ports(np.arange(11.0, 900.0, 37.0), ("6:y", "11:rz"), ("6:y",))
     reach = np.array(list(RANGES.values()))[:, 1]
     factors = np.exp(np.random.default_rng(5).uniform(-reach, reach, (3, len(reach))))
     stiff = np.array([[3e8, 2e5], [2e5, 4e5]])
@@ -158,10 +145,10 @@ def test_uncertain_forces_give_the_beam_assembled_with_them(force):
 
 def test_a_free_body_under_a_force_is_held_by_its_joints_alone():
     """A force that keeps its direction turns a free body, or rights it: no motion of its own, but of its joints'."""
-    joint = joints_of(Joint((end,), name=name) for end, name in zip(PINNED, "ab", strict=True))
+    joint = joints_of(jb.Joint((end,), name=name) for end, name in zip(PINNED, "ab", strict=True))
     for force in (-0.5, 5.0):
         floating = wire(force, section=STOUT, supports=())
-        held = NaturalFrequencies(BeamFamily(floating, {}), joint, 3).frequency_hz(np.eye(2) * 1e18)[0]
+        held = NaturalFrequencies(jb.BeamFamily(floating, {}), joint, 3).frequency_hz(np.eye(2) * 1e18)[0]
         pinned = replace(floating, supports=PINNED)
         assert_allclose(held, pinned.structure({}, pinned.mesh(())).modes().frequency_hz[:3], rtol=1e-6)
     assert floating.structure({}, floating.mesh(())).rigid_motions(np.arange(2)).shape[1] == 1
@@ -169,18 +156,18 @@ def test_a_free_body_under_a_force_is_held_by_its_joints_alone():
 
 def test_forces_of_bodies_and_members_are_their_own():
     def body(*forces):
-        members = [Member((a, b), STOUT, STEEL, axial_force=f) for a, b, f in zip("ab", "bc", forces, strict=True)]
-        return FrameBody({"a": (0, 0, 0), "b": (0.4, 0, 0), "c": (0.4, 0.5, 0)}, tuple(members))
+        members = [jb.Member((a, b), STOUT, STEEL, axial_force=f) for a, b, f in zip("ab", "bc", forces, strict=True)]
+        return jb.FrameBody({"a": (0, 0, 0), "b": (0.4, 0, 0), "c": (0.4, 0.5, 0)}, tuple(members))
 
     ways = ("x", "y", "rz")
-    bodies = FrameRecipe({"rod": body(4e3, 500.0), "other": body(0.0, 0.0)}, LAW, ways)
-    doubled = FrameRecipe({"rod": body(8e3, 1000.0), "other": body(0.0, 0.0)}, LAW, ways)
+    bodies = jb.FrameRecipe({"rod": body(4e3, 500.0), "other": body(0.0, 0.0)}, LAW, ways)
+    doubled = jb.FrameRecipe({"rod": body(8e3, 1000.0), "other": body(0.0, 0.0)}, LAW, ways)
     exact = doubled.structure({}, doubled.mesh((), 2000.0)).modes().frequency_hz[:20]
     for name in ("axial_force", "rod.axial_force"):
         found = bodies.structure({name: 2.0}, bodies.mesh((), 2000.0)).modes().frequency_hz[:20]
         assert_allclose(found, exact, rtol=1e-7, atol=1e-6)
-    family = FrameFamily(bodies, {"rod.axial_force": (-0.5, 0.5)})
-    joint = Joint(tuple(f"rod.a:{way}" for way in ways), tuple(f"other.a:{way}" for way in ways))
+    family = jb.FrameFamily(bodies, {"rod.axial_force": (-0.5, 0.5)})
+    joint = jb.Joint(tuple(f"rod.a:{way}" for way in ways), tuple(f"other.a:{way}" for way in ways))
     found = NaturalFrequencies(family, joint, 6).frequency_hz(np.diag([1e8, 1e8, 1e5]), np.array([1.4]))
     scaled = family.reference().structure(np.array([1.4]))
     assert_allclose(found, NaturalFrequencies(scaled, joint, 6).frequency_hz(np.diag([1e8, 1e8, 1e5])), rtol=1e-7)
@@ -192,7 +179,7 @@ def test_forces_of_bodies_and_members_are_their_own():
 def test_compression_beyond_what_rigid_joints_hold_is_refused_with_the_critical_force(held, critical):
     require_unbuckled(wire(-0.999 * critical, supports=()), held)
     require_unbuckled(wire(1e3, supports=()), held)
-    with pytest.raises(ModelError) as refused:
+    with pytest.raises(jb.ModelError) as refused:
         require_unbuckled(wire(-1.001 * critical, supports=()), held)
     told = re.search(r"below the critical (\S+) N; lower", str(refused.value))
     assert told
@@ -201,5 +188,5 @@ def test_compression_beyond_what_rigid_joints_hold_is_refused_with_the_critical_
 
 def test_a_force_that_is_no_number_is_refused():
     for force in (np.nan, np.inf, 1e16):
-        with pytest.raises(ModelError, match="tension positive"):
-            Member(("a", "b"), WIRE, STEEL, axial_force=force)
+        with pytest.raises(jb.ModelError, match="tension positive"):
+            jb.Member(("a", "b"), WIRE, STEEL, axial_force=force)

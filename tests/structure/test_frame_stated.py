@@ -6,32 +6,22 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jointbayes.structure import (
-    BeamFamily,
-    BeamMaterial,
-    BeamRecipe,
-    FrameBody,
-    FrameRecipe,
-    LossFactor,
-    Member,
-    ModalDamping,
-    Section,
-)
+import jointbayes as jb
 
-LAW = ModalDamping((0.01,))
+LAW = jb.ModalDamping((0.01,))
 WIDE, NARROW = (0.04, 0.03), (0.025, 0.012)
 PLACES = {"a": (0.0, 0.0, 0.0), "b": (0.3, 0.1, 0.2)}
 
 
 def slanted(e=2.1e11, rho=7800.0, length=1.0, size=1.0, kappa=1.0, between=(), element="converged"):
     """A tapered bar in space, every quantity stated; with further points on it."""
-    sections = [Section.rectangle(*(size * side for side in sides)) for sides in (WIDE, NARROW)]
+    sections = [jb.Section.rectangle(*(size * side for side in sides)) for sides in (WIDE, NARROW)]
     places = PLACES | {f"p{i}": tuple(share * np.array(PLACES["b"])) for i, share in enumerate(between)}
     names = ("a", *(f"p{i}" for i in range(len(between))), "b")
     points = {name: tuple(length * np.array(places[name])) for name in names}
     shear = (0.85 * kappa, 0.7 * kappa)
-    bar = Member(names, sections[0], BeamMaterial(e, 0.3, rho), end_section=sections[1], shear_coefficient=shear)
-    return FrameRecipe(FrameBody(points, (bar,)), LAW, element=element)
+    bar = jb.Member(names, sections[0], jb.BeamMaterial(e, 0.3, rho), end_section=sections[1], shear_coefficient=shear)
+    return jb.FrameRecipe(jb.FrameBody(points, (bar,)), LAW, element=element)
 
 
 def frequencies(recipe, factors=None, count=12):
@@ -60,9 +50,9 @@ def test_points_on_a_taper_do_not_change_it():
 
 
 def test_the_papers_element_of_a_taper_has_the_section_at_its_middle():
-    middle = Section.rectangle(*((w + n) / 2 for w, n in zip(WIDE, NARROW, strict=True)))
-    bar = Member(("a", "b"), middle, BeamMaterial(2.1e11, 0.3, 7800.0), shear_coefficient=(0.85, 0.7))
-    uniform = FrameRecipe(FrameBody(PLACES, (bar,)), LAW, element="paper").structure()
+    middle = jb.Section.rectangle(*((w + n) / 2 for w, n in zip(WIDE, NARROW, strict=True)))
+    bar = jb.Member(("a", "b"), middle, jb.BeamMaterial(2.1e11, 0.3, 7800.0), shear_coefficient=(0.85, 0.7))
+    uniform = jb.FrameRecipe(jb.FrameBody(PLACES, (bar,)), LAW, element="paper").structure()
     tapered = slanted(element="paper").structure()
     assert_allclose(tapered.stiffness, uniform.stiffness, rtol=1e-12, atol=1e-12 * np.abs(uniform.stiffness).max())
     assert_allclose(tapered.mass, uniform.mass, rtol=1e-12, atol=1e-12 * np.abs(uniform.mass).max())
@@ -79,18 +69,20 @@ def test_the_papers_element_of_a_taper_has_the_section_at_its_middle():
     ],
 )
 def test_the_height_of_a_member_without_up_lies_across_z_or_along_y(end, moves, turns, height):
-    steel = BeamMaterial(2.1e11, 0.3, 7800.0)
-    bar = Member(("a", "b"), Section.rectangle(0.04, 0.01), steel)
-    frame = FrameRecipe(FrameBody({"a": (0, 0, 0), "b": end}, (bar,)), LAW, (moves, turns))
-    lying = Section.rectangle(0.04, 0.01) if height == "height" else Section.rectangle(0.01, 0.04)
-    beam = BeamRecipe(0.4, lying, steel, LAW)
+    steel = jb.BeamMaterial(2.1e11, 0.3, 7800.0)
+    bar = jb.Member(("a", "b"), jb.Section.rectangle(0.04, 0.01), steel)
+    frame = jb.FrameRecipe(jb.FrameBody({"a": (0, 0, 0), "b": end}, (bar,)), LAW, (moves, turns))
+    lying = jb.Section.rectangle(0.04, 0.01) if height == "height" else jb.Section.rectangle(0.01, 0.04)
+    beam = jb.BeamRecipe(0.4, lying, steel, LAW)
     found, expected = (r.structure({}, r.mesh((), 8000.0)).modes().frequency_hz[2:5] for r in (frame, beam))
     assert_allclose(found, expected, rtol=1e-8)
 
 
 def test_modes_over_lengths_are_as_many_where_one_vector_is_all_but_rounding():
-    recipe = BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), LossFactor(0.01), elements=3)
-    family = BeamFamily(recipe, {"length": (-0.05, 0.05)}).at(("1:y", "1:rz", "4:y"), 300.0)
+    recipe = jb.BeamRecipe(
+        0.383, jb.Section.circle(0.025), jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.LossFactor(0.01), elements=3
+    )
+    family = jb.BeamFamily(recipe, {"length": (-0.05, 0.05)}).at(("1:y", "1:rz", "4:y"), 300.0)
     motions = np.eye(family.nominal.n_dofs)[:, family.nominal.index(("1:y", "1:rz", "4:y"))]
     free = family.free_modes(np.arange(len(motions)), motions)
     square = (2 * np.pi * 250.0) ** 2
@@ -104,9 +96,9 @@ def test_modes_over_lengths_are_as_many_where_one_vector_is_all_but_rounding():
 
 @pytest.mark.parametrize("stub", [1e-2, 1e-3, 1e-4])
 def test_a_short_stub_leaves_rigid_body_motions_and_soft_supports_what_they_are(stub):
-    bar = Member(("a", "b", "c"), Section.rectangle(0.02, 0.005), BeamMaterial(2.1e11, 0.3, 7800.0))
-    body = FrameBody({"a": (0, 0, 0), "b": (3 - stub, 0, 0), "c": (3.0, 0, 0)}, (bar,))
-    free = FrameRecipe(body, LAW, ("x", "y", "rz"))
+    bar = jb.Member(("a", "b", "c"), jb.Section.rectangle(0.02, 0.005), jb.BeamMaterial(2.1e11, 0.3, 7800.0))
+    body = jb.FrameBody({"a": (0, 0, 0), "b": (3 - stub, 0, 0), "c": (3.0, 0, 0)}, (bar,))
+    free = jb.FrameRecipe(body, LAW, ("x", "y", "rz"))
     modes = free.structure(None, free.mesh(("b:y", "c:y"), 20.0)).modes().frequency_hz
     assert (modes[:3] == 0.0).all()
     assert modes[3] > 2.9

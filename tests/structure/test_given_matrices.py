@@ -5,41 +5,28 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import linalg
 
-from jointbayes.errors import ModelError
-from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
-from jointbayes.joint import Joint
-from jointbayes.structure import (
-    BeamFamily,
-    BeamMaterial,
-    BeamRecipe,
-    LossFactor,
-    MatrixFamily,
-    MatrixRecipe,
-    ModalDamping,
-    Section,
-    Structure,
-    ViscousMatrix,
-    chain,
-)
+import jointbayes as jb
+from jointbayes.frf import NaturalFrequencies, receptance_model
+from jointbayes.structure import ViscousMatrix
 from tests.one_line import refused
 
-LAW = ModalDamping((0.01,))
-PORTS = Ports(np.linspace(3.0, 80.0, 7), ("1:x", "2:x"), ("2:x",))
+LAW = jb.ModalDamping((0.01,))
+PORTS = jb.Ports(np.linspace(3.0, 80.0, 7), ("1:x", "2:x"), ("2:x",))
 
 
 def test_a_chain_has_the_matrices_of_the_book():
-    recipe = chain([1.0, 2.0, 3.0], [("ground", "1", 5.0), ("1", "2", 7.0), ("2", "3", 11.0)], LAW)
+    recipe = jb.chain([1.0, 2.0, 3.0], [("ground", "1", 5.0), ("1", "2", 7.0), ("2", "3", 11.0)], LAW)
     assert_allclose(recipe.stiffness, [[12, -7, 0], [-7, 18, -11], [0, -11, 11]])
     assert_allclose(recipe.mass, np.diag([1.0, 2, 3]))
     assert recipe.dofs == ("1:x", "2:x", "3:x")
-    named = chain({"head": 2.0, "foot": 1.0}, [("head", "foot", 4.0)], LAW, direction="y")
+    named = jb.chain({"head": 2.0, "foot": 1.0}, [("head", "foot", 4.0)], LAW, direction="y")
     assert named.dofs == ("head:y", "foot:y")
 
 
 def test_masses_that_joints_alone_hold_have_the_frequencies_of_the_chain():
-    free = MatrixFamily(chain([1.0, 2.0], [], LAW), {})
+    free = jb.MatrixFamily(jb.chain([1.0, 2.0], [], LAW), {})
     for dofs, against, expected in [(("1:x",), (), [np.sqrt(1e5 / 1.0)]), (("1:x",), ("2:x",), [np.sqrt(1e5 * 1.5)])]:
-        found = NaturalFrequencies(free, Joint(dofs, against), 1).frequency_hz(np.array([[1e5]]))[0]
+        found = NaturalFrequencies(free, jb.Joint(dofs, against), 1).frequency_hz(np.array([[1e5]]))[0]
         assert_allclose(found, np.array(expected) / (2 * np.pi), rtol=1e-12, atol=1e-9)
 
 
@@ -49,9 +36,9 @@ def test_dampers_give_the_receptance_of_the_dynamic_stiffness(size):
     links = list(zip(["ground", *names], names, strict=False))
     springs = [(a, b, 1e5 + 1e3 * i) for i, (a, b) in enumerate(links)]
     dampers = [(a, b, 20.0 + i) for i, (a, b) in enumerate(links)]
-    recipe = chain(np.linspace(1, 2, size), springs, dampers=dampers)
-    joint, k = Joint(("2:x",)), np.array([[4e4]])
-    found = receptance_model(MatrixFamily(recipe, {}), joint, PORTS).receptance(k)[0]
+    recipe = jb.chain(np.linspace(1, 2, size), springs, dampers=dampers)
+    joint, k = jb.Joint(("2:x",)), np.array([[4e4]])
+    found = receptance_model(jb.MatrixFamily(recipe, {}), joint, PORTS).receptance(k)[0]
     structure = recipe.structure()
     for f, one in zip(PORTS.frequency_hz, found, strict=True):
         w = 2 * np.pi * f
@@ -61,16 +48,16 @@ def test_dampers_give_the_receptance_of_the_dynamic_stiffness(size):
 
 
 def test_supports_take_rows_of_all_matrices_away():
-    recipe = chain([1.0, 2.0], [("1", "2", 1e5)], dampers=[("1", "2", 3.0)])
-    held = MatrixRecipe(recipe.stiffness, recipe.mass, recipe.dofs, recipe.damping, supports=("1:x",)).structure()
+    recipe = jb.chain([1.0, 2.0], [("1", "2", 1e5)], dampers=[("1", "2", 3.0)])
+    held = jb.MatrixRecipe(recipe.stiffness, recipe.mass, recipe.dofs, recipe.damping, supports=("1:x",)).structure()
     assert_allclose(held.damping.matrix, [[3.0]])
     assert_allclose(held.modes().eigenvalues, [5e4])
 
 
 def test_uncertain_damping_follows_its_factor():
     k, m = np.array([[2e5, -1e5], [-1e5, 1e5]]), np.diag([1.0, 2.0])
-    family = MatrixFamily(MatrixRecipe(k, m, ("1:x", "2:x"), LAW), {"damping_ratio": (-1, 1)})
-    found = receptance_model(family, Joint(("1:x",)), PORTS).receptance(np.zeros((1, 1)), np.array([[2.0]]))[0]
+    family = jb.MatrixFamily(jb.MatrixRecipe(k, m, ("1:x", "2:x"), LAW), {"damping_ratio": (-1, 1)})
+    found = receptance_model(family, jb.Joint(("1:x",)), PORTS).receptance(np.zeros((1, 1)), np.array([[2.0]]))[0]
     square, shapes = linalg.eigh(k, m)
     omega = np.sqrt(square)
     w = 2 * np.pi * PORTS.frequency_hz[:, None]
@@ -78,23 +65,23 @@ def test_uncertain_damping_follows_its_factor():
     assert_allclose(found[:, :, 0], terms.sum(axis=-1), rtol=1e-9)
 
 
-def of_two(**loaded) -> MatrixRecipe:
-    return MatrixRecipe(np.eye(2), np.eye(2), ("1:x", "2:x"), LAW, **loaded)
+def of_two(**loaded) -> jb.MatrixRecipe:
+    return jb.MatrixRecipe(np.eye(2), np.eye(2), ("1:x", "2:x"), LAW, **loaded)
 
 
 @pytest.mark.parametrize(
     ("broken", "words"),
     [
-        (lambda: chain([1.0, -2.0], [], LAW), "'2' of -2 kg"),
-        (lambda: chain([1.0], [("1", "3", 1.0)], LAW), "'3'"),
-        (lambda: chain([1.0], [("1", "ground", -1.0)], LAW), "at least 0"),
-        (lambda: chain([1.0], []), "either dampers or a law"),
-        (lambda: chain([1.0], [], LAW, dampers=[("1", "ground", 1.0)]), "either dampers or a law"),
-        (lambda: MatrixRecipe([[1, 2], [0, 1]], np.eye(2), ("1:x", "2:x"), LAW), "unsymmetric stiffness"),
-        (lambda: MatrixRecipe([[1, 2], [2, 1]], np.eye(2), ("1:x", "2:x"), LAW), "positive semidefinite"),
-        (lambda: MatrixRecipe(np.eye(2), np.diag([1, 0]), ("1:x", "2:x"), LAW), "positive definite"),
-        (lambda: MatrixRecipe(np.eye(3), np.eye(2), ("1:x", "2:x"), LAW), "shape (3, 3)"),
-        (lambda: MatrixRecipe(np.eye(2), np.eye(2), ("1:x", "2:x"), LAW, ("3:x",)), "'3:x'"),
+        (lambda: jb.chain([1.0, -2.0], [], LAW), "'2' of -2 kg"),
+        (lambda: jb.chain([1.0], [("1", "3", 1.0)], LAW), "'3'"),
+        (lambda: jb.chain([1.0], [("1", "ground", -1.0)], LAW), "at least 0"),
+        (lambda: jb.chain([1.0], []), "either dampers or a law"),
+        (lambda: jb.chain([1.0], [], LAW, dampers=[("1", "ground", 1.0)]), "either dampers or a law"),
+        (lambda: jb.MatrixRecipe([[1, 2], [0, 1]], np.eye(2), ("1:x", "2:x"), LAW), "unsymmetric stiffness"),
+        (lambda: jb.MatrixRecipe([[1, 2], [2, 1]], np.eye(2), ("1:x", "2:x"), LAW), "positive semidefinite"),
+        (lambda: jb.MatrixRecipe(np.eye(2), np.diag([1, 0]), ("1:x", "2:x"), LAW), "positive definite"),
+        (lambda: jb.MatrixRecipe(np.eye(3), np.eye(2), ("1:x", "2:x"), LAW), "shape (3, 3)"),
+        (lambda: jb.MatrixRecipe(np.eye(2), np.eye(2), ("1:x", "2:x"), LAW, ("3:x",)), "'3:x'"),
         (lambda: ViscousMatrix([[1, 2], [0, 1]]), "unsymmetric"),
         (lambda: ViscousMatrix([[1, 2]]), "square"),
         (lambda: ViscousMatrix([[-100.0]]), "takes energy out"),
@@ -102,13 +89,13 @@ def of_two(**loaded) -> MatrixRecipe:
         (lambda: of_two(accelerometer_mass=-5.0, accelerometer_dofs=("1:x",)), "-5 + 0 kg"),
         (lambda: of_two(added_mass=-5.0), "0 + -5 kg"),
         (lambda: of_two(accelerometer_mass=5.0, accelerometer_dofs=("9:x",)), "'9:x'"),
-        (lambda: Structure(np.eye(2), np.eye(2), ViscousMatrix([[1.0]]), ("1:x", "2:x")), "1 rows for 2"),
-        (lambda: MatrixFamily(chain([1.0], [], LAW), {"density": (0, 0)}), "'density'"),
-        (lambda: MatrixFamily(chain([1.0], [], LossFactor(0.01)), {"damping_ratio": (0, 0)}), "another kind"),
+        (lambda: jb.Structure(np.eye(2), np.eye(2), ViscousMatrix([[1.0]]), ("1:x", "2:x")), "1 rows for 2"),
+        (lambda: jb.MatrixFamily(jb.chain([1.0], [], LAW), {"density": (0, 0)}), "'density'"),
+        (lambda: jb.MatrixFamily(jb.chain([1.0], [], jb.LossFactor(0.01)), {"damping_ratio": (0, 0)}), "another kind"),
     ],
 )
 def test_impossible_matrices_are_refused_in_one_line(broken, words):
-    refused(broken, ModelError, words)
+    refused(broken, jb.ModelError, words)
 
 
 def test_fewer_springs_than_rounding_do_not_make_a_damping_matrix_negative():
@@ -117,18 +104,18 @@ def test_fewer_springs_than_rounding_do_not_make_a_damping_matrix_negative():
 
 
 def test_quantities_that_the_damping_matrix_would_make_silent_are_refused():
-    steel, dampers = BeamMaterial(2.1e11, 0.3, 7800.0), ViscousMatrix(np.diag([20.0] + 21 * [0.0]))
-    damped = BeamRecipe(0.383, Section.circle(0.025), steel, dampers, element="paper")
-    family = BeamFamily(damped, {"youngs_modulus": (-0.1, 0.1)})
-    with pytest.raises(ModelError, match=r"uncertain quantities youngs_modulus with a damping matrix.*; expected"):
-        receptance_model(family, Joint(("1:y",)), Ports(PORTS.frequency_hz, ("11:y",), ("11:y",)))
+    steel, dampers = jb.BeamMaterial(2.1e11, 0.3, 7800.0), ViscousMatrix(np.diag([20.0] + 21 * [0.0]))
+    damped = jb.BeamRecipe(0.383, jb.Section.circle(0.025), steel, dampers, element="paper")
+    family = jb.BeamFamily(damped, {"youngs_modulus": (-0.1, 0.1)})
+    with pytest.raises(jb.ModelError, match=r"uncertain quantities youngs_modulus with a damping matrix.*; expected"):
+        receptance_model(family, jb.Joint(("1:y",)), jb.Ports(PORTS.frequency_hz, ("11:y",), ("11:y",)))
 
 
 @pytest.mark.parametrize(("tiny", "spring"), [(1e-6, 1e9), (1e-7, 1e10), (1e-9, 1e12)])
 def test_a_soft_support_beside_a_stiff_small_part_is_no_rigid_body_motion(tiny, spring):
     masses, link = {"big": 1000.0, "tiny": tiny}, ("big", "tiny", spring)
-    held = chain(masses, [("ground", "big", 4e4), link], LAW).structure().modes().frequency_hz
+    held = jb.chain(masses, [("ground", "big", 4e4), link], LAW).structure().modes().frequency_hz
     assert_allclose(held, np.sqrt([4e4 / (1000 + tiny), spring / tiny]) / (2 * np.pi), rtol=1e-6)
-    free = chain(masses, [link], LAW).structure().modes().frequency_hz
+    free = jb.chain(masses, [link], LAW).structure().modes().frequency_hz
     assert free[0] == 0.0
     assert_allclose(free[1], np.sqrt(spring * (1 / tiny + 1 / 1000)) / (2 * np.pi), rtol=1e-6)

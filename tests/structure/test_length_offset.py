@@ -7,22 +7,18 @@ import pytest
 from numpy.testing import assert_allclose
 
 import jointbayes as jb
-from jointbayes.errors import ModelError
-from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
-from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
-from jointbayes.joint import Joint, LogStiffness
-from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
+from jointbayes.frf import NaturalFrequencies, receptance_model
 from jointbayes.structure.shape_modes import ModeTable
 from tests.conftest import TABLE_3, pair_matrix
 from vibrecords import FrfData, FrfSet
 
-STEEL, CLAMP = BeamMaterial(2.1e11, 0.3, 7800.0), Joint(("1:y", "1:rz"))
+STEEL, CLAMP = jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.Joint(("1:y", "1:rz"))
 OFFSET = {"length_offset": (-0.012, 0.012)}
 MASS = {"accelerometer_mass": 0.02, "accelerometer_dofs": ("11:y",)}
 
 
 def recipe(length, **more):
-    return BeamRecipe(length, Section.circle(0.025), STEEL, ModalDamping((0.01,)), **more)
+    return jb.BeamRecipe(length, jb.Section.circle(0.025), STEEL, jb.ModalDamping((0.01,)), **more)
 
 
 def frequencies(family, factors=None):
@@ -33,22 +29,22 @@ def frequencies(family, factors=None):
 @pytest.mark.parametrize("more", [{}, MASS], ids=["bare", "with accelerometer"])
 @pytest.mark.parametrize("length", [0.1, 0.383])
 def test_an_offset_makes_the_beam_that_is_so_much_longer(length, more):
-    longer = frequencies(BeamFamily(recipe(length + 0.005, **more), {}))
-    family = BeamFamily(recipe(length, **more), OFFSET)
+    longer = frequencies(jb.BeamFamily(recipe(length + 0.005, **more), {}))
+    family = jb.BeamFamily(recipe(length, **more), OFFSET)
     assert_allclose(frequencies(family, np.exp([[0.005]])), longer, rtol=1e-7)
     # beside an error of the length itself, which is a factor
-    both = BeamFamily(recipe(length, **more), {"length": (-0.02, 0.02), **OFFSET})
+    both = jb.BeamFamily(recipe(length, **more), {"length": (-0.02, 0.02), **OFFSET})
     factors = np.array([[(length + 0.001) / length, math.exp(0.004)]])
     assert_allclose(frequencies(both, factors), longer, rtol=1e-7)
 
 
 def test_its_value_is_in_millimetres_and_may_be_negative():
-    offset = Nuisance("length_offset", "mm", 1000.0, Normal(0.0, 0.0019))
-    length = Nuisance("long.length", "mm", 383.0, Normal(0.0, 0.1 / 383))
+    offset = jb.Nuisance("length_offset", "mm", 1000.0, jb.Normal(0.0, 0.0019))
+    length = jb.Nuisance("long.length", "mm", 383.0, jb.Normal(0.0, 0.1 / 383))
     assert offset.additive
     assert not length.additive
     assert (offset.label, length.label) == ("length_offset", "ln long.length")
-    prior = JointPrior(LogStiffness(), (Normal(0.0, 1.0),) * 3, (length, offset))
+    prior = jb.JointPrior(jb.LogStiffness(), (jb.Normal(0.0, 1.0),) * 3, (length, offset))
     theta = np.array([0.0, 0.0, 0.0, 0.001, -0.0025])
     assert_allclose(prior.nuisance_values(theta), [383 * math.exp(0.001), -2.5])
     assert_allclose([n.coordinate(v) for n, v in zip((length, offset), prior.nuisance_values(theta), strict=True)],
@@ -57,26 +53,26 @@ def test_its_value_is_in_millimetres_and_may_be_negative():
 
 
 def test_an_offset_that_leaves_no_beam_is_refused_in_one_line():
-    with pytest.raises(ModelError, match=r"length_offset of -95 mm .* leaves a beam") as caught:
-        BeamFamily(recipe(0.1), {"length_offset": (-0.095, 0.095)})
+    with pytest.raises(jb.ModelError, match=r"length_offset of -95 mm .* leaves a beam") as caught:
+        jb.BeamFamily(recipe(0.1), {"length_offset": (-0.095, 0.095)})
     assert "\n" not in str(caught.value)
 
 
 def test_tests_share_the_offset_that_moves_all_their_lengths_by_as_many_millimetres():
     """Two overhangs whose clamp begins 2 mm further in: the posterior finds the offset and its sign."""
     lines = np.arange(20.0, 2500.0, 4.0)
-    ports, tests = Ports(lines, ("11:y", "6:y"), ("11:y",)), []
+    ports, tests = jb.Ports(lines, ("11:y", "6:y"), ("11:y",)), []
     for number, (name, length) in enumerate({"long": 0.383, "short": 0.2}.items()):
-        exact = receptance_model(BeamFamily(recipe(length + 0.002), {}), CLAMP, ports)
+        exact = receptance_model(jb.BeamFamily(recipe(length + 0.002), {}), CLAMP, ports)
         values = exact.receptance(pair_matrix(TABLE_3)[None])[0]
         sd = 0.01 * np.abs(values) + 0.002 * np.median(np.abs(values))
         rng = np.random.default_rng(number)
         noisy = values + sd * (rng.normal(size=values.shape) + 1j * rng.normal(size=values.shape))
         measured = FrfData(FrfSet(lines, noisy, ports.outputs, ports.inputs), 2 * sd**2)
-        tests.append(jb.Test(name, BeamFamily(recipe(length), OFFSET), CLAMP, measured))
-    marginals = tuple(Uniform(np.log(k) - 3, np.log(k) + 3) for k in TABLE_3)
-    offset = Nuisance("length_offset", "mm", 1000.0, Normal(0.0, 0.002))
-    problem = jb.Problem(tests=tests, prior=JointPrior(LogStiffness(), marginals, (offset,)))
+        tests.append(jb.Test(name, jb.BeamFamily(recipe(length), OFFSET), CLAMP, measured))
+    marginals = tuple(jb.Uniform(np.log(k) - 3, np.log(k) + 3) for k in TABLE_3)
+    offset = jb.Nuisance("length_offset", "mm", 1000.0, jb.Normal(0.0, 0.002))
+    problem = jb.Problem(tests=tests, prior=jb.JointPrior(jb.LogStiffness(), marginals, (offset,)))
     estimate = jb.find_map(problem)
     found, sd = 1e3 * estimate.theta[3], 1e3 * math.sqrt(estimate.covariance[3, 3])
     assert abs(found - 2.0) < 4 * sd < 1.0
@@ -84,9 +80,9 @@ def test_tests_share_the_offset_that_moves_all_their_lengths_by_as_many_millimet
 
 def test_a_stubby_beam_is_interpolated_as_well():
     """Its modes above the band avoid each other over the range of lengths; those further up do not."""
-    family = BeamFamily(recipe(0.1), OFFSET)
+    family = jb.BeamFamily(recipe(0.1), OFFSET)
     lines = np.arange(10.0, 2501.0, 60.0)
-    tips = Ports(lines, ("11:y",), ("11:y",))
+    tips = jb.Ports(lines, ("11:y",), ("11:y",))
     interpolated = receptance_model(family, CLAMP, tips)
     exact = receptance_model(family.reference(), CLAMP, tips)
     edge = np.exp(np.array([[-0.0109], [-0.004], [0.0021], [0.0117]]))

@@ -7,34 +7,24 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jointbayes.errors import ModelError
-from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
-from jointbayes.joint import Joint
-from jointbayes.structure import (
-    BeamFamily,
-    BeamMaterial,
-    BeamRecipe,
-    LossFactor,
-    ModalDamping,
-    Rayleigh,
-    Section,
-    shape_modes,
-)
+import jointbayes as jb
+from jointbayes.frf import NaturalFrequencies, receptance_model
+from jointbayes.structure import Rayleigh, shape_modes
 from jointbayes.structure.matrices import Modes
 from jointbayes.structure.shape_modes import ModeTable, _hopeless
 from tests.conftest import pair_matrix
 from tests.structure.dense import worst
 
-STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
-JOINT = Joint(("1:y", "1:rz"))
+STEEL = jb.BeamMaterial(2.1e11, 0.3, 7800.0)
+JOINT = jb.Joint(("1:y", "1:rz"))
 CLAMP = pair_matrix([5.05e9, 3.44e7, 1.52e6])
-PORTS = Ports(np.arange(20.0, 2500.0, 53.0), ("11:y", "6:y"), ("11:y",))
+PORTS = jb.Ports(np.arange(20.0, 2500.0, 53.0), ("11:y", "6:y"), ("11:y",))
 MATERIAL_AND_LENGTH = {"youngs_modulus": (-0.12, 0.12), "density": (-0.06, 0.06), "length": (-0.03, 0.03)}
 MASS = {"accelerometer_mass": 0.02, "accelerometer_dofs": ("11:y",)}
 
 
 def recipe(law=None, **more):
-    return BeamRecipe(0.383, Section.circle(0.025), STEEL, law or ModalDamping((0.01, 0.02)), **more)
+    return jb.BeamRecipe(0.383, jb.Section.circle(0.025), STEEL, law or jb.ModalDamping((0.01, 0.02)), **more)
 
 
 def draws(family, ranges, n, seed=1):
@@ -53,27 +43,27 @@ def worst_against_dense_solve(family, factors):
 @pytest.mark.parametrize(
     ("law", "damping"),
     [
-        (ModalDamping((0.01, 0.02)), {"damping_ratio_1": (-2.3, 2.3), "damping_ratio_2": (-1.0, 1.0)}),
-        (LossFactor(0.01), {"loss_factor": (-2.3, 2.3)}),
+        (jb.ModalDamping((0.01, 0.02)), {"damping_ratio_1": (-2.3, 2.3), "damping_ratio_2": (-1.0, 1.0)}),
+        (jb.LossFactor(0.01), {"loss_factor": (-2.3, 2.3)}),
         (Rayleigh(1.0, 1e-6), {}),
     ],
     ids=["modal", "loss factor", "rayleigh"],
 )
 def test_receptances_are_those_of_the_beam_assembled_with_these_quantities(law, damping, more):
     ranges = MATERIAL_AND_LENGTH | damping | ({"accelerometer_mass": (-0.6, 0.6)} if more else {})
-    family = BeamFamily(recipe(law, **more), ranges)
+    family = jb.BeamFamily(recipe(law, **more), ranges)
     assert worst_against_dense_solve(family, draws(family, ranges, 2)) < 1e-6
 
 
 def test_an_accelerometer_of_known_mass_counts_beside_an_uncertain_beam():
-    family = BeamFamily(recipe(**MASS), MATERIAL_AND_LENGTH)
+    family = jb.BeamFamily(recipe(**MASS), MATERIAL_AND_LENGTH)
     assert worst_against_dense_solve(family, draws(family, MATERIAL_AND_LENGTH, 2)) < 1e-6
 
 
 def test_where_a_table_will_not_do_the_beam_is_solved_anew(monkeypatch):
     monkeypatch.setattr(shape_modes, "_NODES", (2,))
     ranges = {"section_size": (-0.05, 0.05), "shear_coefficient": (-0.3, 0.3)}
-    family = BeamFamily(recipe(), ranges)
+    family = jb.BeamFamily(recipe(), ranges)
     near = family.at(("1:y", "1:rz", *PORTS.outputs), 2500.0)
     motions = np.eye(near.nominal.n_dofs)[:, near.nominal.index(["1:y", "11:y"])]
     assert not isinstance(near.free_modes(np.arange(len(motions)), motions)._bodies[0].modes, ModeTable)
@@ -82,13 +72,13 @@ def test_where_a_table_will_not_do_the_beam_is_solved_anew(monkeypatch):
 
 @pytest.mark.science
 def test_two_planes_of_a_round_beam_share_their_frequencies_and_are_interpolated_all_the_same():
-    family = BeamFamily(recipe(dofs_per_node=5, elements=4), {"length": (-0.01, 0.01)})
-    ports = Ports(np.arange(20.0, 2500.0, 61.0), ("5:y", "5:z"), ("5:y", "5:z"))
+    family = jb.BeamFamily(recipe(dofs_per_node=5, elements=4), {"length": (-0.01, 0.01)})
+    ports = jb.Ports(np.arange(20.0, 2500.0, 61.0), ("5:y", "5:z"), ("5:y", "5:z"))
     assert worst(family, JOINT, CLAMP, ports, np.array([[0.993], [1.006]])) < 1e-6
 
 
 def test_natural_frequencies_follow_length_and_material():
-    family = BeamFamily(recipe(), MATERIAL_AND_LENGTH)
+    family = jb.BeamFamily(recipe(), MATERIAL_AND_LENGTH)
     factors = draws(family, MATERIAL_AND_LENGTH, 2)
     found = NaturalFrequencies(family, JOINT, 4).frequency_hz(np.repeat(CLAMP[None], 2, 0), factors)
     for one, row in zip(found, factors, strict=True):
@@ -96,7 +86,7 @@ def test_natural_frequencies_follow_length_and_material():
 
 
 def test_without_factors_the_family_is_its_nominal_structure():
-    family = BeamFamily(recipe(), MATERIAL_AND_LENGTH)
+    family = jb.BeamFamily(recipe(), MATERIAL_AND_LENGTH)
     found = receptance_model(family, JOINT, PORTS).receptance(CLAMP)
     exact = receptance_model(family.nominal, JOINT, PORTS).receptance(CLAMP)
     assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
@@ -113,18 +103,18 @@ def test_factors_multiply_what_they_name():
 
 
 def test_what_is_unknown_or_of_another_damping_law_is_refused():
-    with pytest.raises(ModelError, match="'colour'"):
+    with pytest.raises(jb.ModelError, match="'colour'"):
         recipe().structure({"colour": 1.0})
-    with pytest.raises(ModelError, match="another kind"):
-        BeamFamily(recipe(), {"loss_factor": (-1.0, 1.0)})
-    with pytest.raises(ModelError, match="another kind"):
-        BeamFamily(recipe(LossFactor(0.01)), {"damping_ratio": (-1.0, 1.0)})
-    with pytest.raises(ModelError, match="accelerometer"):
+    with pytest.raises(jb.ModelError, match="another kind"):
+        jb.BeamFamily(recipe(), {"loss_factor": (-1.0, 1.0)})
+    with pytest.raises(jb.ModelError, match="another kind"):
+        jb.BeamFamily(recipe(jb.LossFactor(0.01)), {"damping_ratio": (-1.0, 1.0)})
+    with pytest.raises(jb.ModelError, match="accelerometer"):
         recipe(accelerometer_mass=-1.0, accelerometer_dofs=("11:y",)).structure()
 
 
 def test_the_last_listed_damping_ratio_holds_for_all_higher_modes():
-    family = BeamFamily(recipe(), {"damping_ratio_1": (-1.0, 1.0), "damping_ratio_2": (-1.0, 1.0)})
+    family = jb.BeamFamily(recipe(), {"damping_ratio_1": (-1.0, 1.0), "damping_ratio_2": (-1.0, 1.0)})
     ratios = family.damping_ratios(np.array([[1.5, 0.5]]), 22)
     assert_allclose(ratios[0, :4], [0.015, 0.01, 0.01, 0.01])
     assert ratios.shape == (1, 22)
@@ -135,14 +125,14 @@ def test_the_last_listed_damping_ratio_holds_for_all_higher_modes():
 def test_free_modes_that_were_asked_for_before_are_the_same_whoever_asks():
     beam = recipe()
     ranges = {"length": (-0.01, 0.01), "section_size": (-0.02, 0.02)}
-    motions = np.eye(BeamFamily(beam, ranges).nominal.n_dofs)[:, :2]
-    first, again = (BeamFamily(beam, ranges).free_modes(np.arange(len(motions)), motions) for _ in range(2))
+    motions = np.eye(jb.BeamFamily(beam, ranges).nominal.n_dofs)[:, :2]
+    first, again = (jb.BeamFamily(beam, ranges).free_modes(np.arange(len(motions)), motions) for _ in range(2))
     assert again is first
     others = (
-        BeamFamily(replace(beam, length=1.1 * beam.length), ranges).free_modes(np.arange(len(motions)), motions),
-        BeamFamily(beam, {"length": (-0.02, 0.01)}).free_modes(np.arange(len(motions)), motions),
-        BeamFamily(beam, ranges, exact=True).free_modes(np.arange(len(motions)), motions),
-        BeamFamily(beam, ranges).free_modes(np.arange(len(motions)), 2 * motions),
+        jb.BeamFamily(replace(beam, length=1.1 * beam.length), ranges).free_modes(np.arange(len(motions)), motions),
+        jb.BeamFamily(beam, {"length": (-0.02, 0.01)}).free_modes(np.arange(len(motions)), motions),
+        jb.BeamFamily(beam, ranges, exact=True).free_modes(np.arange(len(motions)), motions),
+        jb.BeamFamily(beam, ranges).free_modes(np.arange(len(motions)), 2 * motions),
     )
     assert first not in others
     assert np.allclose(2 * first(np.ones((1, 2)))[1], others[-1](np.ones((1, 2)))[1])
@@ -151,9 +141,9 @@ def test_free_modes_that_were_asked_for_before_are_the_same_whoever_asks():
 def test_beams_that_are_described_by_lists_are_solved_all_the_same():
     beam = recipe()
     listed = replace(beam, supports=list(beam.supports))
-    motions = np.eye(BeamFamily(beam, {}).nominal.n_dofs)[:, :2]
+    motions = np.eye(jb.BeamFamily(beam, {}).nominal.n_dofs)[:, :2]
     found, expected = (
-        BeamFamily(one, {}).free_modes(np.arange(len(motions)), motions)(np.ones((1, 0))) for one in (listed, beam)
+        jb.BeamFamily(one, {}).free_modes(np.arange(len(motions)), motions)(np.ones((1, 0))) for one in (listed, beam)
     )
     assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
 
@@ -161,8 +151,8 @@ def test_beams_that_are_described_by_lists_are_solved_all_the_same():
 def test_twenty_responses_of_an_uncertain_beam_are_those_of_the_beam_solved_anew():
     beam = recipe(elements=20)
     ranges = {"length": (-0.03, 0.03), "youngs_modulus": (-0.1, 0.1)}
-    ports = Ports(np.linspace(20.0, 2500.0, 60), tuple(f"{n}:y" for n in range(2, 22)), ("21:y",))
-    family = BeamFamily(beam, ranges).at((*JOINT.dofs, *ports.outputs, *ports.inputs), 2500.0)
+    ports = jb.Ports(np.linspace(20.0, 2500.0, 60), tuple(f"{n}:y" for n in range(2, 22)), ("21:y",))
+    family = jb.BeamFamily(beam, ranges).at((*JOINT.dofs, *ports.outputs, *ports.inputs), 2500.0)
     factors = draws(family, ranges, 3)
     found, solved = (
         receptance_model(one, JOINT, ports).receptance(np.repeat(CLAMP[None], 3, axis=0), factors)
@@ -174,8 +164,10 @@ def test_twenty_responses_of_an_uncertain_beam_are_those_of_the_beam_solved_anew
 def test_forces_at_the_tip_of_many_responses_need_no_more_modes_than_at_the_tip_of_few():
     kept = []
     for elements in (20, 40):
-        ports = Ports(np.array([20.0, 2500.0]), tuple(f"{n}:y" for n in range(2, elements + 2)), (f"{elements + 1}:y",))
-        family = BeamFamily(recipe(elements=elements), {}).at((*JOINT.dofs, *ports.outputs), 2500.0)
+        ports = jb.Ports(
+            np.array([20.0, 2500.0]), tuple(f"{n}:y" for n in range(2, elements + 2)), (f"{elements + 1}:y",)
+        )
+        family = jb.BeamFamily(recipe(elements=elements), {}).at((*JOINT.dofs, *ports.outputs), 2500.0)
         motions = np.hstack([JOINT.selection(family), family.nominal.unit_forms(ports.outputs + ports.inputs)])
         forced = np.isin(np.arange(motions.shape[1]), (0, 1, motions.shape[1] - 1))
         kept.append(family.free_modes(np.arange(len(motions)), motions, forced)(np.ones((1, 0)))[0].shape[1])
@@ -221,9 +213,9 @@ def test_of_more_modes_than_any_table_holds_none_is_made(monkeypatch):
     def none(*_arguments):
         raise AssertionError("a table was begun")
 
-    wire = BeamRecipe(0.383, Section.circle(5e-5), STEEL, ModalDamping((0.01,)))
+    wire = jb.BeamRecipe(0.383, jb.Section.circle(5e-5), STEEL, jb.ModalDamping((0.01,)))
     ranges = {"length": (-0.03, 0.03)}
-    family = BeamFamily(wire, ranges).at(("1:y", "1:rz", "11:y"), 2500.0)
+    family = jb.BeamFamily(wire, ranges).at(("1:y", "1:rz", "11:y"), 2500.0)
     monkeypatch.setattr("jointbayes.structure.shape_modes.tabulated", none)
     motions = np.eye(family.nominal.n_dofs)[:, :2]
     eigenvalues, _ = family.free_modes(np.arange(len(motions)), motions)(np.ones((1, 1)))

@@ -13,16 +13,9 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
-from jointbayes.errors import MeasurementError, ModelError, SamplingError
 from jointbayes.studies import calibration as driver
 from jointbayes.studies import data_sets
-from jointbayes.studies.calibration import (
-    FALSE_ALARM,
-    Calibration,
-    calibration_lines,
-    calibration_table,
-    ranks_csv,
-)
+from jointbayes.studies.calibration import FALSE_ALARM, calibration_lines, calibration_table, ranks_csv
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, analyse
 from jointbayes.workflow import sample_quickly
 from tests.posterior.test_decision import of_another_truth
@@ -49,7 +42,7 @@ def synthetic(rank_of, count=400, seed=1, names=("k11", "k12", "k22", DENSITY), 
         ranks = tuple(int(rank_of(rng)) for _ in names)
         ones = (1.0,) * len(names)
         sets.append(DataSet(i, 0.1, ones, ranks, (0.5,) * len(names), (1.5,) * len(names), True, True, 900.0, **fields))
-    return Calibration("case", "", 1, names, tuple(sets))
+    return jb.Calibration("case", "", 1, names, tuple(sets))
 
 
 def uniform(rng):
@@ -101,7 +94,7 @@ def analysed_near(case, index, monkeypatch):
 
     def sample(problem, **_options):
         sampled.append(problem)
-        raise ModelError("seen")
+        raise jb.ModelError("seen")
 
     monkeypatch.setattr(data_sets, "sample", sample)
     job = driver._job(case, None, SETTINGS, None, print)
@@ -140,7 +133,7 @@ def test_near_the_data_truths_are_draws_of_the_posterior_whatever_their_number(m
     assert (more[:10] == all_).all()
     assert sorted(all_[:, 0]) == theta[:, 0].tolist()
     assert seeds == [5, 5, 5]
-    with pytest.raises(SamplingError, match=r"posterior of bad, .*not converged \(too short\)"):
+    with pytest.raises(jb.SamplingError, match=r"posterior of bad, .*not converged \(too short\)"):
         driver._truths_near(small_case(name="bad"), 1, 5, print)
 
 
@@ -149,7 +142,7 @@ def test_an_analysis_that_fails_is_counted_and_not_left_out(monkeypatch):
     def sometimes(problem, **options):
         if sometimes.count % 2:
             sometimes.count += 1
-            raise MeasurementError("on purpose")
+            raise jb.MeasurementError("on purpose")
         sometimes.count += 1
         return sample(problem, **options)
 
@@ -166,7 +159,7 @@ def test_samplers_that_do_not_converge_are_ranked_and_counted():
     rng = np.random.default_rng(4)
     ranked = synthetic(uniform, count=60)
     sets = tuple(dataclasses.replace(one, converged=bool(rng.integers(2))) for one in ranked.data_sets)
-    found = Calibration("case", "", 1, ranked.names, sets)
+    found = jb.Calibration("case", "", 1, ranked.names, sets)
     assert 0 < found.not_converged < 60
     assert found.quantities[0].ranks.size == 60
     assert "did not converge" in found.notes[0]
@@ -174,8 +167,8 @@ def test_samplers_that_do_not_converge_are_ranked_and_counted():
 
 
 def test_not_one_posterior_is_an_error_in_a_line():
-    with pytest.raises(ModelError, match=r"not one of 1 data sets .* on purpose"):
-        Calibration("case", "", 1, ("k11",), (DataSet(0, 0.0, error="on purpose"),))
+    with pytest.raises(jb.ModelError, match=r"not one of 1 data sets .* on purpose"):
+        jb.Calibration("case", "", 1, ("k11",), (DataSet(0, 0.0, error="on purpose"),))
 
 
 @pytest.mark.whole
@@ -224,7 +217,7 @@ def test_a_directory_holds_report_numbers_and_ranks(done, tmp_path):
 
 def test_the_table_of_ranks_has_a_row_for_every_data_set_failed_or_not():
     sets = (*synthetic(uniform, count=2).data_sets, DataSet(2, 0.1, error='no, "really"'))
-    found = Calibration("case", "", 1, ("k11", "k12", "k22", DENSITY), sets)
+    found = jb.Calibration("case", "", 1, ("k11", "k12", "k22", DENSITY), sets)
     rows = list(csv.DictReader(io.StringIO(ranks_csv(found))))
     assert [row["status"] for row in rows] == ["done", "done", "failed"]
     assert int(rows[1]["k22.rank"]) == sets[1].rank[2]

@@ -18,6 +18,7 @@ from jointbayes.studies.campaign.campaign_run import CaseWork, case_seed, do_cas
 from jointbayes.studies.campaign.index import INDEX, campaign_directory, kept_rows, write_index
 from jointbayes.studies.study_directory import append_line
 from tests.conftest import CONFIGS, without_stages
+from tests.one_line import refused
 from tests.studies.task_functions import pretend_case
 
 BASE = CONFIGS / "clamped_beam.toml"
@@ -136,15 +137,13 @@ class TestTable:
             (tmp_path / f"{name}.toml").write_bytes(BASE.read_bytes())
         assert [c.key for c in read_cases([tmp_path / "*.toml"])] == ["a", "b", "c"]
         assert [c.key for c in read_cases([tmp_path / "c.toml", tmp_path / "a.toml"])] == ["c", "a"]
-        with pytest.raises(jb.CaseError, match="found no such file"):
-            read_cases([tmp_path / "*.tml"])
+        refused(lambda: read_cases([tmp_path / "*.tml"]), jb.CaseError, "found no such file")
         with pytest.raises(jb.CaseError, match=r"key: found 'a', which .*a.toml has already"):
             read_cases([tmp_path / "a.toml", tmp_path / "*.toml"])
 
     def test_table_that_is_no_text_is_refused(self, tmp_path):
         (tmp_path / "t.csv").write_bytes(b"key,title\na,\xff\n")
-        with pytest.raises(jb.CaseError, match=r"t\.csv:2: found no UTF-8 text"):
-            read_cases([tmp_path / "t.csv"], BASE)
+        refused(lambda: read_cases([tmp_path / "t.csv"], BASE), jb.CaseError, "t.csv:2: found no UTF-8 text")
 
 
 def test_toml_that_is_written_reads_back_as_it_was():
@@ -285,10 +284,8 @@ class TestDirectory:
         (tmp_path / "x/index.jsonl").touch()  # an older one of ours, or anybody's
         with pytest.raises(WriteError, match="holds other files, and no mark of jointbayes"):
             campaign_directory(tmp_path / "x").__enter__()
-        with pytest.raises(WriteError, match="found a file"):
-            campaign_directory(tmp_path / "x/index.jsonl").__enter__()
-        with pytest.raises(WriteError, match="cannot be written"):
-            campaign_directory(tmp_path / "x/index.jsonl/below").__enter__()
+        refused(campaign_directory(tmp_path / "x/index.jsonl").__enter__, WriteError, "found a file")
+        refused(campaign_directory(tmp_path / "x/index.jsonl/below").__enter__, WriteError, "cannot be written")
         assert [p.name for p in (tmp_path / "x").iterdir()] == ["index.jsonl"]
         for line in ("jointbayes: a campaign\n", "jointbayes: a campaign", "jointbayes: a campaign\r\n"):  # by hand
             (tmp_path / "x/.jointbayes").write_text(line, newline="")
@@ -317,13 +314,11 @@ class TestDirectory:
             jb.Campaign(tmp_path).index  # noqa: B018
         pretend(tmp_path, ROWS)
         done = jb.Campaign(tmp_path / "out")
-        with pytest.raises(jb.MeasurementError, match="found no case 'x'"):
-            done.posterior("x")
+        refused(lambda: done.posterior("x"), jb.MeasurementError, "found no case 'x'")
         with pytest.raises(jb.MeasurementError, match="case 'c2': found that it failed: c2: found no start"):
             done.posterior("c2")
         (tmp_path / "out" / INDEX).write_bytes(b"[1]\n")
-        with pytest.raises(jb.MeasurementError, match="found no index of a campaign in it"):
-            pretend(tmp_path, ROWS)
+        refused(lambda: pretend(tmp_path, ROWS), jb.MeasurementError, "found no index of a campaign in it")
 
 
 #: Two joints whose posteriors take a quarter of a second each.

@@ -10,9 +10,9 @@ import h5py
 import numpy as np
 import pytest
 
+import jointbayes as jb
 from jointbayes.cli.studies import _exit_by
-from jointbayes.errors import MeasurementError, WriteError
-from jointbayes.joint import parametrisation_named
+from jointbayes.errors import WriteError
 from jointbayes.posterior.identifiability import NO_VALID_VALUE
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Table
@@ -26,9 +26,7 @@ from jointbayes.studies.campaign.campaign_report import (
     joints_csv,
     write_campaign_report,
 )
-from jointbayes.studies.campaign.campaign_run import Campaign
 from jointbayes.studies.campaign.index import read_index
-from jointbayes.workflow import load_posterior
 from tests.studies.campaign_directory import (
     HIGH,
     LOW,
@@ -126,10 +124,10 @@ def test_a_population_that_has_not_converged_is_red_on_page_one_flagged_and_exit
     ]
     assert "bad" in banner
     assert "not converged after 10 steps" in banner
-    rows = [{**row, "status": "done"} for row in Campaign(copy).index.to_dict("records") if row["converged"]]
+    rows = [{**row, "status": "done"} for row in jb.Campaign(copy).index.to_dict("records") if row["converged"]]
     write_index(copy, rows)
     with pytest.raises(SystemExit) as ended:
-        _exit_by(Campaign(copy))
+        _exit_by(jb.Campaign(copy))
     assert ended.value.code == 3
     assert "NOT CONVERGED: the population of all joints" in capsys.readouterr().out
 
@@ -359,7 +357,7 @@ def test_posteriors_that_cannot_be_read_are_named(tmp_path):
 def test_cases_in_other_coordinates_are_carried_over(tmp_path):
     # the same joints, some of them sampled in signed coordinates under a prior uniform there
     rows, theta = campaign_rows(30, draws=300)
-    log, signed = parametrisation_named("log"), parametrisation_named("signed")
+    log, signed = jb.parametrisation_named("log"), jb.parametrisation_named("signed")
     for j, (row, draws) in enumerate(zip(rows, theta, strict=True)):
         if j % 3:
             write_case(tmp_path / row["file"], draws)
@@ -418,7 +416,7 @@ def test_what_is_no_campaign_is_refused_in_one_line(tmp_path, content):
         write_index(tmp_path, [{"name": "x"}])
     elif content is not None:
         (tmp_path / "index.jsonl").write_bytes(content)
-    with pytest.raises(MeasurementError, match=r"index.jsonl: .*expected the index") as caught:
+    with pytest.raises(jb.MeasurementError, match=r"index.jsonl: .*expected the index") as caught:
         write_campaign_report(tmp_path)
     assert "\n" not in str(caught.value)
 
@@ -440,7 +438,7 @@ def test_a_posterior_as_it_is_saved_has_what_the_report_reads(cheap_posterior, t
     write_index(tmp_path, rows)
     found, left_out = read_draws(tmp_path, read_index(tmp_path))
     assert not left_out
-    loaded, count = load_posterior(tmp_path / rows[0]["file"]), found.draws.counts[0]
+    loaded, count = jb.load_posterior(tmp_path / rows[0]["file"]), found.draws.counts[0]
     np.testing.assert_allclose(found.draws.theta[0, :count], loaded.thinned(count), rtol=1e-9)
     prior = loaded.problem.prior
     whole = prior.log_density(loaded.thinned(count)) + prior.log_normalisation

@@ -8,21 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes.case.case import case_from_text
-from jointbayes.errors import CaseError, ModelError
+import jointbayes as jb
 from jointbayes.joint import RIGID
 from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import Evidence
 from jointbayes.studies.compare import (
     HYPOTHESES,
-    Comparison,
     PriorEdge,
     WeighedModel,
     _answered,
     _data_of,
     bayes_factor_words,
     build_comparison_report,
-    compare,
     evidence_table,
     hypothesis_problem,
     leave_one_out,
@@ -32,6 +29,7 @@ from jointbayes.studies.compare import (
 )
 from tests.cli.test_cli import cli
 from tests.conftest import cheap_frequencies_text, cheap_text, edited, pair_matrix
+from tests.one_line import refused
 
 #: Coordinates under each hypothesis; None for those of the case.
 YIELDING = {
@@ -54,14 +52,14 @@ def frequencies_text(*changes, hypotheses=("rigid", "springs")):
 def cases():
     """Two free lengths, the same measured frequencies."""
     return (
-        case_from_text("long", frequencies_text(("length_mm = 360.0", "length_mm = 383.0"))),
-        case_from_text("short", frequencies_text()),
+        jb.case_from_text("long", frequencies_text(("length_mm = 360.0", "length_mm = 383.0"))),
+        jb.case_from_text("short", frequencies_text()),
     )
 
 
 @pytest.fixture(scope="module")
 def comparison(cases):
-    return compare(cases, seed=3)
+    return jb.compare(cases, seed=3)
 
 
 def made_up(log_z, *, method="importance sampling", pareto_k=0.2, at_edge=()):
@@ -110,13 +108,12 @@ def test_a_hypothesis_keeps_the_priors_of_what_may_yield_and_holds_the_rest(case
             assert marginal == problem.prior.marginals[problem.names.index(name)]
     k11, k12, k22 = hypothesis_problem(problem, "rotation").prior.values(np.log([2e5]))
     assert (k11, k12, k22) == (RIGID, 0.0, pytest.approx(2e5))
-    with pytest.raises(ModelError, match="expected one of rigid, translation"):
-        hypothesis_problem(problem, "loose")
+    refused(lambda: hypothesis_problem(problem, "loose"), jb.ModelError, "expected one of rigid, translation")
 
 
 def test_what_else_is_uncertain_stays_so_under_every_hypothesis():
     text = cheap_text() + "\n[uncertain.youngs_modulus]\nsd_percent = 2.0\n"
-    problem = case_from_text("uncertain", text).problem
+    problem = jb.case_from_text("uncertain", text).problem
     for hypothesis in HYPOTHESES:
         assert hypothesis_problem(problem, hypothesis).names[-1] == "youngs_modulus"
     assert hypothesis_problem(problem, "rigid").names == ("youngs_modulus",)
@@ -127,7 +124,7 @@ def test_measured_frfs_are_weighed_by_the_modes_that_all_cases_have_a_place_for(
     data = replace(cheap_case.problem.test.data, synthetic=False)
     cases = []
     for name, length in (("true", "383.0"), ("short", "300.0")):
-        case = case_from_text(name, edited(cheap_text(), ("length_mm = 383.0", f"length_mm = {length}")))
+        case = jb.case_from_text(name, edited(cheap_text(), ("length_mm = 383.0", f"length_mm = {length}")))
         problem = case.problem.with_test(data=data)
         cases.append(replace(case, problem=problem, stated=problem, tests=()))
     assert _data_of(cases[0].problem) == _data_of(cases[1].problem)
@@ -140,8 +137,7 @@ def test_measured_frfs_are_weighed_by_the_modes_that_all_cases_have_a_place_for(
     assert {mode.resonance for mode in of_few.premises.modes} == few
     assert of_few.test.data.values.size == 2
     assert of_few.test.data.shown_frfs is data
-    with pytest.raises(ModelError, match="found no resonance near a mode of every model"):
-        only_modes(true, {("", "", 1.0)})
+    refused(lambda: only_modes(true, {("", "", 1.0)}), jb.ModelError, "found no resonance near a mode of every model")
 
 
 @pytest.mark.whole
@@ -174,9 +170,9 @@ def test_candidates_come_case_by_case_and_the_best_is_that_of_the_largest_eviden
 
 @pytest.mark.whole
 def test_the_same_seed_gives_the_same_evidence_whatever_else_is_compared(cases, comparison):
-    alone = compare(cases[1:], seed=3)
+    alone = jb.compare(cases[1:], seed=3)
     assert [c.evidence.log_z for c in alone.candidates] == [c.evidence.log_z for c in comparison.candidates[2:]]
-    other = compare(cases[1:], seed=4)
+    other = jb.compare(cases[1:], seed=4)
     assert abs(other.candidates[1].evidence.log_z - alone.candidates[1].evidence.log_z) > 1e-6
 
 
@@ -186,31 +182,31 @@ def of(case, log_z, hypothesis="rotation", **changes):
 
 def test_the_verdict_answers_which_case_and_names_a_prior_that_decides():
     labels = {"short": "length 360 mm", "long": "length 383 mm"}
-    found = Comparison((of("long", -20.0), of("short", -10.0)), 1, "", labels=labels)
+    found = jb.Comparison((of("long", -20.0), of("short", -10.0)), 1, "", labels=labels)
     assert found.verdict == "Length 360 mm, not 383 mm: odds 22000 to 1, very strong evidence."
     assert list(found.by_case) == ["short", "long"]
     assert found.decided
-    far = Comparison((of("long", -40.0), of("short", -10.0)), 1, "").verdict
+    far = jb.Comparison((of("long", -40.0), of("short", -10.0)), 1, "").verdict
     assert far == "Short, not long: odds 10¹³ to 1, very strong evidence."
-    close = Comparison((of("long", -10.5), of("short", -10.0)), 1, "", labels=labels)
+    close = jb.Comparison((of("long", -10.5), of("short", -10.0)), 1, "", labels=labels)
     assert close.verdict == "Cannot decide between length 360 mm and 383 mm: odds 1.6 to 1."
     assert not close.decided
     assert repr(close) == f"Comparison of 2 joints: {close.verdict}"
     edge = PriorEdge("k22", "high", 0.4)
-    alone = Comparison((made_up(-10.0, at_edge=(edge,)),), 1, "").verdict
+    alone = jb.Comparison((made_up(-10.0, at_edge=(edge,)),), 1, "").verdict
     assert alone.startswith("Nothing was compared: springs in rotation only is the only joint.")
     assert "Draws pile up at an edge of the prior of k22: " in alone
 
 
 def test_the_verdict_answers_which_joint_and_what_is_excluded():
     joints = of("a", -10.0, "springs"), of("a", -10.5, "full"), of("a", -60.0, "rigid"), of("a", -12.0, "rotation")
-    found = Comparison(joints, 1, "")
+    found = jb.Comparison(joints, 1, "")
     assert found.sentences == (
         "Cannot decide between springs without coupling and with coupling: odds 1.6 to 1.",
         "Excluded: a rigid joint (odds 10²² to 1).",
     )
     assert not found.decided
-    assert Comparison(joints[1:], 1, "").sentences[0] == (
+    assert jb.Comparison(joints[1:], 1, "").sentences[0] == (
         "Springs with coupling, not in rotation only: odds 4.5 to 1, positive evidence."
     )
 
@@ -218,7 +214,7 @@ def test_the_verdict_answers_which_joint_and_what_is_excluded():
 def test_cases_are_named_by_the_one_number_in_which_they_differ(cases):
     assert what_differs(cases) == {"long": "length 383 mm", "short": "length 360 mm"}
     changes = ("length_mm = 360.0", "length_mm = 350.0"), ("walkers = 8", "walkers = 10")
-    other = case_from_text("other", frequencies_text(*changes))
+    other = jb.case_from_text("other", frequencies_text(*changes))
     assert what_differs([cases[0], other]) == {"long": "long", "other": "other"}
     assert what_differs(cases[:1]) == {"long": "long"}
 
@@ -235,30 +231,26 @@ def test_cases_are_named_by_the_one_number_in_which_they_differ(cases):
 def test_an_importance_sample_is_trusted_up_to_a_pareto_k_of_0_7(method, pareto_k, trusted):
     candidate = made_up(-10.0, method=method, pareto_k=pareto_k)
     assert candidate.trusted == trusted
-    assert Comparison((candidate, made_up(-11.0)), 1, "").trusted == trusted
+    assert jb.Comparison((candidate, made_up(-11.0)), 1, "").trusted == trusted
 
 
 # ---- the same data
 
 
 def test_cases_of_other_data_are_refused_by_name(cases):
-    other = case_from_text("other", frequencies_text(("120.0, 762.0", "121.0, 762.0")))
-    with pytest.raises(CaseError, match="found other data in other than in long; expected the same"):
-        compare([*cases, other])
-    noisier = case_from_text("noisier", frequencies_text(("sd_hz = 0.5", "sd_hz = 0.6")))
-    with pytest.raises(CaseError, match="noisier"):
-        require_same_data([cases[0], noisier])
-    with pytest.raises(CaseError, match="two cases named long"):
-        require_same_data([cases[0], cases[0]])
-    with pytest.raises(CaseError, match="found no case"):
-        compare([])
+    other = jb.case_from_text("other", frequencies_text(("120.0, 762.0", "121.0, 762.0")))
+    with pytest.raises(jb.CaseError, match="found other data in other than in long; expected the same"):
+        jb.compare([*cases, other])
+    noisier = jb.case_from_text("noisier", frequencies_text(("sd_hz = 0.5", "sd_hz = 0.6")))
+    refused(lambda: require_same_data([cases[0], noisier]), jb.CaseError, "noisier")
+    refused(lambda: require_same_data([cases[0], cases[0]]), jb.CaseError, "two cases named long")
+    refused(lambda: jb.compare([]), jb.CaseError, "found no case")
     require_same_data(cases)
 
 
 def test_frfs_and_the_logarithms_of_their_magnitudes_are_not_the_same_data(cheap_case):
-    magnitude = case_from_text("magnitude", cheap_text() + '\n[noise]\nresiduals = "log_magnitude"\n')
-    with pytest.raises(CaseError, match="magnitude than in cheap"):
-        require_same_data([cheap_case, magnitude])
+    magnitude = jb.case_from_text("magnitude", cheap_text() + '\n[noise]\nresiduals = "log_magnitude"\n')
+    refused(lambda: require_same_data([cheap_case, magnitude]), jb.CaseError, "magnitude than in cheap")
 
 
 # ---- prior edges
@@ -267,8 +259,8 @@ def test_frfs_and_the_logarithms_of_their_magnitudes_are_not_the_same_data(cheap
 def test_a_posterior_that_piles_up_on_an_edge_of_its_prior_is_marked():
     # at 383 mm the springs want to be rigid: k11 has no upper end but the prior's
     changes = ("length_mm = 360.0", "length_mm = 383.0"), ("high = 100000000000.0", "high = 3.0e9")
-    case = case_from_text("narrow", frequencies_text(*changes, hypotheses=("springs",)))
-    (found,) = compare([case], seed=2).candidates
+    case = jb.case_from_text("narrow", frequencies_text(*changes, hypotheses=("springs",)))
+    (found,) = jb.compare([case], seed=2).candidates
     # and k22, which takes over what k11 may not have
     assert [(edge.name, edge.side) for edge in found.at_edge] == [("k11", "high"), ("k22", "high")]
     assert found.at_edge[0].probability > 0.1
@@ -320,7 +312,7 @@ def test_cross_validation_is_left_out_where_it_makes_no_sense_and_the_table_says
     assert all(c.loo is None for c in comparison.candidates)
     assert "30 values of FRFs; there are 3 natural frequencies" in comparison.candidates[0].loo_note
     text = cheap_text() + '\n[noise]\nscale = "integrated"\n[compare]\nhypotheses = ["rigid"]\n'
-    (found,) = compare([case_from_text("integrated", text)], seed=1).candidates
+    (found,) = jb.compare([jb.case_from_text("integrated", text)], seed=1).candidates
     assert found.loo is None
     assert "depend on each other" in found.loo_note
 
@@ -357,10 +349,10 @@ def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(compari
     assert report.lead[0].kind == "good"
     log_z = comparison.best.evidence.log_z
     near = dataclasses.replace(comparison.candidates[0], evidence=Evidence(log_z - 0.5, 0.1, 0.2, "exact", 1, 1.0))
-    undecided = build_comparison_report(Comparison((comparison.best, near), 1, "").summary()).lead[0]
+    undecided = build_comparison_report(jb.Comparison((comparison.best, near), 1, "").summary()).lead[0]
     assert (undecided.kind, "Cannot decide" in undecided.text) == ("caution", True)
     doubtful = dataclasses.replace(comparison.best, evidence=Evidence(-14.0, 0.1, 0.9, "importance sampling", 1, 1.0))
-    doubt = Comparison((doubtful, comparison.candidates[0]), 1, "").summary()
+    doubt = jb.Comparison((doubtful, comparison.candidates[0]), 1, "").summary()
     report = build_comparison_report(doubt)
     assert report.lead[0].kind == "caution"
     assert "error of the evidence is unreliable for: springs in short" in report.lead[1].text
@@ -368,7 +360,7 @@ def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(compari
 
 def test_cross_validation_has_its_table_where_there_is_one():
     text = cheap_text() + '\n[compare]\nhypotheses = ["rigid", "rotation"]\n'
-    found = compare([case_from_text("cheap", text)], seed=1)
+    found = jb.compare([jb.case_from_text("cheap", text)], seed=1)
     rows = found.summary()["candidates"]
     assert rows[1]["loo"]["difference"] == 0.0
     assert rows[0]["loo"]["difference"] == pytest.approx(rows[0]["loo"]["elpd"] - rows[1]["loo"]["elpd"])
@@ -429,7 +421,7 @@ def test_bad_input_is_refused_in_one_line_before_anything_is_computed(tmp_path, 
 
 
 def test_an_evidence_that_is_not_to_be_trusted_exits_3(tmp_path, monkeypatch):
-    doubtful = Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0)), 1, "")
+    doubtful = jb.Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0)), 1, "")
     monkeypatch.setattr("jointbayes.studies.compare.compare", lambda *_, **_settings: doubtful)
     result = cli("compare", write(tmp_path, "case.toml", frequencies_text()))
     assert result.exit_code == 3

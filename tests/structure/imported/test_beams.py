@@ -6,27 +6,24 @@ from benchmarks.bricks import brick_model, face
 from scipy import linalg
 
 import jointbayes as jb
-from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
-from jointbayes.structure import (
-    BeamMaterial,
-    FrameBody,
-    FrameRecipe,
-    Member,
-    PointMass,
-    Section,
-    family_of_recipe,
-    reduce_to_ports,
-)
+from jointbayes.frf import NaturalFrequencies, receptance_model
+from jointbayes.structure import PointMass, family_of_recipe
 from jointbayes.structure.imported import port_forms, with_beams
 
 TOP_HZ = 3000.0
 WAYS = ("x", "y", "z", "rx", "ry", "rz")
-STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
-TOOL = FrameBody(
+STEEL = jb.BeamMaterial(2.1e11, 0.3, 7800.0)
+TOOL = jb.FrameBody(
     {"shank": (0.2, 0.01, 0.015), "step": (0.24, 0.01, 0.015), "tip": (0.29, 0.013, 0.015)},
     (
-        Member(("shank", "step"), Section.circle(0.016), STEEL),
-        Member(("step", "tip"), Section.circle(0.012), STEEL, Section.circle(0.01), offsets=((0, 0, 0), (0, 0.001, 0))),
+        jb.Member(("shank", "step"), jb.Section.circle(0.016), STEEL),
+        jb.Member(
+            ("step", "tip"),
+            jb.Section.circle(0.012),
+            STEEL,
+            jb.Section.circle(0.01),
+            offsets=((0, 0, 0), (0, 0.001, 0)),
+        ),
     ),
     (PointMass("tip", 0.02, (1e-5, 1e-5, 1e-5)),),
 )
@@ -39,7 +36,7 @@ def parts():
     """Holder, its face as forms, and the tool by itself with a mesh of its own."""
     holder = brick_model((8, 2, 2))
     seat = port_forms(holder, jb.Port(face(holder, 0.2)), "seat")
-    recipe = FrameRecipe({"tool": TOOL}, jb.LossFactor(0.01))
+    recipe = jb.FrameRecipe({"tool": TOOL}, jb.LossFactor(0.01))
     return holder, np.stack([seat[way] for way in WAYS], axis=1), recipe
 
 
@@ -47,7 +44,7 @@ def reduced(holder, top_hz=TOP_HZ, ends=None):
     whole, points = with_beams(holder, {"tool": TOOL}, top_hz)
     ports = {"seat": face(holder, 0.2), "back": face(holder, 0.0)}
     ports |= {name: points[name] for name in ("tool.shank", "tool.tip")}
-    return reduce_to_ports(whole, ports, top_hz, jb.LossFactor(0.01), ends=ends)
+    return jb.reduce_to_ports(whole, ports, top_hz, jb.LossFactor(0.01), ends=ends)
 
 
 def dense(parts, stiffness=1.0, density=1.0):
@@ -71,7 +68,7 @@ def test_frfs_and_frequencies_of_both_joined_are_those_of_a_dense_solve(parts, f
     k, m, row = dense(parts, *factors)
     force = np.eye(1, len(k), row)[0]
     exact = np.array([linalg.solve(k - w * w * m, force)[row] for w in 2 * np.pi * lines])
-    model = receptance_model(body.at(JOINT.labels, TOP_HZ), JOINT, Ports(lines, ("tool.tip:y",), ("tool.tip:y",)))
+    model = receptance_model(body.at(JOINT.labels, TOP_HZ), JOINT, jb.Ports(lines, ("tool.tip:y",), ("tool.tip:y",)))
     found = model.receptance(SPRINGS, factors)[0, :, 0, 0]
     assert np.abs(found - exact).max() < 1e-8 * np.abs(exact).max()
     natural = np.sqrt(np.abs(linalg.eigh(k.real, m, eigvals_only=True))) / (2 * np.pi)
@@ -98,4 +95,4 @@ def test_a_model_of_two_bodies_needs_no_beams_for_that(parts):
         np.concatenate([holder.nodes, holder.nodes + far]),
         np.concatenate([holder.places, np.add(holder.places, [0.5, 0, 0])]),
     )
-    assert reduce_to_ports(both, {"a": 1, "b": int(far) + 1}, TOP_HZ, jb.LossFactor(0.01)).reduced.rigid == 12
+    assert jb.reduce_to_ports(both, {"a": 1, "b": int(far) + 1}, TOP_HZ, jb.LossFactor(0.01)).reduced.rigid == 12

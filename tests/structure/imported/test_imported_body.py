@@ -9,21 +9,10 @@ import pytest
 from benchmarks.bricks import brick_model, face
 from scipy import linalg, sparse
 
-from jointbayes.errors import ModelError
-from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
+import jointbayes as jb
+from jointbayes.frf import NaturalFrequencies, receptance_model
 from jointbayes.identification import sensitivity_iteration
-from jointbayes.joint import Joint
-from jointbayes.structure import (
-    FeModel,
-    LossFactor,
-    MatrixRecipe,
-    ModalDamping,
-    Port,
-    Rayleigh,
-    ViscousMatrix,
-    family_of_recipe,
-    reduce_to_ports,
-)
+from jointbayes.structure import Rayleigh, ViscousMatrix, family_of_recipe
 from jointbayes.structure.imported import nodes_in_box, ports, reduction
 from tests.structure.imported.fe_models import plane_beam
 from vibrecords import FrfSet
@@ -66,7 +55,7 @@ def test_frfs_are_those_of_the_whole_model_for_joints_over_six_decades(dense, mo
     model = brick_model((8, 2, 2))
     if not dense:
         monkeypatch.setattr(reduction, "_DENSE", 10)  # as a large model, by sparse factors and Lanczos
-    patches = {"root": Port(face(model, 0.0)), "tip": Port(face(model, 0.2))}
+    patches = {"root": jb.Port(face(model, 0.0)), "tip": jb.Port(face(model, 0.2))}
     forms = np.stack([f for n, p in patches.items() for f in ports.port_forms(model, p, n).values()], axis=1)
     assert forms.shape == (model.n_dofs, 12)
     small, finer = reduction.reduce_model(model, forms, TOP_HZ)
@@ -84,7 +73,7 @@ def test_frfs_are_those_of_the_whole_model_for_joints_over_six_decades(dense, mo
 
 def test_a_free_model_has_exactly_six_rigid_body_modes_and_the_frequencies_of_the_whole():
     model = brick_model((8, 2, 2))
-    recipe = reduce_to_ports(model, {"tip": face(model, 0.2)}, TOP_HZ, LossFactor(0.01))
+    recipe = jb.reduce_to_ports(model, {"tip": face(model, 0.2)}, TOP_HZ, jb.LossFactor(0.01))
     modes = recipe.structure().modes()
     assert (modes.eigenvalues[:6] == 0).all()
     assert modes.eigenvalues[6] > 0
@@ -107,22 +96,22 @@ def test_a_model_of_few_digits_floats_and_one_on_soft_supports_does_not(digits, 
     model = brick_model((8, 2, 2))
     few = replace(model, stiffness=rounded(model.stiffness, digits))
     ports = {"tip": face(model, 0.2)}
-    floating = reduce_to_ports(few, ports, TOP_HZ, LossFactor(0.01)).structure().modes().frequency_hz
+    floating = jb.reduce_to_ports(few, ports, TOP_HZ, jb.LossFactor(0.01)).structure().modes().frequency_hz
     assert (floating[:6] == 0).all()
     assert floating[6] > 1000
     soft = np.zeros(model.n_dofs)
     soft[[model.row(node, way) for node in face(model, 0.0) for way in "xyz"]] = support  # N/m
     held = replace(few, stiffness=few.stiffness + sparse.diags_array(soft))
-    assert reduce_to_ports(held, ports, TOP_HZ, LossFactor(0.01)).reduced.rigid == 0
+    assert jb.reduce_to_ports(held, ports, TOP_HZ, jb.LossFactor(0.01)).reduced.rigid == 0
 
 
-@pytest.mark.parametrize("law", [ModalDamping((0.01, 0.02)), LossFactor(0.01), Rayleigh(4.0, 1e-6)])
+@pytest.mark.parametrize("law", [jb.ModalDamping((0.01, 0.02)), jb.LossFactor(0.01), Rayleigh(4.0, 1e-6)])
 def test_a_likelihood_cannot_tell_a_reduced_model_from_its_matrices(law):
     model = plane_beam()
     labels = tuple(f"{node}:{'y' if way == 2 else 'rz'}" for node, way in model.dofs)
-    whole = family_of_recipe(MatrixRecipe(model.stiffness.toarray(), model.mass.toarray(), labels, law))
-    small = family_of_recipe(reduce_to_ports(model, {"1": 1, "26": 26, "51": 51}, 3000.0, law))
-    joint, seen = Joint(("1:y", "1:rz")), Ports(np.linspace(10, 3000, 600), ("51:y", "26:y"), ("51:y",))
+    whole = family_of_recipe(jb.MatrixRecipe(model.stiffness.toarray(), model.mass.toarray(), labels, law))
+    small = family_of_recipe(jb.reduce_to_ports(model, {"1": 1, "26": 26, "51": 51}, 3000.0, law))
+    joint, seen = jb.Joint(("1:y", "1:rz")), jb.Ports(np.linspace(10, 3000, 600), ("51:y", "26:y"), ("51:y",))
     matrices = np.array([[[1e7, 1e4], [1e4, 1e5]], [[1e5, 0.0], [0.0, 1e3]], [[1e10, 0.0], [0.0, 1e8]]])
     exact, found = (receptance_model(body, joint, seen).receptance(matrices) for body in (whole, small))
     assert np.abs(found - exact).max() < 1e-7 * np.abs(exact).max()
@@ -133,11 +122,11 @@ def test_a_likelihood_cannot_tell_a_reduced_model_from_its_matrices(law):
 def test_a_damping_matrix_of_the_model_is_reduced_with_it():
     model = plane_beam(20)
     viscous = 2.0 * model.mass + 1e-6 * model.stiffness
-    own = FeModel(model.stiffness, model.mass, model.dofs, model.nodes, model.places, viscous)
-    recipe = reduce_to_ports(own, {"1": 1, "21": 21}, 3000.0)
+    own = jb.FeModel(model.stiffness, model.mass, model.dofs, model.nodes, model.places, viscous)
+    recipe = jb.reduce_to_ports(own, {"1": 1, "21": 21}, 3000.0)
     assert isinstance(recipe.damping, ViscousMatrix)
-    joint, seen = Joint(("1:y", "1:rz")), Ports(np.linspace(10, 3000, 200), ("21:y",), ("21:y",))
-    law = family_of_recipe(reduce_to_ports(model, {"1": 1, "21": 21}, 3000.0, Rayleigh(2.0, 1e-6)))
+    joint, seen = jb.Joint(("1:y", "1:rz")), jb.Ports(np.linspace(10, 3000, 200), ("21:y",), ("21:y",))
+    law = family_of_recipe(jb.reduce_to_ports(model, {"1": 1, "21": 21}, 3000.0, Rayleigh(2.0, 1e-6)))
     k = np.diag([1e7, 1e4])[None]
     exact, found = (receptance_model(b, joint, seen).receptance(k) for b in (law, family_of_recipe(recipe)))
     assert np.abs(found - exact).max() < 1e-6 * np.abs(exact).max()
@@ -148,31 +137,31 @@ def test_uncertain_parts_are_those_of_the_model_assembled_anew():
     name = {"end.youngs_modulus": (np.log(0.7), np.log(1.4)), "end.density": (-0.2, 0.2), "youngs_modulus": (-0.3, 0.3)}
     ends = {q: tuple(np.exp(r)) for q, r in name.items() if "." in q}
     places = {"root": face(model, 0.0), "tip": face(model, 0.2)}
-    law = LossFactor(0.01)
-    small = family_of_recipe(reduce_to_ports(model, places, TOP_HZ, law, ends=ends), name)
+    law = jb.LossFactor(0.01)
+    small = family_of_recipe(jb.reduce_to_ports(model, places, TOP_HZ, law, ends=ends), name)
     labels = small.labels
-    forms = np.stack([f for p, of in places.items() for f in ports.port_forms(model, Port(of), p).values()], axis=1)
+    forms = np.stack([f for p, of in places.items() for f in ports.port_forms(model, jb.Port(of), p).values()], axis=1)
     k = np.diag([1e8, 1e8, 1e8, 1e4, 1e4, 1e4])
-    seen = Ports(LINES, labels[6:], labels[6:])
+    seen = jb.Ports(LINES, labels[6:], labels[6:])
     for factors in ([0.8, 1.1, 1.2], [1.3, 0.9, 0.8], [1.0, 1.0, 1.0]):
         stiffer, heavier, all_stiffer = factors
         part = model.parts["end"]
-        whole = FeModel(
+        whole = jb.FeModel(
             all_stiffer * (model.stiffness + (stiffer - 1) * part.stiffness),
             model.mass + (heavier - 1) * part.mass, model.dofs, model.nodes, model.places)  # fmt: skip
         exact = dense_frfs(whole, forms, np.arange(6), k)[:, 6:, 6:]
-        found = receptance_model(small, Joint(labels[:6]), seen).receptance(k[None], np.array([factors]))[0]
+        found = receptance_model(small, jb.Joint(labels[:6]), seen).receptance(k[None], np.array([factors]))[0]
         assert error_of_peaks(found, exact) < 1e-4
 
 
 def test_a_sheet_grows_with_the_third_power_of_its_thickness_in_bending_alone():
     model = brick_model((4, 1, 1), part_from=2)
     part = model.parts["end"]
-    bent = FeModel(
+    bent = jb.FeModel(
         model.stiffness, model.mass, model.dofs, model.nodes, model.places,
         parts={"end": type(part)(0.25 * part.stiffness, part.mass, 0.75 * part.stiffness)})  # fmt: skip
-    recipe = reduce_to_ports(
-        bent, {"tip": face(model, 0.2)}, TOP_HZ, LossFactor(0.0), ends={"end.thickness": (0.8, 1.2)}
+    recipe = jb.reduce_to_ports(
+        bent, {"tip": face(model, 0.2)}, TOP_HZ, jb.LossFactor(0.0), ends={"end.thickness": (0.8, 1.2)}
     )
     grown = 0.25 * 1.1 + 0.75 * 1.1**3 - 1
     whole = (model.stiffness + grown * part.stiffness).toarray(), (model.mass + 0.1 * part.mass).toarray()
@@ -182,10 +171,10 @@ def test_a_sheet_grows_with_the_third_power_of_its_thickness_in_bending_alone():
 def test_accelerometers_weigh_at_their_port_as_masses_of_the_whole_model():
     model = brick_model((8, 1, 1))
     tip = face(model, 0.2)
-    recipe = reduce_to_ports(
-        model, {"tip": tip}, TOP_HZ, LossFactor(0.0), accelerometer_mass=0.02, accelerometer_dofs=("tip:y",)
+    recipe = jb.reduce_to_ports(
+        model, {"tip": tip}, TOP_HZ, jb.LossFactor(0.0), accelerometer_mass=0.02, accelerometer_dofs=("tip:y",)
     )
-    forms = np.stack([*ports.port_forms(model, Port(tip), "tip").values()], axis=1)[:, :3]
+    forms = np.stack([*ports.port_forms(model, jb.Port(tip), "tip").values()], axis=1)[:, :3]
     assert worst_frequency(recipe, model.stiffness.toarray(), model.mass.toarray() + 0.02 * forms @ forms.T) < 1e-7
 
 
@@ -194,19 +183,19 @@ class TestPorts:
         model = brick_model((4, 2, 3))
         turn, shift, at = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, 3.0]), (0.21, 0.0, 0.01)
         moved = (shift + np.cross(turn, model.places)).ravel()
-        forms = ports.port_forms(model, Port(face(model, 0.2), at=at), "tip")
+        forms = ports.port_forms(model, jb.Port(face(model, 0.2), at=at), "tip")
         found = [float(forms[way] @ moved) for way in ("x", "y", "z", "rx", "ry", "rz")]
         assert found == pytest.approx([*(shift + np.cross(turn, at)), *turn], rel=1e-12)
 
     def test_nodes_in_one_line_do_not_tell_how_they_turn_about_it(self):
         model = brick_model((4, 2, 2))
         line = tuple(n for n in face(model, 0.2) if np.isclose(model.place(n)[1], 0.0))
-        assert sorted(ports.port_forms(model, Port(line), "edge")) == ["rx", "ry", "x", "y", "z"]
+        assert sorted(ports.port_forms(model, jb.Port(line), "edge")) == ["rx", "ry", "x", "y", "z"]
 
     def test_a_rigid_patch_is_the_model_with_its_nodes_tied(self):
         model = brick_model((4, 1, 1))
         tip = face(model, 0.2)
-        recipe = reduce_to_ports(model, {"tip": Port(tip, rigid=True)}, 20000.0, LossFactor(0.0))
+        recipe = jb.reduce_to_ports(model, {"tip": jb.Port(tip, rigid=True)}, 20000.0, jb.LossFactor(0.0))
         arms = model.places - np.array(model.places)[np.isin(model.nodes, tip)].mean(axis=0)
         free = ~np.isin(model.dofs[:, 0], tip)
         tie = np.zeros((model.n_dofs, free.sum() + 6))
@@ -228,13 +217,13 @@ class TestPorts:
     @pytest.mark.parametrize(
         ("port", "words"),
         [
-            (Port((9999,)), "no DOF of node 9999"),
-            (Port((1, 9999)), "no place of node 9999"),
+            (jb.Port((9999,)), "no DOF of node 9999"),
+            (jb.Port((1, 9999)), "no place of node 9999"),
         ],
     )
     def test_what_is_not_there_is_named(self, port, words):
-        with pytest.raises(ModelError, match=words):
-            reduce_to_ports(brick_model((2, 1, 1)), {"tip": port}, TOP_HZ, LossFactor(0.0))
+        with pytest.raises(jb.ModelError, match=words):
+            jb.reduce_to_ports(brick_model((2, 1, 1)), {"tip": port}, TOP_HZ, jb.LossFactor(0.0))
 
 
 class TestRefused:
@@ -246,33 +235,33 @@ class TestRefused:
         loose = model.stiffness.toarray()
         mass = model.mass.toarray()
         loose[3, :] = loose[:, 3] = mass[3, :] = mass[:, 3] = 0.0
-        broken = FeModel(loose, mass, model.dofs, model.nodes, model.places)
-        with pytest.raises(ModelError, match="without stiffness and without mass"):
-            reduce_to_ports(broken, {"1": 1}, 1000.0, LossFactor(0.0))
+        broken = jb.FeModel(loose, mass, model.dofs, model.nodes, model.places)
+        with pytest.raises(jb.ModelError, match="without stiffness and without mass"):
+            jb.reduce_to_ports(broken, {"1": 1}, 1000.0, jb.LossFactor(0.0))
 
     def test_a_quantity_of_a_part_that_is_none(self):
-        with pytest.raises(ModelError, match=r"wall\.thickness"):
-            reduce_to_ports(plane_beam(3), {"1": 1}, 1000.0, LossFactor(0.0), ends={"wall.thickness": (0.9, 1.1)})
+        with pytest.raises(jb.ModelError, match=r"wall\.thickness"):
+            jb.reduce_to_ports(plane_beam(3), {"1": 1}, 1000.0, jb.LossFactor(0.0), ends={"wall.thickness": (0.9, 1.1)})
 
     def test_lines_far_beyond_the_reduction(self):
-        body = family_of_recipe(reduce_to_ports(plane_beam(20), {"1": 1, "21": 21}, 1000.0, LossFactor(0.01)))
-        far = Ports(np.linspace(10, 4000, 50), ("21:y",), ("21:y",))
-        with pytest.raises(ModelError, match="reduced up to 1000 Hz"):
-            receptance_model(body, Joint(("1:y", "1:rz")), far)
+        body = family_of_recipe(jb.reduce_to_ports(plane_beam(20), {"1": 1, "21": 21}, 1000.0, jb.LossFactor(0.01)))
+        far = jb.Ports(np.linspace(10, 4000, 50), ("21:y",), ("21:y",))
+        with pytest.raises(jb.ModelError, match="reduced up to 1000 Hz"):
+            receptance_model(body, jb.Joint(("1:y", "1:rz")), far)
 
     def test_no_damping_at_all(self):
-        with pytest.raises(ModelError, match="no damping matrix and no damping law"):
-            reduce_to_ports(plane_beam(3), {"1": 1}, 1000.0)
+        with pytest.raises(jb.ModelError, match="no damping matrix and no damping law"):
+            jb.reduce_to_ports(plane_beam(3), {"1": 1}, 1000.0)
 
 
 def test_supports_hold_what_they_say():
     model = plane_beam(20)
-    recipe = reduce_to_ports(model, {"21": 21}, 3000.0, LossFactor(0.0), supports=[(1, "y"), (1, "rz")])
+    recipe = jb.reduce_to_ports(model, {"21": 21}, 3000.0, jb.LossFactor(0.0), supports=[(1, "y"), (1, "rz")])
     # cantilever: f = 1.87510²/2π √(EI/ρA L⁴)
     root = np.sqrt(2.1e11 * 0.025**2 / 12 / 7800) / 0.383**2
     assert recipe.structure().modes().frequency_hz[0] == pytest.approx(1.8751041**2 / (2 * np.pi) * root, rel=1e-5)
     assert recipe.structure().rigid == 0
-    with pytest.raises(ModelError, match="no DOF 1:z"):
+    with pytest.raises(jb.ModelError, match="no DOF 1:z"):
         model.held([(1, "z")])
 
 
@@ -280,10 +269,10 @@ def test_the_paper_iteration_converges_to_what_its_reduction_allows(monkeypatch)
     monkeypatch.setattr(reduction, "_BLOCKS", 1)  # a poor one, whose error shows
     model = plane_beam(60)
     labels = tuple(f"{node}:{'y' if way == 2 else 'rz'}" for node, way in model.dofs)
-    law, joint, truth = LossFactor(0.01), Joint(("1:y", "1:rz")), np.array([3e7, 1e5, 2e5])
-    whole = family_of_recipe(MatrixRecipe(model.stiffness.toarray(), model.mass.toarray(), labels, law))
-    small = family_of_recipe(reduce_to_ports(model, {"1": 1, "61": 61}, 2000.0, law))
-    seen = Ports(np.linspace(10, 2000, 300), ("61:y", "1:y", "1:rz"), ("61:y",))
+    law, joint, truth = jb.LossFactor(0.01), jb.Joint(("1:y", "1:rz")), np.array([3e7, 1e5, 2e5])
+    whole = family_of_recipe(jb.MatrixRecipe(model.stiffness.toarray(), model.mass.toarray(), labels, law))
+    small = family_of_recipe(jb.reduce_to_ports(model, {"1": 1, "61": 61}, 2000.0, law))
+    seen = jb.Ports(np.linspace(10, 2000, 300), ("61:y", "1:y", "1:rz"), ("61:y",))
     matrix = np.array([[[truth[0], truth[1]], [truth[1], truth[2]]]])
     values = receptance_model(whole, joint, seen).receptance(matrix)[0]
     measured = FrfSet(seen.frequency_hz, values, seen.outputs, seen.inputs)
@@ -319,8 +308,8 @@ def test_the_factor_of_the_extra_is_used_where_it_is_installed_and_gives_the_sam
     monkeypatch.setattr(reduction, "_DENSE", 0)
     monkeypatch.setitem(sys.modules, "pypardiso", None)  # not installed
     model = brick_model((6, 2, 1))
-    tip = {"tip": Port(face(model, 0.2))}
-    by_scipy = reduce_to_ports(model, tip, TOP_HZ, LossFactor(0.01))
+    tip = {"tip": jb.Port(face(model, 0.2))}
+    by_scipy = jb.reduce_to_ports(model, tip, TOP_HZ, jb.LossFactor(0.01))
     if stand_in:
         package = SimpleNamespace(PyPardisoSolver=Factor, PyPardisoError=ArithmeticError)
         monkeypatch.setitem(sys.modules, "pypardiso", package)
@@ -329,11 +318,11 @@ def test_the_factor_of_the_extra_is_used_where_it_is_installed_and_gives_the_sam
     else:
         monkeypatch.delitem(sys.modules, "pypardiso")
         pytest.importorskip("pypardiso", reason="pypardiso, the extra fast-fe, is not installed")
-    by_extra = reduce_to_ports(model, tip, TOP_HZ, LossFactor(0.01))
+    by_extra = jb.reduce_to_ports(model, tip, TOP_HZ, jb.LossFactor(0.01))
     if stand_in:
         assert Factor.asked == [model.n_dofs]
     found, expected = (one.structure().modes().frequency_hz[6:] for one in (by_extra, by_scipy))
     np.testing.assert_allclose(found[found < 2 * TOP_HZ], expected[expected < 2 * TOP_HZ], rtol=1e-9)
     loose = replace(model, stiffness=model.stiffness - 1e9 * sparse.eye_array(model.n_dofs, format="csc"))
-    with pytest.raises(ModelError, match="a motion without stiffness"):
-        reduce_to_ports(loose, tip, TOP_HZ, LossFactor(0.01))
+    with pytest.raises(jb.ModelError, match="a motion without stiffness"):
+        jb.reduce_to_ports(loose, tip, TOP_HZ, jb.LossFactor(0.01))
