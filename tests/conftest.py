@@ -125,8 +125,11 @@ def shipped_text(name: str) -> str:
 
 
 def cli(*arguments: object) -> Result:
-    """What a command leaves, run in this process."""
-    return CliRunner().invoke(main, [str(a) for a in arguments])
+    """What a command leaves, run in this process; whatever it was given, it ends by an exit status."""
+    result = CliRunner().invoke(main, [str(a) for a in arguments])
+    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
+    assert "Traceback" not in result.output
+    return result
 
 
 def without_stages(told: str) -> list[str]:

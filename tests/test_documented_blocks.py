@@ -15,11 +15,11 @@ from pathlib import Path
 import click
 import pytest
 from benchmarks import quoted
-from click.testing import CliRunner
 
 from jointbayes.case.case_text import read_case_text
 from jointbayes.case.parse import parse_planned, parse_tests
 from jointbayes.cli.commands import main
+from tests.conftest import cli
 
 pytestmark = pytest.mark.docs
 
@@ -184,7 +184,7 @@ def test_what_the_pages_show_of_a_first_file_can_be_done_in_their_order(tmp_path
         ("inspect tip.uff --figure tip.svg", "tip.svg"),
         ("init --from tip.uff", "my_case.toml"),
     ):
-        ended = CliRunner().invoke(main, line.split())
+        ended = cli(*line.split())
         assert ended.exit_code == 0, ended.output
         assert Path(left).is_file()
 

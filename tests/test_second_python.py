@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jointbayes
 import vibrecords
 from jointbayes.cli.commands import main
-from tests.conftest import CONFIGS, cheap_text, edited
+from tests.conftest import CONFIGS, cheap_text, cli, edited
 
 pytestmark = [pytest.mark.version, pytest.mark.whole, pytest.mark.second]
 
@@ -62,7 +61,7 @@ def test_each_command_runs(tmp_path, monkeypatch):
     asked = '[predict]\noutputs = ["5:y"]\ninputs = ["5:y"]\nf_min_hz = 20\nf_max_hz = 900\nf_step_hz = 20\n'
     Path("asked.toml").write_text(f"{SMALL}\n{asked}", encoding="utf-8")
     for line, codes in COMMANDS:
-        result = CliRunner().invoke(main, line.split())
+        result = cli(*line.split())
         assert result.exit_code in codes, f"{line}: {result.exit_code} {result.output[-2000:]} {result.exception!r}"
     assert {path.suffix for path in Path("run").iterdir() if path.is_file()} >= {".html", ".pdf", ".nc", ".json"}
     assert json.loads(Path("run/summary.json").read_text(encoding="utf-8"))["converged"] is False

@@ -13,10 +13,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.rounding import with_interval
 from tests.conftest import (
     CONFIGS,
@@ -24,6 +22,7 @@ from tests.conftest import (
     TO_CONVERGE,
     cheap_frequencies_text,
     cheap_text,
+    cli,
     edited,
     plain_reports,
     without_stages,
@@ -31,13 +30,6 @@ from tests.conftest import (
 
 HEAVY = ("numpy", "scipy", "pydantic", "matplotlib", "xarray", "arviz", "emcee", "jinja2")
 SHORT = ("max_steps = 20000", "max_steps = 200")  # the least: ends unconverged, in half a second
-
-
-def cli(*arguments):
-    result = CliRunner().invoke(main, [str(a) for a in arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
-    assert "Traceback" not in result.output
-    return result
 
 
 def listing(directory):
@@ -415,7 +407,7 @@ def test_commands_keep_linear_algebra_to_one_thread_whatever_the_environment_say
             monkeypatch.delenv(name, raising=False)
         else:
             monkeypatch.setenv(name, stated)
-    CliRunner().invoke(main, ["identify", "no such case.toml"])
+    cli("identify", "no such case.toml")
     assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
 
 
@@ -423,7 +415,7 @@ def test_commands_look_for_garbage_seldom():
     before = gc.get_threshold()
     gc.set_threshold(700, 10, 10)
     try:
-        CliRunner().invoke(main, ["identify", "no such case.toml"])
+        cli("identify", "no such case.toml")
         assert gc.get_threshold()[0] >= 100_000
     finally:
         gc.set_threshold(*before)

@@ -4,10 +4,9 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from jointbayes.cli.commands import main
 from jointbayes.report.inspect_figure import inspect_figure
+from tests.conftest import cli
 from tests.vibrecords.test_inspection import COARSE, conjugated_file, write_hits
 from tests.vibrecords.test_warnings import records, times
 from vibrecords import inspection
@@ -34,7 +33,7 @@ def test_the_figure_has_a_panel_for_each_hit(tmp_path):
 
 def test_the_command_prints_it_all_and_draws_a_figure(clean, tmp_path):
     figure = tmp_path / "look.svg"
-    result = CliRunner().invoke(main, ["inspect", str(clean), "--figure", str(figure)])
+    result = cli("inspect", clean, "--figure", figure)
     assert result.exit_code == 0, result.output
     for part in ("4 × FRF: accelerance", "averages: 10", "node 2, direction Z+", "Resonances of", "No warnings."):
         assert part in result.output
@@ -48,7 +47,7 @@ def test_warnings_are_printed_with_place_and_remedy(clean, tmp_path):
     path = tmp_path / "turned.uff"
     turned = records(np.random.default_rng(1), lines=COARSE)
     write_records([times(turned[0], -1), *turned[1:]], path, "uff58b")
-    result = CliRunner().invoke(main, ["inspect", str(path)])
+    result = cli("inspect", path)
     assert result.exit_code == 0
     lines = result.output.splitlines()
     at = next(i for i, part in enumerate(lines) if "[sign_flip]" in part)
@@ -63,7 +62,7 @@ def test_the_mass_is_held_against_the_mass_line(tmp_path):
     free = records(np.random.default_rng(6), rigid_kg=4.0, floor=0.0)
     write_records([times(r, 1 / 9.80665) for r in free], path, "npz")
     for options, expected in (([], False), (["--mass", "4.0"], True)):
-        result = CliRunner().invoke(main, ["inspect", str(path), *options])
+        result = cli("inspect", path, *options)
         assert ("[g_against_ms2]" in result.output) is expected
 
 
@@ -76,7 +75,7 @@ def test_what_is_no_measurement_is_one_line_and_exit_2(content, part, tmp_path):
     path = tmp_path / "broken.uff"
     if content is not None:
         path.write_bytes(content)
-    result = CliRunner().invoke(main, ["inspect", str(path)])
+    result = cli("inspect", path)
     assert result.exit_code == 2
     assert result.output.count("jointbayes: ") == 1
     assert str(path) in result.output
@@ -89,7 +88,7 @@ def test_contents_and_warnings_are_printed_before_the_fit_and_progress_on_standa
         raise KeyboardInterrupt
 
     monkeypatch.setattr(inspection, "fit_modes", interrupted)
-    result = CliRunner().invoke(main, ["inspect", str(clean)])
+    result = cli("inspect", clean)
     assert result.exit_code != 0
     assert "Channels (2)" in result.stdout
     assert "No warnings." in result.stdout
@@ -98,12 +97,12 @@ def test_contents_and_warnings_are_printed_before_the_fit_and_progress_on_standa
 
 
 def test_resonances_are_sought_in_a_band(clean):
-    result = CliRunner().invoke(main, ["inspect", str(clean), "--band", "300", "1000"])
+    result = cli("inspect", clean, "--band", "300", "1000")
     lines = result.stdout.splitlines()
     first = next(i for i, line in enumerate(lines) if line.startswith("Resonances of"))
     assert [round(float(line.split()[1])) for line in lines[first + 1 :]] == [400, 820]
     for band in (["1000", "300"], ["300", "300"], ["nan", "300"], ["-1", "5"]):
-        wrong = CliRunner().invoke(main, ["inspect", str(clean), "--band", *band])
+        wrong = cli("inspect", clean, "--band", *band)
         assert (wrong.exit_code, wrong.stdout) == (2, "")
 
 
@@ -117,8 +116,8 @@ def test_labels_of_any_kind_are_drawn_as_they_are():
 
 
 def test_inspect_takes_the_conjugates_where_it_is_asked(tmp_path, clean):
-    run = CliRunner().invoke(main, ["inspect", str(conjugated_file(tmp_path / "conjugated.uff")), "--conjugate"])
+    run = cli("inspect", conjugated_file(tmp_path / "conjugated.uff"), "--conjugate")
     assert run.exit_code == 0
     assert "No warnings." in run.stdout
-    right = CliRunner().invoke(main, ["inspect", str(clean), "--conjugate"])
+    right = cli("inspect", clean, "--conjugate")
     assert "[conjugated]" in right.stdout

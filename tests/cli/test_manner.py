@@ -10,24 +10,17 @@ import tomllib
 
 import click
 import pytest
-from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.case.json_schema import case_schema
 from jointbayes.cli import progress_display
 from jointbayes.cli.commands import main
 from jointbayes.cli.output import LONGEST, shortened, source_lines
-from tests.conftest import CONFIGS, cheap_text, edited, plain_reports, without_stages
+from tests.conftest import CONFIGS, cheap_text, cli, edited, plain_reports, without_stages
 
 MINIMAL = CONFIGS.parent / "src" / "jointbayes" / "cli" / "minimal.toml"
 SHIPPED = [*sorted(CONFIGS.glob("*.toml")), MINIMAL]
 COMMANDS = sorted(main.commands)
-
-
-def typed(*arguments):
-    result = CliRunner().invoke(main, [str(a) for a in arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
-    return result
 
 
 @pytest.fixture
@@ -71,7 +64,7 @@ def test_every_command_prints_one_json_object_if_asked_and_only_open_opens(
     }
     with plain_reports():
         for line, expected in keys.items():
-            result = typed(*shlex.split(line), "--json")
+            result = cli(*shlex.split(line), "--json")
             told = json.loads(result.stdout)
             assert told["command"] == line.split()[0]
             assert (told["exit_code"], result.exit_code) == (0, 0), line
@@ -79,13 +72,13 @@ def test_every_command_prints_one_json_object_if_asked_and_only_open_opens(
             assert all(len(message) <= LONGEST for message in told["messages"]), line
     assert opened == ["again/report.html"]
     assert set(COMMANDS) - {line.split()[0] for line in keys} == {"calibrate", "campaign", "compare", "plan", "schema"}
-    assert json.loads(typed("schema", "--json").stdout) == json.loads(typed("schema").stdout) == case_schema()
+    assert json.loads(cli("schema", "--json").stdout) == json.loads(cli("schema").stdout) == case_schema()
 
 
 def test_json_of_a_command_that_fails_says_where_and_why(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text(edited(cheap_text(), ("length_mm = 383.0", "length_mm = -1")), encoding="utf-8")
-    result = typed("run", "bad.toml", "--json")
+    result = cli("run", "bad.toml", "--json")
     told = json.loads(result.stdout)
     (error,) = told["errors"]
     line = 1 + cheap_text()[: cheap_text().index("length_mm")].count("\n")
@@ -95,17 +88,17 @@ def test_json_of_a_command_that_fails_says_where_and_why(tmp_path, monkeypatch):
 
 
 def test_quiet_says_no_progress_and_all_the_rest(case):
-    loud, quiet = typed("identify", case), typed("identify", case, "--quiet")
+    loud, quiet = cli("identify", case), cli("identify", case, "--quiet")
     assert loud.stdout == quiet.stdout
     assert len(loud.stderr.splitlines()) >= 2
     assert quiet.stderr == ""
-    (slip,) = typed("identify", "none.toml", "--quiet").stderr.splitlines()
+    (slip,) = cli("identify", "none.toml", "--quiet").stderr.splitlines()
     assert "no such file" in slip
 
 
 def test_every_command_that_writes_a_report_can_open_it():
     writes_reports = {"run", "report", "compare", "plan", "predict", "campaign", "calibrate"}
-    assert writes_reports == {name for name in COMMANDS if "--open" in typed(name, "--help").output}
+    assert writes_reports == {name for name in COMMANDS if "--open" in cli(name, "--help").output}
 
 
 # ---- progress
@@ -167,7 +160,7 @@ def test_a_terminal_shows_progress_in_one_line_that_is_gone_at_the_end(monkeypat
 
 def examples():
     for name in COMMANDS:
-        _, _, rest = typed(name, "--help").output.partition("Examples:\n")
+        _, _, rest = cli(name, "--help").output.partition("Examples:\n")
         yield from ((name, line.strip()) for line in rest.split("\n\n")[0].splitlines())
 
 
@@ -206,7 +199,7 @@ def test_of_an_endless_name_both_ends_stay_and_what_is_wrong_with_it(name):
 @pytest.mark.parametrize("command", [("sample", "--out"), ("run", "--out"), ("simulate", "--format", "csv", "--out")])
 @pytest.mark.parametrize("name", ["n" * 300, "/".join(["n" * 60] * 90)])
 def test_a_name_that_no_file_can_have_is_refused_with_its_reason(case, command, name):
-    result = typed(command[0], case, *command[1:], name)
+    result = cli(command[0], case, *command[1:], name)
     (line,) = without_stages(result.stderr)
     assert (result.exit_code, re.match(r"jointbayes: \S{10,}…[n/]{29}: ", line) is not None) == (2, True)
     assert "File name too long" in line
@@ -217,7 +210,7 @@ def test_a_name_that_no_file_can_have_is_refused_with_its_reason(case, command, 
 
 @pytest.mark.docs
 def test_validate_says_what_was_understood_of_every_shipped_case():
-    result = typed("validate", *SHIPPED)
+    result = cli("validate", *SHIPPED)
     assert result.exit_code == 0
     assert without_stages(result.stderr) == []
     heads = [line for line in result.stdout.splitlines() if not line.startswith(" ")]
@@ -232,7 +225,7 @@ def test_validate_shows_all_faults_of_all_files_with_their_lines_underlined(tmp_
     slips = (("length_mm = 383.0", "lenght_mm = 383.0"), ("diameter_mm = 25.0", 'diameter_mm = "25"'))
     (tmp_path / "bad.toml").write_text(edited(cheap_text(), *slips), encoding="utf-8")
     (tmp_path / "good.toml").write_text(cheap_text(), encoding="utf-8")
-    result = typed("validate", "bad.toml", "good.toml", "missing.toml")
+    result = cli("validate", "bad.toml", "good.toml", "missing.toml")
     assert result.exit_code == 2
     assert result.stdout.startswith("good.toml: valid, no warnings; ")
     told = without_stages(result.stderr)
@@ -244,7 +237,7 @@ def test_validate_shows_all_faults_of_all_files_with_their_lines_underlined(tmp_
     number, _, row = told[at + 1].partition(" | ")
     assert row.startswith("lenght_mm = 383.0")
     assert told[at + 2] == f"{'':>{len(number)}} | " + "^" * len("lenght_mm = 383.0")
-    files = json.loads(typed("validate", "bad.toml", "good.toml", "--json").stdout)
+    files = json.loads(cli("validate", "bad.toml", "good.toml", "--json").stdout)
     assert [entry["valid"] for entry in files["cases"]] == [False, True]
     assert len(files["errors"]) == 2
 
@@ -252,9 +245,9 @@ def test_validate_shows_all_faults_of_all_files_with_their_lines_underlined(tmp_
 def test_validate_tells_of_values_that_are_probably_slips(tmp_path):
     path = tmp_path / "slip.toml"
     path.write_text(edited(cheap_text(), ("length_mm = 383.0", "length_mm = 0.383")), encoding="utf-8")
-    result = typed("validate", path)
+    result = cli("validate", path)
     assert (result.exit_code, f"{path}: valid, warnings: 1; " in result.stdout) == (0, True)
-    (warning,) = json.loads(typed("validate", path, "--json").stdout)["warnings"]
+    (warning,) = json.loads(cli("validate", path, "--json").stdout)["warnings"]
     assert (warning["key"], warning["line"] > 1) == ("structure.length_mm", True)
     assert "structure.length_mm: found 0.383: shorter than its section is thick" in result.stderr
 

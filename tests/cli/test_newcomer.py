@@ -9,8 +9,7 @@ from benchmarks.walk_through import exact_accelerance
 
 from jointbayes.cli.files import _in_words
 from jointbayes.cli.output import LONGEST, source_lines
-from tests.cli.test_manner import typed
-from tests.conftest import CONFIGS, cheap_text, edited, shipped_text, without_stages
+from tests.conftest import CONFIGS, cheap_text, cli, edited, shipped_text, without_stages
 
 #: A bar on a spring of 2 kg: one resonance at 225 Hz.
 LINES = np.arange(20.0, 600.0)
@@ -54,7 +53,7 @@ def only(result):
 def test_validate_and_report_state_the_same_prior(tmp_path, cheap_posterior):
     path = tmp_path / "clamp.toml"
     path.write_text(cheap_text(), encoding="utf-8")
-    (entry,) = json.loads(typed("validate", path, "--json").stdout)["cases"]
+    (entry,) = json.loads(cli("validate", path, "--json").stdout)["cases"]
     told = [line.partition(" from ")[2].split(" to ") for line in entry["understood"] if line.startswith("unknown ")]
     low, high = np.array([[float(a), float(b.split()[0])] for a, b in told]).T
     for at, (name, stated) in enumerate(cheap_posterior.summary().parameters.items()):
@@ -67,7 +66,7 @@ def test_validate_says_what_was_tested_with_its_day_in_quotes_or_not(tmp_path, m
     for day in ("2026-11-25", '"2026-11-25"', "2026-11-25T08:00:00"):
         about = f'[about]\nspecimen = "Clamp 12"\ndate = {day}\noperator = "A. Miller"\n'
         (tmp_path / "case.toml").write_text(measured + about, encoding="utf-8")
-        (entry,) = json.loads(typed("validate", "case.toml", "--json").stdout)["cases"]
+        (entry,) = json.loads(cli("validate", "case.toml", "--json").stdout)["cases"]
         assert entry["understood"][0] == "Specimen: Clamp 12; Date of test: 2026-11-25; Operator: A. Miller"
 
 
@@ -76,7 +75,7 @@ def test_validate_says_where_each_dof_is_and_what_the_beam_is_made_of(tmp_path, 
         measured, ("elements = 10", "elements = 10\nat_mm = { mid = 250.0 }"), ('"a tip" = "11:y"', '"a tip" = "mid:y"')
     )
     (tmp_path / "case.toml").write_text(text, encoding="utf-8")
-    (entry,) = json.loads(typed("validate", "case.toml", "--json").stdout)["cases"]
+    (entry,) = json.loads(cli("validate", "case.toml", "--json").stdout)["cases"]
     assert {
         "structure: beam 383 mm, circle 25 mm, E 210 GPa, 7800 kg/m³, modal damping",
         "at 0 mm: 1:y, 1:rz",
@@ -119,13 +118,13 @@ def test_an_frf_that_no_structure_has_is_told_in_one_warning(tmp_path, measured,
     rows = (f"{f:g},{h.real!r},{h.imag!r}" for f, h in zip(LINES.tolist(), values, strict=True))
     head = "frequency [Hz],real a tip / input 1 [m/s^2/N],imaginary a tip / input 1 [m/s^2/N]"
     (tmp_path / "tip.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
-    result = typed("validate", "case.toml")
+    result = cli("validate", "case.toml")
     assert result.exit_code == 0
     assert sum(words in line for line in result.stderr.splitlines()) == 1, result.stderr
     text = measured.replace("ratio = 0.01", 'ratio = "measured"')
     (tmp_path / "case.toml").write_text(text, encoding="utf-8")
     if "on all" in words or "noise" in words:
-        message, _ = only(typed("validate", "case.toml"))
+        message, _ = only(cli("validate", "case.toml"))
         assert "found no mode in an FRF of " in message
 
 
@@ -135,11 +134,11 @@ def test_a_free_gain_that_would_mend_a_wrong_unit_is_named(tmp_path, measured, f
     text = (tmp_path / "tip.csv").read_text(encoding="utf-8").replace("m/s^2/kN", "m/s^2/N")
     (tmp_path / "tip.csv").write_text(text, encoding="utf-8")
     (tmp_path / "case.toml").write_text(f"{measured}\n[uncertain]\ngain = {{ sd_percent = 5.0 }}\n", encoding="utf-8")
-    assert "uncertain gain" not in typed("validate", "case.toml").stderr
+    assert "uncertain gain" not in cli("validate", "case.toml").stderr
     rows = [row.split(",") for row in text.splitlines()]
     scaled = [",".join([row[0], *(f"{factor * float(cell):.6g}" for cell in row[1:])]) for row in rows[1:]]
     (tmp_path / "tip.csv").write_text("\n".join([",".join(rows[0]), *scaled]), encoding="utf-8")
-    assert "which the uncertain gain would take up without a word" in typed("validate", "case.toml").stderr
+    assert "which the uncertain gain would take up without a word" in cli("validate", "case.toml").stderr
 
 
 @pytest.mark.parametrize(("factor", "warned"), [(9.80665, 1), (1 / 9.80665, 1), (1.0, 0), (1.3, 0), (1 / 1.3, 0)])
@@ -149,14 +148,14 @@ def test_g_for_metres_per_second_squared_is_named_and_a_calibration_is_not(tmp_p
     )
     head = "frequency [Hz],real a tip / input 1 [m/s^2/N],imaginary a tip / input 1 [m/s^2/N]"
     (tmp_path / "tip.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
-    assert typed("validate", "case.toml").stderr.count("as large as the model has them with any joint") == warned
+    assert cli("validate", "case.toml").stderr.count("as large as the model has them with any joint") == warned
 
 
 def test_a_wrong_modulus_is_the_first_that_a_mode_above_those_of_a_rigid_joint_is_blamed_on(tmp_path, measured):
     text = edited(measured, ("youngs_modulus_gpa = 210.0", "youngs_modulus_gpa = 70.0"))
     text = text.replace("ratio = 0.01", 'ratio = "measured"')
     (tmp_path / "case.toml").write_text(text, encoding="utf-8")
-    message, _ = only(typed("validate", "case.toml"))
+    message, _ = only(cli("validate", "case.toml"))
     assert message.startswith("jointbayes: case.toml:")
     assert "structure: found mode 1 at 22" in message
     assert message.endswith(
@@ -166,28 +165,28 @@ def test_a_wrong_modulus_is_the_first_that_a_mode_above_those_of_a_rigid_joint_i
 
 def test_a_misspelt_channel_is_blamed_on_its_label_and_only_free_ones_are_proposed(tmp_path, measured):
     (tmp_path / "case.toml").write_text(edited(measured, ('"a tip"', '"output 1"')), encoding="utf-8")
-    message, (row, carets) = only(typed("validate", "case.toml"))
+    message, (row, carets) = only(cli("validate", "case.toml"))
     assert 'data.channels."output 1": ' in message
     assert message.endswith('expected one of "a tip", "a mid"; correct the label')
     begin, count = carets.find("^"), carets.count("^")
     assert row[begin : begin + count] == '"output 1" = "11:y"'
     (tmp_path / "case.toml").write_text(edited(measured, ('"a tip"', '"tip"')), encoding="utf-8")
-    assert 'did you mean "a tip"?' in only(typed("validate", "case.toml"))[0]
+    assert 'did you mean "a tip"?' in only(cli("validate", "case.toml"))[0]
     every = '"a tip" = "11:y", "a mid" = "6:y", "b" = "1:y"'
     (tmp_path / "case.toml").write_text(edited(measured, ('"a tip" = "11:y"', every)), encoding="utf-8")
-    assert only(typed("validate", "case.toml"))[0].endswith("all of these are mapped; remove it")
+    assert only(cli("validate", "case.toml"))[0].endswith("all of these are mapped; remove it")
 
 
 def test_a_stated_noise_is_not_asked_for_and_one_that_is_not_stated_is_with_its_table(tmp_path, measured):
-    assert json.loads(typed("validate", "case.toml", "--json").stdout)["warnings"] == []
-    assert "or state the noise in [data.variance], or" in typed("inspect", "tip.csv").stdout
+    assert json.loads(cli("validate", "case.toml", "--json").stdout)["warnings"] == []
+    assert "or state the noise in [data.variance], or" in cli("inspect", "tip.csv").stdout
     write_tip(tmp_path / "plain.csv", unit="")
-    assert 'quantity = "accelerance"' in typed("inspect", "plain.csv").stdout
+    assert 'quantity = "accelerance"' in cli("inspect", "plain.csv").stdout
 
 
 def test_what_a_fresh_case_asks_is_told_in_whole_lines(tmp_path, measured):
-    assert typed("init", "my_case.toml", "--from", "tip.csv").exit_code == 0
-    told = without_stages(typed("validate", "my_case.toml").stderr)
+    assert cli("init", "my_case.toml", "--from", "tip.csv").exit_code == 0
+    told = without_stages(cli("validate", "my_case.toml").stderr)
     assert len(told) == 3 * 6
     assert not any("…" in line for line in told)
     row, carets = told[-2:]
@@ -228,7 +227,7 @@ def test_the_innermost_table_that_stands_in_the_line_is_underlined(tmp_path, mon
     ],
 )  # fmt: skip
 def test_a_wrong_file_is_told_with_the_command_that_takes_it(tmp_path, measured, line, remedy):
-    message, _ = only(typed(*shlex.split(line)))
+    message, _ = only(cli(*shlex.split(line)))
     assert message.endswith(remedy)
     assert {path.name for path in tmp_path.iterdir()} == {"tip.csv", "case.toml"}
 
@@ -238,18 +237,18 @@ def test_a_wrong_file_is_told_with_the_command_that_takes_it(tmp_path, measured,
 
 def test_a_table_of_a_campaign_with_names_is_told_of_their_column(tmp_path, measured):
     (tmp_path / "table.csv").write_text("name,structure.length_mm\na,383\n", encoding="utf-8")
-    message, _ = only(typed("campaign", "table.csv", "--base", "case.toml"))
+    message, _ = only(cli("campaign", "table.csv", "--base", "case.toml"))
     assert message.endswith("name: found no such column; expected a key of a case; did you mean 'key'?")
 
 
 def test_a_band_that_the_file_does_not_have_is_blamed_on_the_end_that_is_wrong(tmp_path, measured):
     lines = edited(measured, (CHANNELS, f"f_min_hz = 700.0\nf_max_hz = 900.0\n{CHANNELS}"))
     (tmp_path / "case.toml").write_text(lines, encoding="utf-8")
-    message, (row, _) = only(typed("validate", "case.toml"))
+    message, (row, _) = only(cli("validate", "case.toml"))
     assert row.endswith("f_min_hz = 700.0")
     assert "no line from 700 to 900 Hz" in message
     (tmp_path / "case.toml").write_text(lines.replace("700.0", "100.0"), encoding="utf-8")
-    (warning,) = json.loads(typed("validate", "case.toml", "--json").stdout)["warnings"]
+    (warning,) = json.loads(cli("validate", "case.toml", "--json").stdout)["warnings"]
     assert warning["key"] == "data.f_max_hz"
     assert "expected at most 599, where the lines of the file end" in warning["message"]
 
@@ -268,7 +267,7 @@ def test_a_band_that_the_file_does_not_have_is_blamed_on_the_end_that_is_wrong(t
     ],
 )
 def test_a_wrong_call_is_one_json_object_where_that_is_asked_for(line, command, words):
-    result = typed(*shlex.split(line))
+    result = cli(*shlex.split(line))
     told = json.loads(result.stdout)
     assert (result.exit_code, told["exit_code"], told["command"]) == (2, 2, command)
     (error,) = told["errors"]

@@ -138,16 +138,6 @@ def test_modal_damping_is_that_of_the_modelled_body_by_itself():
         assert np.abs(found[line] - want).max() < 1e-8 * np.abs(found).max()
 
 
-def test_an_uncertain_model_beside_a_measured_body_is_the_one_of_its_factors():
-    recipe = jb.BeamRecipe(0.18, jb.Section.circle(0.02), STEEL, jb.LossFactor(0.02), elements=6)
-    ports = jb.Ports(LINES, ("7:y",), ("7:y",))
-    family = jb.BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)})
-    found = receptance_model(jb.Substructures(family, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR, [1.05])
-    stiffer = jb.BeamFamily(replace(recipe, material=replace(STEEL, youngs_modulus=1.05 * STEEL.youngs_modulus)), {})
-    want = receptance_model(jb.Substructures(stiffer, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)
-    assert error_of_peak(found[0], want[0]) < 1e-6
-
-
 @pytest.mark.parametrize("law", [jb.ModalDamping((0.01, 0.03)), jb.LossFactor(0.02)], ids=["modal", "loss factor"])
 @pytest.mark.parametrize("k", [K_TWO, DAMPED_TWO], ids=["undamped joint", "damped joint"])
 def test_uncertain_models_of_any_damping_in_a_batch_are_those_of_each_row(law, k):

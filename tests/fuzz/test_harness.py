@@ -96,16 +96,11 @@ def attacker():
         ("print", "printed"),
         ("eat", "memory"),
         ("die", "crash"),
+        pytest.param("compute", "hang", marks=pytest.mark.science),
+        pytest.param("linger", "slow", marks=pytest.mark.science),
     ],
 )
 def test_each_misdeed_is_seen_and_the_next_input_is_judged_afresh(attacker, text, kind):
-    assert attacker.attempt(text.encode()).kind == kind
-    assert attacker.attempt(b"fine").kind == "accepted"
-
-
-@pytest.mark.science
-@pytest.mark.parametrize(("text", "kind"), [("compute", "hang"), ("linger", "slow")])
-def test_what_computes_longer_than_its_target_may_is_a_fault(attacker, text, kind):
     assert attacker.attempt(text.encode()).kind == kind
     assert attacker.attempt(b"fine").kind == "accepted"
 

@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.posterior.prediction import predict_left_out, sentence_of_left_out
+from tests.conftest import cli
 
 # three masses on three equal springs: one unknown
 CHAIN = """
@@ -100,7 +99,7 @@ def test_a_right_model_predicts_what_was_left_out():
 def test_a_wrong_model_is_seen_to_fail_in_report_summary_and_terminal(tmp_path, plain_reports):
     path, out = tmp_path / "wrong.toml", tmp_path / "wrong"
     path.write_text(CHAIN.replace("MASS", "2.0") + modes_of(frequencies(), ERROR), encoding="utf-8")
-    result = CliRunner().invoke(main, ["run", str(path), "--out", str(out)])
+    result = cli("run", path, "--out", out)
     assert result.exit_code == 0, result.output
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["check"]["explains"]  # one frequency and one spring: any model does

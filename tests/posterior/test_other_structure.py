@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.studies.predict import read_other
-from tests.conftest import TO_CONVERGE, shipped_text
+from tests.conftest import TO_CONVERGE, cli, shipped_text
 
 TIP = jb.Ports(np.arange(20.0, 1200.0, 10.0), ("11:y",), ("11:y",))
 ASKED = """
@@ -136,7 +134,7 @@ class TestCommand:
     @pytest.fixture(name="ran")
     def _ran(self, home, monkeypatch, plain_reports):
         monkeypatch.chdir(home)
-        return CliRunner().invoke(main, ["predict", "posterior.nc", "longer.toml", "--out", "there"])
+        return cli("predict", "posterior.nc", "longer.toml", "--out", "there")
 
     def test_it_writes_the_same_numbers_everywhere(self, home, ran, cheap_posterior):
         assert ran.exit_code in (0, 3), ran.output

@@ -5,10 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.io import loadmat
 
-from jointbayes.cli.commands import main
 from jointbayes.errors import ModelError
 from jointbayes.report import export as export_module
 from jointbayes.report.export import FILES, _numbered_labels, central_joint, export
@@ -202,7 +200,7 @@ def saved(cheap_posterior, tmp_path_factory):
 
 
 def cli(*arguments):
-    result = CliRunner().invoke(main, ["export", *map(str, arguments)])
+    result = cli("export", *arguments)
     assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
     return result
 

@@ -9,11 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
-from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.errors import ModelError
 from jointbayes.identification import missing_for_iteration, part_to_iterate
 from jointbayes.posterior import data_sha256
@@ -28,7 +26,7 @@ from jointbayes.report.sections.run_details import starts_section
 from jointbayes.report.sections.several_tests import assembly_section, curve_section, overview_section, section_of_test
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.case.test_several_tests import HEARD as OF_PEAKS
-from tests.conftest import TABLE_3
+from tests.conftest import TABLE_3, cli
 from tests.report.conftest import posterior_about
 from vibrecords.provenance import Provenance
 
@@ -387,7 +385,7 @@ def test_the_papers_iteration_is_told_of_the_test_and_the_quantities_that_it_ite
 
     (tmp_path / "case.toml").write_text(OWN + "[tests.calm]\n[tests.loud]\n")
     monkeypatch.setattr("jointbayes.workflow.find_map", lambda *_, **__: told.estimate)
-    printed = CliRunner().invoke(main, ["identify", str(tmp_path / "case.toml"), "--paper"]).stdout
+    printed = cli("identify", tmp_path / "case.toml", "--paper").stdout
     head = next(line for line in printed.splitlines() if "iteration" not in line and line.count(" (") == 3)
     assert re.findall(r"\S+ \(", head) == ["calm.k11 (", "calm.k12 (", "calm.k22 ("]
     assert "The paper's iteration on test calm " in printed

@@ -8,15 +8,13 @@ import pytest
 from benchmarks import calibration_page
 from benchmarks.calibration_data import VARIANTS, case_of
 from benchmarks.record import merged
-from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.posterior.prediction import simulated_values
 from jointbayes.studies import data_sets
 from jointbayes.studies.data_sets import DENSITY
-from tests.conftest import first_in_ci, pair_matrix
+from tests.conftest import cli, first_in_ci, pair_matrix
 from tests.studies.calibration_cases import EXACT, FREQUENCIES, Here, noisier_case, small_case, write_case
 
 pytestmark = pytest.mark.science
@@ -43,7 +41,7 @@ def test_a_case_whose_data_have_three_times_the_noise_exits_1(tmp_path, monkeypa
     write_case(tmp_path / "small.toml", small_case())
     write_case(tmp_path / "noisier.toml", noisier_case(3.0))
     arguments = ["calibrate", "small.toml", "--data-from", "noisier.toml", "--n", str(COUNT), "--workers", "2"]
-    result = CliRunner().invoke(main, arguments)
+    result = cli(*arguments)
     assert result.exit_code == 1, result.output
     assert "posteriors are too narrow" in result.output
     summary = json.loads((tmp_path / "reports/small-calibration-by-noisier/summary.json").read_text(encoding="utf-8"))

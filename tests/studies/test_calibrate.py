@@ -9,15 +9,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.studies import calibration as driver
 from jointbayes.studies import data_sets
 from jointbayes.studies.calibration import FALSE_ALARM, calibration_lines, calibration_table, ranks_csv
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, analyse
 from jointbayes.workflow import sample_quickly
+from tests.conftest import cli
 from tests.posterior.test_decision import of_another_truth
 from tests.studies.calibration_cases import EXACT, FREQUENCIES, Here, small_case, write_case
 
@@ -281,7 +280,7 @@ def test_bad_input_exits_2(tmp_path, monkeypatch, arguments, message):
     (tmp_path / "other.toml").write_text(other, encoding="utf-8")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "notes").touch()
-    result = CliRunner().invoke(main, ["calibrate", "case.toml", *arguments])
+    result = cli("calibrate", "case.toml", *arguments)
     assert result.exit_code == 2
     assert message in result.output
     assert "Traceback" not in result.output
@@ -298,7 +297,7 @@ def test_a_calibration_near_the_data_has_a_directory_and_a_report_of_its_own(tmp
         return dataclasses.replace(synthetic(uniform, count=60), near=options["near"])
 
     monkeypatch.setattr(driver, "calibrate", calibrate)
-    result = CliRunner().invoke(main, ["calibrate", "case.toml", "--near"])
+    result = cli("calibrate", "case.toml", "--near")
     assert result.exit_code == 0, result.output
     assert asked == [True]
     assert "Calibrated near the data: over 60 data sets" in result.output
@@ -316,7 +315,7 @@ def test_the_exit_code_tells_whether_the_analysis_is_calibrated(tmp_path, monkey
     write_case(tmp_path / "case.toml", small_case())
     found = synthetic(uniform if passed else lambda _rng: 0)
     monkeypatch.setattr(driver, "calibrate", lambda *_args, **_options: found)
-    result = CliRunner().invoke(main, ["calibrate", "case.toml"])
+    result = cli("calibrate", "case.toml")
     assert result.exit_code == code, result.output
     assert ("NOT CALIBRATED" in result.output) == (not passed)
     assert (tmp_path / "reports" / "case-calibration" / "report.pdf").exists()

@@ -27,8 +27,7 @@ from jointbayes.studies.compare import (
     require_same_data,
     what_differs,
 )
-from tests.cli.test_cli import cli
-from tests.conftest import cheap_frequencies_text, cheap_text, edited, pair_matrix
+from tests.conftest import cheap_frequencies_text, cheap_text, cli, edited, pair_matrix
 from tests.one_line import refused
 
 #: Coordinates under each hypothesis; None for those of the case.

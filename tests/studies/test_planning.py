@@ -5,11 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.case.case_objects import recipe_of
-from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve
 from jointbayes.inference import ProportionalNoise
 from jointbayes.posterior.candidate import FrfCandidate, estimated_law, repeated
@@ -46,21 +44,12 @@ from jointbayes.studies.planning.plan_report import (
     plan_lines,
     predictive_range,
 )
-from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix, shipped_text
+from tests.conftest import CONFIGS, TABLE_3, cheap_text, cli, edited, pair_matrix, shipped_text
 from tests.one_line import refused
 from vibrecords import RelativeNoise
 
 TRUTH = np.log(TABLE_3)
 LAW = RelativeNoise(0.03, 0.01)
-
-
-def made(**arrays):
-    """Information about a joint and one nuisance, made up."""
-    data = np.asarray(arrays["data"], dtype=float)
-    return FisherInformation(
-        ("k11", "k12", "k22", "length"), np.zeros(4), data, np.diag([0.0, 0.0, 0.0, 4.0]), np.full(4, 5.0),
-        jb.LogStiffness(),
-    )  # fmt: skip
 
 
 def accelerometer(case, *outputs, law=LAW):
@@ -186,7 +175,9 @@ def test_all_that_could_come_first_are_worth_simulating():
 
 
 def test_what_no_data_see_keeps_the_width_of_its_prior():
-    blind = made(data=np.diag([1.0, 1e-30, 1.0, 0.0]))
+    names, prior = ("k11", "k12", "k22", "length"), np.diag([0.0, 0.0, 0.0, 4.0])
+    data = np.diag([1.0, 1e-30, 1.0, 0.0])
+    blind = FisherInformation(names, np.zeros(4), data, prior, np.full(4, 5.0), jb.LogStiffness())
     assert sd_of(blind, "k12") == 5.0
     refused(lambda: sd_of(blind, "k33"), jb.ModelError, "found parameter 'k33'")
 
@@ -488,7 +479,7 @@ def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_
     monkeypatch.setattr("jointbayes.studies.planning.make_plan.FIRST", 3)
     file, out = tmp_path / "cheap.toml", tmp_path / "plan"
     file.write_text(edited(planned_text(), ('"3:y", "5:rz"', '"1:y"')), encoding="utf-8")
-    result = CliRunner().invoke(main, ["plan", str(file), "--out", str(out), "--seed", "2"])
+    result = cli("plan", file, "--out", out, "--seed", "2")
     assert result.exit_code == 0, result.output
     assert re.search(r"^1:y \(recommended\) +0 mm .* identified +\d+ simulations$", result.stdout, re.MULTILINE)
     names = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file() and p.parent.name != "present"}
@@ -500,7 +491,7 @@ def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_
     assert {p.name for p in tmp_path.iterdir()} == {"cheap.toml", "plan"}
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("mine")
-    refused = CliRunner().invoke(main, ["plan", str(file), "--out", str(tmp_path / "other")])
+    refused = cli("plan", file, "--out", tmp_path / "other")
     assert refused.exit_code == 2
     assert "holds other files" in refused.stderr
 
@@ -511,7 +502,7 @@ def test_the_command_exits_with_3_where_the_present_draws_have_not_converged(tmp
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "cheap.toml"
     file.write_text(planned_text(), encoding="utf-8")
-    result = CliRunner().invoke(main, ["plan", str(file)])
+    result = cli("plan", file)
     assert result.exit_code == 3
     assert "No recommendation: the calculation for the data in hand has not settled." in result.stdout
 

@@ -7,14 +7,13 @@ from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import pytest
-from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.errors import WriteError
 from jointbayes.studies.planning import make_plan
 from jointbayes.studies.planning.make_plan import KEPT, KeptSimulations, Simulator
 from jointbayes.studies.planning.plan_report import SimulatedPosterior
+from tests.conftest import cli
 from tests.studies.test_planning import planned_text
 
 WANTED = SimulatedPosterior(0.3, "weakly identified", 812.5, "reweighting")
@@ -163,7 +162,7 @@ def test_the_command_that_was_interrupted_says_what_is_kept_and_goes_on(made, tm
     command = ["plan", "cheap.toml", "--seed", "2"]
     with monkeypatch.context() as patch:
         patch.setattr("jointbayes.cli.progress_display._print_lines", lambda: interrupting(made, 4))
-        stopped = CliRunner().invoke(main, command)
+        stopped = cli(*command)
     directory = tmp_path / "reports" / "cheap-plan"
     assert stopped.exit_code == 130
     kept = "jointbayes: interrupted; what is done is kept in reports/cheap-plan; the same command goes on\n"
@@ -171,7 +170,7 @@ def test_the_command_that_was_interrupted_says_what_is_kept_and_goes_on(made, tm
     assert {path.name for path in directory.iterdir()} == {".jointbayes", KEPT, "present"}
 
     monkeypatch.setattr("jointbayes.workflow.find_map", lambda *_, **__: pytest.fail("the mode was sought again"))
-    ended = CliRunner().invoke(main, command)
+    ended = cli(*command)
     monkeypatch.undo()
     assert ended.exit_code == 0, ended.output
     assert len(made) == len(set(made))

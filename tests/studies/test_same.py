@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from benchmarks import same_joint
 from benchmarks.same_joint import compared, pair_of
-from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.errors import ModelError
 from jointbayes.progress import tell_nobody
 from jointbayes.studies import same
 from jointbayes.studies.same import Change, JointChange, compare_joints
 from jointbayes.workflow import answered_case
+from tests.conftest import cli
 from tests.marks import first_in_ci
 
 UNCHANGED = Change("k22", "1", 0.004, -0.011, 0.019, 0.7)
@@ -125,7 +124,7 @@ def files(cheap_posterior, tmp_path):
 def test_exit_codes_say_what_was_found(files, monkeypatch, wish, code):
     found = JointChange((UNCHANGED,), None, False, 0.5, (), True, "")
     monkeypatch.setattr(same, "compare_joints", lambda *_: replace(found, **wish))
-    result = CliRunner().invoke(main, ["same", *map(str, files), "--json", "--quiet"])
+    result = cli("same", *files, "--json", "--quiet")
     assert result.exit_code == code, result.output
     told = json.loads(result.stdout)
     assert told["stiffness"][0]["name"] == "k22"
@@ -134,7 +133,7 @@ def test_exit_codes_say_what_was_found(files, monkeypatch, wish, code):
 
 @pytest.mark.parametrize("given", ["none.toml", "none"])
 def test_what_is_not_there_is_bad_input(files, given):
-    result = CliRunner().invoke(main, ["same", given, str(files[0])])
+    result = cli("same", given, files[0])
     assert result.exit_code == 2
     assert len(result.output.strip().splitlines()[-1:]) == 1
     assert "no such file" in result.output
@@ -142,6 +141,6 @@ def test_what_is_not_there_is_bad_input(files, given):
 
 @pytest.mark.whole
 def test_a_run_compared_with_itself_has_not_changed(files):
-    result = CliRunner().invoke(main, ["same", *map(str, files), "--quiet"])
+    result = cli("same", *files, "--quiet")
     assert result.exit_code == 0, result.output
     assert "such a difference has probability 1 by chance" in result.output

@@ -4,11 +4,9 @@ import re
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.posterior.prediction import simulated_values
 from jointbayes.studies.campaign.campaign_findings import OTHER_KIND, examine_campaign, read_draws
@@ -18,7 +16,7 @@ from jointbayes.studies.compare import hypothesis_problem, require_same_data
 from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from jointbayes.studies.simulated_test import Truth, simulate
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
-from tests.conftest import TABLE_3, without_stages
+from tests.conftest import TABLE_3, cli, without_stages
 from tests.one_line import refused
 from tests.report.test_several_tests import HEARD, OWN, TORQUES, posterior_of
 
@@ -94,7 +92,7 @@ def test_each_test_is_measured_in_a_virtual_test(tmp_path):
 def test_simulate_writes_a_file_for_each_test(tmp_path):
     (tmp_path / "case.toml").write_text(BASE + TWO, encoding="utf-8")
     out = tmp_path / "test.uff"
-    result = CliRunner().invoke(main, ["simulate", str(tmp_path / "case.toml"), "--out", str(out)])
+    result = cli("simulate", tmp_path / "case.toml", "--out", out)
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in tmp_path.glob("*.uff")) == ["test-long.uff", "test-short.uff"]
 
@@ -107,7 +105,7 @@ def test_simulate_writes_a_file_for_each_test(tmp_path):
 )  # fmt: skip
 def test_where_a_test_cannot_be_simulated_no_file_is_written(tmp_path, last, key):
     (tmp_path / "case.toml").write_text(BASE + TWO + last, encoding="utf-8")
-    result = CliRunner().invoke(main, ["simulate", str(tmp_path / "case.toml"), "--out", str(tmp_path / "test.uff")])
+    result = cli("simulate", tmp_path / "case.toml", "--out", tmp_path / "test.uff")
     assert result.exit_code == 2
     (line,) = result.stderr.splitlines()
     assert re.search(rf"case\.toml:\d+: {key}", line)
@@ -153,7 +151,7 @@ def campaign(tmp_path, table, base=SEVERAL):
     (tmp_path / "base.toml").write_text(base, encoding="utf-8")
     (tmp_path / "joints.csv").write_text(table, encoding="utf-8")
     command = ["campaign", str(tmp_path / "joints.csv"), "--base", str(tmp_path / "base.toml"), "--workers", "1"]
-    return CliRunner().invoke(main, [*command, "--out", str(tmp_path / "out")])
+    return cli(*command, "--out", tmp_path / "out")
 
 
 @pytest.mark.long

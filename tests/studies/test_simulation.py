@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 from jointbayes.case.case import Case, case_from_text
@@ -13,7 +12,7 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.studies.simulated_test import Truth, describe, simulate
-from tests.conftest import TABLE_3, cheap_text, edited, pair_matrix
+from tests.conftest import TABLE_3, cheap_text, cli, edited, pair_matrix
 from vibrecords import CoherenceNoise, FrfSet, RelativeNoise
 from vibrecords.formats import FORMATS, detect_format, iter_records
 from vibrecords.records import FrfRecord, Record, TimeRecord
@@ -210,7 +209,7 @@ def test_what_cannot_be_tested_is_refused():
 def command(tmp_path: Path, table: str, *options: str):
     file = tmp_path / "case.toml"
     file.write_text(cheap_text() + f"\n[virtual_test]\n{table}\n", encoding="utf-8")
-    return CliRunner().invoke(main, ["simulate", str(file), *options])
+    return cli("simulate", file, *options)
 
 
 def read(path: Path) -> list[Record]:
