@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,12 +17,14 @@ LINES = np.arange(20.0, 600.0)
 CHANNELS = 'channels = { "a tip" = "11:y", "input 1" = "11:y" }'
 
 
-def write_tip(path, outputs=("output 1",), unit="(m/s^2/N)", force="input 1"):
+SQUARED = (2 * np.pi * LINES) ** 2
+BAR = -SQUARED / (4e6 * (1 + 0.02j) - 2 * SQUARED)
+
+
+def write_tip(path, outputs=("a tip",), unit="[m/s^2/N]", force="input 1", values=BAR):
     """A table of FRFs of some outputs over one force, which its header names."""
-    squared = (2 * np.pi * LINES) ** 2
-    values = -squared / (4e6 * (1 + 0.02j) - 2 * squared)
     heads = (f"real {name} / {force} {unit},imaginary {name} / {force} {unit}" for name in outputs)
-    cells = (",".join(f"{h.real:.6g},{h.imag:.6g}" for _ in outputs) for h in values)
+    cells = (",".join(f"{h.real:.17g},{h.imag:.17g}" for _ in outputs) for h in values)
     rows = (f"{f:g},{row}" for f, row in zip(LINES, cells, strict=True))
     path.write_text(f"frequency [Hz],{','.join(heads)}\n" + "\n".join(rows), encoding="utf-8")
 
@@ -30,7 +33,7 @@ def write_tip(path, outputs=("output 1",), unit="(m/s^2/N)", force="input 1"):
 def measured(tmp_path, monkeypatch):
     """A case whose structure is known, of a table with two outputs."""
     monkeypatch.chdir(tmp_path)
-    write_tip(tmp_path / "tip.csv", ("a tip", "a mid"), "[m/s^2/N]")
+    write_tip(tmp_path / "tip.csv", ("a tip", "a mid"))
     whole = shipped_text("clamped_beam")
     text = whole[: whole.index("[data]")] + f'[data]\nkind = "measured_frf"\nfile = "tip.csv"\n{CHANNELS}\n'
     text += '\n[data.variance]\nsource = "relative"\nrelative = 0.03\nfloor = 0.01\n'
@@ -50,6 +53,12 @@ def only(result):
 # ---- validate
 
 
+def validated(text, *options):
+    """What `validate` says of a case of this text, in the working directory."""
+    Path("case.toml").write_text(text, encoding="utf-8")
+    return cli("validate", "case.toml", *options)
+
+
 def test_validate_and_report_state_the_same_prior(tmp_path, cheap_posterior):
     path = tmp_path / "clamp.toml"
     path.write_text(cheap_text(), encoding="utf-8")
@@ -65,8 +74,7 @@ def test_validate_and_report_state_the_same_prior(tmp_path, cheap_posterior):
 def test_validate_says_what_was_tested_with_its_day_in_quotes_or_not(tmp_path, measured):
     for day in ("2026-11-25", '"2026-11-25"', "2026-11-25T08:00:00"):
         about = f'[about]\nspecimen = "Clamp 12"\ndate = {day}\noperator = "A. Miller"\n'
-        (tmp_path / "case.toml").write_text(measured + about, encoding="utf-8")
-        (entry,) = json.loads(cli("validate", "case.toml", "--json").stdout)["cases"]
+        (entry,) = json.loads(validated(measured + about, "--json").stdout)["cases"]
         assert entry["understood"][0] == "Specimen: Clamp 12; Date of test: 2026-11-25; Operator: A. Miller"
 
 
@@ -74,8 +82,7 @@ def test_validate_says_where_each_dof_is_and_what_the_beam_is_made_of(tmp_path, 
     text = edited(
         measured, ("elements = 10", "elements = 10\nat_mm = { mid = 250.0 }"), ('"a tip" = "11:y"', '"a tip" = "mid:y"')
     )
-    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
-    (entry,) = json.loads(cli("validate", "case.toml", "--json").stdout)["cases"]
+    (entry,) = json.loads(validated(text, "--json").stdout)["cases"]
     assert {
         "structure: beam 383 mm, circle 25 mm, E 210 GPa, 7800 kg/m³, modal damping",
         "at 0 mm: 1:y, 1:rz",
@@ -113,11 +120,7 @@ def test_validate_says_the_structure_in_words(line, words):
     ],
 )
 def test_an_frf_that_no_structure_has_is_told_in_one_warning(tmp_path, measured, made, words):
-    squared = (2 * np.pi * LINES) ** 2
-    values = made(-squared / (4e6 * (1 + 0.02j) - 2 * squared)).tolist()
-    rows = (f"{f:g},{h.real!r},{h.imag!r}" for f, h in zip(LINES.tolist(), values, strict=True))
-    head = "frequency [Hz],real a tip / input 1 [m/s^2/N],imaginary a tip / input 1 [m/s^2/N]"
-    (tmp_path / "tip.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
+    write_tip(tmp_path / "tip.csv", values=made(BAR))
     result = cli("validate", "case.toml")
     assert result.exit_code == 0
     assert sum(words in line for line in result.stderr.splitlines()) == 1, result.stderr
@@ -130,32 +133,21 @@ def test_an_frf_that_no_structure_has_is_told_in_one_warning(tmp_path, measured,
 
 @pytest.mark.parametrize("factor", [1000.0, 1e-3])
 def test_a_free_gain_that_would_mend_a_wrong_unit_is_named(tmp_path, measured, factor):
-    write_tip(tmp_path / "tip.csv", ("a tip", "a mid"), "[m/s^2/kN]")
-    text = (tmp_path / "tip.csv").read_text(encoding="utf-8").replace("m/s^2/kN", "m/s^2/N")
-    (tmp_path / "tip.csv").write_text(text, encoding="utf-8")
-    (tmp_path / "case.toml").write_text(f"{measured}\n[uncertain]\ngain = {{ sd_percent = 5.0 }}\n", encoding="utf-8")
-    assert "uncertain gain" not in cli("validate", "case.toml").stderr
-    rows = [row.split(",") for row in text.splitlines()]
-    scaled = [",".join([row[0], *(f"{factor * float(cell):.6g}" for cell in row[1:])]) for row in rows[1:]]
-    (tmp_path / "tip.csv").write_text("\n".join([",".join(rows[0]), *scaled]), encoding="utf-8")
+    assert "uncertain gain" not in validated(f"{measured}\n[uncertain]\ngain = {{ sd_percent = 5.0 }}\n").stderr
+    write_tip(tmp_path / "tip.csv", values=factor * BAR)
     assert "which the uncertain gain would take up without a word" in cli("validate", "case.toml").stderr
 
 
 @pytest.mark.parametrize(("factor", "warned"), [(9.80665, 1), (1 / 9.80665, 1), (1.0, 0), (1.3, 0), (1 / 1.3, 0)])
 def test_g_for_metres_per_second_squared_is_named_and_a_calibration_is_not(tmp_path, measured, factor, warned):
-    rows = (
-        f"{f:g},{h.real!r},{h.imag!r}" for f, h in zip(LINES, (factor * exact_accelerance(LINES)).tolist(), strict=True)
-    )
-    head = "frequency [Hz],real a tip / input 1 [m/s^2/N],imaginary a tip / input 1 [m/s^2/N]"
-    (tmp_path / "tip.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
+    write_tip(tmp_path / "tip.csv", values=factor * exact_accelerance(LINES))
     assert cli("validate", "case.toml").stderr.count("as large as the model has them with any joint") == warned
 
 
 def test_a_wrong_modulus_is_the_first_that_a_mode_above_those_of_a_rigid_joint_is_blamed_on(tmp_path, measured):
     text = edited(measured, ("youngs_modulus_gpa = 210.0", "youngs_modulus_gpa = 70.0"))
     text = text.replace("ratio = 0.01", 'ratio = "measured"')
-    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
-    message, _ = only(cli("validate", "case.toml"))
+    message, _ = only(validated(text))
     assert message.startswith("jointbayes: case.toml:")
     assert "structure: found mode 1 at 22" in message
     assert message.endswith(
@@ -164,23 +156,22 @@ def test_a_wrong_modulus_is_the_first_that_a_mode_above_those_of_a_rigid_joint_i
 
 
 def test_a_misspelt_channel_is_blamed_on_its_label_and_only_free_ones_are_proposed(tmp_path, measured):
-    (tmp_path / "case.toml").write_text(edited(measured, ('"a tip"', '"output 1"')), encoding="utf-8")
-    message, (row, carets) = only(cli("validate", "case.toml"))
+    message, (row, carets) = only(validated(edited(measured, ('"a tip"', '"output 1"'))))
     assert 'data.channels."output 1": ' in message
     assert message.endswith('expected one of "a tip", "a mid"; correct the label')
     begin, count = carets.find("^"), carets.count("^")
     assert row[begin : begin + count] == '"output 1" = "11:y"'
-    (tmp_path / "case.toml").write_text(edited(measured, ('"a tip"', '"tip"')), encoding="utf-8")
-    assert 'did you mean "a tip"?' in only(cli("validate", "case.toml"))[0]
+    assert 'did you mean "a tip"?' in only(validated(edited(measured, ('"a tip"', '"tip"'))))[0]
     every = '"a tip" = "11:y", "a mid" = "6:y", "b" = "1:y"'
-    (tmp_path / "case.toml").write_text(edited(measured, ('"a tip" = "11:y"', every)), encoding="utf-8")
-    assert only(cli("validate", "case.toml"))[0].endswith("all of these are mapped; remove it")
+    assert only(validated(edited(measured, ('"a tip" = "11:y"', every))))[0].endswith(
+        "all of these are mapped; remove it"
+    )
 
 
 def test_a_stated_noise_is_not_asked_for_and_one_that_is_not_stated_is_with_its_table(tmp_path, measured):
     assert json.loads(cli("validate", "case.toml", "--json").stdout)["warnings"] == []
     assert "or state the noise in [data.variance], or" in cli("inspect", "tip.csv").stdout
-    write_tip(tmp_path / "plain.csv", unit="")
+    write_tip(tmp_path / "plain.csv", ("output 1",), "")
     assert 'quantity = "accelerance"' in cli("inspect", "plain.csv").stdout
 
 
@@ -243,12 +234,10 @@ def test_a_table_of_a_campaign_with_names_is_told_of_their_column(tmp_path, meas
 
 def test_a_band_that_the_file_does_not_have_is_blamed_on_the_end_that_is_wrong(tmp_path, measured):
     lines = edited(measured, (CHANNELS, f"f_min_hz = 700.0\nf_max_hz = 900.0\n{CHANNELS}"))
-    (tmp_path / "case.toml").write_text(lines, encoding="utf-8")
-    message, (row, _) = only(cli("validate", "case.toml"))
+    message, (row, _) = only(validated(lines))
     assert row.endswith("f_min_hz = 700.0")
     assert "no line from 700 to 900 Hz" in message
-    (tmp_path / "case.toml").write_text(lines.replace("700.0", "100.0"), encoding="utf-8")
-    (warning,) = json.loads(cli("validate", "case.toml", "--json").stdout)["warnings"]
+    (warning,) = json.loads(validated(lines.replace("700.0", "100.0"), "--json").stdout)["warnings"]
     assert warning["key"] == "data.f_max_hz"
     assert "expected at most 599, where the lines of the file end" in warning["message"]
 

@@ -13,6 +13,7 @@ from jointbayes.case.case import case_from_text
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
 from jointbayes.inference.common_errors import with_common_errors
 from jointbayes.joint import Joints
+from tests.euler_beam import euler_beam
 from vibrecords import Antiresonances, FrequencyData, ModeData, ModeShapes, Observed
 
 STIFFNESS = np.array([2e7, 3e4])
@@ -105,39 +106,10 @@ def fine(length, spring=0.0, numbers=(1, 2, 4), elements=120, at=None):
     Cubic elements, shear-stiff; a spring to ground at the distance `at` from the free end.
     """
     modulus, density, width, height = 210e9, 7850.0, 0.030, THIN / 1000
-    bending, mass, h = modulus * width * height**3 / 12, density * width * height, length / elements
-    own_k = (
-        bending
-        / h**3
-        * np.array(
-            [
-                [12, 6 * h, -12, 6 * h],
-                [6 * h, 4 * h * h, -6 * h, 2 * h * h],
-                [-12, -6 * h, 12, -6 * h],
-                [6 * h, 2 * h * h, -6 * h, 4 * h * h],
-            ]
-        )
-    )
-    own_m = (
-        mass
-        * h
-        / 420
-        * np.array(
-            [
-                [156, 22 * h, 54, -13 * h],
-                [22 * h, 4 * h * h, 13 * h, -3 * h * h],
-                [54, 13 * h, 156, -22 * h],
-                [-13 * h, -3 * h * h, -22 * h, 4 * h * h],
-            ]
-        )
-    )
-    stiffness, inertia = np.zeros((2, 2 * elements + 2, 2 * elements + 2))
-    for first in range(0, 2 * elements, 2):
-        stiffness[first : first + 4, first : first + 4] += own_k
-        inertia[first : first + 4, first : first + 4] += own_m
+    stiffness, inertia = euler_beam(length, modulus * width * height**3 / 12, density * width * height, elements)
     stiffness[[0, 1], [0, 1]] += STIFFNESS
     if spring:
-        place = round((length - at) / h)
+        place = round((length - at) / length * elements)
         stiffness[2 * place, 2 * place] += spring
     squares, motions = linalg.eigh(stiffness, inertia, subset_by_index=(0, max(numbers) - 1))
     places = np.linspace(0.0, length, elements + 1)

@@ -11,6 +11,7 @@ from jointbayes.errors import ModelError
 from jointbayes.report import export as export_module
 from jointbayes.report.export import FILES, _numbered_labels, central_joint, export
 from jointbayes.report.fe_cards import PROGRAMS
+from tests.conftest import cli
 from vibrecords.formats import iter_records
 from vibrecords.records import FrfRecord, ModeRecord, SpectrumRecord, dof_label, parse_dof
 
@@ -199,12 +200,6 @@ def saved(cheap_posterior, tmp_path_factory):
     return directory
 
 
-def cli(*arguments):
-    result = cli("export", *arguments)
-    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
-    return result
-
-
 @pytest.mark.whole
 @pytest.mark.parametrize(
     ("name", "begins"),
@@ -217,7 +212,7 @@ def cli(*arguments):
     ],
 )
 def test_the_ending_chooses_the_format_and_a_run_directory_will_do(saved, tmp_path, name, begins):
-    result = cli(saved, "--to", tmp_path / name)
+    result = cli("export", saved, "--to", tmp_path / name)
     assert result.exit_code == 0
     assert f"Written: {tmp_path / name}" in result.output
     assert (tmp_path / name).read_bytes().startswith(begins.encode())
@@ -237,7 +232,7 @@ def test_the_ending_chooses_the_format_and_a_run_directory_will_do(saved, tmp_pa
 )
 def test_what_cannot_be_written_is_one_line(saved, tmp_path, monkeypatch, options, said):
     monkeypatch.chdir(saved)
-    result = cli("posterior.nc", *options)
+    result = cli("export", "posterior.nc", *options)
     assert result.exit_code == 2
     assert said in result.output
     assert len(result.output.splitlines()) == 1

@@ -7,6 +7,8 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.io import mmwrite, savemat
 
+from tests.euler_beam import euler_element
+
 NODES = np.array([3, 11, 12, 40, 41])
 PLACES = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.2, 0.1, 0], [0.2, 0.1, 0.15]])
 AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -21,15 +23,11 @@ def element(length, axis):
         at = np.ix_([i, i + 6], [i, i + 6])
         k[at] += stiff / length * np.array([[1, -1], [-1, 1]])
         m[at] += inertia * length / 6 * np.array([[2, 1], [1, 2]])
-    h = length
+    bent, heavy = euler_element(length, e * bend, rho * area)
     for rows, sign in (((1, 5, 7, 11), 1), ((2, 4, 8, 10), -1)):
-        bent = [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2]]
-        bent += [[-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]
-        heavy = [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2]]
-        heavy += [[54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]
         flip = np.array([1, sign, 1, sign])
-        k[np.ix_(rows, rows)] += e * bend / h**3 * np.array(bent) * np.outer(flip, flip)
-        m[np.ix_(rows, rows)] += rho * area * h / 420 * np.array(heavy) * np.outer(flip, flip)
+        k[np.ix_(rows, rows)] += bent * np.outer(flip, flip)
+        m[np.ix_(rows, rows)] += heavy * np.outer(flip, flip)
     turn = np.roll(np.eye(3), axis, axis=0)  # x of the beam becomes the axis
     whole = np.kron(np.eye(4), turn)
     return whole @ k @ whole.T, whole @ m @ whole.T
