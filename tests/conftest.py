@@ -95,6 +95,11 @@ def of_case(posterior: Posterior, **stated: object) -> Posterior:
     return replace(posterior, case=StatedCase(**({"stated": posterior.problem} | stated)))  # type: ignore[arg-type]
 
 
+def unsettled(posterior: Posterior, reason: str = "not converged: 200 steps") -> Posterior:
+    """The posterior as one of a run that did not converge."""
+    return replace(posterior, record=replace(posterior.record, converged=False, reason=reason))
+
+
 def rod(
     length: float = 0.383,
     damping: DampingLaw | None = None,

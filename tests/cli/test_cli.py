@@ -25,6 +25,7 @@ from tests.conftest import (
     cli,
     edited,
     plain_reports,
+    unsettled,
     without_stages,
 )
 
@@ -94,8 +95,7 @@ def unconverged(tmp_path_factory, frequency_posterior):
     place = tmp_path_factory.mktemp("unconverged")
     config = place / "short.toml"
     config.write_text(edited(cheap_frequencies_text(), SHORT), encoding="utf-8")
-    record = dataclasses.replace(frequency_posterior.record, converged=False, reason="not converged: 200 steps")
-    failed = dataclasses.replace(frequency_posterior, record=record)
+    failed = unsettled(frequency_posterior)
     with plain_reports(), pytest.MonkeyPatch.context() as patch:
         patch.setattr("jointbayes.workflow.sample", lambda *_, **__: failed)
         assert cli("run", config, "--out", place / "out").exit_code == 3
@@ -337,8 +337,7 @@ def test_check_allows_exact_data_half_a_per_cent(cheap_posterior):
 
 
 def test_check_fails_without_convergence_or_with_another_mode_than_the_map(cheap_posterior):
-    record = dataclasses.replace(cheap_posterior.record, converged=False)
-    assert failures(dataclasses.replace(cheap_posterior, record=record)) == ["sampler"]
+    assert failures(unsettled(cheap_posterior)) == ["sampler"]
     elsewhere = dataclasses.replace(cheap_posterior, mode_log_density=cheap_posterior.mode_log_density + 1.0)
     assert failures(elsewhere) == []  # the same point
     theta = cheap_posterior.mode_theta + np.array([0.1, 0.0, 0.0])

@@ -10,10 +10,11 @@ import jointbayes as jb
 from jointbayes.frf import AssembledShapes
 from jointbayes.joint import JointMatrix, Joints
 from jointbayes.structure import Rayleigh, ViscousMatrix
-from tests.conftest import CLAMP, rod
+from tests.conftest import CLAMP, STEEL, rod
 
 STIFF = np.array([[3e6, 2e4], [2e4, 4e3]])
 DOFS = ("1:y", "4:y", "8:rz", "11:y")
+RECIPE = jb.BeamRecipe(0.383, jb.Section.circle(0.025), STEEL, jb.LossFactor(0.01))
 
 
 def assembled(structure: jb.Structure, matrix: np.ndarray) -> np.ndarray:
@@ -133,10 +134,7 @@ def test_the_derivative_of_joints_with_damping_is_that_of_differences():
 
 
 def test_a_family_and_its_factors_give_the_modes_of_the_changed_structure():
-    recipe = jb.BeamRecipe(
-        0.383, jb.Section.circle(0.025), jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.LossFactor(0.01), elements=10
-    )
-    family = jb.BeamFamily(recipe, {"youngs_modulus": (-0.2, 0.2), "loss_factor": (-1.0, 1.0)})
+    family = jb.BeamFamily(RECIPE, {"youngs_modulus": (-0.2, 0.2), "loss_factor": (-1.0, 1.0)})
     factors = np.array([1.1, 2.0])
     found = AssembledShapes(family, CLAMP, 3, DOFS).modes(STIFF, factors)
     structure = family.structure(factors)
@@ -214,10 +212,7 @@ def test_the_derivative_of_antiresonances_is_that_of_differences():
 
 
 def test_antiresonances_of_uncertain_bodies_are_those_of_a_dense_solution_with_the_dof_held():
-    recipe = jb.BeamRecipe(
-        0.383, jb.Section.circle(0.025), jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.LossFactor(0.01), elements=10
-    )
-    family = jb.BeamFamily(recipe, {"youngs_modulus": (-0.2, 0.2), "length": (-0.03, 0.03)})
+    family = jb.BeamFamily(RECIPE, {"youngs_modulus": (-0.2, 0.2), "length": (-0.03, 0.03)})
     rng = np.random.default_rng(5)
     factors, scales = np.exp(rng.uniform(-0.02, 0.02, (6, 2))), 10.0 ** rng.uniform(-3, 9, 6)
     zeros, matrices = [("11:y", 1), ("6:y", 2), ("11:y", 3)], scales[:, None, None] * STIFF

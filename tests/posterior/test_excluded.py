@@ -25,7 +25,7 @@ from jointbayes.report import ReportInputs
 from jointbayes.report.model import Paragraph
 from jointbayes.report.sections.identifiable import knowledge_section
 from jointbayes.rounding import with_interval
-from tests.conftest import TABLE_3, judged_as, of_case, plain_reports, shipped_text
+from tests.conftest import TABLE_3, judged_as, of_case, plain_reports, shipped_text, unsettled
 
 RIGID = np.array([1e30, 0.0, 1e30])
 
@@ -220,7 +220,7 @@ def test_combinations_rest_on_exact_inputs_unless_freeing_them_was_seen_to_chang
 @pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
 def test_of_a_run_that_did_not_converge_nothing_is_excluded(bounded):
-    failed = judged_as(replace(bounded, record=replace(bounded.record, converged=False)), bounded)
+    failed = judged_as(unsettled(bounded), bounded)
     assert gather_knowledge(failed).bounds_sentence == ""
 
 

@@ -1,6 +1,5 @@
 """Likelihood-ratio limits: known in closed form, equal to profiles, and what is printed of them."""
 
-import dataclasses
 import json
 import math
 from dataclasses import dataclass, replace
@@ -23,7 +22,7 @@ from jointbayes.posterior.verdicts import LEAST_EXCLUDED, lines_of
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.rounding import factor as ratio_in_words
 from jointbayes.rounding import one_sided, quantity_text, with_interval
-from tests.conftest import CONFIGS, PAIR, TO_CONVERGE
+from tests.conftest import CONFIGS, PAIR, TO_CONVERGE, unsettled
 from tests.posterior.test_verdicts import widened_by, with_cached
 
 SPRINGS = parametrisation_named("springs", ("x", "y"))
@@ -333,7 +332,7 @@ def test_of_many_unknowns_and_without_verdict_no_limits_are_sought(cheap_posteri
     lost = with_cached(cheap_posterior, likelihood_region=None)
     assert np.isnan(lost.verdict("k11").printed95).all()
     monkeypatch.undo()
-    failed = dataclasses.replace(lost, record=dataclasses.replace(lost.record, converged=False))
+    failed = unsettled(lost)
     assert np.isnan(failed.verdict("k11").printed95).all()
 
 

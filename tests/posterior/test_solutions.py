@@ -14,7 +14,7 @@ from jointbayes.posterior.solutions import LEAST_SHARE, Solutions, _are_apart, f
 from jointbayes.posterior.widened import _drawn_anew, widened_prior
 from jointbayes.report import ReportInputs
 from jointbayes.report.sections.lead import lead
-from tests.conftest import CONFIGS, TO_CONVERGE, on_one_line
+from tests.conftest import CONFIGS, TO_CONVERGE, on_one_line, unsettled
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +134,7 @@ def test_wider_priors_are_drawn_about_every_solution(portal):
 
 
 def test_solutions_of_a_run_that_did_not_converge_have_no_probabilities(storeys):
-    failed = dataclasses.replace(storeys, record=dataclasses.replace(storeys.record, converged=False))
+    failed = unsettled(storeys)
     sentence = failed.solutions.sentence
     assert sentence.startswith("Two solutions explain the data (their probabilities are not settled, as the sampler")
     assert "(probability" not in sentence

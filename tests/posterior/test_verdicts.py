@@ -30,11 +30,11 @@ from jointbayes.posterior.widened import (
 )
 from jointbayes.report import ReportInputs
 from jointbayes.report.markup import badge
-from jointbayes.report.model import Callout, Table
+from jointbayes.report.model import Table
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.report.sections.lead import lead
 from jointbayes.rounding import factor, number, one_sided, rounded, rounded_interval
-from tests.conftest import PAIR, TO_CONVERGE, first_in_ci, judged_as
+from tests.conftest import PAIR, TO_CONVERGE, first_in_ci, judged_as, unsettled
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -103,8 +103,7 @@ def test_errors_of_median_and_ends_are_of_the_size_that_the_effective_draws_allo
 
 def test_a_run_that_did_not_converge_has_no_verdict(cheap_posterior):
     assert reasons_for_no_verdict(cheap_posterior) == ()
-    record = dataclasses.replace(cheap_posterior.record, converged=False)
-    failed = dataclasses.replace(cheap_posterior, record=record)
+    failed = unsettled(cheap_posterior)
     for name in PAIR.stiffness_names:
         known = failed.verdict(name)
         assert (known.verdict, known.verdict_reason) == ("no verdict", "the calculation has not settled")
@@ -118,8 +117,7 @@ def test_a_run_without_a_verdict_names_the_bound_that_its_draws_reach(cheap_post
     problem = dataclasses.replace(
         cheap_posterior.problem, prior=dataclasses.replace(prior, marginals=(low11, prior.marginals[1], low22))
     )
-    record = dataclasses.replace(cheap_posterior.record, converged=False)
-    failed = dataclasses.replace(cheap_posterior, problem=problem, record=record)
+    failed = unsettled(dataclasses.replace(cheap_posterior, problem=problem))
     bound = f"its draws reach the prior's upper bound {number(math.exp(high))} N·m/rad"
     assert failed.verdict("k22").verdict_reason == f"the calculation has not settled; {bound}"
     assert failed.verdict("k11").verdict_reason == "the calculation has not settled"
@@ -193,14 +191,10 @@ def table_of(posterior):
 
 
 def test_a_failed_run_has_no_verdict_on_paper(cheap_posterior):
-    record = dataclasses.replace(cheap_posterior.record, converged=False)
-    failed = judged_as(dataclasses.replace(cheap_posterior, record=record), cheap_posterior)
+    failed = judged_as(unsettled(cheap_posterior), cheap_posterior)
     table = table_of(failed)
     assert {row[1].partition("\n")[2] for row in table.rows} == {"no verdict"}
     assert set(table.row_kinds) == {"bad"}
-    callouts = [block for block in lead_of(failed) if isinstance(block, Callout)]
-    assert [callout.kind for callout in callouts] == ["bad"]
-    assert "Do not use these numbers" in callouts[0].text
     summary = summarise(failed, (1e8, 0.0, 0.0)).to_json()
     assert summary["no_verdict"] == ["the calculation has not settled"]
     assert {p["verdict"] for p in summary["parameters"].values()} == {"no verdict"}

@@ -22,7 +22,7 @@ from jointbayes.report.sections.lead import _bar, lead
 from jointbayes.report.sections.methods import terms_section
 from jointbayes.report.sections.natural_frequencies import frequency_section
 from jointbayes.report.sections.run_details import chain_figures, starts_section
-from tests.conftest import of_case
+from tests.conftest import of_case, unsettled
 from tests.posterior.test_verdicts import with_cached
 
 DATE = datetime.date(2026, 1, 5)
@@ -158,8 +158,7 @@ def test_a_run_that_has_not_settled_says_so_before_anything_else(whole, cheap_po
     assert f"good to {said[1]} %" in cheap_posterior.record.headline  # as on the terminal
     assert float(said[1]) == pytest.approx(100 * error, rel=0.1)
     assert not of_kind(whole.lead, Callout)
-    record = dataclasses.replace(cheap_posterior.record, converged=False, reason="not converged at 9 of 9 steps")
-    stopped = page_one(dataclasses.replace(cheap_posterior, record=record))
+    stopped = page_one(unsettled(cheap_posterior, "not converged at 9 of 9 steps"))
     assert stopped.lead[0].kind == light(stopped, "Calculation").kind == "bad"
     assert "Do not use these numbers" in stopped.lead[0].text
     assert "at 9 of 9 steps" in stopped.lead[0].text

@@ -1,7 +1,6 @@
 """What a posterior says in files of other programs: FRFs to the last bit, verdicts in comments, one-line refusals."""
 
 import csv
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from jointbayes.errors import ModelError
 from jointbayes.report import export as export_module
 from jointbayes.report.export import FILES, _numbered_labels, central_joint, export
 from jointbayes.report.fe_cards import PROGRAMS
-from tests.conftest import cli
+from tests.conftest import cli, unsettled
 from vibrecords.formats import iter_records
 from vibrecords.records import FrfRecord, ModeRecord, SpectrumRecord, dof_label, parse_dof
 
@@ -154,8 +153,7 @@ def test_cards_say_median_interval_and_verdict(cheap_posterior, tmp_path, progra
 
 
 def test_a_run_that_has_not_converged_says_so_on_its_cards(cheap_posterior, tmp_path):
-    record = replace(cheap_posterior.record, converged=False, reason="stopped after 3 steps")
-    export(replace(cheap_posterior, record=record), tmp_path / "a.bdf", "nastran")
+    export(unsettled(cheap_posterior, "stopped after 3 steps"), tmp_path / "a.bdf", "nastran")
     said = (tmp_path / "a.bdf").read_text().replace("\n$ ", " ")
     assert "NOT CONVERGED, DO NOT USE THESE NUMBERS: stopped after 3 steps" in said
     assert "NO VERDICT" in said

@@ -26,7 +26,7 @@ from jointbayes.report.sections.run_details import starts_section
 from jointbayes.report.sections.several_tests import assembly_section, curve_section, overview_section, section_of_test
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.case.test_several_tests import HEARD as OF_PEAKS
-from tests.conftest import TABLE_3, cli
+from tests.conftest import TABLE_3, cli, unsettled
 from tests.report.conftest import posterior_about
 from vibrecords.provenance import Provenance
 
@@ -299,8 +299,7 @@ def test_a_quantity_that_may_be_negative_changes_by_a_difference():
 
 
 def test_a_run_without_verdict_says_nothing_of_a_change(torques):
-    failed = dataclasses.replace(torques, record=dataclasses.replace(torques.record, converged=False))
-    sentence = failed.curve("k22").sentence
+    sentence = unsettled(torques).curve("k22").sentence
     assert sentence == "k22 between 5 N m and 20 N m: nothing is said of a change, for the calculation has not settled."
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from jointbayes.report import ReportInputs, render_html, render_pdf
 from jointbayes.report.contents import build_report
-from tests.conftest import TABLE_3, cheap_text, of_case
+from tests.conftest import TABLE_3, cheap_text, of_case, unsettled
 from tests.hostile import browser
 from tests.report.conftest import DATE, made_up, report_of
 
@@ -38,7 +38,7 @@ VERDICT = r"(weakly identified|not identified|identified|bounded below|bounded a
 @pytest.fixture(scope="module")
 def runs(reports, cheap_posterior):
     """Reports of nine runs by name."""
-    stopped = replace(cheap_posterior, record=replace(cheap_posterior.record, converged=False))
+    stopped = unsettled(cheap_posterior)
     off = replace(cheap_posterior.checks[0], chi2_per_line=9.0)
     wrong = of_case(cheap_posterior)
     wrong.__dict__["checks"] = (off,)

@@ -29,16 +29,9 @@ def judged(make_draws, seed=3, prior_sd=1.0, noise_sd=0.5):
     return result
 
 
-def right(rng, mean, sd):
-    return np.exp(rng.normal(mean, sd, 1000))
-
-
-def narrow(rng, mean, sd):
-    return np.exp(rng.normal(mean, 0.8 * sd, 1000))
-
-
-def shifted(rng, mean, sd):
-    return np.exp(rng.normal(mean + 0.25 * sd, sd, 1000))
+def drawn(moved=0.0, wide=1.0):
+    """Draws that lie so many standard deviations off, and are so many times as wide as they should be."""
+    return lambda rng, mean, sd: np.exp(rng.normal(mean + moved * sd, wide * sd, 1000))
 
 
 def wrong_jacobian(rng, mean, sd):
@@ -48,13 +41,13 @@ def wrong_jacobian(rng, mean, sd):
 
 
 def test_ranks_of_a_right_posterior_lie_in_the_band_and_its_intervals_cover_95_per_cent():
-    result = judged(right)
+    result = judged(drawn())
     assert result.inside_band
     assert result.p_value > 0.05
     assert 0.93 <= result.coverage.share <= 0.97
 
 
-@pytest.mark.parametrize("wrong", [narrow, shifted, wrong_jacobian])
+@pytest.mark.parametrize("wrong", [drawn(wide=0.8), drawn(0.25), wrong_jacobian])
 def test_a_wrong_posterior_is_flagged(wrong):
     result = judged(wrong)
     assert not result.inside_band
@@ -62,7 +55,7 @@ def test_a_wrong_posterior_is_flagged(wrong):
 
 
 def test_too_narrow_intervals_hold_too_few_truths():
-    assert judged(narrow).coverage.interval95[1] < 0.95
+    assert judged(drawn(wide=0.8)).coverage.interval95[1] < 0.95
 
 
 @pytest.mark.parametrize(("n", "draws"), [(500, 63), (50, 127), (20, 31)])
@@ -118,21 +111,11 @@ def test_coverage_comes_with_what_so_few_cases_can_tell():
 
 @pytest.mark.whole
 def test_the_words_of_a_finding_name_what_is_wrong():
-    def above(rng, mean, sd):
-        return right(rng, mean + 0.5 * sd, sd)
-
-    def below(rng, mean, sd):
-        return right(rng, mean - 0.5 * sd, sd)
-
-    def wide(rng, mean, sd):
-        return np.exp(rng.normal(mean, 1.5 * sd, 1000))
-
-    assert judged(above).finding == "draws lie above the truths"
-    assert judged(below).finding == "draws lie below the truths"
-    assert judged(above).largest_deviation > 0.1
-    assert judged(below).largest_deviation < -0.1
-    assert judged(narrow).finding == "posteriors are too narrow"
-    assert judged(wide).finding == "posteriors are too wide"
+    above, below = judged(drawn(0.5)), judged(drawn(-0.5))
+    assert (above.finding, below.finding) == ("draws lie above the truths", "draws lie below the truths")
+    assert below.largest_deviation < -0.1 < 0.1 < above.largest_deviation
+    assert judged(drawn(wide=0.8)).finding == "posteriors are too narrow"
+    assert judged(drawn(wide=1.5)).finding == "posteriors are too wide"
 
 
 def test_data_sets_without_a_posterior_are_not_left_out():

@@ -26,23 +26,100 @@ def parts(name, matrix):
     return {f"{name}_{key}": getattr(csc, key) for key in ("data", "indices", "indptr", "shape")}
 
 
-def half(matrix):
-    return np.triu(matrix)
+def npz(folder, **arrays):
+    np.savez_compressed(folder / "a.npz", **arrays)
+    return folder / "a.npz", {}
 
 
-NPZ = {
-    "dense": lambda k, m: {"K": k, "M": m, "dofs": DOFS},
-    "parts": lambda k, m: parts("K", k) | parts("M", m) | {"dofs": DOFS},
-    "half": lambda k, m: parts("K", half(k)) | parts("M", half(m).T) | {"dofs": DOFS},
-    "per row": lambda k, m: {"stiffness": k, "mass": m, "nodes": DOFS[:, 0], "dofs": DOFS[:, 1]},
-    "labels": lambda k, m: {"k": k, "m": m, "dofs": [f"{n}:{small.AXES[w - 1]}" for n, w in DOFS]},
-}
+def matlab(write, kind):
+    """A writer of full or of sparse matrices into a MAT-file."""
+    more = {"dofs": DOFS.astype(float), "nodes": NODES[:, None].astype(float)}
+    return lambda folder, k, m: (write(folder / "a.mat", K=kind(k), M=kind(m), **more), {})
 
 
-@pytest.mark.parametrize("form", NPZ)
-def test_npz(tmp_path, form, unit):
-    np.savez_compressed(tmp_path / "a.npz", **NPZ[form](*matrices(unit)))
-    small.require_same(jb.read_structure(tmp_path / "a.npz", length_unit=unit))
+def two_files(write, names, map_of, *how, beside=False):
+    """A writer of each matrix into a file of its own, with a map that is given or found beside the first."""
+
+    def written(folder, k, m):
+        first, second = (write(folder / name, matrix, *how) for name, matrix in zip(names, (k, m), strict=True))
+        kind = "mapping" if map_of is small.write_mapping else "csv"
+        dofs = map_of(folder / f"{'k' if beside else 'any'}.{kind}")
+        return first, {"mass": second} | ({} if beside else {"dofs": dofs})
+
+    return written
+
+
+def whole_array(path, matrix):
+    io.mmwrite(path, matrix, precision=17, symmetry="symmetric" if path.stem == "k" else "general")
+    return path
+
+
+def harwell_boeing_of_scipy(path, matrix):
+    io.hb_write(path, sparse.csc_matrix(matrix))
+    return path
+
+
+def rows_and_columns(path, matrix):
+    path.write_text("".join(f"{i + 1} {j + 1} {v!r}\n" for i, j, v in small.triangle(matrix, False)))
+    return path
+
+
+def struct_of_matlab(folder, k, m):
+    io.savemat(folder / "a.mat", {"model": {"K": sparse.csc_array(k), "M": sparse.csc_array(m), "dofs": DOFS}})
+    return folder / "a.mat", {}
+
+
+def abaqus(folder, k, m):
+    """In another order than that of the node numbers; the mass is found beside the stiffness."""
+    shuffled = np.random.default_rng(1).permutation(len(DOFS))
+    for name, matrix in (("job_STIF1.mtx", k), ("job_MASS1.mtx", m)):
+        small.write_abaqus(folder / name, matrix[np.ix_(shuffled, shuffled)], DOFS[shuffled])
+    return folder / "job_STIF1.mtx", {}
+
+
+def op4(form, binary):
+    def written(folder, k, m):
+        writer = pytest.importorskip("pyyeti.nastran.op4", reason="pyyeti, which writes OP4, is not installed")
+        named = {"kaa": k, "maa": m, "gpxx": np.zeros((1, 1)), "mug1": np.ones((3, 2))}
+        writer.write(str(folder / "a.op4"), named, binary=binary, digits=17, sparse=form)
+        return folder / "a.op4", {"dofs": small.write_map(folder / "map.csv")}
+
+    return written
+
+
+MARKET, BOEING = small.write_matrix_market, small.write_harwell_boeing
+WRITERS = {
+    "npz": lambda folder, k, m: npz(folder, K=k, M=m, dofs=DOFS),
+    "npz of sparse parts": lambda folder, k, m: npz(folder, **parts("K", k), **parts("M", m), dofs=DOFS),
+    "npz of halves": lambda folder, k, m: npz(folder, **parts("K", np.triu(k)), **parts("M", np.tril(m)), dofs=DOFS),
+    "npz per row": lambda folder, k, m: npz(folder, stiffness=k, mass=m, nodes=DOFS[:, 0], dofs=DOFS[:, 1]),
+    "npz with labels": lambda folder, k, m: npz(folder, k=k, m=m, dofs=[f"{n}:{small.AXES[w - 1]}" for n, w in DOFS]),
+    "MATLAB 5": matlab(small.write_matlab_5, np.array),
+    "MATLAB 5, sparse": matlab(small.write_matlab_5, sparse.csc_array),
+    "MATLAB 7.3": matlab(small.write_matlab_73, np.array),
+    "MATLAB 7.3, sparse": matlab(small.write_matlab_73, sparse.csc_array),
+    "a struct of MATLAB": struct_of_matlab,
+    "Matrix Market, symmetric": two_files(MARKET, ("k.mtx", "m.mtx"), small.write_map),
+    "Matrix Market, general": two_files(MARKET, ("k.mtx", "m.mtx"), small.write_map, "general"),
+    "Matrix Market, a whole array": two_files(whole_array, ("k.mtx", "m.mtx"), small.write_map),
+    "Matrix Market of Ansys, its mapping beside": two_files(
+        MARKET, ("k.mmf", "m.mmf"), small.write_mapping, beside=True
+    ),
+    "Harwell-Boeing of Ansys, 1": two_files(BOEING, ("k.matrix", "m.matrix"), small.write_mapping, 1),
+    "Harwell-Boeing of Ansys, 3": two_files(BOEING, ("k.matrix", "m.matrix"), small.write_mapping, 3),
+    "Harwell-Boeing of SciPy": two_files(harwell_boeing_of_scipy, ("k", "m"), small.write_map),
+    **{f"OP4, {form}, {how}": op4(form, how == "binary")
+       for form in ("dense", "bigmat", "nonbigmat") for how in ("binary", "ascii")},
+    "DMIG": lambda folder, k, m: (write_punch(folder / "a.pch", KAAX=k, MAAX=m), {}),
+    "Abaqus": abaqus,
+    "rows and columns of Abaqus with a map": two_files(rows_and_columns, ("k.mtx", "m.mtx"), small.write_map),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_every_file_gives_the_same_model(tmp_path, writer, unit):
+    path, more = WRITERS[writer](tmp_path, *matrices(unit))
+    small.require_same(jb.read_structure(path, length_unit=unit, **more))
 
 
 def test_npz_with_damping_and_places(tmp_path):
@@ -63,68 +140,6 @@ def test_a_sparse_matrix_in_a_file_of_its_own(tmp_path, form):
     assert model.place(41).tolist() == PLACES[4].tolist()
 
 
-@pytest.mark.parametrize("write", [small.write_matlab_5, small.write_matlab_73])
-@pytest.mark.parametrize("dense", [True, False])
-def test_matlab(tmp_path, write, dense, unit):
-    k, m = (matrix if dense else sparse.csc_array(matrix) for matrix in matrices(unit))
-    write(tmp_path / "a.mat", K=k, M=m, dofs=DOFS.astype(float), nodes=NODES[:, None].astype(float))
-    small.require_same(jb.read_structure(tmp_path / "a.mat", length_unit=unit))
-
-
-def test_a_struct_of_matlab(tmp_path):
-    io.savemat(tmp_path / "a.mat", {"model": {"K": sparse.csc_array(K), "M": sparse.csc_array(M), "dofs": DOFS}})
-    small.require_same(jb.read_structure(tmp_path / "a.mat"))
-
-
-@pytest.mark.parametrize("symmetry", ["symmetric", "general"])
-def test_matrix_market(tmp_path, symmetry, unit):
-    k, m = (
-        small.write_matrix_market(tmp_path / name, matrix, symmetry)
-        for name, matrix in zip(("k.mtx", "m.mtx"), matrices(unit), strict=True)
-    )
-    dofs = small.write_map(tmp_path / "map.csv")
-    small.require_same(jb.read_structure(k, mass=m, dofs=dofs, length_unit=unit))
-
-
-def test_matrix_market_as_a_whole_array(tmp_path):
-    for name, matrix, symmetry in (("k", K, "symmetric"), ("m", M, "general")):
-        io.mmwrite(tmp_path / f"{name}.mtx", matrix, precision=17, symmetry=symmetry)
-    dofs = small.write_map(tmp_path / "map.csv")
-    small.require_same(jb.read_structure(tmp_path / "k.mtx", mass=tmp_path / "m.mtx", dofs=dofs))
-
-
-def test_ansys_matrix_market_with_its_mapping_beside(tmp_path):
-    k = small.write_matrix_market(tmp_path / "k.mmf", K)
-    small.write_mapping(tmp_path / "k.mapping")
-    small.require_same(jb.read_structure(k, mass=small.write_matrix_market(tmp_path / "m.mmf", M)))
-
-
-@pytest.mark.parametrize("per_line", [1, 3])
-def test_ansys_harwell_boeing(tmp_path, per_line, unit):
-    k, m = (
-        small.write_harwell_boeing(tmp_path / name, matrix, per_line)
-        for name, matrix in zip(("stiff.matrix", "mass.matrix"), matrices(unit), strict=True)
-    )
-    dofs = small.write_mapping(tmp_path / "any.mapping")
-    small.require_same(jb.read_structure(k, mass=m, dofs=dofs, length_unit=unit))
-
-
-def test_harwell_boeing_as_scipy_writes_it(tmp_path):
-    for name, matrix in (("k", K), ("m", M)):
-        io.hb_write(tmp_path / name, sparse.csc_matrix(matrix))
-    model = jb.read_structure(tmp_path / "k", mass=tmp_path / "m", dofs=small.write_map(tmp_path / "map.csv"))
-    small.require_same(model)
-
-
-@pytest.mark.parametrize("how", ["binary", "ascii"])
-@pytest.mark.parametrize("form", ["dense", "bigmat", "nonbigmat"])
-def test_nastran_op4(tmp_path, how, form):
-    op4 = pytest.importorskip("pyyeti.nastran.op4", reason="pyyeti, which writes OP4, is not installed")
-    named = {"kaa": K, "maa": M, "gpxx": np.zeros((1, 1)), "mug1": np.ones((3, 2))}
-    op4.write(str(tmp_path / "a.op4"), named, binary=how == "binary", digits=17, sparse=form)
-    small.require_same(jb.read_structure(tmp_path / "a.op4", dofs=small.write_map(tmp_path / "map.csv")))
-
-
 def test_nastran_dmig_whose_matrices_have_lists_of_their_own(tmp_path):
     light = M.copy()
     light[DOFS[:, 1] > 3] = light[:, DOFS[:, 1] > 3] = 0  # masses without rotary inertia: M is semidefinite
@@ -135,25 +150,6 @@ def test_nastran_dmig_whose_matrices_have_lists_of_their_own(tmp_path):
     np.testing.assert_array_equal(model.mass.toarray(), light)
     np.testing.assert_allclose(model.places, PLACES)
     assert model.notes == ("DMIG TUGX is not used",)
-
-
-def test_nastran_dmig_frequencies(tmp_path):
-    small.require_same(jb.read_structure(write_punch(tmp_path / "a.pch", KAAX=K, MAAX=M)))
-
-
-def test_abaqus(tmp_path, unit):
-    shuffled = np.random.default_rng(1).permutation(len(DOFS))  # its order is not that of the node numbers
-    for name, matrix in zip(("job_STIF1.mtx", "job_MASS1.mtx"), matrices(unit), strict=True):
-        small.write_abaqus(tmp_path / name, matrix[np.ix_(shuffled, shuffled)], DOFS[shuffled])
-    small.require_same(jb.read_structure(tmp_path / "job_STIF1.mtx", length_unit=unit))
-
-
-def test_abaqus_rows_and_columns_with_a_map(tmp_path):
-    for name, matrix in (("k.mtx", K), ("m.mtx", M)):
-        lines = [f"{i + 1} {j + 1} {v!r}\n" for i, j, v in small.triangle(matrix, False)]
-        (tmp_path / name).write_text("".join(lines))
-    dofs = small.write_map(tmp_path / "map.csv")
-    small.require_same(jb.read_structure(tmp_path / "k.mtx", mass=tmp_path / "m.mtx", dofs=dofs))
 
 
 def test_calculix_files_found_beside_each_other(tmp_path, unit):
