@@ -102,12 +102,9 @@ def test_default_priors_are_relative_to_what_a_rod_weighs_and_how_it_stretches()
     assert rod.own_stiffness("1:x", "1:x") == pytest.approx(3 * rod.youngs_modulus * rod.area / rod.length, rel=1e-4)
 
 
-def test_a_body_without_matrices_is_refused_where_they_are_needed():
+def test_matrices_and_labels_that_a_body_lacks_are_refused_where_they_are_needed():
     with pytest.raises(jb.ModelError, match=r"direct solve: found .*LongRod.*; expected a Structure"):
         DirectSolve(LongRod(), JOINT, Ports(LINES, (TIP,), (TIP,)))
-
-
-def test_a_label_that_does_not_exist_is_refused():
     with pytest.raises(jb.ModelError, match=r"found DOF '100001:x'; expected one of '1:x' to '100000:x'"):
         LongRod().index(("2:x", "100001:x"))
 

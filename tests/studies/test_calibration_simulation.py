@@ -27,21 +27,25 @@ CASES = {
 COUNT = 150
 
 
+def require_no_score(problem, simulated, count, step):
+    """E ∇ ln L = 0 where data come from the likelihood, in each direction of θ, the noise's parameters among them."""
+    rng, scores = np.random.default_rng(20), []
+    for theta in problem.prior.sample(rng, count):
+        steps = step * np.minimum(problem.prior.sd, 1.0)
+        around = np.concatenate([theta + np.diag(steps), theta - np.diag(steps)])
+        up, down = np.split(simulated(theta, rng).log_posterior.log_likelihood(around), 2)
+        scores.append((up - down) / (2 * steps))
+    z = np.mean(scores, axis=0) / (np.std(scores, axis=0) / np.sqrt(count))
+    assert np.abs(z).max() < 4.0, dict(zip(problem.names, z, strict=True))
+
+
 @pytest.mark.science
 @pytest.mark.parametrize("name", list(CASES))
 def test_the_score_at_the_truth_is_zero_in_the_mean(name):
-    # E ∇ ln L = 0 where data come from the likelihood, in each direction of θ, the noise's parameters among them
     problem = CASES[name].problem
-    rng = np.random.default_rng(20)
-    scores = []
-    for theta in problem.prior.sample(rng, COUNT):
-        simulated = replace_values(problem, simulated_values(problem, theta, rng))
-        step = 1e-5 * np.minimum(problem.prior.sd, 1.0)
-        around = np.concatenate([theta + np.diag(step), theta - np.diag(step)])
-        up, down = np.split(simulated.log_posterior.log_likelihood(around), 2)
-        scores.append((up - down) / (2 * step))
-    z = np.mean(scores, axis=0) / (np.std(scores, axis=0) / np.sqrt(COUNT))
-    assert np.abs(z).max() < 4.0, dict(zip(problem.names, z, strict=True))
+    require_no_score(
+        problem, lambda theta, rng: replace_values(problem, simulated_values(problem, theta, rng)), COUNT, 1e-5
+    )
 
 
 @pytest.mark.science

@@ -19,6 +19,7 @@ from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3, cli, without_stages
 from tests.one_line import refused
 from tests.report.test_several_tests import HEARD, OWN, TORQUES, posterior_of
+from tests.studies.test_calibration_simulation import require_no_score
 
 
 def case_of(more, base=BASE):
@@ -32,15 +33,7 @@ def test_the_score_at_the_truth_of_simulated_tests_is_zero_in_the_mean():
     narrow = narrow.replace("low = 1e5, high = 1e9", "low = 3e7, high = 4e7")
     narrow = narrow.replace("low = 1e4, high = 1e8", "low = 1.4e6, high = 1.6e6")
     problem = case_of(CLAMP_EDGE + '[noise]\nscale = "sampled"\nown = true\n' + TWO + HEARD, narrow).problem
-    rng, scores, count = np.random.default_rng(20), [], 200
-    for theta in problem.prior.sample(rng, count):
-        simulated = simulated_problem(problem, problem, theta, rng)
-        step = 1e-6 * np.minimum(problem.prior.sd, 1.0)
-        around = np.concatenate([theta + np.diag(step), theta - np.diag(step)])
-        up, down = np.split(simulated.log_posterior.log_likelihood(around), 2)
-        scores.append((up - down) / (2 * step))
-    z = np.mean(scores, axis=0) / (np.std(scores, axis=0) / np.sqrt(count))
-    assert np.abs(z).max() < 4.0, dict(zip(problem.names, z, strict=True))
+    require_no_score(problem, lambda theta, rng: simulated_problem(problem, problem, theta, rng), 200, 1e-6)
 
 
 def test_simulated_data_are_those_of_each_test_and_of_a_lone_test_as_ever():
