@@ -446,7 +446,7 @@ def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     assert plan.now.sd == pytest.approx(np.log(cheap_posterior.values("k12")).std(), rel=1e-9)
     assert [now.done for now in told if now.stage == "simulating"] == list(range(1, 25))
     assert set(plan.sentences) <= set(plan_lines(plan))
-    report = build_plan_report(summary, plan.sketch)
+    report = build_plan_report(summary, plan.tested)
     assert report.lead[0].text == plan.sentence
     assert report.lead[0].kind == "good"
     assert [block.text for block in report.lead[1:-2]] == list(plan.notes)

@@ -28,7 +28,6 @@ from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.methods import report_text
 from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
-from jointbayes.report.structure_sketch import sketch
 from jointbayes.rounding import in_lines, number
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.data_sets import (
@@ -79,8 +78,8 @@ class Calibration:
         Of the case, where a case file states it.
     near
         Whether truths are from the posterior of the measured data, not from the prior.
-    sketch
-        SVG of the structure; empty where nobody knows what it looks like.
+    tested
+        The test whose structure the report shows; none where it shows no sketch.
 
     Raises
     ------
@@ -96,7 +95,7 @@ class Calibration:
     title: str = ""
     case_text: str = ""
     near: bool = False
-    sketch: str = ""
+    tested: Problem | None = None
 
     def __post_init__(self) -> None:
         if not self.analysed:
@@ -315,7 +314,7 @@ def build_calibration_report(calibration: Calibration) -> Report:
         lead=(
             Callout(kind, f"**{calibration.answer}** {calibration.verdict}"),
             *(Callout("caution", note) for note in calibration.notes),
-            *sketch_figure(calibration.sketch),
+            *sketch_figure(calibration.tested),
             _figure(calibration),
         ),
         sections=sections,
@@ -481,11 +480,10 @@ def calibrate(
     if near:
         job = replace(job, truths=_truths_near(source, n, job.seed, tell))
     done = _done(job, n, tell, {"workers": workers, "scheduler": scheduler, "executor": executor})
-    other = "" if job.source is job.analysis else job.source.name
+    of, other = job.analysis, "" if job.source is job.analysis else job.source.name
     title, text = ("", "") if isinstance(case, Problem) else (case.title, case.text)
     data_sets = tuple(done[i] for i in range(n))
-    drawing = sketch((case if isinstance(case, Problem) else case.problem).parts[0])
-    return Calibration(job.analysis.name, other, job.seed, job.names, data_sets, title, text, near, drawing)
+    return Calibration(of.name, other, job.seed, job.names, data_sets, title, text, near, of.parts[0])
 
 
 def _done(job: Job, n: int, tell: ProgressCallback, engine: dict[str, Any]) -> dict[int, DataSet]:

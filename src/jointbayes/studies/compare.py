@@ -31,7 +31,6 @@ from jointbayes.report.markup import SUPERSCRIPTS, foreign
 from jointbayes.report.methods import report_text
 from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
-from jointbayes.report.structure_sketch import sketch
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import in_lines, json_ready, number, sentence_start
 from jointbayes.sampling import Start
@@ -248,12 +247,12 @@ def evidence_table(summary: dict[str, Any], *, method: bool = False) -> Table:
     return Table("Evidence", tuple(head), tuple(map(tuple, rows)), note=report_text("evidence"), row_kinds=kinds)
 
 
-def build_comparison_report(summary: dict[str, Any], drawing: str = "") -> Report:
-    """Build the report of a comparison, verdict first, from the numbers of ``compare.json`` and a sketch."""
+def build_comparison_report(summary: dict[str, Any], tested: Problem | None = None) -> Report:
+    """Build the report of a comparison, verdict first, from the numbers of ``compare.json`` and the test to sketch."""
     return Report(
         title="Comparison of joints",
         subtitle=" against ".join(dict.fromkeys(foreign(row["title"]) for row in summary["candidates"])),
-        lead=(*_lead(summary), *sketch_figure(drawing), _figure(summary)),
+        lead=(*_lead(summary), *sketch_figure(tested), _figure(summary)),
         sections=(
             ReportSection("evidence", "Evidence", (evidence_table(summary), _method_table(summary))),
             ReportSection("joints", "Best joint of each candidate", (_joint_table(summary),)),
@@ -478,8 +477,8 @@ class Comparison:
         Text of each case by its name.
     labels
         Of each case by its name what tells it from the others: ``"length 360 mm"``.
-    sketch
-        SVG of the structure that was tested; empty where nobody knows what it looks like.
+    tested
+        The test whose structure the report shows; none where it shows no sketch.
     """
 
     candidates: tuple[WeighedModel, ...]
@@ -487,7 +486,7 @@ class Comparison:
     data_sha256: str
     case_texts: Mapping[str, str] = field(default_factory=dict)
     labels: Mapping[str, str] = field(default_factory=dict)
-    sketch: str = ""
+    tested: Problem | None = None
 
     def __repr__(self) -> str:
         return "\n".join(in_lines(f"Comparison of {len(self.candidates)} joints: {self.verdict}", 0))
@@ -642,7 +641,7 @@ class Comparison:
         summary = self.summary()
         files = {f"cases/{name}.toml": text for name, text in self.case_texts.items()}
         files["compare.json"] = json_text(summary)
-        return write_study(directory, A_COMPARISON, build_comparison_report(summary, self.sketch), files)
+        return write_study(directory, A_COMPARISON, build_comparison_report(summary, self.tested), files)
 
 
 _KEPT = 2000  # posterior draws, for what the evidence does not need
@@ -753,9 +752,8 @@ def compare(
             raise
         except JointBayesError as error:
             raise CaseError(f"{case.name}, {hypothesis}: {error}") from error
-    texts = {case.name: case.text for case in given}
-    labels, drawing = what_differs(given), sketch(given[0].problem.parts[0])
-    return Comparison(tuple(candidates), seed, data_sha256(given[0].problem), texts, labels, drawing)
+    problem, labels, texts = given[0].problem, what_differs(given), {case.name: case.text for case in given}
+    return Comparison(tuple(candidates), seed, data_sha256(problem), texts, labels, problem.parts[0])
 
 
 def require_same_data(cases: Sequence[Case]) -> None:

@@ -11,11 +11,13 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from jointbayes.errors import CaseError, WriteError
+from jointbayes.inference import Problem
 from jointbayes.posterior import package_versions
 from jointbayes.report import Report
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Figure, ReportSection, Table
 from jointbayes.report.run_directory import write_into
+from jointbayes.report.structure_sketch import sketch
 from vibrecords.errors import printable
 from vibrecords.files import OwnDirectory, open_regular
 
@@ -126,9 +128,9 @@ def _parsed(line: bytes) -> Any:  # noqa: ANN401 (any JSON)
         return None
 
 
-def sketch_figure(drawing: str) -> tuple[Figure, ...]:
-    """The sketch of a structure as a figure of a study's page; none where there is no drawing."""
-    text = "The structure with its joint, sensors and force."
+def sketch_figure(tested: Problem | None) -> tuple[Figure, ...]:
+    """The sketch of a test as a figure of a study's page; none where nobody knows what its structure looks like."""
+    drawing, text = sketch(tested) if tested else "", "The structure with its joint, sensors and force."
     return (Figure("structure", text, text, drawing),) if drawing else ()
 
 

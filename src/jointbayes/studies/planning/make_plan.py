@@ -47,7 +47,6 @@ from jointbayes.posterior.knowledge import taken_as_exact
 from jointbayes.posterior.run_record import sha256_of
 from jointbayes.posterior.storage import run_fingerprint
 from jointbayes.progress import Progress, ProgressCallback, callback_of
-from jointbayes.report.structure_sketch import sketch
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Coordinates, Start, WeightedDraws, fit_proposal
 from jointbayes.sampling.diagnostics import pareto_k
@@ -429,7 +428,7 @@ def plan(
     now = replace(simulator.now, verdict=posterior.verdict(parameter).verdict)
     return Plan(
         case.name, case.title, seed, parameter, now, tuple(planned), posterior.converged,
-        posterior.reason, truth is not None, left_out, case.text, exact, sketch(case.problem.parts[0]),
+        posterior.reason, truth is not None, left_out, case.text, exact, case.problem.parts[0],
     )  # fmt: skip
 
 

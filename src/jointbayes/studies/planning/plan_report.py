@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
+from jointbayes.inference import Problem
 from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.first_look import Linearised, Names
 from jointbayes.posterior.identifiability import Verdict
@@ -250,8 +251,8 @@ class Plan:
         Of the case file.
     exact
         Modulus, density, length and damping, or those of them that the case takes as exact, for a sentence.
-    sketch
-        SVG of the structure as it is tested now; empty where nobody knows what it looks like.
+    tested
+        The test whose structure the report shows; none where it shows no sketch.
     """
 
     case_name: str
@@ -266,7 +267,7 @@ class Plan:
     left_out: int = 0
     case_text: str = ""
     exact: str = ""
-    sketch: str = ""
+    tested: Problem | None = None
 
     def __repr__(self) -> str:
         text = f"Plan for {self.case_name}, {len(self.measurements)} measurements: {self.sentence}"
@@ -361,7 +362,7 @@ class Plan:
         """
         summary = self.summary()
         files = {"case.toml": self.case_text, "plan.json": json_text(summary)}
-        return write_study(directory, A_PLAN, build_plan_report(summary, self.sketch), files)
+        return write_study(directory, A_PLAN, build_plan_report(summary, self.tested), files)
 
     def summary(self) -> dict[str, Any]:
         """The plan as one JSON-ready dictionary: `plan.json`, described in docs/planning.md."""
@@ -438,8 +439,8 @@ def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:
     return names, where, spread_in_words(simulated["sd_median"]), between, simulated["verdict"], f"{count} simulations"
 
 
-def build_plan_report(summary: Mapping[str, Any], drawing: str = "") -> Report:
-    """Build the report of a plan from its summary and a sketch, the recommendation first."""
+def build_plan_report(summary: Mapping[str, Any], tested: Problem | None = None) -> Report:
+    """Build the report of a plan from its summary and the test to sketch, the recommendation first."""
     parameter = summary["parameter"]
     entries: Sequence[Entry] = summary["measurements"]
     source = "the stated joint" if summary["assumed"] else "joints drawn from the present posterior"
@@ -455,7 +456,7 @@ def build_plan_report(summary: Mapping[str, Any], drawing: str = "") -> Report:
         lead=(
             Callout(kind, foreign(summary["sentence"])),
             *(Callout("caution", foreign(note)) for note in summary["notes"]),
-            *sketch_figure(drawing),
+            *sketch_figure(tested),
             figure,
         ),
         sections=sections,
