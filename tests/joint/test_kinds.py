@@ -316,6 +316,6 @@ def test_the_mode_search_finds_the_springs_that_made_the_data(springs):
 
 @pytest.mark.parametrize("directions", [("y",), ("rz", "y"), ("y", "z"), ("y", "rz", "x")])
 def test_a_coupled_pair_is_a_translation_and_then_a_rotation(directions):
-    with pytest.raises(ModelError, match=r"found DOFs in .*; expected a translation and then a rotation") as refused:
-        parametrisation_named("log", directions)
-    assert refused.value.key == ("dofs",)
+    with pytest.raises(jb.ModelError, match=r"found DOFs in .*; expected a translation and then a rotation") as error:
+        jb.parametrisation_named("log", directions)
+    assert error.value.key == ("dofs",)

@@ -412,7 +412,7 @@ class Spec(BaseModel):
     #: By keys that serve some choices alone: the key of the choice, and these choices.
     used_with: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> Self:

@@ -31,8 +31,9 @@ def blocks_on_tests(inputs: ReportInputs) -> tuple[Block, ...]:
     if len(every) < 2:
         joint = f"Joint: {foreign(str(parts[0].test.joints))}."
     tested = Paragraph(f"**Tested.** {text if differ else f'{structures[0]}: {text}'} {joint}")
-    drawn = tuple({sketch(part): part for part in reversed(parts[:_MOST_TESTS])}.values())[::-1]  # each picture once
-    drawing = sketch(*drawn)
+    drawings = {sketch(part): part for part in reversed(parts[:_MOST_TESTS])}  # each picture once
+    drawn = tuple(drawings.values())[::-1]
+    drawing = sketch(*drawn) if len(drawn) > 1 else next(iter(drawings))
     if not drawing:
         return (tested,)
     tests = f"test {listed_names([foreign(part.test.name) for part in drawn])}"
