@@ -11,17 +11,17 @@ SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;
 #: whoever adds to one moves its second figure, and says in the commit what the lines are for.
 ROOMS = {
-    "vibrecords": (6700, 8570),
+    "vibrecords": (6700, 8260),
     "structure": (1900, 3860),
-    "joint": (1250, 1500),
-    "frf": (1900, 2110),
-    "inference": (1900, 2880),
-    "identification": (1050, 1500),
-    "sampling": (1450, 2400),
-    "posterior": (3500, 5950),
-    "studies": (3300, 4710),
-    "case": (4000, 5290),
-    "report": (2700, 3790),
+    "joint": (1250, 1470),
+    "frf": (1900, 2090),
+    "inference": (1900, 2870),
+    "identification": (1050, 1420),
+    "sampling": (1450, 2360),
+    "posterior": (3500, 5880),
+    "studies": (3300, 4680),
+    "case": (4000, 5170),
+    "report": (2700, 3785),
     "cli and what stands alone": (1600, 1840),
 }
 
