@@ -34,7 +34,7 @@ from jointbayes.posterior.identifiability import (
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
 from jointbayes.posterior.phrases import NOT_SETTLED
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
-from jointbayes.rounding import join_unit, number, rounded
+from jointbayes.rounding import join_unit, number, quantity_text, rounded
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
 from vibrecords.arrays import Array
 
@@ -276,8 +276,7 @@ def _bound_in_words(posterior: AnyPosterior, name: str, side: Side) -> str:
     assert bounds is not None
     if posterior.has_default_prior(name):
         reach = "up to" if side == "upper" else "from"
-        end = join_unit(number(bounds[side == "upper"]), posterior.unit(name))
-        return f"{_DEFAULT}{reach} {end},"
+        return f"{_DEFAULT}{reach} {quantity_text(bounds[side == 'upper'], posterior.unit(name))},"
     return f"the prior's {side} bound {join_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
 
 
