@@ -21,7 +21,7 @@ ANSWERS = {
     "How was it measured?": r"(\d+ (computed )?(receptance|mobility|accelerance) FRFs?|\d+ natural frequenc(y|ies))",
     "In which band?": r"(lines )?(from )?[\d.]+ to [\d.]+ Hz|[\d.]+ Hz",
     "How noisy was it?": r"noise [\d.]+ % of \|H\||each known to [\d.]+ % \(standard deviation\)",
-    "What if E is 3 % off?": r"known as in a workshop.*to 3 %|Uncertain as the case states: |is taken as exact",
+    "What if E is 3 % off?": r"as in a workshop \(.*to 3 %|Uncertain as the case states: |is taken as exact",
     "Can I trust the calculation?": r"Calculation.{0,20}(Settled|Not settled|The )",
     "Can I trust the model?": r"Model.{0,20}(Explains the data|Does not explain the data)",
     "How large is the misfit?": r"Misfit [\d.]+ times the noise; noise alone gives [\d.]+ to [\d.]+",
