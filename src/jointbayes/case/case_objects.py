@@ -494,9 +494,8 @@ def prior_of(tests: Sequence[CaseTest]) -> tuple[JointPrior, Array]:
             if named == owner:
                 table, body = test.spec.structure, family_of_recipe(test.recipe)
                 sides = [side for side in (joint.dofs, joint.against) if side and table.absent(side[0]) is None]
-                sizes = own_stiffnesses(sides, joint.quantities, body, test.data)
-                extent = test.recipe.extent
-                priors = test.spec.priors_of(name)
+                extent, priors = test.recipe.extent, test.spec.priors_of(name)
+                sizes = own_stiffnesses(sides, joint.quantities, body, test.data, softest=priors is None)
                 of_joint = [
                     getattr(priors, axis.name).marginal() if priors else default_marginal(axis, sizes, extent)
                     for axis in joint.coordinates

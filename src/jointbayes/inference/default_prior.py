@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -46,31 +47,32 @@ class OwnStiffness:
 
 
 def own_stiffnesses(
-    sides: Sequence[Sequence[str]], quantities: Sequence[Quantity], body: Body, data: Data
+    sides: Sequence[Sequence[str]], quantities: Sequence[Quantity], body: Body, data: Data, *, softest: bool = True
 ) -> dict[str, OwnStiffness]:
     """The structure's stiffness by itself where each stiffness and dashpot of a joint acts, by their names.
 
     A structure may hang on a joint far softer than itself. The spring on which its inertia m has the lowest measured
     natural frequency is then m ω²: the softest joint is expected there where the default range would not reach so far.
     Where nothing holds a mass that spring is its stiffness as well. Empty where both sides are measured bodies: `sides`
-    are the DOFs on each side of the joint that is modelled.
+    are the DOFs on each side of the joint that is modelled. Without `softest` nobody asks for that joint, and peaks of
+    the data are not looked for where the structure's stiffness is known.
     """
-    if not sides:
-        return {}
-    shown = resonances_hz(data)
-    lowest = float(shown.min()) if shown.size else data.band_hz[0]
     sizes = {}
-    for quantity in quantities:
+    shown = cache(lambda: resonances_hz(data))
+    for quantity in quantities if sides else ():
         if quantity.unit == "1":
             continue
         i, j = quantity.places[0]
-        springs = [
-            math.sqrt(body.own_inertia(side[i]) * body.own_inertia(side[j])) * (2 * math.pi * lowest) ** 2
-            for side in sides
-        ]
-        size = body.own_stiffness(sides[0][i], sides[0][j]) or min(springs)
-        beyond = shown.size and min(springs) < _prior_factors(quantity.unit)[0] * size
-        sizes[quantity.name] = OwnStiffness(size, min(springs) if beyond else size)
+        size = body.own_stiffness(sides[0][i], sides[0][j])
+        if size and not softest:
+            sizes[quantity.name] = OwnStiffness(size, size)
+            continue
+        lowest = float(shown().min()) if shown().size else data.band_hz[0]
+        inertias = (math.sqrt(body.own_inertia(side[i]) * body.own_inertia(side[j])) for side in sides)
+        spring = min(inertias) * (2 * math.pi * lowest) ** 2
+        size = size or spring
+        beyond = shown().size and spring < _prior_factors(quantity.unit)[0] * size
+        sizes[quantity.name] = OwnStiffness(size, spring if beyond else size)
     return sizes
 
 
